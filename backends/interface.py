@@ -1,0 +1,239 @@
+"""What a robot, real or simulated, offers to the layers above: one 12 ms cycle at a time."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from types import TracebackType
+from typing import Literal, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pepper_driver.config import PepperError
+
+FloatArray = NDArray[np.float64]
+
+Capability = Literal["push", "truth"]
+
+
+class BackendError(PepperError, RuntimeError):
+    """The robot cannot do what was asked, for the reason given."""
+
+
+class NotConnectedError(PepperError, ConnectionError):
+    """The backend is not open, or was closed."""
+
+
+class CapabilityError(PepperError, NotImplementedError):
+    """This kind of backend has no such ability, for example ground truth on a real robot."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Imu:
+    """Inertial unit of the base: (3,) ``acceleration`` [m/s2], ``angular_velocity`` [rad/s], ``attitude`` rpy [rad]."""
+
+    acceleration: FloatArray
+    angular_velocity: FloatArray
+    attitude: FloatArray
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Measurement:
+    """One sample of all sensors. Joint vectors are in the order of ``RobotConfig.joint_names``.
+
+    Attributes:
+        time: Clock of the robot [s], counted from ``open``.
+        tick: Number of the cycle that produced the sample; the one of ``open`` is 0.
+        position: (17,) joint encoders [rad]; hands as aperture 0..1.
+        current: (17,) absolute motor current [A].
+        wheel_speed: (3,) [rad/s].
+        imu: Inertial unit of the base.
+        touch: (5,) 1.0 where touched, order of ``sensors.touch``.
+        bumpers: (3,) 1.0 where pressed, order of ``sensors.bumpers``.
+        temperature: (17,) motors [deg C].
+        battery: Charge, 0..1.
+        age: Time since the sample was taken [s], beyond the transport that is always there.
+    """
+
+    time: float
+    tick: int
+    position: FloatArray
+    current: FloatArray
+    wheel_speed: FloatArray
+    imu: Imu
+    touch: FloatArray
+    bumpers: FloatArray
+    temperature: FloatArray
+    battery: float
+    age: float
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Command:
+    """What the robot is told for one cycle.
+
+    Attributes:
+        position: (17,) [rad], to be reached at the end of the cycle.
+        stiffness: (17,) 0..1, scales the current limit of each motor board.
+        wheel_speed: (3,) [rad/s].
+    """
+
+    position: FloatArray
+    stiffness: FloatArray
+    wheel_speed: FloatArray
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class BackendInfo:
+    """What is known of a backend before it is opened.
+
+    Attributes:
+        uri: How it was asked for.
+        joint_names: Order of every joint vector.
+        cycle: Period of ``step`` [s].
+        real_time: True where ``step`` takes as long as the cycle, False where time is simulated.
+        response_delay: Whole ticks from a command to the sample that shows the joint at the time the command was to
+            be reached. A measurement answers the command sent this many ticks before the last one.
+        capabilities: What this backend can do beyond the interface.
+        identity: Hash of the simulated robot, or the body id of a real one. Models carry it.
+    """
+
+    uri: str
+    joint_names: tuple[str, ...]
+    cycle: float
+    real_time: bool
+    response_delay: int
+    capabilities: frozenset[Capability]
+    identity: str
+
+
+class Truth(ABC):
+    """What only a simulation knows. For the log and for evaluation; no estimator may hold a reference to it."""
+
+    @property
+    @abstractmethod
+    def contact_torque(self) -> FloatArray:
+        """(17,) external torque on each joint, J^T f, mean over the last cycle [N m]."""
+
+    @property
+    @abstractmethod
+    def in_gap(self) -> NDArray[np.bool_]:
+        """(17,) whether the joint was inside its backlash at the end of the last cycle."""
+
+    @property
+    @abstractmethod
+    def saturated(self) -> NDArray[np.bool_]:
+        """(17,) whether the board was at its current or voltage limit at any time of the last cycle."""
+
+    @property
+    @abstractmethod
+    def position(self) -> FloatArray:
+        """(17,) link-side joint positions now, without encoder or transport [rad]."""
+
+    @property
+    @abstractmethod
+    def stiffness(self) -> FloatArray:
+        """(17,) proportional stiffness K = kp N Kt / R of each joint [N m/rad]."""
+
+    @property
+    @abstractmethod
+    def torque_limit(self) -> FloatArray:
+        """(17,) largest torque each board can hold at stiffness 1 [N m], gear friction left out."""
+
+
+class Backend(ABC):
+    """A robot. States: closed, open (reads only), active (takes commands).
+
+    ``open`` and ``close`` bracket everything; ``activate`` and ``deactivate`` bracket motion. Use it as a context
+    manager: leaving the block deactivates and closes, whatever happened. No exception of a third-party library
+    leaves a backend.
+    """
+
+    @property
+    @abstractmethod
+    def info(self) -> BackendInfo:
+        """Valid before ``open``."""
+
+    @abstractmethod
+    def open(self) -> Measurement:
+        """Connect and read. Nothing moves.
+
+        Raises:
+            BackendError: Already open, or the robot refuses.
+            NotConnectedError: Nobody there.
+        """
+
+    @abstractmethod
+    def activate(self) -> Measurement:
+        """Ramp the stiffness up while holding the measured posture.
+
+        Raises:
+            BackendError: Already active, or the robot is not fit to move.
+        """
+
+    @abstractmethod
+    def step(self, command: Command) -> Measurement:
+        """Send a command and let exactly one cycle pass.
+
+        While the backend is not active the command is checked, but moves nothing.
+
+        Raises:
+            ValueError: Wrong shape, or a value that is not finite.
+            NotConnectedError: Not open.
+        """
+
+    @abstractmethod
+    def deactivate(self) -> None:
+        """Stop the wheels, ramp the stiffness down. Does nothing when not active."""
+
+    @abstractmethod
+    def close(self) -> None:
+        """Deactivate and disconnect. Does nothing when closed."""
+
+    def push(
+        self,
+        link: str,
+        force: FloatArray,
+        point: FloatArray | None = None,
+        duration: float = 0.5,
+        *,
+        frame: Literal["world", "link"] = "world",
+        delay: float = 0.0,
+    ) -> None:
+        """Push a link of a simulated robot, from ``delay`` [s] from now on.
+
+        Args:
+            link: Name of the link.
+            force: (3,) largest force [N] in ``frame``.
+            point: (3,) where it acts, in the link's frame [m]; by default the link's centre of mass.
+            duration: Length of the push [s], rise and fall included.
+            frame: Axes of ``force``: fixed to the ``world``, or turning with the ``link``.
+            delay: Time until the push begins [s].
+
+        Raises:
+            CapabilityError: A real robot must be pushed by hand.
+            UnknownNameError: No such link.
+            ValueError: A number that is not finite, or a duration that is not positive.
+        """
+        raise CapabilityError(f"'{self.info.uri}' cannot push itself: only simulated backends do")
+
+    @property
+    def truth(self) -> Truth:
+        """Ground truth of a simulated robot.
+
+        Raises:
+            CapabilityError: There is none on a real robot.
+        """
+        raise CapabilityError(f"'{self.info.uri}' has no ground truth: only simulated backends do")
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        self.close()

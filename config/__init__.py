@@ -1,0 +1,39 @@
+"""What the robot is, and how the software is set: files in, typed objects out."""
+
+from pepper_driver.config.errors import (
+    ConfigError,
+    MissingExtraError,
+    PepperError,
+    UnknownNameError,
+    suggestion,
+)
+from pepper_driver.config.plant import PlantConfig, load_plant, plant_hash, plant_names
+from pepper_driver.config.robot import RobotConfig, load_robot
+from pepper_driver.config.settings import (
+    ControllerSettings,
+    ObserverSettings,
+    SafetySettings,
+    load_controller_settings,
+    load_observer_settings,
+    load_safety_settings,
+)
+
+__all__ = [
+    "ConfigError",
+    "ControllerSettings",
+    "MissingExtraError",
+    "ObserverSettings",
+    "PepperError",
+    "PlantConfig",
+    "RobotConfig",
+    "SafetySettings",
+    "UnknownNameError",
+    "load_controller_settings",
+    "load_observer_settings",
+    "load_plant",
+    "load_robot",
+    "load_safety_settings",
+    "plant_hash",
+    "plant_names",
+    "suggestion",
+]

@@ -1,0 +1,152 @@
+"""YAML files into frozen dataclasses: every mistake becomes one line that names file, key and cure."""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+from collections.abc import Hashable
+from functools import cache
+from importlib.resources import files
+from pathlib import Path
+from typing import Any, TypeVar
+
+import yaml
+from pydantic import ConfigDict, TypeAdapter, ValidationError
+
+from pepper_driver.config.errors import ConfigError, suggestion
+
+STRICT = ConfigDict(extra="forbid", strict=True, allow_inf_nan=False)
+"""Pydantic settings of all configuration dataclasses: no unknown key, no silent conversion, no NaN."""
+
+T = TypeVar("T")
+
+
+class _Loader(yaml.SafeLoader):
+    """SafeLoader that refuses a key given twice, which YAML would silently overwrite."""
+
+    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Hashable, Any]:
+        seen: set[Hashable] = set()
+        for key_node, _ in node.value:
+            key = self.construct_object(key_node, deep=True)
+            if isinstance(key, Hashable) and key in seen:
+                raise yaml.constructor.ConstructorError(
+                    None, None, f"key '{key}' is given twice", key_node.start_mark
+                )
+            seen.add(key)
+        return super().construct_mapping(node, deep)
+
+
+# YAML 1.1 reads 1e-6 as text, because it wants a dot; people write it all the time.
+_Loader.add_implicit_resolver(
+    "tag:yaml.org,2002:float",
+    re.compile(r"^[-+]?[0-9][0-9_]*(\.[0-9_]*)?[eE][-+]?[0-9]+$"),
+    list("-+0123456789"),
+)
+
+
+def package_file(*parts: str) -> Path:
+    """Path of a file shipped in ``config/``."""
+    return Path(str(files("pepper_driver.config").joinpath(*parts)))
+
+
+def read_yaml(path: Path) -> dict[str, Any]:
+    """The mapping in a YAML file.
+
+    Raises:
+        ConfigError: The file is missing, unreadable, no YAML, or not a mapping.
+    """
+    try:
+        text = path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise ConfigError(f"{path}: cannot be read ({error})") from error
+    try:
+        data = yaml.load(text, Loader=_Loader)
+    except (yaml.YAMLError, ValueError, RecursionError) as error:
+        mark = getattr(error, "problem_mark", None)
+        where = f" line {mark.line + 1}" if mark is not None else ""
+        problem = getattr(error, "problem", None) or "not valid YAML"
+        raise ConfigError(f"{path}{where}: {problem}") from error
+    if not isinstance(data, dict):
+        raise ConfigError(f"{path}: holds {_kind(data)}, expected a mapping of keys to values")
+    return data
+
+
+@cache
+def _adapter(cls: type[T]) -> TypeAdapter[T]:
+    return TypeAdapter(cls)
+
+
+def parse(cls: type[T], data: dict[str, Any], source: str) -> T:
+    """``data`` as an instance of the configuration dataclass ``cls``.
+
+    Args:
+        cls: A pydantic dataclass made with ``STRICT``.
+        data: A mapping as read from YAML.
+        source: Name of the file, for the message.
+
+    Raises:
+        ConfigError: Unknown or missing key, wrong type, value out of range.
+    """
+    try:
+        # Through JSON: there pydantic's strict mode takes lists for tuples, and nothing else for anything else.
+        text = json.dumps(data, default=_refuse)
+    except (TypeError, ValueError, RecursionError) as error:
+        raise ConfigError(f"{source}: {error}") from error
+    try:
+        return _adapter(cls).validate_json(text, strict=True)
+    except ValidationError as error:
+        raise ConfigError(f"{source}: {_explain(error, cls, data)}") from error
+
+
+def load(cls: type[T], path: Path) -> T:
+    """Read a YAML file into the configuration dataclass ``cls``; see :func:`parse` and :func:`read_yaml`."""
+    return parse(cls, read_yaml(path), str(path))
+
+
+def _refuse(value: object) -> None:
+    raise TypeError(f"{value!r} is {_kind(value)}, which no setting takes")
+
+
+def _explain(error: ValidationError, cls: type[Any], data: dict[str, Any]) -> str:
+    """The first problem in one line, and how many more there are."""
+    problems = error.errors()
+    # An unknown key explains a missing one more often than the other way round.
+    problems.sort(key=lambda p: p["type"] != "unexpected_keyword_argument")
+    first = problems[0]
+    location = [part for part in first["loc"] if not str(part).startswith("function-")]
+    key = ".".join(str(part) for part in location) or "top level"
+    if first["type"] == "unexpected_keyword_argument":
+        missing = [str(p["loc"][-1]) for p in problems if p["type"] == "missing"]
+        known = missing + sorted(_field_names(cls))
+        message = f"unknown key '{key}'{suggestion(str(location[-1]), known)}"
+    elif first["type"] == "missing":
+        message = f"key '{key}' is missing"
+    else:
+        message = f"key '{key}': {first['msg'].removeprefix('Value error, ')}"
+        value = first.get("input")
+        if isinstance(value, str | int | float | bool) or value is None:
+            message += f", got {_shown(value)}"
+    if len(problems) > 1:
+        message += f" (and {len(problems) - 1} more)"
+    return message
+
+
+def _field_names(cls: type[Any]) -> set[str]:
+    """Names of the fields of a dataclass and of the dataclasses in it."""
+    schema = _adapter(cls).json_schema()
+    names = set(schema.get("properties", {}))
+    for part in schema.get("$defs", {}).values():
+        names |= set(part.get("properties", {}))
+    return names
+
+
+def _shown(value: object) -> str:
+    if isinstance(value, float) and not math.isfinite(value):
+        return str(value)
+    return json.dumps(value)
+
+
+def _kind(value: object) -> str:
+    names = {dict: "a mapping", list: "a list", str: "text", type(None): "nothing"}
+    return names.get(type(value), f"a {type(value).__name__}")

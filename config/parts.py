@@ -1,0 +1,169 @@
+"""Parts of the robot description, as typed objects: motors, sensors, limits, wheels, hands, names of the DCM."""
+
+from __future__ import annotations
+
+from functools import cached_property
+from typing import Annotated
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field
+from pydantic.dataclasses import dataclass
+
+from pepper_driver.config.loading import STRICT
+
+Positive = Annotated[float, Field(gt=0)]
+Vector3 = tuple[float, float, float]
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True, kw_only=True, config=STRICT)
+class MotorType:
+    """Data of one motor, at its shaft: [rad/s], [N m/A], [N m], [ohm], [kg m2]."""
+
+    model: str
+    no_load_speed: Positive
+    torque_constant: Positive
+    stall_torque: Positive
+    nominal_torque: Positive
+    resistance: Positive
+    rotor_inertia: Positive
+
+
+@dataclass(frozen=True, kw_only=True, config=STRICT)
+class Drive:
+    """Which motor drives a joint, through which reduction."""
+
+    type: str
+    ratio: Positive
+
+
+@dataclass(frozen=True, kw_only=True, config=STRICT)
+class Motors:
+    """Motor types by name, and the drive of each joint."""
+
+    types: dict[str, MotorType]
+    joints: dict[str, Drive]
+
+    def of(self, joint: str) -> MotorType:
+        """The motor type that drives ``joint``."""
+        return self.types[self.joints[joint].type]
+
+
+@dataclass(frozen=True, kw_only=True, config=STRICT)
+class Frame:
+    """A frame fixed to a link: ``xyz`` [m], ``rpy`` [rad] in the parent link."""
+
+    parent: str
+    xyz: Vector3
+    rpy: Vector3
+
+
+@dataclass(frozen=True, kw_only=True, config=STRICT)
+class Encoder:
+    """Joint position sensor."""
+
+    bits: Annotated[int, Field(ge=6, le=24)]
+
+    @property
+    def step(self) -> float:
+        """One count [rad]."""
+        return float(2 * np.pi / 2**self.bits)
+
+
+@dataclass(frozen=True, kw_only=True, config=STRICT)
+class CurrentSensor:
+    """Absolute motor current; ``step`` is its resolution [A]."""
+
+    step: Positive
+
+
+@dataclass(frozen=True, kw_only=True, config=STRICT)
+class Sensors:
+    """What the robot measures."""
+
+    encoder: Encoder
+    current: CurrentSensor
+    imu: Frame
+    touch: dict[str, Frame]
+    bumpers: dict[str, Frame]
+
+
+@dataclass(frozen=True, kw_only=True, config=STRICT)
+class CoupledLimit:
+    """Limits of one joint that depend on another: rows of (driver, driven lower, driven upper) [rad]."""
+
+    driver: str
+    driven: str
+    table: tuple[Vector3, ...]
+
+
+@dataclass(frozen=True, kw_only=True, config=STRICT)
+class BaseLimits:
+    """Limits of the base: [m/s], [rad/s], [m/s2], [rad/s2]."""
+
+    linear_velocity: Positive
+    angular_velocity: Positive
+    linear_acceleration: Positive
+    angular_acceleration: Positive
+
+
+@dataclass(frozen=True, kw_only=True, config=STRICT)
+class Limits:
+    """Limits beyond those of single joints."""
+
+    coupled: tuple[CoupledLimit, ...]
+    base: BaseLimits
+
+
+@dataclass(frozen=True, kw_only=True, config=STRICT)
+class Wheels:
+    """The three omni-wheels; order of every wheel vector is ``names``."""
+
+    names: tuple[str, str, str]
+    radius: Positive
+    speed_limit: Positive
+    ratio: Positive
+    motor_type: str
+    positions: tuple[Vector3, Vector3, Vector3]
+    twist_to_wheel: tuple[Vector3, Vector3, Vector3]
+
+    @cached_property
+    def matrix(self) -> FloatArray:
+        """(3, 3): wheel speeds [rad/s] = matrix @ base twist (vx, vy, wz) in base axes."""
+        return np.array(self.twist_to_wheel)
+
+
+@dataclass(frozen=True, kw_only=True, config=STRICT)
+class NaoqiNames:
+    """Keys of the DCM, with ``{joint}``, ``{wheel}``, ``{touch}``, ``{bumper}`` to fill in."""
+
+    prefix: str
+    position_command: str
+    position: str
+    current: str
+    temperature: str
+    stiffness_command: str
+    wheel_speed_command: str
+    wheel_speed: str
+    wheel_stiffness_command: str
+    accelerometer: tuple[str, str, str]
+    gyroscope: tuple[str, str, str]
+    attitude: tuple[str, str, str]
+    touch: str
+    bumper: str
+    battery_charge: str
+    time: str
+
+
+@dataclass(frozen=True, kw_only=True, config=STRICT)
+class Hands:
+    """LHand and RHand measure aperture: 0 closed, 1 open, carried as if it were radians.
+
+    ``finger_angle`` [rad] is what each phalanx turns per unit of aperture, ``finger_inertia`` [kg m2] the
+    (assumed) inertia of all fingers on the aperture coordinate.
+    """
+
+    joints: tuple[str, ...]
+    finger_angle: Positive
+    finger_inertia: Positive

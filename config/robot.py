@@ -1,0 +1,233 @@
+"""What the robot is: joints, motors, sensors, limits, wheels, postures, names of the DCM."""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ElementTree
+from dataclasses import dataclass as plain_dataclass
+from functools import cached_property, lru_cache
+from pathlib import Path
+
+import numpy as np
+from pydantic.dataclasses import dataclass
+
+from pepper_driver.config.errors import ConfigError, UnknownNameError, suggestion
+from pepper_driver.config.loading import STRICT, load, package_file, read_yaml
+from pepper_driver.config.parts import (
+    FloatArray,
+    Hands,
+    Limits,
+    Motors,
+    NaoqiNames,
+    Positive,
+    Sensors,
+    Wheels,
+)
+
+POSTURE_TOLERANCE = 2 * np.pi / 4096
+"""[rad] Recorded postures touch the limits to one count of the encoder."""
+
+
+@plain_dataclass(frozen=True, kw_only=True)
+class Joint:
+    """A revolute joint as the URDF has it: limits in [rad], [rad/s], [N m]."""
+
+    name: str
+    parent: str
+    child: str
+    lower: float
+    upper: float
+    velocity: float
+    effort: float
+
+
+@dataclass(frozen=True, kw_only=True, config=STRICT)
+class _RobotFile:
+    """The top file, ``pepper.yaml``; the other files are named in it."""
+
+    name: str
+    urdf: str
+    cycle: Positive
+    battery_voltage: Positive
+    joint_names: tuple[str, ...]
+    chains: dict[str, tuple[str, ...]]
+    hands: Hands
+    postures: str
+    motors: str
+    sensors: str
+    limits: str
+    wheels: str
+    naoqi: str
+
+
+@plain_dataclass(frozen=True, kw_only=True)
+class RobotConfig:
+    """Everything the project knows of the robot itself.
+
+    Every 17-vector follows ``joint_names``. ``chains`` list joints from the trunk outwards.
+    """
+
+    name: str
+    urdf: Path
+    cycle: float
+    battery_voltage: float
+    joints: tuple[Joint, ...]
+    links: tuple[str, ...]
+    chains: dict[str, tuple[str, ...]]
+    hands: Hands
+    motors: Motors
+    sensors: Sensors
+    limits: Limits
+    wheels: Wheels
+    naoqi: NaoqiNames
+    postures: dict[str, FloatArray]
+
+    @cached_property
+    def joint_names(self) -> tuple[str, ...]:
+        """Names of the 17 joints, in the order of every joint vector."""
+        return tuple(joint.name for joint in self.joints)
+
+    @cached_property
+    def lower(self) -> FloatArray:
+        """(17,) lower position limits [rad]."""
+        return np.array([joint.lower for joint in self.joints])
+
+    @cached_property
+    def upper(self) -> FloatArray:
+        """(17,) upper position limits [rad]."""
+        return np.array([joint.upper for joint in self.joints])
+
+    @cached_property
+    def armature(self) -> FloatArray:
+        """(17,) inertia on the joint coordinate that no link of the URDF carries [kg m2]: the fingers'."""
+        inertia = self.hands.finger_inertia
+        return np.array([inertia if n in self.hands.joints else 0.0 for n in self.joint_names])
+
+    def joint_index(self, name: str) -> int:
+        """Place of a joint in every joint vector.
+
+        Raises:
+            UnknownNameError: No such joint.
+        """
+        try:
+            return self.joint_names.index(name)
+        except ValueError:
+            raise UnknownNameError("joint", name, self.joint_names) from None
+
+    def chain_of(self, joint: str) -> tuple[str, ...]:
+        """The chain that ``joint`` belongs to, from the trunk outwards."""
+        return next(chain for chain in self.chains.values() if joint in chain)
+
+    def posture(self, name: str) -> FloatArray:
+        """(17,) a named posture [rad], a copy.
+
+        Raises:
+            UnknownNameError: No such posture.
+        """
+        if name not in self.postures:
+            raise UnknownNameError("posture", name, self.postures)
+        return self.postures[name].copy()
+
+
+def _read_urdf(path: Path) -> tuple[dict[str, Joint], tuple[str, ...]]:
+    """Revolute joints by name, and all link names, of a URDF."""
+    try:
+        root = ElementTree.parse(path).getroot()
+        joints = {}
+        for element in root.iter("joint"):
+            if element.get("type") != "revolute":
+                continue
+            limit, parent, child = (element.find(tag) for tag in ("limit", "parent", "child"))
+            if limit is None or parent is None or child is None:
+                raise KeyError(f"joint {element.get('name')} lacks limit, parent or child")
+            name = element.attrib["name"]
+            joints[name] = Joint(
+                name=name,
+                parent=parent.attrib["link"],
+                child=child.attrib["link"],
+                **{key: float(limit.attrib[key]) for key in ("lower", "upper", "velocity", "effort")},
+            )
+        return joints, tuple(element.attrib["name"] for element in root.iter("link"))
+    except (OSError, ElementTree.ParseError, KeyError, ValueError) as error:
+        raise ConfigError(f"{path}: not a usable URDF ({error})") from error
+
+
+def check_joint_keys(given: set[str], expected: set[str], where: str) -> None:
+    """Raise a ConfigError unless ``given`` names exactly the joints ``expected``."""
+    for name in sorted(given - expected):
+        raise ConfigError(f"{where}: unknown joint '{name}'{suggestion(name, expected)}")
+    missing = sorted(expected - given)
+    if missing:
+        raise ConfigError(f"{where}: no entry for joint {', '.join(missing)}")
+
+
+def _load_postures(path: Path, joints: tuple[Joint, ...]) -> dict[str, FloatArray]:
+    names = [joint.name for joint in joints]
+    postures = {}
+    for posture, values in read_yaml(path).items():
+        where = f"{path}: key '{posture}'"
+        if not isinstance(values, dict):
+            raise ConfigError(f"{where}: expected joint names with angles [rad]")
+        check_joint_keys(set(values), set(names), where)
+        for joint in joints:
+            value = values[joint.name]
+            if not isinstance(value, int | float) or isinstance(value, bool):
+                raise ConfigError(f"{where}.{joint.name}: expected an angle [rad], got {value!r}")
+            if not joint.lower - POSTURE_TOLERANCE <= value <= joint.upper + POSTURE_TOLERANCE:
+                raise ConfigError(
+                    f"{where}.{joint.name}: {value} rad lies outside {joint.lower} to {joint.upper} rad"
+                )
+        postures[str(posture)] = np.clip(
+            np.array([float(values[name]) for name in names]),
+            [joint.lower for joint in joints],
+            [joint.upper for joint in joints],
+        )
+    return postures
+
+
+@lru_cache(maxsize=8)
+def load_robot(path: Path | None = None) -> RobotConfig:
+    """Load a robot description.
+
+    Args:
+        path: A file in the form of the shipped ``pepper.yaml``, which is the default. The files it names are
+            looked for beside it.
+
+    Raises:
+        ConfigError: One line naming the file, the key and what is possible.
+    """
+    path = path or package_file("pepper.yaml")
+    top = load(_RobotFile, path)
+    folder = path.parent
+    in_urdf, links = _read_urdf(folder / top.urdf)
+    check_joint_keys(set(top.joint_names), set(in_urdf), f"{path}: key 'joint_names'")
+    expected = set(top.joint_names)
+    motors = load(Motors, folder / top.motors)
+    check_joint_keys(set(motors.joints), expected, f"{folder / top.motors}: key 'joints'")
+    for name, drive in motors.joints.items():
+        if drive.type not in motors.types:
+            raise ConfigError(
+                f"{folder / top.motors}: key 'joints.{name}.type': unknown motor type '{drive.type}'"
+                f"{suggestion(drive.type, motors.types)}"
+            )
+    chained = [name for chain in top.chains.values() for name in chain]
+    check_joint_keys(set(chained), expected, f"{path}: key 'chains'")
+    limits = load(Limits, folder / top.limits)
+    for pair in limits.coupled:
+        check_joint_keys({pair.driver, pair.driven} | expected, expected, f"{folder / top.limits}")
+    joints = tuple(in_urdf[name] for name in top.joint_names)
+    return RobotConfig(
+        name=top.name,
+        urdf=folder / top.urdf,
+        cycle=top.cycle,
+        battery_voltage=top.battery_voltage,
+        joints=joints,
+        links=links,
+        chains=top.chains,
+        hands=top.hands,
+        motors=motors,
+        sensors=load(Sensors, folder / top.sensors),
+        limits=limits,
+        wheels=load(Wheels, folder / top.wheels),
+        naoqi=load(NaoqiNames, folder / top.naoqi),
+        postures=_load_postures(folder / top.postures, joints),
+    )

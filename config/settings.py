@@ -1,0 +1,81 @@
+"""Settings of the software, as opposed to facts of the robot: controller, observer, safety gate."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Literal
+
+from pydantic import Field
+from pydantic.dataclasses import dataclass
+
+from pepper_driver.config.loading import STRICT, load, package_file
+from pepper_driver.config.parts import Positive
+from pepper_driver.config.robot import RobotConfig, check_joint_keys
+
+NotNegative = Annotated[float, Field(ge=0)]
+
+
+@dataclass(frozen=True, kw_only=True, config=STRICT)
+class TaskGains:
+    """``stiffness`` [1/s2] of a task, with damping 2 sqrt(stiffness), and its ``weight`` in the cost."""
+
+    stiffness: NotNegative
+    weight: NotNegative
+
+
+@dataclass(frozen=True, kw_only=True, config=STRICT)
+class ControllerSettings:
+    """Defaults of the whole-body controller; limits per joint in [rad/s] and [rad/s2]."""
+
+    solver: str
+    posture: TaskGains
+    base: TaskGains
+    regularisation: Positive
+    velocity_limit: dict[str, Positive]
+    acceleration_limit: dict[str, Positive]
+    position_margin: NotNegative
+
+
+@dataclass(frozen=True, kw_only=True, config=STRICT)
+class ObserverSettings:
+    """Defaults of the contact observer; ``threshold`` [rad], times in [s]."""
+
+    mode: Literal["paper"]
+    tree: Literal["cart", "affine"]
+    median_window: Annotated[int, Field(ge=1, le=101)]
+    threshold: Positive
+    merge_gap: NotNegative
+    rebound_window: NotNegative
+    update_period: Positive
+
+
+@dataclass(frozen=True, kw_only=True, config=STRICT)
+class SafetySettings:
+    """Limits of the gate; see ``safety.yaml`` for the meaning of each."""
+
+    position_tolerance: NotNegative
+    speed_margin: Annotated[float, Field(ge=1)]
+    divergence: Positive
+    divergence_time: Positive
+    stale_hold: Positive
+    stale_fault: Positive
+    stiffness_ramp: Positive
+
+
+def load_controller_settings(robot: RobotConfig, path: Path | None = None) -> ControllerSettings:
+    """Controller settings from ``path``, by default the shipped ``controller.yaml``."""
+    path = path or package_file("controller.yaml")
+    settings = load(ControllerSettings, path)
+    for key in ("velocity_limit", "acceleration_limit"):
+        check_joint_keys(set(getattr(settings, key)), set(robot.joint_names), f"{path}: key '{key}'")
+    return settings
+
+
+def load_observer_settings(path: Path | None = None) -> ObserverSettings:
+    """Observer settings from ``path``, by default the shipped ``observer.yaml``."""
+    return load(ObserverSettings, path or package_file("observer.yaml"))
+
+
+def load_safety_settings(path: Path | None = None) -> SafetySettings:
+    """Safety settings from ``path``, by default the shipped ``safety.yaml``."""
+    return load(SafetySettings, path or package_file("safety.yaml"))

@@ -1,0 +1,28 @@
+"""One cycle as observers see it: a measurement, and the command and reference that it answers."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pepper_driver.backends.interface import Command, Measurement
+from pepper_driver.controller.reference import Reference
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Tick:
+    """One cycle. Nothing reachable from here leads to the ground truth of a simulation.
+
+    Attributes:
+        measurement: What the robot measured.
+        reference: What the controller wanted when it made the command this measurement answers.
+        sent: That command, as it was really sent.
+        changed: (17,) where the safety gate altered the position, so that ``sent`` differs from ``reference``.
+    """
+
+    measurement: Measurement
+    reference: Reference
+    sent: Command
+    changed: NDArray[np.bool_]
