@@ -1,0 +1,27 @@
+"""Robots, real and simulated, behind one interface."""
+
+from pepper_driver.backends.interface import (
+    Backend,
+    BackendError,
+    BackendInfo,
+    CapabilityError,
+    Command,
+    Imu,
+    Measurement,
+    NotConnectedError,
+    Truth,
+)
+from pepper_driver.backends.selection import make_backend
+
+__all__ = [
+    "Backend",
+    "BackendError",
+    "BackendInfo",
+    "CapabilityError",
+    "Command",
+    "Imu",
+    "Measurement",
+    "NotConnectedError",
+    "Truth",
+    "make_backend",
+]

@@ -166,7 +166,7 @@ class Backend(ABC):
 
     @abstractmethod
     def activate(self) -> Measurement:
-        """Ramp the stiffness up while holding the measured posture.
+        """Ramp the stiffness up while holding the posture last measured, clipped into the joint limits.
 
         Raises:
             BackendError: Already active, or the robot is not fit to move.

@@ -9,6 +9,12 @@ from pepper_driver.config.errors import (
 )
 from pepper_driver.config.plant import PlantConfig, load_plant, plant_hash, plant_names
 from pepper_driver.config.robot import RobotConfig, load_robot
+from pepper_driver.config.scenario import (
+    DemoScenario,
+    IdentificationScenario,
+    load_demo_scenario,
+    load_identification_scenario,
+)
 from pepper_driver.config.settings import (
     ControllerSettings,
     ObserverSettings,
@@ -21,6 +27,8 @@ from pepper_driver.config.settings import (
 __all__ = [
     "ConfigError",
     "ControllerSettings",
+    "DemoScenario",
+    "IdentificationScenario",
     "MissingExtraError",
     "ObserverSettings",
     "PepperError",
@@ -29,6 +37,8 @@ __all__ = [
     "SafetySettings",
     "UnknownNameError",
     "load_controller_settings",
+    "load_demo_scenario",
+    "load_identification_scenario",
     "load_observer_settings",
     "load_plant",
     "load_robot",

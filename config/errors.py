@@ -1,4 +1,4 @@
-"""Errors of the project. One root, so that ``except PepperError`` catches all; leaves also are the builtin they resemble."""
+"""Errors of the project: one root for ``except PepperError``; leaves also are the builtin they resemble."""
 
 from __future__ import annotations
 
@@ -35,9 +35,7 @@ class MissingExtraError(PepperError, ImportError):
 
     def __init__(self, what: str, extra: str) -> None:
         self.extra = extra
-        super().__init__(
-            f'{what} needs an optional part: pip install "pepper-driver[{extra}]"'
-        )
+        super().__init__(f'{what} needs an optional part: pip install "pepper-driver[{extra}]"')
 
 
 def suggestion(name: str, choices: Iterable[str]) -> str:

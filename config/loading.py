@@ -129,7 +129,7 @@ def _explain(error: ValidationError, cls: type[Any], data: dict[str, Any]) -> st
             message += f", got {_shown(value)}"
     if len(problems) > 1:
         message += f" (and {len(problems) - 1} more)"
-    return message
+    return " ".join(message.split())  # a key may hold anything, a line break too
 
 
 def _field_names(cls: type[Any]) -> set[str]:

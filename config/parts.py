@@ -13,6 +13,7 @@ from pydantic.dataclasses import dataclass
 from pepper_driver.config.loading import STRICT
 
 Positive = Annotated[float, Field(gt=0)]
+NotNegative = Annotated[float, Field(ge=0)]
 Vector3 = tuple[float, float, float]
 FloatArray = NDArray[np.float64]
 

@@ -14,36 +14,41 @@ from pydantic.dataclasses import dataclass
 
 from pepper_driver.config.errors import ConfigError, UnknownNameError, suggestion
 from pepper_driver.config.loading import STRICT, load, package_file
-from pepper_driver.config.parts import FloatArray, Positive
+from pepper_driver.config.parts import FloatArray, NotNegative, Positive
 from pepper_driver.config.robot import RobotConfig, check_joint_keys
-
-NotNegative = Annotated[float, Field(ge=0)]
 
 
 @dataclass(frozen=True, kw_only=True, config=STRICT)
 class Physics:
-    """Integration of the equations of motion; ``timestep`` [s] divides the 12 ms cycle."""
+    """Integration of the equations of motion.
+
+    ``timestep`` [s] divides the 12 ms cycle; the mechanical stops lie ``stop_margin`` [rad] beyond the limits.
+    """
 
     timestep: Annotated[float, Field(gt=0, le=0.002)]
+    stop_margin: NotNegative
 
 
 @dataclass(frozen=True, kw_only=True, config=STRICT)
 class Board:
     """Motor board: its law runs once a physics step on its own encoder and clips at ``voltage`` [V].
 
-    ``derivative_time`` [s] is the time constant of the low-pass on the derivative of the error.
+    ``derivative_time`` [s] is the time constant of the low-pass on the derivative of the error; ``brakes`` names the
+    joints that hold when their stiffness is 0.
     """
 
     voltage: Positive
     encoder_bits: Annotated[int, Field(ge=8, le=24)]
     derivative_time: Positive
+    brakes: tuple[str, ...]
 
 
 @dataclass(frozen=True, kw_only=True, config=STRICT)
 class Transport:
     """What lies between the physics and the reader: ``encoder_delay`` in ticks, noise as standard deviations.
 
-    ``encoder_noise`` [rad], ``current_noise`` [A], ``current_time`` [s] time constant of the current's low-pass.
+    ``encoder_noise`` [rad], ``current_noise`` [A]; ``current_time`` [s] and ``wheel_time`` [s] are the time constants
+    of the current's low-pass and of the wheels' speed control.
     """
 
     encoder_delay: Annotated[int, Field(ge=0, le=20)]
@@ -118,6 +123,12 @@ def load_plant(name: str, robot: RobotConfig) -> PlantConfig:
 
 def _check(plant: PlantConfig, robot: RobotConfig, source: str) -> None:
     """What a single field cannot know: joints complete, steps whole, gaps narrower than the joint's range."""
+    for name in plant.board.brakes:
+        if name not in robot.joint_names:
+            raise ConfigError(
+                f"{source}: key 'board.brakes': unknown joint '{name}'"
+                f"{suggestion(name, robot.joint_names)}"
+            )
     seen: set[str] = set()
     for index, actuator in enumerate(plant.actuators):
         where = f"{source}: key 'actuators.{index}"

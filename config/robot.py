@@ -144,7 +144,10 @@ def _read_urdf(path: Path) -> tuple[dict[str, Joint], tuple[str, ...]]:
                 name=name,
                 parent=parent.attrib["link"],
                 child=child.attrib["link"],
-                **{key: float(limit.attrib[key]) for key in ("lower", "upper", "velocity", "effort")},
+                **{
+                    key: float(limit.attrib[key])
+                    for key in ("lower", "upper", "velocity", "effort")
+                },
             )
         return joints, tuple(element.attrib["name"] for element in root.iter("link"))
     except (OSError, ElementTree.ParseError, KeyError, ValueError) as error:

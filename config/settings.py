@@ -9,10 +9,8 @@ from pydantic import Field
 from pydantic.dataclasses import dataclass
 
 from pepper_driver.config.loading import STRICT, load, package_file
-from pepper_driver.config.parts import Positive
+from pepper_driver.config.parts import NotNegative, Positive
 from pepper_driver.config.robot import RobotConfig, check_joint_keys
-
-NotNegative = Annotated[float, Field(ge=0)]
 
 
 @dataclass(frozen=True, kw_only=True, config=STRICT)
@@ -67,7 +65,9 @@ def load_controller_settings(robot: RobotConfig, path: Path | None = None) -> Co
     path = path or package_file("controller.yaml")
     settings = load(ControllerSettings, path)
     for key in ("velocity_limit", "acceleration_limit"):
-        check_joint_keys(set(getattr(settings, key)), set(robot.joint_names), f"{path}: key '{key}'")
+        check_joint_keys(
+            set(getattr(settings, key)), set(robot.joint_names), f"{path}: key '{key}'"
+        )
     return settings
 
 

@@ -1,0 +1,42 @@
+"""Lets a Pepper humanoid feel where, when and how hard it is touched, from its joint encoders alone."""
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from pepper_driver.config import PepperError
+    from pepper_driver.observer import Contact, Observation, Observer
+    from pepper_driver.reflexes import Hold, Reflex
+    from pepper_driver.robot import Pepper
+    from pepper_driver.safety import FaultError, RobotState
+
+__all__ = [
+    "Contact",
+    "FaultError",
+    "Hold",
+    "Observation",
+    "Observer",
+    "Pepper",
+    "PepperError",
+    "Reflex",
+    "RobotState",
+]
+
+# Looked up when first used: every layer imports this package on its way in, and most need only those below.
+_HOMES = {
+    "Contact": "pepper_driver.observer",
+    "FaultError": "pepper_driver.safety",
+    "Hold": "pepper_driver.reflexes",
+    "Observation": "pepper_driver.observer",
+    "Observer": "pepper_driver.observer",
+    "Pepper": "pepper_driver.robot",
+    "PepperError": "pepper_driver.config",
+    "Reflex": "pepper_driver.reflexes",
+    "RobotState": "pepper_driver.safety",
+}
+
+
+def __getattr__(name: str) -> Any:  # noqa: ANN401
+    if name not in _HOMES:
+        raise AttributeError(f"module 'pepper_driver' has no attribute '{name}'")
+    return getattr(import_module(_HOMES[name]), name)

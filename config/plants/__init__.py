@@ -1,0 +1,1 @@
+"""Parameters of simulated robots, one YAML file each."""

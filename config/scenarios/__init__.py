@@ -1,0 +1,1 @@
+"""How robots are moved and pushed, one YAML file each."""

@@ -1,0 +1,1 @@
+"""Models identified on the shipped plants, one JSON file each."""

@@ -1,0 +1,314 @@
+"""The simulated Pepper as a backend."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from pepper_driver.backends.interface import (
+    Backend,
+    BackendError,
+    BackendInfo,
+    Command,
+    Imu,
+    Measurement,
+    NotConnectedError,
+    Truth,
+)
+from pepper_driver.backends.mujoco_.board import MotorBoards
+from pepper_driver.backends.mujoco_.model import build_model
+from pepper_driver.backends.mujoco_.pushes import Push, Pushes
+from pepper_driver.backends.mujoco_.sensors import CurrentSensors, Encoders, FreeWheels
+from pepper_driver.backends.selection import BackendUri
+from pepper_driver.config import (
+    PlantConfig,
+    RobotConfig,
+    UnknownNameError,
+    load_plant,
+    plant_hash,
+)
+from pepper_driver.config.parts import FloatArray
+
+RAMP_TIME = 1.0
+"""[s] in which activation raises the stiffness from 0 to 1, and deactivation lowers it."""
+
+MOTOR_TEMPERATURE = 38.0
+"""[deg C] reported for every motor: heating is not simulated."""
+
+
+class MujocoBackend(Backend):
+    """A Pepper on a fixed base, simulated at 1 kHz with the physics of its motors, gears and boards.
+
+    Same seed, same commands, same bits (on one kind of processor and one version of MuJoCo). Not simulated: rolling
+    and tipping of the base, contact with objects or itself, touch sensors and bumpers (they read 0), heating and
+    battery (they stay put).
+    """
+
+    def __init__(
+        self,
+        robot: RobotConfig,
+        plant: PlantConfig,
+        *,
+        seed: int = 0,
+        posture: str = "Stand",
+        uri: str = "mujoco",
+    ) -> None:
+        self._robot = robot
+        self._plant = plant
+        self._seed = seed
+        self._start = robot.posture(posture)
+        self._model = build_model(robot, plant)
+        self._data = mujoco.MjData(self._model.mj)
+        self._boards = MotorBoards(robot, plant)
+        self._pushes = Pushes(self._model, self._data)
+        self._wheels = FreeWheels(robot, plant)
+        self._steps = round(robot.cycle / plant.physics.timestep)
+        self._brakes = np.array([name in plant.board.brakes for name in robot.joint_names])
+        self._state: Literal["closed", "open", "active"] = "closed"
+        self._truth = MujocoTruth(self)
+        self._info = BackendInfo(
+            uri=uri,
+            joint_names=robot.joint_names,
+            cycle=robot.cycle,
+            real_time=False,
+            response_delay=plant.transport.encoder_delay,
+            capabilities=frozenset({"push", "truth"}),
+            identity=plant_hash(plant, robot),
+        )
+
+    @property
+    def info(self) -> BackendInfo:
+        """Valid before ``open``."""
+        return self._info
+
+    @property
+    def truth(self) -> Truth:
+        """What really happens in the simulation."""
+        return self._truth
+
+    def open(self) -> Measurement:
+        """Put the robot into its starting posture, motors off, brakes on."""
+        if self._state != "closed":
+            raise BackendError(f"'{self._info.uri}' is already open")
+        mujoco.mj_resetData(self._model.mj, self._data)
+        self._data.qpos[self._model.link_qpos] = self._start
+        self._data.qpos[self._model.motor_qpos] = self._start
+        mujoco.mj_forward(self._model.mj, self._data)
+        self._boards.reset()
+        self._pushes.clear()
+        self._wheels.reset()
+        # One stream for each kind of sensor: a change in one leaves the noise of the others as it was.
+        streams = np.random.SeedSequence(self._seed).spawn(2)
+        rngs = [np.random.Generator(np.random.PCG64(stream)) for stream in streams]
+        self._encoders = Encoders(self._robot, self._plant, rngs[0])
+        self._current_sensors = CurrentSensors(self._robot, self._plant, rngs[1])
+        self._target = self._start.copy()
+        self._braked_at = self._start.copy()
+        self._tick = 0
+        self.contact_torque = np.zeros(len(self._start))
+        self._state = "open"
+        return self._measurement(self._encoders.reset(self._start), self._current_sensors.reset())
+
+    def activate(self) -> Measurement:
+        """Ramp the stiffness to 1 in a second of simulated time, holding the posture last measured."""
+        if self._state != "open":
+            raise BackendError(f"'{self._info.uri}' cannot be activated: it is {self._state}")
+        hold = np.clip(self._measured, self._robot.lower, self._robot.upper)
+        self._target = hold.copy()
+        self._state = "active"
+        ticks = round(RAMP_TIME / self._robot.cycle)
+        for tick in range(ticks):
+            stiffness = np.full(len(hold), (tick + 1) / ticks)
+            measurement = self.step(
+                Command(position=hold, stiffness=stiffness, wheel_speed=np.zeros(3))
+            )
+        return measurement
+
+    def step(self, command: Command) -> Measurement:
+        """Simulate one cycle of 12 ms."""
+        if self._state == "closed":
+            raise NotConnectedError(f"'{self._info.uri}' is not open")
+        position, stiffness, wheel_speed = self._checked(command)
+        if self._state == "open":
+            stiffness, wheel_speed = np.zeros_like(stiffness), np.zeros(3)
+        self._wheels.step(wheel_speed)
+        mean_current = self._simulate(position, stiffness)
+        self._tick += 1
+        return self._measurement(
+            self._encoders.read(self.link_position), self._current_sensors.read(mean_current)
+        )
+
+    def deactivate(self) -> None:
+        """Wheels to zero, stiffness to 0 in a second of simulated time; the brakes then hold the legs."""
+        if self._state != "active":
+            return
+        hold = self._target.copy()
+        ticks = round(RAMP_TIME / self._robot.cycle)
+        for tick in range(ticks):
+            stiffness = np.full(len(hold), 1.0 - (tick + 1) / ticks)
+            self.step(Command(position=hold, stiffness=stiffness, wheel_speed=np.zeros(3)))
+        self._state = "open"
+
+    def close(self) -> None:
+        """Deactivate and let go of the simulation."""
+        self.deactivate()
+        self._state = "closed"
+
+    def push(
+        self,
+        link: str,
+        force: FloatArray,
+        point: FloatArray | None = None,
+        duration: float = 0.5,
+        *,
+        frame: Literal["world", "link"] = "world",
+        delay: float = 0.0,
+    ) -> None:
+        """Push a link; see :meth:`Backend.push`."""
+        if self._state == "closed":
+            raise NotConnectedError(f"'{self._info.uri}' is not open")
+        if link not in self._model.bodies:
+            raise UnknownNameError("link", link, self._model.bodies)
+        body = self._model.bodies[link]
+        where = self._model.mj.body_ipos[body] if point is None else point
+        force, where = np.array(force, dtype=np.float64), np.array(where, dtype=np.float64)
+        numbers = np.concatenate([force.ravel(), where.ravel(), [duration, delay]])
+        if force.shape != (3,) or where.shape != (3,) or not np.isfinite(numbers).all():
+            raise ValueError("push: force and point take three finite numbers each")
+        if duration <= 0 or delay < 0:
+            raise ValueError("push: duration must be positive, delay not negative")
+        if frame not in ("world", "link"):
+            raise UnknownNameError("frame", frame, ("world", "link"))
+        self._pushes.add(
+            Push(
+                body=body,
+                force=force,
+                point=where,
+                turns_with_link=frame == "link",
+                start=self._data.time + delay,
+                duration=float(duration),
+            )
+        )
+
+    @property
+    def link_position(self) -> FloatArray:
+        """(17,) true link-side positions [rad]."""
+        return np.array(self._data.qpos[self._model.link_qpos])
+
+    def _simulate(self, position: FloatArray, stiffness: FloatArray) -> FloatArray:
+        """One cycle of physics towards ``position``; returns the mean |motor current| (17,) [A]."""
+        model, data, boards = self._model, self._data, self._boards
+        mj = model.mj
+        # A brake holds where it closed; it stays until the stiffness returns.
+        braked = self._brakes & (stiffness <= 0.0)
+        self._braked_at = np.where(braked, self._braked_at, position)
+        position = np.where(braked, self._braked_at, position)
+        stiffness = np.where(braked, 1.0, stiffness)
+        begin, travel = self._target, position - self._target
+        current = np.zeros_like(position)
+        torque = np.zeros_like(position)
+        boards.begin_cycle()
+        for step in range(1, self._steps + 1):
+            q = data.qpos[model.link_qpos]
+            theta = data.qpos[model.motor_qpos]
+            data.ctrl[model.actuator] = boards.update(
+                begin + travel * (step / self._steps), q, data.qvel[model.motor_dof], stiffness
+            )
+            # The teeth damp only while they touch: MuJoCo's own tendon damping would drag in the gap too.
+            mj.tendon_damping[model.tendon] = model.gear_damping * (
+                np.abs(q - theta) > model.half_gap
+            )
+            self._pushes.apply()
+            mujoco.mj_step(mj, data)
+            self._pushes.add_joint_torque(torque)
+            current += np.abs(boards.current)
+        self._target = position
+        self.contact_torque = torque / self._steps
+        return current / self._steps
+
+    def _checked(self, command: Command) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """The arrays of a command, refused when they are not what a robot could take."""
+        n = len(self._start)
+        parts = []
+        for name, size in (("position", n), ("stiffness", n), ("wheel_speed", 3)):
+            array = np.asarray(getattr(command, name), dtype=np.float64)
+            if array.shape != (size,) or not np.isfinite(array).all():
+                raise ValueError(f"command.{name}: expected {size} finite numbers")
+            parts.append(array)
+        position, stiffness, wheel_speed = parts
+        return position.copy(), np.clip(stiffness, 0.0, 1.0), wheel_speed
+
+    def _measurement(self, position: FloatArray, current: FloatArray) -> Measurement:
+        self._measured = position
+        imu = Imu(
+            acceleration=np.array([0.0, 0.0, 9.81]),
+            angular_velocity=np.zeros(3),
+            attitude=np.zeros(3),
+        )
+        return Measurement(
+            time=self._tick * self._robot.cycle,
+            tick=self._tick,
+            position=position,
+            current=current,
+            wheel_speed=self._wheels.speed.copy(),
+            imu=imu,
+            touch=np.zeros(len(self._robot.sensors.touch)),
+            bumpers=np.zeros(len(self._robot.sensors.bumpers)),
+            temperature=np.full(len(self._start), MOTOR_TEMPERATURE),
+            battery=1.0,
+            age=0.0,
+        )
+
+
+class MujocoTruth(Truth):
+    """Ground truth of a :class:`MujocoBackend`."""
+
+    def __init__(self, backend: MujocoBackend) -> None:
+        self._backend = backend
+
+    @property
+    def contact_torque(self) -> FloatArray:
+        """(17,) J^T f, mean over the last cycle [N m]."""
+        return self._backend.contact_torque.copy()
+
+    @property
+    def in_gap(self) -> NDArray[np.bool_]:
+        """(17,) whether the joint is inside its backlash."""
+        model, qpos = self._backend._model, self._backend._data.qpos
+        gap = np.abs(qpos[model.link_qpos] - qpos[model.motor_qpos]) <= model.half_gap
+        return np.asarray(gap, dtype=np.bool_)
+
+    @property
+    def saturated(self) -> NDArray[np.bool_]:
+        """(17,) whether the board met its current or voltage limit in the last cycle."""
+        return self._backend._boards.saturated.copy()
+
+    @property
+    def position(self) -> FloatArray:
+        """(17,) link-side joint positions [rad]."""
+        return self._backend.link_position
+
+    @property
+    def stiffness(self) -> FloatArray:
+        """(17,) K = kp N Kt / R [N m/rad]."""
+        return self._backend._boards.stiffness.copy()
+
+    @property
+    def torque_limit(self) -> FloatArray:
+        """(17,) largest torque the board can hold [N m]."""
+        return self._backend._boards.torque_limit.copy()
+
+
+def from_uri(uri: BackendUri, robot: RobotConfig) -> MujocoBackend:
+    """``mujoco://?plant=NAME_OR_FILE&seed=N&posture=NAME``; all keys optional."""
+    uri.check_keys({"plant", "seed", "posture"})
+    return MujocoBackend(
+        robot,
+        load_plant(uri.query.get("plant", "nominal"), robot),
+        seed=uri.integer("seed", 0),
+        posture=uri.query.get("posture", "Stand"),
+        uri=uri.text,
+    )

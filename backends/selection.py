@@ -1,0 +1,85 @@
+"""A backend by URI: ``mujoco``, ``mujoco://?plant=nominal&seed=3``, or what other packages register."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from urllib.parse import parse_qsl, urlsplit
+
+from pepper_driver.backends.interface import Backend
+from pepper_driver.config import ConfigError, RobotConfig, load_robot, suggestion
+from pepper_driver.config.plugins import load_plugin
+
+GROUP = "pepper_driver.backends"
+"""Entry-point group for backends of other packages: ``scheme = "module:factory"``."""
+
+_BUILTIN = {"mujoco": "pepper_driver.backends.mujoco_:from_uri"}
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class BackendUri:
+    """A backend URI taken apart; ``text`` is as the user wrote it."""
+
+    text: str
+    scheme: str
+    host: str
+    query: Mapping[str, str]
+
+    def check_keys(self, known: set[str]) -> None:
+        """Raise a ConfigError for a query key that is not in ``known``."""
+        for key in self.query:
+            if key not in known:
+                raise ConfigError(
+                    f"backend '{self.text}': unknown key '{key}'{suggestion(key, known)}"
+                )
+
+    def integer(self, key: str, default: int) -> int:
+        """A query value as a whole number that is not negative."""
+        text = self.query.get(key)
+        if text is None:
+            return default
+        if not text.isdecimal():
+            raise ConfigError(f"backend '{self.text}': {key} must be a whole number, got '{text}'")
+        return int(text)
+
+
+def parse_uri(text: str) -> BackendUri:
+    """Take a backend URI apart.
+
+    Raises:
+        ConfigError: It is empty, or gives a key twice.
+    """
+    try:
+        parts = urlsplit(text if "://" in text else text.replace("?", "://?", 1))
+        scheme = parts.scheme or text
+        pairs = parse_qsl(parts.query, keep_blank_values=True, strict_parsing=bool(parts.query))
+    except ValueError as error:
+        raise ConfigError(f"backend '{text}': {error}") from error
+    if not text.strip():
+        raise ConfigError("backend URI is empty; for example: mujoco")
+    query = dict(pairs)
+    if len(query) != len(pairs):
+        raise ConfigError(f"backend '{text}': a key is given twice")
+    return BackendUri(text=text, scheme=scheme, host=parts.netloc, query=query)
+
+
+def make_backend(uri: str, robot: RobotConfig | None = None) -> Backend:
+    """The backend that ``uri`` names, not yet opened.
+
+    Args:
+        uri: ``scheme`` or ``scheme://host?key=value&...``.
+        robot: Description of the robot, by default the shipped Pepper.
+
+    Raises:
+        UnknownNameError: No backend of this scheme.
+        ConfigError: A part of the URI is wrong.
+        MissingExtraError: The backend needs an optional part of the package.
+    """
+    parsed = parse_uri(uri)
+    factory = load_plugin("backend", GROUP, parsed.scheme, _BUILTIN)
+    backend = factory(parsed, robot or load_robot())
+    if not isinstance(backend, Backend):
+        raise ConfigError(
+            f"backend '{uri}': its factory returned {type(backend).__name__}, no Backend"
+        )
+    return backend

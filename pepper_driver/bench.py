@@ -1,0 +1,149 @@
+"""How long the stages of a tick take, and how fast the simulation runs."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+
+from pepper_driver.backends import Command, make_backend
+from pepper_driver.config import load_demo_scenario, plant_names
+from pepper_driver.loop import STAGES
+from pepper_driver.reflexes import Hold
+from pepper_driver.robot import Pepper
+
+
+@dataclass(frozen=True, kw_only=True)
+class Duration:
+    """Median and 99th percentile of a duration [us]."""
+
+    median: float
+    p99: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class Bench:
+    """Figures of one run.
+
+    Attributes:
+        stages: By stage of the tick; ``backend`` is the physics.
+        tick: The whole tick without the physics.
+        real_time_factor: By plant: simulated time over wall-clock time, whole tick with log, on one core.
+        plant_alone: The same for the plant without the layers above it.
+    """
+
+    stages: dict[str, Duration]
+    tick: Duration
+    real_time_factor: dict[str, float]
+    plant_alone: dict[str, float]
+
+    def as_json(self) -> dict[str, Any]:
+        """``stage_us``, ``tick_us``, ``simulation``."""
+        return {
+            "stage_us": {k: {"median": d.median, "p99": d.p99} for k, d in self.stages.items()},
+            "tick_us": {"median": self.tick.median, "p99": self.tick.p99},
+            "simulation": {
+                plant: {
+                    "real_time_factor": self.real_time_factor[plant],
+                    "plant_alone_real_time_factor": self.plant_alone[plant],
+                }
+                for plant in self.real_time_factor
+            },
+        }
+
+
+def run_bench(
+    seconds: float = 20.0, *, on_progress: Callable[[float], None] | None = None
+) -> Bench:
+    """Measure on the simulated robot, moving both arms, with observer, reflex and log, on one core.
+
+    Args:
+        seconds: Simulated time for each plant.
+        on_progress: Told the share done, 0..1.
+    """
+    tell = on_progress or (lambda share: None)
+    plants = plant_names()
+    samples = []
+    factor, alone = {}, {}
+    with _one_core(), TemporaryDirectory() as folder:
+        for number, plant in enumerate(plants):
+            microseconds, factor[plant] = _whole(plant, seconds, Path(folder) / f"{plant}.mcap")
+            samples.append(microseconds)
+            tell((number + 0.6) / len(plants))
+            alone[plant] = _alone(plant, seconds)
+            tell((number + 1) / len(plants))
+    times = samples[plants.index("nominal")]
+    without_physics = times[:, [i for i, stage in enumerate(STAGES) if stage != "backend"]].sum(1)
+    return Bench(
+        stages={stage: _duration(times[:, i]) for i, stage in enumerate(STAGES)},
+        tick=_duration(without_physics),
+        real_time_factor=factor,
+        plant_alone=alone,
+    )
+
+
+def _duration(microseconds: np.ndarray[Any, np.dtype[np.float64]]) -> Duration:
+    median, p99 = np.percentile(microseconds, [50, 99])
+    return Duration(median=float(median), p99=float(p99))
+
+
+def _whole(
+    plant: str, seconds: float, log: Path
+) -> tuple[np.ndarray[Any, np.dtype[np.float64]], float]:
+    """Stage times (n, stages) [us] and real-time factor of the whole loop."""
+    observer = "paper" if plant == "nominal" else None
+    pepper = Pepper(f"mujoco://?plant={plant}", observer=observer, log=log, reflexes=[Hold()])
+    rng = np.random.default_rng(0)
+    joints = load_demo_scenario(pepper.config).joints
+    with pepper:
+        pepper.run(1.0)
+        pepper.stage_times.clear()
+        begin, start = perf_counter(), pepper.time
+        while pepper.time - start < seconds:
+            middle = (pepper.config.lower + pepper.config.upper) / 2
+            pepper.set_posture(
+                {
+                    name: float(middle[pepper.config.joint_index(name)] + rng.uniform(-0.5, 0.5))
+                    for name in joints
+                }
+            )
+            pepper.run(2.0)
+        factor = (pepper.time - start) / (perf_counter() - begin)
+        return pepper.stage_times.microseconds.copy(), factor
+
+
+def _alone(plant: str, seconds: float) -> float:
+    """Real-time factor of the plant with a command that moves one arm."""
+    with make_backend(f"mujoco://?plant={plant}") as backend:
+        backend.open()
+        hold = backend.activate().position
+        index = backend.info.joint_names.index("LShoulderRoll")
+        ticks = round(seconds / backend.info.cycle)
+        stiffness, wheels = np.ones(len(hold)), np.zeros(3)
+        begin = perf_counter()
+        for tick in range(ticks):
+            position = hold.copy()
+            position[index] += 0.3 * (1 - np.cos(tick * backend.info.cycle * 3.0))
+            backend.step(Command(position=position, stiffness=stiffness, wheel_speed=wheels))
+        return seconds / (perf_counter() - begin)
+
+
+@contextmanager
+def _one_core() -> Iterator[None]:
+    """Keep this process, with its log thread, on one core where the system allows it."""
+    if not hasattr(os, "sched_setaffinity"):
+        yield
+        return
+    before = os.sched_getaffinity(0)
+    os.sched_setaffinity(0, {max(before)})
+    try:
+        yield
+    finally:
+        os.sched_setaffinity(0, before)

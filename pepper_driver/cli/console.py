@@ -1,0 +1,56 @@
+"""What the sub-commands share: progress bars, and the option ``--json``."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+from rich.console import Console
+from rich.progress import (
+    BarColumn,
+    MofNCompleteColumn,
+    Progress,
+    TaskProgressColumn,
+    TextColumn,
+    TimeRemainingColumn,
+)
+
+from pepper_driver.output import write_json
+
+JsonOption = Annotated[
+    Path | None,
+    typer.Option("--json", metavar="FILE", help="Also write the printed figures to FILE."),
+]
+
+
+def make_console() -> Console:
+    """The console commands print to."""
+    return Console(highlight=False)
+
+
+def make_progress(console: Console, *, count: bool = False) -> Progress:
+    """A progress bar with the time that remains; ``count`` shows n/N in place of per cent."""
+    return Progress(
+        TextColumn("{task.description}"),
+        BarColumn(),
+        MofNCompleteColumn() if count else TaskProgressColumn(),
+        TimeRemainingColumn(),
+        console=console,
+        transient=True,
+    )
+
+
+def check_json(path: Path | None) -> None:
+    """Refuse a ``--json`` file that cannot be written, before the work is done rather than after."""
+    if path is not None:
+        write_json(path, {})
+        path.unlink()
+
+
+def save_json(path: Path | None, content: Mapping[str, Any], console: Console) -> None:
+    """Write the figures of a command, when asked to."""
+    if path is not None:
+        write_json(path, content)
+        console.print(f"figures: {path}")

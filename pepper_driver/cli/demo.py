@@ -1,0 +1,132 @@
+"""``pepper demo``: the main job on the simulated robot."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Annotated
+
+import numpy as np
+import typer
+from rich.console import Console
+from rich.table import Table
+
+from pepper_driver.cli.console import (
+    JsonOption,
+    check_json,
+    make_console,
+    make_progress,
+    save_json,
+)
+from pepper_driver.cli.identify import identify_with_progress, print_fits
+from pepper_driver.config import MissingExtraError, load_demo_scenario, load_robot
+from pepper_driver.demo import CONTACTS_NAME, FIGURE_NAME, LOG_NAME, DemoResult, run_demo
+from pepper_driver.log import read_log
+from pepper_driver.observer import RELEASE_GRACE, Contact, Push
+from pepper_driver.plots import plot_contacts
+
+
+def demo(
+    out: Annotated[
+        Path, typer.Option(metavar="DIR", help="Folder for the log, the contacts and the figure.")
+    ] = Path("runs/demo"),
+    seconds: Annotated[float, typer.Option(help="Simulated time.", min=8.0, max=3600.0)] = 48.0,
+    seed: Annotated[int, typer.Option(help="Of motion, pushes and noise.", min=0)] = 0,
+    fresh: Annotated[
+        bool,
+        typer.Option("--fresh", help="Identify the models anew, in place of the shipped ones."),
+    ] = False,
+    show: Annotated[
+        bool, typer.Option("--show", help="Show the robot in a window, in real time.")
+    ] = False,
+    json_file: JsonOption = None,
+) -> None:
+    """Move a simulated Pepper's arms, push them, and print each contact as it is felt."""
+    console = make_console()
+    check_json(json_file)
+    with TemporaryDirectory() as folder:
+        models = None
+        if fresh:
+            robot = load_robot()
+            joints = load_demo_scenario(robot).joints
+            result = identify_with_progress(console, "mujoco", joints, "affine", seed=seed)
+            print_fits(console, result)
+            models = Path(folder) / "models.json"
+            result.models.save(models)
+        with make_progress(console) as progress:
+            bar = progress.add_task("simulating", total=seconds)
+            result_demo = run_demo(
+                out,
+                seconds=seconds,
+                seed=seed,
+                models=models,
+                show=show,
+                on_contact=lambda contact, pushes: console.print(_line(contact, pushes)),
+                on_progress=lambda done: progress.update(bar, completed=done),
+            )
+    _figure(out, console)
+    _table(result_demo, console)
+    console.print(f"results in {out}: {LOG_NAME}, {CONTACTS_NAME}")
+    save_json(json_file, result_demo.counts, console)
+
+
+def _line(contact: Contact, pushes: tuple[Push, ...]) -> str:
+    """One felt contact, for people; the delay is against the true push under way on that joint."""
+    side = "+" if contact.direction > 0 else "-"
+    text = (
+        f"{contact.time:7.2f} s  {contact.kind:8s} {contact.joint or 'trunk':14s} {contact.link:10s} "
+        f"direction {side}  intensity {contact.intensity:4.1f} deg"
+    )
+    for push in pushes:
+        if (
+            push.joint == contact.joint
+            and push.onset <= contact.time <= push.release + RELEASE_GRACE
+        ):
+            return f"{text}  {1e3 * (contact.time - push.onset):4.0f} ms after the true onset"
+    return text
+
+
+def _figure(out: Path, console: Console) -> None:
+    """Draw the figure in the manner of the paper's Fig. 3, or say what is missing for it."""
+    try:
+        plot_contacts(
+            read_log(out / LOG_NAME),
+            out / FIGURE_NAME,
+            joints=load_demo_scenario(load_robot()).joints,
+        )
+        console.print(f"figure: {out / FIGURE_NAME}")
+    except MissingExtraError as error:
+        console.print(f"no figure: {error}")
+
+
+def _table(result: DemoResult, console: Console) -> None:
+    counts = result.counts
+    delays = [f.delay for f in result.score.felt]
+    right = sum(f.contact.direction == f.push.direction for f in result.score.felt)
+    table = Table(
+        title=f"{result.simulated_seconds:g} s in simulation, {result.uri}", title_justify="left"
+    )
+    for name in (
+        "pushes",
+        "felt",
+        "missed",
+        "false",
+        "rebounds",
+        "direction right",
+        "median delay",
+    ):
+        table.add_column(name, justify="right")
+    table.add_row(
+        *(str(counts[key]) for key in ("pushes", "felt", "missed", "false", "rebounds")),
+        f"{right}/{counts['felt']}",
+        f"{1e3 * float(np.median(delays)):.0f} ms" if delays else "-",
+    )
+    console.print(table)
+    for push in result.score.missed:
+        console.print(
+            f"missed: {push.joint} at {push.onset:.2f} s, {push.degrees:.1f} equivalent degrees"
+        )
+    for contact in result.score.false:
+        console.print(
+            f"false: {contact.joint} at {contact.time:.2f} s, {contact.intensity:.1f} deg"
+        )

@@ -1,0 +1,217 @@
+"""Identification of expected-error models: drive the robot in free motion, record, fit. Sec. IV of the paper."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from importlib.metadata import version
+
+import numpy as np
+from joblib import Parallel, delayed
+
+from pepper_driver.backends import BackendError, make_backend
+from pepper_driver.config import IdentificationScenario, RobotConfig, load_robot
+from pepper_driver.config.parts import FloatArray
+from pepper_driver.observer import (
+    ExpectedErrorModel,
+    ModelSet,
+    Recording,
+    RecordingBuilder,
+    TreeKind,
+    fit_joint,
+    nrmse_fit,
+)
+from pepper_driver.robot import Pepper
+
+Progress = Callable[[int, int], None]
+"""Called with (runs done, runs in all)."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class JointRecordings:
+    """Free motion of one joint: the estimation runs, in order of their stiffness, and the faster test run."""
+
+    joint: str
+    estimation: tuple[Recording, ...]
+    test: Recording
+
+
+@dataclass(frozen=True, kw_only=True)
+class Fit:
+    """How well a model predicts the tracking error of one joint, NRMSE [%]."""
+
+    joint: str
+    estimation: float
+    test: float
+
+
+def record_joints(
+    uri: str,
+    joints: Sequence[str],
+    scenario: IdentificationScenario,
+    *,
+    seed: int = 0,
+    workers: int = -1,
+    progress: Progress | None = None,
+) -> tuple[JointRecordings, ...]:
+    """Drive each joint through the estimation runs and the test run.
+
+    Simulated backends run in parallel, each run on a robot and with a random sequence of its own; the result does not
+    depend on ``workers``. A backend in real time runs one after the other.
+
+    Args:
+        uri: The backend. A seed in it is the root of all others.
+        joints: Names of the joints to identify.
+        scenario: The motion.
+        seed: Root of the random sequences.
+        workers: Processes for simulated runs; -1 for one per core.
+        progress: Told after each run.
+    """
+    robot = load_robot()
+    indices = [robot.joint_index(name) for name in joints]
+    info = make_backend(uri, robot).info
+    stiffnesses = (*scenario.estimation_stiffness, scenario.test_stiffness)
+    jobs = [
+        delayed(record_run)(uri, name, scenario, stiffness, (seed, index, run))
+        for name, index in zip(joints, indices, strict=True)
+        for run, stiffness in enumerate(stiffnesses)
+    ]
+    pool = Parallel(n_jobs=1 if info.real_time else workers, return_as="generator")
+    runs = list(_counted(pool(jobs), len(jobs), progress))
+    per_joint = len(stiffnesses)
+    return tuple(
+        JointRecordings(
+            joint=name,
+            estimation=tuple(runs[i * per_joint : (i + 1) * per_joint - 1]),
+            test=runs[(i + 1) * per_joint - 1],
+        )
+        for i, name in enumerate(joints)
+    )
+
+
+def _counted(
+    runs: Iterable[Recording], total: int, progress: Progress | None
+) -> Iterable[Recording]:
+    for done, run in enumerate(runs, start=1):
+        if progress is not None:
+            progress(done, total)
+        yield run
+
+
+def record_run(
+    uri: str,
+    joint: str,
+    scenario: IdentificationScenario,
+    stiffness: float,
+    seed: tuple[int, ...],
+) -> Recording:
+    """One run: the joint plays a random sequence twice, with other postures of its neighbours.
+
+    Args:
+        uri: The backend.
+        joint: The joint to excite.
+        scenario: The motion.
+        stiffness: Of the posture task [1/s2].
+        seed: Of the random sequence, and of a simulated robot's noise.
+    """
+    rng = np.random.default_rng(seed)
+    robot = load_robot()
+    sequence = _sequence(robot, joint, scenario, rng)
+    builder = RecordingBuilder(robot)
+    with Pepper(_seeded(uri, seed), observer=None, robot=robot) as pepper:
+        pepper.set_posture(_neighbours(robot, joint, scenario, rng), stiffness=stiffness)
+        pepper.run(scenario.settle)
+        for part in range(2):
+            if part == 1:
+                pepper.set_posture(_neighbours(robot, joint, scenario, rng))
+            for target, dwell in sequence:
+                pepper.set_posture({joint: target})
+                pepper.run(dwell, on_tick=lambda tick, _: builder.append(tick))
+    return builder.finish()
+
+
+def _seeded(uri: str, seed: tuple[int, ...]) -> str:
+    """The URI with a noise seed of its own for this run, if it is the simulated Pepper."""
+    if not uri.startswith("mujoco") or "seed=" in uri:
+        return uri
+    number = int(np.random.SeedSequence(seed).generate_state(1)[0])
+    head, _, query = uri.partition("?")
+    return f"{head}?{'&'.join(part for part in (query, f'seed={number}') if part)}"
+
+
+def _sequence(
+    robot: RobotConfig, joint: str, scenario: IdentificationScenario, rng: np.random.Generator
+) -> list[tuple[float, float]]:
+    """Targets [rad] and dwell times [s]: sweeps between the limits with small or big offsets, then set-points."""
+    config = robot.joints[robot.joint_index(joint)]
+    span = config.upper - config.lower
+    offset = scenario.largest_offset * span
+    targets = []
+    for _ in range(scenario.sweeps):
+        targets.append(config.lower + rng.uniform(0.0, offset))
+        targets.append(config.upper - rng.uniform(0.0, offset))
+    targets.extend(rng.uniform(config.lower, config.upper, scenario.setpoints))
+    dwells = rng.uniform(*scenario.dwell, len(targets))
+    return [(float(target), float(dwell)) for target, dwell in zip(targets, dwells, strict=True)]
+
+
+def _neighbours(
+    robot: RobotConfig, joint: str, scenario: IdentificationScenario, rng: np.random.Generator
+) -> dict[str, float]:
+    """New angles [rad] for the joints before and after ``joint`` in its chain."""
+    chain = robot.chain_of(joint)
+    place = chain.index(joint)
+    angles = {}
+    for name in (*chain[max(0, place - 1) : place], *chain[place + 1 : place + 2]):
+        config = robot.joints[robot.joint_index(name)]
+        middle, span = (config.lower + config.upper) / 2, config.upper - config.lower
+        reach = scenario.neighbour_range * span / 2
+        angles[name] = float(rng.uniform(middle - reach, middle + reach))
+    return angles
+
+
+def fit_models(
+    recordings: Sequence[JointRecordings], kind: TreeKind, robot: RobotConfig, identity: str
+) -> ModelSet:
+    """Fit one model per joint on its estimation runs, and score it on its test run."""
+    models: dict[str, ExpectedErrorModel] = {}
+    estimation, test = {}, {}
+    for entry in recordings:
+        model = fit_joint(entry.joint, entry.estimation, kind)
+        models[entry.joint] = model
+        # As in the paper: the mean over the estimation runs.
+        estimation[entry.joint] = float(
+            np.mean([_score(model, entry.joint, run) for run in entry.estimation])
+        )
+        test[entry.joint] = _score(model, entry.joint, entry.test)
+    return ModelSet(
+        robot=robot.name,
+        joint_names=robot.joint_names,
+        identity=identity,
+        kind=kind,
+        cycle=robot.cycle,
+        estimation_fit=estimation,
+        test_fit=test,
+        version=version("pepper-driver"),
+        models=models,
+    )
+
+
+def _score(model: ExpectedErrorModel, joint: str, run: Recording) -> float:
+    index = run.joint_names.index(joint)
+    return nrmse_fit(run.tracking_error(index), predicted(model, run, index))
+
+
+def predicted(model: ExpectedErrorModel, run: Recording, index: int) -> FloatArray:
+    """(n,) expected tracking error of a model over a recording [rad]."""
+    return model.predict(run.features(index))
+
+
+def check_free(joint: str, run: Recording) -> None:
+    """Refuse a recording that cannot teach anything: a joint that hardly moved."""
+    index = run.joint_names.index(joint)
+    moved = float(np.ptp(run.sent_position[:, index]))
+    if moved < np.radians(5.0):
+        raise BackendError(
+            f"{joint} moved only {np.degrees(moved):.1f} deg in a run; check its limits and stiffness"
+        )

@@ -1,0 +1,168 @@
+"""One tick after the other: measure, observe, react, control, gate, log."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from time import perf_counter_ns
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pepper_driver.backends import Backend, Command, Truth
+from pepper_driver.config import RobotConfig
+from pepper_driver.config.parts import FloatArray
+from pepper_driver.controller import Reference, Tick, WholeBodyController
+from pepper_driver.log import LogWriter
+from pepper_driver.observer import Observation, Observer
+from pepper_driver.reflexes import Control, Reflex
+from pepper_driver.safety import FaultError, RobotState, SafetyGate
+
+STAGES = ("backend", "observer", "reflexes", "controller", "gate", "log")
+"""What a tick consists of, in order; the backend's part is the robot, or the physics."""
+
+
+class StageTimes:
+    """How long each stage of the last ticks took; the newest ``capacity`` ticks are kept."""
+
+    def __init__(self, capacity: int = 10_000) -> None:
+        self._microseconds = np.zeros((capacity, len(STAGES)))
+        self._count = 0
+
+    def add(self, marks_ns: Sequence[int]) -> None:
+        """Take in one tick: the clock before the first and after each stage [ns]."""
+        row = self._microseconds[self._count % len(self._microseconds)]
+        for stage in range(len(STAGES)):
+            row[stage] = (marks_ns[stage + 1] - marks_ns[stage]) * 1e-3
+        self._count += 1
+
+    def clear(self) -> None:
+        """Forget all ticks."""
+        self._count = 0
+
+    @property
+    def microseconds(self) -> FloatArray:
+        """(n, stages) the ticks kept, not in order of time [us]."""
+        return self._microseconds[: min(self._count, len(self._microseconds))]
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class _Sent:
+    """A command on its way, with the reference it was made from."""
+
+    reference: Reference
+    command: Command
+    changed: NDArray[np.bool_]
+
+
+class Loop:
+    """Runs the ticks of one active robot.
+
+    Args:
+        backend: Active already.
+        robot: Its description.
+        controller: Reset to the posture the robot holds.
+        gate: Active, holding the same posture.
+        time: Clock of the robot now [s].
+        observer: Or None to feel nothing.
+        reflexes: Called in this order in every tick.
+        log: Or None.
+        deliver: Takes every tick and its observation; must not block.
+
+    Attributes:
+        control: What reflexes act on.
+        times: How long the stages took.
+        target: (17,) posture the user wants [rad].
+        time: Clock of the robot at the last measurement [s].
+    """
+
+    def __init__(
+        self,
+        backend: Backend,
+        robot: RobotConfig,
+        controller: WholeBodyController,
+        gate: SafetyGate,
+        *,
+        time: float,
+        observer: Observer | None,
+        reflexes: Sequence[Reflex],
+        log: LogWriter | None,
+        deliver: Callable[[Tick, Observation | None], None],
+    ) -> None:
+        self._backend = backend
+        self._robot = robot
+        self._controller = controller
+        self._gate = gate
+        self._observer = observer
+        self._reflexes = reflexes
+        self._log = log
+        self._deliver = deliver
+        self._truth: Truth | None = backend.truth if "truth" in backend.info.capabilities else None
+        self.control = Control(controller)
+        self.times = StageTimes()
+        self.target = controller.position
+        self.time = time
+        n = len(robot.joint_names)
+        standing = Reference(
+            position=controller.position,
+            velocity=np.zeros(n),
+            acceleration=np.zeros(n),
+            load_torque=controller.model.gravity_torque(controller.position),
+            base_twist=np.zeros(3),
+        )
+        first = _Sent(reference=standing, command=gate.sent, changed=np.zeros(n, dtype=np.bool_))
+        # The command that a measurement answers is the oldest here.
+        self._on_the_way = deque([first], maxlen=backend.info.response_delay + 1)
+
+    def tick(self) -> Tick:
+        """One cycle.
+
+        Raises:
+            FaultError: The safety gate stopped the robot in this cycle.
+        """
+        marks = [perf_counter_ns()]
+        measurement = self._backend.step(self._on_the_way[-1].command)
+        self.time = measurement.time
+        marks.append(perf_counter_ns())
+
+        answered = self._on_the_way[0]
+        tick = Tick(
+            measurement=measurement,
+            reference=answered.reference,
+            sent=answered.command,
+            changed=answered.changed,
+        )
+        observation = self._observer.step(tick) if self._observer is not None else None
+        marks.append(perf_counter_ns())
+
+        control = self.control
+        if observation is not None:
+            for reflex in self._reflexes:
+                reflex.step(observation, measurement, control)
+        marks.append(perf_counter_ns())
+
+        self._controller.posture.target = (
+            self.target if control.posture is None else control.posture
+        )
+        reference = self._controller.step(measurement)
+        wheel_speed = self._robot.wheels.matrix @ reference.base_twist
+        marks.append(perf_counter_ns())
+
+        self._gate.watch(measurement, answered.command)
+        gated = self._gate.gate(reference, control.stiffness, wheel_speed, measurement.age)
+        if gated.changed.any():
+            self._controller.accept(gated.command.position)
+        self._on_the_way.append(
+            _Sent(reference=reference, command=gated.command, changed=gated.changed)
+        )
+        marks.append(perf_counter_ns())
+
+        if self._log is not None:
+            self._log.append(tick, observation, self._truth)
+        self._deliver(tick, observation)
+        marks.append(perf_counter_ns())
+        self.times.add(marks)
+        if self._gate.state is RobotState.FAULT:
+            raise FaultError(self._gate.fault)
+        return tick

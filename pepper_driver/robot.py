@@ -1,0 +1,356 @@
+"""The robot as users meet it."""
+
+from __future__ import annotations
+
+import platform
+import time
+from collections.abc import Callable, Mapping, Sequence
+from importlib.metadata import version
+from pathlib import Path
+from types import TracebackType
+from typing import Literal, Self
+
+import mujoco
+import numpy as np
+from numpy.typing import ArrayLike
+
+from pepper_driver.backends import Backend, BackendError, make_backend
+from pepper_driver.callbacks import Dispatcher, contact_filter
+from pepper_driver.config import (
+    RobotConfig,
+    load_controller_settings,
+    load_robot,
+    load_safety_settings,
+)
+from pepper_driver.config.parts import FloatArray
+from pepper_driver.controller import PostureTask, Tick, WholeBodyController
+from pepper_driver.log import LogWriter
+from pepper_driver.loop import Loop, StageTimes
+from pepper_driver.observer import Contact, Observation, Observer
+from pepper_driver.observer.contact import Kind, Phase
+from pepper_driver.reflexes import Reflex
+from pepper_driver.safety import RobotState, SafetyGate
+from pepper_driver.selection import make_observer
+
+ContactCallback = Callable[[Contact], object]
+Posture = str | Mapping[str, float] | ArrayLike
+"""A posture by name, joints by name with their angles [rad] (the others stay), or all 17 angles [rad]."""
+
+
+class Pepper:
+    """A Pepper, real or simulated, that feels where it is touched.
+
+    >>> with Pepper("mujoco") as pepper:
+    ...     pepper.set_posture({"LShoulderRoll": 0.6})
+    ...     pepper.run(3.0)
+
+    Entering the block connects, raises the stiffness and starts to hold the posture; leaving it, for whatever reason,
+    stops the wheels, lowers the stiffness, closes the log and disconnects.
+
+    Args:
+        uri: Which robot: ``mujoco``, ``mujoco://?plant=nominal&seed=3``, ...
+        observer: Name of an observer, an observer, or None to feel nothing.
+        models: Model file of the observer, by default the one shipped for this robot.
+        log: Where to write the MCAP log; None for no log.
+        reflexes: Reactions inside the tick, in this order.
+        real_time: Pace a simulation to the wall clock.
+        robot: Description of the robot, by default the shipped Pepper.
+
+    Raises:
+        PepperError: Anything that is wrong with the arguments, before anything moves.
+    """
+
+    def __init__(
+        self,
+        uri: str = "mujoco",
+        *,
+        observer: str | Observer | None = "paper",
+        models: Path | None = None,
+        log: Path | None = None,
+        reflexes: Sequence[Reflex] = (),
+        real_time: bool = False,
+        robot: RobotConfig | None = None,
+    ) -> None:
+        self.config = robot or load_robot()
+        self.backend: Backend = make_backend(uri, self.config)
+        if isinstance(observer, str):
+            observer = make_observer(observer, self.config, self.backend.info.identity, models)
+        self._observer = observer
+        self._reflexes = tuple(reflexes)
+        self._log_path = log
+        self._log: LogWriter | None = None
+        self._paced = real_time and not self.backend.info.real_time
+        self._controller_settings = load_controller_settings(self.config)
+        self._safety_settings = load_safety_settings()
+        self._dispatcher = Dispatcher()
+        self._listeners: list[Callable[[Tick, Observation | None], None]] = []
+        self._gate: SafetyGate | None = None
+        self._loop: Loop | None = None
+        self._contacts: list[Contact] = []
+
+    # -- life ---------------------------------------------------------------------------------------------------
+
+    def __enter__(self) -> Self:
+        try:
+            self.activate()
+        except BaseException:
+            self.close()
+            raise
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    def activate(self) -> None:
+        """Connect, open the log, raise the stiffness, hold the measured posture.
+
+        Raises:
+            PepperError: The robot or the log cannot be opened.
+        """
+        if self._loop is not None:
+            raise BackendError(f"'{self.backend.info.uri}' is already active")
+        if self._log_path is not None:
+            self._log = LogWriter(
+                self._log_path,
+                self.config,
+                self._metadata(),
+                lossless=not self.backend.info.real_time,
+            )
+        measurement = self.backend.open()
+        hold = np.clip(measurement.position, self.config.lower, self.config.upper)
+        measurement = self.backend.activate()
+        controller = WholeBodyController(self.config, self._controller_settings)
+        controller.reset(hold)
+        gate = SafetyGate(self.config, self._safety_settings, self._controller_settings)
+        gate.activate(hold)
+        if self._observer is not None:
+            self._observer.reset()
+        for reflex in self._reflexes:
+            reflex.reset()
+        self._gate = gate
+        self._contacts.clear()
+        self._loop = Loop(
+            self.backend,
+            self.config,
+            controller,
+            gate,
+            time=measurement.time,
+            observer=self._observer,
+            reflexes=self._reflexes,
+            log=self._log,
+            deliver=self._deliver,
+        )
+
+    def close(self) -> None:
+        """Stop, lower the stiffness, close the log, disconnect. Does nothing when closed."""
+        self._loop = None
+        if self._gate is not None:
+            self._gate.deactivate()
+        try:
+            self.backend.close()
+        finally:
+            log, self._log = self._log, None
+            if log is not None:
+                log.close()
+            self._dispatcher.flush(timeout=2.0)
+            self._dispatcher.close(timeout=2.0)
+
+    @property
+    def state(self) -> RobotState:
+        """INACTIVE, ACTIVE, or FAULT, which only a new start leaves."""
+        return self._gate.state if self._gate is not None else RobotState.INACTIVE
+
+    # -- motion -------------------------------------------------------------------------------------------------
+
+    @property
+    def time(self) -> float:
+        """Clock of the robot at the last measurement [s]."""
+        return self._active().time
+
+    @property
+    def target(self) -> FloatArray:
+        """(17,) where the joints were last told to go [rad], a copy."""
+        return self._active().target.copy()
+
+    @property
+    def posture_task(self) -> PostureTask:
+        """The controller's posture task: stiffness, weight."""
+        return self._active().control.controller.posture
+
+    def set_posture(self, posture: Posture, *, stiffness: float | None = None) -> None:
+        """Set where the joints shall go from the next tick on; returns at once.
+
+        Args:
+            posture: Name, joints with angles [rad], or all 17 angles [rad].
+            stiffness: Of the posture task [1/s2]; None leaves it.
+
+        Raises:
+            PepperError: Unknown name, an angle that is not finite or outside the joint's limits. Nothing changes.
+        """
+        loop = self._active()
+        task = loop.control.controller.posture
+        target = self._resolve(posture, loop.target)
+        task.check_target(target)
+        if stiffness is not None:
+            task.stiffness = stiffness
+        loop.target = target
+
+    def run(
+        self, seconds: float, *, on_tick: Callable[[Tick, Observation | None], None] | None = None
+    ) -> None:
+        """Run for a time, then wait until the callbacks so far have been handled.
+
+        Args:
+            seconds: How long [s]; as fast as it goes in a simulation that is not paced.
+            on_tick: Called inside every tick: must be quick.
+
+        Raises:
+            FaultError: The safety gate stopped the robot.
+        """
+        if not (np.isfinite(seconds) and seconds >= 0):
+            raise ValueError(f"seconds must be a time that is not negative, got {seconds}")
+        loop = self._active()
+        if on_tick is not None:
+            self._listeners.append(on_tick)
+        cycle = self.config.cycle
+        deadline = time.perf_counter()
+        try:
+            for _ in range(round(seconds / cycle)):
+                loop.tick()
+                if self._paced:
+                    deadline += cycle
+                    time.sleep(max(0.0, deadline - time.perf_counter()))
+        finally:
+            if on_tick is not None:
+                self._listeners.remove(on_tick)
+        self._dispatcher.flush(timeout=2.0)
+
+    def emergency_stop(self) -> None:
+        """Hold the joints and stop the wheels from the next tick on; only a new start leaves this state."""
+        if self._gate is not None:
+            self._gate.stop("emergency stop")
+
+    def push(
+        self,
+        link: str,
+        force: ArrayLike,
+        point: ArrayLike | None = None,
+        duration: float = 0.5,
+        *,
+        frame: Literal["world", "link"] = "world",
+        delay: float = 0.0,
+    ) -> None:
+        """Push a link of a simulated robot; see :meth:`pepper_driver.backends.Backend.push`."""
+        self.backend.push(
+            link,
+            np.asarray(force, dtype=np.float64),
+            None if point is None else np.asarray(point, dtype=np.float64),
+            duration,
+            frame=frame,
+            delay=delay,
+        )
+
+    # -- touch --------------------------------------------------------------------------------------------------
+
+    def on_contact(
+        self,
+        *,
+        link: str | None = None,
+        joint: str | None = None,
+        kind: Kind | None = None,
+        phase: Phase | None = "begin",
+        min_intensity: float = 0.0,
+    ) -> Callable[[ContactCallback], ContactCallback]:
+        """Decorator: call a function when a contact is felt, on a thread of its own.
+
+        Args:
+            link: Only contacts on this link.
+            joint: Only contacts felt by this joint.
+            kind: Only this kind.
+            phase: ``begin``, ``update``, ``end``, or None for all.
+            min_intensity: Only contacts of at least this intensity [deg].
+
+        Raises:
+            UnknownNameError: No such link or joint.
+        """
+        wanted = contact_filter(
+            link=link,
+            joint=joint,
+            kind=kind,
+            phase=phase,
+            min_intensity=min_intensity,
+            robot=self.config,
+        )
+
+        def register(callback: ContactCallback) -> ContactCallback:
+            self._dispatcher.subscribe(callback, wanted)
+            return callback
+
+        return register
+
+    @property
+    def contacts(self) -> tuple[Contact, ...]:
+        """All contact events since the start, oldest first."""
+        return tuple(self._contacts)
+
+    @property
+    def observer(self) -> Observer | None:
+        """The observer in use."""
+        return self._observer
+
+    @property
+    def stage_times(self) -> StageTimes:
+        """How long the stages of the last ticks took."""
+        return self._active().times
+
+    @property
+    def controller(self) -> WholeBodyController:
+        """The controller in use."""
+        return self._active().control.controller
+
+    # -- inside -------------------------------------------------------------------------------------------------
+
+    def _active(self) -> Loop:
+        if self._loop is None:
+            raise BackendError(
+                f"'{self.backend.info.uri}' is not active; use it inside 'with Pepper(...) as pepper:'"
+            )
+        return self._loop
+
+    def _resolve(self, posture: Posture, current: FloatArray) -> FloatArray:
+        """(17,) angles of a posture; joints that it does not name keep ``current``."""
+        if isinstance(posture, str):
+            return self.config.posture(posture)
+        if isinstance(posture, Mapping):
+            target = current.copy()
+            for name, angle in posture.items():
+                target[self.config.joint_index(name)] = angle
+            return target
+        return np.array(posture, dtype=np.float64)
+
+    def _deliver(self, tick: Tick, observation: Observation | None) -> None:
+        if observation is not None:
+            for contact in observation.contacts:
+                self._contacts.append(contact)
+                self._dispatcher.publish(contact)
+        for listener in self._listeners:
+            listener(tick, observation)
+
+    def _metadata(self) -> dict[str, str]:
+        info = self.backend.info
+        return {
+            "pepper_driver": version("pepper-driver"),
+            "backend": info.uri,
+            "identity": info.identity,
+            "observer": self._observer.describe() if self._observer is not None else "none",
+            "response_delay": str(info.response_delay),
+            "python": platform.python_version(),
+            "numpy": np.__version__,
+            "mujoco": mujoco.__version__,
+            "machine": f"{platform.system()} {platform.machine()}",
+        }
