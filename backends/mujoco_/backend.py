@@ -201,7 +201,6 @@ class MujocoBackend(Backend):
     def _simulate(self, position: FloatArray, stiffness: FloatArray) -> FloatArray:
         """One cycle of physics towards ``position``; returns the mean |motor current| (17,) [A]."""
         model, data, boards = self._model, self._data, self._boards
-        mj = model.mj
         # A brake holds where it closed; it stays until the stiffness returns.
         braked = self._brakes & (stiffness <= 0.0)
         self._braked_at = np.where(braked, self._braked_at, position)
@@ -212,17 +211,14 @@ class MujocoBackend(Backend):
         torque = np.zeros_like(position)
         boards.begin_cycle()
         for step in range(1, self._steps + 1):
-            q = data.qpos[model.link_qpos]
-            theta = data.qpos[model.motor_qpos]
             data.ctrl[model.actuator] = boards.update(
-                begin + travel * (step / self._steps), q, data.qvel[model.motor_dof], stiffness
-            )
-            # The teeth damp only while they touch: MuJoCo's own tendon damping would drag in the gap too.
-            mj.tendon_damping[model.tendon] = model.gear_damping * (
-                np.abs(q - theta) > model.half_gap
+                begin + travel * (step / self._steps),
+                data.qpos[model.link_qpos],
+                data.qvel[model.motor_dof],
+                stiffness,
             )
             self._pushes.apply()
-            mujoco.mj_step(mj, data)
+            model.step(data)
             self._pushes.add_joint_torque(torque)
             current += np.abs(boards.current)
         self._target = position
@@ -277,9 +273,7 @@ class MujocoTruth(Truth):
     @property
     def in_gap(self) -> NDArray[np.bool_]:
         """(17,) whether the joint is inside its backlash."""
-        model, qpos = self._backend._model, self._backend._data.qpos
-        gap = np.abs(qpos[model.link_qpos] - qpos[model.motor_qpos]) <= model.half_gap
-        return np.asarray(gap, dtype=np.bool_)
+        return self._backend._model.in_gap(self._backend._data)
 
     @property
     def saturated(self) -> NDArray[np.bool_]:

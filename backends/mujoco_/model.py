@@ -46,6 +46,19 @@ class PlantModel:
     gear_damping: FloatArray
     bodies: dict[str, int]
 
+    def step(self, data: mujoco.MjData) -> None:
+        """One step of physics, with the wrenches and voltages set in ``data``.
+
+        The teeth damp only while they touch: MuJoCo's own tendon damping would drag inside the gap too.
+        """
+        self.mj.tendon_damping[self.tendon] = np.where(self.in_gap(data), 0.0, self.gear_damping)
+        mujoco.mj_step(self.mj, data)
+
+    def in_gap(self, data: mujoco.MjData) -> NDArray[np.bool_]:
+        """(17,) whether the teeth of each gear are apart: |q - theta| <= half_gap."""
+        phi = data.qpos[self.link_qpos] - data.qpos[self.motor_qpos]
+        return np.asarray(np.abs(phi) <= self.half_gap, dtype=np.bool_)
+
 
 def build_model(robot: RobotConfig, plant: PlantConfig) -> PlantModel:
     """Compile the plant from the robot's URDF and the plant's parameters."""

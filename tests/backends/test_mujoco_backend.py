@@ -1,0 +1,245 @@
+"""The simulated Pepper as a whole: sensing, determinism, pushes and their truth."""
+
+import numpy as np
+import pinocchio
+import pytest
+from numpy.typing import NDArray
+
+from pepper_driver.backends import CapabilityError, Command, make_backend
+from pepper_driver.backends.interface import Backend
+from pepper_driver.backends.mujoco_ import MujocoBackend
+from pepper_driver.config import UnknownNameError, load_plant, load_robot
+
+ROBOT = load_robot()
+ROLL = ROBOT.joint_index("LShoulderRoll")
+Array = NDArray[np.float64]
+
+
+def command(position: Array, stiffness: float = 1.0) -> Command:
+    return Command(
+        position=position, stiffness=np.full(17, stiffness), wheel_speed=np.zeros(3)
+    )
+
+
+def active(seed: int = 0) -> tuple[MujocoBackend, Array]:
+    backend = MujocoBackend(ROBOT, load_plant("nominal", ROBOT), seed=seed)
+    hold = np.clip(backend.open().position, ROBOT.lower, ROBOT.upper)
+    backend.activate()
+    return backend, hold
+
+
+def wave(hold: Array, time: float) -> Array:
+    position = hold.copy()
+    position[ROLL] += 0.3 * (1 - np.cos(2 * np.pi * 0.4 * time))
+    return position
+
+
+def run(seed: int, ticks: int = 150) -> list[bytes]:
+    backend, hold = active(seed)
+    backend.push("LForeArm", np.array([0.0, 8.0, 0.0]), duration=0.6, delay=0.3)
+    samples = []
+    for tick in range(ticks):
+        m = backend.step(command(wave(hold, tick * ROBOT.cycle)))
+        samples.append(m.position.tobytes() + m.current.tobytes())
+    return samples
+
+
+def test_the_same_seed_gives_the_same_bits() -> None:
+    assert run(3) == run(3)
+
+
+def test_another_seed_gives_other_noise() -> None:
+    assert run(3) != run(4)
+
+
+def test_two_plants_in_one_process_do_not_meet() -> None:
+    alone = run(3)
+    first, hold = active(3)
+    second, _ = active(3)
+    first.push("LForeArm", np.array([0.0, 8.0, 0.0]), duration=0.6, delay=0.3)
+    for tick in range(150):
+        m = first.step(command(wave(hold, tick * ROBOT.cycle)))
+        second.step(command(hold))
+        assert m.position.tobytes() + m.current.tobytes() == alone[tick]
+
+
+def test_encoders_count_in_4096ths_of_a_turn_one_cycle_late() -> None:
+    backend, hold = active()
+    true, measured = [], []
+    for tick in range(200):
+        m = backend.step(command(wave(hold, tick * ROBOT.cycle)))
+        true.append(backend.truth.position)
+        measured.append(m.position)
+    counts = np.array(measured) / (2 * np.pi / 4096)
+    np.testing.assert_allclose(counts, np.rint(counts), atol=1e-6)
+    error = [
+        np.abs(np.array(measured)[delay:, ROLL] - np.array(true)[: 200 - delay, ROLL]).max()
+        for delay in (0, 1, 2)
+    ]
+    noise = 5 * load_plant("nominal", ROBOT).transport.encoder_noise
+    assert error[1] < 2 * np.pi / 4096 / 2 + noise
+    assert error[0] > 2 * error[1]
+    assert error[2] > 2 * error[1]
+
+
+def test_the_truth_is_the_jacobian_times_the_force() -> None:
+    backend, hold = active()
+    force, point = np.array([3.0, 5.0, -2.0]), np.array([0.02, 0.01, 0.03])
+    backend.push("l_wrist", force, point, duration=2.0)
+    for _ in range(100):
+        backend.step(command(hold))
+
+    model = pinocchio.buildModelFromUrdf(str(ROBOT.urdf))
+    data = model.createData()
+    q = pinocchio.neutral(model)
+    for name, angle in zip(ROBOT.joint_names, backend.truth.position, strict=True):
+        q[model.joints[model.getJointId(name)].idx_q] = angle
+    pinocchio.computeJointJacobians(model, data, q)
+    pinocchio.updateFramePlacements(model, data)
+    frame = model.getFrameId("l_wrist")
+    jacobian = pinocchio.getFrameJacobian(
+        model, data, frame, pinocchio.ReferenceFrame.LOCAL_WORLD_ALIGNED
+    )
+    moment = np.cross(data.oMf[frame].rotation @ point, force)
+    torque = jacobian.T @ np.concatenate([force, moment])
+    expected = [torque[model.joints[model.getJointId(n)].idx_v] for n in ROBOT.joint_names]
+    np.testing.assert_allclose(backend.truth.contact_torque, expected, atol=2e-3)
+
+
+def test_a_push_in_link_axes_keeps_its_torque_as_the_arm_turns() -> None:
+    backend, hold = active()
+    lever, force = 0.16, 10.0
+    backend.push(
+        "LBicep", np.array([0.0, force, 0.0]), np.array([lever, 0.0, 0.0]), 3.0, frame="link"
+    )
+    torques = []
+    for tick in range(240):
+        backend.step(command(wave(hold, tick * ROBOT.cycle)))
+        torques.append(backend.truth.contact_torque[ROLL])
+    np.testing.assert_allclose(torques[20:], lever * force, rtol=1e-3)
+
+
+def test_a_push_rises_holds_and_ends() -> None:
+    backend, hold = active()
+    backend.push("LBicep", np.array([0.0, 10.0, 0.0]), np.array([0.16, 0, 0]), 0.6, delay=0.24)
+    torques = []
+    for _ in range(100):
+        backend.step(command(hold))
+        torques.append(backend.truth.contact_torque[ROLL])
+    times = np.arange(100) * ROBOT.cycle
+    torques_array = np.abs(np.array(torques))
+    assert (torques_array[times + ROBOT.cycle <= 0.24] == 0).all()
+    assert (torques_array[times > 0.24 + 0.6] == 0).all()
+    assert torques_array[(times > 0.35) & (times < 0.7)].min() > 1.0
+
+
+def test_a_held_load_bends_the_joint_by_torque_over_stiffness() -> None:
+    """Eq. 10 at rest: eps = -tau_ext / K, within what friction can hold."""
+    backend, hold = active()
+    actuator = next(
+        a for a in load_plant("nominal", ROBOT).actuators if "LShoulderRoll" in a.joints
+    )
+    for _ in range(80):
+        backend.step(command(hold))
+    before = backend.truth.position[ROLL]
+    backend.push("LBicep", np.array([0.0, 15.0, 0.0]), np.array([0.16, 0, 0]), 2.0, frame="link")
+    for _ in range(140):
+        backend.step(command(hold))
+    stiffness = backend.truth.stiffness[ROLL]
+    bent = backend.truth.position[ROLL] - before
+    torque = backend.truth.contact_torque[ROLL]
+    band = 2 * (actuator.motor_friction + actuator.link_friction) / stiffness
+    wind_up = torque / actuator.gear_stiffness + 2 * actuator.half_gap
+    assert torque == pytest.approx(2.4, rel=1e-3)
+    assert bent == pytest.approx(torque / stiffness, abs=band + wind_up)
+    assert bent > 0
+
+
+def test_stiffness_scales_what_the_joint_can_hold() -> None:
+    """A push that full stiffness holds moves a soft joint to its stop."""
+    deflections = []
+    for stiffness in (1.0, 0.2):
+        backend, hold = active()
+        for _ in range(40):
+            backend.step(command(hold, stiffness))
+        backend.push(
+            "LBicep", np.array([0.0, 25.0, 0.0]), np.array([0.16, 0, 0]), 1.5, frame="link"
+        )
+        for _ in range(100):
+            backend.step(command(hold, stiffness))
+        deflections.append(backend.truth.position[ROLL] - hold[ROLL])
+        assert backend.truth.saturated[ROLL] == (stiffness < 1.0)
+    assert deflections[1] > 3 * deflections[0]
+
+
+def test_the_board_interpolates_the_command_over_the_cycle() -> None:
+    """A ramp of commands must not reach the joint as stairs: the current shows the steps."""
+    backend, hold = active()
+    position = hold.copy()
+    for _ in range(120):
+        position = position.copy()
+        position[ROLL] += 0.006  # 0.5 rad/s
+        backend.step(command(position))
+    smooth = backend._boards
+    targets: list[float] = []
+    update = smooth.update
+
+    def spy(target: Array, *rest: Array) -> Array:
+        targets.append(float(target[ROLL]))
+        return update(target, *rest)
+
+    smooth.update = spy  # type: ignore[method-assign]
+    for _ in range(3):
+        position = position.copy()
+        position[ROLL] += 0.006
+        backend.step(command(position))
+    np.testing.assert_allclose(np.diff(targets), 0.0005, atol=1e-12)
+
+
+def test_brakes_hold_the_legs_without_stiffness() -> None:
+    backend = make_backend("mujoco://?posture=Crouch")
+    with backend:
+        first = backend.open()
+        for _ in range(120):
+            last = backend.step(command(np.clip(first.position, ROBOT.lower, ROBOT.upper), 0.0))
+        legs = [ROBOT.joint_index(name) for name in ROBOT.chains["legs"]]
+        assert np.abs(last.position[legs] - first.position[legs]).max() < np.radians(1.0)
+
+
+def test_wheels_follow_their_command() -> None:
+    backend, hold = active()
+    wanted = np.array([1.0, -2.0, 20.0])
+    for _ in range(60):
+        m = backend.step(Command(position=hold, stiffness=np.ones(17), wheel_speed=wanted))
+    np.testing.assert_allclose(m.wheel_speed, [1.0, -2.0, ROBOT.wheels.speed_limit], rtol=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "error"),
+    [
+        ({"link": "LForearm", "force": [0, 1, 0]}, UnknownNameError),
+        ({"link": "LForeArm", "force": [0, np.nan, 0]}, ValueError),
+        ({"link": "LForeArm", "force": [0, 1]}, ValueError),
+        ({"link": "LForeArm", "force": [0, 1, 0], "point": [0, 0]}, ValueError),
+        ({"link": "LForeArm", "force": [0, 1, 0], "duration": 0.0}, ValueError),
+        ({"link": "LForeArm", "force": [0, 1, 0], "duration": np.inf}, ValueError),
+        ({"link": "LForeArm", "force": [0, 1, 0], "delay": -1.0}, ValueError),
+        ({"link": "LForeArm", "force": [0, 1, 0], "frame": "torso"}, UnknownNameError),
+    ],
+)
+def test_a_wrong_push_is_refused(arguments: dict[str, object], error: type[Exception]) -> None:
+    backend, _ = active()
+    with pytest.raises(error):
+        backend.push(**arguments)  # type: ignore[arg-type]
+
+
+def test_a_robot_without_simulation_has_neither_truth_nor_pushes() -> None:
+    class Real(MujocoBackend):
+        push = Backend.push
+        truth = Backend.truth
+
+    backend = Real(ROBOT, load_plant("nominal", ROBOT))
+    with pytest.raises(CapabilityError, match="ground truth"):
+        _ = backend.truth
+    with pytest.raises(CapabilityError, match="push"):
+        backend.push("LForeArm", np.zeros(3))

@@ -1,0 +1,77 @@
+"""Backends by URI, and those of other packages."""
+
+from importlib.metadata import EntryPoint, EntryPoints
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from pepper_driver.backends import make_backend
+from pepper_driver.backends.mujoco_ import MujocoBackend
+from pepper_driver.backends.selection import BackendUri, parse_uri
+from pepper_driver.config import PepperError, RobotConfig, load_plant
+from pepper_driver.config import plugins as plugins_module
+from pepper_driver.config.plugins import PluginError
+
+
+@pytest.mark.parametrize("uri", ["mujoco", "mujoco://", "mujoco?seed=3", "mujoco://?plant=nominal"])
+def test_the_simulated_robot_has_several_spellings(uri: str) -> None:
+    backend = make_backend(uri)
+    assert isinstance(backend, MujocoBackend)
+    assert backend.info.uri == uri
+
+
+@pytest.mark.parametrize(
+    ("uri", "message"),
+    [
+        ("mujocco", "did you mean mujoco"),
+        ("", "empty"),
+        ("naoqo://pepper.local", "unknown backend"),
+        ("mujoco://?plant=norminal", "did you mean nominal"),
+        ("mujoco://?palnt=nominal", "did you mean plant"),
+        ("mujoco://?seed=-1", "whole number"),
+        ("mujoco://?seed=1&seed=2", "twice"),
+        ("mujoco://?posture=Stnad", "Stand"),
+        ("mujoco://?plant=nowhere.yaml", "nowhere.yaml"),
+    ],
+)
+def test_a_wrong_uri_is_one_line(uri: str, message: str) -> None:
+    with pytest.raises(PepperError) as caught:
+        make_backend(uri)
+    assert message in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+@given(st.text())
+def test_any_text_is_a_uri_or_one_error(text: str) -> None:
+    try:
+        assert isinstance(parse_uri(text), BackendUri)
+    except PepperError:
+        pass
+
+
+def third_party(uri: BackendUri, robot: RobotConfig) -> MujocoBackend:
+    return MujocoBackend(robot, load_plant("nominal", robot), uri=uri.text)
+
+
+def not_a_backend(uri: BackendUri, robot: RobotConfig) -> str:
+    return "hello"
+
+
+def test_another_package_registers_a_backend(monkeypatch: pytest.MonkeyPatch) -> None:
+    group = "pepper_driver.backends"
+    points = EntryPoints(
+        [
+            EntryPoint(name="theirs", value=f"{__name__}:third_party", group=group),
+            EntryPoint(name="broken", value="no_such_module:x", group=group),
+            EntryPoint(name="odd", value=f"{__name__}:not_a_backend", group=group),
+        ]
+    )
+    monkeypatch.setattr(plugins_module, "entry_points", lambda group: points.select(group=group))
+    assert make_backend("theirs://here").info.uri == "theirs://here"
+    with pytest.raises(PluginError, match="no_such_module"):
+        make_backend("broken")
+    with pytest.raises(PepperError, match="no Backend"):
+        make_backend("odd")
+    with pytest.raises(PepperError, match="theirs"):
+        make_backend("thiers")
