@@ -10,7 +10,7 @@ from typing import Literal, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from pepper_driver.config import PepperError
+from pepper_driver.config import PepperError, PlantConfig
 
 FloatArray = NDArray[np.float64]
 
@@ -130,6 +130,11 @@ class Truth(ABC):
     @abstractmethod
     def position(self) -> FloatArray:
         """(17,) link-side joint positions now, without encoder or transport [rad]."""
+
+    @property
+    @abstractmethod
+    def plant(self) -> PlantConfig:
+        """The parameters of the simulated robot."""
 
     @property
     @abstractmethod

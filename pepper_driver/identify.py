@@ -3,21 +3,25 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from importlib.metadata import version
+from typing import Any
 
 import numpy as np
 from joblib import Parallel, delayed
 
-from pepper_driver.backends import BackendError, make_backend
+from pepper_driver.backends import Backend, make_backend
 from pepper_driver.config import IdentificationScenario, RobotConfig, load_robot
 from pepper_driver.config.parts import FloatArray
 from pepper_driver.observer import (
+    TREE_TYPES,
     ExpectedErrorModel,
     ModelSet,
+    MotorParameters,
     Recording,
     RecordingBuilder,
     TreeKind,
+    expected_error,
     fit_joint,
     nrmse_fit,
 )
@@ -25,6 +29,11 @@ from pepper_driver.robot import Pepper
 
 Progress = Callable[[int, int], None]
 """Called with (runs done, runs in all)."""
+
+Predictor = Callable[[Recording], FloatArray]
+"""(n,) expected tracking error over a recording [rad]."""
+
+CLOSED_FORM = "closed form"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -38,11 +47,32 @@ class JointRecordings:
 
 @dataclass(frozen=True, kw_only=True)
 class Fit:
-    """How well a model predicts the tracking error of one joint, NRMSE [%]."""
+    """How well the tracking error of a joint is predicted, NRMSE [%]: estimation runs (mean), test run."""
 
-    joint: str
     estimation: float
     test: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class Identification:
+    """The models, and by method and joint how well each predicts.
+
+    ``fits`` holds the chosen tree first, then the other, then, on a simulated robot, the closed form of Eq. 11 with
+    the plant's true parameters.
+    """
+
+    models: ModelSet
+    fits: dict[str, dict[str, Fit]]
+
+    def as_json(self) -> dict[str, Any]:
+        """``fit.<method>.<joint>.{estimation,test}``."""
+        return {
+            "fit": {
+                method: {joint: asdict(fit) for joint, fit in fits.items()}
+                for method, fits in self.fits.items()
+            },
+            "identity": self.models.identity,
+        }
 
 
 def record_joints(
@@ -170,48 +200,83 @@ def _neighbours(
     return angles
 
 
-def fit_models(
-    recordings: Sequence[JointRecordings], kind: TreeKind, robot: RobotConfig, identity: str
-) -> ModelSet:
-    """Fit one model per joint on its estimation runs, and score it on its test run."""
-    models: dict[str, ExpectedErrorModel] = {}
-    estimation, test = {}, {}
-    for entry in recordings:
-        model = fit_joint(entry.joint, entry.estimation, kind)
-        models[entry.joint] = model
-        # As in the paper: the mean over the estimation runs.
-        estimation[entry.joint] = float(
-            np.mean([_score(model, entry.joint, run) for run in entry.estimation])
-        )
-        test[entry.joint] = _score(model, entry.joint, entry.test)
-    return ModelSet(
-        robot=robot.name,
-        joint_names=robot.joint_names,
-        identity=identity,
-        kind=kind,
-        cycle=robot.cycle,
-        estimation_fit=estimation,
-        test_fit=test,
-        version=version("pepper-driver"),
-        models=models,
+def identify_joints(
+    uri: str,
+    joints: Sequence[str],
+    scenario: IdentificationScenario,
+    kind: TreeKind,
+    *,
+    seed: int = 0,
+    progress: Progress | None = None,
+) -> Identification:
+    """Record free motion and fit a model of ``kind`` to each joint; see :func:`record_joints` for the rest.
+
+    Raises:
+        PepperError: A joint or backend that does not exist, a robot that refuses, data that determine nothing.
+    """
+    robot = load_robot()
+    recordings = record_joints(uri, joints, scenario, seed=seed, progress=progress)
+    backend = make_backend(uri, robot)
+    fits: dict[str, dict[str, Fit]] = {}
+    chosen: dict[str, ExpectedErrorModel] = {}
+    for method in (kind, *(other for other in TREE_TYPES if other != kind)):
+        fits[method] = {}
+        for entry in recordings:
+            model = fit_joint(entry.joint, entry.estimation, method)
+            fits[method][entry.joint] = _fit(entry, _predictor(model, entry.joint))
+            if method == kind:
+                chosen[entry.joint] = model
+    if "truth" in backend.info.capabilities:
+        fits[CLOSED_FORM] = {
+            entry.joint: _fit(entry, _oracle(backend, robot, entry.joint)) for entry in recordings
+        }
+    return Identification(
+        models=ModelSet(
+            robot=robot.name,
+            joint_names=robot.joint_names,
+            identity=backend.info.identity,
+            kind=kind,
+            cycle=robot.cycle,
+            estimation_fit={name: fit.estimation for name, fit in fits[kind].items()},
+            test_fit={name: fit.test for name, fit in fits[kind].items()},
+            version=version("pepper-driver"),
+            models=chosen,
+            created_by=f"pepper identify --joints {','.join(joints)} --tree {kind} --seed {seed}",
+        ),
+        fits=fits,
     )
 
 
-def _score(model: ExpectedErrorModel, joint: str, run: Recording) -> float:
-    index = run.joint_names.index(joint)
-    return nrmse_fit(run.tracking_error(index), predicted(model, run, index))
+def _fit(entry: JointRecordings, predict: Predictor) -> Fit:
+    """As in the paper: the mean over the estimation runs, and the test run."""
+    index = entry.test.joint_names.index(entry.joint)
+    scores = [
+        nrmse_fit(run.tracking_error(index), predict(run)) for run in (*entry.estimation, entry.test)
+    ]
+    return Fit(estimation=float(np.mean(scores[:-1])), test=scores[-1])
 
 
-def predicted(model: ExpectedErrorModel, run: Recording, index: int) -> FloatArray:
-    """(n,) expected tracking error of a model over a recording [rad]."""
-    return model.predict(run.features(index))
+def _predictor(model: ExpectedErrorModel, joint: str) -> Predictor:
+    return lambda run: model.predict(run.features(run.joint_names.index(joint)))
 
 
-def check_free(joint: str, run: Recording) -> None:
-    """Refuse a recording that cannot teach anything: a joint that hardly moved."""
-    index = run.joint_names.index(joint)
-    moved = float(np.ptp(run.sent_position[:, index]))
-    if moved < np.radians(5.0):
-        raise BackendError(
-            f"{joint} moved only {np.degrees(moved):.1f} deg in a run; check its limits and stiffness"
-        )
+def _oracle(backend: Backend, robot: RobotConfig, joint: str) -> Predictor:
+    """Eq. 11 with the plant's true parameters: what the method could know at best without friction's memory."""
+    plant, info = backend.truth.plant, backend.info
+    motor, ratio = robot.motors.of(joint), robot.motors.joints[joint].ratio
+    actuator = next(entry for entry in plant.actuators if joint in entry.joints)
+    parameters = MotorParameters(
+        resistance=motor.resistance,
+        torque_constant=motor.torque_constant,
+        speed_constant=motor.torque_constant,
+        rotor_inertia=motor.rotor_inertia,
+        motor_damping=actuator.motor_damping,
+        ratio=ratio,
+        proportional_gain=actuator.kp,
+        derivative_gain=actuator.kd,
+        coulomb_friction=actuator.motor_friction + actuator.link_friction,
+        viscous_friction=actuator.link_damping,
+    )
+    return lambda run: expected_error(
+        parameters, run.features(run.joint_names.index(joint)), info.cycle
+    )

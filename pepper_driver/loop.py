@@ -103,6 +103,7 @@ class Loop:
         self.times = StageTimes()
         self.target = controller.position
         self.time = time
+        self._wanted = self.target
         n = len(robot.joint_names)
         standing = Reference(
             position=controller.position,
@@ -142,9 +143,9 @@ class Loop:
                 reflex.step(observation, measurement, control)
         marks.append(perf_counter_ns())
 
-        self._controller.posture.target = (
-            self.target if control.posture is None else control.posture
-        )
+        wanted = self.target if control.posture is None else control.posture
+        if wanted is not self._wanted:
+            self._controller.posture.target = self._wanted = wanted
         reference = self._controller.step(measurement)
         wheel_speed = self._robot.wheels.matrix @ reference.base_twist
         marks.append(perf_counter_ns())

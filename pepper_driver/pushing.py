@@ -72,7 +72,7 @@ def plan_push(
     """
     index = robot.joint_index(joint)
     jacobian = model.point_jacobian(link, point, posture)
-    rotation_link_to_world = model.rotation_to_world(link)
+    rotation_link_to_world = model.link_pose(link, posture)[:3, :3]
     lever = float(np.linalg.norm(jacobian[:, index]))
     if lever < 1e-3:
         raise PushTooStrongError(f"a force at this point of {link} does not turn {joint}")

@@ -286,6 +286,11 @@ class MujocoTruth(Truth):
         return self._backend.link_position
 
     @property
+    def plant(self) -> PlantConfig:
+        """The parameters of the simulated robot."""
+        return self._backend._plant
+
+    @property
     def stiffness(self) -> FloatArray:
         """(17,) K = kp N Kt / R [N m/rad]."""
         return self._backend._boards.stiffness.copy()

@@ -1,0 +1,6 @@
+"""What the robot must not do: bounds on accelerations, and rows of inequalities."""
+
+from pepper_driver.controller.constraints.box import AccelerationBox
+from pepper_driver.controller.constraints.constraint import Constraint
+
+__all__ = ["AccelerationBox", "Constraint"]

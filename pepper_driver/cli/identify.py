@@ -19,7 +19,7 @@ from pepper_driver.cli.console import (
 )
 from pepper_driver.config import UnknownNameError, load_identification_scenario
 from pepper_driver.identify import Identification, identify_joints
-from pepper_driver.observer import TREE_KINDS, TreeKind
+from pepper_driver.observer import TREE_TYPES, TreeKind
 
 
 def identify(
@@ -35,9 +35,9 @@ def identify(
     """Drive joints in free motion, fit an expected-error model to each, write the model file."""
     console = make_console()
     check_json(json_file)
-    kind = next((kind for kind in TREE_KINDS if kind == tree), None)
+    kind = next((kind for kind in TREE_TYPES if kind == tree), None)
     if kind is None:
-        raise UnknownNameError("tree", tree, TREE_KINDS)
+        raise UnknownNameError("tree", tree, TREE_TYPES)
     result = identify_with_progress(console, backend, joints.split(","), kind, seed=seed)
     result.models.save(out)
     print_fits(console, result)
@@ -64,13 +64,10 @@ def identify_with_progress(
 def print_fits(console: Console, result: Identification) -> None:
     """Print how well each model predicts, beside the other tree and the closed form."""
     table = Table(title="fit of the tracking error, NRMSE %", title_justify="left")
-    table.add_column("joint")
-    for method in result.fits:
-        table.add_column(f"{method} estimation", justify="right")
-        table.add_column("test", justify="right")
+    for name in ("joint", "model", "estimation", "test"):
+        table.add_column(name, justify="right" if name in ("estimation", "test") else "left")
     for joint in result.models.models:
-        row = []
-        for fits in result.fits.values():
-            row += [f"{fits[joint].estimation:.1f}", f"{fits[joint].test:.1f}"]
-        table.add_row(joint, *row)
+        for method, fits in result.fits.items():
+            fit = fits[joint]
+            table.add_row(joint, method, f"{fit.estimation:.1f}", f"{fit.test:.1f}")
     console.print(table)

@@ -1,0 +1,42 @@
+"""Any solver that qpsolvers wraps: slower, for comparison."""
+
+from __future__ import annotations
+
+import warnings
+
+import numpy as np
+import qpsolvers
+from numpy.typing import NDArray
+
+from pepper_driver.controller.solvers.solver import NO_BOUNDS, NO_ROWS, Solution, checked
+
+FloatArray = NDArray[np.float64]
+
+
+class QpsolversSolver:
+    """One of ``qpsolvers.available_solvers``, set up anew in every call."""
+
+    def __init__(self, name: str) -> None:
+        self.name = name
+
+    def solve(
+        self,
+        H: FloatArray,  # noqa: N803
+        g: FloatArray,
+        lower: FloatArray,
+        upper: FloatArray,
+        G: FloatArray = NO_ROWS,  # noqa: N803
+        h: FloatArray = NO_BOUNDS,
+    ) -> Solution:
+        """Solve one problem; see :class:`Solver`."""
+        rows = (G, h) if len(h) else (None, None)
+        problem = qpsolvers.Problem(H, g, *rows, None, None, lower, upper)
+        try:
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore")  # about sparse matrices
+                solution = qpsolvers.solve_problem(problem, solver=self.name)
+        except Exception:  # each wrapped solver raises errors of its own
+            return Solution(np.zeros(len(g)), "failed")
+        if not solution.found or solution.x is None:
+            return Solution(np.zeros(len(g)), "infeasible")
+        return checked(solution.x, lower, upper, G, h)

@@ -1,0 +1,26 @@
+"""A solver by name."""
+
+from __future__ import annotations
+
+import qpsolvers
+
+from pepper_driver.config import UnknownNameError
+from pepper_driver.controller.solvers.daqp_ import DaqpSolver
+from pepper_driver.controller.solvers.osqp_ import OsqpSolver
+from pepper_driver.controller.solvers.qpsolvers_ import QpsolversSolver
+from pepper_driver.controller.solvers.solver import Solver
+
+
+def make_solver(name: str) -> Solver:
+    """``daqp``, ``osqp``, or any solver that qpsolvers knows and finds installed.
+
+    Raises:
+        UnknownNameError: No such solver here; the message lists those there are.
+    """
+    if name == "daqp":
+        return DaqpSolver()
+    if name == "osqp":
+        return OsqpSolver()
+    if name in qpsolvers.available_solvers:
+        return QpsolversSolver(name)
+    raise UnknownNameError("solver", name, {"daqp", "osqp", *qpsolvers.available_solvers})

@@ -1,0 +1,60 @@
+"""What a solver is."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+
+Status = Literal["solved", "infeasible", "failed"]
+
+TOLERANCE = 1e-5
+"""By how much a solution may leave its bounds; a solver that says solved and returns worse has failed."""
+
+NO_ROWS = np.zeros((0, 0))
+NO_BOUNDS = np.zeros(0)
+
+
+@dataclass(frozen=True, slots=True)
+class Solution:
+    """Minimiser ``x`` (n,), to be used only when ``status`` is ``solved``."""
+
+    x: FloatArray
+    status: Status
+
+
+class Solver(Protocol):
+    """Solves min 1/2 x'Hx + g'x subject to lower <= x <= upper and Gx <= h. Never raises."""
+
+    name: str
+
+    def solve(
+        self,
+        H: FloatArray,  # noqa: N803
+        g: FloatArray,
+        lower: FloatArray,
+        upper: FloatArray,
+        G: FloatArray = NO_ROWS,  # noqa: N803
+        h: FloatArray = NO_BOUNDS,
+    ) -> Solution:
+        """Solve one problem; (n, n), (n,), (n,), (n,), (m, n), (m,)."""
+
+
+def checked(
+    x: FloatArray, lower: FloatArray, upper: FloatArray, matrix: FloatArray, bound: FloatArray
+) -> Solution:
+    """``x`` clipped into its box, if it was there but for rounding and keeps the rows; a failure otherwise.
+
+    Solvers have returned infeasible points as solved.
+    """
+    off = np.maximum(lower - x, x - upper).max()
+    ok = bool(off <= TOLERANCE)  # False for NaN
+    if ok and len(bound):
+        ok = bool((matrix @ x - bound).max() <= TOLERANCE * (1.0 + np.abs(x).max()))
+    if not ok:
+        return Solution(x, "failed")
+    return Solution(np.minimum(np.maximum(x, lower), upper), "solved")

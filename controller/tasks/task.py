@@ -1,0 +1,90 @@
+r"""What a task is: rows of the cost.
+
+The controller minimises the sum over tasks of weight * sum_i dim_weight_i * (J qdd + Jdot qd - a*)_i^2, with the
+desired acceleration a* = stiffness * error - damping * velocity: the set-point law of the JRL task library.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from math import isfinite, sqrt
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pepper_driver.controller.errors import GainError
+from pepper_driver.controller.model import RobotModel
+
+FloatArray = NDArray[np.float64]
+
+
+class Task(ABC):
+    """Rows of the cost with a common stiffness [1/s2], damping [1/s] and weight.
+
+    Damping follows the stiffness as 2 sqrt(stiffness), which is critical, unless it is set.
+
+    Args:
+        rows: Number of rows.
+        stiffness: Of the error [1/s2].
+        weight: In the cost, against other tasks.
+
+    Attributes:
+        needs_kinematics: Whether the controller must compute Jacobians before :meth:`write`.
+        dim_weight: (rows,) weight of each row within the task.
+    """
+
+    needs_kinematics = True
+
+    def __init__(self, rows: int, *, stiffness: float, weight: float) -> None:
+        self.rows = rows
+        self.dim_weight = np.ones(rows)
+        self._damping: float | None = None
+        self.stiffness = stiffness
+        self.weight = weight
+
+    @property
+    def stiffness(self) -> float:
+        """Of the error [1/s2]."""
+        return self._stiffness
+
+    @stiffness.setter
+    def stiffness(self, value: float) -> None:
+        self._stiffness = _not_negative("stiffness", value)
+
+    @property
+    def damping(self) -> float:
+        """Of the velocity [1/s]; 2 sqrt(stiffness) unless set."""
+        return 2.0 * sqrt(self._stiffness) if self._damping is None else self._damping
+
+    @damping.setter
+    def damping(self, value: float | None) -> None:
+        self._damping = None if value is None else _not_negative("damping", value)
+
+    @property
+    def weight(self) -> float:
+        """In the cost, against other tasks."""
+        return self._weight
+
+    @weight.setter
+    def weight(self, value: float) -> None:
+        self._weight = _not_negative("weight", value)
+
+    @abstractmethod
+    def write(self, model: RobotModel, jacobian: FloatArray, acceleration: FloatArray) -> None:
+        """Write the rows for the model's state.
+
+        Args:
+            model: At the state of the controller.
+            jacobian: (rows, 20) to be filled with J.
+            acceleration: (rows,) to be filled with a* - Jdot qd.
+        """
+
+    @abstractmethod
+    def error(self, model: RobotModel) -> FloatArray:
+        """(rows,) distance to the target at the model's state, in the unit of the task."""
+
+
+def _not_negative(name: str, value: float) -> float:
+    if not (isinstance(value, int | float | np.floating) and isfinite(value) and value >= 0):
+        raise GainError(f"{name} must be a finite number that is not negative, got {value!r}")
+    return float(value)

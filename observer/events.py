@@ -1,0 +1,134 @@
+"""The residual of one joint over time: free, touched, released, swinging back. Sec. V of the paper."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from pepper_driver.config import ObserverSettings
+from pepper_driver.observer.contact import Kind
+from pepper_driver.observer.interface import JointState
+
+TIME_TOLERANCE = 1e-6
+"""[s] Clocks count in 12 ms steps that are no exact floats; spans are compared with this much grace."""
+
+Onset = Callable[[int, int, float], float]
+"""Clock [s] at which the residual of a joint began to leave its band, from joint index, sign and threshold."""
+
+
+@dataclass(kw_only=True, slots=True)
+class Excursion:
+    """A joint's residual beyond its threshold, on one side.
+
+    Attributes:
+        joint: Index of the joint.
+        sign: Sign of the residual.
+        kind: ``contact`` or ``rebound``.
+        onset_time: When the residual began to leave its free-motion band [s].
+        peak: Largest size of the residual so far [rad].
+        begin_time: When it crossed the threshold [s].
+        fall_time: When it fell under the threshold [s]; None while it is over it.
+    """
+
+    joint: int
+    sign: int
+    kind: Kind
+    onset_time: float
+    peak: float
+    begin_time: float
+    fall_time: float | None = None
+
+    @property
+    def over(self) -> bool:
+        """Whether the residual is over the threshold now."""
+        return self.fall_time is None
+
+
+class JointMonitor:
+    """State machine of one joint.
+
+    - FREE: the residual is within the threshold.
+    - CONTACT: it is over it.
+    - RELEASE: it fell under it less than ``merge_gap`` ago. If it returns on the same side, the excursion goes on; if
+      not, the excursion has ended when it fell.
+    - REBOUND: it crossed the threshold on the other side at most ``rebound_window`` after it fell: the joint swings
+      back from a strong contact. The paper leaves these out of its false positives. One that stays over the
+      threshold for longer than ``rebound_window`` is a contact after all: somebody holds the joint. (A free joint has
+      swung back by then in four of five cases; and a touch that is not told is worse than a rebound that is.)
+    - BLIND: the residual is NaN. Everything is forgotten: an excursion ends at once, and what follows is no rebound.
+
+    Args:
+        joint: Index of the joint.
+        settings: Merge gap and rebound window.
+        onset: Tells when an excursion began.
+    """
+
+    def __init__(self, joint: int, settings: ObserverSettings, onset: Onset) -> None:
+        self._joint = joint
+        self._merge_gap = settings.merge_gap + TIME_TOLERANCE
+        self._rebound_window = settings.rebound_window + TIME_TOLERANCE
+        self._onset = onset
+        self._previous_sign = 0
+        self._previous_fall = 0.0
+        self.excursion: Excursion | None = None
+
+    def step(self, time: float, residual: float, threshold: float) -> JointState:
+        """Take in one tick.
+
+        Args:
+            time: Clock of the robot [s], never running back.
+            residual: Filtered r [rad]; NaN for a blind joint.
+            threshold: [rad], positive.
+        """
+        if residual != residual:  # NaN
+            self.reset()
+            return JointState.BLIND
+        current = self.excursion
+        if (
+            current is not None
+            and current.fall_time is not None
+            and time - current.fall_time > self._merge_gap
+        ):
+            self._end(current, current.fall_time)
+            current = None
+        size = abs(residual)
+        if size > threshold:
+            sign = 1 if residual > 0 else -1
+            if current is None or current.sign != sign:
+                if current is not None:
+                    self._end(current, time if current.fall_time is None else current.fall_time)
+                current = self._begin(time, sign, threshold)
+            current.fall_time = None
+            current.peak = max(current.peak, size)
+            if current.kind == "rebound" and time - current.begin_time > self._rebound_window:
+                current.kind = "contact"
+            return JointState.REBOUND if current.kind == "rebound" else JointState.CONTACT
+        if current is None:
+            return JointState.FREE
+        if current.fall_time is None:
+            current.fall_time = time
+        return JointState.RELEASE
+
+    def _begin(self, time: float, sign: int, threshold: float) -> Excursion:
+        swings_back = (
+            self._previous_sign == -sign and time - self._previous_fall <= self._rebound_window
+        )
+        self.excursion = Excursion(
+            joint=self._joint,
+            sign=sign,
+            kind="rebound" if swings_back else "contact",
+            onset_time=min(self._onset(self._joint, sign, threshold), time),
+            peak=0.0,
+            begin_time=time,
+        )
+        return self.excursion
+
+    def _end(self, excursion: Excursion, fall_time: float) -> None:
+        self._previous_sign = excursion.sign
+        self._previous_fall = fall_time
+        self.excursion = None
+
+    def reset(self) -> None:
+        """Forget everything."""
+        self.excursion = None
+        self._previous_sign = 0

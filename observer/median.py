@@ -1,0 +1,46 @@
+"""Running median of the residuals of all joints: Sec. V of the paper, 11 samples."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+
+
+class RunningMedian:
+    """Median of the last ``window`` samples of each of ``width`` signals; of those there are, at the start.
+
+    A NaN spoils the median of its signal as long as it is in the window; the caller must not use it so long.
+
+    Raises:
+        ValueError: A window or a width below 1.
+    """
+
+    def __init__(self, window: int, width: int) -> None:
+        if window < 1 or width < 1:
+            raise ValueError(f"window and width must be 1 or more, got {window} and {width}")
+        self._ring = np.zeros((window, width))
+        self._scratch = np.zeros((window, width))
+        self._count = 0
+
+    def push(self, sample: FloatArray) -> FloatArray:
+        """Take in (width,) one sample of each signal; returns (width,) the medians, a new array."""
+        window = len(self._ring)
+        self._ring[self._count % window] = sample
+        self._count += 1
+        filled = min(self._count, window)
+        middle = filled // 2
+        sorted_half = self._scratch[:filled]
+        sorted_half[:] = self._ring[:filled]
+        if filled % 2:
+            sorted_half.partition(middle, axis=0)
+            median: FloatArray = sorted_half[middle].copy()
+        else:
+            sorted_half.partition((middle - 1, middle), axis=0)
+            median = (sorted_half[middle - 1] + sorted_half[middle]) / 2
+        return median
+
+    def reset(self) -> None:
+        """Forget all samples."""
+        self._count = 0

@@ -1,0 +1,235 @@
+"""Expected-error models of a robot as a file: JSON, so that reading one can never run code."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields
+from importlib.resources import files
+from pathlib import Path
+from typing import Any, Literal, NoReturn, Self
+
+from pydantic.dataclasses import dataclass as validated_dataclass
+
+from pepper_driver.config import ConfigError, PepperError, RobotConfig
+from pepper_driver.config.loading import STRICT, parse
+from pepper_driver.config.parts import Positive
+from pepper_driver.observer.tree import TREE_TYPES, ExpectedErrorModel, Tree, TreeKind
+
+FORMAT = 1
+
+_CURE = "identify the robot again with 'pepper identify'"
+_LONGEST_REASON = 300
+
+
+class ModelFileError(PepperError, ValueError):
+    """A model file cannot be read or written, is damaged, or belongs to another robot."""
+
+
+@validated_dataclass(frozen=True, kw_only=True, config=STRICT)
+class _Header:
+    """Everything in a file but the models."""
+
+    format: Literal[1]
+    robot: str
+    joint_names: tuple[str, ...]
+    identity: str
+    kind: TreeKind
+    cycle: Positive
+    estimation_fit: dict[str, float]
+    test_fit: dict[str, float]
+    version: str
+    created_by: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class ModelSet:
+    """Models of the joints of one robot, and where they come from.
+
+    Attributes:
+        robot: Name of the robot description.
+        joint_names: Order of the robot's joints.
+        identity: Of the backend they were identified on: hash of the plant, or body id of a real robot.
+        kind: What the models are.
+        cycle: Period of the ticks [s].
+        estimation_fit: By joint, mean NRMSE fit of the estimation runs [%].
+        test_fit: By joint, NRMSE fit of the test run [%].
+        version: Of the package that fitted them.
+        models: By joint; joints without a model stay blind.
+        created_by: The command that made them.
+
+    Raises:
+        ModelFileError: A model that is not of ``kind``, an unknown joint, no model, fits of other joints.
+    """
+
+    robot: str
+    joint_names: tuple[str, ...]
+    identity: str
+    kind: TreeKind
+    cycle: float
+    estimation_fit: Mapping[str, float]
+    test_fit: Mapping[str, float]
+    version: str
+    models: Mapping[str, ExpectedErrorModel]
+    created_by: str = field(default="pepper identify")
+
+    def __post_init__(self) -> None:
+        if not self.models:
+            raise ModelFileError("there is no model")
+        if len(set(self.joint_names)) != len(self.joint_names):
+            raise ModelFileError("a joint is named twice")
+        for joint, model in self.models.items():
+            if joint not in self.joint_names:
+                raise ModelFileError(
+                    f"there is a model of '{joint}', which is no joint of the robot"
+                )
+            if not isinstance(model, TREE_TYPES[self.kind]):
+                raise ModelFileError(
+                    f"the model of {joint} is a {type(model).__name__}, not of kind '{self.kind}'"
+                )
+        for name, fits in (("estimation_fit", self.estimation_fit), ("test_fit", self.test_fit)):
+            if fits.keys() != self.models.keys():
+                raise ModelFileError(f"'{name}' is not of the joints that have models")
+            if not all(math.isfinite(fit) for fit in fits.values()):
+                raise ModelFileError(f"'{name}' is not finite")
+
+    def check_robot(self, robot: RobotConfig) -> None:
+        """Refuse to be used on another robot.
+
+        Raises:
+            ModelFileError: Another robot, other joints or another order of them, another cycle.
+        """
+        if self.robot != robot.name:
+            raise ModelFileError(
+                f"these models are of robot '{self.robot}', not of '{robot.name}'; {_CURE}"
+            )
+        if self.joint_names != robot.joint_names:
+            raise ModelFileError(
+                f"these models are of a '{self.robot}' with other joints or another order of them; {_CURE}"
+            )
+        if self.cycle != robot.cycle:
+            raise ModelFileError(
+                f"these models are of a robot with a cycle of {self.cycle} s, not {robot.cycle} s; {_CURE}"
+            )
+
+    def save(self, path: Path) -> None:
+        """Write the file; at no time is there half a file at ``path``. Equal sets give equal bytes.
+
+        Raises:
+            ModelFileError: The place cannot be written to.
+        """
+        header = {f.name: getattr(self, f.name) for f in fields(self) if f.name != "models"}
+        lines = [
+            f"  {json.dumps(joint)}: {self._model_text(joint)}"
+            for joint in self.joint_names
+            if joint in self.models
+        ]
+        head = json.dumps({"format": FORMAT, **header}, indent=1, allow_nan=False, default=dict)
+        body = ",\n".join(lines)
+        text = head.removesuffix("\n}") + ',\n "models": {\n' + body + "\n }\n}\n"
+        temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
+        try:
+            try:
+                with temporary.open("w", encoding="utf-8") as file:
+                    file.write(text)
+                    file.flush()
+                    os.fsync(file.fileno())
+                os.replace(temporary, path)
+            finally:
+                temporary.unlink(missing_ok=True)
+        except OSError as error:
+            reason = error.strerror or str(error)
+            raise ModelFileError(
+                f"{path}: cannot be written ({reason}); choose another place"
+            ) from error
+
+    def _model_text(self, joint: str) -> str:
+        model = self.models[joint]
+        names = [f.name for f in fields(TREE_TYPES[self.kind])]
+        return json.dumps({name: getattr(model, name) for name in names}, allow_nan=False)
+
+    @classmethod
+    def load(cls, path: Path, robot: RobotConfig | None = None) -> Self:
+        """Read a file.
+
+        Args:
+            path: Of a file that ``save`` wrote.
+            robot: If given, the models must be of this robot.
+
+        Raises:
+            ModelFileError: In one line: file, reason, cure.
+        """
+        try:
+            data = json.loads(
+                path.read_bytes().decode("utf-8"),
+                parse_float=_finite,
+                parse_constant=_refuse_constant,
+                object_pairs_hook=_unique,
+            )
+        except OSError as error:
+            reason = error.strerror or str(error)
+            raise ModelFileError(f"{path}: cannot be read ({reason}); {_CURE}") from error
+        except (ValueError, RecursionError) as error:
+            raise _damaged(path, error) from error
+        if not isinstance(data, dict) or "format" not in data:
+            raise ModelFileError(f"{path}: this is no model file; {_CURE}")
+        if data["format"] != FORMAT:
+            raise ModelFileError(
+                f"{path}: format {json.dumps(data['format'])[:20]} is not the format {FORMAT} "
+                f"of this version; {_CURE}"
+            )
+        models = data.pop("models", None)
+        try:
+            if not isinstance(models, dict):
+                raise ModelFileError("there are no models")
+            header = parse(_Header, data, "header")
+            model_set = cls(
+                models={joint: _tree(header.kind, entry, joint) for joint, entry in models.items()},
+                **{f.name: getattr(header, f.name) for f in fields(cls) if f.name != "models"},
+            )
+        except (ConfigError, ModelFileError) as error:
+            raise _damaged(path, error) from error
+        if robot is not None:
+            try:
+                model_set.check_robot(robot)
+            except ModelFileError as error:
+                raise ModelFileError(f"{path}: {error}") from None
+        return model_set
+
+
+def shipped(kind: TreeKind) -> Path:
+    """Path of the models that come with the package: of the nominal simulated Pepper."""
+    return Path(str(files("pepper_driver.observer.models").joinpath(f"nominal-{kind}.json")))
+
+
+def _tree(kind: TreeKind, entry: object, joint: str) -> Tree:
+    if not isinstance(entry, dict):
+        raise ModelFileError(f"the model of {joint} is no mapping")
+    return parse(TREE_TYPES[kind], entry, f"model of {joint}")
+
+
+def _finite(text: str) -> float:
+    value = float(text)
+    if not math.isfinite(value):
+        raise ValueError(f"{text[:20]} is not finite")
+    return value
+
+
+def _refuse_constant(text: str) -> NoReturn:
+    raise ValueError(f"{text} is not finite")
+
+
+def _unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    mapping = dict(pairs)
+    if len(mapping) != len(pairs):
+        raise ValueError("a key is given twice")
+    return mapping
+
+
+def _damaged(path: Path, error: Exception) -> ModelFileError:
+    reason = " ".join(str(error).split())
+    if len(reason) > _LONGEST_REASON:
+        reason = f"{reason[:_LONGEST_REASON]}..."
+    return ModelFileError(f"{path}: damaged: {reason}; {_CURE}")

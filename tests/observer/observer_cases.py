@@ -1,0 +1,201 @@
+"""Signals, ticks and models made by hand, with known answers."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pepper_driver.backends.interface import Command, Imu, Measurement
+from pepper_driver.config import ObserverSettings, load_robot
+from pepper_driver.controller.reference import Reference
+from pepper_driver.controller.tick import Tick
+from pepper_driver.observer.contact import Contact
+from pepper_driver.observer.model_file import ModelSet
+from pepper_driver.observer.recording import Recording
+from pepper_driver.observer.tree import AffineTree, CartTree, ExpectedErrorModel, TreeKind
+
+FloatArray = NDArray[np.float64]
+
+ROBOT = load_robot()
+CYCLE = ROBOT.cycle
+JOINTS = len(ROBOT.joint_names)
+THRESHOLD = 0.04
+SETTINGS = ObserverSettings(
+    mode="paper",
+    tree="affine",
+    median_window=11,
+    threshold=THRESHOLD,
+    merge_gap=0.3,
+    rebound_window=0.35,
+    update_period=0.12,
+)
+
+SILENT = CartTree(feature=(-1,), threshold=(0.0,), left=(-1,), right=(-1,), value=(0.0,))
+"""Expects no tracking error: the residual is the tracking error."""
+
+AFFINE = AffineTree(
+    feature=(0, -1, 2, -1, -1),
+    threshold=(0.25, 0.0, -1.5, 0.0, 0.0),
+    left=(1, -1, 3, -1, -1),
+    right=(2, -1, 4, -1, -1),
+    coefficients=(
+        (0.0, 0.0, 0.0, 0.0),
+        (0.1, 2.0, 0.0, 0.5),
+        (0.0, 0.0, 0.0, 0.0),
+        (-0.3, 1.0, 4.0, 0.0),
+        (0.2, 0.0, -1.0, 3.0),
+    ),
+    lower=(-2.0, -10.0, -5.0),
+    upper=(2.0, 10.0, 5.0),
+)
+
+
+def tick(
+    index: int,
+    error: float | FloatArray = 0.0,
+    *,
+    features: tuple[float, float, float] = (0.0, 0.0, 0.0),
+    changed: Sequence[int] = (),
+    age: float = 0.0,
+    time: float | None = None,
+) -> Tick:
+    """A tick whose tracking error is ``error`` [rad], one number or one for each joint."""
+    sent = np.linspace(-0.5, 0.5, JOINTS)
+    mask = np.zeros(JOINTS, dtype=np.bool_)
+    mask[list(changed)] = True
+    return Tick(
+        measurement=Measurement(
+            time=index * CYCLE if time is None else time,
+            tick=index,
+            position=sent - error,
+            current=np.full(JOINTS, 0.2),
+            wheel_speed=np.zeros(3),
+            imu=Imu(acceleration=np.zeros(3), angular_velocity=np.zeros(3), attitude=np.zeros(3)),
+            touch=np.zeros(5),
+            bumpers=np.zeros(3),
+            temperature=np.full(JOINTS, 30.0),
+            battery=1.0,
+            age=age,
+        ),
+        reference=Reference(
+            position=sent.copy(),
+            velocity=np.full(JOINTS, features[0]),
+            acceleration=np.full(JOINTS, features[1]),
+            load_torque=np.full(JOINTS, features[2]),
+            base_twist=np.zeros(3),
+        ),
+        sent=Command(position=sent, stiffness=np.ones(JOINTS), wheel_speed=np.zeros(3)),
+        changed=mask,
+    )
+
+
+def models(
+    by_joint: Mapping[str, ExpectedErrorModel] | ExpectedErrorModel = SILENT,
+    *,
+    kind: TreeKind = "cart",
+    robot: str = ROBOT.name,
+    joint_names: tuple[str, ...] = ROBOT.joint_names,
+) -> ModelSet:
+    """A set of these models, or of one model for every joint."""
+    if not isinstance(by_joint, Mapping):
+        by_joint = dict.fromkeys(joint_names, by_joint)
+    return ModelSet(
+        robot=robot,
+        joint_names=joint_names,
+        identity="plant-0123",
+        kind=kind,
+        cycle=CYCLE,
+        estimation_fit=dict.fromkeys(by_joint, 91.5),
+        test_fit=dict.fromkeys(by_joint, 89.25),
+        version="0.0.0",
+        models=by_joint,
+    )
+
+
+def motion(stiffness: float, seed: int, seconds: float) -> FloatArray:
+    """(n, 3) velocity, acceleration, load torque of a joint that a posture task sends to random set-points."""
+    rng = np.random.default_rng(seed)
+    rows = []
+    position = velocity = target = 0.0
+    change = 0.0
+    for k in range(round(seconds / CYCLE)):
+        if k * CYCLE >= change:
+            target = rng.uniform(-1.2, 1.2)
+            change += rng.uniform(1.0, 3.0)
+        acceleration = stiffness * (target - position) - 2 * np.sqrt(stiffness) * velocity
+        position += velocity * CYCLE + acceleration * CYCLE**2 / 2
+        velocity += acceleration * CYCLE
+        rows.append((velocity, acceleration, 0.05 * acceleration + 4.0 * np.sin(position)))
+    return np.array(rows)
+
+
+def free_error(features: FloatArray, seed: int, noise: float = 5e-4) -> FloatArray:
+    """(n,) tracking error of such a joint: lag, friction of the sign of the velocity, load, noise."""
+    velocity, acceleration, load = features.T
+    clean = 0.05 * velocity + 0.01 * np.tanh(velocity / 0.02) + 0.002 * acceleration + load / 60.0
+    noisy: FloatArray = clean + noise * np.random.default_rng(seed).standard_normal(len(clean))
+    return noisy
+
+
+def recording(
+    features: FloatArray,
+    error: FloatArray,
+    *,
+    changed: NDArray[np.bool_] | None = None,
+    age: FloatArray | None = None,
+) -> Recording:
+    """A run in which every joint had these features and this tracking error."""
+    n = len(error)
+
+    def all_joints(values: FloatArray) -> FloatArray:
+        return np.repeat(values[:, None], JOINTS, axis=1)
+
+    mask = np.zeros(n, dtype=np.bool_) if changed is None else changed
+    return Recording(
+        joint_names=ROBOT.joint_names,
+        time=np.arange(n) * CYCLE,
+        sent_position=all_joints(error),
+        position=np.zeros((n, JOINTS)),
+        velocity=all_joints(features[:, 0]),
+        acceleration=all_joints(features[:, 1]),
+        load_torque=all_joints(features[:, 2]),
+        changed=np.repeat(mask[:, None], JOINTS, axis=1),
+        current=np.zeros((n, JOINTS)),
+        age=np.zeros(n) if age is None else age,
+    )
+
+
+def free_run(stiffness: float, seed: int, seconds: float = 20.0) -> Recording:
+    """A run of free motion."""
+    features = motion(stiffness, seed, seconds)
+    return recording(features, free_error(features, seed + 1000))
+
+
+def check_life(events: Sequence[Contact]) -> None:
+    """Assert what holds for the events of any signal."""
+    lives: dict[int, list[Contact]] = {}
+    for event in events:
+        lives.setdefault(event.id, []).append(event)
+    for life in lives.values():
+        begin, last = life[0], life[-1]
+        phases = [event.phase for event in life]
+        assert phases[0] == "begin"
+        assert set(phases[1:-1]) <= {"update"}
+        assert phases[-1] != "begin" or len(life) == 1
+        times = [event.time for event in life]
+        assert times == sorted(times)
+        assert all(event.detection_time == begin.time for event in life)
+        assert begin.onset_time <= begin.detection_time <= last.time
+        for event in life:
+            assert event.joint is not None
+            joint = ROBOT.joints[ROBOT.joint_index(event.joint)]
+            assert event.link == joint.child
+            assert event.intensity > 0
+            assert event.torque is None
+            assert event.torque_std is None
+        for before, after in pairwise(life):
+            if (before.joint, before.direction) == (after.joint, after.direction):
+                assert after.intensity >= before.intensity

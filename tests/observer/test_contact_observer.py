@@ -1,0 +1,368 @@
+from __future__ import annotations
+
+import gc
+import math
+import warnings
+from dataclasses import replace
+from time import perf_counter
+from types import FunctionType, ModuleType
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from observer_cases import (
+    AFFINE,
+    CYCLE,
+    JOINTS,
+    ROBOT,
+    SETTINGS,
+    SILENT,
+    THRESHOLD,
+    FloatArray,
+    check_life,
+    free_error,
+    free_run,
+    models,
+    motion,
+    tick,
+)
+
+from pepper_driver.controller.tick import Tick
+from pepper_driver.observer.contact import Contact
+from pepper_driver.observer.contact_observer import ContactObserver
+from pepper_driver.observer.fitting import fit_joint
+from pepper_driver.observer.interface import JointState, Observation
+from pepper_driver.observer.model_file import ModelFileError
+
+ELBOW = ROBOT.joint_index("LElbowRoll")
+HEAD = ROBOT.joint_index("HeadYaw")
+WINDOW = SETTINGS.median_window
+
+
+def observer() -> ContactObserver:
+    return ContactObserver(ROBOT, models(), SETTINGS)
+
+
+def error_of(joint: int, value: float) -> FloatArray:
+    error = np.zeros(JOINTS)
+    error[joint] = value
+    return error
+
+
+def run(target: ContactObserver, ticks: list[Tick]) -> tuple[list[Observation], list[Contact]]:
+    observations = [target.step(one) for one in ticks]
+    return observations, [event for one in observations for event in one.contacts]
+
+
+def test_residual_is_the_median_of_measured_minus_expected_error() -> None:
+    rng = np.random.default_rng(0)
+    errors = 0.01 * rng.standard_normal((40, JOINTS))
+    features = rng.uniform(-1.5, 1.5, size=(40, 3))
+    target = ContactObserver(ROBOT, models(AFFINE, kind="affine"), SETTINGS)
+    raw = []
+    for k in range(40):
+        observation = target.step(tick(k, errors[k], features=tuple(features[k])))
+        expected = AFFINE.predict(features[k : k + 1])[0]
+        raw.append(errors[k] - expected)
+        np.testing.assert_allclose(observation.expected, expected, atol=1e-15)
+        median = np.median(raw[-WINDOW:], axis=0)
+        np.testing.assert_allclose(observation.residual, median, atol=1e-12)
+        np.testing.assert_array_equal(observation.threshold, THRESHOLD)
+        assert np.isnan(observation.torque).all()
+        assert np.isnan(observation.torque_std).all()
+        assert observation.state.dtype == np.int8
+        assert observation.state.shape == (JOINTS,)
+
+
+def test_expected_error_uses_the_joint_s_own_reference() -> None:
+    one = tick(0, features=(0.1, 0.0, 1.0))
+    one.reference.velocity[ELBOW] = 0.2
+    observation = ContactObserver(ROBOT, models(AFFINE, kind="affine"), SETTINGS).step(one)
+    assert observation.expected[ELBOW] == pytest.approx(0.1 + 0.4 + 0.5)
+    assert observation.expected[HEAD] == pytest.approx(0.1 + 0.2 + 0.5)
+
+
+def test_the_error_is_taken_from_what_was_sent() -> None:
+    one = tick(0)
+    sent = replace(one.sent, position=one.sent.position + 0.02)
+    observation = observer().step(replace(one, sent=sent))
+    np.testing.assert_allclose(observation.residual, 0.02)
+
+
+def test_a_touch_from_begin_to_end() -> None:
+    pushed = range(100, 160)
+    ticks = [tick(k, error_of(ELBOW, -0.08 if k in pushed else 0.0)) for k in range(250)]
+    observations, events = run(observer(), ticks)
+    check_life(events)
+    assert [event.phase for event in events] == ["begin", *["update"] * 5, "end"]
+    begin, end = events[0], events[-1]
+    assert (begin.joint, begin.link, begin.kind) == ("LElbowRoll", "LForeArm", "contact")
+    assert begin.direction == 1
+    assert begin.intensity == pytest.approx(math.degrees(0.08))
+    # The median of 11 turns with the sixth sample, both ways.
+    assert begin.detection_time == begin.time == pytest.approx(105 * CYCLE)
+    assert begin.onset_time == pytest.approx(100 * CYCLE)
+    assert end.time == pytest.approx(165 * CYCLE)
+    states = [JointState(int(one.state[ELBOW])) for one in observations]
+    assert set(states[:105]) == {JointState.FREE}
+    assert set(states[105:165]) == {JointState.CONTACT}
+    gap = round(SETTINGS.merge_gap / CYCLE)
+    assert set(states[165 : 166 + gap]) == {JointState.RELEASE}
+    assert set(states[166 + gap :]) == {JointState.FREE}
+    assert observations[-1].state[HEAD] == JointState.FREE
+
+
+def test_chains_are_independent() -> None:
+    both = error_of(ELBOW, 0.08) + error_of(HEAD, -0.09)
+    _, events = run(observer(), [tick(k, both if k > 20 else 0.0) for k in range(40)])
+    begins = {event.joint: event for event in events if event.phase == "begin"}
+    assert begins.keys() == {"LElbowRoll", "HeadYaw"}
+    assert begins["LElbowRoll"].id != begins["HeadYaw"].id
+    assert (begins["LElbowRoll"].direction, begins["HeadYaw"].direction) == (-1, 1)
+
+
+def test_joints_without_a_model_are_blind() -> None:
+    target = ContactObserver(ROBOT, models({"HeadYaw": SILENT}), SETTINGS)
+    observations, events = run(target, [tick(k, 0.5) for k in range(60)])
+    assert {event.joint for event in events} == {"HeadYaw"}
+    for observation in observations:
+        for values in (observation.expected, observation.residual, observation.threshold):
+            assert np.isfinite(values[HEAD])
+            assert np.isnan(np.delete(values, HEAD)).all()
+        assert (np.delete(observation.state, HEAD) == JointState.BLIND).all()
+
+
+def nan_in(part: str, field: str, value: float) -> Tick:
+    one = tick(30)
+    array = getattr(getattr(one, part), field).copy()
+    array[ELBOW] = value
+    changes: dict[str, Any] = {part: replace(getattr(one, part), **{field: array})}
+    return replace(one, **changes)
+
+
+@pytest.mark.parametrize(
+    "bad",
+    [
+        tick(30, error_of(ELBOW, 3.0), changed=[ELBOW]),
+        nan_in("measurement", "position", math.nan),
+        nan_in("measurement", "position", math.inf),
+        nan_in("sent", "position", math.nan),
+        nan_in("reference", "velocity", math.nan),
+        nan_in("reference", "acceleration", -math.inf),
+        nan_in("reference", "load_torque", math.nan),
+    ],
+)
+def test_a_bad_tick_makes_its_joint_blind_for_a_median_window(bad: Tick) -> None:
+    target = observer()
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        observations, events = run(target, [bad if k == 30 else tick(k) for k in range(60)])
+    assert events == []
+    for k, observation in enumerate(observations):
+        blind = 30 <= k < 30 + WINDOW
+        assert (observation.state[ELBOW] == JointState.BLIND) == blind
+        for values in (observation.expected, observation.residual, observation.threshold):
+            assert np.isnan(values[ELBOW]) == blind
+        assert observation.state[HEAD] == JointState.FREE
+        assert np.isfinite(observation.residual[HEAD])
+
+
+@pytest.mark.parametrize("age", [0.031, 5.0, math.nan, math.inf])
+def test_a_stale_sample_makes_all_joints_blind(age: float) -> None:
+    stale = tick(30, 0.5, age=age)
+    observations, events = run(observer(), [stale if k == 30 else tick(k) for k in range(60)])
+    assert events == []
+    for k, observation in enumerate(observations):
+        blind = 30 <= k < 30 + WINDOW
+        assert (observation.state == (JointState.BLIND if blind else JointState.FREE)).all()
+
+
+def test_a_sample_of_the_usual_age_is_none_of_that() -> None:
+    observations, _ = run(observer(), [tick(k, age=0.029) for k in range(5)])
+    assert (observations[-1].state == JointState.FREE).all()
+
+
+def test_a_joint_the_gate_keeps_altering_never_feels_a_contact() -> None:
+    ticks = [
+        tick(k, error_of(ELBOW, 0.5), changed=[ELBOW] if k % 7 == 0 else []) for k in range(90)
+    ]
+    observations, events = run(observer(), ticks)
+    assert events == []
+    assert all(one.state[ELBOW] == JointState.BLIND for one in observations)
+
+
+def test_a_contact_ends_when_its_joint_goes_blind() -> None:
+    pushed = error_of(ELBOW, 0.1)
+    ticks = [tick(k, pushed, changed=[ELBOW] if k == 40 else []) for k in range(60)]
+    observations, events = run(observer(), ticks)
+    first = [event for event in events if event.id == 1]
+    assert first[-1].phase == "end"
+    assert first[-1].time == pytest.approx(40 * CYCLE)
+    # What is felt when the joint sees again is a contact, not a rebound.
+    [begin] = [event for event in events if event.phase == "begin" and event.id == 2]
+    assert begin.kind == "contact"
+    assert begin.time == pytest.approx((40 + WINDOW) * CYCLE)
+    assert begin.onset_time == pytest.approx(41 * CYCLE)
+    assert observations[45].state[ELBOW] == JointState.BLIND
+
+
+@pytest.mark.parametrize("time", [math.nan, -5.0, 0.1])
+def test_a_clock_that_fails_turns_no_event_around(time: float) -> None:
+    ticks = [
+        tick(k, error_of(ELBOW, 0.1 if 50 <= k < 90 else 0.0), time=time if 60 <= k < 70 else None)
+        for k in range(200)
+    ]
+    _, events = run(observer(), ticks)
+    check_life(events)
+    assert [event.phase for event in events][0 :: len(events) - 1] == ["begin", "end"]
+    assert all(math.isfinite(event.time) for event in events)
+
+
+def test_models_of_another_robot_are_refused() -> None:
+    with pytest.raises(ModelFileError, match="robot 'nao'"):
+        ContactObserver(ROBOT, models(robot="nao"), SETTINGS)
+    with pytest.raises(ModelFileError, match="order"):
+        ContactObserver(ROBOT, models(joint_names=ROBOT.joint_names[::-1]), SETTINGS)
+
+
+def test_describe_names_models_and_threshold_in_one_line() -> None:
+    text = ContactObserver(ROBOT, models({"HeadYaw": SILENT}), SETTINGS).describe()
+    assert "\n" not in text
+    for part in ("paper", "cart trees of 1 joints", "plant-0123", "median of 11", "2.29 deg"):
+        assert part in text
+
+
+def same(one: Observation, other: Observation) -> bool:
+    return one.contacts == other.contacts and all(
+        np.array_equal(getattr(one, name), getattr(other, name), equal_nan=True)
+        for name in ("expected", "residual", "threshold", "torque", "torque_std", "state")
+    )
+
+
+def test_after_a_reset_everything_is_as_at_first() -> None:
+    rng = np.random.default_rng(3)
+    errors = np.cumsum(0.01 * rng.standard_normal((300, JOINTS)), axis=0)
+    ticks = [tick(k, errors[k], changed=[3] if k % 50 == 9 else []) for k in range(300)]
+    target = observer()
+    first, events = run(target, ticks)
+    assert len(events) > 20
+    target.reset()
+    again, _ = run(target, ticks)
+    fresh, _ = run(observer(), ticks)
+    assert all(map(same, first, again))
+    assert all(map(same, first, fresh))
+
+
+def test_observations_are_not_written_to_later() -> None:
+    target = observer()
+    first = target.step(tick(0, 0.01))
+    kept = [first.residual.copy(), first.expected.copy(), first.state.copy(), first.torque.copy()]
+    run(target, [tick(k, 0.5) for k in range(1, 30)])
+    for array, copy in zip(
+        (first.residual, first.expected, first.state, first.torque), kept, strict=True
+    ):
+        np.testing.assert_array_equal(array, copy)
+
+
+@settings(max_examples=40, deadline=None)
+@given(
+    st.lists(
+        st.tuples(
+            st.integers(1, 25),
+            st.sampled_from([0.0, 0.03, 0.06, -0.06, 0.3, -0.3, math.nan]),
+            st.sampled_from([0.0, -0.06, 0.3]),
+            st.sampled_from([(), (), (ELBOW,), (ELBOW, ELBOW - 2)]),
+            st.sampled_from([0.0, 0.0, 0.0, 0.04]),
+        ),
+        max_size=20,
+    )
+)
+def test_events_make_sense_for_any_signal(
+    parts: list[tuple[int, float, float, tuple[int, ...], float]],
+) -> None:
+    target = observer()
+    events = []
+    k = 0
+    for ticks, outer, inner, changed, age in parts:
+        error = error_of(ELBOW, outer) + error_of(ELBOW - 2, inner)
+        for _ in range(ticks):
+            observation = target.step(tick(k, error, changed=changed, age=age))
+            k += 1
+            for event in observation.contacts:
+                assert event.joint is not None
+                joint = ROBOT.joint_index(event.joint)
+                if event.phase == "begin":
+                    assert event.direction == -np.sign(observation.residual[joint])
+                    assert abs(observation.residual[joint]) > THRESHOLD
+                if event.phase != "end":
+                    assert observation.state[joint] != JointState.BLIND
+            blind = observation.state == JointState.BLIND
+            np.testing.assert_array_equal(np.isnan(observation.residual), blind)
+            np.testing.assert_array_equal(np.isnan(observation.threshold), blind)
+            events += observation.contacts
+    check_life(events)
+
+
+def test_feels_light_touches_and_nothing_else_in_fast_motion() -> None:
+    """Identification as in Sec. IV, then pushes of 4 deg in a motion faster than any it was identified on."""
+    estimation = [free_run(k, seed) for seed, k in enumerate((2.0, 3.0, 4.0, 5.0))]
+    model = fit_joint("LElbowRoll", estimation, "affine")
+    target = ContactObserver(ROBOT, models({"LElbowRoll": model}, kind="affine"), SETTINGS)
+    features = motion(8.0, 77, 60.0)
+    error = free_error(features, 78)
+    onsets = [6.0, 15.0, 24.0, 33.0, 42.0, 51.0]
+    signs = [1, -1, -1, 1, 1, -1]
+    time = np.arange(len(error)) * CYCLE
+    for onset, sign in zip(onsets, signs, strict=True):
+        rise = np.clip((time - onset) / 0.1, 0, 1) * np.clip((onset + 0.8 - time) / 0.1, 0, 1)
+        error += sign * np.radians(4.0) * rise
+    ticks = [
+        tick(k, error_of(ELBOW, error[k]), features=tuple(features[k])) for k in range(len(error))
+    ]
+    _, events = run(target, ticks)
+    begins = [event for event in events if event.phase == "begin"]
+    assert [event.direction for event in begins] == [-sign for sign in signs]
+    for onset, begin in zip(onsets, begins, strict=True):
+        assert 0.0 < begin.detection_time - onset < 0.2
+        assert abs(begin.onset_time - onset) < 0.06
+    ends = [event for event in events if event.phase == "end"]
+    assert [event.intensity for event in ends] == pytest.approx([4.0] * 6, abs=1.0)
+
+
+def reachable(*roots: object) -> list[object]:
+    """Everything that can be reached from ``roots``, without walking into code."""
+    found: dict[int, object] = {}
+    todo = list(roots)
+    while todo:
+        thing = todo.pop()
+        if id(thing) in found or isinstance(thing, type | ModuleType | FunctionType):
+            continue
+        found[id(thing)] = thing
+        todo += gc.get_referents(thing)
+    return list(found.values())
+
+
+def test_nothing_that_an_observer_sees_leads_to_the_truth() -> None:
+    one = tick(0)
+    target = observer()
+    target.step(one)
+    things = reachable(one)
+    assert any(isinstance(thing, np.ndarray) for thing in things)
+    assert one.measurement in [thing for thing in things if type(thing) is type(one.measurement)]
+    for thing in (*things, *reachable(target)):
+        assert "Truth" not in type(thing).__name__
+
+
+def test_a_tick_costs_little() -> None:
+    target = ContactObserver(ROBOT, models(AFFINE, kind="affine"), SETTINGS)
+    for error in (0.0, 0.5):
+        ticks = [tick(k, error) for k in range(600)]
+        times = []
+        for one in ticks:
+            start = perf_counter()
+            target.step(one)
+            times.append(perf_counter() - start)
+        # The quickest tenth: the machine may be busy with other things.
+        assert np.quantile(times, 0.1) < 200e-6

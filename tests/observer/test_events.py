@@ -1,0 +1,157 @@
+from __future__ import annotations
+
+import math
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from observer_cases import CYCLE, SETTINGS, THRESHOLD
+
+from pepper_driver.observer.events import JointMonitor
+from pepper_driver.observer.interface import JointState
+
+FREE, CONTACT, RELEASE, REBOUND, BLIND = (
+    JointState.FREE,
+    JointState.CONTACT,
+    JointState.RELEASE,
+    JointState.REBOUND,
+    JointState.BLIND,
+)
+GAP = round(SETTINGS.merge_gap / CYCLE)
+WINDOW = int(SETTINGS.rebound_window / CYCLE)
+
+
+def monitor() -> JointMonitor:
+    return JointMonitor(3, SETTINGS, lambda joint, sign, threshold: -1.0)
+
+
+def play(target: JointMonitor, *parts: tuple[float, int], start: int = 0) -> list[JointState]:
+    """States for a residual that has each value for so many ticks, as multiples of the threshold."""
+    states = []
+    k = start
+    for value, ticks in parts:
+        for _ in range(ticks):
+            states.append(target.step(k * CYCLE, value * THRESHOLD, THRESHOLD))
+            k += 1
+    return states
+
+
+def test_a_touch_from_begin_to_end() -> None:
+    joint = monitor()
+    states = play(joint, (0.5, 5), (1.5, 4), (2.5, 3), (1.2, 3), (0.2, GAP + 5))
+    assert states[:5] == [FREE] * 5
+    assert states[5:15] == [CONTACT] * 10
+    # Still within the gap at its very end, free with the next tick.
+    assert states[15 : 15 + GAP + 1] == [RELEASE] * (GAP + 1)
+    assert states[15 + GAP + 1 :] == [FREE] * 4
+    assert joint.excursion is None
+
+
+def test_an_excursion_keeps_its_figures() -> None:
+    joint = monitor()
+    play(joint, (0.5, 5), (-1.5, 4), (-2.5, 3), (-1.2, 3), (0.0, 2))
+    excursion = joint.excursion
+    assert excursion is not None
+    assert (excursion.joint, excursion.sign, excursion.kind) == (3, -1, "contact")
+    assert excursion.peak == pytest.approx(2.5 * THRESHOLD)
+    assert excursion.begin_time == pytest.approx(5 * CYCLE)
+    assert excursion.fall_time == pytest.approx(15 * CYCLE)
+    assert excursion.onset_time == -1.0
+
+
+def test_on_the_threshold_is_not_over_it() -> None:
+    assert play(monitor(), (1.0, 3), (-1.0, 3)) == [FREE] * 6
+
+
+@pytest.mark.parametrize(("gap", "same"), [(1, True), (GAP, True), (GAP + 1, False)])
+def test_a_return_on_the_same_side_within_the_gap_goes_on(gap: int, same: bool) -> None:
+    joint = monitor()
+    play(joint, (1.5, 5))
+    first = joint.excursion
+    states = play(joint, (0.1, gap), (1.2, 3), start=5)
+    assert states[-3:] == [CONTACT] * 3
+    assert (joint.excursion is first) is same
+    assert joint.excursion is not None
+    assert joint.excursion.peak == pytest.approx((1.5 if same else 1.2) * THRESHOLD)
+
+
+@pytest.mark.parametrize(
+    ("gap", "rebound"), [(0, True), (1, True), (WINDOW, True), (WINDOW + 1, False)]
+)
+def test_the_other_side_soon_after_is_a_rebound(gap: int, rebound: bool) -> None:
+    joint = monitor()
+    states = play(joint, (3.0, 10), (0.0, gap), (-1.5, 4), (0.0, 3))
+    state = REBOUND if rebound else CONTACT
+    assert states[10 + gap : 14 + gap] == [state] * 4
+    assert states[14 + gap :] == [RELEASE] * 3
+    assert joint.excursion is not None
+    assert joint.excursion.kind == ("rebound" if rebound else "contact")
+
+
+def test_the_same_side_is_never_a_rebound() -> None:
+    states = play(monitor(), (3.0, 10), (0.0, GAP + 2), (1.5, 4))
+    assert states[-4:] == [CONTACT] * 4
+
+
+def test_a_rebound_of_a_rebound_is_one_too() -> None:
+    states = play(monitor(), (3.0, 10), (0.0, 5), (-1.5, 5), (0.0, 5), (1.2, 3))
+    assert states[15:20] == [REBOUND] * 5
+    assert states[-3:] == [REBOUND] * 3
+
+
+def test_a_rebound_that_stays_is_a_contact() -> None:
+    states = play(monitor(), (3.0, 10), (0.0, 5), (-1.5, WINDOW + 10))[15:]
+    assert states[: WINDOW + 1] == [REBOUND] * (WINDOW + 1)
+    assert states[WINDOW + 1 :] == [CONTACT] * 9
+
+
+def test_a_blind_tick_ends_and_forgets_everything() -> None:
+    joint = monitor()
+    states = play(joint, (3.0, 10), (math.nan, 1), (-1.5, 2))
+    assert states[10] is BLIND
+    assert states[11:] == [CONTACT] * 2
+    other = monitor()
+    assert play(other, (3.0, 10), (0.0, 2), (math.nan, 2), (0.0, 1)) == (
+        [CONTACT] * 10 + [RELEASE] * 2 + [BLIND] * 2 + [FREE]
+    )
+
+
+def test_reset_forgets() -> None:
+    joint = monitor()
+    play(joint, (3.0, 10), (0.0, 2))
+    joint.reset()
+    assert joint.excursion is None
+    assert play(joint, (-1.5, 1), start=12) == [CONTACT]
+
+
+@given(st.lists(st.floats(-3, 3) | st.just(math.nan), max_size=120))
+def test_state_and_excursion_agree_for_any_signal(values: list[float]) -> None:
+    joint = monitor()
+    for k, value in enumerate(values):
+        state = joint.step(k * CYCLE, value * THRESHOLD, THRESHOLD)
+        excursion = joint.excursion
+        if math.isnan(value):
+            assert state is BLIND
+        elif abs(value * THRESHOLD) > THRESHOLD:
+            assert state in (CONTACT, REBOUND)
+            assert excursion is not None
+            assert excursion.over
+            assert excursion.sign == math.copysign(1, value)
+            assert excursion.peak >= abs(value * THRESHOLD)
+            assert (state is REBOUND) == (excursion.kind == "rebound")
+        else:
+            assert state in (FREE, RELEASE)
+        assert (excursion is None) == (state in (FREE, BLIND))
+
+
+@given(
+    st.lists(st.tuples(st.booleans(), st.floats(-0.99, 0.99), st.floats(-0.99, 0.99)), max_size=150)
+)
+def test_values_under_the_threshold_change_nothing(rows: list[tuple[bool, float, float]]) -> None:
+    one, other = monitor(), monitor()
+    for k, (over, first, second) in enumerate(rows):
+        push = math.copysign(2.0, first) if over else 0.0
+        a = one.step(k * CYCLE, (push or first) * THRESHOLD, THRESHOLD)
+        b = other.step(k * CYCLE, (push or second) * THRESHOLD, THRESHOLD)
+        assert a == b
+        assert one.excursion == other.excursion

@@ -1,0 +1,279 @@
+from __future__ import annotations
+
+import json
+import os
+import pickle
+import random
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+from hypothesis import HealthCheck, example, given, settings
+from hypothesis import strategies as st
+from observer_cases import AFFINE, CYCLE, ROBOT, SILENT, free_run, models
+
+from pepper_driver.config import PepperError
+from pepper_driver.observer.fitting import fit_joint
+from pepper_driver.observer.model_file import ModelFileError, ModelSet, shipped
+from pepper_driver.observer.tree import AffineTree
+
+AFFINE_SET = models({"HeadYaw": AFFINE, "LHand": AFFINE}, kind="affine")
+
+
+@pytest.fixture
+def file(tmp_path: Path) -> Path:
+    path = tmp_path / "models.json"
+    AFFINE_SET.save(path)
+    return path
+
+
+@pytest.mark.parametrize("kind", ["affine", "cart"])
+def test_what_was_saved_is_loaded_bit_for_bit(kind: str, tmp_path: Path) -> None:
+    run = free_run(3.0, 0)
+    if kind == "affine":
+        saved = models({"HeadYaw": fit_joint("HeadYaw", [run], "affine")}, kind="affine")
+    else:
+        saved = models({"HeadYaw": fit_joint("HeadYaw", [run], "cart")}, kind="cart")
+    path = tmp_path / "models.json"
+    saved.save(path)
+    loaded = ModelSet.load(path, ROBOT)
+    assert loaded == saved
+    features = run.features(0)
+    assert (
+        loaded.models["HeadYaw"].predict(features) == saved.models["HeadYaw"].predict(features)
+    ).all()
+
+
+def test_equal_sets_give_equal_bytes_without_times_or_paths(tmp_path: Path) -> None:
+    one, other = tmp_path / "a.json", tmp_path / "other.json"
+    AFFINE_SET.save(one)
+    replace(AFFINE_SET, models=dict(reversed(AFFINE_SET.models.items()))).save(other)
+    assert one.read_bytes() == other.read_bytes()
+    header = json.loads(one.read_text())
+    assert header.pop("models").keys() == {"HeadYaw", "LHand"}
+    assert header == {
+        "format": 1,
+        "robot": "pepper",
+        "joint_names": list(ROBOT.joint_names),
+        "identity": "plant-0123",
+        "kind": "affine",
+        "cycle": CYCLE,
+        "estimation_fit": {"HeadYaw": 91.5, "LHand": 91.5},
+        "test_fit": {"HeadYaw": 89.25, "LHand": 89.25},
+        "version": "0.0.0",
+        "created_by": "pepper identify",
+    }
+
+
+def test_saving_replaces_the_file_and_leaves_nothing_else(file: Path) -> None:
+    replace(AFFINE_SET, identity="another").save(file)
+    assert ModelSet.load(file).identity == "another"
+    assert os.listdir(file.parent) == [file.name]
+
+
+def test_a_save_that_fails_leaves_the_old_file(file: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def no_space(*_: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(os, "fsync", no_space)
+    with pytest.raises(ModelFileError, match=r"cannot be written .No space left on device"):
+        replace(AFFINE_SET, identity="another").save(file)
+    assert ModelSet.load(file) == AFFINE_SET
+    assert os.listdir(file.parent) == [file.name]
+
+
+def test_places_that_cannot_be_used_are_named(tmp_path: Path) -> None:
+    with pytest.raises(ModelFileError, match="cannot be written"):
+        AFFINE_SET.save(tmp_path / "no" / "such" / "folder.json")
+    (tmp_path / "folder").mkdir()
+    with pytest.raises(ModelFileError, match="cannot be written"):
+        AFFINE_SET.save(tmp_path / "folder")
+    assert os.listdir(tmp_path) == ["folder"]
+    for path in (tmp_path / "missing.json", tmp_path / "folder"):
+        with pytest.raises(ModelFileError, match=r"cannot be read .*pepper identify"):
+            ModelSet.load(path)
+
+
+def test_shipped_files_have_a_place_in_the_package() -> None:
+    assert shipped("affine").name == "nominal-affine.json"
+    assert shipped("cart").parent.name == "models"
+    assert (shipped("cart").parent / "__init__.py").exists()
+
+
+def edited(path: Path, edit: Callable[[dict[str, Any]], object]) -> None:
+    data = json.loads(path.read_text())
+    edit(data)
+    path.write_text(json.dumps(data))
+
+
+def set_in(*keys: str | int, value: object) -> Callable[[dict[str, Any]], None]:
+    def edit(data: dict[str, Any]) -> None:
+        place: Any = data
+        for key in keys[:-1]:
+            place = place[key]
+        place[keys[-1]] = value
+
+    return edit
+
+
+MODEL = ("models", "HeadYaw")
+
+
+@pytest.mark.parametrize(
+    ("edit", "message"),
+    [
+        (set_in("format", value=2), "format 2 is not the format 1"),
+        (set_in("format", value=None), "format null is not"),
+        (lambda data: data.pop("format"), "no model file"),
+        (lambda data: data.pop("models"), "there are no models"),
+        (set_in("models", value=[]), "there are no models"),
+        (set_in("models", value={}), "there is no model"),
+        (lambda data: data.pop("identity"), "'identity' is missing"),
+        (set_in("extra", value=1), "unknown key 'extra'"),
+        (set_in("kind", value="forest"), "kind"),
+        (set_in("kind", value="cart"), "unknown key"),
+        (set_in("cycle", value=-0.012), "cycle"),
+        (set_in("cycle", value="0.012"), "cycle"),
+        (set_in("test_fit", "HeadYaw", value=None), "test_fit.HeadYaw"),
+        (set_in("test_fit", "HeadPitch", value=1.0), "'test_fit' is not of the joints"),
+        (set_in("joint_names", 0, value="HeadYaw"), "named twice"),
+        (set_in("models", "Tail", value={}), "model of Tail"),
+        (lambda data: data["models"].pop("LHand"), "not of the joints"),
+        (set_in(*MODEL, value=[1.0]), "the model of HeadYaw is no mapping"),
+        (set_in(*MODEL, "left", 0, value=0), "node 0 of 5 has child 0"),
+        (set_in(*MODEL, "left", 2, value=1), "node 2 of 5 has child 1"),
+        (set_in(*MODEL, "right", 0, value=9), "node 0 of 5 has child 9"),
+        (set_in(*MODEL, "right", 0, value=10**30), "has child 1000"),
+        (set_in(*MODEL, "right", 0, value=2.0), "right.0"),
+        (set_in(*MODEL, "right", 0, value=True), "right.0"),
+        (set_in(*MODEL, "feature", 0, value=3), "splits on feature 3"),
+        (set_in(*MODEL, "threshold", value=[0.0]), "'threshold' has 1 entries"),
+        (set_in(*MODEL, "threshold", 0, value=float("nan")), "NaN is not finite"),
+        (set_in(*MODEL, "threshold", 0, value=float("inf")), "Infinity is not finite"),
+        (set_in(*MODEL, "threshold", 0, value=10**400), "threshold.0"),
+        (set_in(*MODEL, "coefficients", 1, value=[0.0, 1.0]), "coefficients"),
+        (set_in(*MODEL, "coefficients", 1, 0, value="0.0"), "coefficients"),
+        (set_in(*MODEL, "lower", value=[9.0, 9.0, 9.0]), "above upper"),
+        (set_in(*MODEL, "surprise", value=1), "unknown key 'surprise'"),
+        (lambda data: data["models"]["HeadYaw"].pop("upper"), "'upper' is missing"),
+    ],
+)
+def test_what_is_wrong_is_said_in_one_line(
+    edit: Callable[[dict[str, Any]], object], message: str, file: Path
+) -> None:
+    edited(file, edit)
+    with pytest.raises(ModelFileError) as caught:
+        ModelSet.load(file)
+    text = str(caught.value)
+    assert message in text
+    assert text.startswith(f"{file}: ")
+    assert text.endswith("'pepper identify'")
+    assert "\n" not in text
+    assert len(text) < 600
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        b"",
+        b"\x00" * 100,
+        b"\xff\xfe{}",
+        b"[1, 2]",
+        b"null",
+        b'"text"',
+        b"{" * 100_000,
+        b"[" * 100_000,
+        b'{"format": 1, "format": 1}',
+        b'{"format": 1e999}',
+        b'{"format": 1, "robot": "\\ud800", "models": {}}',
+        b'{"format": 1, "models": {}, "cycle": ' + b"9" * 5000 + b"}",
+        pickle.dumps(AFFINE_SET),
+    ],
+)
+def test_files_of_another_kind_are_refused(content: bytes, file: Path) -> None:
+    file.write_bytes(content)
+    with pytest.raises(ModelFileError) as caught:
+        ModelSet.load(file)
+    assert "\n" not in str(caught.value)
+    assert len(str(caught.value)) < 600
+
+
+def test_nothing_in_a_file_is_ever_run(file: Path) -> None:
+    class Trap:
+        def __reduce__(self) -> tuple[Callable[[int], None], tuple[int]]:
+            return os._exit, (3,)
+
+    file.write_bytes(pickle.dumps(Trap()))
+    with pytest.raises(ModelFileError):
+        ModelSet.load(file)
+
+
+def test_a_file_cut_short_is_refused_wherever_it_is_cut(file: Path) -> None:
+    content = file.read_bytes()
+    for length in range(0, len(content.rstrip()), 37):
+        file.write_bytes(content[:length])
+        with pytest.raises(ModelFileError):
+            ModelSet.load(file)
+
+
+@settings(
+    max_examples=400, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
+)
+@given(st.randoms(use_true_random=False), st.integers(1, 4))
+@example(random.Random(0), 1)
+def test_a_file_with_bytes_altered_is_refused_or_makes_a_valid_model(
+    file: Path, rng: random.Random, times: int
+) -> None:
+    AFFINE_SET.save(file)
+    content = bytearray(file.read_bytes())
+    for _ in range(times):
+        place = rng.randrange(len(content))
+        match rng.randrange(4):
+            case 0:
+                content[place] = rng.randrange(256)
+            case 1:
+                content[place] = rng.choice(b'0123456789-+.eE,:[]{}" ntfNI')
+            case 2:
+                del content[place : place + rng.randrange(1, 20)]
+            case _:
+                content[place:place] = content[place : place + rng.randrange(1, 20)]
+    file.write_bytes(bytes(content))
+    try:
+        loaded = ModelSet.load(file, ROBOT)
+    except ModelFileError as error:
+        assert "\n" not in str(error)
+        return
+    assert loaded.models.keys() == AFFINE_SET.models.keys()
+    assert loaded.joint_names == ROBOT.joint_names
+    for model in loaded.models.values():
+        assert isinstance(model, AffineTree)
+        assert len(model.feature) == len(AFFINE.feature)
+        assert isinstance(model.predict_one(0.1, -0.2, 0.3), float)
+
+
+def test_models_of_another_robot_are_refused(file: Path) -> None:
+    assert ModelSet.load(file, ROBOT) == AFFINE_SET
+    for other, message in (
+        (replace(ROBOT, name="nao"), "are of robot 'pepper', not of 'nao'"),
+        (replace(ROBOT, joints=ROBOT.joints[::-1]), "another order"),
+        (replace(ROBOT, joints=ROBOT.joints[:-1]), "other joints"),
+        (replace(ROBOT, cycle=0.01), "cycle of 0.012 s, not 0.01 s"),
+    ):
+        with pytest.raises(ModelFileError, match=message) as caught:
+            ModelSet.load(file, other)
+        assert str(caught.value).startswith(f"{file}: ")
+
+
+def test_sets_that_make_no_sense_are_refused() -> None:
+    with pytest.raises(ModelFileError, match="is a CartTree, not of kind 'affine'"):
+        models({"HeadYaw": SILENT}, kind="affine")
+    with pytest.raises(ModelFileError, match="'Tail', which is no joint"):
+        models({"Tail": SILENT})
+    with pytest.raises(ModelFileError, match="no model"):
+        models({})
+    with pytest.raises(ModelFileError, match="'test_fit' is not finite"):
+        replace(AFFINE_SET, test_fit={"HeadYaw": float("nan"), "LHand": 1.0})
+    assert issubclass(ModelFileError, PepperError)
+    assert issubclass(ModelFileError, ValueError)

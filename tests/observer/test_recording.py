@@ -1,0 +1,108 @@
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from observer_cases import CYCLE, JOINTS, ROBOT, free_run, tick
+
+from pepper_driver.config import PepperError
+from pepper_driver.observer.recording import Recording, RecordingBuilder, RecordingError
+
+
+def built(n: int, capacity: int = 8192) -> Recording:
+    builder = RecordingBuilder(ROBOT, capacity)
+    for k in range(n):
+        error = np.arange(JOINTS) * 0.001 + k
+        builder.append(
+            tick(k, error, features=(k + 0.1, k + 0.2, k + 0.3), changed=(k % JOINTS,), age=k / 1e3)
+        )
+    assert len(builder) == n
+    return builder.finish()
+
+
+@pytest.mark.parametrize("capacity", [1, 3, 100])
+def test_builder_keeps_every_tick_in_its_row(capacity: int) -> None:
+    run = built(20, capacity)
+    assert len(run) == 20
+    assert run.joint_names == ROBOT.joint_names
+    rows = np.arange(20)
+    np.testing.assert_allclose(run.time, rows * CYCLE)
+    np.testing.assert_allclose(run.age, rows / 1e3)
+    for joint in (0, 7, 16):
+        np.testing.assert_allclose(run.features(joint), rows[:, None] + np.array([0.1, 0.2, 0.3]))
+        np.testing.assert_allclose(run.tracking_error(joint), rows + joint * 0.001)
+        np.testing.assert_array_equal(run.changed[:, joint], rows % JOINTS == joint)
+    np.testing.assert_allclose(run.current, 0.2)
+
+
+def test_tracking_error_is_what_was_sent_minus_what_was_measured() -> None:
+    sample = tick(1)
+    late = replace(sample, measurement=replace(sample.measurement, time=1.0))
+    builder = RecordingBuilder(ROBOT)
+    for one in (sample, late):
+        one = replace(one, sent=replace(one.sent, position=np.full(JOINTS, 0.5)))
+        position = np.full(JOINTS, 0.2)
+        # The reference is not what was sent: the gate may have altered it.
+        builder.append(replace(one, measurement=replace(one.measurement, position=position)))
+    np.testing.assert_allclose(builder.finish().tracking_error(3), 0.3)
+
+
+def test_builder_copies_what_it_is_given() -> None:
+    builder = RecordingBuilder(ROBOT)
+    first = tick(0, 0.5)
+    builder.append(first)
+    first.measurement.position[:] = 99.0
+    builder.append(tick(1))
+    run = builder.finish()
+    assert run.tracking_error(0)[0] == pytest.approx(0.5)
+    builder.append(tick(2))
+    assert len(run) == 2
+    with pytest.raises(ValueError, match="read-only"):
+        run.position[0, 0] = 1.0
+
+
+def test_usable_leaves_out_altered_and_stale_samples() -> None:
+    run = built(60)
+    for joint in (0, 5):
+        rows = np.arange(60)
+        np.testing.assert_array_equal(run.usable(joint), (rows % JOINTS != joint) & (rows <= 30))
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "message"),
+    [
+        ("position", np.nan, "'position' of HeadYaw is not finite at sample 4"),
+        ("load_torque", np.inf, "'load_torque' of HeadYaw is not finite at sample 4"),
+    ],
+)
+def test_refuses_values_that_are_not_finite(name: str, value: float, message: str) -> None:
+    run = built(6)
+    broken = getattr(run, name).copy()
+    broken[4, ROBOT.joint_index("HeadYaw")] = value
+    changes: dict[str, Any] = {name: broken}
+    with pytest.raises(RecordingError, match=message):
+        replace(run, **changes)
+
+
+def test_refuses_wrong_shapes_and_times_and_too_few_samples() -> None:
+    run = built(6)
+    with pytest.raises(RecordingError, match=r"'velocity' has shape \(6, 3\)"):
+        replace(run, velocity=np.zeros((6, 3)))
+    with pytest.raises(RecordingError, match="time does not increase at sample 3"):
+        replace(run, time=np.array([0.0, 1.0, 2.0, 2.0, 3.0, 4.0]))
+    with pytest.raises(RecordingError, match="'time' is not finite at sample 1"):
+        replace(run, time=np.array([0.0, np.nan, 2.0, 3.0, 4.0, 5.0]))
+    for n in (0, 1):
+        with pytest.raises(RecordingError, match=f"two samples or more, got {n}"):
+            built(n)
+    assert issubclass(RecordingError, PepperError)
+    assert issubclass(RecordingError, ValueError)
+
+
+def test_making_a_recording_leaves_the_arrays_of_the_caller_writable() -> None:
+    run = free_run(3.0, 0, seconds=1.0)
+    time = run.time.copy()
+    replace(run, time=time)
+    time[0] = -1.0

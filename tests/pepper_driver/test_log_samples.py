@@ -1,0 +1,145 @@
+"""Ticks to log, made up: random bits, special values included."""
+
+from __future__ import annotations
+
+from dataclasses import fields
+from typing import cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pepper_driver.backends.interface import Command, Imu, Measurement, Truth
+from pepper_driver.config import load_robot
+from pepper_driver.controller.reference import Reference
+from pepper_driver.controller.tick import Tick
+from pepper_driver.observer.contact import Contact
+from pepper_driver.observer.interface import Observation
+
+FloatArray = NDArray[np.float64]
+ROBOT = load_robot()
+N = len(ROBOT.joint_names)
+SPECIAL = (np.nan, np.inf, -np.inf, -0.0, 5e-324, 1.7976931348623157e308)
+
+
+class Samples:
+    """A stream of ticks that differ in every bit."""
+
+    def __init__(self, seed: int = 0) -> None:
+        self.random = np.random.default_rng(seed)
+
+    def vector(self, size: int) -> FloatArray:
+        """(size,) floats of random bits, some of them special."""
+        bits = self.random.integers(0, 2**64, size, dtype=np.uint64, endpoint=False)
+        values = bits.view(np.float64)
+        values[self.random.random(size) < 0.1] = self.random.choice(SPECIAL)
+        return values
+
+    def flags(self, size: int) -> NDArray[np.bool_]:
+        """(size,) random truth values."""
+        return self.random.random(size) < 0.5
+
+    def tick(self, number: int) -> Tick:
+        """Tick ``number``, 12 ms after the one before."""
+        return Tick(
+            measurement=Measurement(
+                time=number * 0.012,
+                tick=number,
+                position=self.vector(N),
+                current=self.vector(N),
+                wheel_speed=self.vector(3),
+                imu=Imu(
+                    acceleration=self.vector(3),
+                    angular_velocity=self.vector(3),
+                    attitude=self.vector(3),
+                ),
+                touch=self.vector(len(ROBOT.sensors.touch)),
+                bumpers=self.vector(len(ROBOT.sensors.bumpers)),
+                temperature=self.vector(N),
+                battery=float(self.random.random()),
+                age=float(self.random.random()),
+            ),
+            reference=Reference(
+                position=self.vector(N),
+                velocity=self.vector(N),
+                acceleration=self.vector(N),
+                load_torque=self.vector(N),
+                base_twist=self.vector(3),
+            ),
+            sent=Command(
+                position=self.vector(N), stiffness=self.vector(N), wheel_speed=self.vector(3)
+            ),
+            changed=self.flags(N),
+        )
+
+    def observation(self, *contacts: Contact) -> Observation:
+        """What an observer might say, with these contacts."""
+        return Observation(
+            contacts=contacts,
+            expected=self.vector(N),
+            residual=self.vector(N),
+            threshold=self.vector(N),
+            torque=self.vector(N),
+            torque_std=self.vector(N),
+            state=self.random.integers(0, 6, N).astype(np.int8),
+        )
+
+    def contact(self, number: int) -> Contact:
+        """Contact ``number``, felt by a random joint or by none."""
+        random = self.random
+        joint = None if number % 3 == 0 else ROBOT.joint_names[random.integers(N)]
+        known = number % 2 == 0
+        return Contact(
+            id=number,
+            phase=("begin", "update", "end")[number % 3],
+            kind=("contact", "collision", "rebound")[number % 3],
+            joint=joint,
+            link=ROBOT.links[0],
+            direction=1 if known else -1,
+            intensity=float(random.random()),
+            torque=float(random.normal()) if known else None,
+            torque_std=float(random.random()) if known else None,
+            onset_time=float(random.random()),
+            detection_time=float(random.random()),
+            time=float(random.random()),
+        )
+
+
+class MadeUpTruth:
+    """What the log reads of a ground truth, of random bits, others at every :meth:`move`."""
+
+    def __init__(self, samples: Samples) -> None:
+        self._samples = samples
+        self.move()
+
+    def move(self) -> None:
+        """What a simulation does in a cycle."""
+        self.contact_torque = self._samples.vector(N)
+        self.in_gap = self._samples.flags(N)
+        self.saturated = self._samples.flags(N)
+        self.position = self._samples.vector(N)
+
+    @property
+    def as_truth(self) -> Truth:
+        """Itself, for the type checker."""
+        return cast(Truth, self)
+
+
+def flatten(tick: Tick, observation: Observation) -> dict[str, object]:
+    """The values of one tick under the names they have in the log."""
+    m = tick.measurement
+    values: dict[str, object] = {
+        f.name: getattr(m, f.name) for f in fields(Measurement) if f.name != "imu"
+    }
+    values |= {f"imu_{f.name}": getattr(m.imu, f.name) for f in fields(Imu)}
+    values |= {f"sent_{f.name}": getattr(tick.sent, f.name) for f in fields(Command)}
+    values |= {f"reference_{f.name}": getattr(tick.reference, f.name) for f in fields(Reference)}
+    values |= {
+        f.name: getattr(observation, f.name) for f in fields(Observation) if f.name != "contacts"
+    }
+    return {**values, "changed": tick.changed}
+
+
+def same_bits(read: object, given: object) -> bool:
+    """Whether two arrays or numbers have the same type, shape and bits."""
+    a, b = np.asarray(read), np.asarray(given)
+    return (a.dtype, a.shape) == (b.dtype, b.shape) and a.tobytes() == b.tobytes()
