@@ -6,7 +6,6 @@ import json
 import math
 import re
 from collections.abc import Hashable
-from functools import cache
 from importlib.resources import files
 from pathlib import Path
 from typing import Any, TypeVar
@@ -72,11 +71,6 @@ def read_yaml(path: Path) -> dict[str, Any]:
     return data
 
 
-@cache
-def _adapter(cls: type[T]) -> TypeAdapter[T]:
-    return TypeAdapter(cls)
-
-
 def parse(cls: type[T], data: dict[str, Any], source: str) -> T:
     """``data`` as an instance of the configuration dataclass ``cls``.
 
@@ -94,7 +88,7 @@ def parse(cls: type[T], data: dict[str, Any], source: str) -> T:
     except (TypeError, ValueError, RecursionError) as error:
         raise ConfigError(f"{source}: {error}") from error
     try:
-        return _adapter(cls).validate_json(text, strict=True)
+        return TypeAdapter(cls).validate_json(text, strict=True)
     except ValidationError as error:
         raise ConfigError(f"{source}: {_explain(error, cls, data)}") from error
 
@@ -134,7 +128,7 @@ def _explain(error: ValidationError, cls: type[Any], data: dict[str, Any]) -> st
 
 def _field_names(cls: type[Any]) -> set[str]:
     """Names of the fields of a dataclass and of the dataclasses in it."""
-    schema = _adapter(cls).json_schema()
+    schema = TypeAdapter(cls).json_schema()
     names = set(schema.get("properties", {}))
     for part in schema.get("$defs", {}).values():
         names |= set(part.get("properties", {}))

@@ -18,6 +18,9 @@ from pepper_driver.controller.tasks import BaseVelocityTask, PostureTask, Task
 
 FloatArray = NDArray[np.float64]
 
+LEAST_COST = 1e-4
+"""Of the largest diagonal entry of the cost: an acceleration that tasks care less for is regularised as this one."""
+
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class ControllerStatus:
@@ -57,7 +60,8 @@ class WholeBodyController:
         self.model = RobotModel(robot)
         self._box = AccelerationBox(robot, settings, self.model, self._dt)
         self._solver = make_solver(settings.solver)
-        self._regularisation = settings.regularisation * np.eye(self.model.nv)
+        self._share = settings.regularisation
+        self._diagonal = np.diag_indices(self.model.nv)
         self.posture = PostureTask(
             robot, stiffness=settings.posture.stiffness, weight=settings.posture.weight
         )
@@ -97,13 +101,20 @@ class WholeBodyController:
     # -- state --------------------------------------------------------------------------------------------------
 
     def reset(self, position: FloatArray) -> None:
-        """Stand still at (17,) joint positions [rad], the base at the origin, the posture task at the same place."""
+        """Stand still at (17,) joint positions [rad], the base at the origin; both own tasks want to stay there.
+
+        Raises:
+            TargetError: Not 17 finite numbers; nothing changes.
+        """
         self.posture.target = np.clip(position, self._robot.lower, self._robot.upper)
+        self.base_velocity.target = np.zeros(BASE)
         self._q = self.model.configuration(position)
         self._v = np.zeros(self.model.nv)
         self._before = position.copy()
         self._status: Status = "solved"
+        self._acceleration = np.zeros(self.model.nv)
         self.model.set_state(self._q, self._v)
+        self._box.update(self.model)
 
     @property
     def position(self) -> FloatArray:
@@ -136,6 +147,7 @@ class WholeBodyController:
         columns = self.model.joint_columns
         self._v[columns] = np.where(changed, speed, self._v[columns])
         self._q = self.model.with_joint_position(self._q, position)
+        self.model.set_state(self._q, self._v)
 
     # -- one cycle ----------------------------------------------------------------------------------------------
 
@@ -176,7 +188,6 @@ class WholeBodyController:
         self._jacobian, self._wanted = np.zeros((rows, nv)), np.zeros(rows)
         self._scale = np.zeros(rows)
         self._matrix, self._bound = np.zeros((bounds, nv)), np.zeros(bounds)
-        self._acceleration = np.zeros(nv)
         parts: list[Task | Constraint] = [*self._tasks, *self._constraints]
         self._needs_kinematics = any(part.needs_kinematics for part in parts)
 
@@ -197,10 +208,16 @@ class WholeBodyController:
         self._box.update(model)
         lower, upper = self._box.lower, self._box.upper
         weighted = self._jacobian * self._scale[:, None]
-        H = weighted.T @ self._jacobian + self._regularisation  # noqa: N806
+        H = weighted.T @ self._jacobian
+        H[self._diagonal] += self._regularisation(H.diagonal())
         g = -(self._wanted @ weighted)
         solution = self._solver.solve(H, g, lower, upper, self._matrix, self._bound)
         self._status = solution.status
         if solution.status == "solved":
             return solution.x
         return np.minimum(np.maximum(-self._v / dt, lower), upper)
+
+    def _regularisation(self, cost: FloatArray) -> FloatArray:
+        """(20,) to be added to the diagonal of the cost, a share of it: the unit of the weights cancels out."""
+        least = LEAST_COST * float(cost.max())
+        return self._share * (np.maximum(cost, least) if least > 0 else np.ones_like(cost))

@@ -27,7 +27,7 @@ class Contact:
         torque_std: Its standard deviation [N m]; None where no estimate exists.
         onset_time: Clock of the robot when the residual began to leave its free-motion band [s].
         detection_time: When the contact was detected [s].
-        time: When this event was raised [s].
+        time: When this happened [s]; an ``end`` is raised a little later, once the residual has stayed low.
     """
 
     id: int

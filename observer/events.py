@@ -53,8 +53,8 @@ class JointMonitor:
       not, the excursion has ended when it fell.
     - REBOUND: it crossed the threshold on the other side at most ``rebound_window`` after it fell: the joint swings
       back from a strong contact. The paper leaves these out of its false positives. One that stays over the
-      threshold for longer than ``rebound_window`` is a contact after all: somebody holds the joint. (A free joint has
-      swung back by then in four of five cases; and a touch that is not told is worse than a rebound that is.)
+      threshold for longer than ``rebound_window`` is a contact after all: somebody holds the joint. (In simulation four
+      of five rebounds are shorter; and a touch that is not told is worse than a rebound that is.)
     - BLIND: the residual is NaN. Everything is forgotten: an excursion ends at once, and what follows is no rebound.
 
     Args:

@@ -263,7 +263,7 @@ def contact_filter(
         robot: Whose links and joints are meant.
         link: Only contacts on this link.
         joint: Only contacts felt by this joint.
-        kind: Only this kind. None takes all, rebounds included.
+        kind: Only this kind. None takes contacts and collisions: a rebound is no touch.
         phase: Only this phase. None takes all.
         min_intensity: Only contacts of at least this intensity [deg].
 
@@ -286,7 +286,7 @@ def contact_filter(
         return (
             (link is None or contact.link == link)
             and (joint is None or contact.joint == joint)
-            and (kind is None or contact.kind == kind)
+            and (contact.kind == kind if kind is not None else contact.kind != "rebound")
             and (phase is None or contact.phase == phase)
             and contact.intensity >= min_intensity
         )

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Mapping
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -29,16 +30,36 @@ def make_folder(path: Path) -> None:
         raise OutputError(f"{path}: no permission to write there")
 
 
+def check_writable(path: Path) -> None:
+    """Refuse a file that cannot be written, before the work for it is done rather than after.
+
+    Raises:
+        OutputError: It cannot be written.
+    """
+    _replace(path, "", keep=False)
+
+
 def write_json(path: Path, content: Mapping[str, Any]) -> None:
     """Write a JSON file; a failure leaves what was there before.
 
     Raises:
         OutputError: It cannot be written.
     """
+    _replace(path, json.dumps(content, indent=2, allow_nan=False) + "\n", keep=True)
+
+
+def _replace(path: Path, text: str, *, keep: bool) -> None:
+    """Write ``text`` beside ``path``, then put it in its place, or only try when not to ``keep`` it."""
     partial = path.with_name(path.name + ".part")
     try:
-        partial.write_text(json.dumps(content, indent=2, allow_nan=False) + "\n", encoding="utf-8")
-        os.replace(partial, path)
+        if path.is_dir():
+            raise IsADirectoryError(None, "it is a folder")
+        partial.write_text(text, encoding="utf-8")
+        if keep:
+            os.replace(partial, path)
+        else:
+            partial.unlink()
     except OSError as error:
-        partial.unlink(missing_ok=True)
+        with suppress(OSError):
+            partial.unlink()
         raise OutputError(f"{path}: cannot be written ({error.strerror})") from error

@@ -15,7 +15,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from pepper_driver.backends import Backend, BackendError, make_backend
-from pepper_driver.callbacks import Dispatcher, contact_filter
+from pepper_driver.callbacks import (
+    ContactCallback,
+    ContactPredicate,
+    Dispatcher,
+    contact_filter,
+)
 from pepper_driver.config import (
     RobotConfig,
     load_controller_settings,
@@ -32,7 +37,6 @@ from pepper_driver.reflexes import Reflex
 from pepper_driver.safety import RobotState, SafetyGate
 from pepper_driver.selection import make_observer
 
-ContactCallback = Callable[[Contact], object]
 Posture = str | Mapping[str, float] | ArrayLike
 """A posture by name, joints by name with their angles [rad] (the others stay), or all 17 angles [rad]."""
 
@@ -82,7 +86,8 @@ class Pepper:
         self._paced = real_time and not self.backend.info.real_time
         self._controller_settings = load_controller_settings(self.config)
         self._safety_settings = load_safety_settings()
-        self._dispatcher = Dispatcher()
+        self._subscriptions: list[tuple[ContactCallback, ContactPredicate]] = []
+        self._dispatcher: Dispatcher | None = None
         self._listeners: list[Callable[[Tick, Observation | None], None]] = []
         self._gate: SafetyGate | None = None
         self._loop: Loop | None = None
@@ -134,6 +139,9 @@ class Pepper:
             reflex.reset()
         self._gate = gate
         self._contacts.clear()
+        self._dispatcher = Dispatcher()
+        for callback, wanted in self._subscriptions:
+            self._dispatcher.subscribe(callback, wanted)
         self._loop = Loop(
             self.backend,
             self.config,
@@ -157,8 +165,10 @@ class Pepper:
             log, self._log = self._log, None
             if log is not None:
                 log.close()
-            self._dispatcher.flush(timeout=2.0)
-            self._dispatcher.close(timeout=2.0)
+            if self._dispatcher is not None:
+                self._dispatcher.flush(timeout=2.0)
+                self._dispatcher.close(timeout=2.0)
+                self._dispatcher = None
 
     @property
     def state(self) -> RobotState:
@@ -228,7 +238,8 @@ class Pepper:
         finally:
             if on_tick is not None:
                 self._listeners.remove(on_tick)
-        self._dispatcher.flush(timeout=2.0)
+        if self._dispatcher is not None:
+            self._dispatcher.flush(timeout=2.0)
 
     def emergency_stop(self) -> None:
         """Hold the joints and stop the wheels from the next tick on; only a new start leaves this state."""
@@ -271,7 +282,7 @@ class Pepper:
         Args:
             link: Only contacts on this link.
             joint: Only contacts felt by this joint.
-            kind: Only this kind.
+            kind: Only this kind; None for contacts and collisions, but no rebounds.
             phase: ``begin``, ``update``, ``end``, or None for all.
             min_intensity: Only contacts of at least this intensity [deg].
 
@@ -288,7 +299,9 @@ class Pepper:
         )
 
         def register(callback: ContactCallback) -> ContactCallback:
-            self._dispatcher.subscribe(callback, wanted)
+            self._subscriptions.append((callback, wanted))
+            if self._dispatcher is not None:
+                self._dispatcher.subscribe(callback, wanted)
             return callback
 
         return register
@@ -337,7 +350,8 @@ class Pepper:
         if observation is not None:
             for contact in observation.contacts:
                 self._contacts.append(contact)
-                self._dispatcher.publish(contact)
+                if self._dispatcher is not None:
+                    self._dispatcher.publish(contact)
         for listener in self._listeners:
             listener(tick, observation)
 

@@ -22,6 +22,7 @@ from pepper_driver.backends.mujoco_.board import MotorBoards
 from pepper_driver.backends.mujoco_.model import build_model
 from pepper_driver.backends.mujoco_.pushes import Push, Pushes
 from pepper_driver.backends.mujoco_.sensors import CurrentSensors, Encoders, FreeWheels
+from pepper_driver.backends.mujoco_.window import Window, check_display
 from pepper_driver.backends.selection import BackendUri
 from pepper_driver.config import (
     PlantConfig,
@@ -54,8 +55,11 @@ class MujocoBackend(Backend):
         *,
         seed: int = 0,
         posture: str = "Stand",
+        window: bool = False,
         uri: str = "mujoco",
     ) -> None:
+        if window:
+            check_display()
         self._robot = robot
         self._plant = plant
         self._seed = seed
@@ -68,6 +72,8 @@ class MujocoBackend(Backend):
         self._steps = round(robot.cycle / plant.physics.timestep)
         self._brakes = np.array([name in plant.board.brakes for name in robot.joint_names])
         self._state: Literal["closed", "open", "active"] = "closed"
+        self._shown = window
+        self._window: Window | None = None
         self._truth = MujocoTruth(self)
         self._info = BackendInfo(
             uri=uri,
@@ -109,6 +115,8 @@ class MujocoBackend(Backend):
         self._braked_at = self._start.copy()
         self._tick = 0
         self.contact_torque = np.zeros(len(self._start))
+        if self._shown:
+            self._window = Window(self._model.mj, self._data)
         self._state = "open"
         return self._measurement(self._encoders.reset(self._start), self._current_sensors.reset())
 
@@ -137,6 +145,8 @@ class MujocoBackend(Backend):
         self._wheels.step(wheel_speed)
         mean_current = self._simulate(position, stiffness)
         self._tick += 1
+        if self._window is not None:
+            self._window.refresh()
         return self._measurement(
             self._encoders.read(self.link_position), self._current_sensors.read(mean_current)
         )
@@ -155,6 +165,9 @@ class MujocoBackend(Backend):
     def close(self) -> None:
         """Deactivate and let go of the simulation."""
         self.deactivate()
+        if self._window is not None:
+            self._window.close()
+            self._window = None
         self._state = "closed"
 
     def push(
@@ -293,21 +306,22 @@ class MujocoTruth(Truth):
     @property
     def stiffness(self) -> FloatArray:
         """(17,) K = kp N Kt / R [N m/rad]."""
-        return self._backend._boards.stiffness.copy()
+        return np.array(self._backend._boards.stiffness)
 
     @property
     def torque_limit(self) -> FloatArray:
         """(17,) largest torque the board can hold [N m]."""
-        return self._backend._boards.torque_limit.copy()
+        return np.array(self._backend._boards.torque_limit)
 
 
 def from_uri(uri: BackendUri, robot: RobotConfig) -> MujocoBackend:
-    """``mujoco://?plant=NAME_OR_FILE&seed=N&posture=NAME``; all keys optional."""
-    uri.check_keys({"plant", "seed", "posture"})
+    """``mujoco://?plant=NAME_OR_FILE&seed=N&posture=NAME&window=1``; all keys optional."""
+    uri.check_keys({"plant", "seed", "posture", "window"})
     return MujocoBackend(
         robot,
         load_plant(uri.query.get("plant", "nominal"), robot),
         seed=uri.integer("seed", 0),
         posture=uri.query.get("posture", "Stand"),
+        window=uri.integer("window", 0) == 1,
         uri=uri.text,
     )

@@ -68,7 +68,7 @@ class MotorBoards:
         self._smoothed += self._derivative_gain * change
         back_emf = self._back_emf * velocity
         drop = self._resistance * self._current_limit * stiffness
-        voltage = np.minimum(np.maximum(wanted, back_emf - drop), back_emf + drop)
+        voltage: FloatArray = np.minimum(np.maximum(wanted, back_emf - drop), back_emf + drop)
         np.minimum(voltage, self._voltage, out=voltage)
         np.maximum(voltage, -self._voltage, out=voltage)
         self.saturated |= voltage != wanted

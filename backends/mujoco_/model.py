@@ -101,6 +101,8 @@ def _set_options(spec: mujoco.MjSpec, plant: PlantConfig) -> None:
     spec.compiler.fusestatic = False  # keep every link by name
     spec.compiler.boundmass = 0
     spec.compiler.boundinertia = 0
+    spec.visual.headlight.ambient = [0.4, 0.4, 0.4]  # a URDF brings no light
+    spec.visual.headlight.diffuse = [0.6, 0.6, 0.6]
     spec.option.timestep = plant.physics.timestep
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
     spec.option.solver = mujoco.mjtSolver.mjSOL_NEWTON

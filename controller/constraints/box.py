@@ -81,4 +81,6 @@ class AccelerationBox:
         most = ((root - self._brake_step) / 2.0 - velocity) / dt
         columns, highest, lowest = self._columns, most[0], -most[1]
         self.upper[columns] = np.maximum(np.minimum(self.upper[columns], highest), lowest)
-        self.lower[columns] = np.minimum(np.maximum(self.lower[columns], lowest), self.upper[columns])
+        self.lower[columns] = np.minimum(
+            np.maximum(self.lower[columns], lowest), self.upper[columns]
+        )

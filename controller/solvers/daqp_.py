@@ -27,11 +27,11 @@ class DaqpSolver:
 
     def solve(
         self,
-        H: FloatArray,  # noqa: N803
+        H: FloatArray,
         g: FloatArray,
         lower: FloatArray,
         upper: FloatArray,
-        G: FloatArray = NO_ROWS,  # noqa: N803
+        G: FloatArray = NO_ROWS,
         h: FloatArray = NO_BOUNDS,
     ) -> Solution:
         """Solve one problem; see :class:`Solver`."""
@@ -60,9 +60,12 @@ class DaqpSolver:
         if flag <= 0:
             self._model = None
             return Solution(np.zeros(n), "failed")
-        return checked(np.asarray(x), lower, upper, self._rows, h)
+        solution = checked(np.asarray(x), lower, upper, self._rows, h)
+        if solution.status == "failed":
+            self._model = None
+        return solution
 
-    def _load(self, H: FloatArray, g: FloatArray, m: int) -> int:  # noqa: N803
+    def _load(self, H: FloatArray, g: FloatArray, m: int) -> int:
         """Hand the problem to DAQP; its exit flag."""
         flag: int
         if self._model is None:

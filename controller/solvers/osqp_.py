@@ -1,7 +1,7 @@
 """OSQP through its own interface: set up once, then updated and warm started.
 
-Its default accuracy of 1e-3 shows in the load torque of the small joints and depends on the unit of the weights; 1e-6
-costs no measurable time. Polishing prints to the terminal and can return wrong points, so it stays off.
+Its default accuracy of 1e-3 shows in the load torque of the small joints and depends on the unit of the weights; 1e-8
+costs little time. Polishing prints to the terminal and can return wrong points, so it stays off.
 """
 
 from __future__ import annotations
@@ -15,8 +15,14 @@ from pepper_driver.controller.solvers.solver import NO_BOUNDS, NO_ROWS, Solution
 
 FloatArray = NDArray[np.float64]
 
-ACCURACY = 1e-6
+ACCURACY = 1e-8
 MAX_ITERATIONS = 4000
+
+SMALLEST = 1e-6
+"""Of the largest diagonal entry of the cost: what smaller ones are scaled as."""
+
+UNBOUNDED = 1e30
+"""What OSQP takes for infinity."""
 
 
 class OsqpSolver:
@@ -29,23 +35,38 @@ class OsqpSolver:
 
     def solve(
         self,
-        H: FloatArray,  # noqa: N803
+        H: FloatArray,
         g: FloatArray,
         lower: FloatArray,
         upper: FloatArray,
-        G: FloatArray = NO_ROWS,  # noqa: N803
+        G: FloatArray = NO_ROWS,
         h: FloatArray = NO_BOUNDS,
     ) -> Solution:
         """Solve one problem; see :class:`Solver`."""
         n, m = len(g), len(h)
-        low, high = np.concatenate([lower, np.full(m, -np.inf)]), np.concatenate([upper, h])
-        # OSQP works to an absolute accuracy: a cost of unit size makes the answer the same for any unit of the weights.
-        scale = 1.0 / max(float(np.abs(np.diag(H)).max()), 1e-12)
-        H, g = H * scale, g * scale  # noqa: N806
+        # Given numbers that are none, OSQP prints to the terminal, returns anything, and its workspace stays spoilt.
+        numbers = all(np.isfinite(a).all() for a in (H, g, G))
+        if not numbers or any(np.isnan(a).any() for a in (lower, upper, h)):
+            return Solution(np.zeros(n), "failed")
+        if (lower > upper).any() or (h <= -UNBOUNDED).any():
+            return Solution(np.zeros(n), "infeasible")
+        # OSQP works to an absolute accuracy, and its own scaling saw only the matrices of the set-up: solve for
+        # x / unit, where every diagonal entry of the cost is 1, so that the answer is the same for any weights.
+        diagonal = H.diagonal()
+        largest = float(diagonal.max())
+        if largest <= 0 or diagonal.min() < 0:
+            largest = 1.0
+        diagonal = np.maximum(diagonal, SMALLEST * largest)
+        smallest = diagonal.min()
+        unit = np.sqrt(smallest / diagonal)
+        H, g = H * (np.outer(unit, unit) / smallest), g * (unit / smallest)
+        low = np.concatenate([lower / unit, np.full(m, -np.inf)])
+        high = np.concatenate([upper / unit, h])
+        solution = Solution(np.zeros(n), "failed")
         try:
             if self._shape != (n, m):
                 self._set_up(n, m)
-            matrix = np.concatenate([np.eye(n), G]) if m else np.eye(n)
+            matrix = np.concatenate([np.eye(n), G * unit]) if m else np.eye(n)
             self._solver.update(
                 Px=H[self._upper_rows, self._upper_columns],
                 Ax=matrix.ravel(order="F"),
@@ -54,15 +75,16 @@ class OsqpSolver:
                 u=high,
             )
             result = self._solver.solve(raise_error=False)
+            status = result.info.status_val
+            if status == osqp.SolverStatus.OSQP_PRIMAL_INFEASIBLE:
+                return Solution(np.zeros(n), "infeasible")
+            if status == osqp.SolverStatus.OSQP_SOLVED:
+                solution = checked(unit * result.x, lower, upper, G, h)
         except (ValueError, TypeError, RuntimeError, osqp.OSQPException):
-            self._shape = (-1, -1)
-            return Solution(np.zeros(n), "failed")
-        status = result.info.status_val
-        if status == osqp.SolverStatus.OSQP_PRIMAL_INFEASIBLE:
-            return Solution(np.zeros(n), "infeasible")
-        if status != osqp.SolverStatus.OSQP_SOLVED:
-            return Solution(np.zeros(n), "failed")
-        return checked(np.asarray(result.x), lower, upper, G, h)
+            pass
+        if solution.status == "failed":
+            self._shape = (-1, -1)  # a spoilt workspace never recovers
+        return solution
 
     def _set_up(self, n: int, m: int) -> None:
         columns = np.repeat(np.arange(n), np.arange(1, n + 1))

@@ -21,11 +21,11 @@ class QpsolversSolver:
 
     def solve(
         self,
-        H: FloatArray,  # noqa: N803
+        H: FloatArray,
         g: FloatArray,
         lower: FloatArray,
         upper: FloatArray,
-        G: FloatArray = NO_ROWS,  # noqa: N803
+        G: FloatArray = NO_ROWS,
         h: FloatArray = NO_BOUNDS,
     ) -> Solution:
         """Solve one problem; see :class:`Solver`."""

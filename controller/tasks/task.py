@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from math import isfinite, sqrt
+from numbers import Real
 
 import numpy as np
 from numpy.typing import NDArray
@@ -85,6 +86,6 @@ class Task(ABC):
 
 
 def _not_negative(name: str, value: float) -> float:
-    if not (isinstance(value, int | float | np.floating) and isfinite(value) and value >= 0):
+    if not (isinstance(value, Real) and isfinite(value) and value >= 0):
         raise GainError(f"{name} must be a finite number that is not negative, got {value!r}")
     return float(value)

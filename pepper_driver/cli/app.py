@@ -43,7 +43,8 @@ def run(arguments: Sequence[str]) -> int:
     try:
         code = app(list(arguments), standalone_mode=False)
     except typer.TyperException as error:
-        print(f"pepper: {error.format_message()}", file=sys.stderr)
+        if message := error.format_message():  # none when the help was shown
+            print(f"pepper: {message}", file=sys.stderr)
         return 2
     except PepperError as error:
         print(f"pepper: {' '.join(str(error).split())}", file=sys.stderr)

@@ -10,7 +10,7 @@ from rich.table import Table
 from pepper_driver.bench import run_bench
 from pepper_driver.cli.console import (
     JsonOption,
-    check_json,
+    check_outputs,
     make_console,
     make_progress,
     save_json,
@@ -25,7 +25,7 @@ def bench(
 ) -> None:
     """Time the stages of a tick and the simulation, on one core."""
     console = make_console()
-    check_json(json_file)
+    check_outputs(json_file)
     with make_progress(console) as progress:
         bar = progress.add_task("measuring", total=1.0)
         result = run_bench(seconds, on_progress=lambda share: progress.update(bar, completed=share))

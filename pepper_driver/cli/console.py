@@ -17,7 +17,7 @@ from rich.progress import (
     TimeRemainingColumn,
 )
 
-from pepper_driver.output import write_json
+from pepper_driver.output import check_writable, write_json
 
 JsonOption = Annotated[
     Path | None,
@@ -26,8 +26,8 @@ JsonOption = Annotated[
 
 
 def make_console() -> Console:
-    """The console commands print to."""
-    return Console(highlight=False)
+    """The console commands print to: text as it is, square brackets too, and lines as long as they are."""
+    return Console(highlight=False, markup=False, soft_wrap=True)
 
 
 def make_progress(console: Console, *, count: bool = False) -> Progress:
@@ -42,11 +42,11 @@ def make_progress(console: Console, *, count: bool = False) -> Progress:
     )
 
 
-def check_json(path: Path | None) -> None:
-    """Refuse a ``--json`` file that cannot be written, before the work is done rather than after."""
-    if path is not None:
-        write_json(path, {})
-        path.unlink()
+def check_outputs(*paths: Path | None) -> None:
+    """Refuse files that cannot be written, before the work is done rather than after."""
+    for path in paths:
+        if path is not None:
+            check_writable(path)
 
 
 def save_json(path: Path | None, content: Mapping[str, Any], console: Console) -> None:

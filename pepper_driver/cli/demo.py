@@ -13,7 +13,7 @@ from rich.table import Table
 
 from pepper_driver.cli.console import (
     JsonOption,
-    check_json,
+    check_outputs,
     make_console,
     make_progress,
     save_json,
@@ -43,7 +43,7 @@ def demo(
 ) -> None:
     """Move a simulated Pepper's arms, push them, and print each contact as it is felt."""
     console = make_console()
-    check_json(json_file)
+    check_outputs(json_file)
     with TemporaryDirectory() as folder:
         models = None
         if fresh:

@@ -12,7 +12,7 @@ from rich.table import Table
 
 from pepper_driver.cli.console import (
     JsonOption,
-    check_json,
+    check_outputs,
     make_console,
     make_progress,
     save_json,
@@ -34,7 +34,7 @@ def identify(
 ) -> None:
     """Drive joints in free motion, fit an expected-error model to each, write the model file."""
     console = make_console()
-    check_json(json_file)
+    check_outputs(out, json_file)
     kind = next((kind for kind in TREE_TYPES if kind == tree), None)
     if kind is None:
         raise UnknownNameError("tree", tree, TREE_TYPES)

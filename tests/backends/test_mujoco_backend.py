@@ -172,7 +172,9 @@ def test_stiffness_scales_what_the_joint_can_hold() -> None:
     assert deflections[1] > 3 * deflections[0]
 
 
-def test_the_board_interpolates_the_command_over_the_cycle() -> None:
+def test_the_board_interpolates_the_command_over_the_cycle(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     """A ramp of commands must not reach the joint as stairs: the current shows the steps."""
     backend, hold = active()
     position = hold.copy()
@@ -188,7 +190,7 @@ def test_the_board_interpolates_the_command_over_the_cycle() -> None:
         targets.append(float(target[ROLL]))
         return update(target, *rest)
 
-    smooth.update = spy  # type: ignore[method-assign]
+    monkeypatch.setattr(smooth, "update", spy)
     for _ in range(3):
         position = position.copy()
         position[ROLL] += 0.006

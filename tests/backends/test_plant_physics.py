@@ -1,6 +1,7 @@
 """The plant against textbook physics and an independent integration of the paper's Eq. 5 to 8."""
 
 from dataclasses import replace
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -27,7 +28,7 @@ def weightless(robot: RobotConfig, plant: PlantConfig) -> tuple[PlantModel, mujo
     return model, mujoco.MjData(model.mj)
 
 
-def plant_of(robot: RobotConfig, **changes: float) -> PlantConfig:
+def plant_of(robot: RobotConfig, **changes: Any) -> PlantConfig:
     """The nominal plant with other drive parameters on all joints."""
     plant = load_plant("nominal", robot)
     return replace(plant, actuators=tuple(replace(a, **changes) for a in plant.actuators))

@@ -156,7 +156,7 @@ def recording(
     mask = np.zeros(n, dtype=np.bool_) if changed is None else changed
     return Recording(
         joint_names=ROBOT.joint_names,
-        time=np.arange(n) * CYCLE,
+        time=np.arange(float(n)) * CYCLE,
         sent_position=all_joints(error),
         position=np.zeros((n, JOINTS)),
         velocity=all_joints(features[:, 0]),

@@ -211,13 +211,13 @@ def test_a_contact_ends_when_its_joint_goes_blind() -> None:
 @pytest.mark.parametrize("time", [math.nan, -5.0, 0.1])
 def test_a_clock_that_fails_turns_no_event_around(time: float) -> None:
     ticks = [
-        tick(k, error_of(ELBOW, 0.1 if 50 <= k < 90 else 0.0), time=time if 60 <= k < 70 else None)
+        tick(k, error_of(ELBOW, 0.1 if 50 <= k < 90 else 0.0), time=time if 90 <= k < 115 else None)
         for k in range(200)
     ]
     _, events = run(observer(), ticks)
     check_life(events)
     assert [event.phase for event in events][0 :: len(events) - 1] == ["begin", "end"]
-    assert all(math.isfinite(event.time) for event in events)
+    assert events[-1].time == pytest.approx(89 * CYCLE)
 
 
 def test_models_of_another_robot_are_refused() -> None:
@@ -283,7 +283,7 @@ def test_events_make_sense_for_any_signal(
     parts: list[tuple[int, float, float, tuple[int, ...], float]],
 ) -> None:
     target = observer()
-    events = []
+    events: list[Contact] = []
     k = 0
     for ticks, outer, inner, changed, age in parts:
         error = error_of(ELBOW, outer) + error_of(ELBOW - 2, inner)

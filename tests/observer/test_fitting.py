@@ -5,8 +5,15 @@ import pytest
 from observer_cases import ROBOT, FloatArray, free_error, free_run, motion, recording
 
 from pepper_driver.config import PepperError, UnknownNameError
-from pepper_driver.observer.fitting import FittingError, fit_joint, nrmse_fit
+from pepper_driver.observer.fitting import (
+    LEAVES,
+    SHRINKAGES,
+    FittingError,
+    fit_joint,
+    nrmse_fit,
+)
 from pepper_driver.observer.tree import AffineTree, CartTree, Tree
+from pepper_driver.observer.tree_fitting import fit_affine, fit_cart
 
 JOINT = "LShoulderRoll"
 INDEX = ROBOT.joint_index(JOINT)
@@ -54,6 +61,11 @@ def test_affine_follows_faster_motion_than_it_was_fitted_on_and_cart_less() -> N
     assert isinstance(affine, AffineTree)
     assert isinstance(cart, CartTree)
     assert 4 <= affine.leaves <= 64
+    features = np.concatenate([run.features(INDEX) for run in ESTIMATION])
+    error = np.concatenate([run.tracking_error(INDEX) for run in ESTIMATION])
+    assert cart == fit_cart(features, error)
+    sizes = [fit_affine(features, error, leaves=n, shrinkage=s) for n in LEAVES for s in SHRINKAGES]
+    assert affine in sizes
     assert fit_on(affine, 4.0, 50) > 95.0
     assert fit_on(cart, 4.0, 50) > 75.0
     assert fit_on(affine, 9.0, 51) > 93.0

@@ -232,6 +232,15 @@ def test_a_new_touch_during_a_rebound_makes_it_a_contact() -> None:
     assert story(events) == [(2, "update", "contact", "LWristYaw")]
 
 
+def test_a_touch_that_begins_with_a_rebound_is_on_the_joint_that_does_not_swing_back() -> None:
+    player = Player()
+    player.play(3, LElbowRoll=3.0)
+    player.play(GAP + 2)  # the contact has ended, the rebound window has not
+    assert player.tracker.idle
+    events = player.play(1, LElbowRoll=-2.0, LShoulderRoll=2.0)
+    assert story(events) == [(2, "begin", "contact", "LShoulderRoll")]
+
+
 def test_reset_forgets() -> None:
     player = Player()
     player.play(5, LElbowRoll=5.0)

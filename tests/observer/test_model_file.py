@@ -49,7 +49,7 @@ def test_what_was_saved_is_loaded_bit_for_bit(kind: str, tmp_path: Path) -> None
 def test_equal_sets_give_equal_bytes_without_times_or_paths(tmp_path: Path) -> None:
     one, other = tmp_path / "a.json", tmp_path / "other.json"
     AFFINE_SET.save(one)
-    replace(AFFINE_SET, models=dict(reversed(AFFINE_SET.models.items()))).save(other)
+    replace(AFFINE_SET, models=dict(reversed(list(AFFINE_SET.models.items())))).save(other)
     assert one.read_bytes() == other.read_bytes()
     header = json.loads(one.read_text())
     assert header.pop("models").keys() == {"HeadYaw", "LHand"}
@@ -73,11 +73,14 @@ def test_saving_replaces_the_file_and_leaves_nothing_else(file: Path) -> None:
     assert os.listdir(file.parent) == [file.name]
 
 
-def test_a_save_that_fails_leaves_the_old_file(file: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("step", ["fsync", "replace"])
+def test_a_save_that_fails_leaves_the_old_file(
+    step: str, file: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     def no_space(*_: object) -> None:
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(os, "fsync", no_space)
+    monkeypatch.setattr(os, step, no_space)
     with pytest.raises(ModelFileError, match=r"cannot be written .No space left on device"):
         replace(AFFINE_SET, identity="another").save(file)
     assert ModelSet.load(file) == AFFINE_SET
@@ -198,6 +201,15 @@ def test_files_of_another_kind_are_refused(content: bytes, file: Path) -> None:
         ModelSet.load(file)
     assert "\n" not in str(caught.value)
     assert len(str(caught.value)) < 600
+
+
+def test_a_key_given_twice_is_refused(file: Path) -> None:
+    text = file.read_text()
+    line = ' "identity": "plant-0123",'
+    assert line in text
+    file.write_text(text.replace(line, f"{line} {line}"))
+    with pytest.raises(ModelFileError, match="a key is given twice"):
+        ModelSet.load(file)
 
 
 def test_nothing_in_a_file_is_ever_run(file: Path) -> None:

@@ -14,7 +14,7 @@ from pepper_driver.observer.recording import Recording, RecordingBuilder, Record
 def built(n: int, capacity: int = 8192) -> Recording:
     builder = RecordingBuilder(ROBOT, capacity)
     for k in range(n):
-        error = np.arange(JOINTS) * 0.001 + k
+        error = np.arange(float(JOINTS)) * 0.001 + k
         builder.append(
             tick(k, error, features=(k + 0.1, k + 0.2, k + 0.3), changed=(k % JOINTS,), age=k / 1e3)
         )

@@ -1,0 +1,227 @@
+"""The rigid-body model against MuJoCo on the same URDF, and against finite differences."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import mujoco
+import numpy as np
+import pytest
+from controller_cases import DT, JOINTS, MIDDLE, ROBOT, FloatArray, random_posture
+
+from pepper_driver.config import UnknownNameError
+from pepper_driver.controller import RobotModel
+
+MODEL = RobotModel(ROBOT)
+STEP = 1e-6
+LINKS = ("Tibia", "Pelvis", "torso", "Head", "LForeArm", "l_wrist", "r_wrist", "l_gripper")
+
+
+class Mujoco:
+    """MuJoCo on the robot's URDF, on a base with slides x, y and a hinge z."""
+
+    def __init__(self) -> None:
+        spec = mujoco.MjSpec()
+        base = spec.worldbody.add_body(name="base")
+        slide, hinge = mujoco.mjtJoint.mjJNT_SLIDE, mujoco.mjtJoint.mjJNT_HINGE
+        base.add_joint(name="x", type=slide, axis=[1, 0, 0])
+        base.add_joint(name="y", type=slide, axis=[0, 1, 0])
+        base.add_joint(name="yaw", type=hinge, axis=[0, 0, 1])
+        robot = mujoco.MjSpec.from_file(str(ROBOT.urdf))
+        for name in ROBOT.wheels.names:
+            robot.delete(robot.joint(name))
+        spec.attach(robot, prefix="robot/", frame=base.add_frame())
+        self.model: Any = spec.compile()
+        self.model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT
+        self.data: Any = mujoco.MjData(self.model)
+        names = ("x", "y", "yaw", *(f"robot/{name}" for name in ROBOT.joint_names))
+        self.columns = np.array([self.model.joint(name).dofadr[0] for name in names])
+        self.model.dof_armature[self.columns[3:]] = ROBOT.armature
+        self.model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_LIMIT
+
+    def inverse(self, position: FloatArray, velocity: FloatArray, a: FloatArray) -> FloatArray:
+        """(17,) joint torques for (17,), (20,), (20,)."""
+        data = self.data
+        data.qpos[:] = 0.0
+        data.qpos[self.columns[3:]] = position
+        data.qvel[self.columns] = velocity
+        # The twist is in axes of the base, which turn: d/dt (R v) = a + w x v.
+        in_world = a.copy()
+        in_world[0] -= velocity[2] * velocity[1]
+        in_world[1] += velocity[2] * velocity[0]
+        data.qacc[self.columns] = in_world
+        mujoco.mj_inverse(self.model, data)
+        torque: FloatArray = data.qfrc_inverse[self.columns[3:]].copy()
+        return torque
+
+    def potential(self, position: FloatArray) -> float:
+        """Energy of the weights of all links [J]."""
+        self.data.qpos[:] = 0.0
+        self.data.qpos[self.columns[3:]] = position
+        mujoco.mj_kinematics(self.model, self.data)
+        mujoco.mj_comPos(self.model, self.data)
+        return float(9.81 * self.model.body_mass @ self.data.xipos[:, 2])
+
+    def pose(self, link: str, position: FloatArray) -> FloatArray:
+        self.potential(position)
+        body = self.data.body(f"robot/{link}")
+        pose = np.eye(4)
+        pose[:3, :3], pose[:3, 3] = body.xmat.reshape(3, 3), body.xpos
+        return pose
+
+
+@pytest.fixture(scope="module")
+def other() -> Mujoco:
+    return Mujoco()
+
+
+def vectors(base: FloatArray, joints: FloatArray) -> FloatArray:
+    """(20,) of the model from (3,) and (17,)."""
+    vector = np.empty(MODEL.nv)
+    vector[:3] = base
+    vector[MODEL.joint_columns] = joints
+    return vector
+
+
+def test_the_columns_are_a_permutation_after_the_base() -> None:
+    assert MODEL.nv == 20
+    assert sorted(MODEL.joint_columns) == list(range(3, 20))
+
+
+@pytest.mark.parametrize("moving_base", [False, True])
+def test_load_torque_is_mujocos_inverse_dynamics(other: Mujoco, moving_base: bool) -> None:
+    random = np.random.default_rng(0)
+    for _ in range(50):
+        position = random_posture(random)
+        velocity, acceleration = 2 * random.normal(size=JOINTS), 15 * random.normal(size=JOINTS)
+        twist, change = random.normal(size=(2, 3)) * moving_base
+        torque = MODEL.load_torque(
+            MODEL.configuration(position), vectors(twist, velocity), vectors(change, acceleration)
+        )
+        expected = other.inverse(
+            position,
+            np.concatenate([twist, velocity]),
+            np.concatenate([change, acceleration]),
+        )
+        assert np.abs(torque - expected).max() < 1e-9 * (1 + np.abs(expected).max())
+
+
+def test_the_fingers_inertia_acts_on_the_hands_alone() -> None:
+    q, still = MODEL.configuration(MIDDLE), np.zeros(20)
+    for name in ROBOT.joint_names:
+        a = np.zeros(JOINTS)
+        a[ROBOT.joint_index(name)] = 1.0
+        own = (
+            MODEL.load_torque(q, still, vectors(np.zeros(3), a))
+            - MODEL.load_torque(q, still, still)
+        )[ROBOT.joint_index(name)]
+        assert own > ROBOT.armature[ROBOT.joint_index(name)]
+        if name in ROBOT.hands.joints:
+            assert own == pytest.approx(ROBOT.hands.finger_inertia, rel=0.05)
+
+
+def test_where_the_base_stands_does_not_matter() -> None:
+    random = np.random.default_rng(3)
+    position, v, a = random_posture(random), random.normal(size=20), random.normal(size=20)
+    q = MODEL.configuration(position)
+    moved = MODEL.integrate(q, vectors(np.array([1.0, -2.0, 0.7]), np.zeros(JOINTS)))
+    assert np.abs(MODEL.load_torque(q, v, a) - MODEL.load_torque(moved, v, a)).max() < 1e-10
+
+
+def test_gravity_torque_is_the_slope_of_the_potential_energy(other: Mujoco) -> None:
+    random = np.random.default_rng(1)
+    for _ in range(5):
+        position = random_posture(random)
+        slope = [
+            (other.potential(position + step) - other.potential(position - step)) / (2 * STEP)
+            for step in STEP * np.eye(JOINTS)
+        ]
+        assert np.abs(MODEL.gravity_torque(position) - slope).max() < 1e-7
+
+
+@pytest.mark.parametrize("link", LINKS[1:])
+def test_link_pose_is_mujocos(other: Mujoco, link: str) -> None:
+    random = np.random.default_rng(2)
+    for _ in range(5):
+        position = random_posture(random)
+        assert np.abs(MODEL.link_pose(link, position) - other.pose(link, position)).max() < 1e-9
+
+
+@pytest.mark.parametrize("link", LINKS)
+def test_point_jacobian_is_the_slope_of_link_pose(link: str) -> None:
+    random = np.random.default_rng(4)
+    point = random.normal(size=3)
+    position = random_posture(random)
+
+    def place(at: FloatArray) -> FloatArray:
+        where: FloatArray = MODEL.link_pose(link, at) @ np.append(point, 1.0)
+        return where[:3]
+
+    jacobian = MODEL.point_jacobian(link, point, position)
+    assert jacobian.shape == (3, JOINTS)
+    for joint, step in enumerate(STEP * np.eye(JOINTS)):
+        slope = (place(position + step) - place(position - step)) / (2 * STEP)
+        assert np.abs(jacobian[:, joint] - slope).max() < 1e-8
+
+
+@pytest.mark.parametrize("joint", ROBOT.joint_names)
+def test_a_joint_moves_the_links_beyond_it_and_no_other(joint: str) -> None:
+    random = np.random.default_rng(5)
+    position = random_posture(random)
+    other = position.copy()
+    other[ROBOT.joint_index(joint)] += 0.1
+    children = {j.name: j.child for j in ROBOT.joints}
+    parents = {j.child: j for j in ROBOT.joints}
+    for name, link in children.items():
+        above = set()
+        at: str | None = link
+        while at in parents:
+            above.add(parents[at].name)
+            at = parents[at].parent
+        moved = np.abs(MODEL.link_pose(link, position) - MODEL.link_pose(link, other)).max() > 1e-6
+        assert moved == (joint in above), name
+
+
+def test_unknown_links_are_named() -> None:
+    for call in (
+        lambda: MODEL.link_pose("l_wirst", MIDDLE),
+        lambda: MODEL.point_jacobian("l_wirst", np.zeros(3), MIDDLE),
+        lambda: MODEL.frame_id("LWristYaw"),
+    ):
+        with pytest.raises(UnknownNameError):
+            call()
+    with pytest.raises(UnknownNameError, match="did you mean l_wrist"):
+        MODEL.frame_id("l_wirst")
+    for link in ROBOT.links:
+        assert MODEL.link_pose(link, MIDDLE).shape == (4, 4)
+
+
+def test_joints_are_mapped_by_name() -> None:
+    random = np.random.default_rng(6)
+    position, velocity = random_posture(random), random.normal(size=JOINTS)
+    model = RobotModel(ROBOT)
+    model.set_state(model.configuration(position), vectors(np.zeros(3), velocity))
+    assert np.array_equal(model.joint_position, position)
+    assert np.array_equal(model.joint_velocity, velocity)
+    other = random_posture(random)
+    changed = model.with_joint_position(model.q, other)
+    assert np.array_equal(model.joint_position, position)  # a copy was changed
+    assert np.array_equal(changed, model.configuration(other))
+
+
+def test_integration_adds_joint_angles_and_drives_arcs() -> None:
+    """A constant twist (v, 0, w) over t moves the base along a circle of radius v / w."""
+    speed, turn = 0.3, 0.8
+    q = MODEL.configuration(MIDDLE)
+    for _ in range(100):
+        q = MODEL.integrate(q, DT * vectors(np.array([speed, 0, turn]), np.full(JOINTS, 0.1)))
+    t = 100 * DT
+    expected = [
+        speed / turn * np.sin(turn * t),
+        speed / turn * (1 - np.cos(turn * t)),
+        np.cos(turn * t),
+        np.sin(turn * t),
+    ]
+    assert np.abs(q[:4] - expected).max() < 1e-12
+    end = MODEL.configuration(MIDDLE + 0.1 * t)
+    assert np.abs(q[4:] - end[4:]).max() < 1e-12

@@ -1,0 +1,90 @@
+"""A backend without physics: joints follow at once, and faults can be injected."""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+
+from pepper_driver.backends import Backend, BackendInfo, Command, Imu, Measurement
+from pepper_driver.config import RobotConfig, load_robot
+
+Fault = Callable[[Measurement], Measurement]
+
+
+class FakeBackend(Backend):
+    """Perfect joints. ``faults`` maps a tick to a change of its measurement; ``commands`` keeps all that was sent."""
+
+    def __init__(self, robot: RobotConfig | None = None, delay: int = 0) -> None:
+        self.robot = robot or load_robot()
+        self.faults: dict[int, Fault] = {}
+        self.commands: list[Command] = []
+        self.position = self.robot.posture("Stand")
+        self.calls: list[str] = []
+        self._tick = 0
+        self._delay = delay
+
+    @property
+    def info(self) -> BackendInfo:
+        return BackendInfo(
+            uri="fake",
+            joint_names=self.robot.joint_names,
+            cycle=self.robot.cycle,
+            real_time=False,
+            response_delay=self._delay,
+            capabilities=frozenset(),
+            identity="fake",
+        )
+
+    def open(self) -> Measurement:
+        self.calls.append("open")
+        return self._measure(self.position)
+
+    def activate(self) -> Measurement:
+        self.calls.append("activate")
+        return self._measure(self.position)
+
+    def step(self, command: Command) -> Measurement:
+        self.commands.append(command)
+        self._tick += 1
+        place = max(0, len(self.commands) - 1 - self._delay)
+        measurement = self._measure(self.commands[place].position)
+        fault = self.faults.get(self._tick)
+        return fault(measurement) if fault is not None else measurement
+
+    def deactivate(self) -> None:
+        self.calls.append("deactivate")
+
+    def close(self) -> None:
+        self.calls.append("close")
+
+    def _measure(self, position: np.ndarray[tuple[int], np.dtype[np.float64]]) -> Measurement:
+        return Measurement(
+            time=self._tick * self.robot.cycle,
+            tick=self._tick,
+            position=position.copy(),
+            current=np.zeros(17),
+            wheel_speed=np.zeros(3),
+            imu=Imu(
+                acceleration=np.array([0.0, 0.0, 9.81]),
+                angular_velocity=np.zeros(3),
+                attitude=np.zeros(3),
+            ),
+            touch=np.zeros(5),
+            bumpers=np.zeros(3),
+            temperature=np.full(17, 38.0),
+            battery=1.0,
+            age=0.0,
+        )
+
+
+def aged(seconds: float) -> Fault:
+    return lambda measurement: replace(measurement, age=seconds)
+
+
+def displaced(joint: int, by: float) -> Fault:
+    def change(measurement: Measurement) -> Measurement:
+        position = measurement.position.copy()
+        position[joint] += by
+        return replace(measurement, position=position)
+
+    return change

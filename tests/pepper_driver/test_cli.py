@@ -1,0 +1,143 @@
+"""The command line, as a user meets it: exit codes, one-line errors, files whole or not at all."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from pepper_driver.cli.app import run
+from pepper_driver.log import read_log
+from pepper_driver.observer import ModelSet
+
+
+def test_help_and_version(capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(["--help"]) == 0
+    shown = capsys.readouterr().out
+    assert all(command in shown for command in ("demo", "identify", "bench"))
+    assert run(["--version"]) == 0
+    assert capsys.readouterr().out.startswith("pepper-driver ")
+
+
+def test_demo_writes_its_results(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    out, figures = tmp_path / "deep" / "out", tmp_path / "figures.json"
+    assert run(["demo", "--out", str(out), "--seconds", "8", "--json", str(figures)]) == 0
+    shown = capsys.readouterr().out
+    assert "LShoulderRoll" in shown
+    assert "after the true onset" in shown
+    assert {p.name for p in out.iterdir()} == {"demo.mcap", "contacts.json", "contacts.png"}
+    assert (out / "contacts.png").read_bytes().startswith(b"\x89PNG")
+    counts = json.loads(figures.read_text())
+    assert counts["pushes"] == 2
+    assert counts["felt"] + counts["missed"] == counts["pushes"]
+
+
+def test_demo_without_the_plot_extra_says_so(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name in [name for name in sys.modules if name.split(".")[0] == "matplotlib"]:
+        monkeypatch.delitem(sys.modules, name)
+    monkeypatch.setitem(sys.modules, "matplotlib", None)
+    assert run(["demo", "--out", str(tmp_path), "--seconds", "8"]) == 0
+    assert 'pip install "pepper-driver[plot]"' in " ".join(capsys.readouterr().out.split())
+    assert not (tmp_path / "contacts.png").exists()
+    assert (tmp_path / "contacts.json").exists()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "word"),
+    [
+        (["dmo"], "demo"),
+        (["demo", "--seconds", "soon"], "seconds"),
+        (["demo", "--seconds", "nan"], "seconds"),
+        (["demo", "--seconds", "1"], "seconds"),
+        (["demo", "--seed", "-1"], "seed"),
+        (["demo", "--out", "/dev/null/x"], "/dev/null/x"),
+        (["demo", "--json", "/dev/null/x.json"], "/dev/null/x.json"),
+        (["identify", "--out", "x.json", "--backend", "mujocco"], "did you mean mujoco"),
+        (["identify", "--out", "x.json", "--backend", "mujoco://?plant=worm"], "unknown plant"),
+        (["identify", "--out", "x.json", "--joints", "LShoulderRol"], "LShoulderRoll"),
+        (["identify", "--out", "x.json", "--joints", ""], "joint"),
+        (["identify", "--out", "x.json", "--tree", "oak"], "affine"),
+        (["identify", "--out", "/dev/null/x.json"], "/dev/null/x.json"),
+        (["bench", "--seconds", "0"], "seconds"),
+    ],
+)
+def test_a_wrong_input_is_one_line_and_code_2(
+    arguments: list[str],
+    word: str,
+    capsys: pytest.CaptureFixture[str],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert run(arguments) == 2
+    captured = capsys.readouterr()
+    lines = captured.err.strip().splitlines()
+    assert len(lines) == 1, captured.err
+    assert lines[0].startswith("pepper: ")
+    assert word in lines[0]
+    assert list(tmp_path.iterdir()) == [], "nothing half-written"
+
+
+def test_an_unwritable_folder_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "taken").write_text("a file")
+    assert run(["demo", "--out", str(tmp_path / "taken"), "--seconds", "8"]) == 2
+    assert "taken" in capsys.readouterr().err
+    assert (tmp_path / "taken").read_text() == "a file"
+
+
+def test_ctrl_c_ends_the_demo_cleanly(tmp_path: Path) -> None:
+    process = subprocess.Popen(
+        [sys.executable, "-m", "pepper_driver", "demo", "--out", str(tmp_path), "--seconds", "3600"],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        env=os.environ | {"PYTHONUNBUFFERED": "1"},
+    )
+    assert process.stdout is not None
+    process.stdout.readline()  # the first contact: it runs
+    time.sleep(0.5)
+    process.send_signal(signal.SIGINT)
+    _, errors = process.communicate(timeout=30)
+    assert process.returncode == 130
+    assert "Traceback" not in errors
+    assert "interrupted" in errors
+    log = read_log(tmp_path / "demo.mcap")
+    assert log.complete
+    assert len(log) > 50
+
+
+def test_bench_writes_its_figures(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / "bench.json"
+    assert run(["bench", "--seconds", "2", "--json", str(path)]) == 0
+    figures = json.loads(path.read_text())
+    for stage in ("backend", "observer", "reflexes", "controller", "gate", "log"):
+        assert figures["stage_us"][stage]["p99"] >= figures["stage_us"][stage]["median"] > 0
+    assert figures["tick_us"]["median"] < 12_000
+    assert figures["simulation"]["nominal"]["real_time_factor"] > 0
+
+
+def test_identify_writes_a_model_file_that_loads(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from dataclasses import replace
+
+    from pepper_driver.cli import identify as command
+    from pepper_driver.config import load_identification_scenario
+
+    short = replace(
+        load_identification_scenario(), estimation_stiffness=(2.0, 4.0), sweeps=1, setpoints=2
+    )
+    monkeypatch.setattr(command, "load_identification_scenario", lambda: short)
+    out, figures = tmp_path / "models.json", tmp_path / "fit.json"
+    arguments = ["--out", str(out), "--joints", "RElbowRoll", "--json", str(figures)]
+    assert run(["identify", *arguments]) == 0
+    assert set(ModelSet.load(out).models) == {"RElbowRoll"}
+    fits = json.loads(figures.read_text())["fit"]
+    assert set(fits) == {"affine", "cart", "closed form"}
+    assert "NRMSE" in capsys.readouterr().out

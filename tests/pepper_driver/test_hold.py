@@ -1,0 +1,122 @@
+"""The hold reflex: freezes while touched, goes on afterwards, and never keeps itself alive."""
+
+from typing import Literal
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from pepper_driver.backends import Measurement
+from pepper_driver.config import load_robot
+from pepper_driver.controller import WholeBodyController
+from pepper_driver.observer import Contact, Observation
+from pepper_driver.reflexes import Control, Hold
+
+from dataclasses import replace  # isort: skip
+
+from fakes import FakeBackend  # isort: skip
+
+ROBOT = load_robot()
+BLANK: Measurement = FakeBackend().open()
+NAN: NDArray[np.float64] = np.full(17, np.nan)
+
+
+def contact(
+    number: int,
+    phase: Literal["begin", "update", "end"],
+    kind: Literal["contact", "collision", "rebound"] = "contact",
+) -> Contact:
+    return Contact(
+        id=number,
+        phase=phase,
+        kind=kind,
+        joint="LShoulderRoll",
+        link="LBicep",
+        direction=1,
+        intensity=3.0,
+        torque=None,
+        torque_std=None,
+        onset_time=0.0,
+        detection_time=0.0,
+        time=0.0,
+    )
+
+
+class Scene:
+    def __init__(self, pause: float = 0.5) -> None:
+        self.control = Control(WholeBodyController(ROBOT))
+        self.control.controller.reset(ROBOT.posture("Stand"))
+        self.reflex = Hold(pause)
+
+    def at(self, time: float, *contacts: Contact) -> None:
+        observation = Observation(
+            contacts=contacts,
+            expected=NAN,
+            residual=NAN,
+            threshold=NAN,
+            torque=NAN,
+            torque_std=NAN,
+            state=np.zeros(17, dtype=np.int8),
+        )
+        self.reflex.step(observation, replace(BLANK, time=time), self.control)
+
+
+def test_it_freezes_the_reference_and_resumes_after_the_pause() -> None:
+    scene = Scene()
+    scene.at(1.0)
+    assert scene.control.posture is None
+    scene.at(1.1, contact(1, "begin"))
+    assert scene.control.posture is not None
+    np.testing.assert_array_equal(scene.control.posture, scene.control.controller.position)
+    scene.at(2.0, contact(1, "update"))
+    scene.at(2.5, contact(1, "end"))
+    scene.at(2.99)
+    assert scene.control.posture is not None
+    scene.at(3.0)
+    assert scene.control.posture is None
+
+
+def test_it_holds_until_the_last_of_several_contacts_ended() -> None:
+    scene = Scene(pause=0.0)
+    scene.at(1.0, contact(1, "begin"))
+    frozen = scene.control.posture
+    scene.at(1.1, contact(2, "begin"))
+    scene.at(1.2, contact(1, "end"))
+    scene.at(1.3)
+    assert scene.control.posture is frozen
+    scene.at(1.4, contact(2, "end"))
+    assert scene.control.posture is None
+
+
+def test_a_contact_during_the_pause_prolongs_the_same_hold() -> None:
+    scene = Scene(pause=0.5)
+    scene.at(1.0, contact(1, "begin"))
+    frozen = scene.control.posture
+    scene.at(1.2, contact(1, "end"))
+    scene.at(1.4, contact(2, "begin"))
+    scene.at(2.0)
+    assert scene.control.posture is frozen
+
+
+def test_a_rebound_neither_starts_nor_prolongs_it() -> None:
+    scene = Scene(pause=0.5)
+    scene.at(1.0, contact(1, "begin", "rebound"))
+    assert scene.control.posture is None
+    scene.at(2.0, contact(2, "begin"))
+    scene.at(2.1, contact(2, "end"))
+    scene.at(2.2, contact(3, "begin", "rebound"))
+    scene.at(2.6)
+    assert scene.control.posture is None
+
+
+def test_a_contact_whose_begin_it_did_not_see_is_ignored() -> None:
+    scene = Scene()
+    scene.at(1.0, contact(1, "end"))
+    scene.at(9.0)
+    assert scene.control.posture is None
+
+
+@pytest.mark.parametrize("pause", [-1.0, np.nan, np.inf])
+def test_a_wrong_pause_is_refused(pause: float) -> None:
+    with pytest.raises(ValueError, match="pause"):
+        Hold(pause)

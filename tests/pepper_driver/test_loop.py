@@ -1,0 +1,212 @@
+"""The tick: what is paired with what, in which order, and what happens when something fails."""
+
+from dataclasses import fields, is_dataclass
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from pepper_driver.backends import Truth
+from pepper_driver.config import load_controller_settings, load_robot, load_safety_settings
+from pepper_driver.controller import Reference, Tick, WholeBodyController
+from pepper_driver.loop import STAGES, Loop
+from pepper_driver.observer import Contact, Observation, Observer
+from pepper_driver.reflexes import Control, Reflex
+from pepper_driver.robot import Pepper
+from pepper_driver.safety import FaultError, RobotState, SafetyGate
+
+from fakes import FakeBackend, aged, displaced  # isort: skip
+
+ROBOT = load_robot()
+Array = NDArray[np.float64]
+
+
+def make_loop(
+    backend: FakeBackend,
+    observer: Observer | None = None,
+    reflexes: tuple[Reflex, ...] = (),
+    delivered: list[Tick] | None = None,
+) -> tuple[Loop, SafetyGate, WholeBodyController]:
+    settings = load_controller_settings(ROBOT)
+    controller = WholeBodyController(ROBOT, settings)
+    gate = SafetyGate(ROBOT, load_safety_settings(), settings)
+    start = backend.open().position
+    controller.reset(start)
+    gate.activate(start)
+    loop = Loop(
+        backend,
+        ROBOT,
+        controller,
+        gate,
+        time=0.0,
+        observer=observer,
+        reflexes=reflexes,
+        log=None,
+        deliver=lambda tick, _: delivered.append(tick) if delivered is not None else None,
+    )
+    return loop, gate, controller
+
+
+@pytest.mark.parametrize("delay", [0, 1, 3])
+def test_a_measurement_is_paired_with_the_command_it_answers(delay: int) -> None:
+    """The fake joint shows the command of ``delay`` ticks ago, so the tracking error must vanish."""
+    loop, _, _ = make_loop(FakeBackend(delay=delay))
+    loop.target = loop.target.copy()
+    loop.target[6] += 0.5
+    for _ in range(60):
+        tick = loop.tick()
+        np.testing.assert_array_equal(tick.sent.position, tick.measurement.position)
+    assert abs(tick.sent.position[6] - ROBOT.posture("Stand")[6]) > 0.1
+
+
+def test_the_reference_in_a_tick_is_the_one_its_command_was_made_from() -> None:
+    loop, _, _ = make_loop(FakeBackend(delay=2))
+    loop.target = loop.target.copy()
+    loop.target[6] += 0.3
+    for _ in range(40):
+        tick = loop.tick()
+        np.testing.assert_array_equal(tick.reference.position, tick.sent.position)
+
+
+class Spy(Observer):
+    """Notes what it sees; reports the contacts it is told to."""
+
+    def __init__(self) -> None:
+        self.ticks: list[Tick] = []
+        self.report: dict[int, tuple[Contact, ...]] = {}
+
+    def step(self, tick: Tick) -> Observation:
+        self.ticks.append(tick)
+        nan = np.full(17, np.nan)
+        return Observation(
+            contacts=self.report.get(len(self.ticks), ()),
+            expected=nan,
+            residual=nan,
+            threshold=nan,
+            torque=nan,
+            torque_std=nan,
+            state=np.zeros(17, dtype=np.int8),
+        )
+
+    def reset(self) -> None:
+        self.ticks.clear()
+
+    def describe(self) -> str:
+        return "spy"
+
+
+class Reach(Reflex):
+    """Wants another posture from its third tick on."""
+
+    def __init__(self) -> None:
+        self.calls = 0
+
+    def step(self, observation: Observation, measurement: Any, control: Control) -> None:  # noqa: ANN401
+        self.calls += 1
+        if self.calls == 3:
+            control.posture = control.controller.position
+            control.posture[6] += 0.2
+
+    def reset(self) -> None:
+        self.calls = 0
+
+
+def test_a_reflex_acts_in_the_tick_it_is_called_in() -> None:
+    backend = FakeBackend()
+    loop, _, _ = make_loop(backend, observer=Spy(), reflexes=(Reach(),))
+    for _ in range(3):
+        loop.tick()
+    resting = backend.commands[-1].position[6]
+    loop.tick()
+    assert backend.commands[-1].position[6] > resting
+
+
+def test_what_the_gate_changed_is_flagged_and_fed_back() -> None:
+    """A clamped command must not look like a touch, nor may the controller run ahead of the robot."""
+    backend = FakeBackend()
+    spy = Spy()
+    loop, gate, controller = make_loop(backend, observer=spy)
+
+    honest = controller.step
+
+    def jump(measurement: Any = None) -> Reference:  # noqa: ANN401
+        reference = honest(measurement)
+        if len(backend.commands) == 5:
+            reference.position[6] += 0.4
+        return reference
+
+    controller.step = jump  # type: ignore[method-assign]
+    for _ in range(8):
+        loop.tick()
+    flagged = [i for i, tick in enumerate(spy.ticks) if tick.changed.any()]
+    assert flagged == [5]
+    assert spy.ticks[5].changed.tolist() == [i == 6 for i in range(17)]
+    np.testing.assert_array_equal(spy.ticks[5].sent.position, spy.ticks[5].measurement.position)
+    # it goes on from where the robot was really sent
+    step = np.abs(backend.commands[6].position - backend.commands[5].position).max()
+    assert step < 0.04
+
+
+@pytest.mark.parametrize(
+    ("fault", "word"), [(aged(0.15), "old"), (displaced(4, np.nan), "not a number")]
+)
+def test_a_fault_stops_the_robot_and_is_told(fault: Any, word: str) -> None:  # noqa: ANN401
+    backend = FakeBackend()
+    loop, gate, _ = make_loop(backend)
+    loop.target = loop.target.copy()
+    loop.target[6] += 0.5
+    backend.faults[20] = fault
+    with pytest.raises(FaultError, match=word):
+        for _ in range(30):
+            loop.tick()
+    assert len(backend.commands) == 20
+    assert gate.state is RobotState.FAULT
+
+
+def reachable(root: object) -> list[object]:
+    """Everything that can be reached from an object through attributes, items and closures."""
+    seen: dict[int, object] = {}
+    todo = [root]
+    while todo:
+        thing = todo.pop()
+        if id(thing) in seen or isinstance(thing, str | bytes | int | float | np.generic | type):
+            continue
+        seen[id(thing)] = thing
+        if is_dataclass(thing):
+            todo += [getattr(thing, field.name) for field in fields(thing)]
+        if isinstance(thing, dict):
+            todo += [*thing.keys(), *thing.values()]
+        if isinstance(thing, list | tuple | set | frozenset):
+            todo += list(thing)
+        if isinstance(thing, np.ndarray):
+            todo.append(thing.base)
+        todo += list(vars(thing).values()) if hasattr(thing, "__dict__") else []
+        todo += [cell.cell_contents for cell in getattr(thing, "__closure__", None) or ()]
+    return list(seen.values())
+
+
+def test_nothing_reachable_from_a_tick_leads_to_the_truth() -> None:
+    spy = Spy()
+    with Pepper("mujoco", observer=spy) as pepper:
+        pepper.push("LForeArm", [0.0, 8.0, 0.0], duration=0.5)
+        pepper.run(0.3)
+        torque = pepper.backend.truth.contact_torque
+        position = pepper.backend.truth.position
+        assert np.abs(torque).max() > 0.5
+        for tick in spy.ticks:
+            for thing in reachable(tick):
+                assert not isinstance(thing, Truth)
+                assert "mujoco" not in type(thing).__module__
+                if isinstance(thing, np.ndarray) and thing.shape == (17,):
+                    assert not np.array_equal(thing, torque)
+                    assert not np.array_equal(thing, position)
+        assert any(isinstance(thing, Truth) for thing in reachable({"t": pepper.backend.truth}))
+
+
+def test_every_stage_is_timed() -> None:
+    loop, _, _ = make_loop(FakeBackend())
+    for _ in range(10):
+        loop.tick()
+    assert loop.times.microseconds.shape == (10, len(STAGES))
+    assert (loop.times.microseconds >= 0).all()

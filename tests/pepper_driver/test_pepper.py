@@ -1,0 +1,186 @@
+"""The facade, as a user meets it, on the simulated robot."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pepper_driver import Contact, FaultError, Hold, Pepper, PepperError, RobotState
+from pepper_driver.backends import BackendError
+from pepper_driver.config import UnknownNameError
+from pepper_driver.controller import TargetError
+from pepper_driver.log import read_log
+from pepper_driver.observer import shipped
+
+
+def test_the_dozen_lines_of_the_readme() -> None:
+    """A push is felt by the right joint and link, in the right direction, and the callback hears of it."""
+    heard: list[Contact] = []
+    pepper = Pepper("mujoco")
+
+    @pepper.on_contact(link="LBicep")
+    def touched(contact: Contact) -> None:
+        heard.append(contact)
+
+    with pepper:
+        pepper.set_posture({"LShoulderRoll": 0.6})
+        pepper.run(3.0)
+        pepper.push("LBicep", [0.0, 20.0, 0.0], point=[0.16, 0.0, 0.0], duration=1.0)
+        pepper.run(2.0)
+        truth = pepper.backend.truth.stiffness[pepper.config.joint_index("LShoulderRoll")]
+
+    assert len(heard) == 1
+    contact = heard[0]
+    assert (contact.joint, contact.link, contact.direction) == ("LShoulderRoll", "LBicep", 1)
+    assert contact.phase == "begin"
+    assert 4.0 < contact.time < 4.6  # the ramp of the stiffness takes the first second
+    ends = [c for c in pepper.contacts if c.phase == "end" and c.id == contact.id]
+    assert len(ends) == 1
+    # The largest residual is the torque over the stiffness, less what friction holds.
+    lever = 0.16 * np.cos(0.6 - 0.57)  # the force is along the world's y
+    assert ends[0].intensity == pytest.approx(np.degrees(20.0 * lever / truth), rel=0.35)
+
+
+def test_hold_stops_the_motion_and_lets_it_go_on() -> None:
+    def travel(*reflexes: Hold) -> tuple[float, float]:
+        """How far the reference moved while touched, and where it ended."""
+        with Pepper("mujoco", reflexes=list(reflexes)) as pepper:
+            pepper.set_posture({"LShoulderRoll": 1.2}, stiffness=2.0)
+            pepper.run(0.2)
+            pepper.push("LBicep", [0.0, 25.0, 0.0], [0.16, 0.0, 0.0], 1.2, frame="link")
+            pepper.run(0.7)
+            index = pepper.config.joint_index("LShoulderRoll")
+            before = pepper.controller.position[index]
+            pepper.run(0.4)
+            after = pepper.controller.position[index]
+            pepper.run(6.0)
+            return after - before, pepper.controller.position[index]
+
+    moved_free, end_free = travel()
+    moved_held, end_held = travel(Hold())
+    assert abs(moved_held) < 0.5 * abs(moved_free)
+    assert end_held == pytest.approx(end_free, abs=0.01) == pytest.approx(1.2, abs=0.01)
+
+
+def test_the_log_holds_what_happened(tmp_path: Path) -> None:
+    path = tmp_path / "run.mcap"
+    with Pepper("mujoco?seed=5", log=path) as pepper:
+        pepper.push("LBicep", [0.0, 25.0, 0.0], [0.16, 0.0, 0.0], 0.8, frame="link")
+        pepper.run(1.5)
+        contacts = pepper.contacts
+        identity = pepper.backend.info.identity
+    log = read_log(path)
+    assert log.complete
+    assert len(log) == round(1.5 / 0.012)
+    assert log.contacts == list(contacts)
+    assert len(contacts) >= 2
+    assert log.metadata["identity"] == identity
+    assert log.metadata["backend"] == "mujoco?seed=5"
+    assert log.truth is not None
+    assert np.abs(log.truth["contact_torque"]).max() > 3.0
+
+
+def test_an_interrupted_run_leaves_a_log_that_can_be_read(tmp_path: Path) -> None:
+    path = tmp_path / "run.mcap"
+
+    def interrupt_after_a_while() -> None:
+        ticks = 0
+
+        def count(*_: object) -> None:
+            nonlocal ticks
+            ticks += 1
+            if ticks == 50:
+                raise KeyboardInterrupt
+
+        with Pepper("mujoco", log=path) as pepper:
+            pepper.run(5.0, on_tick=count)
+
+    with pytest.raises(KeyboardInterrupt):
+        interrupt_after_a_while()
+    log = read_log(path)
+    assert log.complete
+    assert len(log) == 50
+
+
+def test_emergency_stop_holds_and_stays() -> None:
+    with Pepper("mujoco", observer=None) as pepper:
+        pepper.set_posture({"LShoulderRoll": 1.0})
+        pepper.run(0.3)
+        pepper.emergency_stop()
+        with pytest.raises(FaultError, match="emergency stop"):
+            pepper.run(1.0)
+        assert pepper.state is RobotState.FAULT
+        with pytest.raises(FaultError):
+            pepper.run(0.1)
+
+
+def test_it_can_be_entered_again() -> None:
+    heard: list[Contact] = []
+    pepper = Pepper("mujoco", observer="paper")
+    pepper.on_contact()(heard.append)
+    for count in (1, 2):
+        with pepper:
+            pepper.run(0.5)
+            pepper.push("LBicep", [0.0, 25.0, 0.0], [0.16, 0.0, 0.0], 0.8, frame="link")
+            pepper.run(1.0)
+        assert len(heard) == count
+
+
+def test_wrong_postures_are_refused_and_change_nothing() -> None:
+    with Pepper("mujoco", observer=None) as pepper:
+        before = pepper.target
+        for posture, error in [
+            ("Standing", UnknownNameError),
+            ({"LShoulderRol": 0.2}, UnknownNameError),
+            ({"LShoulderRoll": 5.0}, TargetError),
+            ({"LShoulderRoll": float("nan")}, TargetError),
+            (np.zeros(16), TargetError),
+            (np.full(17, np.inf), TargetError),
+        ]:
+            with pytest.raises(error):
+                pepper.set_posture(posture)
+            np.testing.assert_array_equal(pepper.target, before)
+        with pytest.raises(PepperError, match="stiffness"):
+            pepper.set_posture("Stand", stiffness=-1.0)
+        np.testing.assert_array_equal(pepper.target, before)
+
+
+def test_nothing_works_outside_the_block() -> None:
+    pepper = Pepper("mujoco", observer=None)
+    assert pepper.state is RobotState.INACTIVE
+    with pytest.raises(BackendError, match="with Pepper"):
+        pepper.run(1.0)
+    with pytest.raises(BackendError, match="with Pepper"):
+        pepper.set_posture("Stand")
+    pepper.close()
+
+
+def test_unknown_names_are_refused_before_anything_moves(tmp_path: Path) -> None:
+    with pytest.raises(UnknownNameError, match="paper"):
+        Pepper("mujoco", observer="papr")
+    pepper = Pepper("mujoco")
+    with pytest.raises(UnknownNameError, match="LForeArm"):
+        pepper.on_contact(link="LForearm")
+    with pytest.raises(UnknownNameError, match="LShoulderRoll"):
+        pepper.on_contact(joint="LShoulderRol")
+
+
+def test_models_of_another_robot_are_refused(tmp_path: Path) -> None:
+    text = shipped("affine").read_text()
+    identity = Pepper("mujoco").backend.info.identity
+    foreign = tmp_path / "foreign.json"
+    foreign.write_text(text.replace(identity, "0123456789abcdef"))
+    with pytest.raises(PepperError, match="another robot"):
+        Pepper("mujoco", models=foreign)
+    foreign.write_text(text[: len(text) // 2])
+    with pytest.raises(PepperError, match=r"foreign\.json"):
+        Pepper("mujoco", models=foreign)
+
+
+def test_an_unwritable_log_is_refused_before_anything_moves(tmp_path: Path) -> None:
+    blocked = tmp_path / "file"
+    blocked.write_text("")
+    pepper = Pepper("mujoco", observer=None, log=blocked / "run.mcap")
+    with pytest.raises(PepperError, match="file"):
+        pepper.activate()
+    assert pepper.state is RobotState.INACTIVE

@@ -1,0 +1,91 @@
+"""A wheel and an sdist hold every layer once, and what is installed from them works."""
+
+import subprocess
+import sys
+import tarfile
+import zipfile
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+LAYERS = ("config", "backends", "controller", "observer")
+
+
+@pytest.fixture(scope="module")
+def built(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
+    """Wheel, built from the sdist as pip would, and sdist, of a clean copy of what git knows."""
+    folder = tmp_path_factory.mktemp("build")
+    copy = folder / "copy"
+    listed = subprocess.run(
+        ["git", "ls-files", "--cached", "--others", "--exclude-standard", "-z"],
+        cwd=ROOT,
+        capture_output=True,
+        check=False,
+    )
+    if listed.returncode != 0:
+        pytest.skip("not a git checkout")
+    for name in filter(None, listed.stdout.decode().split("\0")):
+        source, target = ROOT / name, copy / name
+        target.parent.mkdir(parents=True, exist_ok=True)
+        if source.is_symlink():
+            target.symlink_to(source.readlink())
+        elif source.is_file():
+            target.write_bytes(source.read_bytes())
+    subprocess.run(
+        [sys.executable, "-m", "build", "--no-isolation", "--outdir", str(folder / "dist"), str(copy)],
+        check=True,
+        capture_output=True,
+    )
+    dist = folder / "dist"
+    return next(dist.glob("*.whl")), next(dist.glob("*.tar.gz"))
+
+
+def test_the_wheel_holds_every_file_once(built: tuple[Path, Path]) -> None:
+    names = zipfile.ZipFile(built[0]).namelist()
+    assert len(names) == len(set(names))
+    top = {name.split("/")[0] for name in names}
+    assert top == {"pepper_driver", next(n for n in top if n.endswith(".dist-info"))}
+    for layer in LAYERS:
+        expected = {
+            str(p.relative_to(ROOT))
+            for pattern in ("*.py", "*.yaml", "*.urdf", "*.json")
+            for p in (ROOT / layer).rglob(pattern)
+        }
+        found = {n.removeprefix("pepper_driver/") for n in names}
+        assert expected <= found
+    assert "pepper_driver/py.typed" in names
+
+
+def test_the_sdist_keeps_the_folders_of_the_house(built: tuple[Path, Path]) -> None:
+    with tarfile.open(built[1]) as archive:
+        names = [n.partition("/")[2] for n in archive.getnames()]
+    for layer in LAYERS:
+        assert f"{layer}/__init__.py" in names
+        assert f"pepper_driver/{layer}/__init__.py" not in names
+
+
+def test_the_installed_wheel_works(built: tuple[Path, Path], tmp_path: Path) -> None:
+    subprocess.run(
+        [sys.executable, "-m", "pip", "install", "--quiet", "--no-deps", "--target", str(tmp_path),
+         str(built[0])],
+        check=True,
+        capture_output=True,
+    )
+    script = (
+        "import pepper_driver, pathlib\n"
+        f"assert pathlib.Path(pepper_driver.__file__).is_relative_to({str(tmp_path)!r})\n"
+        "with pepper_driver.Pepper('mujoco') as pepper:\n"
+        "    pepper.push('LBicep', [0, 25, 0], [0.16, 0, 0], 0.8, frame='link')\n"
+        "    pepper.run(1.5)\n"
+        "print(len(pepper.contacts))\n"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", script],
+        env={"PYTHONPATH": str(tmp_path), "PATH": ""},
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert int(done.stdout) >= 2
