@@ -21,6 +21,9 @@ from pepper_driver.observer.recording import STALE_AGE
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 
+FULL_STIFFNESS = 0.99
+"""Models are identified on stiff joints: one with less follows its commands in another way."""
+
 ONSET_LOOKBACK = 0.5
 """[s] before the median window; a touch that grows more slowly is dated too late."""
 
@@ -31,8 +34,9 @@ class ContactObserver(Observer):
     A joint is BLIND, its values NaN, and takes part in no contact
 
     - as long as it has no model;
-    - in a tick whose position the safety gate altered, whose sample is older than STALE_AGE, or whose values are not
-      finite, and until the median window holds none of these samples any more: ``median_window`` ticks in all.
+    - in a tick whose position the safety gate altered, whose stiffness is below FULL_STIFFNESS, whose sample is older
+      than STALE_AGE, or whose values are not finite, and until the median window holds none of these samples any more:
+      ``median_window`` ticks in all.
 
     At the start the median is that of the samples there are.
 
@@ -95,6 +99,7 @@ class ContactObserver(Observer):
             residual = error - expected
             inputs = error + reference.velocity + reference.acceleration + reference.load_torque
             bad = tick.changed | ~np.isfinite(inputs) | ~np.isfinite(residual)
+        bad |= ~(tick.sent.stiffness >= FULL_STIFFNESS)  # NaN is bad too
         if not measurement.age <= STALE_AGE:
             bad[:] = True
         residual[bad] = np.nan

@@ -26,7 +26,7 @@ UNBOUNDED = 1e30
 
 
 class OsqpSolver:
-    """Keeps OSQP's workspace; the pattern of every matrix is full, so that values may become zero."""
+    """Keeps OSQP's workspace; the patterns of cost and rows are full, so that values may become zero."""
 
     name = "osqp"
 
@@ -50,13 +50,12 @@ class OsqpSolver:
             return Solution(np.zeros(n), "failed")
         if (lower > upper).any() or (h <= -UNBOUNDED).any():
             return Solution(np.zeros(n), "infeasible")
+        diagonal = H.diagonal()
+        if diagonal.min() < 0:  # not convex; OSQP would print and go on with the last cost
+            return Solution(np.zeros(n), "failed")
         # OSQP works to an absolute accuracy, and its own scaling saw only the matrices of the set-up: solve for
         # x / unit, where every diagonal entry of the cost is 1, so that the answer is the same for any weights.
-        diagonal = H.diagonal()
-        largest = float(diagonal.max())
-        if largest <= 0 or diagonal.min() < 0:
-            largest = 1.0
-        diagonal = np.maximum(diagonal, SMALLEST * largest)
+        diagonal = np.maximum(diagonal, SMALLEST * (diagonal.max() or 1.0))
         smallest = diagonal.min()
         unit = np.sqrt(smallest / diagonal)
         H, g = H * (np.outer(unit, unit) / smallest), g * (unit / smallest)
@@ -66,7 +65,8 @@ class OsqpSolver:
         try:
             if self._shape != (n, m):
                 self._set_up(n, m)
-            matrix = np.concatenate([np.eye(n), G * unit]) if m else np.eye(n)
+            # Column by column: the 1 of the box, then the rows.
+            matrix = np.concatenate([np.ones((1, n)), G.reshape(m, n) * unit])
             self._solver.update(
                 Px=H[self._upper_rows, self._upper_columns],
                 Ax=matrix.ravel(order="F"),
@@ -91,7 +91,7 @@ class OsqpSolver:
         rows = np.concatenate([np.arange(column + 1) for column in range(n)])
         self._upper_rows, self._upper_columns = rows, columns
         cost = sparse.csc_matrix((np.where(rows == columns, 1.0, 0.1), (rows, columns)), (n, n))
-        constraint = sparse.csc_matrix(np.ones((n + m, n)))
+        constraint = sparse.csc_matrix(np.concatenate([np.eye(n), np.ones((m, n))]))
         self._solver = osqp.OSQP()
         self._solver.setup(
             cost,

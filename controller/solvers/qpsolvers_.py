@@ -29,9 +29,9 @@ class QpsolversSolver:
         h: FloatArray = NO_BOUNDS,
     ) -> Solution:
         """Solve one problem; see :class:`Solver`."""
-        rows = (G, h) if len(h) else (None, None)
-        problem = qpsolvers.Problem(H, g, *rows, None, None, lower, upper)
+        matrix, bound = (G, h) if len(h) else (None, None)
         try:
+            problem = qpsolvers.Problem(H, g, matrix, bound, lb=lower, ub=upper)
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")  # about sparse matrices
                 solution = qpsolvers.solve_problem(problem, solver=self.name)

@@ -10,7 +10,7 @@ import qpsolvers
 from controller_cases import FloatArray
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy.optimize import minimize, nnls
+from scipy.optimize import Bounds, LinearConstraint, minimize, nnls
 
 from pepper_driver.config import UnknownNameError
 from pepper_driver.controller.solvers import Solver, make_solver
@@ -116,23 +116,34 @@ def test_the_check_of_optimality_sees_a_wrong_point() -> None:
     assert optimality_gap(problem, x * 0.999) > 1e-5
 
 
+def slsqp(problem: Problem) -> FloatArray:
+    """The minimiser that scipy finds."""
+    cost, gradient, lower, upper, rows, bound = problem
+
+    def value(x: FloatArray) -> float:
+        return float(0.5 * x @ cost @ x + gradient @ x)
+
+    def slope(x: FloatArray) -> FloatArray:
+        at: FloatArray = cost @ x + gradient
+        return at
+
+    result = minimize(
+        value,
+        np.zeros(len(gradient)),
+        jac=slope,
+        bounds=Bounds(lower, upper),
+        constraints=LinearConstraint(rows, -np.inf, bound),
+        method="SLSQP",
+        options={"ftol": 1e-14, "maxiter": 500},
+    )
+    return np.asarray(result.x, dtype=np.float64)
+
+
 def test_daqp_finds_the_minimum_that_scipy_finds() -> None:
     random = np.random.default_rng(5)
     for _ in range(10):
         problem = good_problem(random, 3)
-        cost, gradient, lower, upper, rows, bound = problem
-        other = minimize(
-            lambda x, cost=cost, gradient=gradient: 0.5 * x @ cost @ x + gradient @ x,
-            np.zeros(6),
-            jac=lambda x, cost=cost, gradient=gradient: cost @ x + gradient,
-            bounds=list(zip(lower, upper, strict=True)),
-            constraints=[
-                {"type": "ineq", "fun": lambda x, rows=rows, bound=bound: bound - rows @ x}
-            ],
-            method="SLSQP",
-            options={"ftol": 1e-14, "maxiter": 500},
-        )
-        assert np.abs(make_solver("daqp").solve(*problem).x - other.x).max() < 1e-5
+        assert np.abs(make_solver("daqp").solve(*problem).x - slsqp(problem)).max() < 1e-5
 
 
 @pytest.mark.parametrize("m", [0, 8])
@@ -236,6 +247,20 @@ def test_an_infinite_cost_is_no_solution(name: str, part: int) -> None:
     problem[part].flat[0] = np.inf
     assert solver.solve(*problem).status != "solved"
     assert_recovers(solver, 2)
+
+
+@pytest.mark.parametrize("name", SOLVERS)
+@pytest.mark.parametrize("m", [0, 2])
+def test_a_cost_without_minimum_is_no_solution(
+    name: str, m: int, capfd: pytest.CaptureFixture[str]
+) -> None:
+    solver = SOLVERS[name]()
+    assert_recovers(solver, m)
+    problem = good_problem(np.random.default_rng(2), m)
+    problem[0][0, 0] = -1.0
+    assert solver.solve(*problem).status != "solved"
+    assert_recovers(solver, m)
+    assert capfd.readouterr().out == ""
 
 
 @pytest.mark.parametrize("name", SOLVERS)

@@ -64,7 +64,7 @@ def motion(dt: float, damping: float | None = None) -> tuple[FloatArray, FloatAr
     control.posture.target = MIDDLE + OFFSET
     if damping is not None:
         control.posture.damping = damping
-    time = dt * np.arange(1, round(2.0 / dt) + 1)
+    time = dt * np.arange(1, round(2.0 / dt) + 1, dtype=np.float64)
     positions = np.array([control.step().position for _ in time])
     return time, (positions - MIDDLE) / OFFSET
 
@@ -106,7 +106,7 @@ def test_damping_can_be_set_and_follows_the_stiffness_again() -> None:
     task.damping = 1.0
     task.stiffness = 9.0
     assert task.damping == 1.0
-    task.damping = None  # type: ignore[assignment]
+    task.damping = None
     assert task.damping == 6.0
 
 

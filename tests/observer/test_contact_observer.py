@@ -134,7 +134,7 @@ def test_joints_without_a_model_are_blind() -> None:
         assert (np.delete(observation.state, HEAD) == JointState.BLIND).all()
 
 
-def nan_in(part: str, field: str, value: float) -> Tick:
+def spoilt(part: str, field: str, value: float) -> Tick:
     one = tick(30)
     array = getattr(getattr(one, part), field).copy()
     array[ELBOW] = value
@@ -146,12 +146,14 @@ def nan_in(part: str, field: str, value: float) -> Tick:
     "bad",
     [
         tick(30, error_of(ELBOW, 3.0), changed=[ELBOW]),
-        nan_in("measurement", "position", math.nan),
-        nan_in("measurement", "position", math.inf),
-        nan_in("sent", "position", math.nan),
-        nan_in("reference", "velocity", math.nan),
-        nan_in("reference", "acceleration", -math.inf),
-        nan_in("reference", "load_torque", math.nan),
+        spoilt("measurement", "position", math.nan),
+        spoilt("measurement", "position", math.inf),
+        spoilt("sent", "position", math.nan),
+        spoilt("sent", "stiffness", 0.5),
+        spoilt("sent", "stiffness", math.nan),
+        spoilt("reference", "velocity", math.nan),
+        spoilt("reference", "acceleration", -math.inf),
+        spoilt("reference", "load_torque", math.nan),
     ],
 )
 def test_a_bad_tick_makes_its_joint_blind_for_a_median_window(bad: Tick) -> None:
