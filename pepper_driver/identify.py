@@ -251,7 +251,8 @@ def _fit(entry: JointRecordings, predict: Predictor) -> Fit:
     """As in the paper: the mean over the estimation runs, and the test run."""
     index = entry.test.joint_names.index(entry.joint)
     scores = [
-        nrmse_fit(run.tracking_error(index), predict(run)) for run in (*entry.estimation, entry.test)
+        nrmse_fit(run.tracking_error(index), predict(run))
+        for run in (*entry.estimation, entry.test)
     ]
     return Fit(estimation=float(np.mean(scores[:-1])), test=scores[-1])
 

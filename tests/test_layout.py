@@ -98,8 +98,13 @@ def test_no_pickle_and_no_path_of_a_machine() -> None:
     here = Path(__file__).name
     for name in listed.stdout.split():
         path = ROOT / name
-        if path.suffix not in {".py", ".md", ".yaml", ".toml", ".urdf"} or path.name == here:
+        if path.suffix not in {".py", ".md", ".yaml", ".toml", ".urdf", ".json"}:
+            continue
+        if path.name == here or not path.is_file():
             continue
         text = path.read_text()
-        for word in ("/home/", "/root/", "/work/", "import pickle", "allow_pickle=True"):
+        words = ["/home/", "/root/", "/work/"]
+        if not name.startswith("tests/"):  # tests hand pickles to loaders that must refuse them
+            words += ["import pickle", "allow_pickle=True"]
+        for word in words:
             assert word not in text, f"{name} holds '{word}'"

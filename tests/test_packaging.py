@@ -33,7 +33,15 @@ def built(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
         elif source.is_file():
             target.write_bytes(source.read_bytes())
     subprocess.run(
-        [sys.executable, "-m", "build", "--no-isolation", "--outdir", str(folder / "dist"), str(copy)],
+        [
+            sys.executable,
+            "-m",
+            "build",
+            "--no-isolation",
+            "--outdir",
+            str(folder / "dist"),
+            str(copy),
+        ],
         check=True,
         capture_output=True,
     )
@@ -67,8 +75,17 @@ def test_the_sdist_keeps_the_folders_of_the_house(built: tuple[Path, Path]) -> N
 
 def test_the_installed_wheel_works(built: tuple[Path, Path], tmp_path: Path) -> None:
     subprocess.run(
-        [sys.executable, "-m", "pip", "install", "--quiet", "--no-deps", "--target", str(tmp_path),
-         str(built[0])],
+        [
+            sys.executable,
+            "-m",
+            "pip",
+            "install",
+            "--quiet",
+            "--no-deps",
+            "--target",
+            str(tmp_path),
+            str(built[0]),
+        ],
         check=True,
         capture_output=True,
     )

@@ -13,7 +13,9 @@ from pepper_driver.backends.interface import BackendError
 
 def check_display() -> None:
     """Raise a BackendError where no window can open."""
-    if sys.platform == "linux" and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
+    if sys.platform == "linux" and not (
+        os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
+    ):
         raise BackendError("no window: this machine has no display (DISPLAY is not set)")
     if sys.platform == "darwin" and "mjpython" not in os.path.basename(sys.executable):
         raise BackendError("no window: on macOS run with 'mjpython' in place of 'python'")

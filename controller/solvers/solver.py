@@ -41,7 +41,7 @@ class Solver(Protocol):
         G: FloatArray = NO_ROWS,
         h: FloatArray = NO_BOUNDS,
     ) -> Solution:
-        """Solve one problem; (n, n), (n,), (n,), (n,), (m, n), (m,)."""
+        """Solve one problem; (n, n), (n,), (n,), (n,), (m, n), (m,). H is symmetric and positive definite."""
 
 
 def checked(

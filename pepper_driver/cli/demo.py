@@ -32,9 +32,12 @@ def demo(
     ] = Path("runs/demo"),
     seconds: Annotated[float, typer.Option(help="Simulated time.", min=8.0, max=3600.0)] = 48.0,
     seed: Annotated[int, typer.Option(help="Of motion, pushes and noise.", min=0)] = 0,
+    models: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="Models to use, in place of the shipped ones."),
+    ] = None,
     fresh: Annotated[
-        bool,
-        typer.Option("--fresh", help="Identify the models anew, in place of the shipped ones."),
+        bool, typer.Option("--fresh", help="Identify the models anew; with --models, keep them.")
     ] = False,
     show: Annotated[
         bool, typer.Option("--show", help="Show the robot in a window, in real time.")
@@ -45,13 +48,12 @@ def demo(
     console = make_console()
     check_outputs(json_file)
     with TemporaryDirectory() as folder:
-        models = None
         if fresh:
-            robot = load_robot()
-            joints = load_demo_scenario(robot).joints
+            models = models or Path(folder) / "models.json"
+            check_outputs(models)
+            joints = load_demo_scenario(load_robot()).joints
             result = identify_with_progress(console, "mujoco", joints, "affine", seed=seed)
             print_fits(console, result)
-            models = Path(folder) / "models.json"
             result.models.save(models)
         with make_progress(console) as progress:
             bar = progress.add_task("simulating", total=seconds)

@@ -34,7 +34,9 @@ class Hold(Reflex):
         for contact in observation.contacts:
             if contact.kind == "rebound":
                 continue
-            if contact.phase != "end":  # an update too: what began as a rebound may turn out to be a touch
+            if (
+                contact.phase != "end"
+            ):  # an update too: what began as a rebound may turn out to be a touch
                 if not self.holding:
                     control.posture = control.controller.position
                 self._touching.add(contact.id)

@@ -36,9 +36,7 @@ def test_the_derivative_acts_on_a_ramp() -> None:
     np.testing.assert_allclose(voltage[free], expected[free], rtol=0.02)
 
 
-@given(
-    st.floats(-3, 3), st.floats(-8, 8), st.floats(0, 1)
-)
+@given(st.floats(-3, 3), st.floats(-8, 8), st.floats(0, 1))
 def test_current_and_voltage_stay_below_their_limits(error: float, speed: float, s: float) -> None:
     boards = MotorBoards(ROBOT, PLANT)
     boards.begin_cycle()
@@ -47,7 +45,10 @@ def test_current_and_voltage_stay_below_their_limits(error: float, speed: float,
     limit = s * PLANT.per_joint("current_limit", ROBOT)
     # A joint driven faster than the battery's speed pumps current back whatever the board does.
     emf = np.abs(speed) * np.array(
-        [ROBOT.motors.of(n).torque_constant * ROBOT.motors.joints[n].ratio for n in ROBOT.joint_names]
+        [
+            ROBOT.motors.of(n).torque_constant * ROBOT.motors.joints[n].ratio
+            for n in ROBOT.joint_names
+        ]
     )
     controlled = emf < PLANT.board.voltage
     assert (np.abs(boards.current)[controlled] <= limit[controlled] + 1e-9).all()

@@ -157,8 +157,6 @@ def test_a_command_of_the_wrong_size_is_refused(backend: Backend, size: int) -> 
     measurement = backend.open()
     with pytest.raises(ValueError, match="position"):
         backend.step(
-            Command(
-                position=np.zeros(size), stiffness=np.ones(17), wheel_speed=np.zeros(3)
-            )
+            Command(position=np.zeros(size), stiffness=np.ones(17), wheel_speed=np.zeros(3))
         )
     assert backend.step(hold(measurement)).tick == 1

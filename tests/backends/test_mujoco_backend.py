@@ -16,9 +16,7 @@ Array = NDArray[np.float64]
 
 
 def command(position: Array, stiffness: float = 1.0) -> Command:
-    return Command(
-        position=position, stiffness=np.full(17, stiffness), wheel_speed=np.zeros(3)
-    )
+    return Command(position=position, stiffness=np.full(17, stiffness), wheel_speed=np.zeros(3))
 
 
 def active(seed: int = 0) -> tuple[MujocoBackend, Array]:

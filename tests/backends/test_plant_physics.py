@@ -39,7 +39,9 @@ def swing(times: Array) -> Array:
     return np.asarray(2.5 * np.sin(2 * np.pi * 0.9 * times) + 2.0 * np.sin(2 * np.pi * 2.3 * times))
 
 
-def simulate(model: PlantModel, data: mujoco.MjData, index: int, seconds: float) -> tuple[Array, Array]:
+def simulate(
+    model: PlantModel, data: mujoco.MjData, index: int, seconds: float
+) -> tuple[Array, Array]:
     """(n, 2) link and motor angle, (n,) in gap, under the voltage ``swing`` held for each step."""
     steps = round(seconds / model.mj.opt.timestep)
     angles, gap = np.zeros((steps, 2)), np.zeros(steps)
@@ -51,7 +53,9 @@ def simulate(model: PlantModel, data: mujoco.MjData, index: int, seconds: float)
     return angles, gap
 
 
-def reference(robot: RobotConfig, plant: PlantConfig, inertia: float, seconds: float, h: float) -> Array:
+def reference(
+    robot: RobotConfig, plant: PlantConfig, inertia: float, seconds: float, h: float
+) -> Array:
     """(n, 2) the two-body equations by Runge-Kutta: link and motor angle at the end of each step of ``h``."""
     a = next(entry for entry in plant.actuators if JOINT in entry.joints)
     motor, ratio = robot.motors.of(JOINT), robot.motors.joints[JOINT].ratio
@@ -142,7 +146,9 @@ def test_friction_holds_without_creeping(robot: RobotConfig) -> None:
 
 def test_friction_opposes_motion_even_in_hard_braking(robot: RobotConfig) -> None:
     """Trap: soft friction pushes the wrong way while a joint is braked hard."""
-    model, data = weightless(robot, plant_of(robot, link_friction=0.4, link_damping=0.0, half_gap=0.3))
+    model, data = weightless(
+        robot, plant_of(robot, link_friction=0.4, link_damping=0.0, half_gap=0.3)
+    )
     index = robot.joint_index(JOINT)
     dof = model.link_dof[index]
     for torque in (0.0, -1.0, -2.0, -4.0):  # none strong enough to reverse the joint in one step
@@ -161,7 +167,12 @@ def test_the_dense_jacobian_is_used(robot: RobotConfig) -> None:
 
 def test_motor_reaches_its_no_load_speed_and_stall_torque(robot: RobotConfig) -> None:
     plant = plant_of(
-        robot, motor_friction=0.0, motor_damping=0.0, link_friction=0.0, link_damping=0.0, half_gap=1.0
+        robot,
+        motor_friction=0.0,
+        motor_damping=0.0,
+        link_friction=0.0,
+        link_damping=0.0,
+        half_gap=1.0,
     )
     model, data = weightless(robot, plant)
     index = robot.joint_index(JOINT)

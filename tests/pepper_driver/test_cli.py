@@ -84,7 +84,22 @@ def test_a_wrong_input_is_one_line_and_code_2(
     assert list(tmp_path.iterdir()) == [], "nothing half-written"
 
 
-def test_an_unwritable_folder_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+@pytest.mark.parametrize("content", ["", "not json", '{"format": 1}', "\x80\x04K*.", "[1, 2]"])
+def test_a_damaged_model_file_is_refused(
+    content: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    models, out = tmp_path / "models.json", tmp_path / "out"
+    models.write_text(content)
+    assert run(["demo", "--out", str(out), "--seconds", "8", "--models", str(models)]) == 2
+    lines = capsys.readouterr().err.strip().splitlines()
+    assert len(lines) == 1
+    assert "models.json" in lines[0]
+    assert not out.exists()
+
+
+def test_an_unwritable_folder_is_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     (tmp_path / "taken").write_text("a file")
     assert run(["demo", "--out", str(tmp_path / "taken"), "--seconds", "8"]) == 2
     assert "taken" in capsys.readouterr().err
@@ -93,7 +108,16 @@ def test_an_unwritable_folder_is_refused(tmp_path: Path, capsys: pytest.CaptureF
 
 def test_ctrl_c_ends_the_demo_cleanly(tmp_path: Path) -> None:
     process = subprocess.Popen(
-        [sys.executable, "-m", "pepper_driver", "demo", "--out", str(tmp_path), "--seconds", "3600"],
+        [
+            sys.executable,
+            "-m",
+            "pepper_driver",
+            "demo",
+            "--out",
+            str(tmp_path),
+            "--seconds",
+            "3600",
+        ],
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,

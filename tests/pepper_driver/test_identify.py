@@ -43,7 +43,9 @@ def test_the_result_does_not_depend_on_who_does_the_work() -> None:
     alone = record_joints("mujoco", ["RElbowRoll"], SHORT, workers=1)
     together = record_joints("mujoco", ["RElbowRoll"], SHORT, workers=2)
     for a, b in zip(
-        (*alone[0].estimation, alone[0].test), (*together[0].estimation, together[0].test), strict=True
+        (*alone[0].estimation, alone[0].test),
+        (*together[0].estimation, together[0].test),
+        strict=True,
     ):
         assert a.position.tobytes() == b.position.tobytes()
 

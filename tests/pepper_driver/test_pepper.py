@@ -1,6 +1,7 @@
 """The facade, as a user meets it, on the simulated robot."""
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -129,14 +130,15 @@ def test_it_can_be_entered_again() -> None:
 def test_wrong_postures_are_refused_and_change_nothing() -> None:
     with Pepper("mujoco", observer=None) as pepper:
         before = pepper.target
-        for posture, error in [
+        wrong: list[tuple[Any, type[Exception]]] = [
             ("Standing", UnknownNameError),
             ({"LShoulderRol": 0.2}, UnknownNameError),
             ({"LShoulderRoll": 5.0}, TargetError),
             ({"LShoulderRoll": float("nan")}, TargetError),
             (np.zeros(16), TargetError),
             (np.full(17, np.inf), TargetError),
-        ]:
+        ]
+        for posture, error in wrong:
             with pytest.raises(error):
                 pepper.set_posture(posture)
             np.testing.assert_array_equal(pepper.target, before)

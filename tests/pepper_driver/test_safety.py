@@ -45,12 +45,12 @@ def test_nothing_outside_the_limits_ever_leaves(
     inputs: list[tuple[list[float], list[float], float]],
 ) -> None:
     g = gate()
-    speed = SAFETY.speed_margin * np.array([CONTROLLER.velocity_limit[n] for n in ROBOT.joint_names])
+    speed = SAFETY.speed_margin * np.array(
+        [CONTROLLER.velocity_limit[n] for n in ROBOT.joint_names]
+    )
     before = g.sent
     for wanted, stiffness, age in inputs:
-        gated = g.gate(
-            reference(np.array(wanted)), np.array(stiffness), np.array(wanted[:3]), age
-        )
+        gated = g.gate(reference(np.array(wanted)), np.array(stiffness), np.array(wanted[:3]), age)
         sent = gated.command
         assert np.isfinite(sent.position).all()
         assert (sent.position >= ROBOT.lower).all()

@@ -1,0 +1,22 @@
+"""A simulated Pepper raises its arm, is pushed, stops, and says what it felt. Run: python examples/feel_a_push.py."""
+
+from pepper_driver import Contact, Hold, Pepper
+
+pepper = Pepper("mujoco", reflexes=[Hold()])  # Hold: stand still while touched
+
+
+@pepper.on_contact(min_intensity=2.5)
+def touched(contact: Contact) -> None:
+    """Called on a thread of its own when a contact begins."""
+    print(
+        f"{contact.link}: {contact.joint} pushed {contact.direction:+d}, {contact.intensity:.1f} deg"
+    )
+
+
+with pepper:  # connects, raises the stiffness, holds the posture
+    pepper.set_posture({"LShoulderRoll": 0.6})  # radians; joints that are not named stay
+    pepper.run(3.0)
+    pepper.push(
+        "LBicep", [0, 20, 0], point=[0.16, 0, 0], duration=1.0
+    )  # only a simulated robot can
+    pepper.run(2.0)
