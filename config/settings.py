@@ -23,7 +23,7 @@ class TaskGains:
 
 @dataclass(frozen=True, kw_only=True, config=STRICT)
 class ControllerSettings:
-    """Defaults of the whole-body controller; limits per joint in [rad/s] and [rad/s2]."""
+    """Defaults of the whole-body controller; limits per joint in [rad/s] and [rad/s2], ``regularisation`` a share."""
 
     solver: str
     posture: TaskGains

@@ -10,6 +10,8 @@ from pepper_driver.config import RobotConfig, UnknownNameError
 
 FloatArray = NDArray[np.float64]
 
+WORLD_AXES = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
+
 BASE = 3
 """Velocities of the base come first: vx, vy, wz of base_link in its own axes."""
 
@@ -39,6 +41,9 @@ class RobotModel:
         armature[self.joint_columns] += robot.armature
         self._pin.armature = armature
         self._data = self._pin.createData()
+        self._elsewhere = (
+            self._pin.createData()
+        )  # for questions about other states than the stored one
         self.nv: int = self._pin.nv
         self.q: FloatArray = pin.neutral(self._pin)
         self.v: FloatArray = np.zeros(self.nv)
@@ -52,8 +57,24 @@ class RobotModel:
 
     def update_kinematics(self) -> None:
         """Compute Jacobians and frames of the stored state, for tasks that need them."""
-        pin.computeJointJacobians(self._pin, self._data, self.q)
+        pin.forwardKinematics(self._pin, self._data, self.q, self.v, self._zero)
+        pin.computeJointJacobians(self._pin, self._data)
         pin.updateFramePlacements(self._pin, self._data)
+
+    def frame_pose(self, frame: int) -> FloatArray:
+        """(4, 4) transform of a link in the world, after :meth:`update_kinematics`."""
+        pose: FloatArray = self._data.oMf[frame].homogeneous
+        return pose
+
+    def frame_jacobian(self, frame: int) -> FloatArray:
+        """(6, 20) linear, then angular velocity of a link's origin in world axes, after :meth:`update_kinematics`."""
+        jacobian: FloatArray = pin.getFrameJacobian(self._pin, self._data, frame, WORLD_AXES)
+        return jacobian
+
+    def frame_bias(self, frame: int) -> FloatArray:
+        """(6,) Jdot v: acceleration of a link's origin in world axes without joint accelerations."""
+        bias = pin.getFrameClassicalAcceleration(self._pin, self._data, frame, WORLD_AXES)
+        return np.concatenate([bias.linear, bias.angular])
 
     @property
     def joint_position(self) -> FloatArray:
@@ -90,7 +111,7 @@ class RobotModel:
 
     def load_torque(self, q: FloatArray, v: FloatArray, a: FloatArray) -> FloatArray:
         """(17,) inverse dynamics M(q) a + c(q, v), the desired load torque of Eq. 11 [N m]."""
-        torque: FloatArray = pin.rnea(self._pin, self._data, q, v, a)[self.joint_columns]
+        torque: FloatArray = pin.rnea(self._pin, self._elsewhere, q, v, a)[self.joint_columns]
         return torque
 
     def gravity_torque(self, joint_position: FloatArray) -> FloatArray:
@@ -114,8 +135,9 @@ class RobotModel:
     def link_pose(self, link: str, joint_position: FloatArray) -> FloatArray:
         """(4, 4) transform of a link in base_link, at (17,) joint positions [rad]."""
         frame = self.frame_id(link)
-        pin.forwardKinematics(self._pin, self._data, self.configuration(joint_position))
-        pose: FloatArray = pin.updateFramePlacement(self._pin, self._data, frame).homogeneous
+        data = self._elsewhere
+        pin.forwardKinematics(self._pin, data, self.configuration(joint_position))
+        pose: FloatArray = pin.updateFramePlacement(self._pin, data, frame).homogeneous
         return pose
 
     def point_jacobian(
@@ -132,13 +154,9 @@ class RobotModel:
             UnknownNameError: No such link.
         """
         frame = self.frame_id(link)
-        jacobian = pin.computeFrameJacobian(
-            self._pin,
-            self._data,
-            self.configuration(joint_position),
-            frame,
-            pin.ReferenceFrame.LOCAL_WORLD_ALIGNED,
-        )[:, self.joint_columns]
+        q = self.configuration(joint_position)
+        full = pin.computeFrameJacobian(self._pin, self._elsewhere, q, frame, WORLD_AXES)
+        jacobian = full[:, self.joint_columns]
         rotation = self.link_pose(link, joint_position)[:3, :3]
         arm = rotation @ point
         velocity: FloatArray = jacobian[:3] + np.cross(jacobian[3:], arm, axis=0)

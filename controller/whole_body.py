@@ -24,10 +24,17 @@ LEAST_COST = 1e-4
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class ControllerStatus:
-    """How the last cycle went: the solver's ``status``, and joints ``at_limit`` of their acceleration box."""
+    """How the last cycle went.
+
+    Attributes:
+        solver: Whether the QP was solved; otherwise the controller braked.
+        at_limit: Joints at a bound of their acceleration box.
+        unmet: Names of the constraints that the accelerations break: those that braking could not keep.
+    """
 
     solver: Status
     at_limit: tuple[str, ...]
+    unmet: tuple[str, ...]
 
 
 class WholeBodyController:
@@ -129,7 +136,7 @@ class WholeBodyController:
         met = (a <= box.lower + 1e-9) | (a >= box.upper - 1e-9)
         joints = met[self.model.joint_columns]
         names = tuple(n for n, at in zip(self._robot.joint_names, joints, strict=True) if at)
-        return ControllerStatus(solver=self._status, at_limit=names)
+        return ControllerStatus(solver=self._status, at_limit=names, unmet=self._unmet())
 
     def accept(self, position: FloatArray) -> None:
         """Go on from a command that the safety gate changed.
@@ -179,6 +186,16 @@ class WholeBodyController:
             load_torque=model.load_torque(self._q, self._v, acceleration),
             base_twist=self._v[:BASE].copy(),
         )
+
+    def _unmet(self) -> tuple[str, ...]:
+        """Names of the constraints that the accelerations of the last cycle break."""
+        broken = self._matrix @ self._acceleration > self._bound + 1e-6
+        names, start = [], 0
+        for constraint in self._constraints:
+            if broken[start : start + constraint.rows].any():
+                names.append(constraint.name)
+            start += constraint.rows
+        return tuple(names)
 
     def _allocate(self) -> None:
         """Room for the rows of all tasks and constraints."""

@@ -119,9 +119,7 @@ def _add_drive(spec: mujoco.MjSpec, name: str, robot: RobotConfig, plant: PlantC
     joint_config = robot.joints[robot.joint_index(name)]
 
     link = spec.joint(name)
-    link.actfrclimited = (
-        0  # the URDF's effort would clamp the joint; the board's limits are the real ones
-    )
+    link.actfrclimited = 0  # the URDF's effort; the board's limits are the real ones
     link.damping[0] = a.link_damping
     link.armature = robot.armature[robot.joint_index(name)]
     margin = plant.physics.stop_margin

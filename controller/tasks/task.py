@@ -31,14 +31,13 @@ class Task(ABC):
 
     Attributes:
         needs_kinematics: Whether the controller must compute Jacobians before :meth:`write`.
-        dim_weight: (rows,) weight of each row within the task.
     """
 
     needs_kinematics = True
 
     def __init__(self, rows: int, *, stiffness: float, weight: float) -> None:
         self.rows = rows
-        self.dim_weight = np.ones(rows)
+        self._dim_weight = np.ones(rows)
         self._damping: float | None = None
         self.stiffness = stiffness
         self.weight = weight
@@ -69,6 +68,17 @@ class Task(ABC):
     @weight.setter
     def weight(self, value: float) -> None:
         self._weight = _not_negative("weight", value)
+
+    @property
+    def dim_weight(self) -> FloatArray:
+        """(rows,) weight of each row within the task."""
+        return self._dim_weight
+
+    @dim_weight.setter
+    def dim_weight(self, value: FloatArray) -> None:
+        if np.shape(value) != (self.rows,) or not (np.isfinite(value) & (value >= 0)).all():
+            raise GainError(f"dim_weight takes {self.rows} finite numbers that are not negative")
+        self._dim_weight = np.array(value, dtype=np.float64)
 
     @abstractmethod
     def write(self, model: RobotModel, jacobian: FloatArray, acceleration: FloatArray) -> None:

@@ -12,7 +12,14 @@ import yaml
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from pepper_driver.config import ConfigError, RobotConfig, UnknownNameError, load_robot
+from pepper_driver.config import (
+    ConfigError,
+    RobotConfig,
+    UnknownNameError,
+    load_plant,
+    load_robot,
+    plant_hash,
+)
 from pepper_driver.config.loading import package_file
 
 FACTS: dict[str, Any] = yaml.safe_load(
@@ -215,6 +222,13 @@ def test_a_wrong_file_is_named_with_its_key(
     assert file in text
     assert message in text
     assert "\n" not in text
+
+
+def test_the_identity_of_a_plant_follows_its_motors(tmp_path: Path) -> None:
+    shipped = load_robot()
+    other = load_robot(broken_copy(tmp_path, "motors.yaml", "resistance: 3.683", "resistance: 3.7"))
+    plant = load_plant("nominal", shipped)
+    assert plant_hash(plant, other) != plant_hash(plant, shipped)
 
 
 def test_missing_file_is_named(tmp_path: Path) -> None:

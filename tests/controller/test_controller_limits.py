@@ -252,6 +252,16 @@ def test_too_fast_at_the_start_it_is_braked_to_the_velocity_limit_at_once() -> N
     assert velocity[3:] + DT * box.lower[columns] == pytest.approx(-VELOCITY)
 
 
+@pytest.mark.parametrize("side", [-1.0, 1.0])
+def test_beyond_a_limit_and_on_the_way_out_it_is_turned_at_once(side: float) -> None:
+    """Position counts more than acceleration."""
+    columns = RobotModel(ROBOT).joint_columns
+    limit = ROBOT.upper if side > 0 else ROBOT.lower
+    box = box_at(limit + side * 0.1, np.concatenate([np.zeros(3), side * VELOCITY]))
+    towards = box.upper if side > 0 else box.lower
+    assert side * VELOCITY + DT * towards[columns] == pytest.approx(-side * BRAKE * DT / 2)
+
+
 def test_a_margin_wider_than_the_range_leaves_room() -> None:
     control = WholeBodyController(ROBOT, replace(SETTINGS, position_margin=10.0))
     control.posture.target = ROBOT.upper

@@ -229,7 +229,9 @@ def test_two_postures_meet_at_their_weighted_mean() -> None:
 def test_a_row_without_weight_leaves_its_joint_alone() -> None:
     control = controller()
     control.posture.target = MIDDLE + OFFSET
-    control.posture.dim_weight[5] = 0.0
+    weights = np.ones(JOINTS)
+    weights[5] = 0.0
+    control.posture.dim_weight = weights
     for _ in range(800):
         control.step()
     left = np.abs(control.position - (MIDDLE + OFFSET))
@@ -327,3 +329,13 @@ def test_a_task_that_wants_nonsense_brakes_the_robot() -> None:
         control.step()
     assert control.status.solver == "solved"
     assert np.abs(control.position - (ROBOT.upper - SETTINGS.position_margin)).max() < 1e-3
+
+
+@pytest.mark.parametrize(
+    "value", [np.ones(16), -np.ones(17), np.full(17, np.nan), np.full(17, np.inf)]
+)
+def test_wrong_dim_weights_are_refused(value: FloatArray) -> None:
+    task = controller().posture
+    with pytest.raises(GainError, match="dim_weight"):
+        task.dim_weight = value
+    np.testing.assert_array_equal(task.dim_weight, 1.0)

@@ -229,6 +229,8 @@ def test_rows_without_solution_brake_to_rest(
     for _ in range(int(slowest) + 2):
         reference = control.step()
         assert control.status.solver == ("failed" if np.isnan(bound).any() else "infeasible")
+        # A bound that is no number cannot be said to be broken.
+        assert control.status.unmet == (() if np.isnan(bound).any() else ("rows",))
         assert (np.abs(reference.velocity) <= np.abs(before.velocity) + 1e-12).all()
         assert (np.abs(reference.acceleration) <= ACCELERATION + 1e-9).all()
         change = np.abs(reference.base_twist - before.base_twist)
@@ -238,6 +240,7 @@ def test_rows_without_solution_brake_to_rest(
     assert np.abs(reference.velocity).max() < 1e-12
     assert np.abs(reference.base_twist).max() < 1e-12
     control.remove(rows)
+    assert control.status.unmet == ()
     control.posture.target = MIDDLE
     for _ in range(1000):
         control.step()

@@ -50,6 +50,17 @@ def test_the_result_does_not_depend_on_who_does_the_work() -> None:
         assert a.position.tobytes() == b.position.tobytes()
 
 
+def test_the_test_run_is_the_fastest_and_the_estimation_runs_grow() -> None:
+    recordings = record_joints("mujoco", ["RElbowRoll"], SHORT, workers=1)[0]
+    index = ROBOT.joint_index("RElbowRoll")
+    # Of the same error, a stiffer task makes the larger acceleration.
+    peaks = [
+        np.abs(run.acceleration[:, index]).max()
+        for run in (*recordings.estimation, recordings.test)
+    ]
+    assert peaks == sorted(peaks)
+
+
 def test_runs_differ_in_motion_and_noise() -> None:
     recordings = record_joints("mujoco", ["RElbowRoll"], SHORT, workers=1)[0]
     first, second = recordings.estimation

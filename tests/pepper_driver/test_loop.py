@@ -148,6 +148,18 @@ def test_what_the_gate_changed_is_flagged_and_fed_back() -> None:
     assert step < 0.04
 
 
+def test_the_controller_does_not_run_ahead_of_a_robot_that_the_gate_slows() -> None:
+    backend = FakeBackend()
+    loop, gate, controller = make_loop(backend)
+    gate._largest_step = np.full(17, 0.001)
+    loop.target = loop.target.copy()
+    loop.target[6] += 0.5
+    for _ in range(60):
+        loop.tick()
+        assert abs(controller.position[6] - gate.sent.position[6]) < 1e-12
+    assert 0.03 < gate.sent.position[6] - ROBOT.posture("Stand")[6] <= 0.0601
+
+
 @pytest.mark.parametrize(
     ("fault", "word"), [(aged(0.15), "old"), (displaced(4, np.nan), "not a number")]
 )

@@ -117,14 +117,19 @@ def test_emergency_stop_holds_and_stays() -> None:
 
 def test_it_can_be_entered_again() -> None:
     heard: list[Contact] = []
-    pepper = Pepper("mujoco", observer="paper")
+    reflex = Hold()
+    pepper = Pepper("mujoco", observer="paper", reflexes=[reflex])
     pepper.on_contact()(heard.append)
     for count in (1, 2):
         with pepper:
+            assert pepper.contacts == ()
+            assert not reflex.holding
             pepper.run(0.5)
             pepper.push("LBicep", [0.0, 25.0, 0.0], [0.16, 0.0, 0.0], 0.8, frame="link")
-            pepper.run(1.0)
+            pepper.run(0.6)
+            assert reflex.holding
         assert len(heard) == count
+        assert [contact.id for contact in pepper.contacts if contact.phase == "begin"] == [1]
 
 
 def test_wrong_postures_are_refused_and_change_nothing() -> None:

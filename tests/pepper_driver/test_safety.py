@@ -71,6 +71,16 @@ def test_a_reference_within_the_limits_passes_unchanged() -> None:
     assert not gated.changed.any()
 
 
+def test_a_small_step_over_a_position_limit_is_clamped() -> None:
+    g = SafetyGate(ROBOT, SAFETY, CONTROLLER)
+    for limit, side in ((ROBOT.upper, 1), (ROBOT.lower, -1)):
+        g.activate(limit)
+        gated = g.gate(reference(limit + side * 0.002), ONES, STILL, 0.0)
+        np.testing.assert_array_equal(gated.command.position, limit)
+        assert gated.changed.all()
+        g.deactivate()
+
+
 def test_a_jump_is_clamped_and_flagged_joint_by_joint() -> None:
     g = gate()
     wanted = STAND.copy()
@@ -83,6 +93,8 @@ def test_a_jump_is_clamped_and_flagged_joint_by_joint() -> None:
 def test_old_data_hold_the_robot_and_new_data_let_it_go_on() -> None:
     g = gate()
     wanted = STAND + 0.005
+    g.gate(reference(STAND), ONES, np.ones(3), 0.0)
+    np.testing.assert_array_equal(g.sent.wheel_speed, 1.0)
     held = g.gate(reference(wanted), ONES, np.ones(3), SAFETY.stale_hold + 0.001)
     np.testing.assert_array_equal(held.command.position, STAND)
     np.testing.assert_array_equal(held.command.wheel_speed, 0.0)
@@ -106,11 +118,12 @@ def faulted(g: SafetyGate) -> bool:
     return g.state is RobotState.FAULT
 
 
-def test_a_reference_that_is_no_number_is_a_fault() -> None:
+@pytest.mark.parametrize("part", [0, 1, 2])
+def test_a_reference_that_is_no_number_is_a_fault(part: int) -> None:
     g = gate()
-    wanted = STAND.copy()
-    wanted[3] = np.nan
-    g.gate(reference(wanted), ONES, STILL, 0.0)
+    parts = [STAND.copy(), ONES.copy(), STILL.copy()]
+    parts[part][1] = np.nan
+    g.gate(reference(parts[0]), parts[1], parts[2], 0.0)
     assert "not a number" in g.fault
     assert faulted(g)
 
