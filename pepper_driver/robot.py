@@ -5,6 +5,7 @@ from __future__ import annotations
 import platform
 import time
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import ExitStack
 from importlib.metadata import version
 from pathlib import Path
 from types import TracebackType
@@ -36,6 +37,9 @@ from pepper_driver.observer.contact import Kind, Phase
 from pepper_driver.reflexes import Reflex
 from pepper_driver.safety import RobotState, SafetyGate
 from pepper_driver.selection import make_observer
+
+CALLBACK_TIME = 2.0
+"""[s] that the end of a run waits for callbacks that are still busy."""
 
 Posture = str | Mapping[str, float] | ArrayLike
 """A posture by name, joints by name with their angles [rad] (the others stay), or all 17 angles [rad]."""
@@ -159,16 +163,15 @@ class Pepper:
         self._loop = None
         if self._gate is not None:
             self._gate.deactivate()
-        try:
-            self.backend.close()
-        finally:
-            log, self._log = self._log, None
-            if log is not None:
-                log.close()
+        with ExitStack() as stack:  # each is done even if the one before fails
             if self._dispatcher is not None:
-                self._dispatcher.flush(timeout=2.0)
-                self._dispatcher.close(timeout=2.0)
-                self._dispatcher = None
+                dispatcher, self._dispatcher = self._dispatcher, None
+                stack.callback(dispatcher.close, timeout=CALLBACK_TIME)
+                stack.callback(dispatcher.flush, timeout=CALLBACK_TIME)
+            if self._log is not None:
+                log, self._log = self._log, None
+                stack.callback(log.close)
+            self.backend.close()
 
     @property
     def state(self) -> RobotState:
@@ -239,7 +242,7 @@ class Pepper:
             if on_tick is not None:
                 self._listeners.remove(on_tick)
         if self._dispatcher is not None:
-            self._dispatcher.flush(timeout=2.0)
+            self._dispatcher.flush(timeout=CALLBACK_TIME)
 
     def emergency_stop(self) -> None:
         """Hold the joints and stop the wheels from the next tick on; only a new start leaves this state."""

@@ -6,7 +6,6 @@ from typing import Literal
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
 from pepper_driver.backends.interface import (
     Backend,
@@ -22,6 +21,7 @@ from pepper_driver.backends.mujoco_.board import MotorBoards
 from pepper_driver.backends.mujoco_.model import build_model
 from pepper_driver.backends.mujoco_.pushes import Push, Pushes
 from pepper_driver.backends.mujoco_.sensors import CurrentSensors, Encoders, FreeWheels
+from pepper_driver.backends.mujoco_.truth import MujocoTruth
 from pepper_driver.backends.mujoco_.window import Window, check_display
 from pepper_driver.backends.selection import BackendUri
 from pepper_driver.config import (
@@ -74,7 +74,7 @@ class MujocoBackend(Backend):
         self._state: Literal["closed", "open", "active"] = "closed"
         self._shown = window
         self._window: Window | None = None
-        self._truth = MujocoTruth(self)
+        self._truth = MujocoTruth(plant, self._model, self._data, self._boards)
         self._info = BackendInfo(
             uri=uri,
             joint_names=robot.joint_names,
@@ -114,7 +114,7 @@ class MujocoBackend(Backend):
         self._target = self._start.copy()
         self._braked_at = self._start.copy()
         self._tick = 0
-        self.contact_torque = np.zeros(len(self._start))
+        self._truth.record(np.zeros(len(self._start)))
         if self._shown:
             self._window = Window(self._model.mj, self._data)
         self._state = "open"
@@ -148,7 +148,7 @@ class MujocoBackend(Backend):
         if self._window is not None:
             self._window.refresh()
         return self._measurement(
-            self._encoders.read(self.link_position), self._current_sensors.read(mean_current)
+            self._encoders.read(self._truth.position), self._current_sensors.read(mean_current)
         )
 
     def deactivate(self) -> None:
@@ -206,11 +206,6 @@ class MujocoBackend(Backend):
             )
         )
 
-    @property
-    def link_position(self) -> FloatArray:
-        """(17,) true link-side positions [rad]."""
-        return np.array(self._data.qpos[self._model.link_qpos])
-
     def _simulate(self, position: FloatArray, stiffness: FloatArray) -> FloatArray:
         """One cycle of physics towards ``position``; returns the mean |motor current| (17,) [A]."""
         model, data, boards = self._model, self._data, self._boards
@@ -235,7 +230,7 @@ class MujocoBackend(Backend):
             self._pushes.add_joint_torque(torque)
             current += np.abs(boards.current)
         self._target = position
-        self.contact_torque = torque / self._steps
+        self._truth.record(torque / self._steps)
         return current / self._steps
 
     def _checked(self, command: Command) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -270,48 +265,6 @@ class MujocoBackend(Backend):
             battery=1.0,
             age=0.0,
         )
-
-
-class MujocoTruth(Truth):
-    """Ground truth of a :class:`MujocoBackend`."""
-
-    def __init__(self, backend: MujocoBackend) -> None:
-        self._backend = backend
-
-    @property
-    def contact_torque(self) -> FloatArray:
-        """(17,) J^T f, mean over the last cycle [N m]."""
-        return self._backend.contact_torque.copy()
-
-    @property
-    def in_gap(self) -> NDArray[np.bool_]:
-        """(17,) whether the joint is inside its backlash."""
-        return self._backend._model.in_gap(self._backend._data)
-
-    @property
-    def saturated(self) -> NDArray[np.bool_]:
-        """(17,) whether the board met its current or voltage limit in the last cycle."""
-        return self._backend._boards.saturated.copy()
-
-    @property
-    def position(self) -> FloatArray:
-        """(17,) link-side joint positions [rad]."""
-        return self._backend.link_position
-
-    @property
-    def plant(self) -> PlantConfig:
-        """The parameters of the simulated robot."""
-        return self._backend._plant
-
-    @property
-    def stiffness(self) -> FloatArray:
-        """(17,) K = kp N Kt / R [N m/rad]."""
-        return np.array(self._backend._boards.stiffness)
-
-    @property
-    def torque_limit(self) -> FloatArray:
-        """(17,) largest torque the board can hold [N m]."""
-        return np.array(self._backend._boards.torque_limit)
 
 
 def from_uri(uri: BackendUri, robot: RobotConfig) -> MujocoBackend:
