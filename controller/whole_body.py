@@ -15,11 +15,15 @@ from pepper_driver.controller.reference import Reference
 from pepper_driver.controller.solvers import make_solver
 from pepper_driver.controller.solvers.solver import Status
 from pepper_driver.controller.tasks import BaseVelocityTask, PostureTask, Task
+from pepper_driver.controller.tasks.task import finite_vector
 
 FloatArray = NDArray[np.float64]
 
 LEAST_COST = 1e-4
 """Of the largest diagonal entry of the cost: an acceleration that tasks care less for is regularised as this one."""
+
+REST_RATE = 4.0
+"""[1/s] How fast a movement that no task asks for dies out. Regularised, not wanted: any task outweighs it."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -30,11 +34,14 @@ class ControllerStatus:
         solver: Whether the QP was solved; otherwise the controller braked.
         at_limit: Joints at a bound of their acceleration box.
         unmet: Names of the constraints that the accelerations break: those that braking could not keep.
+        relaxed: Limits of the box that could not be kept, as ``"LHand acceleration"``: one that matters more prevailed,
+            or the joint was beyond it.
     """
 
     solver: Status
     at_limit: tuple[str, ...]
     unmet: tuple[str, ...]
+    relaxed: tuple[str, ...]
 
 
 class WholeBodyController:
@@ -68,7 +75,8 @@ class WholeBodyController:
         self._box = AccelerationBox(robot, settings, self.model, self._dt)
         self._solver = make_solver(settings.solver)
         self._share = settings.regularisation
-        self._diagonal = np.diag_indices(self.model.nv)
+        self._hessian = np.zeros((self.model.nv, self.model.nv))
+        self._gradient = np.zeros(self.model.nv)
         self.posture = PostureTask(
             robot, stiffness=settings.posture.stiffness, weight=settings.posture.weight
         )
@@ -114,6 +122,7 @@ class WholeBodyController:
             TargetError: Not 17 finite numbers; nothing changes.
         """
         self.posture.target = np.clip(position, self._robot.lower, self._robot.upper)
+        self.posture.velocity = self.posture.acceleration = np.zeros(len(position))
         self.base_velocity.target = np.zeros(BASE)
         self._q = self.model.configuration(position)
         self._v = np.zeros(self.model.nv)
@@ -136,7 +145,9 @@ class WholeBodyController:
         met = (a <= box.lower + 1e-9) | (a >= box.upper - 1e-9)
         joints = met[self.model.joint_columns]
         names = tuple(n for n, at in zip(self._robot.joint_names, joints, strict=True) if at)
-        return ControllerStatus(solver=self._status, at_limit=names, unmet=self._unmet())
+        return ControllerStatus(
+            solver=self._status, at_limit=names, unmet=self._unmet(), relaxed=box.relaxed()
+        )
 
     def accept(self, position: FloatArray) -> None:
         """Go on from a command that the safety gate changed.
@@ -146,7 +157,11 @@ class WholeBodyController:
 
         Args:
             position: (17,) as really sent [rad].
+
+        Raises:
+            TargetError: Not 17 finite numbers; nothing changes.
         """
+        position = finite_vector("a sent position", position, len(self._before))
         self.model.set_state(self._q, self._v)
         changed = position != self.model.joint_position
         limit = self._box.joint_velocity_limit
@@ -203,7 +218,7 @@ class WholeBodyController:
         rows = sum(task.rows for task in self._tasks)
         bounds = sum(constraint.rows for constraint in self._constraints)
         self._jacobian, self._wanted = np.zeros((rows, nv)), np.zeros(rows)
-        self._scale = np.zeros(rows)
+        self._scale, self._weighted = np.zeros((rows, 1)), np.zeros((rows, nv))
         self._matrix, self._bound = np.zeros((bounds, nv)), np.zeros(bounds)
         parts: list[Task | Constraint] = [*self._tasks, *self._constraints]
         self._needs_kinematics = any(part.needs_kinematics for part in parts)
@@ -215,7 +230,7 @@ class WholeBodyController:
         for task in self._tasks:
             rows = slice(start, start + task.rows)
             task.write(model, self._jacobian[rows], self._wanted[rows])
-            self._scale[rows] = task.weight * task.dim_weight
+            np.multiply(task.weight, task.dim_weight, out=self._scale[rows, 0])
             start += task.rows
         start = 0
         for constraint in self._constraints:
@@ -224,15 +239,22 @@ class WholeBodyController:
             start += constraint.rows
         self._box.update(model)
         lower, upper = self._box.lower, self._box.upper
-        weighted = self._jacobian * self._scale[:, None]
-        H = weighted.T @ self._jacobian
-        H[self._diagonal] += self._regularisation(H.diagonal())
-        g = -(self._wanted @ weighted)
+        H, g, weighted = self._hessian, self._gradient, self._weighted
+        np.multiply(self._jacobian, self._scale, out=weighted)
+        np.dot(weighted.T, self._jacobian, out=H)
+        np.dot(self._wanted, weighted, out=g)
+        diagonal = H.ravel()[:: model.nv + 1]
+        regularisation = self._regularisation(diagonal)
+        diagonal += regularisation
+        regularisation *= REST_RATE * self._v
+        np.negative(g, out=g)
+        g += regularisation
         solution = self._solver.solve(H, g, lower, upper, self._matrix, self._bound)
         self._status = solution.status
         if solution.status == "solved":
             return solution.x
-        return np.minimum(np.maximum(-self._v / dt, lower), upper)
+        braking: FloatArray = np.minimum(np.maximum(-self._v / dt, lower), upper)
+        return braking
 
     def _regularisation(self, cost: FloatArray) -> FloatArray:
         """(20,) to be added to the diagonal of the cost, a share of it: the unit of the weights cancels out."""

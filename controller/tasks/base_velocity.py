@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
-from pepper_driver.controller.errors import TargetError
 from pepper_driver.controller.model import BASE, RobotModel
-from pepper_driver.controller.tasks.task import Task
+from pepper_driver.controller.tasks.task import Task, finite_vector
 
 FloatArray = NDArray[np.float64]
 
@@ -36,10 +35,8 @@ class BaseVelocityTask(Task):
         return self._target.copy()
 
     @target.setter
-    def target(self, value: FloatArray) -> None:
-        if np.shape(value) != (BASE,) or not np.isfinite(value).all():
-            raise TargetError("a base twist takes three finite numbers: vx, vy, wz")
-        self._target = np.array(value, dtype=np.float64)
+    def target(self, value: ArrayLike) -> None:
+        self._target = finite_vector("a base twist (vx, vy, wz)", value, BASE)
 
     def write(self, model: RobotModel, jacobian: FloatArray, acceleration: FloatArray) -> None:
         """One row for each of vx, vy, wz."""

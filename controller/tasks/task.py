@@ -7,13 +7,14 @@ desired acceleration a* = stiffness * error - damping * velocity: the set-point 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Sequence
 from math import isfinite, sqrt
 from numbers import Real
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
-from pepper_driver.controller.errors import GainError
+from pepper_driver.controller.errors import GainError, TargetError
 from pepper_driver.controller.model import RobotModel
 
 FloatArray = NDArray[np.float64]
@@ -77,7 +78,8 @@ class Task(ABC):
     @dim_weight.setter
     def dim_weight(self, value: FloatArray) -> None:
         if np.shape(value) != (self.rows,) or not (np.isfinite(value) & (value >= 0)).all():
-            raise GainError(f"dim_weight takes {self.rows} finite numbers that are not negative")
+            what = f"{self.rows} finite numbers that are not negative"
+            raise GainError("dim_weight", value, what)
         self._dim_weight = np.array(value, dtype=np.float64)
 
     @abstractmethod
@@ -97,5 +99,37 @@ class Task(ABC):
 
 def _not_negative(name: str, value: float) -> float:
     if not (isinstance(value, Real) and isfinite(value) and value >= 0):
-        raise GainError(f"{name} must be a finite number that is not negative, got {value!r}")
+        raise GainError(name, value)
     return float(value)
+
+
+def finite_vector(
+    what: str, value: ArrayLike, size: int, *, names: Sequence[str] = ()
+) -> FloatArray:
+    """A copy of ``value`` (size,) as floats.
+
+    Args:
+        what: For the message.
+        value: As given by the user.
+        size: How many numbers there must be.
+        names: (size,) joints, to name the one at fault.
+
+    Raises:
+        TargetError: Not ``size`` finite numbers.
+    """
+    try:
+        vector = np.array(value, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise TargetError(f"{what} takes {size} numbers, got {type(value).__name__}") from None
+    if vector.shape != (size,):
+        raise TargetError(f"{what} takes {size} numbers, got shape {vector.shape}")
+    finite = np.isfinite(vector)
+    if not finite.all():
+        index = int(np.argmin(finite))
+        joint = names[index] if names else None
+        raise TargetError(
+            f"{what} takes finite numbers, got {vector[index]} for {joint or f'number {index}'}",
+            joint=joint,
+            value=float(vector[index]),
+        )
+    return vector
