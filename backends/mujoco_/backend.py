@@ -165,6 +165,9 @@ class MujocoBackend(Backend):
     def close(self) -> None:
         """Deactivate and let go of the simulation."""
         self.deactivate()
+        self._close()
+
+    def _close(self) -> None:
         if self._window is not None:
             self._window.close()
             self._window = None
@@ -229,6 +232,11 @@ class MujocoBackend(Backend):
             model.step(data)
             self._pushes.add_joint_torque(torque)
             current += np.abs(boards.current)
+        if model.diverged(data):
+            self._close()
+            raise BackendError(
+                f"the simulation diverged at {data.time:.3f} s and was closed: a force or a speed beyond all measure"
+            )
         self._target = position
         self._truth.record(torque / self._steps)
         return current / self._steps

@@ -19,6 +19,12 @@ from pepper_driver.config.parts import FloatArray
 
 IndexArray = NDArray[np.intp]
 
+_DIVERGENCE = (
+    mujoco.mjtWarning.mjWARN_BADQPOS,
+    mujoco.mjtWarning.mjWARN_BADQVEL,
+    mujoco.mjtWarning.mjWARN_BADQACC,
+)
+
 
 @dataclass(frozen=True, kw_only=True)
 class PlantModel:
@@ -54,6 +60,10 @@ class PlantModel:
         self.mj.tendon_damping[self.tendon] = np.where(self.in_gap(data), 0.0, self.gear_damping)
         mujoco.mj_step(self.mj, data)
 
+    def diverged(self, data: mujoco.MjData) -> bool:
+        """Whether the simulation has met values that are not finite, or huge."""
+        return any(data.warning[kind].number for kind in _DIVERGENCE)
+
     def in_gap(self, data: mujoco.MjData) -> NDArray[np.bool_]:
         """(17,) whether the teeth of each gear are apart: |q - theta| <= half_gap."""
         phi = data.qpos[self.link_qpos] - data.qpos[self.motor_qpos]
@@ -72,6 +82,8 @@ def build_model(robot: RobotConfig, plant: PlantConfig) -> PlantModel:
     mj = spec.compile()
     # Self-collision and the floor come with the base that moves; until then nothing may touch but pushes.
     mj.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT
+    # A simulation that blows up shall be told, not start anew from its first posture by itself.
+    mj.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
     names = robot.joint_names
     links = [mj.joint(name).id for name in names]
     motors = [mj.joint(_motor_side(name)).id for name in names]

@@ -1,11 +1,19 @@
 """The simulated Pepper as a whole: sensing, determinism, pushes and their truth."""
 
+from pathlib import Path
+
 import numpy as np
 import pinocchio
 import pytest
 from numpy.typing import NDArray
 
-from pepper_driver.backends import CapabilityError, Command, make_backend
+from pepper_driver.backends import (
+    BackendError,
+    CapabilityError,
+    Command,
+    NotConnectedError,
+    make_backend,
+)
 from pepper_driver.backends.interface import Backend
 from pepper_driver.backends.mujoco_ import MujocoBackend
 from pepper_driver.config import UnknownNameError, load_plant, load_robot
@@ -212,6 +220,25 @@ def test_wheels_follow_their_command() -> None:
     for _ in range(60):
         m = backend.step(Command(position=hold, stiffness=np.ones(17), wheel_speed=wanted))
     np.testing.assert_allclose(m.wheel_speed, [1.0, -2.0, ROBOT.wheels.speed_limit], rtol=1e-3)
+
+
+def step_often(backend: MujocoBackend, hold: Array) -> None:
+    for _ in range(20):
+        backend.step(command(hold))
+
+
+def test_a_simulation_that_blows_up_says_so(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)  # MuJoCo leaves a note of its own there
+    backend, hold = active()
+    backend.push("LBicep", np.array([0.0, 1e12, 0.0]), np.array([0.16, 0.0, 0.0]))
+    with pytest.raises(BackendError, match="diverged"):
+        step_often(backend, hold)
+    with pytest.raises(NotConnectedError):
+        backend.step(command(hold))
+    backend.close()
+    assert np.isfinite(backend.open().position).all()
 
 
 @pytest.mark.parametrize(
