@@ -25,8 +25,13 @@ class BackendUri:
     host: str
     query: Mapping[str, str]
 
-    def check_keys(self, known: set[str]) -> None:
-        """Raise a ConfigError for a query key that is not in ``known``."""
+    def check_keys(self, known: set[str], *, host: bool) -> None:
+        """Raise a ConfigError for a query key that is not in ``known``, or a host where there is none."""
+        if self.host and not host:
+            raise ConfigError(
+                f"backend '{self.text}': '{self.host}' says nothing here; "
+                f"write {self.scheme}://?key=value with {', '.join(sorted(known))}"
+            )
         for key in self.query:
             if key not in known:
                 raise ConfigError(
@@ -60,6 +65,8 @@ def parse_uri(text: str) -> BackendUri:
     query = dict(pairs)
     if len(query) != len(pairs):
         raise ConfigError(f"backend '{text}': a key is given twice")
+    if parts.fragment or parts.path.strip("/") not in ("", scheme):
+        raise ConfigError(f"backend '{text}': a path or fragment says nothing here")
     return BackendUri(text=text, scheme=scheme, host=parts.netloc, query=query)
 
 

@@ -4,10 +4,22 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from difflib import get_close_matches
+from typing import Any
 
 
 class PepperError(Exception):
-    """Root of every error this project raises on purpose."""
+    """Root of every error this project raises on purpose. All can be sent between processes."""
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return _rebuilt, (type(self), self.args, self.__dict__)
+
+
+def _rebuilt(kind: type[PepperError], args: tuple[Any, ...], state: dict[str, Any]) -> PepperError:
+    """An error from its message and data, without the constructor that composed the message."""
+    error = kind.__new__(kind, *args)
+    error.args = args
+    error.__dict__.update(state)
+    return error
 
 
 class ConfigError(PepperError, ValueError):
@@ -40,7 +52,7 @@ class MissingExtraError(PepperError, ImportError):
 
 def suggestion(name: str, choices: Iterable[str]) -> str:
     """The tail of an error message: close matches of ``name``, and all choices where they are few."""
-    known = sorted(str(choice) for choice in choices)
+    known = sorted({str(choice) for choice in choices})
     close = get_close_matches(name, known, n=3, cutoff=0.5)
     parts = []
     if close:

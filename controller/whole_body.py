@@ -139,6 +139,22 @@ class WholeBodyController:
         return self.model.joint_position
 
     @property
+    def velocity(self) -> FloatArray:
+        """(17,) integrated joint velocities [rad/s], a copy."""
+        self.model.set_state(self._q, self._v)
+        return self.model.joint_velocity
+
+    @property
+    def lower(self) -> FloatArray:
+        """(17,) lower position limits of the robot [rad]."""
+        return self._robot.lower
+
+    @property
+    def upper(self) -> FloatArray:
+        """(17,) upper position limits of the robot [rad]."""
+        return self._robot.upper
+
+    @property
     def status(self) -> ControllerStatus:
         """How the last cycle went."""
         box, a = self._box, self._acceleration

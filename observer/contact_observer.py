@@ -88,7 +88,7 @@ class ContactObserver(Observer):
         )
 
     def step(self, tick: Tick) -> Observation:
-        """Take in one tick; about 30 us, and never raises for bad sensor values."""
+        """Take in one tick; never raises for bad sensor values."""
         measurement, reference = tick.measurement, tick.reference
         # A clock that jumps back or is lost must not turn the order of events around.
         if measurement.time > self._time:

@@ -4,20 +4,28 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from time import perf_counter_ns
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pepper_driver.backends import Backend, Command, Truth
+from pepper_driver.backends import (
+    Backend,
+    BackendError,
+    Command,
+    Measurement,
+    NotConnectedError,
+    Truth,
+)
 from pepper_driver.config import RobotConfig
 from pepper_driver.config.parts import FloatArray
 from pepper_driver.controller import Reference, Tick, WholeBodyController
 from pepper_driver.log import LogWriter
 from pepper_driver.observer import Observation, Observer
 from pepper_driver.reflexes import Control, Reflex
-from pepper_driver.safety import FaultError, RobotState, SafetyGate
+from pepper_driver.safety import FaultError, SafetyGate
 
 STAGES = ("backend", "observer", "reflexes", "controller", "gate", "log")
 """What a tick consists of, in order; the backend's part is the robot, or the physics."""
@@ -74,6 +82,7 @@ class Loop:
         control: What reflexes act on.
         times: How long the stages took.
         target: (17,) posture the user wants [rad].
+        posture_stiffness: Stiffness of the posture task the user wants [1/s2].
         time: Clock of the robot at the last measurement [s].
     """
 
@@ -103,7 +112,9 @@ class Loop:
         self.times = StageTimes()
         self.target = controller.position
         self.time = time
+        self.posture_stiffness = controller.posture.stiffness
         self._wanted = self.target
+        self._halted = False
         n = len(robot.joint_names)
         standing = Reference(
             position=controller.position,
@@ -119,9 +130,15 @@ class Loop:
     def tick(self) -> Tick:
         """One cycle.
 
+        Whatever fails inside a cycle puts the gate into FAULT. The robot is then told to stand still before the error
+        is raised, and the cycle is logged all the same.
+
         Raises:
-            FaultError: The safety gate stopped the robot in this cycle.
+            FaultError: The safety gate stopped the robot, in this cycle or before.
         """
+        if self._gate.fault:
+            self._halt()
+            raise FaultError(self._gate.fault)
         marks = [perf_counter_ns()]
         measurement = self._backend.step(self._on_the_way[-1].command)
         self.time = measurement.time
@@ -134,36 +151,60 @@ class Loop:
             sent=answered.command,
             changed=answered.changed,
         )
-        observation = self._observer.step(tick) if self._observer is not None else None
-        marks.append(perf_counter_ns())
+        observation: Observation | None = None
+        cause: Exception | None = None
+        try:
+            if self._observer is not None:
+                observation = self._observer.step(tick)
+            marks.append(perf_counter_ns())
+            if observation is not None:
+                for reflex in self._reflexes:
+                    reflex.step(observation, measurement, self.control)
+            marks.append(perf_counter_ns())
+            reference = self._reference(measurement)
+            marks.append(perf_counter_ns())
+            self._send(reference, measurement, answered.command)
+            marks.append(perf_counter_ns())
+        except (
+            Exception
+        ) as error:  # an observer's or a reflex's mistake must not leave the robot moving
+            self._gate.stop(f"{type(error).__name__} inside a tick: {error}")
+            cause = error
 
-        control = self.control
-        if observation is not None:
-            for reflex in self._reflexes:
-                reflex.step(observation, measurement, control)
+        if self._log is not None:
+            self._log.append(tick, observation, self._truth)
+        self._deliver(tick, observation)
+        if self._gate.fault:
+            self._halt()
+            raise FaultError(self._gate.fault) from cause
         marks.append(perf_counter_ns())
+        self.times.add(marks)
+        return tick
 
+    def _reference(self, measurement: Measurement) -> Reference:
+        """What the controller wants, for the user's posture or the one a reflex has put in its place."""
+        control, task = self.control, self._controller.posture
         wanted = self.target if control.posture is None else control.posture
         if wanted is not self._wanted:
-            self._controller.posture.target = self._wanted = wanted
-        reference = self._controller.step(measurement)
-        wheel_speed = self._robot.wheels.matrix @ reference.base_twist
-        marks.append(perf_counter_ns())
+            task.target = self._wanted = wanted
+        stiffness = control.posture_stiffness
+        task.stiffness = self.posture_stiffness if stiffness is None else stiffness
+        return self._controller.step(measurement)
 
-        self._gate.watch(measurement, answered.command)
-        gated = self._gate.gate(reference, control.stiffness, wheel_speed, measurement.age)
+    def _send(self, reference: Reference, measurement: Measurement, answered: Command) -> None:
+        """Pass a reference through the gate; the result is the command of the next cycle."""
+        wheel_speed = self._robot.wheels.matrix @ reference.base_twist
+        self._gate.watch(measurement, answered)
+        gated = self._gate.gate(reference, self.control.stiffness, wheel_speed, measurement.age)
         if gated.changed.any():
             self._controller.accept(gated.command.position)
         self._on_the_way.append(
             _Sent(reference=reference, command=gated.command, changed=gated.changed)
         )
-        marks.append(perf_counter_ns())
 
-        if self._log is not None:
-            self._log.append(tick, observation, self._truth)
-        self._deliver(tick, observation)
-        marks.append(perf_counter_ns())
-        self.times.add(marks)
-        if self._gate.state is RobotState.FAULT:
-            raise FaultError(self._gate.fault)
-        return tick
+    def _halt(self) -> None:
+        """Tell the robot once, after a fault, to hold its joints and stop its wheels."""
+        if not self._halted:
+            self._halted = True
+            with suppress(BackendError, NotConnectedError):  # nobody there to be told
+                self._backend.step(self._gate.hold())

@@ -9,7 +9,7 @@ from contextlib import ExitStack
 from importlib.metadata import version
 from pathlib import Path
 from types import TracebackType
-from typing import Literal, Self
+from typing import Any, Literal, Self
 
 import mujoco
 import numpy as np
@@ -29,7 +29,7 @@ from pepper_driver.config import (
     load_safety_settings,
 )
 from pepper_driver.config.parts import FloatArray
-from pepper_driver.controller import PostureTask, Tick, WholeBodyController
+from pepper_driver.controller import GainError, Tick, WholeBodyController
 from pepper_driver.log import LogWriter
 from pepper_driver.loop import Loop, StageTimes
 from pepper_driver.observer import Contact, Observation, Observer
@@ -73,8 +73,8 @@ class Pepper:
         uri: str = "mujoco",
         *,
         observer: str | Observer | None = "paper",
-        models: Path | None = None,
-        log: Path | None = None,
+        models: Path | str | None = None,
+        log: Path | str | None = None,
         reflexes: Sequence[Reflex] = (),
         real_time: bool = False,
         robot: RobotConfig | None = None,
@@ -82,10 +82,11 @@ class Pepper:
         self.config = robot or load_robot()
         self.backend: Backend = make_backend(uri, self.config)
         if isinstance(observer, str):
-            observer = make_observer(observer, self.config, self.backend.info.identity, models)
+            path = None if models is None else Path(models)
+            observer = make_observer(observer, self.config, self.backend.info.identity, path)
         self._observer = observer
         self._reflexes = tuple(reflexes)
-        self._log_path = log
+        self._log_path = None if log is None else Path(log)
         self._log: LogWriter | None = None
         self._paced = real_time and not self.backend.info.real_time
         self._controller_settings = load_controller_settings(self.config)
@@ -100,11 +101,7 @@ class Pepper:
     # -- life ---------------------------------------------------------------------------------------------------
 
     def __enter__(self) -> Self:
-        try:
-            self.activate()
-        except BaseException:
-            self.close()
-            raise
+        self.activate()
         return self
 
     def __exit__(
@@ -123,15 +120,22 @@ class Pepper:
         """
         if self._loop is not None:
             raise BackendError(f"'{self.backend.info.uri}' is already active")
-        if self._log_path is not None:
+        try:
+            self._start()
+        except BaseException:
+            self.close()
+            raise
+
+    def _start(self) -> None:
+        measurement = self.backend.open()
+        hold = np.clip(measurement.position, self.config.lower, self.config.upper)
+        if self._log_path is not None:  # only now: a robot that is not there costs no earlier log
             self._log = LogWriter(
                 self._log_path,
                 self.config,
                 self._metadata(),
                 lossless=not self.backend.info.real_time,
             )
-        measurement = self.backend.open()
-        hold = np.clip(measurement.position, self.config.lower, self.config.upper)
         measurement = self.backend.activate()
         controller = WholeBodyController(self.config, self._controller_settings)
         controller.reset(hold)
@@ -190,27 +194,22 @@ class Pepper:
         """(17,) where the joints were last told to go [rad], a copy."""
         return self._active().target.copy()
 
-    @property
-    def posture_task(self) -> PostureTask:
-        """The controller's posture task: stiffness, weight."""
-        return self._active().control.controller.posture
-
     def set_posture(self, posture: Posture, *, stiffness: float | None = None) -> None:
         """Set where the joints shall go from the next tick on; returns at once.
 
         Args:
             posture: Name, joints with angles [rad], or all 17 angles [rad].
-            stiffness: Of the posture task [1/s2]; None leaves it.
+            stiffness: Of the posture task [1/s2], above 0; None leaves it.
 
         Raises:
             PepperError: Unknown name, an angle that is not finite or outside the joint's limits. Nothing changes.
         """
         loop = self._active()
-        task = loop.control.controller.posture
-        target = self._resolve(posture, loop.target)
-        task.check_target(target)
+        target = loop.control.controller.posture.check_target(self._resolve(posture, loop.target))
         if stiffness is not None:
-            task.stiffness = stiffness
+            if not (np.isfinite(stiffness) and stiffness > 0):  # at 0 nothing would stop a joint
+                raise GainError("stiffness", stiffness, "a finite number above 0")
+            loop.posture_stiffness = float(stiffness)
         loop.target = target
 
     def run(
@@ -338,16 +337,16 @@ class Pepper:
             )
         return self._loop
 
-    def _resolve(self, posture: Posture, current: FloatArray) -> FloatArray:
-        """(17,) angles of a posture; joints that it does not name keep ``current``."""
+    def _resolve(self, posture: Posture, current: FloatArray) -> Any:  # noqa: ANN401
+        """Angles of a posture; joints that it does not name keep ``current``. Not checked yet."""
         if isinstance(posture, str):
             return self.config.posture(posture)
         if isinstance(posture, Mapping):
-            target = current.copy()
+            angles = current.tolist()
             for name, angle in posture.items():
-                target[self.config.joint_index(name)] = angle
-            return target
-        return np.array(posture, dtype=np.float64)
+                angles[self.config.joint_index(name)] = angle
+            return angles
+        return posture
 
     def _deliver(self, tick: Tick, observation: Observation | None) -> None:
         if observation is not None:

@@ -108,9 +108,17 @@ class SafetyGate:
         if self._state is not RobotState.FAULT:
             self._state, self._fault = RobotState.FAULT, reason
 
+    def hold(self) -> Command:
+        """The command that holds the joints where they were last sent and stops the wheels."""
+        last = self._sent
+        self._sent = Command(
+            position=last.position, stiffness=last.stiffness, wheel_speed=np.zeros(3)
+        )
+        return self._sent
+
     def watch(self, measurement: Measurement, answered: Command) -> None:
         """Compare a measurement with the command it answers; goes to FAULT when the robot cannot be trusted."""
-        if measurement.age > self._settings.stale_fault:
+        if not measurement.age <= self._settings.stale_fault:  # NaN is old too
             self.stop(f"the newest sample is {measurement.age * 1e3:.0f} ms old")
         if not np.isfinite(measurement.position).all():
             self.stop("a joint position is not a number")
@@ -136,18 +144,18 @@ class SafetyGate:
             age: Age of the newest sample [s].
         """
         last, robot = self._sent, self._robot
-        finite = bool(
-            np.isfinite(reference.position).all()
-            and np.isfinite(stiffness).all()
-            and np.isfinite(wheel_speed).all()
-        )
-        if not finite:
-            self.stop("the controller asked for something that is not a number")
-        if self._state is not RobotState.ACTIVE or age > self._settings.stale_hold:
-            held = Command(
-                position=last.position, stiffness=last.stiffness, wheel_speed=np.zeros(3)
-            )
-            self._sent = held
+        for wanted, before in (
+            (reference.position, last.position),
+            (stiffness, last.stiffness),
+            (wheel_speed, last.wheel_speed),
+        ):
+            if np.shape(wanted) != before.shape:
+                self.stop(f"asked for {np.shape(wanted)} values in place of {before.shape}")
+                return Gated(command=self.hold(), changed=np.ones(len(last.position), np.bool_))
+            if not np.isfinite(wanted).all():
+                self.stop("asked for something that is not a number")
+        if self._state is not RobotState.ACTIVE or not age <= self._settings.stale_hold:
+            held = self.hold()
             return Gated(command=held, changed=held.position != reference.position)
         step = self._largest_step
         position = np.clip(reference.position, last.position - step, last.position + step)

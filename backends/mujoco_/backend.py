@@ -25,6 +25,7 @@ from pepper_driver.backends.mujoco_.truth import MujocoTruth
 from pepper_driver.backends.mujoco_.window import Window, check_display
 from pepper_driver.backends.selection import BackendUri
 from pepper_driver.config import (
+    ConfigError,
     PlantConfig,
     RobotConfig,
     UnknownNameError,
@@ -35,6 +36,9 @@ from pepper_driver.config.parts import FloatArray
 
 RAMP_TIME = 1.0
 """[s] in which activation raises the stiffness from 0 to 1, and deactivation lowers it."""
+
+STRONGEST_PUSH = 10_000.0
+"""[N] Far beyond anything a robot survives; more would only break the simulation."""
 
 MOTOR_TEMPERATURE = 38.0
 """[deg C] reported for every motor: heating is not simulated."""
@@ -196,6 +200,8 @@ class MujocoBackend(Backend):
             raise ValueError("push: force and point take three finite numbers each")
         if duration <= 0 or delay < 0:
             raise ValueError("push: duration must be positive, delay not negative")
+        if np.linalg.norm(force) > STRONGEST_PUSH:
+            raise ValueError(f"push: the force may be {STRONGEST_PUSH:g} N at most")
         if frame not in ("world", "link"):
             raise UnknownNameError("frame", frame, ("world", "link"))
         self._pushes.add(
@@ -277,7 +283,9 @@ class MujocoBackend(Backend):
 
 def from_uri(uri: BackendUri, robot: RobotConfig) -> MujocoBackend:
     """``mujoco://?plant=NAME_OR_FILE&seed=N&posture=NAME&window=1``; all keys optional."""
-    uri.check_keys({"plant", "seed", "posture", "window"})
+    uri.check_keys({"plant", "seed", "posture", "window"}, host=False)
+    if uri.query.get("window", "0") not in ("0", "1"):
+        raise ConfigError(f"backend '{uri.text}': window takes 0 or 1")
     return MujocoBackend(
         robot,
         load_plant(uri.query.get("plant", "nominal"), robot),

@@ -52,8 +52,7 @@ class PostureTask(Task):
 
     @target.setter
     def target(self, value: ArrayLike | Mapping[str, float]) -> None:
-        checked = self._checked(value)
-        self._target = np.clip(checked, self._robot.lower, self._robot.upper)
+        self._target = self.check_target(value)
 
     @property
     def velocity(self) -> FloatArray:
@@ -81,11 +80,8 @@ class PostureTask(Task):
     def acceleration(self, value: ArrayLike) -> None:
         self._acceleration = finite_vector("a reference acceleration", value, self.rows)
 
-    def check_target(self, value: ArrayLike | Mapping[str, float]) -> None:
-        """Raise unless ``value`` is a posture the robot can take; see :attr:`target`."""
-        self._checked(value)
-
-    def _checked(self, value: ArrayLike | Mapping[str, float]) -> FloatArray:
+    def check_target(self, value: ArrayLike | Mapping[str, float]) -> FloatArray:
+        """(17,) the posture that ``value`` means [rad]; the task's target stays. Raises as :attr:`target` does."""
         robot = self._robot
         if isinstance(value, Mapping):
             angles = self._target.tolist()
@@ -106,7 +102,7 @@ class PostureTask(Task):
                 lower=joint.lower,
                 upper=joint.upper,
             )
-        return posture
+        return np.clip(posture, robot.lower, robot.upper)
 
     def write(self, model: RobotModel, jacobian: FloatArray, acceleration: FloatArray) -> None:
         """One row a joint."""

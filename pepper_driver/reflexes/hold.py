@@ -8,13 +8,17 @@ from pepper_driver.backends import Measurement
 from pepper_driver.observer import Observation
 from pepper_driver.reflexes.reflex import Control, Reflex
 
+STIFFNESS = 400.0
+"""[1/s2] Of the posture task while holding."""
+
 
 class Hold(Reflex):
-    """Freeze the posture when a contact begins, and go on ``pause`` [s] after the last one ended.
+    """Brake when a contact begins, stand still, and go on ``pause`` [s] after the last one ended.
 
-    What freezes is the reference, not the measured posture: the joints keep pushing back against the hand with their
-    own stiffness, and nothing jumps. A rebound does not prolong the hold, so the reflex cannot keep itself alive on the
-    motion that follows a release. What the user asks for meanwhile is done afterwards.
+    What stands still is the reference, not the measured posture: the joints keep pushing back against the hand with
+    their own stiffness. The reference comes to rest a twentieth of a second's way further on, as fast as the
+    acceleration limits allow, and does not turn round. A rebound does not prolong the hold, so the reflex cannot keep
+    itself alive on the motion that follows a release. What the user asks for meanwhile is done afterwards.
     """
 
     def __init__(self, pause: float = 0.5) -> None:
@@ -38,7 +42,7 @@ class Hold(Reflex):
                 contact.phase != "end"
             ):  # an update too: what began as a rebound may turn out to be a touch
                 if not self.holding:
-                    control.posture = control.controller.position
+                    _brake(control)
                 self._touching.add(contact.id)
                 self._resume_time = None
             elif contact.id in self._touching:
@@ -46,10 +50,21 @@ class Hold(Reflex):
                 if not self._touching:
                     self._resume_time = measurement.time + self._pause
         if self._resume_time is not None and measurement.time >= self._resume_time:
-            control.posture = None
+            control.posture = control.posture_stiffness = None
             self._resume_time = None
 
     def reset(self) -> None:
         """Forget all contacts; the posture is let go at the next reset of the robot."""
         self._touching.clear()
         self._resume_time = None
+
+
+def _brake(control: Control) -> None:
+    """Send the posture where the joints come to rest without turning round.
+
+    A critically damped joint at q with velocity v decays exponentially towards q + v / sqrt(stiffness).
+    """
+    controller = control.controller
+    rest = controller.position + controller.velocity / np.sqrt(STIFFNESS)
+    control.posture = np.clip(rest, controller.lower, controller.upper)
+    control.posture_stiffness = STIFFNESS

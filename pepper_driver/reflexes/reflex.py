@@ -19,12 +19,14 @@ class Control:
         controller: Its tasks can be changed, added and removed.
         stiffness: (17,) wanted stiffness 0..1; the safety gate ramps towards it.
         posture: (17,) posture that a reflex wants in place of the user's [rad]; None to follow the user.
+        posture_stiffness: Stiffness of the posture task that a reflex wants [1/s2]; None to follow the user.
     """
 
     def __init__(self, controller: WholeBodyController) -> None:
         self.controller = controller
         self.stiffness: FloatArray = np.ones(17)
         self.posture: FloatArray | None = None
+        self.posture_stiffness: float | None = None
 
 
 class Reflex(ABC):

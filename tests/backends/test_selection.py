@@ -34,6 +34,10 @@ def test_the_simulated_robot_has_several_spellings(uri: str) -> None:
         ("mujoco://?seed=1&seed=2", "twice"),
         ("mujoco://?posture=Stnad", "Stand"),
         ("mujoco://?plant=nowhere.yaml", "nowhere.yaml"),
+        ("mujoco://worn?seed=3", "'worn' says nothing here"),
+        ("mujoco:///worn", "path"),
+        ("mujoco://?seed=3#x", "fragment"),
+        ("mujoco://?window=2", "window"),
     ],
 )
 def test_a_wrong_uri_is_one_line(uri: str, message: str) -> None:

@@ -66,7 +66,7 @@ def test_it_freezes_the_reference_and_resumes_after_the_pause() -> None:
     scene.at(1.0)
     assert scene.control.posture is None
     scene.at(1.1, contact(1, "begin"))
-    assert scene.control.posture is not None
+    # at rest, it freezes where it is
     np.testing.assert_array_equal(scene.control.posture, scene.control.controller.position)
     scene.at(2.0, contact(1, "update"))
     scene.at(2.5, contact(1, "end"))
@@ -74,6 +74,31 @@ def test_it_freezes_the_reference_and_resumes_after_the_pause() -> None:
     assert scene.control.posture is not None
     scene.at(3.0)
     assert scene.control.posture is None
+
+
+def test_a_moving_reference_brakes_hard_and_does_not_turn_round() -> None:
+    scene = Scene()
+    controller, index = scene.control.controller, ROBOT.joint_index("LShoulderPitch")
+    target = ROBOT.posture("Stand")
+    target[index] -= 1.5
+    controller.posture.target = target
+    for _ in range(40):
+        moving = controller.step()
+    speed = moving.velocity[index]
+    assert abs(speed) > 0.7
+    scene.at(1.0, contact(1, "begin"))
+    assert scene.control.posture is not None
+    assert scene.control.posture_stiffness is not None
+    controller.posture.target = scene.control.posture
+    controller.posture.stiffness = scene.control.posture_stiffness
+    trail = [controller.step() for _ in range(60)]
+    travel = np.array([r.position[index] for r in trail]) - moving.position[index]
+    assert abs(travel[-1]) == pytest.approx(abs(speed) / 20, rel=0.2)
+    assert (np.diff(travel) * np.sign(speed) >= -1e-9).all(), "it never comes back"
+    assert abs(trail[20].velocity[index]) < 0.05 * abs(speed)
+    scene.at(2.0, contact(1, "end"))
+    scene.at(9.0)
+    assert scene.control.posture_stiffness is None
 
 
 def test_it_holds_until_the_last_of_several_contacts_ended() -> None:

@@ -173,8 +173,94 @@ def test_a_fault_stops_the_robot_and_is_told(fault: Any, word: str) -> None:
         loop.tick()
     with pytest.raises(FaultError, match=word):
         loop.tick()
-    assert len(backend.commands) == 20
     assert gate.state is RobotState.FAULT
+    stands_still(backend, loop, 21)
+
+
+def stands_still(backend: FakeBackend, loop: Loop, commands: int) -> None:
+    """The robot was told once to hold its joints and stop its wheels, and is told nothing else any more."""
+    last, before = backend.commands[-1], backend.commands[-2]
+    # It holds what had left the gate: at most the step of one cycle further on.
+    assert np.abs(last.position - before.position).max() < 0.01
+    np.testing.assert_array_equal(last.stiffness, before.stiffness)
+    np.testing.assert_array_equal(last.wheel_speed, 0.0)
+    for _ in range(2):
+        with pytest.raises(FaultError):
+            loop.tick()
+    assert len(backend.commands) == commands
+
+
+def driving(backend: FakeBackend, **parts: Any) -> tuple[Loop, SafetyGate]:
+    """A loop whose arm and wheels move."""
+    loop, gate, controller = make_loop(backend, **parts)
+    loop.target = loop.target.copy()
+    loop.target[6] += 0.5
+    controller.base_velocity.target = np.array([0.2, 0.0, 0.0])
+    for _ in range(60):
+        loop.tick()
+    assert np.abs(backend.commands[-1].wheel_speed).max() > 0.3
+    return loop, gate
+
+
+def test_an_emergency_stop_reaches_the_robot() -> None:
+    backend = FakeBackend()
+    loop, gate = driving(backend)
+    gate.stop("emergency stop")
+    with pytest.raises(FaultError, match="emergency stop"):
+        loop.tick()
+    stands_still(backend, loop, 61)
+
+
+class Broken(Reflex):
+    """Works for a while."""
+
+    def __init__(self, harm: str) -> None:
+        self.harm, self.calls = harm, 0
+
+    def step(self, observation: Observation, measurement: Any, control: Control) -> None:
+        self.calls += 1
+        if self.calls <= 60:
+            return
+        if self.harm == "raises":
+            raise ZeroDivisionError("a user's mistake")
+        if self.harm == "posture":
+            control.posture = np.full(17, np.nan)
+        if self.harm == "stiffness":
+            control.stiffness = np.zeros(16)
+        if self.harm == "gain":
+            control.posture_stiffness = -1.0
+
+    def reset(self) -> None:
+        self.calls = 0
+
+
+@pytest.mark.parametrize("harm", ["raises", "posture", "stiffness", "gain"])
+def test_a_broken_reflex_stops_the_robot_and_the_tick_is_delivered(harm: str) -> None:
+    backend, delivered = FakeBackend(), list[Tick]()
+    loop, gate = driving(backend, observer=Spy(), reflexes=(Broken(harm),), delivered=delivered)
+    with pytest.raises(FaultError) as caught:
+        loop.tick()
+    assert gate.state is RobotState.FAULT
+    if harm == "raises":
+        assert "ZeroDivisionError" in str(caught.value)
+        assert isinstance(caught.value.__cause__, ZeroDivisionError)
+    assert len(delivered) == 61
+    stands_still(backend, loop, 62)
+
+
+class BrokenObserver(Spy):
+    def step(self, tick: Tick) -> Observation:
+        if len(self.ticks) == 60:
+            raise RuntimeError("a user's mistake")
+        return super().step(tick)
+
+
+def test_a_broken_observer_stops_the_robot() -> None:
+    backend = FakeBackend()
+    loop, _ = driving(backend, observer=BrokenObserver())
+    with pytest.raises(FaultError, match="RuntimeError"):
+        loop.tick()
+    stands_still(backend, loop, 62)
 
 
 def reachable(root: object) -> list[object]:

@@ -140,6 +140,8 @@ def test_wrong_postures_are_refused_and_change_nothing() -> None:
             ({"LShoulderRol": 0.2}, UnknownNameError),
             ({"LShoulderRoll": 5.0}, TargetError),
             ({"LShoulderRoll": float("nan")}, TargetError),
+            ({"LShoulderRoll": "up"}, TargetError),
+            (None, TargetError),
             (np.zeros(16), TargetError),
             (np.full(17, np.inf), TargetError),
         ]
@@ -147,8 +149,9 @@ def test_wrong_postures_are_refused_and_change_nothing() -> None:
             with pytest.raises(error):
                 pepper.set_posture(posture)
             np.testing.assert_array_equal(pepper.target, before)
-        with pytest.raises(PepperError, match="stiffness"):
-            pepper.set_posture("Stand", stiffness=-1.0)
+        for stiffness in (-1.0, 0.0, float("nan")):  # at 0 nothing would stop a joint
+            with pytest.raises(PepperError, match="stiffness"):
+                pepper.set_posture("Stand", stiffness=stiffness)
         np.testing.assert_array_equal(pepper.target, before)
 
 
@@ -184,6 +187,23 @@ def test_models_of_another_robot_are_refused(tmp_path: Path) -> None:
         Pepper("mujoco", models=foreign)
 
 
+def test_paths_may_be_text(tmp_path: Path) -> None:
+    path = tmp_path / "run.mcap"
+    with Pepper("mujoco", models=str(shipped("cart")), log=str(path)) as pepper:
+        pepper.run(0.1)
+    assert read_log(path).complete
+
+
+def test_a_robot_that_does_not_open_costs_no_earlier_log(tmp_path: Path) -> None:
+    path = tmp_path / "run.mcap"
+    path.write_bytes(b"an earlier log")
+    pepper = Pepper("mujoco", observer=None, log=path)
+    pepper.backend.open()  # taken already
+    with pytest.raises(BackendError, match="already open"):
+        pepper.activate()
+    assert path.read_bytes() == b"an earlier log"
+
+
 def test_an_unwritable_log_is_refused_before_anything_moves(tmp_path: Path) -> None:
     blocked = tmp_path / "file"
     blocked.write_text("")
@@ -191,3 +211,5 @@ def test_an_unwritable_log_is_refused_before_anything_moves(tmp_path: Path) -> N
     with pytest.raises(PepperError, match="file"):
         pepper.activate()
     assert pepper.state is RobotState.INACTIVE
+    assert pepper.backend.open().tick == 0  # it was closed again
+    pepper.close()

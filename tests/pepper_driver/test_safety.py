@@ -128,10 +128,28 @@ def test_a_reference_that_is_no_number_is_a_fault(part: int) -> None:
     assert faulted(g)
 
 
-def test_a_silent_robot_is_a_fault() -> None:
+@pytest.mark.parametrize("age", [SAFETY.stale_fault + 0.001, np.nan, np.inf])
+def test_a_silent_robot_is_a_fault(age: float) -> None:
     g, backend = gate(), FakeBackend()
-    g.watch(aged(SAFETY.stale_fault + 0.001)(backend.open()), g.sent)
+    g.watch(aged(age)(backend.open()), g.sent)
     assert "old" in g.fault
+    assert faulted(g)
+
+
+def test_a_sample_whose_age_is_no_number_is_old() -> None:
+    g = gate()
+    held = g.gate(reference(STAND + 0.005), ONES, STILL, np.nan)
+    np.testing.assert_array_equal(held.command.position, STAND)
+
+
+@pytest.mark.parametrize("part", [0, 1, 2])
+def test_a_command_of_the_wrong_size_is_a_fault(part: int) -> None:
+    g = gate()
+    parts = [STAND.copy(), ONES.copy(), STILL.copy()]
+    parts[part] = parts[part][:-1]
+    gated = g.gate(reference(parts[0]), parts[1], parts[2], 0.0)
+    np.testing.assert_array_equal(gated.command.position, STAND)
+    assert gated.changed.all()
     assert faulted(g)
 
 

@@ -1,0 +1,46 @@
+"""Errors keep message and data on the way between processes."""
+
+import pickle
+from typing import Any
+
+import pytest
+
+from pepper_driver.config import ConfigError, MissingExtraError, PepperError, UnknownNameError
+from pepper_driver.controller import GainError, TargetError
+from pepper_driver.log import LogError
+from pepper_driver.safety import FaultError
+
+
+def leaves(root: type[PepperError]) -> list[type[PepperError]]:
+    below = [leaf for child in root.__subclasses__() for leaf in leaves(child)]
+    return below or [root]
+
+
+EXAMPLES: list[PepperError] = [
+    UnknownNameError("joint", "LShoulderRol", ["LShoulderRoll", "HeadYaw"]),
+    MissingExtraError("plotting", "plot"),
+    FaultError("a joint is on fire"),
+    GainError("stiffness", -1.0),
+    TargetError("no", joint="HeadYaw", value=9.0, lower=-1.0, upper=1.0),
+    ConfigError("file: key"),
+    LogError("disk full"),
+]
+
+
+@pytest.mark.parametrize("error", EXAMPLES, ids=lambda error: type(error).__name__)
+def test_an_error_survives_the_way_from_a_worker(error: PepperError) -> None:
+    copy: Any = pickle.loads(pickle.dumps(error))
+    assert type(copy) is type(error)
+    assert str(copy) == str(error)
+    assert vars(copy) == vars(error)
+
+
+def test_every_leaf_is_also_a_builtin_error() -> None:
+    builtin = (ValueError, LookupError, ImportError, OSError, RuntimeError, NotImplementedError)
+    for leaf in leaves(PepperError):
+        if leaf.__module__.startswith("pepper_driver"):
+            assert issubclass(leaf, builtin), leaf
+
+
+def test_a_suggestion_names_each_choice_once() -> None:
+    assert str(UnknownNameError("x", "ab", ["abc", "abc"])).count("did you mean abc?") == 1
