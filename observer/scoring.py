@@ -28,6 +28,7 @@ class Push:
         onset: When the force began [s].
         release: When it had ended [s].
         moving: Whether the joint was meant to move at its onset.
+        saturated: Whether the joint's motor board was at its limit meanwhile: such pushes are to be scored apart.
     """
 
     joint: str
@@ -38,6 +39,7 @@ class Push:
     onset: float
     release: float
     moving: bool
+    saturated: bool = False
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -62,23 +64,25 @@ class Score:
         missed: Pushes without one.
         false: Contacts that no push explains.
         rebounds: Contacts that were the joint swinging back after a push: not counted, as in the paper.
+        repeated: Further contacts on the chain during a push that was felt already.
     """
 
     felt: tuple[Felt, ...]
     missed: tuple[Push, ...]
     false: tuple[Contact, ...]
     rebounds: tuple[Contact, ...]
+    repeated: tuple[Contact, ...]
 
 
 def score(pushes: Sequence[Push], contacts: Sequence[Contact], robot: RobotConfig) -> Score:
     """Match the begin events among ``contacts`` with ``pushes``.
 
-    A push is felt when a contact begins on a joint of its chain from its onset until RELEASE_GRACE after its release.
-    A contact that begins on that chain until REBOUND_TIME after the release belongs to the push too. Any other is
-    false, unless the observer itself called it a rebound and a push of the same chain ended within REBOUND_TIME.
+    A push is felt when a contact begins on any joint of its chain, in whatever direction, from its onset until
+    RELEASE_GRACE after its release. A contact that begins on that chain until REBOUND_TIME after the release belongs to
+    the push too: a rebound, or a repetition of what was felt. Any other is false.
     """
     felt: dict[int, Felt] = {}
-    false, rebounds = [], []
+    false, rebounds, repeated = [], [], []
     for contact in contacts:
         if contact.phase != "begin":
             continue
@@ -94,13 +98,16 @@ def score(pushes: Sequence[Push], contacts: Sequence[Contact], robot: RobotConfi
             continue
         number, push = near[-1]
         in_time = contact.detection_time <= push.release + RELEASE_GRACE
-        if contact.kind != "rebound" and in_time:
-            felt.setdefault(number, Felt(push=push, contact=contact))
-        else:
+        if contact.kind == "rebound" or not in_time:
             rebounds.append(contact)
+        elif number in felt:
+            repeated.append(contact)
+        else:
+            felt[number] = Felt(push=push, contact=contact)
     return Score(
         felt=tuple(felt[number] for number in sorted(felt)),
         missed=tuple(push for number, push in enumerate(pushes) if number not in felt),
         false=tuple(false),
         rebounds=tuple(rebounds),
+        repeated=tuple(repeated),
     )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -11,8 +11,9 @@ import numpy as np
 
 from pepper_driver.config import ConfigError, DemoScenario, RobotConfig, load_demo_scenario
 from pepper_driver.config.parts import FloatArray
-from pepper_driver.observer import Contact, Push, Score, score
-from pepper_driver.output import make_folder, write_json
+from pepper_driver.controller import Tick
+from pepper_driver.observer import Contact, Observation, Push, Score, score
+from pepper_driver.output import check_writable, make_folder, write_json
 from pepper_driver.pushing import PlannedPush, PushTooStrongError, plan_push
 from pepper_driver.reflexes import Hold
 from pepper_driver.robot import Pepper
@@ -35,8 +36,7 @@ class DemoResult:
         score = self.score
         return {
             "uri": self.uri,
-            "simulated_seconds": self.simulated_seconds,
-            "counts": self.counts,
+            "summary": self.summary,
             "felt": [
                 {"push": asdict(f.push), "contact": asdict(f.contact), "delay": f.delay}
                 for f in score.felt
@@ -44,19 +44,30 @@ class DemoResult:
             "missed": [asdict(push) for push in score.missed],
             "false": [asdict(contact) for contact in score.false],
             "rebounds": [asdict(contact) for contact in score.rebounds],
+            "repeated": [asdict(contact) for contact in score.repeated],
             "events": [asdict(contact) for contact in self.contacts],
         }
 
     @property
-    def counts(self) -> dict[str, int]:
-        """Pushes, and how many were felt and missed; contacts that were false, or rebounds."""
-        score = self.score
+    def summary(self) -> dict[str, Any]:
+        """The figures of the run: counts of pushes and contacts, right answers, delays from the onset of the force."""
+        felt = self.score.felt
+        delays = [1e3 * f.delay for f in felt]
         return {
+            "simulated_seconds": self.simulated_seconds,
             "pushes": len(self.pushes),
-            "felt": len(score.felt),
-            "missed": len(score.missed),
-            "false": len(score.false),
-            "rebounds": len(score.rebounds),
+            "felt": len(felt),
+            "missed": len(self.score.missed),
+            "false": len(self.score.false),
+            "rebounds": len(self.score.rebounds),
+            "repeated": len(self.score.repeated),
+            "saturated": sum(push.saturated for push in self.pushes),
+            "direction_right": sum(f.contact.direction == f.push.direction for f in felt),
+            "joint_right": sum(f.contact.joint == f.push.joint for f in felt),
+            "delay_ms": {
+                "median": float(np.median(delays)) if delays else None,
+                "p90": float(np.percentile(delays, 90)) if delays else None,
+            },
         }
 
 
@@ -79,7 +90,7 @@ def run_demo(
         models: Model file of the observer; None for the shipped one.
         show: Show the robot in a window, in real time.
         on_contact: Told each contact that begins, with the pushes so far; on the callback thread.
-        on_progress: Told the simulated time so far [s].
+        on_progress: Told the share done, 0..1.
 
     Raises:
         PepperError: The folder cannot be written, or the robot or the models refuse; nothing has moved.
@@ -91,6 +102,8 @@ def run_demo(
     if periods < 1:
         raise ConfigError(f"seconds must be at least {scenario.period:g}, got {seconds:g}")
     make_folder(out)
+    for name in (CONTACTS_NAME, FIGURE_NAME):
+        check_writable(out / name)
     director = _Director(pepper, scenario, np.random.default_rng([seed, 1]))
     if on_contact is not None:
         tell = on_contact
@@ -101,19 +114,26 @@ def run_demo(
 
     steps = 8  # reports of progress in a period
     with pepper:
+        for name in (
+            CONTACTS_NAME,
+            FIGURE_NAME,
+        ):  # of an earlier run: they would not fit the new log
+            (out / name).unlink(missing_ok=True)
+        start = pepper.time
         pepper.set_posture("Stand", stiffness=scenario.stiffness)
         for period in range(periods):
             director.next_period()
             for step in range(1, steps + 1):
-                pepper.run(scenario.period / steps)
+                pepper.run(scenario.period / steps, on_tick=director.watch)
                 if on_progress is not None:
-                    on_progress((period + step / steps) * scenario.period)
+                    on_progress((period + step / steps) / periods)
+        seconds = pepper.time - start
     result = DemoResult(
         uri=uri,
         pushes=tuple(director.pushes),
         contacts=pepper.contacts,
         score=score(director.pushes, pepper.contacts, pepper.config),
-        simulated_seconds=periods * scenario.period,
+        simulated_seconds=seconds,
     )
     write_json(out / CONTACTS_NAME, result.as_json())
     return result
@@ -159,8 +179,18 @@ class _Director:
                 )
             )
 
+    def watch(self, tick: Tick, _: Observation | None) -> None:
+        """Mark the pushes under way whose joint's board is at its limit: planning looks at the rest state only."""
+        now, saturated = tick.measurement.time, self._pepper.backend.truth.saturated
+        if not saturated.any():
+            return
+        for number, push in enumerate(self.pushes):
+            index = self._pepper.config.joint_index(push.joint)
+            if push.onset <= now <= push.release and saturated[index]:
+                self.pushes[number] = replace(push, saturated=True)
+
     def _plan(self, posture: FloatArray) -> PlannedPush:
-        """A push of random joint, direction and size that saturates nothing."""
+        """A push of random joint, direction and size that a board can hold at rest."""
         scenario, rng = self._scenario, self._rng
         low, high = np.log(scenario.degrees)
         for _ in range(200):

@@ -6,12 +6,14 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import asdict, dataclass
 from importlib.metadata import version
 from typing import Any
+from urllib.parse import urlencode
 
 import numpy as np
 from joblib import Parallel, delayed
 
 from pepper_driver.backends import Backend, make_backend
-from pepper_driver.config import IdentificationScenario, RobotConfig, load_robot
+from pepper_driver.backends.selection import parse_uri
+from pepper_driver.config import ConfigError, IdentificationScenario, RobotConfig, load_robot
 from pepper_driver.config.parts import FloatArray
 from pepper_driver.observer import (
     TREE_TYPES,
@@ -90,14 +92,16 @@ def record_joints(
     depend on ``workers``. A backend in real time runs one after the other.
 
     Args:
-        uri: The backend. A seed in it is the root of all others.
+        uri: The backend. A seed in it makes other noise, not other motion.
         joints: Names of the joints to identify.
         scenario: The motion.
-        seed: Root of the random sequences.
+        seed: Root of the random motion and noise.
         workers: Processes for simulated runs; -1 for one per core.
         progress: Told after each run.
     """
     robot = load_robot()
+    if len(set(joints)) != len(joints):
+        raise ConfigError(f"a joint is given twice: {', '.join(joints)}")
     indices = [robot.joint_index(name) for name in joints]
     info = make_backend(uri, robot).info
     stiffnesses = (*scenario.estimation_stiffness, scenario.test_stiffness)
@@ -161,12 +165,13 @@ def record_run(
 
 
 def _seeded(uri: str, seed: tuple[int, ...]) -> str:
-    """The URI with a noise seed of its own for this run, if it is the simulated Pepper."""
-    if not uri.startswith("mujoco") or "seed=" in uri:
+    """The URI of the simulated Pepper with a noise seed of its own for this run; any other URI as it is."""
+    parsed = parse_uri(uri)
+    if parsed.scheme != "mujoco":
         return uri
-    number = int(np.random.SeedSequence(seed).generate_state(1)[0])
-    head, _, query = uri.partition("?")
-    return f"{head}?{'&'.join(part for part in (query, f'seed={number}') if part)}"
+    root = parsed.integer("seed", 0)
+    number = int(np.random.SeedSequence((*seed, root)).generate_state(1)[0])
+    return f"{parsed.scheme}://?{urlencode({**parsed.query, 'seed': number})}"
 
 
 def _sequence(
@@ -241,7 +246,7 @@ def identify_joints(
             test_fit={name: fit.test for name, fit in fits[kind].items()},
             version=version("pepper-driver"),
             models=chosen,
-            created_by=f"pepper identify --joints {','.join(joints)} --tree {kind} --seed {seed}",
+            created_by=f"pepper identify --backend {uri} --joints {','.join(joints)} --tree {kind} --seed {seed}",
         ),
         fits=fits,
     )

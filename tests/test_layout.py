@@ -54,6 +54,16 @@ def test_the_layer_rule_sees_an_upward_import(tmp_path: Path) -> None:
     assert imported_layers(file) == {"observer", "pepper_driver"}
 
 
+@pytest.mark.parametrize("layer", LAYERS)
+def test_nothing_private_is_imported_from_another_file(layer: str) -> None:
+    for path in sources(layer):
+        for node in ast.walk(ast.parse(path.read_text())):
+            if isinstance(node, ast.ImportFrom):
+                private = [alias.name for alias in node.names if alias.name.startswith("_")]
+                assert not private, f"{path.relative_to(ROOT)} imports {private}"
+                assert node.level == 0, f"{path.relative_to(ROOT)} imports relatively"
+
+
 @pytest.mark.parametrize("name", LINKED)
 def test_links_point_to_the_folders(name: str) -> None:
     link = ROOT / "pepper_driver" / name

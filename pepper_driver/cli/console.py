@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from contextlib import suppress
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -39,7 +40,14 @@ def make_progress(console: Console, *, count: bool = False) -> Progress:
         TimeRemainingColumn(),
         console=console,
         transient=True,
+        disable=not console.is_terminal,
     )
+
+
+def show_line(console: Console, line: str) -> None:
+    """Print from a callback's thread; whoever no longer reads (a closed pipe) stops the printing, not the run."""
+    with suppress(BrokenPipeError, SystemExit):  # rich turns the one into the other
+        console.print(line)
 
 
 def check_outputs(*paths: Path | None) -> None:

@@ -6,7 +6,6 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Annotated
 
-import numpy as np
 import typer
 from rich.console import Console
 from rich.table import Table
@@ -17,6 +16,7 @@ from pepper_driver.cli.console import (
     make_console,
     make_progress,
     save_json,
+    show_line,
 )
 from pepper_driver.cli.identify import identify_with_progress, print_fits
 from pepper_driver.config import MissingExtraError, load_demo_scenario, load_robot
@@ -30,7 +30,9 @@ def demo(
     out: Annotated[
         Path, typer.Option(metavar="DIR", help="Folder for the log, the contacts and the figure.")
     ] = Path("runs/demo"),
-    seconds: Annotated[float, typer.Option(help="Simulated time.", min=8.0, max=3600.0)] = 48.0,
+    seconds: Annotated[
+        float, typer.Option(help="Simulated time; whole periods of 8 s.", min=8.0, max=3600.0)
+    ] = 48.0,
     seed: Annotated[int, typer.Option(help="Of motion, pushes and noise.", min=0)] = 0,
     models: Annotated[
         Path | None,
@@ -56,20 +58,20 @@ def demo(
             print_fits(console, result)
             result.models.save(models)
         with make_progress(console) as progress:
-            bar = progress.add_task("simulating", total=seconds)
+            bar = progress.add_task("simulating", total=1.0)
             result_demo = run_demo(
                 out,
                 seconds=seconds,
                 seed=seed,
                 models=models,
                 show=show,
-                on_contact=lambda contact, pushes: console.print(_line(contact, pushes)),
+                on_contact=lambda contact, pushes: show_line(console, _line(contact, pushes)),
                 on_progress=lambda done: progress.update(bar, completed=done),
             )
-    _figure(out, console)
     _table(result_demo, console)
     console.print(f"results in {out}: {LOG_NAME}, {CONTACTS_NAME}")
-    save_json(json_file, result_demo.counts, console)
+    save_json(json_file, result_demo.summary, console)
+    _figure(out, console)
 
 
 def _line(contact: Contact, pushes: tuple[Push, ...]) -> str:
@@ -102,26 +104,18 @@ def _figure(out: Path, console: Console) -> None:
 
 
 def _table(result: DemoResult, console: Console) -> None:
-    counts = result.counts
-    delays = [f.delay for f in result.score.felt]
-    right = sum(f.contact.direction == f.push.direction for f in result.score.felt)
+    summary = result.summary
     table = Table(
-        title=f"{result.simulated_seconds:g} s in simulation, {result.uri}", title_justify="left"
+        title=f"{result.simulated_seconds:.1f} s in simulation, {result.uri}", title_justify="left"
     )
-    for name in (
-        "pushes",
-        "felt",
-        "missed",
-        "false",
-        "rebounds",
-        "direction right",
-        "median delay",
-    ):
+    counts = ("pushes", "felt", "missed", "false", "rebounds", "saturated")
+    for name in (*counts, "direction right", "median delay"):
         table.add_column(name, justify="right")
+    median = summary["delay_ms"]["median"]
     table.add_row(
-        *(str(counts[key]) for key in ("pushes", "felt", "missed", "false", "rebounds")),
-        f"{right}/{counts['felt']}",
-        f"{1e3 * float(np.median(delays)):.0f} ms" if delays else "-",
+        *(str(summary[name]) for name in counts),
+        f"{summary['direction_right']}/{summary['felt']}",
+        "-" if median is None else f"{median:.0f} ms",
     )
     console.print(table)
     for push in result.score.missed:

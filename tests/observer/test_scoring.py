@@ -69,6 +69,11 @@ def test_one_push(contacts: tuple[Contact, ...], expected: tuple[int, int, int, 
     assert outcome(*contacts) == expected
 
 
+def test_a_second_contact_during_a_push_is_a_repetition() -> None:
+    result = score([PUSH], [at(10.2), at(10.8)], ROBOT)
+    assert [c.time for c in result.repeated] == [10.8]
+
+
 def test_the_delay_counts_from_the_force() -> None:
     assert score([PUSH], [at(10.25)], ROBOT).felt[0].delay == pytest.approx(0.25)
 

@@ -34,6 +34,7 @@ def test_demo_writes_its_results(tmp_path: Path, capsys: pytest.CaptureFixture[s
     counts = json.loads(figures.read_text())
     assert counts["pushes"] == 2
     assert counts["felt"] + counts["missed"] == counts["pushes"]
+    assert set(counts["delay_ms"]) == {"median", "p90"}
 
 
 def test_demo_without_the_plot_extra_says_so(
@@ -62,6 +63,7 @@ def test_demo_without_the_plot_extra_says_so(
         (["identify", "--out", "x.json", "--backend", "mujoco://?plant=worm"], "unknown plant"),
         (["identify", "--out", "x.json", "--joints", "LShoulderRol"], "LShoulderRoll"),
         (["identify", "--out", "x.json", "--joints", ""], "joint"),
+        (["identify", "--out", "x.json", "--joints", "HeadYaw,HeadYaw"], "twice"),
         (["identify", "--out", "x.json", "--tree", "oak"], "affine"),
         (["identify", "--out", "/dev/null/x.json"], "/dev/null/x.json"),
         (["bench", "--seconds", "0"], "seconds"),
@@ -134,6 +136,36 @@ def test_ctrl_c_ends_the_demo_cleanly(tmp_path: Path) -> None:
     log = read_log(tmp_path / "demo.mcap")
     assert log.complete
     assert len(log) > 50
+
+
+def test_ctrl_c_during_start_up_is_one_line() -> None:
+    for wait in (0.05, 0.3):
+        process = subprocess.Popen(
+            [sys.executable, "-m", "pepper_driver", "bench"],
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+        )
+        time.sleep(wait + 0.1)
+        process.send_signal(signal.SIGINT)
+        _, errors = process.communicate(timeout=30)
+        assert process.returncode in (130, -signal.SIGINT)
+        # Before the interpreter has reached our code, its own traceback of one frame is out of our hands.
+        assert "pepper_driver/" not in errors
+    assert errors.strip() == "pepper: interrupted"
+
+
+def test_a_reader_that_goes_away_leaves_no_traceback(tmp_path: Path) -> None:
+    done = subprocess.run(
+        f"{sys.executable} -m pepper_driver demo --out {tmp_path} --seconds 16 | head -1",
+        shell=True,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert "Shoulder" in done.stdout or "Elbow" in done.stdout
+    assert "Traceback" not in done.stderr
+    assert read_log(tmp_path / "demo.mcap").complete
 
 
 def test_bench_writes_its_figures(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

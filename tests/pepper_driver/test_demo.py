@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from pepper_driver.config import PepperError, load_demo_scenario, load_robot
-from pepper_driver.demo import CONTACTS_NAME, LOG_NAME, run_demo
+from pepper_driver.demo import CONTACTS_NAME, FIGURE_NAME, LOG_NAME, run_demo
 from pepper_driver.log import read_log
 from pepper_driver.observer import Contact, Push
 from pepper_driver.robot import Pepper
@@ -40,10 +40,14 @@ def test_every_push_of_five_equivalent_degrees_is_felt(tmp_path: Path) -> None:
         peak = felt_torque[np.abs(felt_torque).argmax()]
         assert peak == pytest.approx(push.direction * push.torque, rel=0.01)
         assert SCENARIO.degrees[0] <= push.degrees <= SCENARIO.degrees[1]
-    assert not log.truth["saturated"].any()
+        board = log.truth["saturated"][during, ROBOT.joint_index(push.joint)]
+        assert push.saturated == board.any()
 
     saved = json.loads((tmp_path / CONTACTS_NAME).read_text())
-    assert saved["counts"] == result.counts
+    assert saved["summary"] == result.summary
+    assert result.summary["felt"] + result.summary["missed"] == 8
+    assert result.summary["direction_right"] == result.summary["felt"]
+    assert result.summary["simulated_seconds"] == pytest.approx(32.0, abs=0.2)
     assert len(saved["events"]) == len(result.contacts)
 
 
@@ -72,6 +76,38 @@ def test_without_pushes_nothing_is_felt() -> None:
             )
             pepper.run(4.0)
         assert pepper.contacts == ()
+
+
+def test_a_push_that_saturates_its_board_is_marked(tmp_path: Path) -> None:
+    """Planning looks at the rest state; a joint that is also braking may need more."""
+    result = run_demo(tmp_path, seed=9, seconds=32.0)
+    log = read_log(tmp_path / LOG_NAME)
+    assert log.truth is not None
+    for push in result.pushes:
+        time = np.asarray(log["time"])
+        during = (time >= push.onset) & (time <= push.release)
+        board = log.truth["saturated"][during, ROBOT.joint_index(push.joint)]
+        assert push.saturated == board.any()
+
+
+def test_results_of_an_earlier_run_do_not_stay_beside_a_new_log(tmp_path: Path) -> None:
+    (tmp_path / FIGURE_NAME).write_text("old")
+    (tmp_path / CONTACTS_NAME).write_text("old")
+
+    def stop(share: float) -> None:
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        run_demo(tmp_path, seconds=8.0, on_progress=stop)
+    assert [p.name for p in tmp_path.iterdir()] == [LOG_NAME]
+
+
+@pytest.mark.parametrize("name", [FIGURE_NAME, CONTACTS_NAME])
+def test_a_result_that_cannot_be_written_is_told_before_the_run(tmp_path: Path, name: str) -> None:
+    (tmp_path / name).mkdir()
+    with pytest.raises(PepperError, match=name):
+        run_demo(tmp_path, seconds=8.0)
+    assert [p.name for p in tmp_path.iterdir()] == [name]
 
 
 @pytest.mark.parametrize("seconds", [0.0, 7.9, float("nan"), float("inf")])
