@@ -97,21 +97,19 @@ class WholeBodyController:
 
     def add(self, part: Task | Constraint) -> None:
         """Take a task or a constraint into the QP from the next cycle on; one already there stays once."""
-        parts: list[Task] | list[Constraint] = (
-            self._tasks if isinstance(part, Task) else self._constraints
-        )
-        if part not in parts:
-            parts.append(part)  # type: ignore[arg-type]
-            self._allocate()
+        if isinstance(part, Task) and part not in self._tasks:
+            self._tasks.append(part)
+        elif isinstance(part, Constraint) and part not in self._constraints:
+            self._constraints.append(part)
+        self._allocate()
 
     def remove(self, part: Task | Constraint) -> None:
         """Take a task or a constraint out of the QP; one that is not there is no error."""
-        parts: list[Task] | list[Constraint] = (
-            self._tasks if isinstance(part, Task) else self._constraints
-        )
-        if part in parts:
-            parts.remove(part)  # type: ignore[arg-type]
-            self._allocate()
+        self._tasks = [task for task in self._tasks if task is not part]
+        self._constraints = [
+            constraint for constraint in self._constraints if constraint is not part
+        ]
+        self._allocate()
 
     # -- state --------------------------------------------------------------------------------------------------
 

@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-import platform
 import time
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
-from importlib.metadata import version
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Literal, Self
 
-import mujoco
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -30,7 +27,7 @@ from pepper_driver.config import (
 )
 from pepper_driver.config.parts import FloatArray
 from pepper_driver.controller import GainError, Tick, WholeBodyController
-from pepper_driver.log import LogWriter
+from pepper_driver.log import LogWriter, run_metadata
 from pepper_driver.loop import Loop, StageTimes
 from pepper_driver.observer import Contact, Observation, Observer
 from pepper_driver.observer.contact import Kind, Phase
@@ -133,7 +130,7 @@ class Pepper:
             self._log = LogWriter(
                 self._log_path,
                 self.config,
-                self._metadata(),
+                run_metadata(self.backend.info, self._observer),
                 lossless=not self.backend.info.real_time,
             )
         measurement = self.backend.activate()
@@ -356,17 +353,3 @@ class Pepper:
                     self._dispatcher.publish(contact)
         for listener in self._listeners:
             listener(tick, observation)
-
-    def _metadata(self) -> dict[str, str]:
-        info = self.backend.info
-        return {
-            "pepper_driver": version("pepper-driver"),
-            "backend": info.uri,
-            "identity": info.identity,
-            "observer": self._observer.describe() if self._observer is not None else "none",
-            "response_delay": str(info.response_delay),
-            "python": platform.python_version(),
-            "numpy": np.__version__,
-            "mujoco": mujoco.__version__,
-            "machine": f"{platform.system()} {platform.machine()}",
-        }
