@@ -72,12 +72,12 @@ class ChainTracker:
     - A joint further out that crosses later takes the contact over: an update with the same id. The contact never
       moves inwards, because the inner joints are slower to come back; only if its joint goes blind, it falls to the
       last one that is left.
-    - Updates come every ``update_period`` while a joint is over its threshold, and at once when the contact moves or
-      changes its kind.
+    - Updates come every ``update_period`` while a joint is over its threshold, and at once when the contact moves.
     - It ends when all joints of the chain are free or blind; the end bears the time at which the last of them fell
       under its threshold, which lies ``merge_gap`` back.
     - If joints swing back and no other is over its threshold, the contact ends and a rebound begins, a contact with
-      its own id. A rebound becomes a contact when a joint takes part in it that does not swing back.
+      its own id. When a joint takes part that does not swing back, or no longer, the rebound ends and a contact begins:
+      whoever waits for a touch hears of it.
 
     Args:
         robot: Its description.
@@ -135,7 +135,7 @@ class ChainTracker:
         touching = [excursion for excursion in over if excursion.kind == "contact"]
         events = []
         touch = self._touch
-        if touch is not None and touch.kind == "contact" and over and not touching:
+        if touch is not None and over and (touch.kind == "contact") != bool(touching):
             end = time if touch.fall_time is None else touch.fall_time
             events.append(touch.event("end", end, self._robot))
             touch = None
@@ -145,7 +145,7 @@ class ChainTracker:
                 touch = _Touch(self._next_id(), time, kind, last_in_chain(touching or over))
                 events.append(touch.event("begin", time, self._robot))
         elif over:
-            news = self._follow(touch, touching or over, bool(touching), state)
+            news = self._follow(touch, touching or over, state)
             touch.fall_time = None
             if news or time - touch.told_time >= self._update_period:
                 events.append(touch.event("update", time, self._robot))
@@ -162,21 +162,16 @@ class ChainTracker:
         self,
         touch: _Touch,
         over: Sequence[Excursion],
-        touched: bool,
         state: Sequence[JointState],
     ) -> bool:
-        """Bring a contact up to date with the joints over their thresholds; whether that is news."""
-        news = False
-        if touched and touch.kind == "rebound":
-            touch.kind = "contact"
-            news = True
+        """Bring a contact up to date with the joints over their thresholds; whether it moved."""
         last = last_in_chain(over)
         joint = touch.located.joint
         outwards = self._place[last.joint] - self._place[joint]
         if outwards >= 0 or state[joint] is JointState.BLIND:
             touch.move(last)
-            news |= outwards != 0
-        return news
+            return outwards != 0
+        return False
 
     def reset(self) -> None:
         """Forget everything."""

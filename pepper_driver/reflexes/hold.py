@@ -38,14 +38,12 @@ class Hold(Reflex):
         for contact in observation.contacts:
             if contact.kind == "rebound":
                 continue
-            if (
-                contact.phase != "end"
-            ):  # an update too: what began as a rebound may turn out to be a touch
+            if contact.phase == "begin":
                 if not self.holding:
                     _brake(control)
                 self._touching.add(contact.id)
                 self._resume_time = None
-            elif contact.id in self._touching:
+            elif contact.phase == "end" and contact.id in self._touching:
                 self._touching.discard(contact.id)
                 if not self._touching:
                     self._resume_time = measurement.time + self._pause

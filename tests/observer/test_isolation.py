@@ -195,17 +195,22 @@ def test_a_residual_that_jumps_to_the_other_side_ends_and_begins_in_one_tick() -
     assert [event.time for event in events] == pytest.approx([5 * CYCLE] * 2)
 
 
-def test_a_rebound_that_stays_becomes_a_contact_of_the_same_id() -> None:
+def test_a_rebound_that_stays_ends_and_a_contact_begins() -> None:
+    """Somebody holds the joint: whoever waits for the begin of a contact must hear of it."""
     player = Player()
     player.play(5, LElbowRoll=5.0)
     player.play(3)
     events = player.play(60, LElbowRoll=-2.0)
-    begin, *updates = [event for event in events if event.id == 2]
-    assert (begin.phase, begin.kind) == ("begin", "rebound")
-    assert updates[-1].kind == "contact"
-    first = next(event for event in updates if event.kind == "contact")
-    assert first.phase == "update"
-    assert first.time - begin.time == pytest.approx(SETTINGS.rebound_window, abs=1.5 * CYCLE)
+    rebound = [event for event in events if event.id == 2]
+    contact = [event for event in events if event.id == 3]
+    assert {event.kind for event in rebound} == {"rebound"}
+    assert {event.kind for event in contact} == {"contact"}
+    assert (rebound[0].phase, rebound[-1].phase) == ("begin", "end")
+    assert contact[0].phase == "begin"
+    assert contact[0].time == rebound[-1].time
+    assert contact[0].time - rebound[0].time == pytest.approx(
+        SETTINGS.rebound_window, abs=1.5 * CYCLE
+    )
 
 
 def test_a_joint_swinging_back_does_not_end_the_contact_of_another() -> None:
@@ -221,15 +226,18 @@ def test_a_joint_swinging_back_does_not_end_the_contact_of_another() -> None:
     ]
 
 
-def test_a_new_touch_during_a_rebound_makes_it_a_contact() -> None:
+def test_a_new_touch_during_a_rebound_is_a_contact_of_its_own() -> None:
     player = Player()
     player.play(3, LElbowRoll=3.0)
     player.play(2)
     player.play(3, LElbowRoll=-2.0)
     events = player.play(1, LElbowRoll=-2.0, LShoulderRoll=2.0)
-    assert story(events) == [(2, "update", "contact", "LElbowRoll")]
+    assert story(events) == [
+        (2, "end", "rebound", "LElbowRoll"),
+        (3, "begin", "contact", "LShoulderRoll"),
+    ]
     events = player.play(1, LElbowRoll=-2.0, LWristYaw=2.0)
-    assert story(events) == [(2, "update", "contact", "LWristYaw")]
+    assert story(events) == [(3, "update", "contact", "LWristYaw")]
 
 
 def test_a_touch_that_begins_with_a_rebound_is_on_the_joint_that_does_not_swing_back() -> None:

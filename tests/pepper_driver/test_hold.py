@@ -134,14 +134,6 @@ def test_a_rebound_neither_starts_nor_prolongs_it() -> None:
     assert scene.control.posture is None
 
 
-def test_a_rebound_that_turns_out_to_be_a_touch_holds() -> None:
-    scene = Scene()
-    scene.at(1.0, contact(1, "begin", "rebound"))
-    assert scene.control.posture is None
-    scene.at(1.4, contact(1, "update"))
-    assert scene.control.posture is not None
-
-
 def test_the_end_of_a_contact_it_did_not_see_is_ignored() -> None:
     scene = Scene()
     scene.at(1.0, contact(1, "end"))
