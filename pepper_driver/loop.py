@@ -113,7 +113,7 @@ class Loop:
         self.target = controller.position
         self.time = time
         self.posture_stiffness = controller.posture.stiffness
-        self._wanted = self.target
+        self._wanted = self.target.copy()
         self._halted = False
         n = len(robot.joint_names)
         standing = Reference(
@@ -165,17 +165,19 @@ class Loop:
             marks.append(perf_counter_ns())
             self._send(reference, measurement, answered.command)
             marks.append(perf_counter_ns())
-        except (
-            Exception
-        ) as error:  # an observer's or a reflex's mistake must not leave the robot moving
+        except Exception as error:
+            # An observer's or a reflex's mistake must not leave the robot moving.
             self._gate.stop(f"{type(error).__name__} inside a tick: {error}")
             cause = error
 
-        if self._log is not None:
-            self._log.append(tick, observation, self._truth)
-        self._deliver(tick, observation)
+        try:
+            if self._log is not None:
+                self._log.append(tick, observation, self._truth)
+            self._deliver(tick, observation)
+        finally:  # whatever a listener does: a fault reaches the robot
+            if self._gate.fault:
+                self._halt()
         if self._gate.fault:
-            self._halt()
             raise FaultError(self._gate.fault) from cause
         marks.append(perf_counter_ns())
         self.times.add(marks)
@@ -185,8 +187,11 @@ class Loop:
         """What the controller wants, for the user's posture or the one a reflex has put in its place."""
         control, task = self.control, self._controller.posture
         wanted = self.target if control.posture is None else control.posture
-        if wanted is not self._wanted:
-            task.target = self._wanted = wanted
+        if not np.array_equal(
+            wanted, self._wanted
+        ):  # by value: a reflex may change its array in place
+            task.target = wanted
+            self._wanted = wanted.copy()
         stiffness = control.posture_stiffness
         task.stiffness = self.posture_stiffness if stiffness is None else stiffness
         return self._controller.step(measurement)

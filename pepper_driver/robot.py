@@ -322,7 +322,7 @@ class Pepper:
 
     @property
     def controller(self) -> WholeBodyController:
-        """The controller in use."""
+        """The controller in use. Target and stiffness of its posture task belong to :meth:`set_posture`."""
         return self._active().control.controller
 
     # -- inside -------------------------------------------------------------------------------------------------

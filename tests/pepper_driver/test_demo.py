@@ -81,6 +81,7 @@ def test_without_pushes_nothing_is_felt() -> None:
 def test_a_push_that_saturates_its_board_is_marked(tmp_path: Path) -> None:
     """Planning looks at the rest state; a joint that is also braking may need more."""
     result = run_demo(tmp_path, seed=9, seconds=32.0)
+    assert any(push.saturated for push in result.pushes), "this seed has one"
     log = read_log(tmp_path / LOG_NAME)
     assert log.truth is not None
     for push in result.pushes:

@@ -122,6 +122,41 @@ def test_a_reflex_acts_in_the_tick_it_is_called_in() -> None:
     assert backend.commands[-1].position[6] > resting
 
 
+class Creep(Reflex):
+    """Moves its own posture on, in place."""
+
+    def step(self, observation: Observation, measurement: Any, control: Control) -> None:
+        if control.posture is None:
+            control.posture = control.controller.position
+        control.posture[6] += 0.002
+
+    def reset(self) -> None:
+        pass
+
+
+def test_a_posture_that_a_reflex_changes_in_place_is_followed() -> None:
+    backend = FakeBackend()
+    loop, _, controller = make_loop(backend, observer=Spy(), reflexes=(Creep(),))
+    start = controller.position[6]
+    for _ in range(300):
+        loop.tick()
+    assert controller.position[6] - start == pytest.approx(0.6, abs=0.2)
+
+
+def test_a_listener_that_fails_does_not_keep_a_fault_from_the_robot() -> None:
+    backend = FakeBackend()
+
+    def fail(tick: Tick, observation: Observation | None) -> None:
+        raise KeyError("a user's mistake")
+
+    loop, gate = driving(backend, observer=Spy(), reflexes=(Broken("raises"),))
+    loop._deliver = fail
+    with pytest.raises(KeyError):
+        loop.tick()
+    assert gate.state is RobotState.FAULT
+    stands_still(backend, loop, 62)
+
+
 def test_what_the_gate_changed_is_flagged_and_fed_back() -> None:
     """A clamped command must not look like a touch, nor may the controller run ahead of the robot."""
     backend = FakeBackend()
