@@ -4,97 +4,68 @@ from __future__ import annotations
 
 import hashlib
 import json
+from collections.abc import Iterable
 from dataclasses import asdict
+from functools import reduce
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Any, Literal
 
 import numpy as np
-from pydantic import Field
 from pydantic.dataclasses import dataclass
 
 from pepper_driver.config.errors import ConfigError, UnknownNameError, suggestion
-from pepper_driver.config.loading import STRICT, load, package_file
-from pepper_driver.config.parts import FloatArray, NotNegative, Positive
+from pepper_driver.config.loading import STRICT, package_file, parse
+from pepper_driver.config.parts import FloatArray
+from pepper_driver.config.plant_parts import (
+    Actuator,
+    Battery,
+    Board,
+    Body,
+    Flexibility,
+    Heat,
+    Physics,
+    Transport,
+    WheelDrive,
+)
+from pepper_driver.config.plant_variants import Randomisation, randomise, resolve
 from pepper_driver.config.robot import RobotConfig, check_joint_keys
 
 
 @dataclass(frozen=True, kw_only=True, config=STRICT)
-class Physics:
-    """Integration of the equations of motion.
-
-    ``timestep`` [s] divides the 12 ms cycle; the mechanical stops lie ``stop_margin`` [rad] beyond the limits.
-    """
-
-    timestep: Annotated[float, Field(gt=0, le=0.002)]
-    stop_margin: NotNegative
-
-
-@dataclass(frozen=True, kw_only=True, config=STRICT)
-class Board:
-    """Motor board: its law runs once a physics step on its own encoder and clips at ``voltage`` [V].
-
-    ``derivative_time`` [s] is the time constant of the low-pass on the derivative of the error; ``brakes`` names the
-    joints that hold when their stiffness is 0.
-    """
-
-    voltage: Positive
-    encoder_bits: Annotated[int, Field(ge=8, le=24)]
-    derivative_time: Positive
-    brakes: tuple[str, ...]
-
-
-@dataclass(frozen=True, kw_only=True, config=STRICT)
-class Transport:
-    """What lies between the physics and the reader: ``encoder_delay`` in ticks, noise as standard deviations.
-
-    ``encoder_noise`` [rad], ``current_noise`` [A]; ``current_time`` [s] and ``wheel_time`` [s] are the time constants
-    of the current's low-pass and of the wheels' speed control.
-    """
-
-    encoder_delay: Annotated[int, Field(ge=0, le=20)]
-    encoder_noise: NotNegative
-    current_noise: NotNegative
-    current_time: Positive
-    wheel_time: Positive
-
-
-@dataclass(frozen=True, kw_only=True, config=STRICT)
-class Actuator:
-    """Drive of one or several joints, seen at the joint unless said otherwise.
-
-    ``kp`` [V/rad], ``kd`` [V s/rad] board gains; ``current_limit`` [A] at stiffness 1; ``half_gap`` [rad] half the
-    backlash; ``gear_stiffness`` [N m/rad] and ``gear_damping`` [N m s/rad] of teeth in contact; ``motor_friction``
-    and ``link_friction`` [N m] Coulomb; ``link_damping`` [N m s/rad]; ``motor_damping`` [N m s/rad] at the shaft.
-    """
-
-    joints: tuple[str, ...]
-    kp: Positive
-    kd: NotNegative
-    current_limit: Positive
-    half_gap: NotNegative
-    gear_stiffness: Positive
-    gear_damping: NotNegative
-    motor_friction: NotNegative
-    link_friction: NotNegative
-    link_damping: NotNegative
-    motor_damping: NotNegative
-
-
-@dataclass(frozen=True, kw_only=True, config=STRICT)
 class PlantConfig:
-    """One simulated robot. Every joint stands in exactly one entry of ``actuators``."""
+    """One simulated robot. Every joint stands in exactly one entry of ``actuators``.
+
+    On a ``fixed`` base the wheels hang in the air; a ``rolling`` one stands on them, drives and tips.
+    ``source`` is the file it came from, for messages.
+    """
 
     name: str
     description: str
-    base: Literal["fixed"]
+    base: Literal["fixed", "rolling"]
     physics: Physics
     board: Board
     transport: Transport
+    battery: Battery
+    heat: Heat
+    wheels: WheelDrive
+    flexibilities: tuple[Flexibility, ...]
+    body: Body
     actuators: tuple[Actuator, ...]
+    source: str = ""
+
+    @property
+    def response_delay(self) -> int:
+        """Whole ticks from a command to the sample that shows the joint at the time it was to be reached."""
+        return self.transport.command_delay + self.transport.encoder_delay
+
+    def actuator(self, joint: str) -> Actuator:
+        """The drive of a joint."""
+        return next(entry for entry in self.actuators if joint in entry.joints)
 
     def per_joint(self, field: str, robot: RobotConfig) -> FloatArray:
-        """(17,) the values of one field of :class:`Actuator`, in joint order."""
-        by_joint = {name: getattr(a, field) for a in self.actuators for name in a.joints}
+        """(17,) the values of one field of :class:`Actuator`, dotted where nested, in joint order."""
+        parts = field.split(".")
+        by_joint = {name: reduce(getattr, parts, a) for a in self.actuators for name in a.joints}
         return np.array([by_joint[name] for name in robot.joint_names], dtype=np.float64)
 
 
@@ -103,49 +74,67 @@ def plant_names() -> tuple[str, ...]:
     return tuple(sorted(path.stem for path in package_file("plants").glob("*.yaml")))
 
 
-def load_plant(name: str, robot: RobotConfig) -> PlantConfig:
+def load_plant(name: str, robot: RobotConfig, *, draw: int | None = None) -> PlantConfig:
     """Load a plant by name, or from a path that ends in ``.yaml``.
+
+    Args:
+        name: Of a shipped plant, or a path.
+        robot: The robot it simulates.
+        draw: Which robot of a plant with a ``randomise`` section; None for the first. Equal draws give equal robots.
 
     Raises:
         UnknownNameError: No shipped plant has this name.
-        ConfigError: The file is wrong; the message names file and key.
+        ConfigError: The file is wrong, the message names file and key; or ``draw`` is given and nothing is drawn.
     """
-    if name.endswith((".yaml", ".yml")):
-        path = Path(name)
-    elif name in plant_names():
-        path = package_file("plants", f"{name}.yaml")
-    else:
-        raise UnknownNameError("plant", name, plant_names())
-    plant = load(PlantConfig, path)
-    _check(plant, robot, str(path))
+    path = _plant_path(name)
+    data = resolve(path, _plant_path, robot)
+    source = str(path)
+    drawing = data.pop("randomise", None)
+    if drawing is not None:
+        randomise(data, parse(Randomisation, drawing, source), robot, draw or 0, source)
+    elif draw is not None:
+        raise ConfigError(
+            f"{source}: draws nothing (no key 'randomise'), so draw={draw} says nothing"
+        )
+    plant = parse(PlantConfig, {**data, "source": source}, source)
+    _check(plant, robot, source)
     return plant
+
+
+def _plant_path(name: str) -> Path:
+    if name.endswith((".yaml", ".yml")):
+        return Path(name)
+    if name in plant_names():
+        return package_file("plants", f"{name}.yaml")
+    raise UnknownNameError("plant", name, plant_names())
 
 
 def _check(plant: PlantConfig, robot: RobotConfig, source: str) -> None:
     """What a single field cannot know: joints complete, steps whole, gaps narrower than the joint's range."""
-    for name in plant.board.brakes:
-        if name not in robot.joint_names:
+    for key, names, known in (
+        ("board.brakes", plant.board.brakes, robot.joint_names),
+        ("flexibilities", [f.joint for f in plant.flexibilities], robot.joint_names),
+        ("heat.rise", plant.heat.rise, robot.motors.types),
+        ("body.masses", plant.body.masses, robot.links),
+        ("body.coms", plant.body.coms, robot.links),
+        ("body.payloads", [p.link for p in plant.body.payloads], robot.links),
+    ):
+        _check_names(names, known, f"{source}: key '{key}'")
+    missing = sorted(set(robot.motors.types) - set(plant.heat.rise))
+    if missing:
+        raise ConfigError(
+            f"{source}: key 'heat.rise': no entry for motor type {', '.join(missing)}"
+        )
+    for number, flexibility in enumerate(plant.flexibilities):
+        if not any(flexibility.axis):
             raise ConfigError(
-                f"{source}: key 'board.brakes': unknown joint '{name}'"
-                f"{suggestion(name, robot.joint_names)}"
+                f"{source}: key 'flexibilities.{number}.axis': the axis has no length"
             )
-    seen: set[str] = set()
-    for index, actuator in enumerate(plant.actuators):
-        where = f"{source}: key 'actuators.{index}"
-        for name in actuator.joints:
-            if name in seen:
-                raise ConfigError(f"{where}.joints': joint {name} already has an actuator")
-            if name not in robot.joint_names:
-                raise ConfigError(
-                    f"{where}.joints': unknown joint '{name}'{suggestion(name, robot.joint_names)}"
-                )
-            joint = robot.joints[robot.joint_index(name)]
-            if 2 * actuator.half_gap >= joint.upper - joint.lower:
-                raise ConfigError(
-                    f"{where}.half_gap': the gap of {name} is wider than the joint's range"
-                )
-            seen.add(name)
-    check_joint_keys(seen, set(robot.joint_names), f"{source}: key 'actuators'")
+    if plant.battery.empty_voltage >= plant.battery.full_voltage:
+        raise ConfigError(
+            f"{source}: key 'battery.empty_voltage': not below 'battery.full_voltage'"
+        )
+    _check_actuators(plant, robot, source)
     steps = robot.cycle / plant.physics.timestep
     if abs(steps - round(steps)) > 1e-6:
         raise ConfigError(
@@ -154,13 +143,40 @@ def _check(plant: PlantConfig, robot: RobotConfig, source: str) -> None:
         )
 
 
+def _check_actuators(plant: PlantConfig, robot: RobotConfig, source: str) -> None:
+    seen: set[str] = set()
+    for index, actuator in enumerate(plant.actuators):
+        where = f"{source}: key 'actuators.{index}"
+        _check_names(actuator.joints, robot.joint_names, f"{where}.joints'")
+        for name in actuator.joints:
+            if name in seen:
+                raise ConfigError(f"{where}.joints': joint {name} already has an actuator")
+            joint = robot.joints[robot.joint_index(name)]
+            if 2 * actuator.half_gap >= joint.upper - joint.lower:
+                raise ConfigError(
+                    f"{where}.half_gap': the gap of {name} is wider than the joint's range"
+                )
+            seen.add(name)
+    check_joint_keys(seen, set(robot.joint_names), f"{source}: key 'actuators'")
+
+
+def _check_names(names: Iterable[str], known: Iterable[str], where: str) -> None:
+    known = tuple(known)
+    for name in names:
+        if name not in known:
+            raise ConfigError(f"{where}: unknown name '{name}'{suggestion(name, known)}")
+
+
 def plant_hash(plant: PlantConfig, robot: RobotConfig) -> str:
     """Identity of a simulated robot: plant, URDF, motors, sensors, hands. Models carry it to be told from stale ones.
 
-    Comments, name and description do not count.
+    Comments, name, description, source and origins do not count.
     """
-    parameters = asdict(plant)
-    del parameters["name"], parameters["description"]
+    parameters: dict[str, Any] = asdict(plant)
+    for key in ("name", "description", "source"):
+        del parameters[key]
+    for actuator in parameters["actuators"]:
+        del actuator["origin"]
     content = {
         "plant": parameters,
         "motors": asdict(robot.motors),

@@ -270,7 +270,8 @@ def _oracle(backend: Backend, robot: RobotConfig, joint: str) -> Predictor:
     """Eq. 11 with the plant's true parameters: what the method could know at best without friction's memory."""
     plant, info = backend.truth.plant, backend.info
     motor, ratio = robot.motors.of(joint), robot.motors.joints[joint].ratio
-    actuator = next(entry for entry in plant.actuators if joint in entry.joints)
+    actuator = plant.actuator(joint)
+    friction = actuator.friction.contact
     parameters = MotorParameters(
         resistance=motor.resistance,
         torque_constant=motor.torque_constant,
@@ -280,8 +281,8 @@ def _oracle(backend: Backend, robot: RobotConfig, joint: str) -> Predictor:
         ratio=ratio,
         proportional_gain=actuator.kp,
         derivative_gain=actuator.kd,
-        coulomb_friction=actuator.motor_friction + actuator.link_friction,
-        viscous_friction=actuator.link_damping,
+        coulomb_friction=friction.motor + friction.link,
+        viscous_friction=friction.motor_viscous + friction.link_viscous,
     )
     return lambda run: expected_error(
         parameters, run.features(run.joint_names.index(joint)), info.cycle

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from typing import Literal
 
-import mujoco
 import numpy as np
 
 from pepper_driver.backends.interface import (
@@ -17,10 +16,10 @@ from pepper_driver.backends.interface import (
     NotConnectedError,
     Truth,
 )
-from pepper_driver.backends.mujoco_.board import MotorBoards
-from pepper_driver.backends.mujoco_.model import build_model
-from pepper_driver.backends.mujoco_.pushes import Push, Pushes
-from pepper_driver.backends.mujoco_.sensors import CurrentSensors, Encoders, FreeWheels
+from pepper_driver.backends.mujoco_.inertial import InertialUnit
+from pepper_driver.backends.mujoco_.pushes import Push
+from pepper_driver.backends.mujoco_.sensors import CommandLine, CurrentSensors, Encoders
+from pepper_driver.backends.mujoco_.simulation import Simulation
 from pepper_driver.backends.mujoco_.truth import MujocoTruth
 from pepper_driver.backends.mujoco_.window import Window, check_display
 from pepper_driver.backends.selection import BackendUri
@@ -39,9 +38,6 @@ RAMP_TIME = 1.0
 
 STRONGEST_PUSH = 10_000.0
 """[N] Far beyond anything a robot survives; more would only break the simulation."""
-
-MOTOR_TEMPERATURE = 38.0
-"""[deg C] reported for every motor: heating is not simulated."""
 
 
 class MujocoBackend(Backend):
@@ -68,23 +64,20 @@ class MujocoBackend(Backend):
         self._plant = plant
         self._seed = seed
         self._start = robot.posture(posture)
-        self._model = build_model(robot, plant)
-        self._data = mujoco.MjData(self._model.mj)
-        self._boards = MotorBoards(robot, plant)
-        self._pushes = Pushes(self._model, self._data)
-        self._wheels = FreeWheels(robot, plant)
-        self._steps = round(robot.cycle / plant.physics.timestep)
-        self._brakes = np.array([name in plant.board.brakes for name in robot.joint_names])
+        self._simulation = Simulation(robot, plant)
+        self._model, self._data = self._simulation.model, self._simulation.data
+        self._imu = InertialUnit(robot, self._model.mj, self._data)
+        self._commands = CommandLine(plant)
         self._state: Literal["closed", "open", "active"] = "closed"
         self._shown = window
         self._window: Window | None = None
-        self._truth = MujocoTruth(plant, self._model, self._data, self._boards)
+        self._truth = MujocoTruth(plant, self._simulation)
         self._info = BackendInfo(
             uri=uri,
             joint_names=robot.joint_names,
             cycle=robot.cycle,
             real_time=False,
-            response_delay=plant.transport.encoder_delay,
+            response_delay=plant.response_delay,
             capabilities=frozenset({"push", "truth"}),
             identity=plant_hash(plant, robot),
         )
@@ -103,33 +96,27 @@ class MujocoBackend(Backend):
         """Put the robot into its starting posture, motors off, brakes on."""
         if self._state != "closed":
             raise BackendError(f"'{self._info.uri}' is already open")
-        mujoco.mj_resetData(self._model.mj, self._data)
-        self._data.qpos[self._model.link_qpos] = self._start
-        self._data.qpos[self._model.motor_qpos] = self._start
-        mujoco.mj_forward(self._model.mj, self._data)
-        self._boards.reset()
-        self._pushes.clear()
-        self._wheels.reset()
+        self._simulation.reset(self._start)
+        self._commands.reset(self._start)
         # One stream for each kind of sensor: a change in one leaves the noise of the others as it was.
         streams = np.random.SeedSequence(self._seed).spawn(2)
         rngs = [np.random.Generator(np.random.PCG64(stream)) for stream in streams]
         self._encoders = Encoders(self._robot, self._plant, rngs[0])
         self._current_sensors = CurrentSensors(self._robot, self._plant, rngs[1])
-        self._target = self._start.copy()
-        self._braked_at = self._start.copy()
         self._tick = 0
-        self._truth.record(np.zeros(len(self._start)))
         if self._shown:
             self._window = Window(self._model.mj, self._data)
         self._state = "open"
-        return self._measurement(self._encoders.reset(self._start), self._current_sensors.reset())
+        return self._measurement(
+            self._encoders.reset(self._start), self._current_sensors.reset(), self._imu.reset()
+        )
 
     def activate(self) -> Measurement:
         """Ramp the stiffness to 1 in a second of simulated time, holding the posture last measured."""
         if self._state != "open":
             raise BackendError(f"'{self._info.uri}' cannot be activated: it is {self._state}")
         hold = np.clip(self._measured, self._robot.lower, self._robot.upper)
-        self._target = hold.copy()
+        self._commands.reset(hold)
         self._state = "active"
         ticks = round(RAMP_TIME / self._robot.cycle)
         for tick in range(ticks):
@@ -146,20 +133,34 @@ class MujocoBackend(Backend):
         position, stiffness, wheel_speed = self._checked(command)
         if self._state == "open":
             stiffness, wheel_speed = np.zeros_like(stiffness), np.zeros(3)
-        self._wheels.step(wheel_speed)
-        mean_current = self._simulate(position, stiffness)
+        self._sent = position
+        simulation = self._simulation
+        simulation.cycle(
+            self._commands.send(position),
+            stiffness,
+            wheel_speed,
+            powered=self._state == "active",
+        )
+        if self._model.diverged(self._data):
+            self._close()
+            raise BackendError(
+                f"the simulation diverged at {self._data.time:.3f} s and was closed: "
+                "a force or a speed beyond all measure"
+            )
         self._tick += 1
         if self._window is not None:
             self._window.refresh()
         return self._measurement(
-            self._encoders.read(self._truth.position), self._current_sensors.read(mean_current)
+            self._encoders.read(simulation.position),
+            self._current_sensors.read(simulation.current),
+            self._imu.read(),
         )
 
     def deactivate(self) -> None:
         """Wheels to zero, stiffness to 0 in a second of simulated time; the brakes then hold the legs."""
         if self._state != "active":
             return
-        hold = self._target.copy()
+        hold = self._sent.copy()
         ticks = round(RAMP_TIME / self._robot.cycle)
         for tick in range(ticks):
             stiffness = np.full(len(hold), 1.0 - (tick + 1) / ticks)
@@ -204,7 +205,7 @@ class MujocoBackend(Backend):
             raise ValueError(f"push: the force may be {STRONGEST_PUSH:g} N at most")
         if frame not in ("world", "link"):
             raise UnknownNameError("frame", frame, ("world", "link"))
-        self._pushes.add(
+        self._simulation.contacts.pushes.add(
             Push(
                 body=body,
                 force=force,
@@ -214,38 +215,6 @@ class MujocoBackend(Backend):
                 duration=float(duration),
             )
         )
-
-    def _simulate(self, position: FloatArray, stiffness: FloatArray) -> FloatArray:
-        """One cycle of physics towards ``position``; returns the mean |motor current| (17,) [A]."""
-        model, data, boards = self._model, self._data, self._boards
-        # A brake holds where it closed; it stays until the stiffness returns.
-        braked = self._brakes & (stiffness <= 0.0)
-        self._braked_at = np.where(braked, self._braked_at, position)
-        position = np.where(braked, self._braked_at, position)
-        stiffness = np.where(braked, 1.0, stiffness)
-        begin, travel = self._target, position - self._target
-        current = np.zeros_like(position)
-        torque = np.zeros_like(position)
-        boards.begin_cycle()
-        for step in range(1, self._steps + 1):
-            data.ctrl[model.actuator] = boards.update(
-                begin + travel * (step / self._steps),
-                data.qpos[model.link_qpos],
-                data.qvel[model.motor_dof],
-                stiffness,
-            )
-            self._pushes.apply()
-            model.step(data)
-            self._pushes.add_joint_torque(torque)
-            current += np.abs(boards.current)
-        if model.diverged(data):
-            self._close()
-            raise BackendError(
-                f"the simulation diverged at {data.time:.3f} s and was closed: a force or a speed beyond all measure"
-            )
-        self._target = position
-        self._truth.record(torque / self._steps)
-        return current / self._steps
 
     def _checked(self, command: Command) -> tuple[FloatArray, FloatArray, FloatArray]:
         """The arrays of a command, refused when they are not what a robot could take."""
@@ -259,25 +228,21 @@ class MujocoBackend(Backend):
         position, stiffness, wheel_speed = parts
         return position.copy(), np.clip(stiffness, 0.0, 1.0), wheel_speed
 
-    def _measurement(self, position: FloatArray, current: FloatArray) -> Measurement:
+    def _measurement(self, position: FloatArray, current: FloatArray, imu: Imu) -> Measurement:
         self._measured = position
-        imu = Imu(
-            acceleration=np.array([0.0, 0.0, 9.81]),
-            angular_velocity=np.zeros(3),
-            attitude=np.zeros(3),
-        )
+        supply = self._simulation.supply
         return Measurement(
             time=self._tick * self._robot.cycle,
             tick=self._tick,
             position=position,
             current=current,
-            wheel_speed=self._wheels.speed.copy(),
+            wheel_speed=self._simulation.wheels.speed,
             imu=imu,
             touch=np.zeros(len(self._robot.sensors.touch)),
             bumpers=np.zeros(len(self._robot.sensors.bumpers)),
-            temperature=np.full(len(self._start), MOTOR_TEMPERATURE),
-            battery=1.0,
-            age=0.0,
+            temperature=np.rint(supply.temperature),
+            battery=supply.charge,
+            age=self._encoders.age * self._robot.cycle,
         )
 
 

@@ -1,10 +1,4 @@
-"""The MuJoCo model of the plant: the URDF, and per joint a motor behind a gear with play.
-
-Each joint has a second, motor-side hinge in a tiny body of its own. A fixed tendon of length ``q - theta`` with a dead
-band stands for the teeth of the gear; both sides have Coulomb friction; a DC motor turns the motor side. This is the
-two-body model of Eq. 5 to 8 of the paper, with the signs of alpha in Eq. 8 the right way round: the teeth push back
-with K (phi - alpha) for phi >= alpha and K (phi + alpha) for phi <= -alpha, phi = q - theta.
-"""
+"""The MuJoCo model of the plant: URDF, drives, base, and where things are in it."""
 
 from __future__ import annotations
 
@@ -14,10 +8,20 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from pepper_driver.backends.mujoco_.drives import (
+    add_drive,
+    add_flexibility,
+    check_step,
+    gear,
+    motor_side,
+)
+from pepper_driver.backends.mujoco_.rolling import add_rolling_base, add_wheel_drives
 from pepper_driver.config import PlantConfig, RobotConfig
-from pepper_driver.config.parts import FloatArray
+from pepper_driver.config.parts import FloatArray, IndexArray
+from pepper_driver.config.plant_parts import Body
 
-IndexArray = NDArray[np.intp]
+ROBOT, OBJECT, FLOOR = 1, 2, 4
+"""Collision bits: the robot meets objects, objects meet everything, the floor meets wheels and objects."""
 
 _DIVERGENCE = (
     mujoco.mjtWarning.mjWARN_BADQPOS,
@@ -37,7 +41,6 @@ class PlantModel:
         tendon: Tendon of each gear.
         actuator: Motor of each joint.
         half_gap: Half the play of each gear [rad].
-        gear_damping: Damping of teeth in contact [N m s/rad].
         bodies: Body number by link name.
     """
 
@@ -49,16 +52,7 @@ class PlantModel:
     tendon: IndexArray
     actuator: IndexArray
     half_gap: FloatArray
-    gear_damping: FloatArray
     bodies: dict[str, int]
-
-    def step(self, data: mujoco.MjData) -> None:
-        """One step of physics, with the wrenches and voltages set in ``data``.
-
-        The teeth damp only while they touch: MuJoCo's own tendon damping would drag inside the gap too.
-        """
-        self.mj.tendon_damping[self.tendon] = np.where(self.in_gap(data), 0.0, self.gear_damping)
-        mujoco.mj_step(self.mj, data)
 
     def diverged(self, data: mujoco.MjData) -> bool:
         """Whether the simulation has met values that are not finite, or huge."""
@@ -71,42 +65,43 @@ class PlantModel:
 
 
 def build_model(robot: RobotConfig, plant: PlantConfig) -> PlantModel:
-    """Compile the plant from the robot's URDF and the plant's parameters."""
+    """Compile the plant from the robot's URDF and the plant's parameters.
+
+    Raises:
+        ConfigError: The step is too coarse for the stiffest gear.
+    """
     spec = mujoco.MjSpec.from_file(str(robot.urdf))
     _set_options(spec, plant)
-    for name in robot.wheels.names:  # the base is fixed: the wheels' speed is simulated apart
-        spec.delete(spec.joint(name))
-    for actuator in plant.actuators:
-        for name in actuator.joints:
-            _add_drive(spec, name, robot, plant)
+    for geom in spec.geoms:
+        geom.contype, geom.conaffinity = ROBOT, OBJECT
+    _change_body(spec, plant.body)
+    for name in robot.joint_names:
+        add_drive(spec, name, robot, plant)
+    for number, flexibility in enumerate(plant.flexibilities):
+        add_flexibility(spec, number, flexibility)
+    add_wheel_drives(spec, robot, plant)
+    if plant.base == "rolling":
+        add_rolling_base(spec, robot, plant, floor_bit=FLOOR)
     mj = spec.compile()
-    # Self-collision and the floor come with the base that moves; until then nothing may touch but pushes.
-    mj.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT
     # A simulation that blows up shall be told, not start anew from its first posture by itself.
     mj.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
+    # Islands would only be found to be one: the robot, and motors that no constraint ties to it.
+    mj.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_ISLAND
+    check_step(mj, robot, plant)
     names = robot.joint_names
     links = [mj.joint(name).id for name in names]
-    motors = [mj.joint(_motor_side(name)).id for name in names]
+    motors = [mj.joint(motor_side(name)).id for name in names]
     return PlantModel(
         mj=mj,
         link_qpos=np.array(mj.jnt_qposadr[links], dtype=np.intp),
         motor_qpos=np.array(mj.jnt_qposadr[motors], dtype=np.intp),
         link_dof=np.array(mj.jnt_dofadr[links], dtype=np.intp),
         motor_dof=np.array(mj.jnt_dofadr[motors], dtype=np.intp),
-        tendon=np.array([mj.tendon(_gear(name)).id for name in names], dtype=np.intp),
+        tendon=np.array([mj.tendon(gear(name)).id for name in names], dtype=np.intp),
         actuator=np.array([mj.actuator(name).id for name in names], dtype=np.intp),
         half_gap=plant.per_joint("half_gap", robot),
-        gear_damping=plant.per_joint("gear_damping", robot),
         bodies={link: mj.body(link).id for link in robot.links},
     )
-
-
-def _motor_side(joint: str) -> str:
-    return f"motor_{joint}"
-
-
-def _gear(joint: str) -> str:
-    return f"gear_{joint}"
 
 
 def _set_options(spec: mujoco.MjSpec, plant: PlantConfig) -> None:
@@ -124,45 +119,17 @@ def _set_options(spec: mujoco.MjSpec, plant: PlantConfig) -> None:
     spec.option.jacobian = mujoco.mjtJacobian.mjJAC_DENSE
 
 
-def _add_drive(spec: mujoco.MjSpec, name: str, robot: RobotConfig, plant: PlantConfig) -> None:
-    """Motor, gear and friction of one joint."""
-    a = next(entry for entry in plant.actuators if name in entry.joints)
-    motor, ratio = robot.motors.of(name), robot.motors.joints[name].ratio
-    joint_config = robot.joints[robot.joint_index(name)]
-
-    link = spec.joint(name)
-    link.actfrclimited = 0  # the URDF's effort; the board's limits are the real ones
-    link.damping[0] = a.link_damping
-    link.armature = robot.armature[robot.joint_index(name)]
-    margin = plant.physics.stop_margin
-    link.range = [joint_config.lower - margin, joint_config.upper + margin]
-    _set_friction(link, a.link_friction, plant)
-
-    body = spec.worldbody.add_body(name=_motor_side(name))
-    body.mass, body.inertia, body.explicitinertial = 1e-6, [1e-9] * 3, True
-    rotor = body.add_joint(name=_motor_side(name), type=mujoco.mjtJoint.mjJNT_HINGE, axis=[0, 0, 1])
-    _set_friction(rotor, a.motor_friction, plant)
-
-    gear = spec.add_tendon(name=_gear(name), springlength=[-a.half_gap, a.half_gap])
-    gear.stiffness[0] = a.gear_stiffness
-    gear.damping[0] = a.gear_damping
-    gear.wrap_joint(name, 1.0)
-    gear.wrap_joint(_motor_side(name), -1.0)
-
-    drive = spec.add_actuator(
-        name=name, trntype=mujoco.mjtTrn.mjTRN_JOINT, target=_motor_side(name)
-    )
-    constant = motor.torque_constant  # Ke = Kt in SI units
-    drive.set_to_dcmotor(motorconst=[constant, constant], resistance=motor.resistance)
-    drive.gear[0] = ratio
-    drive.armature = motor.rotor_inertia  # MuJoCo reflects it through the gear
-    drive.damping[0] = a.motor_damping
-    drive.ctrlrange = [-plant.board.voltage, plant.board.voltage]
-    drive.ctrllimited = 1
-
-
-def _set_friction(joint: mujoco.MjsJoint, torque: float, plant: PlantConfig) -> None:
-    """Coulomb friction that sticks. MuJoCo's default is soft: it creeps, and pushes the wrong way in hard braking."""
-    joint.frictionloss = torque
-    joint.solref_friction = [2 * plant.physics.timestep, 1.0]
-    joint.solimp_friction = [0.999, 0.9999, 0.001, 0.5, 2.0]
+def _change_body(spec: mujoco.MjSpec, body: Body) -> None:
+    """Masses, centres of mass and payloads that differ from the URDF."""
+    for name, factor in body.masses.items():
+        link = spec.body(name)
+        link.mass *= factor
+        link.inertia = np.array(link.inertia) * factor
+        link.fullinertia = np.array(link.fullinertia) * factor
+    for name, shift in body.coms.items():
+        link = spec.body(name)
+        link.ipos = np.array(link.ipos) + shift
+    for payload in body.payloads:
+        ball = spec.body(payload.link).add_body(pos=payload.xyz)
+        ball.mass, ball.explicitinertial = payload.mass, True
+        ball.inertia = [0.4 * payload.mass * payload.radius**2] * 3

@@ -1,4 +1,4 @@
-"""From the state of the plant to what NAOqi would report: quantised, noisy, late."""
+"""Between the plant and its reader: readings quantised, noisy and late, commands on their way."""
 
 from __future__ import annotations
 
@@ -6,37 +6,56 @@ from collections import deque
 
 import numpy as np
 
+from pepper_driver.backends.mujoco_.resumable import Resumable
 from pepper_driver.config import PlantConfig, RobotConfig
 from pepper_driver.config.parts import FloatArray
 
 
-class Encoders:
-    """Joint encoders: noise, 12-bit counts, and a delay of whole cycles."""
+class Encoders(Resumable):
+    """Joint encoders: noise, 12-bit counts, a delay of whole cycles, and samples that come late.
+
+    Attributes:
+        age: How many cycles the last reading is older than the delay that is always there.
+    """
+
+    STATE = ("age", "_delayed", "_read", "_rng")
 
     def __init__(self, robot: RobotConfig, plant: PlantConfig, rng: np.random.Generator) -> None:
+        transport = plant.transport
         self._step = robot.sensors.encoder.step
-        self._noise = plant.transport.encoder_noise
+        self._noise = transport.encoder_noise
+        self._late = transport.late if transport.longest_late else 0.0
+        self._longest_late = transport.longest_late
         self._rng = rng
-        self._delayed: deque[FloatArray] = deque(maxlen=plant.transport.encoder_delay + 1)
+        self._delayed: deque[FloatArray] = deque(maxlen=transport.encoder_delay + 1)
 
     def reset(self, position: FloatArray) -> FloatArray:
         """Fill the delay line as if the robot had stood at ``position`` (17,) [rad]; returns the first reading."""
         for _ in range(self._delayed.maxlen or 1):
             self._delayed.append(self._count(position))
-        return self._delayed[0]
+        self.age = 0
+        self._read = self._delayed[0]
+        return self._read
 
     def read(self, position: FloatArray) -> FloatArray:
         """One cycle later: sample ``position`` (17,) [rad], return the sample that arrives now."""
         self._delayed.append(self._count(position))
-        return self._delayed[0]
+        if self._late and self.age < self._longest_late and self._rng.random() < self._late:
+            self.age += 1
+        else:
+            self.age = 0
+            self._read = self._delayed[0]
+        return self._read
 
     def _count(self, position: FloatArray) -> FloatArray:
         noisy = position + self._noise * self._rng.standard_normal(position.shape)
         return np.rint(noisy / self._step) * self._step
 
 
-class CurrentSensors:
+class CurrentSensors(Resumable):
     """Absolute motor current, low-passed, with noise, in steps of the converter."""
+
+    STATE = ("_smoothed", "_rng")
 
     def __init__(self, robot: RobotConfig, plant: PlantConfig, rng: np.random.Generator) -> None:
         self._step = robot.sensors.current.step
@@ -60,19 +79,20 @@ class CurrentSensors:
         return np.asarray(np.rint(np.abs(noisy) / self._step) * self._step)
 
 
-class FreeWheels:
-    """Wheels of a robot on a stand: each follows its speed command with a first-order lag and rolls nowhere."""
+class CommandLine(Resumable):
+    """Commands on their way to the boards: each acts whole cycles after it was sent."""
 
-    def __init__(self, robot: RobotConfig, plant: PlantConfig) -> None:
-        self._limit = robot.wheels.speed_limit
-        self._gain = 1.0 - float(np.exp(-robot.cycle / plant.transport.wheel_time))
-        self.speed = np.zeros(3)
+    STATE = ("_delayed",)
 
-    def reset(self) -> None:
-        """Stand still."""
-        self.speed = np.zeros(3)
+    def __init__(self, plant: PlantConfig) -> None:
+        self._delayed: deque[FloatArray] = deque(maxlen=plant.transport.command_delay + 1)
 
-    def step(self, command: FloatArray) -> None:
-        """One cycle towards ``command`` (3,) [rad/s]."""
-        target = np.clip(command, -self._limit, self._limit)
-        self.speed = self.speed + self._gain * (target - self.speed)
+    def reset(self, position: FloatArray) -> None:
+        """Fill the line with ``position`` (17,) [rad]."""
+        for _ in range(self._delayed.maxlen or 1):
+            self._delayed.append(position.copy())
+
+    def send(self, position: FloatArray) -> FloatArray:
+        """Send ``position`` (17,) [rad]; returns the command that reaches the boards now."""
+        self._delayed.append(position)
+        return self._delayed[0]

@@ -1,0 +1,165 @@
+"""The base: three driven omni-wheels, and a floor they grip and can tip over.
+
+A wheel grips along its driven direction and rolls freely across it. For MuJoCo that is a Coulomb friction between
+wheel and base: a fixed tendon whose velocity is the slip r (w_i - row_i twist) of the wheel's rim, with the floor's
+friction times the wheel's load as its limit. The rows depend on the heading, so the tendon's coefficients are set anew
+before each cycle. The floor itself carries the wheels without friction; they lift off when the robot tips.
+"""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+
+from pepper_driver.backends.mujoco_.drives import harden_friction
+from pepper_driver.backends.mujoco_.resumable import Resumable
+from pepper_driver.config import PlantConfig, RobotConfig
+from pepper_driver.config.parts import FloatArray
+
+FALLEN = 1.2
+"""[rad] of tilt at which the base comes to lie: the robot has fallen over."""
+
+_SLIDES = {"base_x": (1, 0, 0), "base_y": (0, 1, 0), "base_z": (0, 0, 1)}
+_HINGES = {"base_yaw": (0, 0, 1), "base_pitch": (0, 1, 0), "base_roll": (1, 0, 0)}
+_ROLLED = ("base_x", "base_y", "base_yaw")
+
+
+def grip(wheel: str) -> str:
+    """Name of the tendon between a wheel and the floor."""
+    return f"grip_{wheel}"
+
+
+def add_wheel_drives(spec: mujoco.MjSpec, robot: RobotConfig, plant: PlantConfig) -> None:
+    """A motor under speed control for each wheel: torque = gain (ctrl - speed), within the torque limit."""
+    drive, motor = plant.wheels, robot.motors.types[robot.wheels.motor_type]
+    for name in robot.wheels.names:
+        joint = spec.joint(name)
+        joint.actfrclimited = 0
+        joint.armature = robot.wheels.ratio**2 * motor.rotor_inertia
+        joint.frictionloss = drive.friction
+        harden_friction(joint, plant)
+        actuator = spec.add_actuator(name=name, trntype=mujoco.mjtTrn.mjTRN_JOINT, target=name)
+        actuator.gaintype = mujoco.mjtGain.mjGAIN_FIXED
+        actuator.biastype = mujoco.mjtBias.mjBIAS_AFFINE
+        actuator.gainprm[0], actuator.biasprm[2] = drive.gain, -drive.gain
+        actuator.forcerange = [-drive.torque_limit, drive.torque_limit]
+        actuator.forcelimited = 1
+
+
+def add_rolling_base(
+    spec: mujoco.MjSpec, robot: RobotConfig, plant: PlantConfig, *, floor_bit: int
+) -> None:
+    """Free the base, and put its wheels on a floor."""
+    base = spec.body("base_link")
+    for name, axis in _SLIDES.items():
+        base.add_joint(name=name, type=mujoco.mjtJoint.mjJNT_SLIDE, axis=axis)
+    for name, axis in _HINGES.items():
+        hinge = base.add_joint(name=name, type=mujoco.mjtJoint.mjJNT_HINGE, axis=axis)
+        if name != "base_yaw":
+            hinge.limited, hinge.range = 1, [-FALLEN, FALLEN]
+    spec.worldbody.add_geom(
+        name="floor",
+        type=mujoco.mjtGeom.mjGEOM_PLANE,
+        size=[10, 10, 0.1],
+        rgba=[0.8, 0.8, 0.8, 1],
+        contype=floor_bit,
+        conaffinity=0,
+        condim=1,
+    )
+    for name in robot.wheels.names:
+        tyre = spec.joint(name).parent.geoms[0]
+        tyre.conaffinity |= floor_bit
+        tyre.condim = 1
+        tendon = spec.add_tendon(name=grip(name))
+        for joint in (name, *_ROLLED):
+            tendon.wrap_joint(joint, 1.0)
+        harden_friction(tendon, plant)
+
+
+class Wheels(Resumable):
+    """Speed control and grip of the wheels, once a cycle.
+
+    Attributes:
+        load: (3,) force with which the floor carries each wheel [N], at the end of the last cycle.
+    """
+
+    STATE = ("load", "_integral")
+
+    def __init__(
+        self, robot: RobotConfig, plant: PlantConfig, mj: mujoco.MjModel, data: mujoco.MjData
+    ) -> None:
+        names = robot.wheels.names
+        self._mj, self._data = mj, data
+        self._limit = robot.wheels.speed_limit
+        self._gain = plant.wheels.gain
+        self._integral_gain = robot.cycle / plant.wheels.integral_time
+        self._headroom = plant.wheels.torque_limit / plant.wheels.gain
+        self._actuator = np.array([mj.actuator(name).id for name in names])
+        self._dof = np.array([mj.joint(name).dofadr[0] for name in names])
+        self.rolling = plant.base == "rolling"
+        self._radius = robot.wheels.radius
+        self._rows = robot.wheels.matrix
+        self._grip = plant.wheels.floor_friction
+        if self.rolling:
+            self._yaw = int(mj.joint("base_yaw").qposadr[0])
+            self._tendon = np.array([mj.tendon(grip(name)).id for name in names])
+            self._wrap = mj.tendon_adr[self._tendon]
+            self._tyre = [int(mj.body_geomadr[mj.jnt_bodyid[mj.joint(n).id]]) for n in names]
+            self._wheel_of = {geom: number for number, geom in enumerate(self._tyre)}
+            self._floor = mj.geom("floor").id
+        self._integral = np.zeros(3)
+        self.load = np.zeros(3)
+
+    @property
+    def speed(self) -> FloatArray:
+        """(3,) wheel speeds [rad/s]."""
+        return np.array(self._data.qvel[self._dof])
+
+    def reset(self) -> None:
+        """No integral; the wheels carry the robot evenly."""
+        self._integral[:] = 0.0
+        if self.rolling:
+            weight = float(self._mj.body_subtreemass[0]) * -float(self._mj.opt.gravity[2])
+            self.load = np.full(3, weight / 3)
+
+    def begin_cycle(self, command: FloatArray, *, powered: bool) -> None:
+        """Drive towards ``command`` (3,) [rad/s] for one cycle; without power the wheels run out."""
+        mj, data = self._mj, self._data
+        gain = self._gain if powered else 0.0
+        mj.actuator_gainprm[self._actuator, 0] = gain
+        mj.actuator_biasprm[self._actuator, 2] = -gain
+        target = np.clip(command, -self._limit, self._limit)
+        if powered:
+            self._integral += self._integral_gain * (target - data.qvel[self._dof])
+            np.clip(self._integral, -self._headroom, self._headroom, out=self._integral)
+        else:
+            self._integral[:] = 0.0
+        data.ctrl[self._actuator] = target + self._integral
+        if self.rolling:
+            self._set_grip(self.load)
+
+    def end_cycle(self) -> None:
+        """Take in what the floor carried in the last step of physics."""
+        if self.rolling:
+            self.load = self._floor_forces()
+
+    def _floor_forces(self) -> FloatArray:
+        data, load, wrench = self._data, np.zeros(3), np.zeros(6)
+        for number in range(data.ncon):
+            contact = data.contact[number]
+            wheel = self._wheel_of.get(int(contact.geom2), self._wheel_of.get(int(contact.geom1)))
+            if wheel is None or self._floor not in (contact.geom1, contact.geom2):
+                continue
+            mujoco.mj_contactForce(self._mj, data, number, wrench)
+            load[wheel] += wrench[0]
+        return load
+
+    def _set_grip(self, load: FloatArray) -> None:
+        mj, yaw = self._mj, float(self._data.qpos[self._yaw])
+        cos, sin = np.cos(yaw), np.sin(yaw)
+        forward, left, turn = self._rows.T
+        mj.wrap_prm[self._wrap] = 1.0
+        mj.wrap_prm[self._wrap + 1] = -(forward * cos - left * sin)
+        mj.wrap_prm[self._wrap + 2] = -(forward * sin + left * cos)
+        mj.wrap_prm[self._wrap + 3] = -turn
+        mj.tendon_frictionloss[self._tendon] = self._grip * self._radius * load

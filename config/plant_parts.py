@@ -1,0 +1,211 @@
+"""Parts of a simulated Pepper, as typed objects: physics, boards, transport, supply, heat, wheels, drives, body."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import Field
+from pydantic.dataclasses import dataclass
+
+from pepper_driver.config.loading import STRICT
+from pepper_driver.config.parts import NotNegative, Positive, Vector3
+
+Origin = Literal["documented", "computed", "calibrated", "assumed"]
+Ticks = Annotated[int, Field(ge=0, le=20)]
+Probability = Annotated[float, Field(ge=0, lt=1)]
+
+
+@dataclass(frozen=True, kw_only=True, config=STRICT)
+class Physics:
+    """Integration of the equations of motion.
+
+    ``timestep`` [s] divides the 12 ms cycle; the mechanical stops lie ``stop_margin`` [rad] beyond the limits.
+    """
+
+    timestep: Annotated[float, Field(gt=0, le=0.002)]
+    stop_margin: NotNegative
+
+
+@dataclass(frozen=True, kw_only=True, config=STRICT)
+class Board:
+    """Motor board: its law runs once a physics step on its own encoder.
+
+    ``voltage`` [V] of the supply at which the gains hold: the board sets a duty cycle, so a fuller battery makes it
+    stiffer. ``derivative_time`` [s] is the time constant of the low-pass on the derivative of the error;
+    ``integral_limit`` [V] bounds the integral part; ``speed_limit`` [rad/s] bounds how fast the board lets its own
+    target run (null: not at all); ``brakes`` names the joints that hold when their stiffness is 0.
+    """
+
+    voltage: Positive
+    encoder_bits: Annotated[int, Field(ge=8, le=24)]
+    derivative_time: Positive
+    integral_limit: Positive
+    speed_limit: Positive | None
+    brakes: tuple[str, ...]
+
+
+@dataclass(frozen=True, kw_only=True, config=STRICT)
+class Transport:
+    """What lies between the physics and the reader, in ticks, and noise as standard deviations.
+
+    A command acts ``command_delay`` ticks late, a sample arrives ``encoder_delay`` ticks late. With probability
+    ``late`` a sample is later still: the one before is read again, up to ``longest_late`` ticks in a row.
+    ``encoder_noise`` [rad], ``current_noise`` [A]; ``current_time`` [s] is the time constant of the current's low-pass.
+    """
+
+    command_delay: Ticks
+    encoder_delay: Ticks
+    late: Probability
+    longest_late: Ticks
+    encoder_noise: NotNegative
+    current_noise: NotNegative
+    current_time: Positive
+
+
+@dataclass(frozen=True, kw_only=True, config=STRICT)
+class Battery:
+    """Supply of all motors: open voltage falls in a line from ``full_voltage`` to ``empty_voltage`` [V].
+
+    ``charge`` 0..1 at the start, ``resistance`` [ohm] inside, ``energy`` [J] when full, ``idle_power`` [W] of
+    everything that is not a motor.
+    """
+
+    charge: Annotated[float, Field(gt=0, le=1)]
+    full_voltage: Positive
+    empty_voltage: Positive
+    resistance: NotNegative
+    energy: Positive
+    idle_power: NotNegative
+
+
+@dataclass(frozen=True, kw_only=True, config=STRICT)
+class Heat:
+    """Motors warm with their losses; copper, magnets and grease change with it.
+
+    Temperatures in deg C: of the air (``ambient``), of the motors at the ``start``, and the ``reference`` at which all
+    other values of the plant hold. ``rise`` [K/W] by motor type, ``time_constant`` [s]. Per kelvin above the
+    reference: ``copper`` of the resistance, ``magnet`` of the torque constant, ``grease`` of the friction.
+    """
+
+    ambient: float
+    start: float
+    reference: float
+    time_constant: Positive
+    rise: dict[str, NotNegative]
+    copper: float
+    magnet: float
+    grease: float
+
+
+@dataclass(frozen=True, kw_only=True, config=STRICT)
+class WheelDrive:
+    """Drive of the three wheels, and what they stand on.
+
+    Speed control with ``gain`` [N m s/rad] and ``integral_time`` [s], bounded by ``torque_limit`` [N m];
+    ``friction`` [N m] of motor and gear, at the wheel. ``floor_friction`` is the friction coefficient along the driven
+    direction; along the other one the rollers turn freely.
+    """
+
+    gain: Positive
+    integral_time: Positive
+    torque_limit: Positive
+    friction: NotNegative
+    floor_friction: NotNegative
+
+
+@dataclass(frozen=True, kw_only=True, config=STRICT)
+class Flexibility:
+    """A springy structure in series with a joint, beyond its encoder: nobody measures it.
+
+    ``axis`` is in the frame of the link that the joint carries; ``stiffness`` [N m/rad], ``damping`` [N m s/rad].
+    """
+
+    joint: str
+    axis: Vector3
+    stiffness: Positive
+    damping: NotNegative
+
+
+@dataclass(frozen=True, kw_only=True, config=STRICT)
+class Payload:
+    """A ball of ``mass`` [kg] and ``radius`` [m] fixed to a link at ``xyz`` [m]."""
+
+    link: str
+    mass: Positive
+    radius: Positive
+    xyz: Vector3
+
+
+@dataclass(frozen=True, kw_only=True, config=STRICT)
+class Body:
+    """How the links differ from the URDF: the controller does not know of it.
+
+    ``masses`` are factors on mass and inertia by link, ``coms`` shifts of centres of mass [m].
+    """
+
+    masses: dict[str, Positive]
+    coms: dict[str, Vector3]
+    payloads: tuple[Payload, ...]
+
+
+@dataclass(frozen=True, kw_only=True, config=STRICT)
+class TouchingFriction:
+    """Friction while the teeth touch (Eq. 7, second case), of the motor's side and of the link's.
+
+    Coulomb [N m] and ``viscous`` [N m s/rad], seen at the joint.
+    """
+
+    motor: NotNegative
+    motor_viscous: NotNegative
+    link: NotNegative
+    link_viscous: NotNegative
+
+
+@dataclass(frozen=True, kw_only=True, config=STRICT)
+class GapFriction(TouchingFriction):
+    """Friction inside the gap (Eq. 7, first case): as outside, and ``relative`` between the two sides."""
+
+    relative: NotNegative
+    relative_viscous: NotNegative
+
+
+@dataclass(frozen=True, kw_only=True, config=STRICT)
+class Friction:
+    """Friction of one drive.
+
+    ``breakaway`` is static over Coulomb friction, falling off over ``stribeck_velocity`` [rad/s]; ``load`` is the share
+    of the torque through the teeth that adds to the motor's Coulomb friction; ``ripple`` the share by which that
+    swells and shrinks ``ripple_count`` times a turn of the joint.
+    """
+
+    contact: TouchingFriction
+    gap: GapFriction
+    breakaway: Annotated[float, Field(ge=1)]
+    stribeck_velocity: Positive
+    load: Annotated[float, Field(ge=0, lt=1)]
+    ripple: Annotated[float, Field(ge=0, lt=1)]
+    ripple_count: NotNegative
+
+
+@dataclass(frozen=True, kw_only=True, config=STRICT)
+class Actuator:
+    """Drive of one or several joints, seen at the joint unless said otherwise.
+
+    ``kp`` [V/rad], ``ki`` [V/(rad s)], ``kd`` [V s/rad] board gains; inside ``dead_band`` [rad] of error either side the
+    board takes it for none; ``current_limit`` [A] at stiffness 1; ``half_gap`` [rad] half the backlash;
+    ``gear_stiffness`` [N m/rad] and ``gear_damping`` [N m s/rad] of teeth in contact; ``motor_damping``
+    [N m s/rad] at the shaft. ``origin`` says where each value comes from.
+    """
+
+    joints: tuple[str, ...]
+    kp: Positive
+    ki: NotNegative
+    kd: NotNegative
+    dead_band: NotNegative
+    current_limit: Positive
+    half_gap: NotNegative
+    gear_stiffness: Positive
+    gear_damping: NotNegative
+    motor_damping: NotNegative
+    friction: Friction
+    origin: dict[Origin, tuple[str, ...]]

@@ -1,0 +1,200 @@
+"""Plants that say only how they differ from another: ``extends``, ``factors``, ``joints``, ``randomise``."""
+
+from __future__ import annotations
+
+import copy
+import xml.etree.ElementTree as ElementTree
+from collections.abc import Callable
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+from pydantic import Field
+from pydantic.dataclasses import dataclass
+
+from pepper_driver.config.errors import ConfigError, suggestion
+from pepper_driver.config.loading import STRICT, read_yaml
+from pepper_driver.config.parts import NotNegative, Positive
+from pepper_driver.config.robot import RobotConfig
+
+Tree = dict[str, Any]
+
+
+@dataclass(frozen=True, kw_only=True, config=STRICT)
+class Randomisation:
+    """What is drawn anew for each robot.
+
+    ``factors``: on values of the actuators by dotted key, log-uniform between two bounds, each joint its own.
+    ``values``: other values by dotted key, uniform between two bounds. ``model_error``: smallest and largest share by
+    which each link's mass is off, either way, and its centre of mass, in any direction, as a share of its distance
+    from the joint.
+    """
+
+    factors: dict[str, tuple[Positive, Positive]]
+    values: dict[str, tuple[float, float]]
+    model_error: tuple[NotNegative, Annotated[float, Field(lt=1)]]
+
+
+def resolve(path: Path, find: Callable[[str], Path], robot: RobotConfig) -> Tree:
+    """The complete mapping of a plant file: what it extends, changed as it says.
+
+    Args:
+        path: The file.
+        find: The file of a plant by name or path; a relative path is taken from the extending file.
+        robot: Whose joints the file names.
+
+    Raises:
+        ConfigError: A file cannot be read, or names a joint, key or plant that does not exist.
+    """
+    return _resolve(path, find, robot, ())
+
+
+def _resolve(
+    path: Path, find: Callable[[str], Path], robot: RobotConfig, seen: tuple[Path, ...]
+) -> Tree:
+    data = read_yaml(path)
+    if "extends" not in data:
+        return data
+    source = str(path)
+    if path.resolve() in seen:
+        raise ConfigError(f"{source}: key 'extends': the plant extends itself")
+    parent = data.pop("extends")
+    if not isinstance(parent, str):
+        raise ConfigError(f"{source}: key 'extends': expected the name of a plant, got {parent!r}")
+    parent_path = find(parent)
+    if not parent_path.is_absolute() and not parent_path.exists():
+        parent_path = path.parent / parent_path
+    plant = _resolve(parent_path, find, robot, (*seen, path.resolve()))
+    factors = _mapping(data.pop("factors", {}), f"{source}: key 'factors'")
+    joints = _mapping(data.pop("joints", {}), f"{source}: key 'joints'")
+    if "actuators" in data:
+        raise ConfigError(
+            f"{source}: key 'actuators': a plant that extends another gives 'factors' and 'joints'"
+        )
+    plant["actuators"] = _one_joint_each(plant.get("actuators"), f"{parent_path}: key 'actuators'")
+    for key, factor in factors.items():
+        _scale(plant["actuators"], str(key), factor, robot, f"{source}: key 'factors.{key}'")
+    for joint, changes in joints.items():
+        where = f"{source}: key 'joints.{joint}'"
+        _merge(_drive(plant["actuators"], joint, where), _mapping(changes, where))
+    _merge(plant, data)
+    return plant
+
+
+def randomise(
+    data: Tree, drawing: Randomisation, robot: RobotConfig, draw: int, source: str
+) -> None:
+    """Change a complete mapping in place into the ``draw``-th robot."""
+    rng = np.random.Generator(np.random.PCG64(np.random.SeedSequence([draw, 0x9E1])))
+    data["actuators"] = _one_joint_each(data.get("actuators"), f"{source}: key 'actuators'")
+    for key, bounds in drawing.factors.items():
+        where = f"{source}: key 'randomise.factors.{key}'"
+        logs = np.log(_ordered(bounds, where))
+        drawn = {name: float(np.exp(rng.uniform(*logs))) for name in robot.joint_names}
+        _scale(data["actuators"], key, drawn, robot, where)
+    for key, bounds in drawing.values.items():
+        where = f"{source}: key 'randomise.values.{key}'"
+        holder, last = _place(data, key, where)
+        holder[last] = float(rng.uniform(*_ordered(bounds, where)))
+    smallest, largest = _ordered(drawing.model_error, f"{source}: key 'randomise.model_error'")
+    body = data.setdefault("body", {})
+    for link, com in _centres_of_mass(robot).items():
+        share = rng.uniform(smallest, largest) * rng.choice([-1.0, 1.0])
+        direction = rng.standard_normal(3)
+        size = rng.uniform(smallest, largest) * float(np.linalg.norm(com))
+        if largest > 0.0:
+            body.setdefault("masses", {})[link] = 1.0 + float(share)
+            shift = size * direction / np.linalg.norm(direction)
+            body.setdefault("coms", {})[link] = [float(x) for x in shift]
+    data["name"] = f"{data.get('name')}-{draw}"
+
+
+def _ordered(bounds: tuple[float, float], where: str) -> tuple[float, float]:
+    if bounds[0] > bounds[1]:
+        raise ConfigError(
+            f"{where}: the lower bound {bounds[0]:g} is above the upper, {bounds[1]:g}"
+        )
+    return bounds
+
+
+def _mapping(value: object, where: str) -> Tree:
+    if not isinstance(value, dict):
+        raise ConfigError(f"{where}: expected a mapping of keys to values")
+    return value
+
+
+def _one_joint_each(actuators: object, where: str) -> list[Tree]:
+    """A copy of each drive for every joint it stands for, so that joints can differ."""
+    if not isinstance(actuators, list) or not all(
+        isinstance(entry, dict) and isinstance(entry.get("joints"), list) for entry in actuators
+    ):
+        raise ConfigError(f"{where}: expected a list of drives, each with 'joints'")
+    return [
+        {**copy.deepcopy(entry), "joints": [name]}
+        for entry in actuators
+        for name in entry["joints"]
+    ]
+
+
+def _drive(actuators: list[Tree], joint: object, where: str) -> Tree:
+    for entry in actuators:
+        if entry["joints"] == [joint]:
+            return entry
+    known = [entry["joints"][0] for entry in actuators]
+    raise ConfigError(f"{where}: unknown joint '{joint}'{suggestion(str(joint), known)}")
+
+
+def _scale(actuators: list[Tree], key: str, factor: object, robot: RobotConfig, where: str) -> None:
+    """Multiply one value of the drives: by one factor for all joints, or by joint."""
+    by_joint = factor if isinstance(factor, dict) else dict.fromkeys(robot.joint_names, factor)
+    for joint, number in by_joint.items():
+        if not isinstance(number, int | float) or isinstance(number, bool):
+            raise ConfigError(f"{where}: expected a number, or numbers by joint, got {number!r}")
+        holder, last = _place(_drive(actuators, joint, where), key, where)
+        holder[last] = float(holder[last]) * number
+
+
+def _place(tree: Tree, key: str, where: str) -> tuple[Tree, str]:
+    """The mapping that holds the number of a dotted key, and its last part."""
+    *path, last = key.split(".")
+    holder: object = tree
+    for part in path:
+        holder = holder.get(part) if isinstance(holder, dict) else None
+    number = holder.get(last) if isinstance(holder, dict) else None
+    if (
+        not isinstance(holder, dict)
+        or not isinstance(number, int | float)
+        or isinstance(number, bool)
+    ):
+        raise ConfigError(f"{where}: no number has this key{suggestion(key, _numbers(tree))}")
+    return holder, last
+
+
+def _numbers(tree: Tree, prefix: str = "") -> list[str]:
+    keys = []
+    for key, value in tree.items():
+        if isinstance(value, dict):
+            keys += _numbers(value, f"{prefix}{key}.")
+        elif isinstance(value, int | float) and not isinstance(value, bool):
+            keys.append(f"{prefix}{key}")
+    return keys
+
+
+def _merge(into: Tree, changes: Tree) -> None:
+    for key, value in changes.items():
+        if isinstance(value, dict) and isinstance(into.get(key), dict):
+            _merge(into[key], value)
+        else:
+            into[key] = value
+
+
+def _centres_of_mass(robot: RobotConfig) -> dict[str, np.ndarray]:
+    """(3,) centre of mass in the link's frame [m], of every link that weighs more than a gram."""
+    centres = {}
+    for link in ElementTree.parse(robot.urdf).getroot().iter("link"):
+        mass, origin = link.find("inertial/mass"), link.find("inertial/origin")
+        if mass is None or float(mass.attrib["value"]) < 1e-3:
+            continue
+        xyz = "0 0 0" if origin is None else origin.get("xyz", "0 0 0")
+        centres[link.attrib["name"]] = np.array([float(x) for x in xyz.split()])
+    return centres
