@@ -118,12 +118,14 @@ class Flexibility:
     """A springy structure in series with a joint, beyond its encoder: nobody measures it.
 
     ``axis`` is in the frame of the link that the joint carries; ``stiffness`` [N m/rad], ``damping`` [N m s/rad].
+    ``inertia`` [kg m2] is that of the parts between gear and spring; along the joint's own axis there must be some.
     """
 
     joint: str
     axis: Vector3
     stiffness: Positive
     damping: NotNegative
+    inertia: NotNegative
 
 
 @dataclass(frozen=True, kw_only=True, config=STRICT)
@@ -191,8 +193,8 @@ class Friction:
 class Actuator:
     """Drive of one or several joints, seen at the joint unless said otherwise.
 
-    ``kp`` [V/rad], ``ki`` [V/(rad s)], ``kd`` [V s/rad] board gains; inside ``dead_band`` [rad] of error either side the
-    board takes it for none; ``current_limit`` [A] at stiffness 1; ``half_gap`` [rad] half the backlash;
+    ``kp`` [V/rad], ``ki`` [V/(rad s)], ``kd`` [V s/rad] board gains; the board takes an error within ``dead_band``
+    [rad] for none; ``current_limit`` [A] at stiffness 1; ``half_gap`` [rad] half the backlash;
     ``gear_stiffness`` [N m/rad] and ``gear_damping`` [N m s/rad] of teeth in contact; ``motor_damping``
     [N m s/rad] at the shaft. ``origin`` says where each value comes from.
     """

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import copy
 import xml.etree.ElementTree as ElementTree
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -154,30 +154,37 @@ def _scale(actuators: list[Tree], key: str, factor: object, robot: RobotConfig, 
         holder[last] = float(holder[last]) * number
 
 
-def _place(tree: Tree, key: str, where: str) -> tuple[Tree, str]:
-    """The mapping that holds the number of a dotted key, and its last part."""
+def _place(tree: Tree, key: str, where: str) -> tuple[Any, Any]:
+    """The mapping or list that holds the number of a dotted key, and its last part; lists are counted from 0."""
     *path, last = key.split(".")
-    holder: object = tree
+    holder: Any = tree
     for part in path:
-        holder = holder.get(part) if isinstance(holder, dict) else None
-    number = holder.get(last) if isinstance(holder, dict) else None
-    if (
-        not isinstance(holder, dict)
-        or not isinstance(number, int | float)
-        or isinstance(number, bool)
-    ):
-        raise ConfigError(f"{where}: no number has this key{suggestion(key, _numbers(tree))}")
-    return holder, last
+        holder = _child(holder, part)
+    if isinstance(_child(holder, last), int | float):
+        return holder, int(last) if isinstance(holder, list) else last
+    raise ConfigError(f"{where}: no number has this key{suggestion(key, _numbers(tree))}")
 
 
-def _numbers(tree: Tree, prefix: str = "") -> list[str]:
-    keys = []
-    for key, value in tree.items():
-        if isinstance(value, dict):
-            keys += _numbers(value, f"{prefix}{key}.")
-        elif isinstance(value, int | float) and not isinstance(value, bool):
-            keys.append(f"{prefix}{key}")
-    return keys
+def _child(holder: object, part: str) -> object:
+    if isinstance(holder, dict):
+        value = holder.get(part)
+    elif isinstance(holder, list) and part.isdecimal() and int(part) < len(holder):
+        value = holder[int(part)]
+    else:
+        return None
+    return None if isinstance(value, bool) else value
+
+
+def _numbers(tree: object, prefix: str = "") -> list[str]:
+    """Dotted keys of all numbers."""
+    if isinstance(tree, int | float) and not isinstance(tree, bool):
+        return [prefix.removesuffix(".")]
+    items: Iterable[tuple[object, object]] = ()
+    if isinstance(tree, dict):
+        items = tree.items()
+    elif isinstance(tree, list):
+        items = enumerate(tree)
+    return [key for name, value in items for key in _numbers(value, f"{prefix}{name}.")]
 
 
 def _merge(into: Tree, changes: Tree) -> None:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Literal
+import copy
+from dataclasses import dataclass
+from typing import Any, Literal
 
 import numpy as np
 
@@ -18,6 +20,7 @@ from pepper_driver.backends.interface import (
 )
 from pepper_driver.backends.mujoco_.inertial import InertialUnit
 from pepper_driver.backends.mujoco_.pushes import Push
+from pepper_driver.backends.mujoco_.resumable import Resumable
 from pepper_driver.backends.mujoco_.sensors import CommandLine, CurrentSensors, Encoders
 from pepper_driver.backends.mujoco_.simulation import Simulation
 from pepper_driver.backends.mujoco_.truth import MujocoTruth
@@ -40,12 +43,27 @@ STRONGEST_PUSH = 10_000.0
 """[N] Far beyond anything a robot survives; more would only break the simulation."""
 
 
-class MujocoBackend(Backend):
-    """A Pepper on a fixed base, simulated at 1 kHz with the physics of its motors, gears and boards.
+_OWN_STATE = ("_seed", "_state", "_tick", "_sent", "_measured")
 
-    Same seed, same commands, same bits (on one kind of processor and one version of MuJoCo). Not simulated: rolling
-    and tipping of the base, contact with objects or itself, touch sensors and bumpers (they read 0), heating and
-    battery (they stay put).
+
+@dataclass(frozen=True, kw_only=True)
+class Snapshot:
+    """The whole state of a simulated robot at the end of a cycle.
+
+    Attributes:
+        identity: Of the plant it belongs to.
+        state: What each part of the simulation saved.
+    """
+
+    identity: str
+    state: dict[str, Any]
+
+
+class MujocoBackend(Backend):
+    """A simulated Pepper, with the physics of its motors, gears, boards, wheels and battery.
+
+    Same seed, same commands, same bits (on one kind of processor and one version of MuJoCo). Not simulated: contact
+    of the robot with itself, sonar and laser.
     """
 
     def __init__(
@@ -96,17 +114,69 @@ class MujocoBackend(Backend):
         """Put the robot into its starting posture, motors off, brakes on."""
         if self._state != "closed":
             raise BackendError(f"'{self._info.uri}' is already open")
+        measurement = self._begin()
+        if self._shown:
+            self._window = Window(self._model.mj, self._data)
+        self._state = "open"
+        return measurement
+
+    def reset(self, seed: int | None = None) -> Measurement:
+        """Start anew as ``open`` did, with another seed of the noise if one is given; not active afterwards."""
+        if self._state == "closed":
+            raise NotConnectedError(f"'{self._info.uri}' is not open")
+        if seed is not None:
+            self._seed = seed
+        self._state = "open"
+        return self._begin()
+
+    def snapshot(self) -> Snapshot:
+        """The state of simulation, sensors and noise, to go back to with :meth:`restore`."""
+        if self._state == "closed":
+            raise NotConnectedError(f"'{self._info.uri}' is not open")
+        own = {name: copy.deepcopy(getattr(self, name)) for name in _OWN_STATE}
+        parts = {name: part.save() for name, part in self._parts().items()}
+        return Snapshot(identity=self._info.identity, state={"self": own, **parts})
+
+    def restore(self, snapshot: Snapshot) -> None:
+        """Go back to a snapshot; from there on every bit is as it was then, given the same commands.
+
+        Args:
+            snapshot: Of this backend, or of another one with the same plant and world.
+
+        Raises:
+            BackendError: The snapshot is of another plant.
+        """
+        if self._state == "closed":
+            raise NotConnectedError(f"'{self._info.uri}' is not open")
+        if snapshot.identity != self._info.identity:
+            raise BackendError(
+                f"the snapshot is of plant {snapshot.identity}, this one is {self._info.identity}"
+            )
+        for name, part in self._parts().items():
+            part.restore(snapshot.state[name])
+        for name, value in snapshot.state["self"].items():
+            setattr(self, name, copy.deepcopy(value))
+
+    def _parts(self) -> dict[str, Resumable]:
+        return {
+            "simulation": self._simulation,
+            "encoders": self._encoders,
+            "current_sensors": self._current_sensors,
+            "commands": self._commands,
+            "imu": self._imu,
+        }
+
+    def _begin(self) -> Measurement:
+        """Simulation, sensors and noise as they start."""
         self._simulation.reset(self._start)
         self._commands.reset(self._start)
+        self._sent = self._start
         # One stream for each kind of sensor: a change in one leaves the noise of the others as it was.
         streams = np.random.SeedSequence(self._seed).spawn(2)
         rngs = [np.random.Generator(np.random.PCG64(stream)) for stream in streams]
         self._encoders = Encoders(self._robot, self._plant, rngs[0])
         self._current_sensors = CurrentSensors(self._robot, self._plant, rngs[1])
         self._tick = 0
-        if self._shown:
-            self._window = Window(self._model.mj, self._data)
-        self._state = "open"
         return self._measurement(
             self._encoders.reset(self._start), self._current_sensors.reset(), self._imu.reset()
         )
@@ -247,13 +317,14 @@ class MujocoBackend(Backend):
 
 
 def from_uri(uri: BackendUri, robot: RobotConfig) -> MujocoBackend:
-    """``mujoco://?plant=NAME_OR_FILE&seed=N&posture=NAME&window=1``; all keys optional."""
-    uri.check_keys({"plant", "seed", "posture", "window"}, host=False)
+    """``mujoco://?plant=NAME_OR_FILE&draw=N&seed=N&posture=NAME&window=1``; all keys optional."""
+    uri.check_keys({"plant", "draw", "seed", "posture", "window"}, host=False)
     if uri.query.get("window", "0") not in ("0", "1"):
         raise ConfigError(f"backend '{uri.text}': window takes 0 or 1")
+    draw = uri.integer("draw", 0) if "draw" in uri.query else None
     return MujocoBackend(
         robot,
-        load_plant(uri.query.get("plant", "nominal"), robot),
+        load_plant(uri.query.get("plant", "nominal"), robot, draw=draw),
         seed=uri.integer("seed", 0),
         posture=uri.query.get("posture", "Stand"),
         window=uri.integer("window", 0) == 1,

@@ -12,7 +12,6 @@ import mujoco
 import numpy as np
 
 from pepper_driver.config import ConfigError, PlantConfig, RobotConfig
-from pepper_driver.config.plant_parts import Flexibility
 
 
 def motor_side(joint: str) -> str:
@@ -65,9 +64,18 @@ def add_drive(spec: mujoco.MjSpec, name: str, robot: RobotConfig, plant: PlantCo
     drive.damping[0] = a.motor_damping
 
 
-def add_flexibility(spec: mujoco.MjSpec, number: int, flexibility: Flexibility) -> None:
+def add_flexibility(spec: mujoco.MjSpec, number: int, plant: PlantConfig) -> None:
     """A spring hinge behind a joint, in the link that the joint carries."""
-    link = spec.joint(flexibility.joint).parent
+    flexibility = plant.flexibilities[number]
+    joint = spec.joint(flexibility.joint)
+    along = abs(np.dot(joint.axis, flexibility.axis)) / np.linalg.norm(flexibility.axis)
+    if along > 0.9 and flexibility.inertia == 0.0:
+        raise ConfigError(
+            f"{plant.source or plant.name}: key 'flexibilities.{number}.inertia': along the axis of "
+            f"{flexibility.joint} there must be an inertia between gear and spring, for example 0.01 kg m2"
+        )
+    joint.armature += flexibility.inertia
+    link = joint.parent
     hinge = link.add_joint(
         name=f"flexibility_{number}",
         type=mujoco.mjtJoint.mjJNT_HINGE,

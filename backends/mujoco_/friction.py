@@ -17,9 +17,9 @@ class Friction:
     """Eq. 7 of the paper, its two sets of coefficients, with what a real gear adds.
 
     On each side, Coulomb friction C (1 + (b - 1) / (1 + (v / v_s)^2)) with the set of coefficients of the gap or of
-    teeth in contact, breakaway b and Stribeck velocity v_s; all of it shrinks as the grease warms. The motor's side also has
-    load-dependent friction, a share of the torque through the teeth, and a ripple over the turn of the joint. Inside
-    the gap the two sides may drag at each other. MuJoCo solves Coulomb friction as a constraint: it sticks.
+    teeth in contact, breakaway b and Stribeck velocity v_s; all of it shrinks as the grease warms. The motor's side
+    also has load-dependent friction, a share of the torque through the teeth, and a ripple over the turn of the joint.
+    Inside the gap the two sides may drag at each other. MuJoCo solves Coulomb friction as a constraint: it sticks.
     """
 
     def __init__(

@@ -77,8 +77,8 @@ def build_model(robot: RobotConfig, plant: PlantConfig) -> PlantModel:
     _change_body(spec, plant.body)
     for name in robot.joint_names:
         add_drive(spec, name, robot, plant)
-    for number, flexibility in enumerate(plant.flexibilities):
-        add_flexibility(spec, number, flexibility)
+    for number in range(len(plant.flexibilities)):
+        add_flexibility(spec, number, plant)
     add_wheel_drives(spec, robot, plant)
     if plant.base == "rolling":
         add_rolling_base(spec, robot, plant, floor_bit=FLOOR)

@@ -122,7 +122,8 @@ class Simulation(Resumable):
         self.current = current / self._steps
         self.wheels.end_cycle()
         self.contacts.end_cycle(self._steps)
-        supply.step(np.square(boards.current), float(max(0.0, voltage @ boards.current)))
+        power = float(voltage @ boards.current)
+        supply.step(np.square(boards.current), max(0.0, power))
 
     def save(self) -> dict[str, Any]:
         """Everything that the next cycle depends on."""
