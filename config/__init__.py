@@ -23,6 +23,7 @@ from pepper_driver.config.settings import (
     load_observer_settings,
     load_safety_settings,
 )
+from pepper_driver.config.world import World, load_world, world_names
 
 __all__ = [
     "ConfigError",
@@ -36,6 +37,7 @@ __all__ = [
     "RobotConfig",
     "SafetySettings",
     "UnknownNameError",
+    "World",
     "load_controller_settings",
     "load_demo_scenario",
     "load_identification_scenario",
@@ -43,7 +45,9 @@ __all__ = [
     "load_plant",
     "load_robot",
     "load_safety_settings",
+    "load_world",
     "plant_hash",
     "plant_names",
     "suggestion",
+    "world_names",
 ]

@@ -62,6 +62,19 @@ class Frame:
 
 
 @dataclass(frozen=True, kw_only=True, config=STRICT)
+class TouchSensor(Frame):
+    """A surface or switch that answers 0 or 1.
+
+    It answers to contact on ``parent``, or on a link it ``covers``, nearer to its frame than ``radius`` [m], where the
+    mean force of a cycle is above ``threshold`` [N].
+    """
+
+    radius: Positive
+    threshold: NotNegative
+    covers: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, kw_only=True, config=STRICT)
 class Encoder:
     """Joint position sensor."""
 
@@ -87,8 +100,9 @@ class Sensors:
     encoder: Encoder
     current: CurrentSensor
     imu: Frame
-    touch: dict[str, Frame]
-    bumpers: dict[str, Frame]
+    touch: dict[str, TouchSensor]
+    bumpers: dict[str, TouchSensor]
+    buttons: dict[str, TouchSensor]
 
 
 @dataclass(frozen=True, kw_only=True, config=STRICT)
@@ -138,7 +152,7 @@ class Wheels:
 
 @dataclass(frozen=True, kw_only=True, config=STRICT)
 class NaoqiNames:
-    """Keys of the DCM, with ``{joint}``, ``{wheel}``, ``{touch}``, ``{bumper}`` to fill in."""
+    """Keys of the DCM, with ``{joint}``, ``{wheel}``, ``{touch}``, ``{bumper}``, ``{button}`` to fill in."""
 
     prefix: str
     position_command: str
@@ -154,6 +168,7 @@ class NaoqiNames:
     attitude: tuple[str, str, str]
     touch: str
     bumper: str
+    button: str
     battery_charge: str
     time: str
 

@@ -32,14 +32,16 @@ class Board:
 
     ``voltage`` [V] of the supply at which the gains hold: the board sets a duty cycle, so a fuller battery makes it
     stiffer. ``derivative_time`` [s] is the time constant of the low-pass on the derivative of the error;
-    ``integral_limit`` [V] bounds the integral part; ``speed_limit`` [rad/s] bounds how fast the board lets its own
-    target run (null: not at all); ``brakes`` names the joints that hold when their stiffness is 0.
+    ``integral_limit`` [V] bounds the integral part, which stands still at errors below ``integral_band`` [rad];
+    ``speed_limit`` [rad/s] bounds how fast the board lets its own target run (null: not at all); ``brakes`` names the
+    joints that hold when their stiffness is 0.
     """
 
     voltage: Positive
     encoder_bits: Annotated[int, Field(ge=8, le=24)]
     derivative_time: Positive
     integral_limit: Positive
+    integral_band: NotNegative
     speed_limit: Positive | None
     brakes: tuple[str, ...]
 

@@ -35,14 +35,14 @@ class MotorBoards(Resumable):
         board = plant.board
         self._kp = plant.per_joint("kp", robot)
         self._ki_step = plant.per_joint("ki", robot) * step
-        self._kd = plant.per_joint("kd", robot)
         self._dead_band = plant.per_joint("dead_band", robot)
         self._current_limit = plant.per_joint("current_limit", robot)
         self._nominal_voltage = board.voltage
         self._count = 2 * np.pi / 2**board.encoder_bits
-        self._derivative_time = board.derivative_time
         self._derivative_gain = 1.0 - np.exp(-step / board.derivative_time)
-        self._integral_limit = board.integral_limit
+        kd = plant.per_joint("kd", robot)
+        self._kd_step = kd * (self._derivative_gain / step)  # exact on a ramp, at any step
+        self._integral_limit, self._integral_band = board.integral_limit, board.integral_band
         self._has_integral = bool(self._ki_step.any())
         self._has_dead_band = bool(self._dead_band.any())
         torque_constant = constant * ratio  # [N m/A] at the joint
@@ -79,7 +79,7 @@ class MotorBoards(Resumable):
         """
         duty = supply / self._nominal_voltage
         self._proportional = self._kp * duty
-        self._derivative = self._kd * (duty / self._derivative_time)
+        self._derivative = self._kd_step * duty
         self._integral_step = self._ki_step * duty
         self._supply = supply
         self._resistance = self._resistance_when_new * copper
@@ -123,10 +123,10 @@ class MotorBoards(Resumable):
         np.maximum(voltage, -self._supply, out=voltage)
         np.not_equal(voltage, wanted, out=self._differs)
         self.saturated |= self._differs
-        if self._has_integral:  # it stands still while a bound is met
-            error *= self._integral_step
-            error[self._differs] = 0.0
-            self._integral += error
+        if self._has_integral:  # it stands still while a bound is met, and at small errors
+            np.multiply(self._integral_step, error, out=change)
+            change[self._differs | (np.abs(error) < self._integral_band)] = 0.0
+            self._integral += change
             np.minimum(self._integral, self._integral_limit, out=self._integral)
             np.maximum(self._integral, -self._integral_limit, out=self._integral)
         np.subtract(voltage, emf, out=self.current)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable
 
 import mujoco
 import numpy as np
@@ -31,93 +31,88 @@ class Friction:
         mj, n = model.mj, len(model.half_gap)
         self._motor_angle = Slots(data.qpos, model.motor_qpos)
         self._link_angle = Slots(data.qpos, model.link_qpos)
-        self._sides = [
-            _Side(
-                Slots(data.qvel, dof), Slots(mj.dof_frictionloss, dof), Slots(mj.dof_damping, dof)
-            )
-            for dof in (model.motor_dof, model.link_dof)
-        ]
+        dofs = (model.motor_dof, model.link_dof)
+        self._velocities = [Slots(data.qvel, dof) for dof in dofs]
+        self._frictions = [Slots(mj.dof_frictionloss, dof) for dof in dofs]
+        self._dampings = [Slots(mj.dof_damping, dof) for dof in dofs]
         self._tooth_damping = Slots(mj.tendon_damping, model.tendon)
         self._tooth_friction = Slots(mj.tendon_frictionloss, model.tendon)
-        touching, apart = (
-            [(each(f"{case}.{side}"), each(f"{case}.{side}_viscous")) for side in ("motor", "link")]
-            for case in ("contact", "gap")
-        )
-        self._coulomb = [coulomb for coulomb, _ in touching]
-        self._coulomb_change = [a - b for (a, _), (b, _) in zip(apart, touching, strict=True)]
-        self._viscous = [viscous for _, viscous in touching]
-        self._viscous_change = [a - b for (_, a), (_, b) in zip(apart, touching, strict=True)]
-        self._relative, self._relative_viscous = each("gap.relative"), each("gap.relative_viscous")
+        # Rows: motor's side, link's side. What the gap changes is added where the teeth are apart.
+        coulomb = _both_sides(each, "contact", "")
+        self._cold_coulomb = coulomb, _both_sides(each, "gap", "") - coulomb
+        self._viscous = _both_sides(each, "contact", "_viscous")
+        self._viscous_change = _both_sides(each, "gap", "_viscous") - self._viscous
+        self._relative = each("gap.relative")
         self._gear_damping = plant.per_joint("gear_damping", robot)
+        self._relative_viscous = each("gap.relative_viscous")
         self._half_gap = model.half_gap
         self._excess = each("breakaway") - 1.0
         self._inverse_stribeck = 1.0 / each("stribeck_velocity")
-        self._load = each("load") * plant.per_joint("gear_stiffness", robot)
+        self._cold_load = each("load") * plant.per_joint("gear_stiffness", robot)
         self._ripple, self._ripple_count = each("ripple"), each("ripple_count")
-        # What is the same in and out of the gap, or absent, costs nothing.
-        self._has_change = bool(np.any(self._coulomb_change))
-        self._has_viscous_change = bool(np.any(self._viscous_change))
-        self._has_excess, self._has_load = bool(self._excess.any()), bool(self._load.any())
+        # What is absent costs nothing.
+        self._has_viscous_change = bool(self._viscous_change.any())
         self._has_ripple, self._has_relative = bool(self._ripple.any()), bool(self._relative.any())
-        self._beyond, self._torque, self._factor = np.empty(n), np.empty(n), np.empty(n)
+        self._torque, self._factor = np.empty((2, n)), np.empty((2, n))
+        self._motor_torque, self._wave = self._torque[0], np.empty(n)
+        self._beyond, self._damping = np.empty(n), np.empty(n)
         self._in_gap = np.empty(n, dtype=np.bool_)
-        self._warmth = np.ones(n)
+        self.warm(np.ones(n))
 
     def warm(self, factor: FloatArray) -> None:
         """Scale all friction by ``factor`` (17,) from now on."""
-        self._warmth[:] = factor
-        for side, viscous in zip(self._sides, self._viscous, strict=True):
-            side.damping.write(viscous * factor)
+        self._warmth = factor
+        coulomb, change = self._cold_coulomb
+        self._coulomb, self._coulomb_change = coulomb * factor, change * factor
+        self._load = self._cold_load * factor
+        self._gear_damping_change = self._relative_viscous * factor - self._gear_damping
+        for damping, viscous in zip(self._dampings, self._viscous, strict=True):
+            damping.write(viscous * factor)
 
     def update(self) -> None:
         """Set friction and damping for the step of physics to come."""
-        beyond, in_gap = self._beyond, self._in_gap
+        beyond, in_gap, damping = self._beyond, self._in_gap, self._damping
         # How far the teeth are pressed into each other [rad]; below 0 inside the gap.
         motor_angle = self._motor_angle.read()
         np.subtract(self._link_angle.read(), motor_angle, out=beyond)
         np.abs(beyond, out=beyond)
         beyond -= self._half_gap
         np.less_equal(beyond, 0.0, out=in_gap)
-        self._tooth_damping.write(np.where(in_gap, self._relative_viscous, self._gear_damping))
+        np.multiply(self._gear_damping_change, in_gap, out=damping)
+        damping += self._gear_damping
+        self._tooth_damping.write(damping)
+        self._set_coulomb(motor_angle)
         if self._has_relative:
             self._tooth_friction.write(self._relative * in_gap * self._warmth)
-        for number, side in enumerate(self._sides):
-            torque = self._coulomb_torque(number, side)
-            if number == 0:
-                if self._has_ripple:
-                    torque *= 1.0 + self._ripple * np.cos(self._ripple_count * motor_angle)
-                if self._has_load:
-                    np.maximum(beyond, 0.0, out=beyond)
-                    beyond *= self._load
-                    torque += beyond
-            torque *= self._warmth
-            side.friction.write(torque)
-            if self._has_viscous_change:
-                viscous = self._viscous[number] + self._viscous_change[number] * in_gap
-                side.damping.write(viscous * self._warmth)
+        if self._has_viscous_change:
+            viscous = (self._viscous + self._viscous_change * in_gap) * self._warmth
+            for slots, row in zip(self._dampings, viscous, strict=True):
+                slots.write(row)
 
-    def _coulomb_torque(self, number: int, side: _Side) -> FloatArray:
-        """(17,) C (1 + (b - 1) / (1 + (v / v_s)^2)), without warmth [N m]."""
-        torque, factor = self._torque, self._factor
-        if self._has_excess:
-            np.multiply(side.velocity.read(), self._inverse_stribeck, out=factor)
-            factor *= factor
-            factor += 1.0
-            np.divide(self._excess, factor, out=factor)
-            factor += 1.0
-            np.multiply(self._coulomb[number], factor, out=torque)
-        else:
-            torque[:] = self._coulomb[number]
-            factor[:] = 1.0
-        if self._has_change:
-            factor *= self._coulomb_change[number]
-            factor *= self._in_gap
-            torque += factor
-        return torque
+    def _set_coulomb(self, motor_angle: FloatArray) -> None:
+        torque, factor, beyond, wave = self._torque, self._factor, self._beyond, self._wave
+        for velocity, row in zip(self._velocities, factor, strict=True):
+            np.multiply(velocity.read(), self._inverse_stribeck, out=row)
+        factor *= factor
+        factor += 1.0
+        np.divide(self._excess, factor, out=factor)
+        factor += 1.0
+        np.multiply(self._coulomb_change, self._in_gap, out=torque)
+        torque += self._coulomb
+        torque *= factor
+        if self._has_ripple:
+            np.multiply(self._ripple_count, motor_angle, out=wave)
+            np.cos(wave, out=wave)
+            wave *= self._ripple
+            wave += 1.0
+            self._motor_torque *= wave
+        np.maximum(beyond, 0.0, out=beyond)
+        beyond *= self._load
+        self._motor_torque += beyond
+        for friction, row in zip(self._frictions, torque, strict=True):
+            friction.write(row)
 
 
-@dataclass(frozen=True, slots=True)
-class _Side:
-    velocity: Slots
-    friction: Slots
-    damping: Slots
+def _both_sides(each: Callable[[str], FloatArray], case: str, suffix: str) -> FloatArray:
+    """(2, 17) one coefficient of the motor's and of the link's side."""
+    return np.stack([each(f"{case}.{side}{suffix}") for side in ("motor", "link")])

@@ -8,6 +8,9 @@ before each cycle. The floor itself carries the wheels without friction; they li
 
 from __future__ import annotations
 
+import math
+from typing import Any
+
 import mujoco
 import numpy as np
 
@@ -83,7 +86,7 @@ class Wheels(Resumable):
         load: (3,) force with which the floor carries each wheel [N], at the end of the last cycle.
     """
 
-    STATE = ("load", "_integral")
+    STATE = ("load", "_integral", "_powered")
 
     def __init__(
         self, robot: RobotConfig, plant: PlantConfig, mj: mujoco.MjModel, data: mujoco.MjData
@@ -103,12 +106,14 @@ class Wheels(Resumable):
         if self.rolling:
             self._yaw = int(mj.joint("base_yaw").qposadr[0])
             self._tendon = np.array([mj.tendon(grip(name)).id for name in names])
-            self._wrap = mj.tendon_adr[self._tendon]
+            self._wrap = mj.tendon_adr[self._tendon][:, None] + np.arange(4)
+            self._coefficients = np.column_stack([np.ones(3), np.zeros((3, 2)), -self._rows[:, 2]])
             self._tyre = [int(mj.body_geomadr[mj.jnt_bodyid[mj.joint(n).id]]) for n in names]
             self._wheel_of = {geom: number for number, geom in enumerate(self._tyre)}
             self._floor = mj.geom("floor").id
         self._integral = np.zeros(3)
         self.load = np.zeros(3)
+        self._switch(powered=False)
 
     @property
     def speed(self) -> FloatArray:
@@ -117,26 +122,37 @@ class Wheels(Resumable):
 
     def reset(self) -> None:
         """No integral; the wheels carry the robot evenly."""
-        self._integral[:] = 0.0
+        self._switch(powered=False)
         if self.rolling:
             weight = float(self._mj.body_subtreemass[0]) * -float(self._mj.opt.gravity[2])
             self.load = np.full(3, weight / 3)
 
+    def restore(self, saved: dict[str, Any]) -> None:
+        """As it was, the drives powered or not."""
+        super().restore(saved)
+        integral = self._integral
+        self._switch(self._powered)
+        self._integral = integral
+
     def begin_cycle(self, command: FloatArray, *, powered: bool) -> None:
         """Drive towards ``command`` (3,) [rad/s] for one cycle; without power the wheels run out."""
-        mj, data = self._mj, self._data
-        gain = self._gain if powered else 0.0
-        mj.actuator_gainprm[self._actuator, 0] = gain
-        mj.actuator_biasprm[self._actuator, 2] = -gain
-        target = np.clip(command, -self._limit, self._limit)
+        if powered != self._powered:
+            self._switch(powered)
+        target = np.minimum(np.maximum(command, -self._limit), self._limit)
         if powered:
-            self._integral += self._integral_gain * (target - data.qvel[self._dof])
-            np.clip(self._integral, -self._headroom, self._headroom, out=self._integral)
-        else:
-            self._integral[:] = 0.0
-        data.ctrl[self._actuator] = target + self._integral
+            self._integral += self._integral_gain * (target - self._data.qvel[self._dof])
+            np.minimum(self._integral, self._headroom, out=self._integral)
+            np.maximum(self._integral, -self._headroom, out=self._integral)
+        self._data.ctrl[self._actuator] = target + self._integral
         if self.rolling:
             self._set_grip(self.load)
+
+    def _switch(self, powered: bool) -> None:
+        gain = self._gain if powered else 0.0
+        self._mj.actuator_gainprm[self._actuator, 0] = gain
+        self._mj.actuator_biasprm[self._actuator, 2] = -gain
+        self._integral = np.zeros(3)
+        self._powered = powered
 
     def end_cycle(self) -> None:
         """Take in what the floor carried in the last step of physics."""
@@ -155,11 +171,11 @@ class Wheels(Resumable):
         return load
 
     def _set_grip(self, load: FloatArray) -> None:
-        mj, yaw = self._mj, float(self._data.qpos[self._yaw])
-        cos, sin = np.cos(yaw), np.sin(yaw)
-        forward, left, turn = self._rows.T
-        mj.wrap_prm[self._wrap] = 1.0
-        mj.wrap_prm[self._wrap + 1] = -(forward * cos - left * sin)
-        mj.wrap_prm[self._wrap + 2] = -(forward * sin + left * cos)
-        mj.wrap_prm[self._wrap + 3] = -turn
-        mj.tendon_frictionloss[self._tendon] = self._grip * self._radius * load
+        yaw = float(self._data.qpos[self._yaw])
+        cos, sin = math.cos(yaw), math.sin(yaw)
+        forward, left = self._rows[:, 0], self._rows[:, 1]
+        # Slip = wheel speed - row @ twist, the twist of the base turned from world into base axes.
+        self._coefficients[:, 1] = left * sin - forward * cos
+        self._coefficients[:, 2] = -forward * sin - left * cos
+        self._mj.wrap_prm[self._wrap] = self._coefficients
+        self._mj.tendon_frictionloss[self._tendon] = self._grip * self._radius * load

@@ -15,7 +15,7 @@ from pepper_driver.backends.mujoco_.resumable import Resumable
 from pepper_driver.backends.mujoco_.rolling import Wheels
 from pepper_driver.backends.mujoco_.slots import Slots
 from pepper_driver.backends.mujoco_.supply import Supply
-from pepper_driver.config import PlantConfig, RobotConfig
+from pepper_driver.config import PlantConfig, RobotConfig, World
 from pepper_driver.config.parts import FloatArray
 
 
@@ -31,14 +31,16 @@ class Simulation(Resumable):
 
     STATE = ("current", "_target", "_braked_at")
 
-    def __init__(self, robot: RobotConfig, plant: PlantConfig) -> None:
-        self.model = build_model(robot, plant)
+    def __init__(
+        self, robot: RobotConfig, plant: PlantConfig, world: World | None = None
+    ) -> None:
+        self.model = build_model(robot, plant, world)
         mj = self.model.mj
         self.data = mujoco.MjData(mj)
         self.boards = MotorBoards(robot, plant)
         self.wheels = Wheels(robot, plant, mj, self.data)
         self.supply = Supply(robot, plant)
-        self.contacts = Contacts(self.model, self.data)
+        self.contacts = Contacts(robot, self.model, self.data, world)
         self._friction = Friction(robot, plant, self.model, self.data)
         self._steps = round(robot.cycle / plant.physics.timestep)
         self._speed_limit = plant.board.speed_limit
@@ -59,7 +61,11 @@ class Simulation(Resumable):
         return np.array(self.data.qpos[self.model.link_qpos])
 
     def reset(self, posture: FloatArray) -> None:
-        """Stand still in ``posture`` (17,) [rad], motors off, brakes on."""
+        """Stand still in ``posture`` (17,) [rad], motors off, brakes on.
+
+        Raises:
+            ConfigError: An object of the world is in the way.
+        """
         model, data = self.model, self.data
         mujoco.mj_resetData(model.mj, data)
         data.qpos[model.link_qpos] = posture
@@ -71,6 +77,7 @@ class Simulation(Resumable):
         self.current = np.zeros_like(posture)
         self._target, self._braked_at = posture.copy(), posture.copy()
         mujoco.mj_forward(model.mj, data)
+        self.contacts.check_clearance()
 
     def cycle(
         self,
@@ -88,7 +95,7 @@ class Simulation(Resumable):
             wheel_speed: (3,) [rad/s].
             powered: Whether the wheels are driven.
         """
-        model, data, boards, supply = self.model, self.data, self.boards, self.supply
+        boards, supply = self.boards, self.supply
         # A brake holds where it closed; it stays until the stiffness returns.
         braked = self._brakes & (stiffness <= 0.0)
         self._braked_at = np.where(braked, self._braked_at, position)
@@ -114,14 +121,12 @@ class Simulation(Resumable):
             voltage = boards.update(target, position_now.read(), speed.read())
             output.write(voltage)
             friction.update()
-            contacts.apply()
-            mujoco.mj_step(model.mj, data)
-            contacts.accumulate()
+            contacts.step()
             current += np.abs(boards.current, out=absolute)
         self._target = self._target + travel
         self.current = current / self._steps
         self.wheels.end_cycle()
-        self.contacts.end_cycle(self._steps)
+        self.contacts.end_cycle()
         power = float(voltage @ boards.current)
         supply.step(np.square(boards.current), max(0.0, power))
 
