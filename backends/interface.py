@@ -14,7 +14,8 @@ from pepper_driver.config import PepperError, PlantConfig
 
 FloatArray = NDArray[np.float64]
 
-Capability = Literal["push", "truth"]
+Capability = Literal["push", "grab", "truth"]
+ContactKind = Literal["push", "hand", "object"]
 
 
 class BackendError(PepperError, RuntimeError):
@@ -51,6 +52,7 @@ class Measurement:
         imu: Inertial unit of the base.
         touch: (5,) 1.0 where touched, order of ``sensors.touch``.
         bumpers: (3,) 1.0 where pressed, order of ``sensors.bumpers``.
+        buttons: (1,) 1.0 where pressed, order of ``sensors.buttons``.
         temperature: (17,) motors [deg C].
         battery: Charge, 0..1.
         age: Time since the sample was taken [s], beyond the transport that is always there.
@@ -64,6 +66,7 @@ class Measurement:
     imu: Imu
     touch: FloatArray
     bumpers: FloatArray
+    buttons: FloatArray
     temperature: FloatArray
     battery: float
     age: float
@@ -108,13 +111,71 @@ class BackendInfo:
     identity: str
 
 
+@dataclass(frozen=True, kw_only=True, slots=True)
+class TrueContact:
+    """What one thing did to one link in the last cycle of a simulation. Vectors are in the world.
+
+    Attributes:
+        kind: A scheduled ``push``, a ``hand`` that holds on, or an ``object`` of the world.
+        link: Name of the link it acted on.
+        object: Name of the object, None for a push or a hand.
+        point: (3,) where it acted [m]; the centre of the forces where that was more than one point.
+        force: (3,) on the robot, mean over the cycle [N].
+        peak: Size of the largest force in a step of physics [N].
+        torque: (17,) J^T f, mean over the cycle [N m].
+    """
+
+    kind: ContactKind
+    link: str
+    object: str | None
+    point: FloatArray
+    force: FloatArray
+    peak: float
+    torque: FloatArray
+
+
 class Truth(ABC):
     """What only a simulation knows. For the log and for evaluation; no estimator may hold a reference to it."""
 
     @property
     @abstractmethod
     def contact_torque(self) -> FloatArray:
-        """(17,) external torque on each joint, J^T f, mean over the last cycle [N m]."""
+        """(17,) external torque on each joint, J^T f, mean over the last cycle [N m]: the sum of ``contacts``."""
+
+    @property
+    @abstractmethod
+    def peak_torque(self) -> FloatArray:
+        """(17,) largest size of the external torque on each joint in a step of the last cycle [N m]."""
+
+    @property
+    @abstractmethod
+    def contacts(self) -> tuple[TrueContact, ...]:
+        """What touched the robot in the last cycle. The floor under the wheels does not count."""
+
+    @property
+    @abstractmethod
+    def base(self) -> FloatArray:
+        """(3,) pose of base_link in the world: x, y [m], yaw [rad], counted on over full turns."""
+
+    @property
+    @abstractmethod
+    def tilt(self) -> FloatArray:
+        """(2,) pitch and roll of the base [rad], applied after the yaw in this order."""
+
+    @property
+    @abstractmethod
+    def fallen(self) -> bool:
+        """Whether the robot has fallen over."""
+
+    @property
+    @abstractmethod
+    def wheel_load(self) -> FloatArray:
+        """(3,) force with which the floor carries each wheel [N]; zero on a fixed base."""
+
+    @property
+    @abstractmethod
+    def kinetic_energy(self) -> float:
+        """Of all links, rotors and wheels, with the objects of the world [J]."""
 
     @property
     @abstractmethod
@@ -222,6 +283,45 @@ class Backend(ABC):
             ValueError: A number that is not finite, or a duration that is not positive.
         """
         raise CapabilityError(f"'{self.info.uri}' cannot push itself: only simulated backends do")
+
+    def grab(
+        self,
+        link: str,
+        pull: FloatArray,
+        point: FloatArray | None = None,
+        *,
+        stiffness: float = 1000.0,
+        rise: float = 0.5,
+        hold: float = 1.0,
+        release: float = 0.1,
+        largest_force: float = 100.0,
+        frame: Literal["world", "link"] = "world",
+        delay: float = 0.0,
+    ) -> None:
+        """Take a link of a simulated robot in a springy hand, from ``delay`` [s] from now on, and pull or push it.
+
+        The hand closes where the point is then, moves by ``pull`` along a minimum-jerk path in ``rise`` seconds, stays
+        for ``hold`` and lets go over ``release``. Its force is ``stiffness`` times the lag of the point, and damped.
+
+        Args:
+            link: Name of the link.
+            pull: (3,) way of the hand [m] in ``frame``.
+            point: (3,) where it holds, in the link's frame [m]; by default the link's centre of mass.
+            stiffness: Of the hand, 500 to 3000 [N/m].
+            rise: Time in which the hand moves [s].
+            hold: Time for which it then stays [s].
+            release: Time in which its force fades [s].
+            largest_force: What the hand can do [N]; beyond that it slips along.
+            frame: Axes of ``pull``: of the ``world``, or of the ``link`` as it is when the hand closes.
+            delay: Time until the hand closes [s].
+
+        Raises:
+            CapabilityError: A real robot must be grabbed by hand.
+            UnknownNameError: No such link.
+            ValueError: A number that is not finite or out of range, another hand on this link at that time, or a point
+                too light for a hand this stiff.
+        """
+        raise CapabilityError(f"'{self.info.uri}' cannot grab itself: only simulated backends do")
 
     @property
     def truth(self) -> Truth:

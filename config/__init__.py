@@ -8,12 +8,22 @@ from pepper_driver.config.errors import (
     suggestion,
 )
 from pepper_driver.config.plant import PlantConfig, load_plant, plant_hash, plant_names
+from pepper_driver.config.recordings import (
+    CalibrationScenario,
+    HoldProtocol,
+    HoldStatistics,
+    RampProtocol,
+    Recordings,
+    TrackingTable,
+    load_calibration_scenario,
+    load_recordings,
+)
 from pepper_driver.config.robot import RobotConfig, load_robot
 from pepper_driver.config.scenario import (
-    DemoScenario,
-    IdentificationScenario,
+    Scenario,
     load_demo_scenario,
-    load_identification_scenario,
+    load_scenario,
+    scenario_names,
 )
 from pepper_driver.config.settings import (
     ControllerSettings,
@@ -26,28 +36,36 @@ from pepper_driver.config.settings import (
 from pepper_driver.config.world import World, load_world, world_names
 
 __all__ = [
+    "CalibrationScenario",
     "ConfigError",
     "ControllerSettings",
-    "DemoScenario",
-    "IdentificationScenario",
+    "HoldProtocol",
+    "HoldStatistics",
     "MissingExtraError",
     "ObserverSettings",
     "PepperError",
     "PlantConfig",
+    "RampProtocol",
+    "Recordings",
     "RobotConfig",
     "SafetySettings",
+    "Scenario",
+    "TrackingTable",
     "UnknownNameError",
     "World",
+    "load_calibration_scenario",
     "load_controller_settings",
     "load_demo_scenario",
-    "load_identification_scenario",
     "load_observer_settings",
     "load_plant",
+    "load_recordings",
     "load_robot",
     "load_safety_settings",
+    "load_scenario",
     "load_world",
     "plant_hash",
     "plant_names",
+    "scenario_names",
     "suggestion",
     "world_names",
 ]

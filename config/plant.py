@@ -168,7 +168,7 @@ def _check_names(names: Iterable[str], known: Iterable[str], where: str) -> None
 
 
 def plant_hash(plant: PlantConfig, robot: RobotConfig) -> str:
-    """Identity of a simulated robot: plant, URDF, motors, sensors, hands. Models carry it to be told from stale ones.
+    """Identity of a simulated robot: plant, URDF, motors, encoders, hands. Models carry it to be told from stale ones.
 
     Comments, name, description, source and origins do not count.
     """
@@ -180,7 +180,8 @@ def plant_hash(plant: PlantConfig, robot: RobotConfig) -> str:
     content = {
         "plant": parameters,
         "motors": asdict(robot.motors),
-        "sensors": asdict(robot.sensors),
+        "encoder": asdict(robot.sensors.encoder),
+        "current": asdict(robot.sensors.current),
         "hands": asdict(robot.hands),
         "urdf": hashlib.sha256(robot.urdf.read_bytes()).hexdigest(),
     }

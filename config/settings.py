@@ -36,12 +36,15 @@ class ControllerSettings:
 
 @dataclass(frozen=True, kw_only=True, config=STRICT)
 class ObserverSettings:
-    """Defaults of the contact observer; ``threshold`` [rad], times in [s]."""
+    """Defaults of the contact observer; times in [s].
+
+    ``threshold`` [rad] of all joints; null for each joint's own, which identification found in free motion.
+    """
 
     mode: Literal["paper"]
     tree: Literal["cart", "affine"]
     median_window: Annotated[int, Field(ge=1, le=101)]
-    threshold: Positive
+    threshold: Positive | None
     merge_gap: NotNegative
     rebound_window: NotNegative
     update_period: Positive

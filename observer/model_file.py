@@ -18,7 +18,7 @@ from pepper_driver.config.loading import STRICT, parse
 from pepper_driver.config.parts import Positive
 from pepper_driver.observer.tree import TREE_TYPES, ExpectedErrorModel, Tree, TreeKind
 
-FORMAT = 1
+FORMAT = 2
 
 _CURE = "identify the robot again with 'pepper identify'"
 _LONGEST_REASON = 300
@@ -32,7 +32,7 @@ class ModelFileError(PepperError, ValueError):
 class _Header:
     """Everything in a file but the models."""
 
-    format: Literal[1]
+    format: Literal[2]
     robot: str
     joint_names: tuple[str, ...]
     identity: str
@@ -40,6 +40,7 @@ class _Header:
     cycle: Positive
     estimation_fit: dict[str, float]
     test_fit: dict[str, float]
+    threshold: dict[str, Positive]
     version: str
     created_by: str
 
@@ -56,6 +57,7 @@ class ModelSet:
         cycle: Period of the ticks [s].
         estimation_fit: By joint, mean NRMSE fit of the estimation runs [%].
         test_fit: By joint, NRMSE fit of the test run [%].
+        threshold: By joint, bound of the residual in free motion [rad].
         version: Of the package that fitted them.
         models: By joint; joints without a model stay blind.
         created_by: The command that made them.
@@ -71,6 +73,7 @@ class ModelSet:
     cycle: float
     estimation_fit: Mapping[str, float]
     test_fit: Mapping[str, float]
+    threshold: Mapping[str, float]
     version: str
     models: Mapping[str, ExpectedErrorModel]
     created_by: str = field(default="pepper identify")
@@ -89,10 +92,11 @@ class ModelSet:
                 raise ModelFileError(
                     f"the model of {joint} is a {type(model).__name__}, not of kind '{self.kind}'"
                 )
-        for name, fits in (("estimation_fit", self.estimation_fit), ("test_fit", self.test_fit)):
-            if fits.keys() != self.models.keys():
+        for name in ("estimation_fit", "test_fit", "threshold"):
+            by_joint: Mapping[str, float] = getattr(self, name)
+            if by_joint.keys() != self.models.keys():
                 raise ModelFileError(f"'{name}' is not of the joints that have models")
-            if not all(math.isfinite(fit) for fit in fits.values()):
+            if not all(math.isfinite(value) for value in by_joint.values()):
                 raise ModelFileError(f"'{name}' is not finite")
 
     def check_robot(self, robot: RobotConfig) -> None:

@@ -17,28 +17,32 @@ REBOUND_TIME = 0.8
 
 @dataclass(frozen=True, kw_only=True)
 class Push:
-    """A push that really happened.
+    """A push or a pull that really happened.
 
     Attributes:
         joint: The joint it was meant for: the last of its chain that it turns.
         link: Where it acted.
         direction: Sign of its torque on the joint.
+        force: Its largest size [N]; of a grab, what its spring pulls with while the link does not give way.
         torque: Largest torque on the joint [N m].
         degrees: That torque divided by the proportional stiffness of the joint [deg].
         onset: When the force began [s].
         release: When it had ended [s].
         moving: Whether the joint was meant to move at its onset.
+        saturating: Whether it was meant to take a motor board beyond what it can hold.
         saturated: Whether the joint's motor board was at its limit meanwhile: such pushes are to be scored apart.
     """
 
     joint: str
     link: str
     direction: int
+    force: float
     torque: float
     degrees: float
     onset: float
     release: float
     moving: bool
+    saturating: bool = False
     saturated: bool = False
 
 

@@ -13,15 +13,14 @@ from pepper_driver.backends.interface import (
     BackendError,
     BackendInfo,
     Command,
-    Imu,
     Measurement,
     NotConnectedError,
     Truth,
 )
-from pepper_driver.backends.mujoco_.inertial import InertialUnit
-from pepper_driver.backends.mujoco_.pushes import Push
+from pepper_driver.backends.mujoco_.handling import planned_hand, planned_push
+from pepper_driver.backends.mujoco_.readings import Readings
 from pepper_driver.backends.mujoco_.resumable import Resumable
-from pepper_driver.backends.mujoco_.sensors import CommandLine, CurrentSensors, Encoders
+from pepper_driver.backends.mujoco_.sensors import CommandLine
 from pepper_driver.backends.mujoco_.simulation import Simulation
 from pepper_driver.backends.mujoco_.truth import MujocoTruth
 from pepper_driver.backends.mujoco_.window import Window, check_display
@@ -30,8 +29,9 @@ from pepper_driver.config import (
     ConfigError,
     PlantConfig,
     RobotConfig,
-    UnknownNameError,
+    World,
     load_plant,
+    load_world,
     plant_hash,
 )
 from pepper_driver.config.parts import FloatArray
@@ -39,11 +39,7 @@ from pepper_driver.config.parts import FloatArray
 RAMP_TIME = 1.0
 """[s] in which activation raises the stiffness from 0 to 1, and deactivation lowers it."""
 
-STRONGEST_PUSH = 10_000.0
-"""[N] Far beyond anything a robot survives; more would only break the simulation."""
-
-
-_OWN_STATE = ("_seed", "_state", "_tick", "_sent", "_measured")
+_OWN_STATE = ("_seed", "_state", "_sent")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -71,6 +67,7 @@ class MujocoBackend(Backend):
         robot: RobotConfig,
         plant: PlantConfig,
         *,
+        world: World | None = None,
         seed: int = 0,
         posture: str = "Stand",
         window: bool = False,
@@ -82,9 +79,11 @@ class MujocoBackend(Backend):
         self._plant = plant
         self._seed = seed
         self._start = robot.posture(posture)
-        self._simulation = Simulation(robot, plant)
+        self._world = world or load_world("empty")
+        self._simulation = Simulation(robot, plant, self._world)
+        self._simulation.reset(self._start)  # tells now of an object in the way, not at ``open``
         self._model, self._data = self._simulation.model, self._simulation.data
-        self._imu = InertialUnit(robot, self._model.mj, self._data)
+        self._readings = Readings(robot, plant, self._simulation)
         self._commands = CommandLine(plant)
         self._state: Literal["closed", "open", "active"] = "closed"
         self._shown = window
@@ -96,7 +95,7 @@ class MujocoBackend(Backend):
             cycle=robot.cycle,
             real_time=False,
             response_delay=plant.response_delay,
-            capabilities=frozenset({"push", "truth"}),
+            capabilities=frozenset({"push", "grab", "truth"}),
             identity=plant_hash(plant, robot),
         )
 
@@ -122,8 +121,7 @@ class MujocoBackend(Backend):
 
     def reset(self, seed: int | None = None) -> Measurement:
         """Start anew as ``open`` did, with another seed of the noise if one is given; not active afterwards."""
-        if self._state == "closed":
-            raise NotConnectedError(f"'{self._info.uri}' is not open")
+        self._check_open()
         if seed is not None:
             self._seed = seed
         self._state = "open"
@@ -131,11 +129,12 @@ class MujocoBackend(Backend):
 
     def snapshot(self) -> Snapshot:
         """The state of simulation, sensors and noise, to go back to with :meth:`restore`."""
-        if self._state == "closed":
-            raise NotConnectedError(f"'{self._info.uri}' is not open")
+        self._check_open()
         own = {name: copy.deepcopy(getattr(self, name)) for name in _OWN_STATE}
         parts = {name: part.save() for name, part in self._parts().items()}
-        return Snapshot(identity=self._info.identity, state={"self": own, **parts})
+        return Snapshot(
+            identity=self._info.identity, state={"self": own, "world": self._world, **parts}
+        )
 
     def restore(self, snapshot: Snapshot) -> None:
         """Go back to a snapshot; from there on every bit is as it was then, given the same commands.
@@ -144,13 +143,16 @@ class MujocoBackend(Backend):
             snapshot: Of this backend, or of another one with the same plant and world.
 
         Raises:
-            BackendError: The snapshot is of another plant.
+            BackendError: The snapshot is of another plant or world.
         """
-        if self._state == "closed":
-            raise NotConnectedError(f"'{self._info.uri}' is not open")
+        self._check_open()
         if snapshot.identity != self._info.identity:
             raise BackendError(
                 f"the snapshot is of plant {snapshot.identity}, this one is {self._info.identity}"
+            )
+        if snapshot.state["world"] != self._world:
+            raise BackendError(
+                f"the snapshot is of world '{snapshot.state['world'].name}', this one is '{self._world.name}'"
             )
         for name, part in self._parts().items():
             part.restore(snapshot.state[name])
@@ -160,10 +162,8 @@ class MujocoBackend(Backend):
     def _parts(self) -> dict[str, Resumable]:
         return {
             "simulation": self._simulation,
-            "encoders": self._encoders,
-            "current_sensors": self._current_sensors,
+            "readings": self._readings,
             "commands": self._commands,
-            "imu": self._imu,
         }
 
     def _begin(self) -> Measurement:
@@ -171,21 +171,13 @@ class MujocoBackend(Backend):
         self._simulation.reset(self._start)
         self._commands.reset(self._start)
         self._sent = self._start
-        # One stream for each kind of sensor: a change in one leaves the noise of the others as it was.
-        streams = np.random.SeedSequence(self._seed).spawn(2)
-        rngs = [np.random.Generator(np.random.PCG64(stream)) for stream in streams]
-        self._encoders = Encoders(self._robot, self._plant, rngs[0])
-        self._current_sensors = CurrentSensors(self._robot, self._plant, rngs[1])
-        self._tick = 0
-        return self._measurement(
-            self._encoders.reset(self._start), self._current_sensors.reset(), self._imu.reset()
-        )
+        return self._readings.begin(self._seed)
 
     def activate(self) -> Measurement:
         """Ramp the stiffness to 1 in a second of simulated time, holding the posture last measured."""
         if self._state != "open":
             raise BackendError(f"'{self._info.uri}' cannot be activated: it is {self._state}")
-        hold = np.clip(self._measured, self._robot.lower, self._robot.upper)
+        hold = np.clip(self._readings.position, self._robot.lower, self._robot.upper)
         self._commands.reset(hold)
         self._state = "active"
         ticks = round(RAMP_TIME / self._robot.cycle)
@@ -198,8 +190,7 @@ class MujocoBackend(Backend):
 
     def step(self, command: Command) -> Measurement:
         """Simulate one cycle of 12 ms."""
-        if self._state == "closed":
-            raise NotConnectedError(f"'{self._info.uri}' is not open")
+        self._check_open()
         position, stiffness, wheel_speed = self._checked(command)
         if self._state == "open":
             stiffness, wheel_speed = np.zeros_like(stiffness), np.zeros(3)
@@ -217,14 +208,9 @@ class MujocoBackend(Backend):
                 f"the simulation diverged at {self._data.time:.3f} s and was closed: "
                 "a force or a speed beyond all measure"
             )
-        self._tick += 1
         if self._window is not None:
             self._window.refresh()
-        return self._measurement(
-            self._encoders.read(simulation.position),
-            self._current_sensors.read(simulation.current),
-            self._imu.read(),
-        )
+        return self._readings.read()
 
     def deactivate(self) -> None:
         """Wheels to zero, stiffness to 0 in a second of simulated time; the brakes then hold the legs."""
@@ -259,32 +245,45 @@ class MujocoBackend(Backend):
         delay: float = 0.0,
     ) -> None:
         """Push a link; see :meth:`Backend.push`."""
+        self._check_open()
+        push = planned_push(self._model, self._data, link, force, point, duration, frame, delay)
+        self._simulation.contacts.pushes.add(push)
+
+    def grab(
+        self,
+        link: str,
+        pull: FloatArray,
+        point: FloatArray | None = None,
+        *,
+        stiffness: float = 1000.0,
+        rise: float = 0.5,
+        hold: float = 1.0,
+        release: float = 0.1,
+        largest_force: float = 100.0,
+        frame: Literal["world", "link"] = "world",
+        delay: float = 0.0,
+    ) -> None:
+        """Take a link in a springy hand; see :meth:`Backend.grab`."""
+        self._check_open()
+        hand = planned_hand(
+            self._model,
+            self._data,
+            link,
+            pull,
+            point,
+            stiffness=stiffness,
+            rise=rise,
+            hold=hold,
+            release=release,
+            largest_force=largest_force,
+            frame=frame,
+            delay=delay,
+        )
+        self._simulation.contacts.hands.add(hand)
+
+    def _check_open(self) -> None:
         if self._state == "closed":
             raise NotConnectedError(f"'{self._info.uri}' is not open")
-        if link not in self._model.bodies:
-            raise UnknownNameError("link", link, self._model.bodies)
-        body = self._model.bodies[link]
-        where = self._model.mj.body_ipos[body] if point is None else point
-        force, where = np.array(force, dtype=np.float64), np.array(where, dtype=np.float64)
-        numbers = np.concatenate([force.ravel(), where.ravel(), [duration, delay]])
-        if force.shape != (3,) or where.shape != (3,) or not np.isfinite(numbers).all():
-            raise ValueError("push: force and point take three finite numbers each")
-        if duration <= 0 or delay < 0:
-            raise ValueError("push: duration must be positive, delay not negative")
-        if np.linalg.norm(force) > STRONGEST_PUSH:
-            raise ValueError(f"push: the force may be {STRONGEST_PUSH:g} N at most")
-        if frame not in ("world", "link"):
-            raise UnknownNameError("frame", frame, ("world", "link"))
-        self._simulation.contacts.pushes.add(
-            Push(
-                body=body,
-                force=force,
-                point=where,
-                turns_with_link=frame == "link",
-                start=self._data.time + delay,
-                duration=float(duration),
-            )
-        )
 
     def _checked(self, command: Command) -> tuple[FloatArray, FloatArray, FloatArray]:
         """The arrays of a command, refused when they are not what a robot could take."""
@@ -298,33 +297,17 @@ class MujocoBackend(Backend):
         position, stiffness, wheel_speed = parts
         return position.copy(), np.clip(stiffness, 0.0, 1.0), wheel_speed
 
-    def _measurement(self, position: FloatArray, current: FloatArray, imu: Imu) -> Measurement:
-        self._measured = position
-        supply = self._simulation.supply
-        return Measurement(
-            time=self._tick * self._robot.cycle,
-            tick=self._tick,
-            position=position,
-            current=current,
-            wheel_speed=self._simulation.wheels.speed,
-            imu=imu,
-            touch=np.zeros(len(self._robot.sensors.touch)),
-            bumpers=np.zeros(len(self._robot.sensors.bumpers)),
-            temperature=np.rint(supply.temperature),
-            battery=supply.charge,
-            age=self._encoders.age * self._robot.cycle,
-        )
-
 
 def from_uri(uri: BackendUri, robot: RobotConfig) -> MujocoBackend:
-    """``mujoco://?plant=NAME_OR_FILE&draw=N&seed=N&posture=NAME&window=1``; all keys optional."""
-    uri.check_keys({"plant", "draw", "seed", "posture", "window"}, host=False)
+    """``mujoco://?plant=NAME_OR_FILE&draw=N&world=NAME_OR_FILE&seed=N&posture=NAME&window=1``; all keys optional."""
+    uri.check_keys({"plant", "draw", "world", "seed", "posture", "window"}, host=False)
     if uri.query.get("window", "0") not in ("0", "1"):
         raise ConfigError(f"backend '{uri.text}': window takes 0 or 1")
     draw = uri.integer("draw", 0) if "draw" in uri.query else None
     return MujocoBackend(
         robot,
         load_plant(uri.query.get("plant", "nominal"), robot, draw=draw),
+        world=load_world(uri.query.get("world", "empty")),
         seed=uri.integer("seed", 0),
         posture=uri.query.get("posture", "Stand"),
         window=uri.integer("window", 0) == 1,

@@ -2,46 +2,130 @@
 
 from __future__ import annotations
 
-import mujoco
-import numpy as np
+from typing import Any
 
+import mujoco
+
+from pepper_driver.backends.interface import TrueContact
+from pepper_driver.backends.mujoco_.collisions import Collisions
+from pepper_driver.backends.mujoco_.hands import Hands
 from pepper_driver.backends.mujoco_.model import PlantModel
+from pepper_driver.backends.mujoco_.objects import Throws, check_clearance
 from pepper_driver.backends.mujoco_.pushes import Pushes
 from pepper_driver.backends.mujoco_.resumable import Resumable
+from pepper_driver.backends.mujoco_.tally import Tally
+from pepper_driver.backends.mujoco_.touch import TouchSensors
+from pepper_driver.config import RobotConfig, World
+from pepper_driver.config.parts import FloatArray
 
 
 class Contacts(Resumable):
     """All contacts of the robot, applied and measured in every step of physics.
 
+    Pushes and hands act on the kinematics of the very state they are applied to: the step is made in two halves, and
+    they come between. So a simulation goes on bit by bit from a saved state.
+
     Attributes:
-        torque: (17,) J^T f, mean over the last cycle [N m].
+        pushes, hands: What is scheduled.
+        touch: The sensors that feel it.
     """
 
-    STATE = ("torque",)
+    def __init__(
+        self, robot: RobotConfig, model: PlantModel, data: mujoco.MjData, world: World | None = None
+    ) -> None:
+        self._mj, self._data, self._cycle = model.mj, data, robot.cycle
+        self._steps = round(robot.cycle / model.mj.opt.timestep)
+        self._joint_torque = data.qfrc_applied
+        self.touch = TouchSensors(robot, model, data)
+        self.pushes, self.hands = Pushes(data), Hands(model, data)
+        self._tally = Tally(model, data, self.touch, self._steps)
+        self._world = world if world is not None and world.objects else None
+        self._collisions: Collisions | None = None
+        self._throws: Throws | None = None
+        if self._world is not None:
+            self._collisions = Collisions(model, data, self._world, self.touch)
+            self._throws = Throws(model.mj, data, self._world)
+        self._scheduled = self._waiting = False
+        self._idle = True
 
-    def __init__(self, model: PlantModel, data: mujoco.MjData) -> None:
-        self._model, self._data = model, data
-        self.pushes = Pushes(model, data)
-        self.torque = np.zeros(len(model.link_dof))
-        self._sum = np.zeros_like(self.torque)
+    @property
+    def torque(self) -> FloatArray:
+        """(17,) J^T f, mean over the last cycle [N m]."""
+        return self._tally.torque
+
+    @property
+    def peak_torque(self) -> FloatArray:
+        """(17,) largest size of J^T f in a step of the last cycle [N m]."""
+        return self._tally.peak
+
+    @property
+    def acted(self) -> tuple[TrueContact, ...]:
+        """What touched the robot in the last cycle."""
+        return self._tally.contacts
 
     def reset(self) -> None:
-        """Nothing touches."""
+        """Nothing touches, nothing is to come but what the world throws."""
         self.pushes.clear()
-        self.torque = np.zeros_like(self._sum)
+        self.hands.clear()
+        self.touch.reset()
+        self._tally.reset()
+
+    def check_clearance(self) -> None:
+        """Refuse a start inside an object; see :func:`~.objects.check_clearance`. MuJoCo holds the contacts."""
+        if self._world is not None:
+            check_clearance(self._mj, self._data, self._world)
 
     def begin_cycle(self) -> None:
-        """Start a new mean."""
-        self._sum[:] = 0.0
+        """Find out what may act in the cycle to come: the rest costs its steps nothing."""
+        now = self._data.time
+        pushes = self.pushes.begin_cycle(now, now + self._cycle)
+        hands = self.hands.begin_cycle(now, now + self._cycle)
+        self._scheduled = pushes or hands
+        self._waiting = self._throws is not None and self._throws.waiting
+        self._idle = not self._scheduled and self._world is None
+        self._tally.begin()
 
-    def apply(self) -> None:
-        """Set the external wrenches for the step of physics to come."""
-        self.pushes.apply()
+    def step(self) -> None:
+        """One step of physics with all that touches the robot."""
+        mj, data = self._mj, self._data
+        if self._idle:
+            mujoco.mj_step(mj, data)
+            return
+        if self._waiting and self._throws is not None:
+            self._throws.hold()
+        if self._scheduled:
+            tally, torque = self._tally, self._joint_torque
+            mujoco.mj_step1(mj, data)
+            torque.fill(0.0)
+            self.pushes.apply(tally, torque)
+            self.hands.apply(tally, torque)
+            mujoco.mj_step2(mj, data)
+        else:
+            mujoco.mj_step(mj, data)
+        if self._collisions is not None:
+            self._collisions.take_in(self._tally)
+        self._tally.next_step()
 
-    def accumulate(self) -> None:
-        """Take in what acted in the step just made."""
-        self.pushes.add_joint_torque(self._sum)
+    def end_cycle(self) -> None:
+        """Finish the truth of the cycle and the answers of the sensors."""
+        if self._scheduled:
+            self._joint_torque.fill(0.0)
+        self._tally.end()
+        self.touch.end(self._steps)
 
-    def end_cycle(self, steps: int) -> None:
-        """Finish the mean over ``steps``."""
-        self.torque = self._sum / steps
+    def save(self) -> dict[str, Any]:
+        """Everything that the next cycle depends on."""
+        return {name: part.save() for name, part in self._parts().items()}
+
+    def restore(self, saved: dict[str, Any]) -> None:
+        """Take on a state that :meth:`save` gave."""
+        for name, part in self._parts().items():
+            part.restore(saved[name])
+
+    def _parts(self) -> dict[str, Resumable]:
+        return {
+            "pushes": self.pushes,
+            "hands": self.hands,
+            "touch": self.touch,
+            "tally": self._tally,
+        }

@@ -116,5 +116,5 @@ def check_step(mj: mujoco.MjModel, robot: RobotConfig, plant: PlantConfig) -> No
         whole = robot.cycle / np.ceil(robot.cycle / limit + 1e-9)
         raise ConfigError(
             f"{plant.source or plant.name}: key 'physics.timestep': {step:g} s is too coarse for the gear of {worst} "
-            f"(gear_stiffness {plant.actuator(worst).gear_stiffness:g} N m/rad): at most {whole:.6f} s"
+            f"(gear_stiffness {plant.actuator(worst).gear_stiffness:g} N m/rad): at most {whole:.10g} s"
         )

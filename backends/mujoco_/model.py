@@ -15,8 +15,9 @@ from pepper_driver.backends.mujoco_.drives import (
     gear,
     motor_side,
 )
+from pepper_driver.backends.mujoco_.objects import add_objects
 from pepper_driver.backends.mujoco_.rolling import add_rolling_base, add_wheel_drives
-from pepper_driver.config import PlantConfig, RobotConfig
+from pepper_driver.config import PlantConfig, RobotConfig, World
 from pepper_driver.config.parts import FloatArray, IndexArray
 from pepper_driver.config.plant_parts import Body
 
@@ -64,8 +65,8 @@ class PlantModel:
         return np.asarray(np.abs(phi) <= self.half_gap, dtype=np.bool_)
 
 
-def build_model(robot: RobotConfig, plant: PlantConfig) -> PlantModel:
-    """Compile the plant from the robot's URDF and the plant's parameters.
+def build_model(robot: RobotConfig, plant: PlantConfig, world: World | None = None) -> PlantModel:
+    """Compile the plant from the robot's URDF and the plant's parameters, with the objects of a world around it.
 
     Raises:
         ConfigError: The step is too coarse for the stiffest gear.
@@ -82,6 +83,8 @@ def build_model(robot: RobotConfig, plant: PlantConfig) -> PlantModel:
     add_wheel_drives(spec, robot, plant)
     if plant.base == "rolling":
         add_rolling_base(spec, robot, plant, floor_bit=FLOOR)
+    if world is not None:
+        add_objects(spec, world, plant, object_bit=OBJECT, robot_bit=ROBOT, floor_bit=FLOOR)
     mj = spec.compile()
     # A simulation that blows up shall be told, not start anew from its first posture by itself.
     mj.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET

@@ -1,21 +1,21 @@
-"""Scheduled forces on links, and the torque they put on the joints."""
+"""Scheduled forces on links."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import cos, pi
+from math import cos, pi, sqrt
 
 import mujoco
-import numpy as np
 
-from pepper_driver.backends.mujoco_.model import PlantModel
+from pepper_driver.backends.mujoco_.resumable import Resumable
+from pepper_driver.backends.mujoco_.tally import Tally
 from pepper_driver.config.parts import FloatArray
 
 RISE = 0.1
 """[s] in which a push rises, and falls, along half a cosine; a third of the push where that is shorter."""
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Push:
     """One push: ``force`` (3,) [N] at ``point`` (3,) of the body [m], from ``start`` [s] for ``duration`` [s]."""
 
@@ -26,9 +26,14 @@ class Push:
     start: float
     duration: float
 
+    @property
+    def end(self) -> float:
+        """When it is over [s]."""
+        return self.start + self.duration
+
     def strength(self, time: float) -> float:
         """Share of the force that acts at ``time`` [s], 0..1."""
-        since, until = time - self.start, self.start + self.duration - time
+        since, until = time - self.start, self.end - time
         if since <= 0.0 or until <= 0.0:
             return 0.0
         rise = min(RISE, self.duration / 3)
@@ -36,16 +41,15 @@ class Push:
         return 1.0 if edge >= rise else 0.5 - 0.5 * cos(pi * edge / rise)
 
 
-class Pushes:
+class Pushes(Resumable):
     """The pushes still to come or under way."""
 
-    def __init__(self, model: PlantModel, data: mujoco.MjData) -> None:
-        self._model = model
+    STATE = ("_pending",)
+
+    def __init__(self, data: mujoco.MjData) -> None:
         self._data = data
         self._pending: list[Push] = []
-        self._jacobian_position = np.zeros((3, model.mj.nv))
-        self._jacobian_rotation = np.zeros((3, model.mj.nv))
-        self._acting: list[int] = []
+        self._due: list[Push] = []
 
     def add(self, push: Push) -> None:
         """Schedule a push."""
@@ -54,40 +58,32 @@ class Pushes:
     def clear(self) -> None:
         """Forget all pushes."""
         self._pending.clear()
-        self._acting.clear()
-        self._data.xfrc_applied[:] = 0.0
 
-    def apply(self) -> None:
-        """Set the external wrenches for the step to come."""
-        if not self._pending and not self._acting:
-            return
+    def begin_cycle(self, now: float, end: float) -> bool:
+        """Whether any may act between ``now`` and ``end`` [s]; forgets those that are over."""
+        if not self._pending:
+            self._due.clear()
+            return False
+        self._pending = [push for push in self._pending if push.end > now]
+        self._due = [push for push in self._pending if push.start < end]
+        return bool(self._due)
+
+    def apply(self, tally: Tally, joint_torque: FloatArray) -> None:
+        """Add J^T f of all pushes to ``joint_torque`` (nv,), at the state whose kinematics MuJoCo holds."""
         data = self._data
-        data.xfrc_applied[self._acting] = 0.0
-        self._acting.clear()
-        now = data.time
-        for push in self._pending:
-            strength = push.strength(now)
+        for push in self._due:
+            strength = push.strength(data.time)
             if strength == 0.0:
                 continue
-            rotation_link_to_world = data.xmat[push.body].reshape(3, 3)
+            rotation = data.xmat[push.body].reshape(3, 3)
             force = strength * push.force
             if push.turns_with_link:
-                force = rotation_link_to_world @ force
-            arm = data.xpos[push.body] + rotation_link_to_world @ push.point - data.xipos[push.body]
-            data.xfrc_applied[push.body, :3] += force
-            data.xfrc_applied[push.body, 3:] += np.cross(arm, force)
-            self._acting.append(push.body)
-        self._pending = [push for push in self._pending if push.start + push.duration > now]
-
-    def add_joint_torque(self, total: FloatArray) -> None:
-        """Add to ``total`` (17,) the torque J^T f [N m] of the wrenches that acted in the step just made.
-
-        MuJoCo's kinematics after a step are those of the state the forces acted on, so this is exact.
-        """
-        for body in set(self._acting):
-            mujoco.mj_jacBodyCom(
-                self._model.mj, self._data, self._jacobian_position, self._jacobian_rotation, body
+                force = rotation @ force
+            px, py, pz = (data.xpos[push.body] + rotation @ push.point).tolist()
+            x, y, z = force.tolist()
+            joint_torque += tally.put(
+                tally.entry(push, "push", push.body),
+                (px, py, pz),
+                (x, y, z),
+                sqrt(x * x + y * y + z * z),
             )
-            wrench = self._data.xfrc_applied[body]
-            torque = self._jacobian_position.T @ wrench[:3] + self._jacobian_rotation.T @ wrench[3:]
-            total += torque[self._model.link_dof]

@@ -28,7 +28,7 @@ def integration_error(
     Both runs are of the same robot on a fixed base: all 17 joints swing together, each at its own rate, at speeds of
     normal use, and turn round at least once. The boards belong to the robot: in both runs they compute a voltage once
     in ``plant.physics.timestep`` and hold it. Only what MuJoCo integrates differs, and the friction set before each
-    of its steps. Battery and motors stay as when new.
+    of its steps. Battery and motors stay at the voltage and temperature that the plant's values hold for.
 
     Args:
         robot: Whose joints swing.
@@ -87,4 +87,4 @@ def _swing(robot: RobotConfig, time: float) -> FloatArray:
     fastest = SPEED_SHARE * np.array([joint.velocity for joint in robot.joints])
     size = np.minimum(fastest / rate, RANGE_SHARE / 2 * (robot.upper - robot.lower))
     direction = np.where(np.arange(n) % 2, -1.0, 1.0)
-    return (robot.lower + robot.upper) / 2 - direction * size * np.cos(rate * time)
+    return np.asarray((robot.lower + robot.upper) / 2 - direction * size * np.cos(rate * time))

@@ -111,6 +111,7 @@ class Wheels(Resumable):
             self._tyre = [int(mj.body_geomadr[mj.jnt_bodyid[mj.joint(n).id]]) for n in names]
             self._wheel_of = {geom: number for number, geom in enumerate(self._tyre)}
             self._floor = mj.geom("floor").id
+            self._base = mj.body("base_link").id
         self._integral = np.zeros(3)
         self.load = np.zeros(3)
         self._switch(powered=False)
@@ -124,7 +125,7 @@ class Wheels(Resumable):
         """No integral; the wheels carry the robot evenly."""
         self._switch(powered=False)
         if self.rolling:
-            weight = float(self._mj.body_subtreemass[0]) * -float(self._mj.opt.gravity[2])
+            weight = float(self._mj.body_subtreemass[self._base]) * -float(self._mj.opt.gravity[2])
             self.load = np.full(3, weight / 3)
 
     def restore(self, saved: dict[str, Any]) -> None:

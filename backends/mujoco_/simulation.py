@@ -31,9 +31,7 @@ class Simulation(Resumable):
 
     STATE = ("current", "_target", "_braked_at")
 
-    def __init__(
-        self, robot: RobotConfig, plant: PlantConfig, world: World | None = None
-    ) -> None:
+    def __init__(self, robot: RobotConfig, plant: PlantConfig, world: World | None = None) -> None:
         self.model = build_model(robot, plant, world)
         mj = self.model.mj
         self.data = mujoco.MjData(mj)

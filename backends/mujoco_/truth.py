@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from pepper_driver.backends.interface import Truth
+from pepper_driver.backends.interface import TrueContact, Truth
+from pepper_driver.backends.mujoco_.rolling import FALLEN
 from pepper_driver.backends.mujoco_.simulation import Simulation
 from pepper_driver.config import PlantConfig
 from pepper_driver.config.parts import FloatArray
+
+LYING = 0.05
+"""[rad] Before the tilt at which the base lies, where it still rocks."""
 
 
 class MujocoTruth(Truth):
@@ -17,11 +22,59 @@ class MujocoTruth(Truth):
     def __init__(self, plant: PlantConfig, simulation: Simulation) -> None:
         self._plant = plant
         self._simulation = simulation
+        mj, names = simulation.model.mj, ("base_x", "base_y", "base_yaw", "base_pitch", "base_roll")
+        self._places = None
+        if simulation.wheels.rolling:
+            self._places = np.array([mj.joint(name).qposadr[0] for name in names])
 
     @property
     def contact_torque(self) -> FloatArray:
         """(17,) J^T f, mean over the last cycle [N m]."""
         return self._simulation.contacts.torque.copy()
+
+    @property
+    def peak_torque(self) -> FloatArray:
+        """(17,) largest |J^T f| in a step of the last cycle [N m]."""
+        return self._simulation.contacts.peak_torque.copy()
+
+    @property
+    def contacts(self) -> tuple[TrueContact, ...]:
+        """What touched the robot in the last cycle."""
+        return self._simulation.contacts.acted
+
+    @property
+    def base(self) -> FloatArray:
+        """(3,) x, y [m], yaw [rad] of base_link."""
+        return self._base()[:3]
+
+    @property
+    def tilt(self) -> FloatArray:
+        """(2,) pitch and roll of the base [rad]."""
+        return self._base()[3:]
+
+    @property
+    def fallen(self) -> bool:
+        """Whether the base has come to lie."""
+        return bool(np.abs(self.tilt).max() > FALLEN - LYING)
+
+    @property
+    def wheel_load(self) -> FloatArray:
+        """(3,) force of the floor on each wheel [N]."""
+        return self._simulation.wheels.load.copy()
+
+    @property
+    def kinetic_energy(self) -> float:
+        """Of all links, rotors and wheels, with the objects of the world [J]."""
+        mj, data = self._simulation.model.mj, self._simulation.data
+        momentum = np.empty(mj.nv)
+        mujoco.mj_mulM(mj, data, momentum, data.qvel)
+        return 0.5 * float(momentum @ data.qvel)
+
+    def _base(self) -> FloatArray:
+        """(5,) x, y, yaw, pitch, roll."""
+        if self._places is None:
+            return np.zeros(5)
+        return np.array(self._simulation.data.qpos[self._places])
 
     @property
     def in_gap(self) -> NDArray[np.bool_]:

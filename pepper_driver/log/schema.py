@@ -90,6 +90,7 @@ def tick_fields(robot: RobotConfig) -> tuple[Field, ...]:
         _field("imu_attitude", 3, "[rad] roll, pitch, yaw"),
         _field("touch", len(robot.sensors.touch), "1 where touched"),
         _field("bumpers", len(robot.sensors.bumpers), "1 where pressed"),
+        _field("buttons", len(robot.sensors.buttons), "1 where pressed"),
         _field("temperature", n, "[deg C] motors"),
     )
 
@@ -100,9 +101,13 @@ def truth_fields(robot: RobotConfig) -> tuple[Field, ...]:
     return (
         _field("time", None, "[s] clock of the robot"),
         _field("contact_torque", n, "[N m] J^T f, mean over the last cycle"),
+        _field("peak_torque", n, "[N m] largest size of it in the last cycle"),
         _field("in_gap", n, "1 inside the backlash", "bool"),
         _field("saturated", n, "1 where the motor board was at a limit", "bool"),
         _field("position", n, "[rad] link side, without encoder"),
+        _field("base", 3, "x [m], y [m], yaw [rad] of base_link in the world"),
+        _field("tilt", 2, "[rad] pitch, roll of the base"),
+        _field("wheel_load", 3, "[N] carried by the floor"),
     )
 
 
@@ -156,13 +161,24 @@ def tick_parts(tick: Tick, observation: Observation, scalars: FloatArray) -> lis
         imu.attitude,
         m.touch,
         m.bumpers,
+        m.buttons,
         m.temperature,
     ]
 
 
 def truth_parts(time: float, truth: Truth) -> list[ArrayLike]:
     """The 1-D arrays that make up a row of ``/truth``, not copied."""
-    return [(time,), truth.contact_torque, truth.in_gap, truth.saturated, truth.position]
+    return [
+        (time,),
+        truth.contact_torque,
+        truth.peak_torque,
+        truth.in_gap,
+        truth.saturated,
+        truth.position,
+        truth.base,
+        truth.tilt,
+        truth.wheel_load,
+    ]
 
 
 def columns(fields: Iterable[Field]) -> int:
@@ -234,5 +250,6 @@ def layout_metadata(robot: RobotConfig) -> dict[str, str]:
         "wheels": robot.wheels.names,
         "touch": list(robot.sensors.touch),
         "bumpers": list(robot.sensors.bumpers),
+        "buttons": list(robot.sensors.buttons),
     }
     return {"version": LAYOUT_VERSION, **{k: json.dumps(v) for k, v in values.items()}}

@@ -117,6 +117,21 @@ def test_forward_kinematics_and_centre_of_mass(robot: RobotConfig, seed: int) ->
         np.testing.assert_allclose(mj_data.body(link).xpos, poses[link][:3, 3], atol=1e-9)
 
 
+def test_touch_sensors_bumpers_and_button_sit_where_documented(robot: RobotConfig) -> None:
+    sensors = robot.sensors
+    found = {**sensors.touch, **sensors.bumpers, **sensors.buttons}
+    assert (len(sensors.touch), len(sensors.bumpers), len(sensors.buttons)) == (5, 3, 1)
+    assert set(found) == set(FACTS["sensors"])
+    for name, frame in FACTS["sensors"].items():
+        assert found[name].parent == frame["parent"]
+        assert list(found[name].xyz) == frame["xyz"]
+        assert list(found[name].rpy) == frame["rpy"]
+        assert {found[name].parent, *found[name].covers} <= set(robot.links)
+    (button,) = sensors.buttons
+    key = robot.naoqi.prefix + robot.naoqi.button.format(button=button)
+    assert key == "Device/SubDeviceList/ChestBoard/Button/Sensor/Value"
+
+
 def test_centre_of_mass_of_the_independent_urdf() -> None:
     poses = transforms({})
     height = sum(v[0] * (poses[k] @ [*v[1:4], 1.0])[2] for k, v in FACTS["links"].items())

@@ -76,6 +76,7 @@ def tick(
             imu=Imu(acceleration=np.zeros(3), angular_velocity=np.zeros(3), attitude=np.zeros(3)),
             touch=np.zeros(5),
             bumpers=np.zeros(3),
+            buttons=np.zeros(1),
             temperature=np.full(JOINTS, 30.0),
             battery=1.0,
             age=age,
@@ -110,6 +111,7 @@ def models(
         cycle=CYCLE,
         estimation_fit=dict.fromkeys(by_joint, 91.5),
         test_fit=dict.fromkeys(by_joint, 89.25),
+        threshold=dict.fromkeys(by_joint, float(np.radians(2.5))),
         version="0.0.0",
         models=by_joint,
     )

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import json
+import math
 import os
 import pickle
 import random
@@ -54,7 +55,7 @@ def test_equal_sets_give_equal_bytes_without_times_or_paths(tmp_path: Path) -> N
     header = json.loads(one.read_text())
     assert header.pop("models").keys() == {"HeadYaw", "LHand"}
     assert header == {
-        "format": 1,
+        "format": 2,
         "robot": "pepper",
         "joint_names": list(ROBOT.joint_names),
         "identity": "plant-0123",
@@ -62,6 +63,7 @@ def test_equal_sets_give_equal_bytes_without_times_or_paths(tmp_path: Path) -> N
         "cycle": CYCLE,
         "estimation_fit": {"HeadYaw": 91.5, "LHand": 91.5},
         "test_fit": {"HeadYaw": 89.25, "LHand": 89.25},
+        "threshold": {"HeadYaw": math.radians(2.5), "LHand": math.radians(2.5)},
         "version": "0.0.0",
         "created_by": "pepper identify",
     }
@@ -127,7 +129,7 @@ MODEL = ("models", "HeadYaw")
 @pytest.mark.parametrize(
     ("edit", "message"),
     [
-        (set_in("format", value=2), "format 2 is not the format 1"),
+        (set_in("format", value=1), "format 1 is not the format 2"),
         (set_in("format", value=None), "format null is not"),
         (lambda data: data.pop("format"), "no model file"),
         (lambda data: data.pop("models"), "there are no models"),
@@ -188,10 +190,10 @@ def test_what_is_wrong_is_said_in_one_line(
         b'"text"',
         b"{" * 100_000,
         b"[" * 100_000,
-        b'{"format": 1, "format": 1}',
+        b'{"format": 2, "format": 2}',
         b'{"format": 1e999}',
-        b'{"format": 1, "robot": "\\ud800", "models": {}}',
-        b'{"format": 1, "models": {}, "cycle": ' + b"9" * 5000 + b"}",
+        b'{"format": 2, "robot": "\\ud800", "models": {}}',
+        b'{"format": 2, "models": {}, "cycle": ' + b"9" * 5000 + b"}",
         pickle.dumps(AFFINE_SET),
     ],
 )

@@ -13,6 +13,7 @@ PUSH = Push(
     joint="LShoulderRoll",
     link="LBicep",
     direction=1,
+    force=12.0,
     torque=2.0,
     degrees=4.0,
     onset=10.0,

@@ -71,6 +71,7 @@ class FakeBackend(Backend):
             ),
             touch=np.zeros(5),
             bumpers=np.zeros(3),
+            buttons=np.zeros(1),
             temperature=np.full(17, 38.0),
             battery=1.0,
             age=0.0,

@@ -54,6 +54,7 @@ class Samples:
                 ),
                 touch=self.vector(len(ROBOT.sensors.touch)),
                 bumpers=self.vector(len(ROBOT.sensors.bumpers)),
+                buttons=self.vector(len(ROBOT.sensors.buttons)),
                 temperature=self.vector(N),
                 battery=float(self.random.random()),
                 age=float(self.random.random()),
@@ -117,6 +118,10 @@ class MadeUpTruth:
         self.in_gap = self._samples.flags(N)
         self.saturated = self._samples.flags(N)
         self.position = self._samples.vector(N)
+        self.peak_torque = self._samples.vector(N)
+        self.base = self._samples.vector(3)
+        self.tilt = self._samples.vector(2)
+        self.wheel_load = self._samples.vector(3)
 
     @property
     def as_truth(self) -> Truth:

@@ -1,0 +1,112 @@
+"""What a user asks of the hands that touch a simulated robot, checked before anything is scheduled."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import mujoco
+import numpy as np
+
+from pepper_driver.backends.mujoco_.hands import SOFTEST, STIFFEST, Hand
+from pepper_driver.backends.mujoco_.model import PlantModel
+from pepper_driver.backends.mujoco_.pushes import Push
+from pepper_driver.config import UnknownNameError
+from pepper_driver.config.parts import FloatArray
+
+STRONGEST_PUSH = 10_000.0
+"""[N] Far beyond anything a robot survives; more would only break the simulation."""
+
+FARTHEST_PULL = 1.0
+"""[m] Beyond a person's reach without a step."""
+
+
+def planned_push(
+    model: PlantModel,
+    data: mujoco.MjData,
+    link: str,
+    force: FloatArray,
+    point: FloatArray | None,
+    duration: float,
+    frame: Literal["world", "link"],
+    delay: float,
+) -> Push:
+    """The push that :meth:`Backend.push` was asked for; raises as it says."""
+    body, force, where = _place("push", model, link, force, point, frame, [duration, delay])
+    if duration <= 0 or delay < 0:
+        raise ValueError("push: duration must be positive, delay not negative")
+    if np.linalg.norm(force) > STRONGEST_PUSH:
+        raise ValueError(f"push: the force may be {STRONGEST_PUSH:g} N at most")
+    return Push(
+        body=body,
+        force=force,
+        point=where,
+        turns_with_link=frame == "link",
+        start=data.time + delay,
+        duration=float(duration),
+    )
+
+
+def planned_hand(
+    model: PlantModel,
+    data: mujoco.MjData,
+    link: str,
+    pull: FloatArray,
+    point: FloatArray | None,
+    *,
+    stiffness: float,
+    rise: float,
+    hold: float,
+    release: float,
+    largest_force: float,
+    frame: Literal["world", "link"],
+    delay: float,
+) -> Hand:
+    """The hand that :meth:`Backend.grab` was asked for; raises as it says."""
+    numbers = [stiffness, rise, hold, release, largest_force, delay]
+    body, pull, where = _place("grab", model, link, pull, point, frame, numbers)
+    if not SOFTEST <= stiffness <= STIFFEST:
+        raise ValueError(
+            f"grab: stiffness must be {SOFTEST:g} to {STIFFEST:g} N/m, got {stiffness:g}"
+        )
+    if rise <= 0 or release <= 0 or largest_force <= 0 or hold < 0 or delay < 0:
+        raise ValueError(
+            "grab: rise, release and largest_force must be positive, hold and delay not negative"
+        )
+    if np.linalg.norm(pull) > FARTHEST_PULL:
+        raise ValueError(f"grab: the pull may be {FARTHEST_PULL:g} m long at most")
+    return Hand(
+        body=body,
+        link=link,
+        pull=pull,
+        point=where,
+        in_link_axes=frame == "link",
+        stiffness=float(stiffness),
+        start=data.time + delay,
+        rise=float(rise),
+        hold=float(hold),
+        release=float(release),
+        largest_force=float(largest_force),
+    )
+
+
+def _place(
+    what: str,
+    model: PlantModel,
+    link: str,
+    vector: FloatArray,
+    point: FloatArray | None,
+    frame: str,
+    numbers: list[float],
+) -> tuple[int, FloatArray, FloatArray]:
+    """Body of a link, (3,) vector and (3,) point, refused when they are none."""
+    if link not in model.bodies:
+        raise UnknownNameError("link", link, model.bodies)
+    body = model.bodies[link]
+    where = model.mj.body_ipos[body] if point is None else point
+    vector, where = np.array(vector, dtype=np.float64), np.array(where, dtype=np.float64)
+    finite = np.isfinite(np.concatenate([vector.ravel(), where.ravel(), numbers])).all()
+    if vector.shape != (3,) or where.shape != (3,) or not finite:
+        raise ValueError(f"{what}: vector and point take three finite numbers each")
+    if frame not in ("world", "link"):
+        raise UnknownNameError("frame", frame, ("world", "link"))
+    return body, vector, where

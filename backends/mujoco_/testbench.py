@@ -1,0 +1,293 @@
+"""A test bench for the plant: what recordings of real Peppers show, measured in simulation by a protocol that repeats.
+
+Every run is on a copy of the plant whose base is fixed, in an empty world. Runs are independent of one another and seeded:
+results do not depend on the number of processes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from time import perf_counter
+
+import numpy as np
+from joblib import Parallel, delayed
+
+from pepper_driver.backends.interface import Command
+from pepper_driver.backends.mujoco_.backend import MujocoBackend
+from pepper_driver.backends.mujoco_.simulation import Simulation
+from pepper_driver.config import HoldProtocol, PlantConfig, RampProtocol, RobotConfig
+from pepper_driver.config.parts import FloatArray
+
+Progress = Callable[[int, int], None]
+"""Called with (runs done, runs in all)."""
+
+GRABBED, PULL = "RForeArm", (0.05, 0.0, 0.0)
+"""Link held by a hand while the speed of the simulation is measured, and how far that goes [m]."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Holds:
+    """Ends of holds, arrays (n, joints).
+
+    Attributes:
+        joints: Names, in order of the columns.
+        error: Commanded minus measured position [rad].
+        current: Measured, mean over the end of the hold [A], unsigned.
+        load: Torque that gravity asks of each joint at the goal [N m].
+    """
+
+    joints: tuple[str, ...]
+    error: FloatArray
+    current: FloatArray
+    load: FloatArray
+
+
+def ramp_errors(
+    robot: RobotConfig,
+    plant: PlantConfig,
+    joint: str,
+    velocities: Sequence[float],
+    torques: Sequence[float],
+    protocol: RampProtocol,
+    *,
+    workers: int = -1,
+    progress: Progress | None = None,
+) -> FloatArray:
+    """Tracking error of a joint in steady ramps under constant load.
+
+    For each cell the robot stands still in posture Stand, base fixed, gravity off, the load already on the link. The
+    joint comes to the start of the ramp in a minimum-jerk move of ``protocol.arrival``, against the direction of the
+    ramp or in it, waits, and runs at constant velocity around the middle of its range. The error is the command minus
+    what the encoder reports then, transport included, without noise and counts, averaged over the last part of the
+    ramp. Both arms work at once, each on cells of its own: drives left and right are alike.
+
+    Args:
+        robot: The robot.
+        plant: Its parameters; the base is fixed for this.
+        joint: Of an arm.
+        velocities: (n,) [rad/s], none of them 0.
+        torques: (m,) that the motor must give against the load [N m].
+        protocol: Distances and times.
+        workers: Processes; -1 for one per core.
+        progress: Told after each part.
+
+    Returns:
+        (m, n) mean error [rad].
+    """
+    fixed = replace(plant, base="fixed")
+    cells = [(v, torque) for torque in torques for v in velocities]
+    pairs = [cells[i : i + 2] for i in range(0, len(cells), 2)]
+    jobs = [
+        delayed(_ramp_part)(robot, fixed, joint, pairs[i : i + 8], protocol)
+        for i in range(0, len(pairs), 8)
+    ]
+    parts = _run(jobs, workers, progress)
+    return np.concatenate(parts).reshape(len(torques), len(velocities))
+
+
+def _ramp_part(
+    robot: RobotConfig,
+    plant: PlantConfig,
+    joint: str,
+    pairs: list[list[tuple[float, float]]],
+    protocol: RampProtocol,
+) -> FloatArray:
+    """Mean errors [rad] of some pairs of cells, one after the other on one simulation, each from the start."""
+    simulation = Simulation(robot, plant)
+    simulation.model.mj.opt.gravity[:] = 0.0
+    sides = [robot.joint_index(joint), robot.joint_index(opposite(joint))]
+    return np.concatenate([_ramp_pair(robot, plant, simulation, sides, p, protocol) for p in pairs])
+
+
+def _ramp_pair(
+    robot: RobotConfig,
+    plant: PlantConfig,
+    simulation: Simulation,
+    sides: list[int],
+    pair: list[tuple[float, float]],
+    protocol: RampProtocol,
+) -> FloatArray:
+    """Mean errors [rad] of one or two cells, each on an arm of its own."""
+    commands = [
+        ramp_command(robot, index, velocity, protocol)
+        for index, (velocity, _) in zip(sides, pair, strict=False)
+    ]
+    posture = robot.posture("Stand")
+    for index, command in zip(sides, commands, strict=False):
+        posture[index] = command[0]
+    simulation.reset(posture)
+    dofs = simulation.model.link_dof
+    simulation.data.qfrc_applied[:] = 0.0
+    for index, (_, torque) in zip(sides, pair, strict=False):
+        simulation.data.qfrc_applied[dofs[index]] = -torque
+    length = max(len(command) for command in commands)
+    positions = np.empty((length, len(commands)))
+    ones, still = np.ones(len(posture)), np.zeros(3)
+    for tick in range(length):
+        for index, command in zip(sides, commands, strict=False):
+            posture[index] = command[min(tick, len(command) - 1)]
+        simulation.cycle(posture.copy(), ones, still, powered=False)
+        positions[tick] = simulation.position[sides[: len(commands)]]
+    # Command and sample are each late by whole ticks: all of it shows when the sample is read.
+    late = plant.response_delay
+    errors = []
+    for column, command in enumerate(commands):
+        ramp = _ramp_ticks(robot, sides[column], pair[column][0], protocol)
+        ticks = np.arange(len(command) - ramp + int(protocol.skip * ramp), len(command))
+        errors.append(float(np.mean(command[ticks] - positions[ticks - late, column])))
+    return np.array(errors)
+
+
+def ramp_command(
+    robot: RobotConfig, index: int, velocity: float, protocol: RampProtocol
+) -> FloatArray:
+    """(ticks,) positions [rad] of one joint, tick by tick: arrival, wait, ramp."""
+    lower, upper = robot.lower[index], robot.upper[index]
+    ramp = _ramp_ticks(robot, index, velocity, protocol)
+    start = (lower + upper) / 2 - velocity * ramp * robot.cycle / 2
+    towards = np.sign(velocity) if protocol.onwards else -np.sign(velocity)
+    origin = np.clip(start - towards * protocol.arrival, lower, upper)
+    arrival = origin + (start - origin) * minimum_jerk(round(protocol.arrival_time / robot.cycle))
+    wait = np.full(round(protocol.wait / robot.cycle), start)
+    return np.concatenate(
+        [[origin], arrival, wait, start + velocity * robot.cycle * np.arange(1, ramp + 1)]
+    )
+
+
+def _ramp_ticks(robot: RobotConfig, index: int, velocity: float, protocol: RampProtocol) -> int:
+    travel = min(protocol.travel, 0.9 * float(robot.upper[index] - robot.lower[index]))
+    return round(min(protocol.time, travel / abs(velocity)) / robot.cycle)
+
+
+def hold_errors(
+    robot: RobotConfig,
+    plant: PlantConfig,
+    joints: Sequence[str],
+    protocol: HoldProtocol,
+    seed: int,
+    *,
+    workers: int = -1,
+    progress: Progress | None = None,
+) -> Holds:
+    """Errors and currents of an arm at the end of holds.
+
+    The goals are shared among ``protocol.parts`` robots, base fixed, gravity on. Each is activated in posture Stand,
+    goes to random goals of all ``joints`` at once, in minimum-jerk moves, and waits at each. Error and current are what
+    the sensors report.
+
+    Args:
+        robot: The robot.
+        plant: Its parameters; the base is fixed for this.
+        joints: That move, usually those of an arm.
+        protocol: Number of goals, ranges and times.
+        seed: Of goals, moves and noise.
+        workers: Processes; -1 for one per core.
+        progress: Told after each part.
+    """
+    fixed = replace(plant, base="fixed")
+    parts = min(protocol.parts, protocol.goals)
+    sizes = [len(part) for part in np.array_split(np.arange(protocol.goals), parts)]
+    jobs = [
+        delayed(_hold_part)(robot, fixed, tuple(joints), protocol, size, (seed, number))
+        for number, size in enumerate(sizes)
+    ]
+    error, current, load = (
+        np.concatenate(p) for p in zip(*_run(jobs, workers, progress), strict=True)
+    )
+    return Holds(joints=tuple(joints), error=error, current=current, load=load)
+
+
+def _hold_part(
+    robot: RobotConfig,
+    plant: PlantConfig,
+    joints: tuple[str, ...],
+    protocol: HoldProtocol,
+    count: int,
+    seed: tuple[int, int],
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Errors [rad], currents [A] and loads [N m], (count, joints) each, of one robot."""
+    rng = np.random.default_rng(seed)
+    columns = np.array([robot.joint_index(name) for name in joints])
+    lower, upper = robot.lower[columns], robot.upper[columns]
+    reach = protocol.range * (upper - lower) / 2
+    backend = MujocoBackend(robot, plant, seed=int(rng.integers(2**31)))
+    backend.open()
+    backend.activate()
+    ones, still = np.ones(len(robot.joint_names)), np.zeros(3)
+    wait, mean = (
+        max(1, round(time / robot.cycle)) for time in (protocol.wait, protocol.current_time)
+    )
+    here = robot.posture("Stand")
+    errors, currents, goals = [], [], []
+    for _ in range(count):
+        goal = here.copy()
+        goal[columns] = (lower + upper) / 2 + rng.uniform(-reach, reach)
+        move = minimum_jerk(round(rng.uniform(*protocol.move) / robot.cycle))
+        path = [here + share * (goal - here) for share in move] + [goal] * wait
+        last = [
+            backend.step(Command(position=position, stiffness=ones, wheel_speed=still))
+            for position in path
+        ][-mean:]
+        errors.append((goal - last[-1].position)[columns])
+        currents.append(np.mean([m.current[columns] for m in last], axis=0))
+        goals.append(goal)
+        here = goal
+    backend.close()
+    return np.array(errors), np.array(currents), _gravity(robot, plant, goals)[:, columns]
+
+
+def _gravity(robot: RobotConfig, plant: PlantConfig, postures: list[FloatArray]) -> FloatArray:
+    """(n, 17) torque that gravity asks of each joint in some postures, at rest [N m]."""
+    simulation = Simulation(robot, plant)
+    loads = []
+    for posture in postures:
+        simulation.reset(posture)
+        loads.append(simulation.data.qfrc_bias[simulation.model.link_dof].copy())
+    return np.array(loads)
+
+
+def real_time_factor(
+    robot: RobotConfig, plant: PlantConfig, *, seconds: float = 2.0, repeats: int = 5
+) -> float:
+    """How much faster than real time the plant runs on one core: median of some repeats.
+
+    All 17 joints, all sensors, the base as the plant has it, one hand on the right forearm, no controller.
+    """
+    backend = MujocoBackend(robot, plant)
+    backend.open()
+    posture = backend.activate().position
+    command = Command(position=posture, stiffness=np.ones(len(posture)), wheel_speed=np.zeros(3))
+    ticks = round(seconds / robot.cycle)
+    backend.grab(GRABBED, np.array(PULL), hold=(repeats + 1) * seconds)
+    for _ in range(ticks // 2):
+        backend.step(command)
+    times = []
+    for _ in range(repeats):
+        begin = perf_counter()
+        for _ in range(ticks):
+            backend.step(command)
+        times.append(perf_counter() - begin)
+    backend.close()
+    return ticks * robot.cycle / float(np.median(times))
+
+
+def minimum_jerk(ticks: int) -> FloatArray:
+    """(ticks,) share of a move done after each tick; at least one."""
+    s = np.arange(1, max(ticks, 1) + 1) / max(ticks, 1)
+    return np.asarray(s**3 * (10.0 - 15.0 * s + 6.0 * s * s))
+
+
+def opposite(joint: str) -> str:
+    """The same joint of the other arm."""
+    return {"L": "R", "R": "L"}[joint[0]] + joint[1:]
+
+
+def _run(jobs: list[object], workers: int, progress: Progress | None) -> list[FloatArray]:
+    """Results of all jobs, in order."""
+    results = []
+    for result in Parallel(n_jobs=workers, return_as="generator")(jobs):
+        results.append(result)
+        if progress is not None:
+            progress(len(results), len(jobs))
+    return results

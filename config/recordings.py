@@ -1,0 +1,131 @@
+"""What recordings of real Peppers show of free motion, and how the simulated one is measured against it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+from pydantic import Field
+from pydantic.dataclasses import dataclass
+
+from pepper_driver.config.errors import ConfigError
+from pepper_driver.config.loading import STRICT, load, package_file
+from pepper_driver.config.parts import FloatArray, NotNegative, Positive
+from pepper_driver.config.robot import RobotConfig
+
+Count = Annotated[int, Field(ge=1)]
+Share = Annotated[float, Field(ge=0, le=1)]
+
+
+@dataclass(frozen=True, kw_only=True, config=STRICT)
+class TrackingTable:
+    """Tracking error of one joint in free motion.
+
+    ``velocity`` (columns) [rad/s] and ``torque`` (rows) [N m] are the desired ones; ``expected_error_deg`` is command
+    minus measurement.
+    """
+
+    velocity: tuple[float, ...]
+    torque: tuple[float, ...]
+    expected_error_deg: tuple[tuple[float, ...], ...]
+
+    @property
+    def moving(self) -> tuple[float, ...]:
+        """The velocities other than 0 [rad/s], in order: at 0 the error depends on where the joint came from."""
+        return tuple(v for v in self.velocity if v != 0.0)
+
+    @property
+    def error(self) -> FloatArray:
+        """(torques, moving velocities) expected error [rad]."""
+        columns = np.array(self.velocity) != 0.0
+        return np.radians(np.array(self.expected_error_deg)[:, columns])
+
+
+@dataclass(frozen=True, kw_only=True, config=STRICT)
+class HoldStatistics:
+    """Error and current of one joint at the end of holds.
+
+    Median, 90th percentile and maximum of the absolute error, 5th, 50th and 95th percentile of the signed one [deg];
+    median and 90th percentile of the ``current`` [A].
+    """
+
+    median_deg: Positive
+    p90_deg: Positive
+    max_deg: Positive
+    signed_deg: tuple[float, float, float]
+    current: tuple[NotNegative, NotNegative]
+
+
+@dataclass(frozen=True, kw_only=True, config=STRICT)
+class Recordings:
+    """What was recorded, by joint; see ``recordings.yaml`` for the sources. ``hold_time`` in [s]."""
+
+    tables: dict[str, TrackingTable]
+    hold_count: Count
+    hold_time: Positive
+    holds: dict[str, HoldStatistics]
+
+
+@dataclass(frozen=True, kw_only=True, config=STRICT)
+class RampProtocol:
+    """Ramps of one joint under constant load; see ``scenarios/calibrate.yaml`` for the meaning of each key."""
+
+    arrival: Positive
+    arrival_time: Positive
+    onwards: bool
+    wait: NotNegative
+    time: Positive
+    travel: Positive
+    skip: Annotated[float, Field(ge=0, lt=1)]
+
+
+@dataclass(frozen=True, kw_only=True, config=STRICT)
+class HoldProtocol:
+    """Holds at random goals; see ``scenarios/calibrate.yaml`` for the meaning of each key."""
+
+    goals: Count
+    parts: Count
+    move: tuple[Positive, Positive]
+    wait: Positive
+    range: Share
+    current_time: Positive
+
+
+@dataclass(frozen=True, kw_only=True, config=STRICT)
+class CalibrationScenario:
+    """How the simulated robot is measured, and what counts as a match; see ``scenarios/calibrate.yaml``."""
+
+    ramps: RampProtocol
+    holds: HoldProtocol
+    fit_seed: Annotated[int, Field(ge=0)]
+    check_seed: Annotated[int, Field(ge=0)]
+    largest_residual_deg: dict[str, Positive]
+    largest_factor: Annotated[float, Field(gt=1)]
+
+
+def load_recordings(robot: RobotConfig, path: Path | None = None) -> Recordings:
+    """The figures in ``path``, by default the shipped ``recordings.yaml``.
+
+    Raises:
+        ConfigError: The file is wrong: a key, a joint, or a table whose rows and columns do not fit.
+    """
+    path = path or package_file("recordings.yaml")
+    recordings = load(Recordings, path)
+    for key, joints in (("tables", recordings.tables), ("holds", recordings.holds)):
+        for name in joints:
+            if name not in robot.joint_names:
+                raise ConfigError(f"{path}: key '{key}': unknown joint '{name}'")
+    for name, table in recordings.tables.items():
+        shape = [len(row) for row in table.expected_error_deg]
+        if shape != [len(table.velocity)] * len(table.torque):
+            raise ConfigError(
+                f"{path}: key 'tables.{name}.expected_error_deg': expected {len(table.torque)} rows of "
+                f"{len(table.velocity)} numbers"
+            )
+    return recordings
+
+
+def load_calibration_scenario(path: Path | None = None) -> CalibrationScenario:
+    """The scenario in ``path``, by default the shipped ``scenarios/calibrate.yaml``."""
+    return load(CalibrationScenario, path or package_file("scenarios", "calibrate.yaml"))

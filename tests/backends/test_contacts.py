@@ -1,0 +1,191 @@
+"""The truth of contacts: what acted, where, how hard, and what it did to the joints; saved and resumed to the bit."""
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from contact_cases import CYCLE, FIXED, ROBOT, ROLLING, Array, Robot, world
+
+from pepper_driver.backends.interface import Measurement, TrueContact
+from pepper_driver.backends.mujoco_ import MujocoBackend
+from pepper_driver.config import load_plant, load_world
+from pepper_driver.controller.model import RobotModel
+
+
+def only(robot: MujocoBackend) -> TrueContact:
+    (contact,) = robot.truth.contacts
+    return contact
+
+
+def expected_torque(robot: MujocoBackend, link: str, point: Array, force: Array) -> Array:
+    """(17,) J^T f by Pinocchio; the base stands at the origin."""
+    jacobian = RobotModel(ROBOT).point_jacobian(link, point, robot.truth.position)
+    return np.asarray(jacobian.T @ force)
+
+
+def test_a_push_is_told_with_place_force_and_torque() -> None:
+    robot = Robot()
+    force, point = np.array([3.0, 5.0, -2.0]), np.array([0.02, 0.01, 0.03])
+    robot.push("l_wrist", force, point, 2.0)
+    robot.run(1.0)
+    contact = only(robot)
+    assert (contact.kind, contact.link, contact.object) == ("push", "l_wrist", None)
+    np.testing.assert_allclose(contact.force, force, rtol=1e-12)
+    assert contact.peak == pytest.approx(float(np.linalg.norm(force)))
+    pose = RobotModel(ROBOT).link_pose("l_wrist", robot.truth.position)
+    np.testing.assert_allclose(contact.point, (pose @ [*point, 1.0])[:3], atol=1e-5)
+    expected = expected_torque(robot, "l_wrist", point, force)
+    np.testing.assert_allclose(contact.torque, expected, atol=1e-4)
+    np.testing.assert_allclose(robot.truth.peak_torque, np.abs(expected), atol=1e-4)
+
+
+def test_the_torque_of_several_contacts_is_their_sum() -> None:
+    robot = Robot()
+    robot.push("Head", np.array([5.0, 0.0, 0.0]), duration=2.0)
+    robot.push("LForeArm", np.array([0.0, 4.0, 0.0]), duration=2.0)
+    robot.grab("r_wrist", np.array([0.03, 0.0, 0.0]))
+    robot.run(1.0)
+    contacts = robot.truth.contacts
+    assert [c.link for c in contacts] == ["Head", "LForeArm", "r_wrist"]
+    total = contacts[0].torque + contacts[1].torque + contacts[2].torque
+    np.testing.assert_array_equal(robot.truth.contact_torque, total)
+    assert np.abs(total[[3, 4]]).max() > 0.1, "the head's joints feel it"
+
+
+def test_peak_and_mean_differ_in_the_cycle_in_which_a_push_rises() -> None:
+    robot = Robot()
+    robot.push("LBicep", np.array([0.0, 10.0, 0.0]), np.array([0.16, 0, 0]), 1.0)
+    robot.run(CYCLE)
+    roll = ROBOT.joint_index("LShoulderRoll")
+    truth = robot.truth
+    # Half a cosine over 0.1 s, at the states before each of the 12 steps.
+    shares = 0.5 - 0.5 * np.cos(np.pi * np.arange(12) * 0.001 / 0.1)
+    assert only(robot).peak == pytest.approx(10.0 * shares[-1], rel=1e-6)
+    ratio = abs(truth.peak_torque[roll] / truth.contact_torque[roll])
+    assert ratio == pytest.approx(shares[-1] / shares.mean(), rel=1e-3)
+
+
+@pytest.mark.parametrize("release", [0.1, 0.0999])
+def test_after_the_last_contact_the_truth_is_empty(release: float) -> None:
+    """Also where the last force is that of the last step of a cycle: 0.3 s are 25 cycles."""
+    robot = Robot()
+    robot.push("Head", np.array([5.0, 0.0, 0.0]), duration=0.2 + release)
+    robot.grab("l_wrist", np.array([0.05, 0.0, 0.0]), rise=0.1, hold=0.1, release=release)
+    robot.run(0.2)
+    assert robot.truth.contacts
+    robot.run(0.2)
+    assert robot.truth.contacts == ()
+    assert not robot.truth.contact_torque.any()
+    assert not robot.truth.peak_torque.any()
+    assert not robot.mujoco[1].qfrc_applied.any()
+
+
+def test_a_push_to_come_does_not_change_a_bit_before_it_begins() -> None:
+    free, waiting = Robot(), Robot()
+    waiting.push("Head", np.array([5.0, 0.0, 0.0]), delay=0.5)
+    assert [m.position.tobytes() for m in free.run(0.48)] == [
+        m.position.tobytes() for m in waiting.run(0.48)
+    ]
+
+
+def pushed() -> Robot:
+    robot = Robot(ROLLING)
+    robot.push("LForeArm", np.array([0.0, 8.0, 0.0]), duration=0.6, frame="link")
+    robot.push("Head", np.array([8.0, 0.0, 0.0]), duration=0.4, delay=0.35)
+    robot.run(0.3)
+    return robot
+
+
+def grabbed() -> Robot:
+    robot = Robot(ROLLING)
+    robot.grab("l_wrist", np.array([0.05, 0.02, 0.0]), frame="link", rise=0.3, hold=0.3)
+    robot.grab("Head", np.array([0.05, 0.0, 0.0]), delay=0.4)
+    robot.run(0.2)
+    return robot
+
+
+def before_the_throw() -> Robot:
+    robot = Robot(ROLLING, load_world("ball"))
+    robot.run(0.9)
+    return robot
+
+
+def in_flight() -> Robot:
+    robot = Robot(ROLLING, load_world("ball"))
+    robot.run(1.15)
+    return robot
+
+
+def in_touch() -> Robot:
+    robot = Robot(
+        ROLLING,
+        world(
+            ball={
+                "shape": "sphere",
+                "size": [0.1],
+                "mass": 2.0,
+                "position": [0.1, 0.0, 1.32],
+            }
+        ),
+    )
+    return robot
+
+
+def bits(robot: Robot, m: Measurement | None = None) -> bytes:
+    """All that is measured and true now."""
+    t = robot.truth
+    parts = [t.contact_torque, t.peak_torque, t.base, t.tilt, t.wheel_load, t.position]
+    parts += [v for c in t.contacts for v in (c.point, c.force, c.torque)]
+    parts += [robot.mujoco[1].qpos, robot.mujoco[1].qvel]
+    if m is not None:
+        parts += [m.position, m.current, m.touch, m.bumpers, m.buttons, m.imu.acceleration]
+    return b"".join(part.tobytes() for part in parts)
+
+
+@pytest.mark.parametrize("start", [pushed, grabbed, before_the_throw, in_flight, in_touch])
+def test_a_saved_state_goes_on_to_the_bit(start: Callable[[], Robot]) -> None:
+    robot = start()
+    saved, seen = robot.snapshot(), bits(robot)
+    first = [bits(robot, m) for m in robot.run_slowly(30)]
+    robot.run(0.1)
+    fresh = Robot(ROLLING, robot.world)
+    for other in (robot, fresh):
+        other.restore(saved)
+        assert bits(other) == seen
+        assert [bits(other, m) for m in other.run_slowly(30)] == first
+
+
+def test_a_snapshot_of_another_world_is_refused() -> None:
+    saved = Robot(FIXED).snapshot()
+    with pytest.raises(Exception, match="world"):
+        Robot(FIXED, load_world("ball")).restore(saved)
+
+
+def test_a_fixed_base_neither_moves_nor_falls() -> None:
+    robot = Robot(FIXED)
+    truth = robot.truth
+    for value, size in ((truth.base, 3), (truth.tilt, 2), (truth.wheel_load, 3)):
+        np.testing.assert_array_equal(value, np.zeros(size))
+    assert not truth.fallen
+
+
+def test_the_base_is_told_where_it_went_and_that_it_fell() -> None:
+    robot = Robot(ROLLING)
+    weight = 9.81 * 28.68
+    assert robot.truth.wheel_load.sum() == pytest.approx(weight, rel=0.01)
+    robot.push("torso", np.array([150.0, 0.0, 0.0]), duration=1.5)
+    robot.run(0.24)
+    assert robot.truth.tilt[0] > 0.1, "pushed forward at the chest it tips forward: pitch grows"
+    assert not robot.truth.fallen
+    robot.run(1.0)
+    assert robot.truth.fallen
+    assert robot.truth.base[0] > 0.1
+
+
+def test_the_identity_is_that_of_the_plant_alone() -> None:
+    plant = load_plant("nominal", ROBOT)
+    identities = {
+        MujocoBackend(ROBOT, plant, world=load_world(name)).info.identity
+        for name in ("empty", "table", "ball")
+    }
+    assert len(identities) == 1

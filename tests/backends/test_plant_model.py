@@ -1,0 +1,75 @@
+"""The compiled model: everything found by name, MuJoCo's traps avoided."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+from plant_cases import INDEX, ONE, ROBOT, STAND, hold, plain, standing
+
+from pepper_driver.backends.mujoco_.model import build_model
+from pepper_driver.config import load_plant
+
+
+def test_the_dense_jacobian_is_used() -> None:
+    """Trap: the sparse Newton solver of MuJoCo 4.0.0 has a wrong factor."""
+    for base in ("fixed", "rolling"):
+        model = build_model(ROBOT, replace(load_plant("nominal", ROBOT), base=base))
+        assert model.mj.opt.jacobian == mujoco.mjtJacobian.mjJAC_DENSE
+        assert not mujoco.mj_isSparse(model.mj)
+
+
+def test_joints_are_found_by_name() -> None:
+    """Trap: the URDF, MuJoCo and the project each have an order of their own."""
+    order = np.random.default_rng(0).permutation(len(ROBOT.joints))
+    shuffled = replace(ROBOT, joints=tuple(ROBOT.joints[i] for i in order))
+    model = build_model(shuffled, plain())
+    assert shuffled.joint_names != ROBOT.joint_names
+    for index, name in enumerate(shuffled.joint_names):
+        link, motor = model.mj.joint(name), model.mj.joint(f"motor_{name}")
+        assert (model.link_qpos[index], model.link_dof[index]) == (link.qposadr[0], link.dofadr[0])
+        assert (model.motor_qpos[index], model.motor_dof[index]) == (
+            motor.qposadr[0],
+            motor.dofadr[0],
+        )
+        assert model.mj.actuator(model.actuator[index]).trnid[0] == motor.id
+        wraps = model.mj.tendon_adr[model.tendon[index]] + np.arange(2)
+        assert model.mj.wrap_objid[wraps].tolist() == [link.id, motor.id]
+
+
+def test_the_order_of_the_joints_does_not_change_the_motion() -> None:
+    order = np.random.default_rng(0).permutation(len(ROBOT.joints))
+    shuffled = replace(ROBOT, joints=tuple(ROBOT.joints[i] for i in order))
+    first = standing(plain())
+    second = type(first)(shuffled, plain())
+    second.reset(STAND[order])
+    for tick in range(40):
+        target = STAND + 0.1 * np.sin(tick * ROBOT.cycle * 3.0)
+        first.cycle(target, ONE, np.zeros(3), powered=True)
+        second.cycle(target[order], ONE, np.zeros(3), powered=True)
+    assert np.abs(first.position - STAND).max() > 0.05
+    np.testing.assert_allclose(second.position, first.position[order], atol=1e-6)
+    np.testing.assert_allclose(second.current, first.current[order], atol=1e-3)
+
+
+def test_the_efforts_of_the_urdf_bound_nothing() -> None:
+    """Trap: MuJoCo turns them into limits on the force of actuators; the board's limits are the real ones."""
+    model = build_model(ROBOT, replace(plain(), base="rolling")).mj
+    assert not model.jnt_actfrclimited.any()
+
+
+def test_a_diverging_simulation_stays_diverged(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Trap: MuJoCo starts anew from the first posture by itself, as if nothing had happened."""
+    monkeypatch.chdir(tmp_path)  # MuJoCo leaves a note of its own there
+    simulation = standing(plain())
+    hold(simulation, 5)
+    assert not simulation.model.diverged(simulation.data)
+    simulation.data.qvel[simulation.model.link_dof[INDEX]] = 1e12
+    hold(simulation, 5)
+    assert simulation.model.diverged(simulation.data)
+    assert simulation.data.time == pytest.approx(10 * ROBOT.cycle)
+    simulation.reset(STAND)
+    assert not simulation.model.diverged(simulation.data)
