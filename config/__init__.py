@@ -9,19 +9,17 @@ from pepper_driver.config.errors import (
 )
 from pepper_driver.config.plant import PlantConfig, load_plant, plant_hash, plant_names
 from pepper_driver.config.recordings import (
-    CalibrationScenario,
-    HoldProtocol,
+    Calibration,
     HoldStatistics,
     RampProtocol,
     Recordings,
     TrackingTable,
-    load_calibration_scenario,
+    load_calibration,
     load_recordings,
 )
 from pepper_driver.config.robot import RobotConfig, load_robot
 from pepper_driver.config.scenario import (
     Scenario,
-    load_demo_scenario,
     load_scenario,
     scenario_names,
 )
@@ -36,10 +34,9 @@ from pepper_driver.config.settings import (
 from pepper_driver.config.world import World, load_world, world_names
 
 __all__ = [
-    "CalibrationScenario",
+    "Calibration",
     "ConfigError",
     "ControllerSettings",
-    "HoldProtocol",
     "HoldStatistics",
     "MissingExtraError",
     "ObserverSettings",
@@ -53,9 +50,8 @@ __all__ = [
     "TrackingTable",
     "UnknownNameError",
     "World",
-    "load_calibration_scenario",
+    "load_calibration",
     "load_controller_settings",
-    "load_demo_scenario",
     "load_observer_settings",
     "load_plant",
     "load_recordings",

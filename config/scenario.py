@@ -1,84 +1,195 @@
-"""Scenarios: how the robot is moved and pushed, for identification, demonstration and evaluation."""
+"""Scenarios: how the robot is moved and touched. One form for identification, calibration, evaluation, tests, demo."""
 
 from __future__ import annotations
 
+import json
+from collections.abc import Iterator
+from itertools import pairwise
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any, Literal, get_args, get_type_hints
 
-from pydantic import Field
+from pydantic import Field, TypeAdapter, WrapValidator
 from pydantic.dataclasses import dataclass
 
-from pepper_driver.config.errors import ConfigError, suggestion
-from pepper_driver.config.loading import STRICT, load, package_file
-from pepper_driver.config.parts import NotNegative, Positive, Vector3
+from pepper_driver.config.errors import ConfigError, UnknownNameError, suggestion
+from pepper_driver.config.loading import STRICT, package_file, parse, read_yaml
+from pepper_driver.config.parts import NotNegative, Positive
 from pepper_driver.config.robot import RobotConfig
-
-Share = Annotated[float, Field(ge=0, le=1)]
-
-
-@dataclass(frozen=True, kw_only=True, config=STRICT)
-class IdentificationScenario:
-    """Free motion of one joint; see ``scenarios/identify.yaml`` for the meaning of each key."""
-
-    estimation_stiffness: tuple[Positive, ...]
-    test_stiffness: Positive
-    sweeps: Annotated[int, Field(ge=1)]
-    largest_offset: Annotated[float, Field(ge=0, lt=0.5)]
-    setpoints: Annotated[int, Field(ge=1)]
-    dwell: tuple[Positive, Positive]
-    neighbour_range: Share
-    settle: NotNegative
+from pepper_driver.config.scenario_contacts import AnyContact, Hand, RandomPushes
+from pepper_driver.config.scenario_motion import Holds, Motion, Name, Script, Setpoints, Sweeps
 
 
-@dataclass(frozen=True, kw_only=True, config=STRICT)
-class PushPoint:
-    """A point of a link, ``xyz`` [m] in the link's frame."""
+def _by_kind(union: Any) -> WrapValidator:  # noqa: ANN401
+    """A mapping becomes the one dataclass of ``union`` that its key ``kind`` names; errors are those of that class."""
+    classes = {get_args(get_type_hints(cls)["kind"])[0]: cls for cls in get_args(union)}
 
-    link: str
-    xyz: Vector3
+    def build(value: object, _: object) -> object:
+        if isinstance(value, tuple(classes.values())):
+            return value
+        kind = value.get("kind") if isinstance(value, dict) else None
+        if not isinstance(kind, str) or kind not in classes:
+            problem = "no 'kind'" if kind is None else f"unknown kind '{kind}'"
+            raise ValueError(f"{problem}{suggestion(str(kind), classes)}")
+        # Through JSON, as in the loader: there strict mode takes lists for tuples.
+        return TypeAdapter(classes[kind]).validate_json(json.dumps(value), strict=True)
+
+    return WrapValidator(build)
 
 
 @dataclass(frozen=True, kw_only=True, config=STRICT)
-class DemoScenario:
-    """Random motion with pushes; see ``scenarios/demo.yaml`` for the meaning of each key."""
+class Scenario:
+    """A motion, and what touches the robot meanwhile.
 
-    joints: tuple[str, ...]
-    also_move: tuple[str, ...]
+    Attributes:
+        version: Of this form of file.
+        name: As it is called.
+        description: What it is for, for people.
+        seed: Of motion and contacts, where none other is given.
+        plant, world: Of a simulated robot; None for the backend's own.
+        posture: Where it begins, by name; None for where the robot stands.
+        stiffness: Of the posture task [1/s2].
+        settle: Time to reach the first posture [s]; times count from its end.
+        motion: What the robot does.
+        contacts: What touches it.
+        largest_load: Share of what each motor board can hold that a contact and gravity together may take.
+        largest_tipping: Share of the moment over an edge between the wheels that would lift the robot; on wheels only.
+        source: The file it came from, for messages.
+    """
+
+    version: Literal[1]
+    name: str
+    description: str
+    seed: Annotated[int, Field(ge=0)] = 0
+    plant: str | None = None
+    world: str | None = None
+    posture: str | None = None
     stiffness: Positive
-    range: Share
-    also_range: Share
-    period: Positive
-    push_times: tuple[NotNegative, ...]
-    push_jitter: NotNegative
-    degrees: tuple[Positive, Positive]
-    duration: tuple[Positive, Positive]
-    largest_load: Share
-    push_points: dict[str, PushPoint]
+    settle: NotNegative = 0.0
+    motion: Annotated[Motion, _by_kind(Motion)]
+    contacts: tuple[Annotated[AnyContact, _by_kind(AnyContact)], ...] = ()
+    largest_load: Annotated[float, Field(gt=0, le=1)] = 0.85
+    largest_tipping: Annotated[float, Field(gt=0, le=1)] = 0.8
+    source: str = ""
+
+    @property
+    def touched_joints(self) -> tuple[str, ...]:
+        """The joints that contacts are meant for, each once, in the order of the file."""
+        named = (
+            joint
+            for contact in self.contacts
+            for joint in (contact.joints if isinstance(contact, RandomPushes) else (contact.joint,))
+        )
+        return tuple(dict.fromkeys(named))
 
 
-def load_identification_scenario(path: Path | None = None) -> IdentificationScenario:
-    """The scenario in ``path``, by default the shipped ``scenarios/identify.yaml``."""
-    return load(IdentificationScenario, path or package_file("scenarios", "identify.yaml"))
+def scenario_names() -> tuple[str, ...]:
+    """Names of the scenarios shipped with the package."""
+    return tuple(sorted(path.stem for path in package_file("scenarios").glob("*.yaml")))
 
 
-def load_demo_scenario(robot: RobotConfig, path: Path | None = None) -> DemoScenario:
-    """The scenario in ``path``, by default the shipped ``scenarios/demo.yaml``."""
-    path = path or package_file("scenarios", "demo.yaml")
-    scenario = load(DemoScenario, path)
-    for key in ("joints", "also_move", "push_points"):
-        for name in getattr(scenario, key):
-            if name not in robot.joint_names:
-                raise ConfigError(
-                    f"{path}: key '{key}': unknown joint '{name}'"
-                    f"{suggestion(name, robot.joint_names)}"
-                )
-    for joint in scenario.joints:
-        point = scenario.push_points.get(joint)
-        if point is None:
-            raise ConfigError(f"{path}: key 'push_points': no entry for joint {joint}")
-        if point.link not in robot.links:
-            raise ConfigError(
-                f"{path}: key 'push_points.{joint}.link': unknown link '{point.link}'"
-                f"{suggestion(point.link, robot.links)}"
-            )
+def load_scenario(name: str | Path, robot: RobotConfig) -> Scenario:
+    """Load a scenario by name, or from a path that ends in ``.yaml``.
+
+    Raises:
+        UnknownNameError: No shipped scenario has this name.
+        ConfigError: The file is wrong; the message names file, key and cure.
+    """
+    if str(name).endswith((".yaml", ".yml")):
+        path = Path(name)
+    elif str(name) in scenario_names():
+        path = package_file("scenarios", f"{name}.yaml")
+    else:
+        raise UnknownNameError("scenario", str(name), scenario_names())
+    source = str(path)
+    scenario = parse(Scenario, {**read_yaml(path), "source": source}, source)
+    _check_names(scenario, robot)
+    _check_angles(scenario, robot)
+    _check_contacts(scenario)
     return scenario
+
+
+def _names(scenario: Scenario) -> Iterator[Name]:
+    if scenario.posture is not None:
+        yield "posture", "posture", scenario.posture
+    yield from ((f"motion.{key}", kind, name) for key, kind, name in scenario.motion.names())
+    for number, contact in enumerate(scenario.contacts):
+        for key, kind, name in contact.names():
+            yield f"contacts.{number}.{key}", kind, name
+
+
+def _check_names(scenario: Scenario, robot: RobotConfig) -> None:
+    known = {"joint": robot.joint_names, "link": robot.links, "posture": tuple(robot.postures)}
+    for key, kind, name in _names(scenario):
+        if name not in known[kind]:
+            raise ConfigError(
+                f"{scenario.source}: key '{key}': unknown {kind} '{name}'{suggestion(name, known[kind])}"
+            )
+
+
+def _check_angles(scenario: Scenario, robot: RobotConfig) -> None:
+    if not isinstance(scenario.motion, Script):
+        return
+    for number, step in enumerate(scenario.motion.steps):
+        for name, angle in step.joints.items():
+            joint = robot.joints[robot.joint_index(name)]
+            if not joint.lower <= angle <= joint.upper:
+                raise ConfigError(
+                    f"{scenario.source}: key 'motion.steps.{number}.joints.{name}': {angle:g} rad lies outside "
+                    f"{joint.lower:g} to {joint.upper:g} rad"
+                )
+
+
+def _check_contacts(scenario: Scenario) -> None:
+    """Contacts within the motion, from a known posture, and no two hands on one link at a time."""
+    if not scenario.contacts:
+        return
+    if isinstance(scenario.motion, Sweeps):
+        raise ConfigError(
+            f"{scenario.source}: key 'contacts': motion of kind sweeps is free motion; leave them out"
+        )
+    if scenario.posture is None:
+        raise ConfigError(
+            f"{scenario.source}: key 'posture' is missing: contacts are planned from a known posture"
+        )
+    hands = sorted(_hands(scenario), key=lambda hand: (hand.link, hand.begin))
+    for hand in hands:
+        if hand.end > scenario.motion.length:
+            raise ConfigError(
+                f"{scenario.source}: key '{hand.key}': ends at {hand.end:g} s, after the motion, which is over "
+                f"at {scenario.motion.length:g} s"
+            )
+    for earlier, later in pairwise(hands):
+        if earlier.link == later.link and later.begin < earlier.end:
+            raise ConfigError(
+                f"{scenario.source}: key '{later.key}': a hand on {later.link} at {later.begin:g} s, where that of "
+                f"'{earlier.key}' may be until {earlier.end:g} s"
+            )
+
+
+def _hands(scenario: Scenario) -> Iterator[Hand]:
+    """All times at which a hand may be on a link."""
+    motion = scenario.motion
+    for number, contact in enumerate(scenario.contacts):
+        key = f"contacts.{number}"
+        if not isinstance(contact, RandomPushes):
+            end = contact.start + contact.duration
+            yield Hand(key=key, link=contact.link, begin=contact.start, end=end)
+            continue
+        if not isinstance(motion, Setpoints | Holds):
+            raise ConfigError(
+                f"{scenario.source}: key '{key}': random_pushes need a motion of kind setpoints or holds"
+            )
+        for hand in contact.hands(key):
+            if hand.end > motion.period:
+                raise ConfigError(
+                    f"{scenario.source}: key '{hand.key}': a push may last until {hand.end:g} s, beyond the next "
+                    f"goal after {motion.period:g} s"
+                )
+            for goal in range(motion.count):
+                shift = goal * motion.period
+                yield Hand(
+                    key=hand.key,
+                    link=hand.link,
+                    begin=hand.begin + shift,
+                    end=hand.end + shift,
+                )

@@ -8,6 +8,7 @@ from pepper_driver.observer.interface import JointState, Observation, Observer
 from pepper_driver.observer.model_file import ModelFileError, ModelSet, shipped
 from pepper_driver.observer.recording import Recording, RecordingBuilder, RecordingError
 from pepper_driver.observer.scoring import RELEASE_GRACE, Felt, Push, Score, score
+from pepper_driver.observer.threshold import free_threshold
 from pepper_driver.observer.tree import (
     TREE_TYPES,
     AffineTree,
@@ -41,6 +42,7 @@ __all__ = [
     "expected_error",
     "external_torque",
     "fit_joint",
+    "free_threshold",
     "nrmse_fit",
     "score",
     "shipped",

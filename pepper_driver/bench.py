@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from pepper_driver.backends import Command, make_backend
-from pepper_driver.config import load_demo_scenario, plant_names
+from pepper_driver.config import load_scenario, plant_names
 from pepper_driver.loop import STAGES
 from pepper_driver.reflexes import Hold
 from pepper_driver.robot import Pepper
@@ -101,7 +101,7 @@ def _whole(
     observer = "paper" if plant == "nominal" else None
     pepper = Pepper(f"mujoco://?plant={plant}", observer=observer, log=log, reflexes=[Hold()])
     rng = np.random.default_rng(0)
-    joints = load_demo_scenario(pepper.config).joints
+    joints = load_scenario("demo", pepper.config).touched_joints
     with pepper:
         pepper.run(1.0)
         pepper.stage_times.clear()

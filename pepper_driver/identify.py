@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from importlib.metadata import version
 from typing import Any
 from urllib.parse import urlencode
@@ -13,8 +13,15 @@ from joblib import Parallel, delayed
 
 from pepper_driver.backends import Backend, make_backend
 from pepper_driver.backends.selection import parse_uri
-from pepper_driver.config import ConfigError, IdentificationScenario, RobotConfig, load_robot
+from pepper_driver.config import (
+    ConfigError,
+    RobotConfig,
+    Scenario,
+    load_observer_settings,
+    load_robot,
+)
 from pepper_driver.config.parts import FloatArray
+from pepper_driver.config.scenario_motion import Sweeps
 from pepper_driver.observer import (
     TREE_TYPES,
     ExpectedErrorModel,
@@ -25,9 +32,11 @@ from pepper_driver.observer import (
     TreeKind,
     expected_error,
     fit_joint,
+    free_threshold,
     nrmse_fit,
 )
 from pepper_driver.robot import Pepper
+from pepper_driver.staging import Stage, scenario_uri
 
 Progress = Callable[[int, int], None]
 """Called with (runs done, runs in all)."""
@@ -67,11 +76,14 @@ class Identification:
     fits: dict[str, dict[str, Fit]]
 
     def as_json(self) -> dict[str, Any]:
-        """``fit.<method>.<joint>.{estimation,test}``."""
+        """``fit.<method>.<joint>.{estimation,test}``, ``threshold_deg.<joint>``."""
         return {
             "fit": {
                 method: {joint: asdict(fit) for joint, fit in fits.items()}
                 for method, fits in self.fits.items()
+            },
+            "threshold_deg": {
+                joint: float(np.degrees(bound)) for joint, bound in self.models.threshold.items()
             },
             "identity": self.models.identity,
         }
@@ -80,7 +92,7 @@ class Identification:
 def record_joints(
     uri: str,
     joints: Sequence[str],
-    scenario: IdentificationScenario,
+    scenario: Scenario,
     *,
     seed: int = 0,
     workers: int = -1,
@@ -94,7 +106,7 @@ def record_joints(
     Args:
         uri: The backend. A seed in it makes other noise, not other motion.
         joints: Names of the joints to identify.
-        scenario: The motion.
+        scenario: Motion of kind sweeps; its joints are those given here.
         seed: Root of the random motion and noise.
         workers: Processes for simulated runs; -1 for one per core.
         progress: Told after each run.
@@ -102,9 +114,11 @@ def record_joints(
     robot = load_robot()
     if len(set(joints)) != len(joints):
         raise ConfigError(f"a joint is given twice: {', '.join(joints)}")
+    motion = sweeps_of(scenario)
+    uri = scenario_uri(uri, scenario)
     indices = [robot.joint_index(name) for name in joints]
     info = make_backend(uri, robot).info
-    stiffnesses = (*scenario.estimation_stiffness, scenario.test_stiffness)
+    stiffnesses = (*motion.estimation_stiffness, scenario.stiffness)
     jobs = [
         delayed(record_run)(uri, name, scenario, stiffness, (seed, index, run))
         for name, index in zip(joints, indices, strict=True)
@@ -135,7 +149,7 @@ def _counted(
 def record_run(
     uri: str,
     joint: str,
-    scenario: IdentificationScenario,
+    scenario: Scenario,
     stiffness: float,
     seed: tuple[int, ...],
 ) -> Recording:
@@ -148,20 +162,28 @@ def record_run(
         stiffness: Of the posture task [1/s2].
         seed: Of the random sequence, and of a simulated robot's noise.
     """
-    rng = np.random.default_rng(seed)
     robot = load_robot()
-    sequence = _sequence(robot, joint, scenario, rng)
+    motion = replace(sweeps_of(scenario), joints=(joint,))
+    scenario = replace(scenario, stiffness=stiffness, motion=motion)
     builder = RecordingBuilder(robot)
-    with Pepper(_seeded(uri, seed), observer=None, robot=robot) as pepper:
-        pepper.set_posture(_neighbours(robot, joint, scenario, rng), stiffness=stiffness)
-        pepper.run(scenario.settle)
-        for part in range(2):
-            if part == 1:
-                pepper.set_posture(_neighbours(robot, joint, scenario, rng))
-            for target, dwell in sequence:
-                pepper.set_posture({joint: target})
-                pepper.run(dwell, on_tick=lambda tick, _: builder.append(tick))
+    pepper = Pepper(_seeded(uri, seed), observer=None, robot=robot)
+    stage = Stage(pepper, scenario, seed)
+    with pepper:
+        stage.perform(on_tick=lambda tick, _: builder.append(tick))
     return builder.finish()
+
+
+def sweeps_of(scenario: Scenario) -> Sweeps:
+    """The motion of a scenario that can identify.
+
+    Raises:
+        ConfigError: Its motion is of another kind.
+    """
+    if not isinstance(scenario.motion, Sweeps):
+        raise ConfigError(
+            f"{scenario.source}: key 'motion.kind': identification takes sweeps, not {scenario.motion.kind}"
+        )
+    return scenario.motion
 
 
 def _seeded(uri: str, seed: tuple[int, ...]) -> str:
@@ -174,41 +196,10 @@ def _seeded(uri: str, seed: tuple[int, ...]) -> str:
     return f"{parsed.scheme}://?{urlencode({**parsed.query, 'seed': number})}"
 
 
-def _sequence(
-    robot: RobotConfig, joint: str, scenario: IdentificationScenario, rng: np.random.Generator
-) -> list[tuple[float, float]]:
-    """Targets [rad] and dwell times [s]: sweeps between the limits with small or big offsets, then set-points."""
-    config = robot.joints[robot.joint_index(joint)]
-    span = config.upper - config.lower
-    offset = scenario.largest_offset * span
-    targets = []
-    for _ in range(scenario.sweeps):
-        targets.append(config.lower + rng.uniform(0.0, offset))
-        targets.append(config.upper - rng.uniform(0.0, offset))
-    targets.extend(rng.uniform(config.lower, config.upper, scenario.setpoints))
-    dwells = rng.uniform(*scenario.dwell, len(targets))
-    return [(float(target), float(dwell)) for target, dwell in zip(targets, dwells, strict=True)]
-
-
-def _neighbours(
-    robot: RobotConfig, joint: str, scenario: IdentificationScenario, rng: np.random.Generator
-) -> dict[str, float]:
-    """New angles [rad] for the joints before and after ``joint`` in its chain."""
-    chain = robot.chain_of(joint)
-    place = chain.index(joint)
-    angles = {}
-    for name in (*chain[max(0, place - 1) : place], *chain[place + 1 : place + 2]):
-        config = robot.joints[robot.joint_index(name)]
-        middle, span = (config.lower + config.upper) / 2, config.upper - config.lower
-        reach = scenario.neighbour_range * span / 2
-        angles[name] = float(rng.uniform(middle - reach, middle + reach))
-    return angles
-
-
 def identify_joints(
     uri: str,
     joints: Sequence[str],
-    scenario: IdentificationScenario,
+    scenario: Scenario,
     kind: TreeKind,
     *,
     seed: int = 0,
@@ -220,8 +211,10 @@ def identify_joints(
         PepperError: A joint or backend that does not exist, a robot that refuses, data that determine nothing.
     """
     robot = load_robot()
+    uri = scenario_uri(uri, scenario)
     recordings = record_joints(uri, joints, scenario, seed=seed, progress=progress)
     backend = make_backend(uri, robot)
+    window = load_observer_settings().median_window
     fits: dict[str, dict[str, Fit]] = {}
     chosen: dict[str, ExpectedErrorModel] = {}
     for method in (kind, *(other for other in TREE_TYPES if other != kind)):
@@ -244,9 +237,16 @@ def identify_joints(
             cycle=robot.cycle,
             estimation_fit={name: fit.estimation for name, fit in fits[kind].items()},
             test_fit={name: fit.test for name, fit in fits[kind].items()},
+            threshold={
+                entry.joint: free_threshold(
+                    entry.joint, (*entry.estimation, entry.test), chosen[entry.joint], window
+                )
+                for entry in recordings
+            },
             version=version("pepper-driver"),
             models=chosen,
-            created_by=f"pepper identify --backend {uri} --joints {','.join(joints)} --tree {kind} --seed {seed}",
+            created_by=f"pepper identify --backend {uri} --scenario {scenario.name} --joints {','.join(joints)} "
+            f"--tree {kind} --seed {seed}",
         ),
         fits=fits,
     )

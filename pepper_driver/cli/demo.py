@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Annotated
@@ -19,21 +20,43 @@ from pepper_driver.cli.console import (
     show_line,
 )
 from pepper_driver.cli.identify import identify_with_progress, print_fits
-from pepper_driver.config import MissingExtraError, load_demo_scenario, load_robot
-from pepper_driver.demo import CONTACTS_NAME, FIGURE_NAME, LOG_NAME, DemoResult, run_demo
+from pepper_driver.config import MissingExtraError, load_robot, load_scenario
+from pepper_driver.demo import (
+    CONTACTS_NAME,
+    FIGURE_NAME,
+    LOG_NAME,
+    DemoResult,
+    demo_scenario,
+    run_demo,
+)
 from pepper_driver.log import read_log
 from pepper_driver.observer import RELEASE_GRACE, Contact, Push
 from pepper_driver.plots import plot_contacts
+from pepper_driver.staging import scenario_uri
 
 
 def demo(
     out: Annotated[
         Path, typer.Option(metavar="DIR", help="Folder for the log, the contacts and the figure.")
     ] = Path("runs/demo"),
+    scenario: Annotated[
+        str,
+        typer.Option(
+            metavar="NAME_OR_FILE", help="Motion and pushes; of kind setpoints or script."
+        ),
+    ] = "demo",
     seconds: Annotated[
-        float, typer.Option(help="Simulated time; whole periods of 8 s.", min=8.0, max=3600.0)
-    ] = 48.0,
-    seed: Annotated[int, typer.Option(help="Of motion, pushes and noise.", min=0)] = 0,
+        float | None,
+        typer.Option(
+            help="Simulated time; whole periods of the scenario (8 s, and 48 s by default).",
+            min=8.0,
+            max=3600.0,
+        ),
+    ] = None,
+    seed: Annotated[
+        int | None,
+        typer.Option(help="Of motion, pushes and noise; else the scenario's.", min=0),
+    ] = None,
     models: Annotated[
         Path | None,
         typer.Option(metavar="FILE", help="Models to use, in place of the shipped ones."),
@@ -49,18 +72,28 @@ def demo(
     """Move a simulated Pepper's arms, push them, and print each contact as it is felt."""
     console = make_console()
     check_outputs(json_file)
+    robot = load_robot()
+    chosen = demo_scenario(scenario, robot)
+    joints = chosen.touched_joints
     with TemporaryDirectory() as folder:
         if fresh:
             models = models or Path(folder) / "models.json"
             check_outputs(models)
-            joints = load_demo_scenario(load_robot()).joints
-            result = identify_with_progress(console, "mujoco", joints, "affine", seed=seed)
+            result = identify_with_progress(
+                console,
+                scenario_uri("mujoco", chosen),
+                joints,
+                load_scenario("identify", robot),
+                "affine",
+                seed=seed,
+            )
             print_fits(console, result)
             result.models.save(models)
         with make_progress(console) as progress:
             bar = progress.add_task("simulating", total=1.0)
             result_demo = run_demo(
                 out,
+                scenario=scenario,
                 seconds=seconds,
                 seed=seed,
                 models=models,
@@ -71,7 +104,7 @@ def demo(
     _table(result_demo, console)
     console.print(f"results in {out}: {LOG_NAME}, {CONTACTS_NAME}")
     save_json(json_file, result_demo.summary, console)
-    _figure(out, console)
+    _figure(out, joints, console)
 
 
 def _line(contact: Contact, pushes: tuple[Push, ...]) -> str:
@@ -90,14 +123,10 @@ def _line(contact: Contact, pushes: tuple[Push, ...]) -> str:
     return text
 
 
-def _figure(out: Path, console: Console) -> None:
+def _figure(out: Path, joints: Sequence[str], console: Console) -> None:
     """Draw the figure in the manner of the paper's Fig. 3, or say what is missing for it."""
     try:
-        plot_contacts(
-            read_log(out / LOG_NAME),
-            out / FIGURE_NAME,
-            joints=load_demo_scenario(load_robot()).joints,
-        )
+        plot_contacts(read_log(out / LOG_NAME), out / FIGURE_NAME, joints=joints)
         console.print(f"figure: {out / FIGURE_NAME}")
     except MissingExtraError as error:
         console.print(f"no figure: {error}")

@@ -2,7 +2,7 @@
 
 import pytest
 
-from pepper_driver.config import load_demo_scenario, load_plant, load_robot, plant_hash
+from pepper_driver.config import load_plant, load_robot, load_scenario, plant_hash
 from pepper_driver.observer import TREE_TYPES, ModelSet, TreeKind, shipped
 
 ROBOT = load_robot()
@@ -18,7 +18,7 @@ def test_shipped_models_are_of_the_shipped_plant(kind: TreeKind) -> None:
     )
     assert models.kind == kind
     assert models.joint_names == ROBOT.joint_names
-    assert set(load_demo_scenario(ROBOT).joints) <= set(models.models)
+    assert set(load_scenario("demo", ROBOT).touched_joints) <= set(models.models)
 
 
 def test_the_affine_models_fit_what_they_must() -> None:

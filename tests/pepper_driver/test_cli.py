@@ -9,8 +9,10 @@ import time
 from pathlib import Path
 
 import pytest
+import yaml
 
 from pepper_driver.cli.app import run
+from pepper_driver.config.loading import package_file, read_yaml
 from pepper_driver.log import read_log
 from pepper_driver.observer import ModelSet
 
@@ -66,6 +68,10 @@ def test_demo_without_the_plot_extra_says_so(
         (["identify", "--out", "x.json", "--joints", "HeadYaw,HeadYaw"], "twice"),
         (["identify", "--out", "x.json", "--tree", "oak"], "affine"),
         (["identify", "--out", "/dev/null/x.json"], "/dev/null/x.json"),
+        (["identify", "--out", "x.json", "--scenario", "demo"], "motion.kind"),
+        (["demo", "--scenario", "dmo"], "did you mean demo"),
+        (["demo", "--scenario", "identify"], "motion.kind"),
+        (["demo", "--scenario", "reach_and_push", "--seconds", "8"], "leave out seconds"),
         (["bench", "--seconds", "0"], "seconds"),
     ],
 )
@@ -179,19 +185,15 @@ def test_bench_writes_its_figures(tmp_path: Path, capsys: pytest.CaptureFixture[
 
 
 def test_identify_writes_a_model_file_that_loads(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    from dataclasses import replace
-
-    from pepper_driver.cli import identify as command
-    from pepper_driver.config import load_identification_scenario
-
-    short = replace(
-        load_identification_scenario(), estimation_stiffness=(2.0, 4.0), sweeps=1, setpoints=2
-    )
-    monkeypatch.setattr(command, "load_identification_scenario", lambda: short)
+    scenario = read_yaml(package_file("scenarios", "identify.yaml"))
+    scenario["motion"] |= {"estimation_stiffness": [2.0, 4.0], "sweeps": 1, "setpoints": 2}
+    short = tmp_path / "short.yaml"
+    short.write_text(yaml.safe_dump(scenario))
     out, figures = tmp_path / "models.json", tmp_path / "fit.json"
     arguments = ["--out", str(out), "--joints", "RElbowRoll", "--json", str(figures)]
+    arguments += ["--scenario", str(short)]
     assert run(["identify", *arguments]) == 0
     assert set(ModelSet.load(out).models) == {"RElbowRoll"}
     fits = json.loads(figures.read_text())["fit"]

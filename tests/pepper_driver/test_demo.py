@@ -2,18 +2,38 @@
 
 import json
 from pathlib import Path
+from typing import Any, cast
 
 import numpy as np
 import pytest
+import yaml
 
-from pepper_driver.config import PepperError, load_demo_scenario, load_robot
+from pepper_driver import demo
+from pepper_driver.config import PepperError, load_robot, load_scenario
+from pepper_driver.config.loading import package_file, read_yaml
+from pepper_driver.config.scenario_contacts import RandomPushes
+from pepper_driver.config.scenario_motion import Setpoints
 from pepper_driver.demo import CONTACTS_NAME, FIGURE_NAME, LOG_NAME, run_demo
 from pepper_driver.log import read_log
 from pepper_driver.observer import Contact, Push
 from pepper_driver.robot import Pepper
 
 ROBOT = load_robot()
-SCENARIO = load_demo_scenario(ROBOT)
+SCENARIO = load_scenario("demo", ROBOT)
+MOTION = cast(Setpoints, SCENARIO.motion)
+PUSHES = cast(RandomPushes, SCENARIO.contacts[0])
+
+
+class Numb(Pepper):
+    """A Pepper without an observer: its motion and its pushes are those of the demonstration."""
+
+    def __init__(self, uri: str, *, models: object, **options: Any) -> None:
+        super().__init__(uri, observer=None, **options)
+
+
+@pytest.fixture
+def numb(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(demo, "Pepper", Numb)
 
 
 def test_every_push_of_five_equivalent_degrees_is_felt(tmp_path: Path) -> None:
@@ -39,7 +59,7 @@ def test_every_push_of_five_equivalent_degrees_is_felt(tmp_path: Path) -> None:
         felt_torque = torque[during, ROBOT.joint_index(push.joint)]
         peak = felt_torque[np.abs(felt_torque).argmax()]
         assert peak == pytest.approx(push.direction * push.torque, rel=0.01)
-        assert SCENARIO.degrees[0] <= push.degrees <= SCENARIO.degrees[1]
+        assert PUSHES.degrees[0] <= push.degrees <= PUSHES.degrees[1]
         board = log.truth["saturated"][during, ROBOT.joint_index(push.joint)]
         assert push.saturated == board.any()
 
@@ -69,8 +89,8 @@ def test_without_pushes_nothing_is_felt() -> None:
         for _ in range(8):
             pepper.set_posture(
                 {
-                    name: middle[i] + SCENARIO.range * half[i] * rng.uniform(-1, 1)
-                    for name in SCENARIO.joints
+                    name: middle[i] + MOTION.range * half[i] * rng.uniform(-1, 1)
+                    for name in MOTION.joints
                     for i in [ROBOT.joint_index(name)]
                 }
             )
@@ -78,19 +98,97 @@ def test_without_pushes_nothing_is_felt() -> None:
         assert pepper.contacts == ()
 
 
+def own_script(folder: Path, **changes: Any) -> Path:
+    """A scenario file: a reach, with the pushes of the shipped one in the first six seconds."""
+    data = read_yaml(package_file("scenarios", "reach_and_push.yaml"))
+    data["name"] = "mine"
+    data["motion"] |= {"length": 6.0, "steps": data["motion"]["steps"][:1]}
+    data["contacts"] = data["contacts"][:2]
+    path = folder / "mine.yaml"
+    path.write_text(yaml.safe_dump(data | changes))
+    return path
+
+
+@pytest.mark.usefixtures("numb")
 def test_a_push_that_saturates_its_board_is_marked(tmp_path: Path) -> None:
-    """Planning looks at the rest state; a joint that is also braking may need more."""
-    result = run_demo(tmp_path, seed=9, seconds=32.0)
-    assert any(push.saturated for push in result.pushes), "this seed has one"
-    log = read_log(tmp_path / LOG_NAME)
+    truth = Pepper("mujoco", observer=None).backend.truth
+    index = ROBOT.joint_index("RElbowRoll")
+    push: dict[str, Any] = read_yaml(package_file("scenarios", "reach_and_push.yaml"))["contacts"][
+        1
+    ]
+    limit = float(np.degrees(truth.torque_limit[index] / truth.stiffness[index]))
+    pushes = [
+        push | {"start": 1.0, "degrees": 1.15 * limit, "duration": 0.4, "saturating": True},
+        push | {"start": 4.0, "degrees": 0.2 * limit},
+    ]
+    result = run_demo(tmp_path / "out", scenario=own_script(tmp_path, contacts=pushes))
+    assert [push.saturating for push in result.pushes] == [True, False]
+    assert [push.saturated for push in result.pushes] == [True, False]
+    assert result.summary["saturated"] == 1
+    log = read_log(tmp_path / "out" / LOG_NAME)
     assert log.truth is not None
-    for push in result.pushes:
-        time = np.asarray(log["time"])
-        during = (time >= push.onset) & (time <= push.release)
-        board = log.truth["saturated"][during, ROBOT.joint_index(push.joint)]
-        assert push.saturated == board.any()
+    time = np.asarray(log["time"])
+    for told in result.pushes:
+        during = (time >= told.onset) & (time <= told.release)
+        assert told.saturated == log.truth["saturated"][during, index].any()
 
 
+@pytest.mark.usefixtures("numb")
+def test_a_script_of_ones_own_is_shown(tmp_path: Path) -> None:
+    result = run_demo(tmp_path / "out", scenario=own_script(tmp_path, seed=3, plant="nominal"))
+    assert result.uri == "mujoco://?seed=3&plant=nominal"
+    assert result.scenario == "mine"
+    assert result.simulated_seconds == pytest.approx(7.0, abs=0.02)
+    assert [push.joint for push in result.pushes] == ["LShoulderRoll", "RElbowRoll"]
+    summary = json.loads((tmp_path / "out" / CONTACTS_NAME).read_text())["summary"]
+    forces = [push.force for push in result.pushes]
+    assert forces[0] == pytest.approx(12.0)
+    assert summary["force_n"] == {"least": min(forces), "most": max(forces)}
+    degrees = [push.degrees for push in result.pushes]
+    assert degrees[1] == pytest.approx(1.5)
+    assert summary["degrees"] == {"least": min(degrees), "most": max(degrees)}
+    missed = json.loads((tmp_path / "out" / CONTACTS_NAME).read_text())["missed"]
+    assert [push["force"] for push in missed] == forces, "nothing is felt without an observer"
+    again = run_demo(tmp_path / "out", scenario=own_script(tmp_path, seed=3), seed=8)
+    assert again.uri == "mujoco://?seed=8"
+
+
+@pytest.mark.usefixtures("numb")
+def test_the_length_is_the_scenarios_or_whole_periods_of_the_time_given(tmp_path: Path) -> None:
+    shares: list[float] = []
+    result = run_demo(tmp_path, seconds=16.0, on_progress=shares.append)
+    assert result.simulated_seconds == pytest.approx(2 * MOTION.period)
+    assert len(result.pushes) == 4
+    assert len(shares) == 16
+    assert shares[-1] == 1.0
+
+
+@pytest.mark.parametrize(
+    ("changes", "options", "word"),
+    [
+        ({}, {"seconds": 8.0}, "leave out seconds"),
+        ({"contacts": []}, {}, "key 'contacts': a demonstration needs some"),
+        ({"plant": "worm"}, {}, "unknown plant 'worm'"),
+        ({"contacts": [{"kind": "push"}]}, {}, "key 'contacts.0"),
+        ({"largest_load": 0.01}, {}, "key 'contacts.0': 12.0 N"),
+    ],
+)
+@pytest.mark.usefixtures("numb")
+def test_a_scenario_that_cannot_be_shown_is_refused_and_leaves_nothing(
+    tmp_path: Path, changes: dict[str, Any], options: dict[str, Any], word: str
+) -> None:
+    with pytest.raises(PepperError) as caught:
+        run_demo(tmp_path / "out", scenario=own_script(tmp_path, **changes), **options)
+    assert word in str(caught.value)
+    assert not (tmp_path / "out").exists()
+
+
+def test_free_motion_is_no_demonstration(tmp_path: Path) -> None:
+    with pytest.raises(PepperError, match=r"key 'motion\.kind': a demonstration takes setpoints"):
+        run_demo(tmp_path / "out", scenario="identify")
+
+
+@pytest.mark.usefixtures("numb")
 def test_results_of_an_earlier_run_do_not_stay_beside_a_new_log(tmp_path: Path) -> None:
     (tmp_path / FIGURE_NAME).write_text("old")
     (tmp_path / CONTACTS_NAME).write_text("old")
@@ -103,6 +201,7 @@ def test_results_of_an_earlier_run_do_not_stay_beside_a_new_log(tmp_path: Path) 
     assert [p.name for p in tmp_path.iterdir()] == [LOG_NAME]
 
 
+@pytest.mark.usefixtures("numb")
 @pytest.mark.parametrize("name", [FIGURE_NAME, CONTACTS_NAME])
 def test_a_result_that_cannot_be_written_is_told_before_the_run(tmp_path: Path, name: str) -> None:
     (tmp_path / name).mkdir()

@@ -5,12 +5,27 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pepper_driver.config import UnknownNameError, load_identification_scenario, load_robot
-from pepper_driver.identify import CLOSED_FORM, identify_joints, record_joints, record_run
+from pepper_driver.config import ConfigError, UnknownNameError, load_robot, load_scenario
+from pepper_driver.identify import (
+    CLOSED_FORM,
+    identify_joints,
+    record_joints,
+    record_run,
+    sweeps_of,
+)
 
 ROBOT = load_robot()
-FULL = load_identification_scenario()
-SHORT = replace(FULL, estimation_stiffness=(2.0, 4.0), sweeps=1, setpoints=2, dwell=(0.6, 1.2))
+FULL = load_scenario("identify", ROBOT)
+SHORT = replace(
+    FULL,
+    motion=replace(
+        sweeps_of(FULL),
+        estimation_stiffness=(2.0, 4.0),
+        sweeps=1,
+        setpoints=2,
+        dwell=(0.6, 1.2),
+    ),
+)
 
 
 def test_one_run_moves_the_joint_and_changes_its_neighbours_half_way() -> None:
@@ -91,7 +106,15 @@ def test_an_unknown_joint_is_refused_before_anything_moves() -> None:
         record_joints("mujoco", ["LShoulderRol"], SHORT)
 
 
-def test_the_estimation_runs_are_those_of_the_paper() -> None:
-    assert len(FULL.estimation_stiffness) == 7
-    assert (min(FULL.estimation_stiffness), max(FULL.estimation_stiffness)) == (2.0, 5.0)
-    assert FULL.test_stiffness == 9.0
+def test_another_kind_of_motion_identifies_nothing() -> None:
+    with pytest.raises(
+        ConfigError, match=r"demo\.yaml: key 'motion\.kind': .*sweeps, not setpoints"
+    ):
+        record_joints("mujoco", ["LShoulderRoll"], load_scenario("demo", ROBOT))
+
+
+def test_the_plant_of_the_scenario_is_the_one_identified() -> None:
+    with pytest.raises(UnknownNameError, match="unknown plant 'worm'"):
+        record_joints("mujoco", ["RElbowRoll"], replace(SHORT, plant="worm"))
+    with pytest.raises(UnknownNameError, match="unknown plant 'worm'"):
+        identify_joints("mujoco", ["RElbowRoll"], replace(SHORT, plant="worm"), "affine")

@@ -1,0 +1,190 @@
+"""Kinds of contact a scenario can ask for. Points in the link's frame [m]; times [s] from the end of the settling.
+
+Every contact names the joint it is meant for, and the link and point where the hand is. ``saturating`` marks contacts
+that may take a motor board beyond what its current limit can hold; no other may.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from typing import Annotated, Literal
+
+from pydantic import Field
+from pydantic.dataclasses import dataclass
+
+from pepper_driver.config.loading import STRICT
+from pepper_driver.config.parts import NotNegative, Positive, Vector3
+from pepper_driver.config.scenario_motion import Joints, Name, check_bounds
+
+Axes = Literal["world", "link"]
+Degrees = Annotated[float, Field(gt=0, le=90)]
+
+STRONGEST_HAND = 1000.0
+"""[N] No contact may be stronger, not even one that is meant to saturate."""
+
+FARTHEST_PULL = 1.0
+"""[m]"""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Hand:
+    """A link that a contact may hold between ``begin`` and ``end`` [s]; ``key`` is where the file says so."""
+
+    key: str
+    link: str
+    begin: float
+    end: float
+
+
+@dataclass(frozen=True, kw_only=True, config=STRICT)
+class Touch:
+    """What one contact of known place and time says: ``joint`` it is meant for, ``link`` and point, ``start`` [s]."""
+
+    joint: str
+    link: str
+    xyz: Vector3
+    start: NotNegative
+    saturating: bool = False
+
+    def names(self) -> Iterator[Name]:
+        """Names the robot must know."""
+        yield "joint", "joint", self.joint
+        yield "link", "link", self.link
+
+
+@dataclass(frozen=True, kw_only=True, config=STRICT)
+class Push(Touch):
+    """A force [N] in the axes of the world or of the link."""
+
+    kind: Literal["push"]
+    force: Vector3
+    frame: Axes = "world"
+    duration: Positive
+
+    def __post_init__(self) -> None:
+        _check_vector("force", self.force, STRONGEST_HAND, "N")
+
+    @property
+    def largest(self) -> Vector3:
+        """The force at its largest [N]."""
+        return self.force
+
+
+@dataclass(frozen=True, kw_only=True, config=STRICT)
+class JointPush(Touch):
+    """The smallest force that puts ``degrees`` equivalent degrees on ``joint``.
+
+    Equivalent degrees: torque on the joint divided by its proportional stiffness. ``direction`` is the torque's sign.
+    """
+
+    kind: Literal["joint_push"]
+    degrees: Degrees
+    direction: Literal[-1, 1]
+    duration: Positive
+
+
+@dataclass(frozen=True, kw_only=True, config=STRICT)
+class Grab(Touch):
+    """A springy hand that takes hold of a point, moves by ``pull`` [m] in ``rise``, stays for ``hold``, lets go.
+
+    Its spring has ``stiffness`` [N/m], gives ``largest_force`` [N] at most, and fades over ``release``. Times in [s].
+    """
+
+    kind: Literal["grab"]
+    pull: Vector3
+    frame: Axes = "world"
+    stiffness: Annotated[float, Field(ge=500, le=3000)] = 1000.0
+    largest_force: Annotated[float, Field(gt=0, le=STRONGEST_HAND)] = 100.0
+    rise: Positive = 0.5
+    hold: NotNegative = 1.0
+    release: Positive = 0.1
+
+    def __post_init__(self) -> None:
+        _check_vector("pull", self.pull, FARTHEST_PULL, "m")
+
+    @property
+    def duration(self) -> float:
+        """From taking hold to letting go [s]."""
+        return self.rise + self.hold + self.release
+
+    @property
+    def largest(self) -> Vector3:
+        """The force at its largest [N]: while the link does not give way."""
+        way = math.hypot(*self.pull)
+        force = min(self.stiffness * way, self.largest_force)
+        x, y, z = (force / way * part for part in self.pull)
+        return x, y, z
+
+
+@dataclass(frozen=True, kw_only=True, config=STRICT)
+class PushPoint:
+    """A point of a link, ``xyz`` [m] in the link's frame."""
+
+    link: str
+    xyz: Vector3
+
+
+@dataclass(frozen=True, kw_only=True, config=STRICT)
+class RandomPushes:
+    """Pushes of random joint, size and direction at these ``times`` after each new goal of the motion.
+
+    Attributes:
+        times: [s] after the goal was set.
+        jitter: Each time is off by half of this at most, either way [s].
+        joints: Drawn from, each as often.
+        degrees: Smallest and largest equivalent degrees; log-uniform.
+        duration: Shortest and longest push [s].
+        points: Where each joint is pushed.
+        saturating: As for all contacts; without it, sizes that would saturate a board are drawn again.
+    """
+
+    kind: Literal["random_pushes"]
+    times: Annotated[tuple[NotNegative, ...], Field(min_length=1, max_length=1000)]
+    jitter: NotNegative = 0.0
+    joints: Joints
+    degrees: tuple[Degrees, Degrees]
+    duration: tuple[Positive, Positive]
+    points: dict[str, PushPoint]
+    saturating: bool = False
+
+    def __post_init__(self) -> None:
+        check_bounds("degrees", self.degrees)
+        check_bounds("duration", self.duration)
+        if min(self.times) < self.jitter / 2:
+            raise ValueError(
+                "'jitter' takes a push to before its goal: no time may be below half of it"
+            )
+        for joint in self.joints:
+            if joint not in self.points:
+                raise ValueError(f"'points' has no entry for joint {joint}")
+
+    def names(self) -> Iterator[Name]:
+        """Names the robot must know."""
+        yield from (("joints", "joint", joint) for joint in self.joints)
+        for joint, point in self.points.items():
+            yield "points", "joint", joint
+            yield f"points.{joint}.link", "link", point.link
+
+    def hands(self, key: str) -> Iterator[Hand]:
+        """Where hands may be, and when at the widest, after a goal at time 0."""
+        half = self.jitter / 2
+        for number, time in enumerate(self.times):
+            for link in sorted({self.points[joint].link for joint in self.joints}):
+                yield Hand(
+                    key=f"{key}.times.{number}",
+                    link=link,
+                    begin=time - half,
+                    end=time + half + self.duration[1],
+                )
+
+
+AnyContact = Push | JointPush | Grab | RandomPushes
+
+
+def _check_vector(key: str, vector: Vector3, largest: float, unit: str) -> None:
+    size = math.hypot(*vector)
+    if not 0 < size <= largest:
+        raise ValueError(
+            f"'{key}' must be longer than 0, and {largest:g} {unit} at most, not {size:g}"
+        )

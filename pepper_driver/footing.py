@@ -1,0 +1,70 @@
+"""How near a force comes to tipping the robot over an edge between two of its wheels."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+
+from pepper_driver.config import RobotConfig
+from pepper_driver.config.parts import FloatArray, Wheels
+
+WHEEL_LINK = "Tibia"
+"""The link that ``wheels.yaml`` gives the wheels' positions in."""
+
+
+class Footing:
+    """The triangle of the wheels on the floor, and the weight that holds the robot on it.
+
+    Frames: base_link, with its origin on the floor and z up. The robot stands still; masses are those of the URDF.
+
+    Attributes:
+        corners: (3, 3) where the wheels touch the floor, counter-clockwise seen from above [m].
+    """
+
+    def __init__(self, urdf: Path, joint_names: tuple[str, ...], wheels: Wheels) -> None:
+        # With a joint below it, the base has a mass too.
+        self._pin = pin.buildModelFromUrdf(str(urdf), pin.JointModelPlanar())
+        self._data = self._pin.createData()
+        joints = [self._pin.joints[self._pin.getJointId(name)] for name in joint_names]
+        self._columns = np.array([joint.idx_q for joint in joints], dtype=np.intp)
+        self._weight = pin.computeTotalMass(self._pin) * np.linalg.norm(self._pin.gravity.linear)
+        pin.framesForwardKinematics(self._pin, self._data, pin.neutral(self._pin))
+        carrier = self._data.oMf[self._pin.getFrameId(WHEEL_LINK)].translation
+        centres = carrier + np.array(wheels.positions)
+        corners = centres - [0.0, 0.0, wheels.radius]
+        # In this order a moment that lifts the robot over an edge is positive about it.
+        angle = np.arctan2(*(corners - corners.mean(axis=0))[:, 1::-1].T)
+        self.corners: FloatArray = corners[np.argsort(angle)]
+
+    @classmethod
+    def of(cls, robot: RobotConfig) -> Footing:
+        """That of a robot; made once."""
+        return _made(robot.urdf, robot.joint_names, robot.wheels)
+
+    def share(self, posture: FloatArray, point: FloatArray, force: FloatArray) -> float:
+        """Moment of a force over a moment of the weight, about the edge where it is largest; at 1 a wheel lifts off.
+
+        Args:
+            posture: (17,) [rad].
+            point: (3,) where the force acts, in base_link [m].
+            force: (3,) in the axes of base_link [N].
+        """
+        q = pin.neutral(self._pin)
+        q[self._columns] = posture
+        mass_centre = pin.centerOfMass(self._pin, self._data, q)
+        weight = np.array([0.0, 0.0, -self._weight])
+        shares = []
+        for corner, following in zip(self.corners, np.roll(self.corners, -1, axis=0), strict=True):
+            edge = (following - corner) / np.linalg.norm(following - corner)
+            holding = -float(edge @ np.cross(mass_centre - corner, weight))
+            lifting = float(edge @ np.cross(point - corner, force))
+            shares.append(lifting / holding if holding > 0 else np.inf)
+        return max(0.0, *shares)
+
+
+@lru_cache(maxsize=8)
+def _made(urdf: Path, joint_names: tuple[str, ...], wheels: Wheels) -> Footing:
+    return Footing(urdf, joint_names, wheels)
