@@ -91,7 +91,12 @@ def load_plant(name: str, robot: RobotConfig, *, draw: int | None = None) -> Pla
     source = str(path)
     drawing = data.pop("randomise", None)
     if drawing is not None:
-        randomise(data, parse(Randomisation, drawing, source), robot, draw or 0, source)
+        if draw is not None and draw < 0:
+            raise ConfigError(f"{source}: draw takes a whole number from 0, got {draw}")
+        if not isinstance(drawing, dict):
+            raise ConfigError(f"{source}: key 'randomise': expected a mapping of keys to values")
+        ranges = parse(Randomisation, drawing, f"{source}: key 'randomise'")
+        randomise(data, ranges, robot, draw or 0, source)
     elif draw is not None:
         raise ConfigError(
             f"{source}: draws nothing (no key 'randomise'), so draw={draw} says nothing"

@@ -95,7 +95,8 @@ def randomise(
     for key, bounds in drawing.values.items():
         where = f"{source}: key 'randomise.values.{key}'"
         holder, last = _place(data, key, where)
-        holder[last] = float(rng.uniform(*_ordered(bounds, where)))
+        lower, upper = _ordered(bounds, where)
+        holder[last] = lower + float(rng.uniform()) * (upper - lower)
     smallest, largest = _ordered(drawing.model_error, f"{source}: key 'randomise.model_error'")
     body = data.setdefault("body", {})
     for link, com in _centres_of_mass(robot).items():
@@ -151,7 +152,10 @@ def _scale(actuators: list[Tree], key: str, factor: object, robot: RobotConfig, 
         if not isinstance(number, int | float) or isinstance(number, bool):
             raise ConfigError(f"{where}: expected a number, or numbers by joint, got {number!r}")
         holder, last = _place(_drive(actuators, joint, where), key, where)
-        holder[last] = float(holder[last]) * number
+        try:
+            holder[last] = float(holder[last]) * float(number)
+        except OverflowError as error:
+            raise ConfigError(f"{where}: the factor is beyond all measure") from error
 
 
 def _place(tree: Tree, key: str, where: str) -> tuple[Any, Any]:

@@ -123,9 +123,11 @@ class MotorBoards(Resumable):
         np.maximum(voltage, -self._supply, out=voltage)
         np.not_equal(voltage, wanted, out=self._differs)
         self.saturated |= self._differs
-        if self._has_integral:  # it stands still while a bound is met, and at small errors
+        if self._has_integral:  # it goes no further into a bound, and stands still at small errors
             np.multiply(self._integral_step, error, out=change)
-            change[self._differs | (np.abs(error) < self._integral_band)] = 0.0
+            change[np.abs(error) < self._integral_band] = 0.0
+            np.subtract(wanted, voltage, out=wanted)  # by how much a bound cut the voltage
+            change[wanted * change > 0.0] = 0.0
             self._integral += change
             np.minimum(self._integral, self._integral_limit, out=self._integral)
             np.maximum(self._integral, -self._integral_limit, out=self._integral)

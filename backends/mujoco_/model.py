@@ -17,7 +17,7 @@ from pepper_driver.backends.mujoco_.drives import (
 )
 from pepper_driver.backends.mujoco_.objects import add_objects
 from pepper_driver.backends.mujoco_.rolling import add_rolling_base, add_wheel_drives
-from pepper_driver.config import PlantConfig, RobotConfig, World
+from pepper_driver.config import ConfigError, PlantConfig, RobotConfig, World
 from pepper_driver.config.parts import FloatArray, IndexArray
 from pepper_driver.config.plant_parts import Body
 
@@ -69,9 +69,12 @@ def build_model(robot: RobotConfig, plant: PlantConfig, world: World | None = No
     """Compile the plant from the robot's URDF and the plant's parameters, with the objects of a world around it.
 
     Raises:
-        ConfigError: The step is too coarse for the stiffest gear.
+        ConfigError: MuJoCo refuses the URDF, or the step is too coarse for the stiffest gear.
     """
-    spec = mujoco.MjSpec.from_file(str(robot.urdf))
+    try:
+        spec = mujoco.MjSpec.from_file(str(robot.urdf))
+    except ValueError as error:
+        raise _refused(robot, error) from error
     _set_options(spec, plant)
     for geom in spec.geoms:
         geom.contype, geom.conaffinity = ROBOT, OBJECT
@@ -85,7 +88,10 @@ def build_model(robot: RobotConfig, plant: PlantConfig, world: World | None = No
         add_rolling_base(spec, robot, plant, floor_bit=FLOOR)
     if world is not None:
         add_objects(spec, world, plant, object_bit=OBJECT, robot_bit=ROBOT, floor_bit=FLOOR)
-    mj = spec.compile()
+    try:
+        mj = spec.compile()
+    except ValueError as error:
+        raise _refused(robot, error) from error
     # A simulation that blows up shall be told, not start anew from its first posture by itself.
     mj.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
     # Islands would only be found to be one: the robot, and motors that no constraint ties to it.
@@ -105,6 +111,11 @@ def build_model(robot: RobotConfig, plant: PlantConfig, world: World | None = No
         half_gap=plant.per_joint("half_gap", robot),
         bodies={link: mj.body(link).id for link in robot.links},
     )
+
+
+def _refused(robot: RobotConfig, error: ValueError) -> ConfigError:
+    reason = " ".join(str(error).replace("Error:", "").split())
+    return ConfigError(f"{robot.urdf}: MuJoCo cannot build the robot: {reason}")
 
 
 def _set_options(spec: mujoco.MjSpec, plant: PlantConfig) -> None:

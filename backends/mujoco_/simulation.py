@@ -126,7 +126,7 @@ class Simulation(Resumable):
         self.wheels.end_cycle()
         self.contacts.end_cycle()
         power = float(voltage @ boards.current)
-        supply.step(np.square(boards.current), max(0.0, power))
+        supply.step(boards.current, max(0.0, power))
 
     def save(self) -> dict[str, Any]:
         """Everything that the next cycle depends on."""

@@ -65,17 +65,18 @@ class Supply(Resumable):
     def _above(self) -> FloatArray:
         return self.temperature - self._heat.reference
 
-    def step(self, mean_square_current: FloatArray, mean_power: float) -> None:
-        """One cycle later.
+    def step(self, current: FloatArray, power: float) -> None:
+        """One cycle later. Temperature and charge change over minutes: a sample a cycle is enough.
 
         Args:
-            mean_square_current: (17,) of the motors over the cycle [A2].
-            mean_power: What all motors took from the battery, on average [W]; what they gave back counts as none.
+            current: (17,) of the motors at the end of the cycle [A].
+            power: What the motors of the joints then took from the battery [W]; what they gave back counts as none.
+                The wheels' share is small beside ``idle_power``, and counted there.
         """
         battery, heat = self._battery, self._heat
-        loss = self._resistance * self.copper * mean_square_current
+        loss = self._resistance * self.copper * np.square(current)
         settled = heat.ambient + self._rise * loss
         self.temperature += (settled - self.temperature) * (self._cycle / heat.time_constant)
-        power = mean_power + battery.idle_power
+        power += battery.idle_power
         self.charge = max(0.0, self.charge - power * self._cycle / battery.energy)
         self._sag = battery.resistance * power / (self.voltage + self._sag)

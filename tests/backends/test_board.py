@@ -149,6 +149,17 @@ def test_the_integral_stands_still_while_a_bound_is_met() -> None:
     np.testing.assert_allclose(update(boards, small()), KP * small(), rtol=1e-9)
 
 
+def test_the_integral_unwinds_out_of_a_bound() -> None:
+    """Wound up as far as it goes, it holds the voltage at its bound; an error of the other sign lets it down there."""
+    ki, wound_up = 1000.0, VOLTAGE
+    boards = boards_of(plain(ki=ki))
+    boards._integral[:] = wound_up
+    boards._smoothed[:] = -small()  # no derivative
+    update(boards, -small(), count=10)
+    assert boards.saturated.all()
+    np.testing.assert_allclose(boards._integral, wound_up - ki * small() * 10 * STEP, rtol=1e-9)
+
+
 def test_the_integral_is_bounded() -> None:
     bound = 0.25 * float(np.min(np.minimum(LIMIT * RESISTANCE, VOLTAGE)))
     plant = plain(ki=1000.0)

@@ -88,7 +88,7 @@ def test_motors_warm_towards_ambient_plus_rise_times_loss(copper: float) -> None
     for seconds in (1.2, 12.0):
         supply.reset()
         for _ in range(round(seconds / CYCLE)):
-            supply.step(square, 0.0)
+            supply.step(np.sqrt(square), 0.0)
         expected = settled + (25.0 - settled) * np.exp(-seconds * (1 - feedback) / 2.0)
         np.testing.assert_allclose(supply.temperature, expected, rtol=2e-3)
 

@@ -157,9 +157,6 @@ def test_the_shipped_plants_are_far_from_that_limit() -> None:
         ('ixx="0.129229"', 'ixx="0.9"'),
     ],
 )
-@pytest.mark.xfail(
-    strict=True, reason="MuJoCo's own ValueError comes out of build_model, without the file"
-)
 def test_an_impossible_link_is_refused(tmp_path: Path, old: str, new: str) -> None:
     text = package_file("pepper.urdf").read_text()
     assert old in text

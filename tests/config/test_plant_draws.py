@@ -170,7 +170,11 @@ def test_any_drawing_gives_a_plant_or_one_line(
         },
     ],
 )
-@pytest.mark.xfail(strict=True, raises=OverflowError, reason="plant_variants lets it through")
 def test_numbers_beyond_all_measure_are_refused(tmp_path: Path, keys: Tree) -> None:
     with pytest.raises(ConfigError):
         load_plant(variant(tmp_path, **keys), ROBOT)
+
+
+def test_a_draw_is_counted_from_zero() -> None:
+    with pytest.raises(ConfigError, match="draw takes a whole number from 0, got -1"):
+        load_plant("random", ROBOT, draw=-1)
