@@ -38,13 +38,16 @@ class MotorBoards(Resumable):
         self._dead_band = plant.per_joint("dead_band", robot)
         self._current_limit = plant.per_joint("current_limit", robot)
         self._nominal_voltage = board.voltage
-        self._count = 2 * np.pi / 2**board.encoder_bits
+        # Arrays where a number would do: NumPy takes them in half the time.
+        self._minus_count = np.full(len(names), -2 * np.pi / 2**board.encoder_bits)
+        self._counts_per_radian = -1.0 / self._minus_count
         self._derivative_gain = 1.0 - np.exp(-step / board.derivative_time)
         kd = plant.per_joint("kd", robot)
         self._kd_step = kd * (self._derivative_gain / step)  # exact on a ramp, at any step
         self._integral_limit, self._integral_band = board.integral_limit, board.integral_band
         self._has_integral = bool(self._ki_step.any())
         self._has_dead_band = bool(self._dead_band.any())
+        self._minus_dead_band = -self._dead_band
         torque_constant = constant * ratio  # [N m/A] at the joint
         self._resistance_when_new, self._back_emf_when_new = resistance, torque_constant
         self.stiffness = self._kp * torque_constant / resistance
@@ -57,7 +60,8 @@ class MotorBoards(Resumable):
         self._differs = np.empty(n, dtype=np.bool_)
         self.current = np.zeros(n)
         self.saturated = np.zeros(n, dtype=np.bool_)
-        self.begin_cycle(np.ones(n), np.ones(n), np.ones(n), board.voltage)
+        self.warm(np.ones(n), np.ones(n))
+        self.begin_cycle(np.ones(n), board.voltage)
 
     def reset(self) -> None:
         """Forget the past, as when switched on with no error."""
@@ -66,25 +70,26 @@ class MotorBoards(Resumable):
         self.current[:] = 0.0
         self.saturated[:] = False
 
-    def begin_cycle(
-        self, stiffness: FloatArray, copper: FloatArray, magnet: FloatArray, supply: float
-    ) -> None:
+    def warm(self, copper: FloatArray, magnet: FloatArray) -> None:
+        """Set the factors (17,) on the resistance of the windings and on the torque constant."""
+        self._resistance = self._resistance_when_new * copper
+        self._back_emf = self._back_emf_when_new * magnet
+        self._full_drop = self._resistance * self._current_limit
+
+    def begin_cycle(self, stiffness: FloatArray, supply: float) -> None:
         """Settings for the updates to come, none of which has met a bound.
 
         Args:
             stiffness: (17,) 0..1.
-            copper: (17,) factor on the resistance of the windings.
-            magnet: (17,) factor on the torque constant.
             supply: Voltage of the battery [V].
         """
         duty = supply / self._nominal_voltage
         self._proportional = self._kp * duty
         self._derivative = self._kd_step * duty
         self._integral_step = self._ki_step * duty
-        self._supply = supply
-        self._resistance = self._resistance_when_new * copper
-        self._back_emf = self._back_emf_when_new * magnet
-        self._drop = self._resistance * self._current_limit * stiffness
+        self._supply = np.full(len(stiffness), supply)
+        self._minus_supply = -self._supply
+        self._drop = self._full_drop * stiffness
         # A board that may draw no current lets go of what it has summed up.
         self._integral *= stiffness > 0.0
         self.saturated[:] = False
@@ -98,9 +103,9 @@ class MotorBoards(Resumable):
             velocity: Motor speed, at the joint [rad/s].
         """
         error, change, wanted = self._error, self._change, self._wanted
-        np.multiply(position, 1.0 / self._count, out=error)
+        np.multiply(position, self._counts_per_radian, out=error)
         np.rint(error, out=error)
-        error *= -self._count
+        error *= self._minus_count
         error += target
         np.subtract(error, self._smoothed, out=change)
         np.multiply(self._derivative, change, out=wanted)
@@ -108,7 +113,9 @@ class MotorBoards(Resumable):
         self._smoothed += change
         if self._has_dead_band:
             # What the proportional and the integral part see; the derivative damps inside the band too.
-            error -= np.minimum(np.maximum(error, -self._dead_band), self._dead_band)
+            np.maximum(error, self._minus_dead_band, out=change)
+            np.minimum(change, self._dead_band, out=change)
+            error -= change
         np.multiply(self._proportional, error, out=change)
         wanted += change
         if self._has_integral:
@@ -120,7 +127,7 @@ class MotorBoards(Resumable):
         np.add(emf, self._drop, out=bound)
         np.minimum(voltage, bound, out=voltage)
         np.minimum(voltage, self._supply, out=voltage)
-        np.maximum(voltage, -self._supply, out=voltage)
+        np.maximum(voltage, self._minus_supply, out=voltage)
         np.not_equal(voltage, wanted, out=self._differs)
         self.saturated |= self._differs
         if self._has_integral:  # it goes no further into a bound, and stands still at small errors

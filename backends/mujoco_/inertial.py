@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import math
+
 import mujoco
 import numpy as np
 
 from pepper_driver.backends.interface import Imu
 from pepper_driver.backends.mujoco_.resumable import Resumable
 from pepper_driver.config import RobotConfig
-from pepper_driver.config.parts import FloatArray, Frame
+from pepper_driver.config.parts import Frame
 
 
 class InertialUnit(Resumable):
@@ -30,39 +32,31 @@ class InertialUnit(Resumable):
         mujoco.mju_quat2Mat(rotation, quaternion)
         self._rotation_unit_to_link = rotation.reshape(3, 3)
         self._velocity = np.zeros(3)
+        self._twist, self._arm = np.empty(6), np.empty(3)
 
     def reset(self) -> Imu:
-        """Standing still."""
-        self._velocity = np.zeros(3)
-        return self._reading(np.zeros(3))
+        """As if the unit had moved on as it moves now."""
+        return self._reading(first=True)
 
     def read(self) -> Imu:
         """One cycle later."""
-        velocity, _ = self._motion()
-        acceleration = (velocity - self._velocity) / self._cycle
+        return self._reading(first=False)
+
+    def _reading(self, *, first: bool) -> Imu:
+        data, twist, arm = self._data, self._twist, self._arm
+        rotation_link_to_world = data.xmat[self._body].reshape(3, 3)
+        mujoco.mj_objectVelocity(self._mj, data, mujoco.mjtObj.mjOBJ_XBODY, self._body, twist, 0)
+        angular = twist[:3]
+        mujoco.mju_cross(arm, angular, rotation_link_to_world @ self._xyz)
+        velocity = twist[3:] + arm
+        change = 0.0 * velocity if first else (velocity - self._velocity) / self._cycle
         self._velocity = velocity
-        return self._reading(acceleration)
-
-    def _motion(self) -> tuple[FloatArray, FloatArray]:
-        """(3,) velocity and (3,) angular velocity of the unit, in world axes."""
-        twist = np.empty(6)
-        mujoco.mj_objectVelocity(
-            self._mj, self._data, mujoco.mjtObj.mjOBJ_XBODY, self._body, twist, 0
-        )
-        arm = self._data.xmat[self._body].reshape(3, 3) @ self._xyz
-        return twist[3:] + np.cross(twist[:3], arm), twist[:3]
-
-    def _reading(self, acceleration: FloatArray) -> Imu:
-        rotation = self._data.xmat[self._body].reshape(3, 3) @ self._rotation_unit_to_link
-        _, angular = self._motion()
+        rotation_unit_to_world = rotation_link_to_world @ self._rotation_unit_to_link
+        (xx, _, _), (yx, _, _), (zx, zy, zz) = rotation_unit_to_world.tolist()
+        roll, yaw = math.atan2(zy, zz), math.atan2(yx, xx)
+        pitch = math.asin(min(max(-zx, -1.0), 1.0))
         return Imu(
-            acceleration=rotation.T @ (acceleration - self._mj.opt.gravity),
-            angular_velocity=rotation.T @ angular,
-            attitude=np.array(
-                [
-                    np.arctan2(rotation[2, 1], rotation[2, 2]),
-                    np.arcsin(np.clip(-rotation[2, 0], -1.0, 1.0)),
-                    np.arctan2(rotation[1, 0], rotation[0, 0]),
-                ]
-            ),
+            acceleration=(change - self._mj.opt.gravity) @ rotation_unit_to_world,
+            angular_velocity=angular @ rotation_unit_to_world,
+            attitude=np.array([roll, pitch, yaw]),
         )

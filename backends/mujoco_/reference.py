@@ -63,7 +63,7 @@ def _run(robot: RobotConfig, plant: PlantConfig, steps: int, parts: int) -> Floa
     data = mujoco.MjData(model.mj)
     boards, friction = MotorBoards(robot, fixed), Friction(robot, fixed, model, data)
     new = np.ones(len(robot.joint_names))
-    boards.begin_cycle(new, new, new, plant.board.voltage)
+    boards.begin_cycle(new, plant.board.voltage)
     friction.warm(new)
     data.qpos[model.link_qpos] = data.qpos[model.motor_qpos] = _swing(robot, 0.0)
     positions = np.empty((steps, len(new)))

@@ -14,7 +14,7 @@ from pepper_driver.backends.mujoco_.model import build_model
 from pepper_driver.backends.mujoco_.resumable import Resumable
 from pepper_driver.backends.mujoco_.rolling import Wheels
 from pepper_driver.backends.mujoco_.slots import Slots
-from pepper_driver.backends.mujoco_.supply import Supply
+from pepper_driver.backends.mujoco_.supply import Supply, Warmth
 from pepper_driver.config import PlantConfig, RobotConfig, World
 from pepper_driver.config.parts import FloatArray
 
@@ -26,7 +26,7 @@ class Simulation(Resumable):
         model: The compiled model.
         data: MuJoCo's state.
         boards, wheels, supply, contacts: The parts, for those who read them.
-        current: (17,) mean |motor current| over the last cycle [A].
+        current: (17,) |mean motor current| of the last cycle [A].
     """
 
     STATE = ("current", "_target", "_braked_at")
@@ -52,6 +52,7 @@ class Simulation(Resumable):
         self._voltage = Slots(self.data.ctrl, self.model.actuator)
         self.current = np.zeros(n)
         self._target, self._braked_at = np.zeros(n), np.zeros(n)
+        self._warmth: Warmth | None = None
 
     @property
     def position(self) -> FloatArray:
@@ -103,14 +104,12 @@ class Simulation(Resumable):
         if self._speed_limit is not None:
             reach = self._speed_limit * self._cycle
             travel = np.clip(travel, -reach, reach)
-        copper, magnet = supply.copper, supply.magnet
-        self._set_motors(copper, magnet)
-        self._friction.warm(supply.grease)
-        boards.begin_cycle(stiffness, copper, magnet, supply.voltage)
+        if supply.warmth is not self._warmth:
+            self._warm(supply.warmth)
+        boards.begin_cycle(stiffness, supply.voltage)
         self.wheels.begin_cycle(wheel_speed, powered=powered)
         self.contacts.begin_cycle()
         current = np.zeros_like(position)
-        absolute = np.empty_like(position)
         target, share = self._target.copy(), travel / self._steps
         friction, contacts = self._friction, self.contacts
         position_now, speed, output = self._link_angle, self._motor_speed, self._voltage
@@ -120,9 +119,9 @@ class Simulation(Resumable):
             output.write(voltage)
             friction.update()
             contacts.step()
-            current += np.abs(boards.current, out=absolute)
+            current += boards.current
         self._target = self._target + travel
-        self.current = current / self._steps
+        self.current = np.abs(current) / self._steps
         self.wheels.end_cycle()
         self.contacts.end_cycle()
         power = float(voltage @ boards.current)
@@ -154,10 +153,13 @@ class Simulation(Resumable):
             "contacts": self.contacts,
         }
 
-    def _set_motors(self, copper: FloatArray, magnet: FloatArray) -> None:
-        """Torque constant and resistance at the temperature of each motor."""
+    def _warm(self, warmth: Warmth) -> None:
+        """Torque constant and resistance of each motor, and friction, at its temperature."""
         mj, actuator = self.model.mj, self.model.actuator
-        constant = self._constant * magnet
-        gain = constant / (self._resistance * copper)
+        constant = self._constant * warmth.magnet
+        gain = constant / (self._resistance * warmth.copper)
         mj.actuator_gainprm[actuator, 0] = gain
         mj.actuator_biasprm[actuator, 2] = -gain * constant
+        self._friction.warm(warmth.grease)
+        self.boards.warm(warmth.copper, warmth.magnet)
+        self._warmth = warmth

@@ -20,6 +20,7 @@ ROBOT = load_robot()
 PLANT = load_plant("nominal", ROBOT)
 FIXED, ROLLING = replace(PLANT, base="fixed"), replace(PLANT, base="rolling")
 CYCLE = ROBOT.cycle
+STEP = PLANT.physics.timestep
 
 
 def world(**objects: dict[str, Any]) -> World:

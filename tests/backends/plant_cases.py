@@ -67,7 +67,10 @@ def friction(
 
 
 def plain(**changes: Any) -> PlantConfig:
-    """The shipped plant, a bare PD law with bare friction, no delay, noise or drift; ``changes`` on every drive."""
+    """The shipped plant in steps of 1 ms, a bare PD law with bare friction, no delay, noise or drift.
+
+    ``changes`` are made on every drive.
+    """
     plant = load_plant("nominal", ROBOT)
     drives = []
     for drive in plant.actuators:
@@ -81,6 +84,7 @@ def plain(**changes: Any) -> PlantConfig:
     return replace(
         plant,
         base="fixed",
+        physics=replace(plant.physics, timestep=0.001),
         board=replace(plant.board, speed_limit=None, integral_band=0.0),
         transport=Transport(
             command_delay=0,

@@ -39,7 +39,8 @@ def begin(
     magnet: float = 1.0,
     supply: float = VOLTAGE,
 ) -> None:
-    boards.begin_cycle(np.full(N, stiffness), np.full(N, copper), np.full(N, magnet), supply)
+    boards.warm(np.full(N, copper), np.full(N, magnet))
+    boards.begin_cycle(np.full(N, stiffness), supply)
 
 
 def update(boards: MotorBoards, target: float | Array, speed: float = 0.0, count: int = 1) -> Array:
@@ -205,7 +206,7 @@ def test_the_dead_band_is_silent_inside_and_continuous_at_its_edge() -> None:
             for sign in (1, -1):
                 plant = plain(ki=ki, dead_band=0.001)
                 boards = boards_of(plant)
-                boards._dead_band = band
+                boards._dead_band, boards._minus_dead_band = band, -band
                 voltage = update(boards, sign * share * band, count=LONG)
                 expected = sign * seen * band * (KP + ki * (LONG - 1) * STEP)
                 np.testing.assert_allclose(voltage, expected, atol=1e-9, rtol=1e-6)

@@ -4,7 +4,7 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-from contact_cases import CYCLE, FIXED, ROBOT, ROLLING, Array, Robot, world
+from contact_cases import CYCLE, FIXED, ROBOT, ROLLING, STEP, Array, Robot, world
 
 from pepper_driver.backends.interface import Measurement, TrueContact
 from pepper_driver.backends.mujoco_ import MujocoBackend
@@ -58,8 +58,8 @@ def test_peak_and_mean_differ_in_the_cycle_in_which_a_push_rises() -> None:
     robot.run(CYCLE)
     roll = ROBOT.joint_index("LShoulderRoll")
     truth = robot.truth
-    # Half a cosine over 0.1 s, at the states before each of the 12 steps.
-    shares = 0.5 - 0.5 * np.cos(np.pi * np.arange(12) * 0.001 / 0.1)
+    # Half a cosine over 0.1 s, at the states before each of the steps.
+    shares = 0.5 - 0.5 * np.cos(np.pi * np.arange(0.0, CYCLE - 1e-9, STEP) / 0.1)
     assert only(robot).peak == pytest.approx(10.0 * shares[-1], rel=1e-6)
     ratio = abs(truth.peak_torque[roll] / truth.contact_torque[roll])
     assert ratio == pytest.approx(shares[-1] / shares.mean(), rel=1e-3)

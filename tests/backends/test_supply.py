@@ -98,18 +98,18 @@ def test_factors_are_linear_around_the_reference_and_bounded() -> None:
         plain(), start=60.0, reference=40.0, copper=0.004, magnet=-0.001, grease=-0.006
     )
     supply = Supply(ROBOT, plant)
-    np.testing.assert_allclose(supply.copper, 1.08)
-    np.testing.assert_allclose(supply.magnet, 0.98)
-    np.testing.assert_allclose(supply.grease, 0.88)
+    np.testing.assert_allclose(supply.warmth.copper, 1.08)
+    np.testing.assert_allclose(supply.warmth.magnet, 0.98)
+    np.testing.assert_allclose(supply.warmth.grease, 0.88)
     supply.temperature[:] = 40.0
-    for factor in (supply.copper, supply.magnet, supply.grease):
+    for factor in (supply.warmth.copper, supply.warmth.magnet, supply.warmth.grease):
         np.testing.assert_allclose(factor, 1.0)
     supply.temperature[:] = 1e4
-    np.testing.assert_allclose(supply.grease, WARMEST_FRICTION)
-    assert (supply.magnet > 0).all()
+    np.testing.assert_allclose(supply.warmth.grease, WARMEST_FRICTION)
+    assert (supply.warmth.magnet > 0).all()
     supply.temperature[:] = -1e4
-    np.testing.assert_allclose(supply.grease, COLDEST_FRICTION)
-    assert (supply.copper > 0).all()
+    np.testing.assert_allclose(supply.warmth.grease, COLDEST_FRICTION)
+    assert (supply.warmth.copper > 0).all()
 
 
 def test_a_reset_gives_a_fresh_battery_and_cold_motors() -> None:
