@@ -2,7 +2,7 @@
 
 from pepper_driver import Contact, Hold, Pepper
 
-pepper = Pepper("mujoco", reflexes=[Hold()])  # Hold: stand still while touched
+pepper = Pepper("mujoco://?plant=integral", reflexes=[Hold()])  # Hold: stand still while touched
 
 
 @pepper.on_contact(min_intensity=2.5)

@@ -5,7 +5,7 @@ from pepper_driver.observer.contact import Contact
 from pepper_driver.observer.contact_observer import ContactObserver
 from pepper_driver.observer.fitting import FittingError, fit_joint, nrmse_fit
 from pepper_driver.observer.interface import JointState, Observation, Observer
-from pepper_driver.observer.model_file import ModelFileError, ModelSet, shipped
+from pepper_driver.observer.model_file import ModelFileError, ModelSet, load_shipped, shipped
 from pepper_driver.observer.recording import Recording, RecordingBuilder, RecordingError
 from pepper_driver.observer.scoring import RELEASE_GRACE, Felt, Push, Score, score
 from pepper_driver.observer.threshold import free_threshold
@@ -43,6 +43,7 @@ __all__ = [
     "external_torque",
     "fit_joint",
     "free_threshold",
+    "load_shipped",
     "nrmse_fit",
     "score",
     "shipped",

@@ -39,8 +39,7 @@ class ContactObserver(Observer):
       ``median_window`` ticks in all.
 
     At the start the median is that of the samples there are. The threshold is constant: the one of the settings for all
-    joints, or each joint's own, which its identification found in free motion. (The paper's 2.5 deg is right for its
-    robot and controller only: on a joint of 100 N m/rad it takes 4 N m.)
+    joints, or each joint's own, which its identification found in free motion.
 
     Args:
         robot: Description of the robot.

@@ -203,9 +203,29 @@ class ModelSet:
         return model_set
 
 
-def shipped(kind: TreeKind) -> Path:
-    """Path of the models that come with the package: of the nominal simulated Pepper."""
-    return Path(str(files("pepper_driver.observer.models").joinpath(f"nominal-{kind}.json")))
+def shipped(kind: TreeKind) -> dict[str, Path]:
+    """Models of ``kind`` that come with the package, by the simulated robot they were identified on."""
+    folder = Path(str(files("pepper_driver.observer.models")))
+    suffix = f"-{kind}.json"
+    paths = sorted(folder.glob(f"*{suffix}"))
+    return {path.name.removesuffix(suffix): path for path in paths}
+
+
+def load_shipped(kind: TreeKind, identity: str) -> ModelSet:
+    """The models that come with the package for the robot ``identity``.
+
+    Raises:
+        ModelFileError: There are none.
+    """
+    plants = shipped(kind)
+    for path in plants.values():
+        models = ModelSet.load(path)
+        if models.identity == identity:
+            return models
+    raise ModelFileError(
+        f"no models come with the package for this robot ({identity}), only for the plants {', '.join(plants)} "
+        f"as they were shipped; {_CURE}"
+    )
 
 
 def _tree(kind: TreeKind, entry: object, joint: str) -> Tree:

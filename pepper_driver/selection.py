@@ -6,7 +6,13 @@ from pathlib import Path
 
 from pepper_driver.config import RobotConfig, load_observer_settings
 from pepper_driver.config.plugins import load_plugin
-from pepper_driver.observer import ContactObserver, ModelFileError, ModelSet, Observer, shipped
+from pepper_driver.observer import (
+    ContactObserver,
+    ModelFileError,
+    ModelSet,
+    Observer,
+    load_shipped,
+)
 
 OBSERVER_GROUP = "pepper_driver.observers"
 """Entry-point group for observers: ``name = "module:factory"``, factory(robot, identity, models) -> Observer."""
@@ -37,11 +43,12 @@ def make_observer(
 def paper_observer(robot: RobotConfig, identity: str, models: Path | None) -> ContactObserver:
     """The observer of the paper, with the models of ``models`` or the shipped ones."""
     settings = load_observer_settings()
-    path = models or shipped(settings.tree)
-    model_set = ModelSet.load(path)
+    if models is None:
+        return ContactObserver(robot, load_shipped(settings.tree, identity), settings)
+    model_set = ModelSet.load(models)
     if model_set.identity != identity:
         raise ModelFileError(
-            f"{path}: identified on another robot ({model_set.identity}, this one is {identity}); "
+            f"{models}: identified on another robot ({model_set.identity}, this one is {identity}); "
             "identify this one with 'pepper identify'"
         )
     return ContactObserver(robot, model_set, settings)

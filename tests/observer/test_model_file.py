@@ -102,9 +102,11 @@ def test_places_that_cannot_be_used_are_named(tmp_path: Path) -> None:
 
 
 def test_shipped_files_have_a_place_in_the_package() -> None:
-    assert shipped("affine").name == "nominal-affine.json"
-    assert shipped("cart").parent.name == "models"
-    assert (shipped("cart").parent / "__init__.py").exists()
+    for kind in TREE_TYPES:
+        for plant, path in shipped(kind).items():
+            assert path.name == f"{plant}-{kind}.json"
+            assert path.parent.name == "models"
+            assert (path.parent / "__init__.py").exists()
 
 
 def edited(path: Path, edit: Callable[[dict[str, Any]], object]) -> None:

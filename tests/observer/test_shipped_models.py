@@ -1,27 +1,51 @@
-"""The models that come with the package belong to the plant that comes with it, and are as good as is said."""
+"""The models that come with the package belong to the plants that come with it, and are as good as is said."""
 
 import pytest
 
 from pepper_driver.config import load_plant, load_robot, load_scenario, plant_hash
-from pepper_driver.observer import TREE_TYPES, ModelSet, TreeKind, shipped
+from pepper_driver.config.scenario_motion import Setpoints
+from pepper_driver.observer import (
+    TREE_TYPES,
+    ModelFileError,
+    ModelSet,
+    TreeKind,
+    load_shipped,
+    shipped,
+)
 
 ROBOT = load_robot()
+KINDS = list(TREE_TYPES)
+DEMO = load_scenario("demo", ROBOT)
 
 
-@pytest.mark.parametrize("kind", list(TREE_TYPES))
-def test_shipped_models_are_of_the_shipped_plant(kind: TreeKind) -> None:
-    models = ModelSet.load(shipped(kind))
-    now = plant_hash(load_plant("nominal", ROBOT), ROBOT)
+@pytest.mark.parametrize("kind", KINDS)
+def test_there_are_models_of_the_nominal_plant_and_of_the_demonstration(kind: TreeKind) -> None:
+    assert {"nominal", DEMO.plant} <= set(shipped(kind))
+
+
+@pytest.mark.parametrize(("kind", "plant"), [(k, p) for k in KINDS for p in shipped(k)])
+def test_shipped_models_are_of_the_shipped_plants(kind: TreeKind, plant: str) -> None:
+    path = shipped(kind)[plant]
+    models = ModelSet.load(path)
+    now = plant_hash(load_plant(plant, ROBOT), ROBOT)
     assert models.identity == now, (
-        f"the plant has changed since {shipped(kind).name} was identified; "
-        f"make it anew: pepper identify --tree {kind} --out observer/models/nominal-{kind}.json"
+        f"the plant has changed since {path.name} was identified; make it anew: "
+        f"pepper identify --backend mujoco://?plant={plant} --tree {kind} --out observer/models/{path.name}"
     )
     assert models.kind == kind
     assert models.joint_names == ROBOT.joint_names
-    assert set(load_scenario("demo", ROBOT).touched_joints) <= set(models.models)
+    assert isinstance(DEMO.motion, Setpoints)
+    assert set(DEMO.motion.joints) <= set(models.models)
+    assert load_shipped(kind, now).models == models.models
 
 
-def test_the_affine_models_fit_what_they_must() -> None:
-    models = ModelSet.load(shipped("affine"))
+@pytest.mark.parametrize("kind", KINDS)
+def test_another_robot_has_no_shipped_models(kind: TreeKind) -> None:
+    with pytest.raises(ModelFileError, match="only for the plants integral, nominal"):
+        load_shipped(kind, "somebody else")
+
+
+def test_the_affine_models_of_the_nominal_plant_fit_what_they_must() -> None:
+    models = ModelSet.load(shipped("affine")["nominal"])
     for joint, fit in models.test_fit.items():
         assert fit >= 70.0, f"{joint}: {fit:.1f} %"

@@ -176,7 +176,7 @@ def test_unknown_names_are_refused_before_anything_moves(tmp_path: Path) -> None
 
 
 def test_models_of_another_robot_are_refused(tmp_path: Path) -> None:
-    text = shipped("affine").read_text()
+    text = shipped("affine")["nominal"].read_text()
     identity = Pepper("mujoco").backend.info.identity
     foreign = tmp_path / "foreign.json"
     foreign.write_text(text.replace(identity, "0123456789abcdef"))
@@ -189,7 +189,7 @@ def test_models_of_another_robot_are_refused(tmp_path: Path) -> None:
 
 def test_paths_may_be_text(tmp_path: Path) -> None:
     path = tmp_path / "run.mcap"
-    with Pepper("mujoco", models=str(shipped("cart")), log=str(path)) as pepper:
+    with Pepper("mujoco", models=str(shipped("cart")["nominal"]), log=str(path)) as pepper:
         pepper.run(0.1)
     assert read_log(path).complete
 
