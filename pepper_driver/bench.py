@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,8 +14,9 @@ from typing import Any
 import numpy as np
 
 from pepper_driver.backends import Command, make_backend
-from pepper_driver.config import load_scenario, plant_names
+from pepper_driver.config import load_observer_settings, load_scenario
 from pepper_driver.loop import STAGES
+from pepper_driver.observer import shipped
 from pepper_driver.reflexes import Hold
 from pepper_driver.robot import Pepper
 
@@ -60,26 +61,29 @@ class Bench:
 
 
 def run_bench(
-    seconds: float = 20.0, *, on_progress: Callable[[float], None] | None = None
+    seconds: float = 20.0,
+    *,
+    plants: Sequence[str] = ("nominal",),
+    on_progress: Callable[[float], None] | None = None,
 ) -> Bench:
     """Measure on the simulated robot, moving both arms, with observer, reflex and log, on one core.
 
     Args:
         seconds: Simulated time for each plant.
+        plants: Names or files; the stages are timed on the first.
         on_progress: Told the share done, 0..1.
     """
     tell = on_progress or (lambda share: None)
-    plants = plant_names()
     samples = []
     factor, alone = {}, {}
     with _one_core(), TemporaryDirectory() as folder:
         for number, plant in enumerate(plants):
-            microseconds, factor[plant] = _whole(plant, seconds, Path(folder) / f"{plant}.mcap")
+            microseconds, factor[plant] = _whole(plant, seconds, Path(folder) / f"{number}.mcap")
             samples.append(microseconds)
             tell((number + 0.6) / len(plants))
             alone[plant] = _alone(plant, seconds)
             tell((number + 1) / len(plants))
-    times = samples[plants.index("nominal")]
+    times = samples[0]
     without_physics = times[:, [i for i, stage in enumerate(STAGES) if stage != "backend"]].sum(1)
     return Bench(
         stages={stage: _duration(times[:, i]) for i, stage in enumerate(STAGES)},
@@ -98,7 +102,7 @@ def _whole(
     plant: str, seconds: float, log: Path
 ) -> tuple[np.ndarray[Any, np.dtype[np.float64]], float]:
     """Stage times (n, stages) [us] and real-time factor of the whole loop."""
-    observer = "paper" if plant == "nominal" else None
+    observer = "paper" if plant in shipped(load_observer_settings().tree) else None
     pepper = Pepper(f"mujoco://?plant={plant}", observer=observer, log=log, reflexes=[Hold()])
     rng = np.random.default_rng(0)
     joints = load_scenario("demo", pepper.config).touched_joints

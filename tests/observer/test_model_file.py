@@ -18,7 +18,7 @@ from observer_cases import AFFINE, CYCLE, ROBOT, SILENT, free_run, models
 from pepper_driver.config import PepperError
 from pepper_driver.observer.fitting import fit_joint
 from pepper_driver.observer.model_file import ModelFileError, ModelSet, shipped
-from pepper_driver.observer.tree import AffineTree
+from pepper_driver.observer.tree import TREE_TYPES, AffineTree
 
 AFFINE_SET = models({"HeadYaw": AFFINE, "LHand": AFFINE}, kind="affine")
 

@@ -1,0 +1,50 @@
+"""A long run of the plant, made short: what it says of it is so."""
+
+import json
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from pepper_driver.backends import make_backend
+from pepper_driver.backends.mujoco_.truth import MujocoTruth
+from pepper_driver.cli.app import app
+from pepper_driver.soak import PERIOD, run_soak
+
+
+def test_the_shipped_plant_stays_finite_and_calm() -> None:
+    shares: list[float] = []
+    result = run_soak("mujoco", 4 * PERIOD, seed=3, on_progress=shares.append)
+    assert result.finite
+    assert not result.fallen
+    assert result.seconds == pytest.approx(4 * PERIOD, abs=0.02)
+    # Arms of a few kilograms at no more than a few radians per second: some joules, never tens.
+    assert all(0.001 < energy < 10.0 for energy in result.largest_energy)
+    assert shares == sorted(shares)
+    assert len(shares) >= 4
+    start = make_backend("mujoco").truth.plant.battery.charge
+    assert 0.99 * start < result.charge < start
+
+
+def test_the_energy_is_that_of_the_bodies(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each quarter reports its own largest value."""
+    values = iter(range(10_000))
+    monkeypatch.setattr(MujocoTruth, "kinetic_energy", property(lambda self: float(next(values))))
+    ticks = round(PERIOD / 0.012)
+    largest = run_soak("mujoco://?plant=nominal", PERIOD, seed=3).largest_energy
+    assert largest == tuple(float(-(-ticks * quarter // 4) - 1) for quarter in (1, 2, 3, 4))
+
+
+def test_equal_seeds_give_equal_runs() -> None:
+    first, again, other = (run_soak("mujoco", PERIOD, seed=seed) for seed in (1, 1, 2))
+    assert first.largest_energy == again.largest_energy != other.largest_energy
+
+
+def test_the_command_writes_what_it_measured(tmp_path: Path) -> None:
+    out = tmp_path / "soak.json"
+    result = CliRunner().invoke(app, ["bench", "--soak", "60", "--json", str(out)])
+    assert result.exit_code == 0, result.output
+    assert "all finite, stands" in " ".join(result.output.split())
+    soak = json.loads(out.read_text())["soak"]
+    assert soak["finite"] is True
+    assert len(soak["largest_energy"]) == 4
