@@ -31,13 +31,13 @@ class Friction:
         mj, n = model.mj, len(model.half_gap)
         self._motor_angle = Slots(data.qpos, model.motor_qpos)
         self._link_angle = Slots(data.qpos, model.link_qpos)
-        dofs = (model.motor_dof, model.link_dof)
-        self._velocities = [Slots(data.qvel, dof) for dof in dofs]
-        self._frictions = [Slots(mj.dof_frictionloss, dof) for dof in dofs]
-        self._dampings = [Slots(mj.dof_damping, dof) for dof in dofs]
+        motor, link = model.motor_dof, model.link_dof
+        self._velocities = Slots(data.qvel, motor), Slots(data.qvel, link)
+        self._frictions = Slots(mj.dof_frictionloss, motor), Slots(mj.dof_frictionloss, link)
+        self._dampings = Slots(mj.dof_damping, motor), Slots(mj.dof_damping, link)
         self._tooth_damping = Slots(mj.tendon_damping, model.tendon)
         self._tooth_friction = Slots(mj.tendon_frictionloss, model.tendon)
-        # Rows: motor's side, link's side. What the gap changes is added where the teeth are apart.
+        # Motor's sides, then links' sides. What the gap changes is added where the teeth are apart.
         coulomb = _both_sides(each, "contact", "")
         self._cold_coulomb = coulomb, _both_sides(each, "gap", "") - coulomb
         self._viscous = _both_sides(each, "contact", "_viscous")
@@ -46,64 +46,66 @@ class Friction:
         self._gear_damping = plant.per_joint("gear_damping", robot)
         self._relative_viscous = each("gap.relative_viscous")
         self._half_gap = model.half_gap
-        self._excess = each("breakaway") - 1.0
+        self._excess = np.tile(each("breakaway") - 1.0, 2)
         self._inverse_stribeck = 1.0 / each("stribeck_velocity")
         self._cold_load = each("load") * plant.per_joint("gear_stiffness", robot)
         self._ripple, self._ripple_count = each("ripple"), each("ripple_count")
         # What is absent costs nothing.
         self._has_viscous_change = bool(self._viscous_change.any())
         self._has_ripple, self._has_relative = bool(self._ripple.any()), bool(self._relative.any())
-        self._torque, self._factor = np.empty((2, n)), np.empty((2, n))
-        self._motor_torque, self._wave = self._torque[0], np.empty(n)
-        self._beyond, self._damping = np.empty(n), np.empty(n)
+        self._beyond, self._damping, self._wave = np.empty(n), np.empty(n), np.empty(n)
         self._in_gap = np.empty(n, dtype=np.bool_)
-        self._zero, self._one = (
-            np.zeros(n),
-            np.ones(n),
-        )  # NumPy takes arrays in half the time of numbers
-        self.warm(self._one)
+        # All of one length and type, with views made once: so NumPy takes half the time.
+        self._gap, self._torque, self._factor = np.empty(2 * n), np.empty(2 * n), np.empty(2 * n)
+        self._motor_gap, self._link_gap = self._gap[:n], self._gap[n:]
+        self._motor_torque, self._link_torque = self._torque[:n], self._torque[n:]
+        self._motor_factor, self._link_factor = self._factor[:n], self._factor[n:]
+        self._zero, self._one = np.zeros(n), np.ones(2 * n)
+        self.warm(np.ones(n))
 
     def warm(self, factor: FloatArray) -> None:
         """Scale all friction by ``factor`` (17,) from now on."""
         self._warmth = factor
         coulomb, change = self._cold_coulomb
-        self._coulomb, self._coulomb_change = coulomb * factor, change * factor
+        both = np.tile(factor, 2)
+        self._coulomb, self._coulomb_change = coulomb * both, change * both
         self._load = self._cold_load * factor
         self._gear_damping_change = self._relative_viscous * factor - self._gear_damping
-        for damping, viscous in zip(self._dampings, self._viscous, strict=True):
-            damping.write(viscous * factor)
+        self._write(self._dampings, self._viscous * both)
 
     def update(self) -> None:
         """Set friction and damping for the step of physics to come."""
-        beyond, in_gap, damping = self._beyond, self._in_gap, self._damping
+        beyond, damping = self._beyond, self._damping
         # How far the teeth are pressed into each other [rad]; below 0 inside the gap.
         motor_angle = self._motor_angle.read()
         np.subtract(self._link_angle.read(), motor_angle, out=beyond)
         np.abs(beyond, out=beyond)
-        beyond -= self._half_gap
-        np.less_equal(beyond, self._zero, out=in_gap)
-        np.multiply(self._gear_damping_change, in_gap, out=damping)
-        damping += self._gear_damping
+        np.subtract(beyond, self._half_gap, out=beyond)
+        np.less_equal(beyond, self._zero, out=self._in_gap)
+        self._motor_gap[:] = self._in_gap
+        self._link_gap[:] = self._in_gap
+        np.multiply(self._gear_damping_change, self._motor_gap, out=damping)
+        np.add(damping, self._gear_damping, out=damping)
         self._tooth_damping.write(damping)
         self._set_coulomb(motor_angle)
         if self._has_relative:
-            self._tooth_friction.write(self._relative * in_gap * self._warmth)
+            self._tooth_friction.write(self._relative * self._motor_gap * self._warmth)
         if self._has_viscous_change:
-            viscous = (self._viscous + self._viscous_change * in_gap) * self._warmth
-            for slots, row in zip(self._dampings, viscous, strict=True):
-                slots.write(row)
+            viscous = self._viscous + self._viscous_change * self._gap
+            self._write(self._dampings, viscous * np.tile(self._warmth, 2))
 
     def _set_coulomb(self, motor_angle: FloatArray) -> None:
         torque, factor, beyond, wave = self._torque, self._factor, self._beyond, self._wave
-        for velocity, row in zip(self._velocities, factor, strict=True):
-            np.multiply(velocity.read(), self._inverse_stribeck, out=row)
-        factor *= factor
-        factor += self._one
+        motor, link = self._velocities
+        np.multiply(motor.read(), self._inverse_stribeck, out=self._motor_factor)
+        np.multiply(link.read(), self._inverse_stribeck, out=self._link_factor)
+        np.multiply(factor, factor, out=factor)
+        np.add(factor, self._one, out=factor)
         np.divide(self._excess, factor, out=factor)
-        factor += self._one
-        np.multiply(self._coulomb_change, self._in_gap, out=torque)
-        torque += self._coulomb
-        torque *= factor
+        np.add(factor, self._one, out=factor)
+        np.multiply(self._coulomb_change, self._gap, out=torque)
+        np.add(torque, self._coulomb, out=torque)
+        np.multiply(torque, factor, out=torque)
         if self._has_ripple:
             np.multiply(self._ripple_count, motor_angle, out=wave)
             np.cos(wave, out=wave)
@@ -111,12 +113,18 @@ class Friction:
             wave += 1.0
             self._motor_torque *= wave
         np.maximum(beyond, self._zero, out=beyond)
-        beyond *= self._load
-        self._motor_torque += beyond
-        for friction, row in zip(self._frictions, torque, strict=True):
-            friction.write(row)
+        np.multiply(beyond, self._load, out=beyond)
+        np.add(self._motor_torque, beyond, out=self._motor_torque)
+        motor, link = self._frictions
+        motor.write(self._motor_torque)
+        link.write(self._link_torque)
+
+    @staticmethod
+    def _write(sides: tuple[Slots, Slots], values: FloatArray) -> None:
+        for side, part in zip(sides, np.split(values, 2), strict=True):
+            side.write(part)
 
 
 def _both_sides(each: Callable[[str], FloatArray], case: str, suffix: str) -> FloatArray:
-    """(2, 17) one coefficient of the motor's and of the link's side."""
-    return np.stack([each(f"{case}.{side}{suffix}") for side in ("motor", "link")])
+    """(34,) one coefficient of the motors' sides, then of the links'."""
+    return np.concatenate([each(f"{case}.{side}{suffix}") for side in ("motor", "link")])

@@ -161,14 +161,19 @@ class Wheels(Resumable):
             self.load = self._floor_forces()
 
     def _floor_forces(self) -> FloatArray:
-        data, load, wrench = self._data, np.zeros(3), np.zeros(6)
-        for number in range(data.ncon):
-            contact = data.contact[number]
-            wheel = self._wheel_of.get(int(contact.geom2), self._wheel_of.get(int(contact.geom1)))
-            if wheel is None or self._floor not in (contact.geom1, contact.geom2):
+        """(3,) normal force on each wheel [N]; of a contact without friction it is the one force of the solver."""
+        data, load = self._data, np.zeros(3)
+        if data.ncon == 0:
+            return load
+        contact = data.contact
+        pairs, rows = contact.geom.tolist(), contact.efc_address.tolist()
+        forces = data.efc_force
+        for (one, other), row in zip(pairs, rows, strict=True):
+            if row < 0 or self._floor not in (one, other):
                 continue
-            mujoco.mj_contactForce(self._mj, data, number, wrench)
-            load[wheel] += wrench[0]
+            wheel = self._wheel_of.get(other if one == self._floor else one)
+            if wheel is not None:
+                load[wheel] += forces[row]
         return load
 
     def _set_grip(self, load: FloatArray) -> None:

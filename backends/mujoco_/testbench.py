@@ -1,7 +1,7 @@
-"""A test bench for the plant: what recordings of real Peppers show, measured in simulation by a protocol that repeats.
+"""A test bench for the plant: what recordings of real Peppers show, measured in simulation by protocols that repeat.
 
-Every run is on a copy of the plant whose base is fixed, in an empty world. Runs are independent of one another and seeded:
-results do not depend on the number of processes.
+Ramps and holds run on a copy of the plant whose base is fixed, in an empty world. Runs are independent of one another
+and seeded: results do not depend on the number of processes.
 """
 
 from __future__ import annotations
@@ -16,18 +16,25 @@ from joblib import Parallel, delayed
 from pepper_driver.backends.interface import Command
 from pepper_driver.backends.mujoco_.backend import MujocoBackend
 from pepper_driver.backends.mujoco_.simulation import Simulation
-from pepper_driver.config import HoldProtocol, PlantConfig, RampProtocol, RobotConfig
+from pepper_driver.config import PlantConfig, RampProtocol, RobotConfig
 from pepper_driver.config.parts import FloatArray
+from pepper_driver.config.scenario_motion import Holds
 
 Progress = Callable[[int, int], None]
 """Called with (runs done, runs in all)."""
+
+GOALS_EACH = 20
+"""Goals that one robot goes to, one after the other."""
+
+CURRENT_TIME = 0.1
+"""[s] before the end of a hold over which the current is averaged."""
 
 GRABBED, PULL = "RForeArm", (0.05, 0.0, 0.0)
 """Link held by a hand while the speed of the simulation is measured, and how far that goes [m]."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class Holds:
+class HoldEnds:
     """Ends of holds, arrays (n, joints).
 
     Attributes:
@@ -163,67 +170,58 @@ def _ramp_ticks(robot: RobotConfig, index: int, velocity: float, protocol: RampP
 def hold_errors(
     robot: RobotConfig,
     plant: PlantConfig,
-    joints: Sequence[str],
-    protocol: HoldProtocol,
+    holds: Holds,
     seed: int,
     *,
     workers: int = -1,
     progress: Progress | None = None,
-) -> Holds:
+) -> HoldEnds:
     """Errors and currents of an arm at the end of holds.
 
-    The goals are shared among ``protocol.parts`` robots, base fixed, gravity on. Each is activated in posture Stand,
-    goes to random goals of all ``joints`` at once, in minimum-jerk moves, and waits at each. Error and current are what
-    the sensors report.
+    Several robots share the goals, base fixed, gravity on. Each is activated in posture Stand, goes to random goals of
+    all joints at once, in minimum-jerk moves straight to the boards, and waits at each. Error and current are what the
+    sensors report.
 
     Args:
         robot: The robot.
         plant: Its parameters; the base is fixed for this.
-        joints: That move, usually those of an arm.
-        protocol: Number of goals, ranges and times.
-        seed: Of goals, moves and noise.
+        holds: Joints, number of goals, ranges and times.
+        seed: Of goals and noise.
         workers: Processes; -1 for one per core.
         progress: Told after each part.
     """
     fixed = replace(plant, base="fixed")
-    parts = min(protocol.parts, protocol.goals)
-    sizes = [len(part) for part in np.array_split(np.arange(protocol.goals), parts)]
     jobs = [
-        delayed(_hold_part)(robot, fixed, tuple(joints), protocol, size, (seed, number))
-        for number, size in enumerate(sizes)
+        delayed(_hold_part)(
+            robot, fixed, replace(holds, count=min(GOALS_EACH, holds.count - first)), (seed, first)
+        )
+        for first in range(0, holds.count, GOALS_EACH)
     ]
     error, current, load = (
         np.concatenate(p) for p in zip(*_run(jobs, workers, progress), strict=True)
     )
-    return Holds(joints=tuple(joints), error=error, current=current, load=load)
+    return HoldEnds(joints=holds.joints, error=error, current=current, load=load)
 
 
 def _hold_part(
-    robot: RobotConfig,
-    plant: PlantConfig,
-    joints: tuple[str, ...],
-    protocol: HoldProtocol,
-    count: int,
-    seed: tuple[int, int],
+    robot: RobotConfig, plant: PlantConfig, holds: Holds, seed: tuple[int, int]
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Errors [rad], currents [A] and loads [N m], (count, joints) each, of one robot."""
     rng = np.random.default_rng(seed)
-    columns = np.array([robot.joint_index(name) for name in joints])
+    columns = np.array([robot.joint_index(name) for name in holds.joints])
     lower, upper = robot.lower[columns], robot.upper[columns]
-    reach = protocol.range * (upper - lower) / 2
+    reach = holds.range * (upper - lower) / 2
+    move = minimum_jerk(round(holds.move / robot.cycle))
+    wait, mean = (max(1, round(time / robot.cycle)) for time in (holds.hold, CURRENT_TIME))
+    ones, still = np.ones(len(robot.joint_names)), np.zeros(3)
     backend = MujocoBackend(robot, plant, seed=int(rng.integers(2**31)))
     backend.open()
     backend.activate()
-    ones, still = np.ones(len(robot.joint_names)), np.zeros(3)
-    wait, mean = (
-        max(1, round(time / robot.cycle)) for time in (protocol.wait, protocol.current_time)
-    )
     here = robot.posture("Stand")
     errors, currents, goals = [], [], []
-    for _ in range(count):
+    for _ in range(holds.count):
         goal = here.copy()
         goal[columns] = (lower + upper) / 2 + rng.uniform(-reach, reach)
-        move = minimum_jerk(round(rng.uniform(*protocol.move) / robot.cycle))
         path = [here + share * (goal - here) for share in move] + [goal] * wait
         last = [
             backend.step(Command(position=position, stiffness=ones, wheel_speed=still))
