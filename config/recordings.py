@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass as plain_dataclass
 from pathlib import Path
 from typing import Annotated
 
@@ -13,9 +14,10 @@ from pepper_driver.config.errors import ConfigError
 from pepper_driver.config.loading import STRICT, load, package_file
 from pepper_driver.config.parts import FloatArray, NotNegative, Positive
 from pepper_driver.config.robot import RobotConfig
+from pepper_driver.config.scenario import load_scenario
+from pepper_driver.config.scenario_motion import Holds
 
 Count = Annotated[int, Field(ge=1)]
-Share = Annotated[float, Field(ge=0, le=1)]
 
 
 @dataclass(frozen=True, kw_only=True, config=STRICT)
@@ -39,7 +41,7 @@ class TrackingTable:
     def error(self) -> FloatArray:
         """(torques, moving velocities) expected error [rad]."""
         columns = np.array(self.velocity) != 0.0
-        return np.radians(np.array(self.expected_error_deg)[:, columns])
+        return np.asarray(np.radians(np.array(self.expected_error_deg)[:, columns]))
 
 
 @dataclass(frozen=True, kw_only=True, config=STRICT)
@@ -69,7 +71,7 @@ class Recordings:
 
 @dataclass(frozen=True, kw_only=True, config=STRICT)
 class RampProtocol:
-    """Ramps of one joint under constant load; see ``scenarios/calibrate.yaml`` for the meaning of each key."""
+    """Ramps of one joint under constant load; see ``calibration.yaml`` for the meaning of each key."""
 
     arrival: Positive
     arrival_time: Positive
@@ -81,27 +83,31 @@ class RampProtocol:
 
 
 @dataclass(frozen=True, kw_only=True, config=STRICT)
-class HoldProtocol:
-    """Holds at random goals; see ``scenarios/calibrate.yaml`` for the meaning of each key."""
-
-    goals: Count
-    parts: Count
-    move: tuple[Positive, Positive]
-    wait: Positive
-    range: Share
-    current_time: Positive
-
-
-@dataclass(frozen=True, kw_only=True, config=STRICT)
-class CalibrationScenario:
-    """How the simulated robot is measured, and what counts as a match; see ``scenarios/calibrate.yaml``."""
+class CalibrationSettings:
+    """How the simulated robot is measured, and what counts as a match; see ``calibration.yaml`` for each key."""
 
     ramps: RampProtocol
-    holds: HoldProtocol
     fit_seed: Annotated[int, Field(ge=0)]
-    check_seed: Annotated[int, Field(ge=0)]
+    fit_count: Count
     largest_residual_deg: dict[str, Positive]
     largest_factor: Annotated[float, Field(gt=1)]
+
+
+@plain_dataclass(frozen=True, kw_only=True)
+class Calibration:
+    """What a simulated robot is compared with, and how.
+
+    Attributes:
+        recordings: Of real robots.
+        settings: Ramps and targets.
+        holds: Joints, goals and times of the holds.
+        seed: Of the holds in a check.
+    """
+
+    recordings: Recordings
+    settings: CalibrationSettings
+    holds: Holds
+    seed: int
 
 
 def load_recordings(robot: RobotConfig, path: Path | None = None) -> Recordings:
@@ -126,6 +132,22 @@ def load_recordings(robot: RobotConfig, path: Path | None = None) -> Recordings:
     return recordings
 
 
-def load_calibration_scenario(path: Path | None = None) -> CalibrationScenario:
-    """The scenario in ``path``, by default the shipped ``scenarios/calibrate.yaml``."""
-    return load(CalibrationScenario, path or package_file("scenarios", "calibrate.yaml"))
+def load_calibration(robot: RobotConfig) -> Calibration:
+    """The shipped recordings, with ``calibration.yaml`` and ``scenarios/calibrate.yaml``."""
+    scenario = load_scenario("calibrate", robot)
+    if not isinstance(scenario.motion, Holds):
+        raise ConfigError(f"{scenario.source}: key 'motion.kind': calibration needs holds")
+    recordings = load_recordings(robot)
+    settings = load(CalibrationSettings, package_file("calibration.yaml"))
+    for where, given, wanted in (
+        ("scenarios/calibrate.yaml", set(scenario.motion.joints), set(recordings.holds)),
+        ("calibration.yaml", set(settings.largest_residual_deg), set(recordings.tables)),
+    ):
+        if given != wanted:
+            raise ConfigError(f"{where}: its joints are not those of recordings.yaml")
+    return Calibration(
+        recordings=recordings,
+        settings=settings,
+        holds=scenario.motion,
+        seed=scenario.seed,
+    )

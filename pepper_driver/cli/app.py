@@ -10,6 +10,7 @@ from typing import Annotated
 import typer
 
 from pepper_driver.cli.bench import bench
+from pepper_driver.cli.calibrate import calibrate
 from pepper_driver.cli.demo import demo
 from pepper_driver.cli.identify import identify
 from pepper_driver.config import PepperError
@@ -25,6 +26,7 @@ app = typer.Typer(
 app.command()(demo)
 app.command()(identify)
 app.command()(bench)
+app.command()(calibrate)
 
 
 @app.callback(invoke_without_command=True)

@@ -1,0 +1,261 @@
+"""How near a simulated robot comes to recordings of real ones: ``pepper calibrate --check``."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+
+from pepper_driver.backends.mujoco_.reference import integration_error
+from pepper_driver.backends.mujoco_.testbench import (
+    HoldEnds,
+    hold_errors,
+    ramp_errors,
+    real_time_factor,
+)
+from pepper_driver.config import (
+    Calibration,
+    HoldStatistics,
+    PlantConfig,
+    RobotConfig,
+    TrackingTable,
+)
+from pepper_driver.config.parts import FloatArray
+
+Law = Literal["pd", "integral"]
+Progress = Callable[[float], None]
+"""Told the share done, 0..1."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Measured:
+    """What the bench shows of one plant: by joint (torques, moving velocities) ramp errors [rad], and holds."""
+
+    tables: dict[str, FloatArray]
+    holds: HoldEnds
+
+
+@dataclass(frozen=True, kw_only=True)
+class Figure:
+    """One figure beside its real counterpart.
+
+    Attributes:
+        joint: Whose.
+        quantity: ``residual``, ``median`` or ``p90`` of the error in holds [deg]; ``current median``, ``current p90``
+            in holds [A].
+        real: None where the simulated value itself is judged.
+        simulated: In the same unit.
+        limit: Upper bound of ``simulated``, or of the factor between the two, either way; None: only reported.
+    """
+
+    joint: str
+    quantity: str
+    real: float | None
+    simulated: float
+    limit: float | None
+
+    @property
+    def factor(self) -> float | None:
+        """Simulated over real, where there is a real value other than 0."""
+        return self.simulated / self.real if self.real else None
+
+    @property
+    def passed(self) -> bool | None:
+        """Whether the limit is kept; None where there is none."""
+        if self.limit is None:
+            return None
+        if self.real is None:
+            return self.simulated <= self.limit
+        factor = self.simulated / self.real
+        return 1 / self.limit <= factor <= self.limit
+
+
+@dataclass(frozen=True, kw_only=True)
+class CalibrationReport:
+    """How near one plant comes to the recordings.
+
+    Attributes:
+        plant: Its name.
+        law: Whether any of its boards has an integral part.
+        measured: By the bench.
+        reference_error: Root mean square error of the integration of motion [rad].
+        real_time_factor: Speed of the simulation.
+        calibration: What it is compared with, and how.
+    """
+
+    plant: str
+    law: Law
+    measured: Measured
+    reference_error: float
+    real_time_factor: float
+    calibration: Calibration
+
+    @property
+    def figures(self) -> tuple[Figure, ...]:
+        """Everything that has a real counterpart or a limit."""
+        figures = []
+        for joint, errors in self.measured.tables.items():
+            figures.append(
+                Figure(
+                    joint=joint,
+                    quantity="residual",
+                    real=None,
+                    simulated=float(
+                        np.degrees(residual(errors, self.calibration.recordings.tables[joint]))
+                    ),
+                    limit=self.calibration.settings.largest_residual_deg.get(joint),
+                )
+            )
+        for joint, real in self.calibration.recordings.holds.items():
+            simulated = statistics(self.measured.holds, joint)
+            factor = self.calibration.settings.largest_factor
+            for quantity, a, b, limit in (
+                ("median", real.median_deg, simulated.median_deg, factor),
+                ("p90", real.p90_deg, simulated.p90_deg, factor),
+                ("current median", real.current[0], simulated.current[0], None),
+                ("current p90", real.current[1], simulated.current[1], None),
+            ):
+                figures.append(
+                    Figure(joint=joint, quantity=quantity, real=a, simulated=b, limit=limit)
+                )
+        return tuple(figures)
+
+    @property
+    def passed(self) -> bool:
+        """Whether every limit is kept."""
+        return all(figure.passed is not False for figure in self.figures)
+
+    def as_json(self) -> dict[str, Any]:
+        """``residual_deg.<joint>``, ``hold_deg.<joint>.{median,p90}``, and more; see ``docs/plant.md``."""
+        figures = {(f.joint, f.quantity): f for f in self.figures}
+
+        def holds(what: str, pick: Callable[[Figure], float | None]) -> dict[str, Any]:
+            return {
+                joint: {key: pick(figures[joint, f"{what}{key}"]) for key in ("median", "p90")}
+                for joint in self.calibration.recordings.holds
+            }
+
+        return {
+            "plant": self.plant,
+            "law": self.law,
+            "passed": self.passed,
+            "residual_deg": {
+                f.joint: f.simulated for f in self.figures if f.quantity == "residual"
+            },
+            "hold_deg": holds("", lambda f: f.simulated),
+            "hold_current_a": holds("current ", lambda f: f.simulated),
+            "reference_error_mrad": 1e3 * self.reference_error,
+            "real_time_factor": self.real_time_factor,
+            "hold_factor": holds("", lambda f: f.factor),
+            "real": {
+                "hold_deg": holds("", lambda f: f.real),
+                "hold_current_a": holds("current ", lambda f: f.real),
+            },
+            "target": {
+                "residual_deg": dict(self.calibration.settings.largest_residual_deg),
+                "hold_factor": self.calibration.settings.largest_factor,
+            },
+        }
+
+
+def residual(errors: FloatArray, table: TrackingTable) -> float:
+    """Root mean square difference to a table [rad], over all torques and all velocities but 0, each cell alike.
+
+    Args:
+        errors: (torques, moving velocities) [rad].
+        table: Of a real robot.
+    """
+    return float(np.sqrt(np.mean(np.square(errors - table.error))))
+
+
+def statistics(holds: HoldEnds, joint: str) -> HoldStatistics:
+    """The statistics of one joint, as they were taken of the recordings."""
+    column = holds.joints.index(joint)
+    error, current = np.degrees(holds.error[:, column]), holds.current[:, column]
+    median, p90 = np.percentile(np.abs(error), [50, 90])
+    low, middle, high = np.percentile(error, [5, 50, 95])
+    p50_current, p90_current = np.percentile(current, [50, 90])
+    return HoldStatistics(
+        median_deg=float(median),
+        p90_deg=float(p90),
+        max_deg=float(np.abs(error).max()),
+        signed_deg=(float(low), float(middle), float(high)),
+        current=(float(p50_current), float(p90_current)),
+    )
+
+
+def law_of(plant: PlantConfig) -> Law:
+    """``integral`` if any board has an integral part."""
+    return "integral" if any(drive.ki for drive in plant.actuators) else "pd"
+
+
+def measure(
+    robot: RobotConfig,
+    plant: PlantConfig,
+    calibration: Calibration,
+    seed: int,
+    *,
+    workers: int = -1,
+    progress: Progress | None = None,
+) -> Measured:
+    """Tables and holds of a plant on the bench.
+
+    Args:
+        robot: The robot.
+        plant: Its parameters.
+        calibration: Which velocities and torques, and the protocols.
+        seed: Of goals and noise in the holds.
+        workers: Processes; -1 for one per core.
+        progress: Told the share done.
+    """
+    # Simulated time decides how long each part takes.
+    recordings, ramps, holds = calibration.recordings, calibration.settings.ramps, calibration.holds
+    cells = {name: len(t.torque) * len(t.moving) / 2 for name, t in recordings.tables.items()}
+    weights = [n * (ramps.arrival_time + ramps.wait + ramps.time) for n in cells.values()]
+    weights.append(holds.length)
+    done = 0.0
+
+    def tell(part: int, of: int) -> None:
+        if progress is not None:
+            progress((done + weight * part / of) / sum(weights))
+
+    tables = {}
+    for (name, table), weight in zip(recordings.tables.items(), weights[:-1], strict=True):
+        tables[name] = ramp_errors(
+            robot, plant, name, table.moving, table.torque, ramps, workers=workers, progress=tell
+        )
+        done += weight
+    weight = weights[-1]
+    held = hold_errors(robot, plant, holds, seed, workers=workers, progress=tell)
+    return Measured(tables=tables, holds=held)
+
+
+def check(
+    robot: RobotConfig,
+    plant: PlantConfig,
+    calibration: Calibration,
+    *,
+    workers: int = -1,
+    progress: Progress | None = None,
+) -> CalibrationReport:
+    """Measure a plant and compare it with the recordings; arguments as for :func:`measure`."""
+    speed = real_time_factor(robot, plant)  # first, while nothing else runs
+    integration = integration_error(robot, plant)
+    measured = measure(
+        robot,
+        plant,
+        calibration,
+        calibration.seed,
+        workers=workers,
+        progress=progress,
+    )
+    return CalibrationReport(
+        plant=plant.name,
+        law=law_of(plant),
+        measured=measured,
+        reference_error=integration,
+        real_time_factor=speed,
+        calibration=calibration,
+    )

@@ -1,0 +1,213 @@
+"""``pepper calibrate``: parameters of the simulated robot from recordings of real ones, and how near it comes."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Annotated, get_args
+
+import typer
+from rich.console import Console
+from rich.table import Table
+
+from pepper_driver.calibrate import CalibrationReport, Figure, Law, check
+from pepper_driver.calibration_fit import Fitted, fit_integral, fit_pd
+from pepper_driver.calibration_plot import check_picture, plot_calibration
+from pepper_driver.cli.console import (
+    JsonOption,
+    check_outputs,
+    make_console,
+    make_progress,
+    save_json,
+)
+from pepper_driver.config import (
+    Calibration,
+    ConfigError,
+    PlantConfig,
+    RobotConfig,
+    UnknownNameError,
+    load_calibration,
+    load_plant,
+    load_robot,
+    plant_names,
+)
+from pepper_driver.drive_values import plant_text
+from pepper_driver.output import OutputError
+
+LABELS = {
+    "residual": "residual deg",
+    "median": "hold median deg",
+    "p90": "hold p90 deg",
+    "current median": "hold median A",
+    "current p90": "hold p90 A",
+}
+START = {"pd": "nominal", "integral": "integral"}
+"""Plant that a fit of each law starts from."""
+
+
+def calibrate(
+    law: Annotated[
+        str,
+        typer.Option(metavar="LAW", help="Law of the boards to fit: pd or integral."),
+    ] = "pd",
+    plant: Annotated[
+        str | None,
+        typer.Option(
+            metavar="NAME_OR_FILE",
+            help="Plant to check, or that says what is not fitted; by default the shipped one of the law.",
+        ),
+    ] = None,
+    out: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Plant file to write, name.yaml.")
+    ] = None,
+    plot: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Also draw real and simulated figures.")
+    ] = None,
+    json_file: JsonOption = None,
+    only_check: Annotated[
+        bool, typer.Option("--check", help="Measure the plant as it is, fit nothing.")
+    ] = False,
+    workers: Annotated[
+        int | None, typer.Option(help="Processes; by default one per core.", min=1)
+    ] = None,
+) -> None:
+    """Fit the simulated robot to recordings of real ones, or check how near it comes. Simulation only."""
+    console = make_console()
+    chosen = _law(law)
+    if only_check and out is not None:
+        raise ConfigError("--check fits nothing, so there is no plant for --out to write")
+    if out is not None and out.suffix not in (".yaml", ".yml"):
+        raise ConfigError(f"{out}: a plant file ends in .yaml")
+    if plot is not None:
+        check_picture(plot)
+    check_outputs(out, plot, json_file)
+    robot = load_robot()
+    calibration = load_calibration(robot)
+    name = plant or START[chosen]
+    start = load_plant(name, robot)
+    if chosen == "integral" and not only_check and not any(d.ki for d in start.actuators):
+        raise ConfigError(f"{start.source}: no board has an integral part to fit")
+    tested, count = start, workers or -1
+    fitted: Fitted | None = None
+    if not only_check:
+        fitted = _fit(console, chosen, robot, start, calibration, count)
+        tested = replace(fitted.plant, name=out.stem if out else f"{start.name}, fitted")
+        _print_fit(console, fitted)
+        if out is not None:
+            _write(out, _text(name, start, fitted, out))
+            console.print(f"plant: {out}")
+    with make_progress(console) as progress:
+        bar = progress.add_task("measuring", total=1.0)
+        report = check(
+            robot,
+            tested,
+            calibration,
+            workers=count,
+            progress=lambda share: progress.update(bar, completed=share),
+        )
+    _print_report(console, report)
+    content = report.as_json() | ({"fit": fitted.as_json()} if fitted else {})
+    save_json(json_file, content, console)
+    if plot is not None:
+        plot_calibration(report, plot)
+        console.print(f"figure: {plot}")
+
+
+def _law(text: str) -> Law:
+    for law in get_args(Law):
+        if law == text:
+            return law  # type: ignore[no-any-return]
+    raise UnknownNameError("law", text, get_args(Law))
+
+
+def _fit(
+    console: Console,
+    law: Law,
+    robot: RobotConfig,
+    start: PlantConfig,
+    calibration: Calibration,
+    workers: int,
+) -> Fitted:
+    fit = fit_pd if law == "pd" else fit_integral
+    with make_progress(console) as progress:
+        bar = progress.add_task("fitting", total=1.0)
+        return fit(
+            robot,
+            start,
+            calibration,
+            workers=workers,
+            progress=lambda share: progress.update(bar, completed=share),
+        )
+
+
+def _write(path: Path, text: str) -> None:
+    """Write the plant file whole or not at all."""
+    partial = path.with_name(path.name + ".part")
+    try:
+        partial.write_text(text, encoding="utf-8")
+        partial.replace(path)
+    except OSError as error:
+        raise OutputError(f"{path}: cannot be written ({error.strerror})") from error
+
+
+def _text(name: str, start: PlantConfig, fitted: Fitted, out: Path) -> str:
+    shipped = name in plant_names()
+    return plant_text(
+        start,
+        fitted.plant,
+        name=out.stem,
+        extends=name if shipped else str(Path(name).resolve()),
+        comment="Fitted by `pepper calibrate` to config/recordings.yaml, in simulation; see docs/plant.md.",
+    )
+
+
+def _print_fit(console: Console, fitted: Fitted) -> None:
+    table = Table(title=f"fitted; {fitted.delay} ticks of transport", title_justify="left")
+    for name in ("joint", "K N m/rad", "F N m", "dead band deg", "Ti s", "room"):
+        table.add_column(name, justify="left" if name == "joint" else "right")
+    for joint, row in fitted.as_json()["joints"].items():
+        table.add_row(
+            joint,
+            f"{row['stiffness']:.4g}",
+            f"{row['friction']:.3g}",
+            f"{row['dead_band_deg']:.2f}",
+            "-" if row["integral_time"] is None else f"{row['integral_time']:.3g}",
+            f"{row['room']:.1f}",
+        )
+    console.print(table)
+    console.print("room: standard deviations to the nearest target, on the goals of the fit")
+
+
+def _print_report(console: Console, report: CalibrationReport) -> None:
+    table = Table(
+        title=f"plant {report.plant} ({report.law}) beside recordings of real Peppers, in simulation",
+        title_justify="left",
+    )
+    for name in ("joint", "figure", "real", "sim", "factor", "target", ""):
+        table.add_column(name, justify="left" if name in ("joint", "figure", "") else "right")
+    for figure in report.figures:
+        table.add_row(*_row(figure))
+    console.print(table)
+    console.print(
+        "target: largest residual, or largest factor between simulated and real either way"
+    )
+    console.print(
+        f"integration error {1e3 * report.reference_error:.2f} mrad; "
+        f"{report.real_time_factor:.1f} times real time on one core, without controller"
+    )
+
+
+def _row(figure: Figure) -> list[str]:
+    target = "-"
+    if figure.limit is not None:
+        target = f"<= {figure.limit:.2f}" if figure.real is None else f"x/ {figure.limit:g}"
+    word = {True: "pass", False: "MISS", None: ""}[figure.passed]
+    return [
+        figure.joint,
+        LABELS[figure.quantity],
+        "-" if figure.real is None else f"{figure.real:.2f}",
+        f"{figure.simulated:.3f}",
+        "-" if figure.factor is None else f"{figure.factor:.2f}",
+        target,
+        word,
+    ]

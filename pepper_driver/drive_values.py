@@ -1,0 +1,179 @@
+"""What calibration finds of a drive, and the plant that has it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from math import inf
+
+from pepper_driver.backends.mujoco_.testbench import opposite
+from pepper_driver.config import PlantConfig, RobotConfig
+from pepper_driver.config.plant_parts import Actuator, Friction, Origin
+
+OF_THE_SAME_MOTOR = {"HeadYaw": "RElbowYaw", "HeadPitch": "RElbowRoll"}
+"""Joints that nobody recorded, and the one with the same motor and reduction whose values they get."""
+
+FITTED = ("kp", "ki", "dead_band", "friction.contact")
+"""Values of :class:`~.config.plant_parts.Actuator` that calibration sets; ``kd`` keeps its ratio to ``kp``."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class DriveValues:
+    """A drive, seen at the joint.
+
+    Attributes:
+        stiffness: K = kp N Kt / R [N m/rad].
+        friction: Coulomb friction of both sides together while the teeth touch [N m].
+        dead_band: [rad] of the board.
+        integral_time: kp / ki [s]; infinite without an integral part.
+    """
+
+    stiffness: float
+    friction: float
+    dead_band: float = 0.0
+    integral_time: float = inf
+
+
+def torque_constant(robot: RobotConfig, joint: str) -> float:
+    """Torque at the joint by current, N Kt [N m/A]."""
+    return robot.motors.of(joint).torque_constant * robot.motors.joints[joint].ratio
+
+
+def drag(robot: RobotConfig, plant: PlantConfig, joint: str) -> float:
+    """Torque that grows with speed: back-EMF and viscous friction of both sides, teeth touching [N m s/rad]."""
+    drive = plant.actuator(joint)
+    contact, ratio = drive.friction.contact, robot.motors.joints[joint].ratio
+    back_emf = torque_constant(robot, joint) ** 2 / robot.motors.of(joint).resistance
+    viscous = contact.motor_viscous + contact.link_viscous + drive.motor_damping * ratio**2
+    return back_emf + viscous
+
+
+def values_of(robot: RobotConfig, plant: PlantConfig, joint: str) -> DriveValues:
+    """The values that a joint has in a plant."""
+    drive = plant.actuator(joint)
+    volts = robot.motors.of(joint).resistance / torque_constant(robot, joint)
+    contact = drive.friction.contact
+    return DriveValues(
+        stiffness=drive.kp / volts,
+        friction=contact.motor + contact.link,
+        dead_band=drive.dead_band,
+        integral_time=drive.kp / drive.ki if drive.ki else inf,
+    )
+
+
+def with_values(
+    robot: RobotConfig,
+    plant: PlantConfig,
+    values: Mapping[str, DriveValues],
+    delay: int | None = None,
+) -> PlantConfig:
+    """A plant whose drives have these values, and whose transport takes ``delay`` ticks in all.
+
+    The other arm's drive is alike. Joints in :data:`OF_THE_SAME_MOTOR` follow, but get no integral part. Friction
+    keeps the base plant's shares of motor, link and gap. Of the delay one tick lies on the encoder's side, which is
+    assumed.
+
+    Args:
+        robot: The robot.
+        plant: What says everything else.
+        values: By joint of either arm.
+        delay: Ticks; None leaves the transport alone.
+    """
+    wanted = dict(values)
+    wanted |= {opposite(name): v for name, v in values.items()}
+    for name, other in OF_THE_SAME_MOTOR.items():
+        if other in wanted and wanted[other].integral_time == inf:
+            wanted[name] = wanted[other]
+    drives = []
+    for drive in plant.actuators:
+        for name in drive.joints:
+            changed = _changed(robot, drive, name, wanted[name]) if name in wanted else drive
+            drives.append(replace(changed, joints=(name,)))
+    transport = plant.transport
+    if delay is not None:
+        late = min(delay, 1)
+        transport = replace(transport, encoder_delay=late, command_delay=delay - late)
+    return replace(plant, actuators=tuple(drives), transport=transport)
+
+
+def _changed(robot: RobotConfig, drive: Actuator, joint: str, values: DriveValues) -> Actuator:
+    volts = robot.motors.of(joint).resistance / torque_constant(robot, joint)
+    kp = values.stiffness * volts
+    friction, contact = drive.friction, drive.friction.contact
+    share = values.friction / (contact.motor + contact.link)
+    return replace(
+        drive,
+        kp=_rounded(kp),
+        kd=_rounded(drive.kd * kp / drive.kp),
+        ki=_rounded(kp / values.integral_time),
+        dead_band=_rounded(values.dead_band),
+        friction=_scaled(friction, share),
+        origin=_origin(drive, joint),
+    )
+
+
+def _scaled(friction: Friction, share: float) -> Friction:
+    """Coulomb friction of both sides times ``share``, in the gap and out of it."""
+    contact, gap = friction.contact, friction.gap
+    return replace(
+        friction,
+        contact=replace(
+            contact, motor=_rounded(contact.motor * share), link=_rounded(contact.link * share)
+        ),
+        gap=replace(gap, motor=_rounded(gap.motor * share), link=_rounded(gap.link * share)),
+    )
+
+
+def _rounded(value: float) -> float:
+    """To four digits, as it stands in a plant file."""
+    return float(f"{value:.4g}")
+
+
+def _origin(drive: Actuator, joint: str) -> dict[Origin, tuple[str, ...]]:
+    """Origins with the fitted values moved to where they belong; the head's are computed from the elbows'."""
+    kind: Origin = "computed" if joint in OF_THE_SAME_MOTOR else "calibrated"
+    kept = {k: tuple(key for key in keys if key not in FITTED) for k, keys in drive.origin.items()}
+    return kept | {kind: FITTED + kept.get(kind, ())}
+
+
+def plant_text(
+    base: PlantConfig, plant: PlantConfig, *, name: str, extends: str, comment: str
+) -> str:
+    """A plant file that says only what calibration changed.
+
+    Args:
+        base: What ``plant`` was made from.
+        plant: From :func:`with_values`.
+        name: Of the plant in the file.
+        extends: Name or absolute path of ``base``.
+        comment: Lines for the head of the file.
+    """
+    transport, board = plant.transport, plant.board
+    lines = [f"# {line}".rstrip() for line in comment.splitlines()]
+    lines += [
+        f"name: {name}",
+        f"description: {base.name}, calibrated",
+        f"extends: {extends}",
+        f"board: {{integral_band: {board.integral_band!r}}}",
+        f"transport: {{command_delay: {transport.command_delay}, encoder_delay: {transport.encoder_delay}}}",
+        "joints:",
+    ]
+    for drive in plant.actuators:
+        for joint in drive.joints:
+            before = base.actuator(joint)
+            if replace(drive, joints=before.joints) != before:
+                lines += _drive_lines(joint, drive)
+    return "\n".join(lines) + "\n"
+
+
+def _drive_lines(joint: str, drive: Actuator) -> list[str]:
+    contact, gap = drive.friction.contact, drive.friction.gap
+    origin = ", ".join(f"{kind}: [{', '.join(keys)}]" for kind, keys in drive.origin.items())
+    return [
+        f"  {joint}:",
+        *(f"    {key}: {getattr(drive, key)!r}" for key in ("kp", "ki", "kd", "dead_band")),
+        "    friction:",
+        f"      contact: {{motor: {contact.motor!r}, link: {contact.link!r}}}",
+        f"      gap: {{motor: {gap.motor!r}, link: {gap.link!r}}}",
+        f"    origin: {{{origin}}}",
+    ]
