@@ -92,7 +92,7 @@ def test_the_installed_wheel_works(built: tuple[Path, Path], tmp_path: Path) -> 
     script = (
         "import pepper_driver, pathlib\n"
         f"assert pathlib.Path(pepper_driver.__file__).is_relative_to({str(tmp_path)!r})\n"
-        "with pepper_driver.Pepper('mujoco') as pepper:\n"
+        "with pepper_driver.Pepper('mujoco://?plant=integral') as pepper:\n"
         "    pepper.push('LBicep', [0, 25, 0], [0.16, 0, 0], 0.8, frame='link')\n"
         "    pepper.run(1.5)\n"
         "print(len(pepper.contacts))\n"

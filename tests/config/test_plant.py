@@ -142,7 +142,7 @@ def test_a_step_too_coarse_for_the_stiffest_gear_is_refused(tmp_path: Path, fact
 
 
 def test_the_shipped_plants_are_far_from_that_limit() -> None:
-    """W h below 0.5: coarse enough to be quick, fine enough to be right."""
+    """W h below 1, half of what is stable: coarse enough to be quick, fine enough to be right."""
     for name in plant_names():
         plant = load_plant(name, ROBOT)
         drives = tuple(replace(a, gear_stiffness=4.0 * a.gear_stiffness) for a in plant.actuators)

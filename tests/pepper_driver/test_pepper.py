@@ -13,11 +13,14 @@ from pepper_driver.controller import TargetError
 from pepper_driver.log import read_log
 from pepper_driver.observer import shipped
 
+LIGHT = "mujoco://?plant=integral"
+"""On this plant a light touch moves the arm by degrees."""
+
 
 def test_the_dozen_lines_of_the_readme() -> None:
     """A push is felt by the right joint and link, in the right direction, and the callback hears of it."""
     heard: list[Contact] = []
-    pepper = Pepper("mujoco")
+    pepper = Pepper(LIGHT)
 
     @pepper.on_contact(link="LBicep")
     def touched(contact: Contact) -> None:
@@ -45,7 +48,7 @@ def test_the_dozen_lines_of_the_readme() -> None:
 def test_hold_stops_the_motion_and_lets_it_go_on() -> None:
     def travel(*reflexes: Hold) -> tuple[float, float]:
         """How far the reference moved while touched, and where it ended."""
-        with Pepper("mujoco", reflexes=list(reflexes)) as pepper:
+        with Pepper(LIGHT, reflexes=list(reflexes)) as pepper:
             pepper.set_posture({"LShoulderRoll": 1.2}, stiffness=2.0)
             pepper.run(0.2)
             pepper.push("LBicep", [0.0, 25.0, 0.0], [0.16, 0.0, 0.0], 1.2, frame="link")
@@ -65,7 +68,7 @@ def test_hold_stops_the_motion_and_lets_it_go_on() -> None:
 
 def test_the_log_holds_what_happened(tmp_path: Path) -> None:
     path = tmp_path / "run.mcap"
-    with Pepper("mujoco?seed=5", log=path) as pepper:
+    with Pepper(f"{LIGHT}&seed=5", log=path) as pepper:
         pepper.push("LBicep", [0.0, 25.0, 0.0], [0.16, 0.0, 0.0], 0.8, frame="link")
         pepper.run(1.5)
         contacts = pepper.contacts
@@ -76,7 +79,7 @@ def test_the_log_holds_what_happened(tmp_path: Path) -> None:
     assert log.contacts == list(contacts)
     assert len(contacts) >= 2
     assert log.metadata["identity"] == identity
-    assert log.metadata["backend"] == "mujoco?seed=5"
+    assert log.metadata["backend"] == f"{LIGHT}&seed=5"
     assert log.truth is not None
     assert np.abs(log.truth["contact_torque"]).max() > 3.0
 
@@ -118,7 +121,7 @@ def test_emergency_stop_holds_and_stays() -> None:
 def test_it_can_be_entered_again() -> None:
     heard: list[Contact] = []
     reflex = Hold()
-    pepper = Pepper("mujoco", observer="paper", reflexes=[reflex])
+    pepper = Pepper(LIGHT, observer="paper", reflexes=[reflex])
     pepper.on_contact()(heard.append)
     for count in (1, 2):
         with pepper:
