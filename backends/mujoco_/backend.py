@@ -291,7 +291,7 @@ class MujocoBackend(Backend):
         parts = []
         for name, size in (("position", n), ("stiffness", n), ("wheel_speed", 3)):
             array = np.asarray(getattr(command, name), dtype=np.float64)
-            if array.shape != (size,) or not np.isfinite(array).all():
+            if array.shape != (size,) or not np.isfinite(array.sum()):
                 raise ValueError(f"command.{name}: expected {size} finite numbers")
             parts.append(array)
         position, stiffness, wheel_speed = parts

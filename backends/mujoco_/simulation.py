@@ -97,9 +97,10 @@ class Simulation(Resumable):
         boards, supply = self.boards, self.supply
         # A brake holds where it closed; it stays until the stiffness returns.
         braked = self._brakes & (stiffness <= 0.0)
-        self._braked_at = np.where(braked, self._braked_at, position)
-        position = np.where(braked, self._braked_at, position)
-        stiffness = np.where(braked, 1.0, stiffness)
+        if braked.any():
+            position = np.where(braked, self._braked_at, position)
+            stiffness = np.where(braked, 1.0, stiffness)
+        self._braked_at = position
         travel = position - self._target
         if self._speed_limit is not None:
             reach = self._speed_limit * self._cycle
