@@ -7,7 +7,7 @@ from pepper_driver.config.errors import (
     UnknownNameError,
     suggestion,
 )
-from pepper_driver.config.plant import PlantConfig, load_plant, plant_hash, plant_names
+from pepper_driver.config.plant import PlantConfig, draws, load_plant, plant_hash, plant_names
 from pepper_driver.config.recordings import (
     Calibration,
     HoldStatistics,
@@ -50,6 +50,7 @@ __all__ = [
     "TrackingTable",
     "UnknownNameError",
     "World",
+    "draws",
     "load_calibration",
     "load_controller_settings",
     "load_observer_settings",

@@ -106,6 +106,11 @@ def load_plant(name: str, robot: RobotConfig, *, draw: int | None = None) -> Pla
     return plant
 
 
+def draws(name: str, robot: RobotConfig) -> bool:
+    """Whether a plant, by name or path, is drawn anew for each ``draw``."""
+    return "randomise" in resolve(_plant_path(name), _plant_path, robot)
+
+
 def _plant_path(name: str) -> Path:
     if name.endswith((".yaml", ".yml")):
         return Path(name)

@@ -12,7 +12,7 @@ import numpy as np
 from pydantic import Field
 from pydantic.dataclasses import dataclass
 
-from pepper_driver.config.errors import ConfigError, suggestion
+from pepper_driver.config.errors import ConfigError, UnknownNameError, suggestion
 from pepper_driver.config.loading import STRICT, read_yaml
 from pepper_driver.config.parts import NotNegative, Positive
 from pepper_driver.config.robot import RobotConfig
@@ -61,7 +61,10 @@ def _resolve(
     parent = data.pop("extends")
     if not isinstance(parent, str):
         raise ConfigError(f"{source}: key 'extends': expected the name of a plant, got {parent!r}")
-    parent_path = find(parent)
+    try:
+        parent_path = find(parent)
+    except UnknownNameError as error:
+        raise ConfigError(f"{source}: key 'extends': {error}") from error
     if not parent_path.is_absolute() and not parent_path.exists():
         parent_path = path.parent / parent_path
     plant = _resolve(parent_path, find, robot, (*seen, path.resolve()))

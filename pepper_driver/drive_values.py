@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from math import inf
@@ -151,9 +152,9 @@ def plant_text(
     transport, board = plant.transport, plant.board
     lines = [f"# {line}".rstrip() for line in comment.splitlines()]
     lines += [
-        f"name: {name}",
-        f"description: {base.name}, calibrated",
-        f"extends: {extends}",
+        f"name: {json.dumps(name)}",
+        f"description: {json.dumps(f'{base.name}, calibrated')}",
+        f"extends: {json.dumps(extends)}",
         f"board: {{integral_band: {board.integral_band!r}}}",
         f"transport: {{command_delay: {transport.command_delay}, encoder_delay: {transport.encoder_delay}}}",
         "joints:",

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import copy
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
@@ -150,7 +150,7 @@ class MujocoBackend(Backend):
             raise BackendError(
                 f"the snapshot is of plant {snapshot.identity}, this one is {self._info.identity}"
             )
-        if snapshot.state["world"] != self._world:
+        if replace(snapshot.state["world"], source="") != replace(self._world, source=""):
             raise BackendError(
                 f"the snapshot is of world '{snapshot.state['world'].name}', this one is '{self._world.name}'"
             )

@@ -24,6 +24,11 @@ def gear(joint: str) -> str:
     return f"gear_{joint}"
 
 
+def spring(number: int) -> str:
+    """Name of the hinge of a flexibility."""
+    return f"flexibility_{number}"
+
+
 def add_drive(spec: mujoco.MjSpec, name: str, robot: RobotConfig, plant: PlantConfig) -> None:
     """Motor, gear and friction of one joint.
 
@@ -77,7 +82,7 @@ def add_flexibility(spec: mujoco.MjSpec, number: int, plant: PlantConfig) -> Non
     joint.armature += flexibility.inertia
     link = joint.parent
     hinge = link.add_joint(
-        name=f"flexibility_{number}",
+        name=spring(number),
         type=mujoco.mjtJoint.mjJNT_HINGE,
         axis=np.array(flexibility.axis) / np.linalg.norm(flexibility.axis),
     )
@@ -91,30 +96,33 @@ def harden_friction(joint: mujoco.MjsJoint | mujoco.MjsTendon, plant: PlantConfi
 
 
 def check_step(mj: mujoco.MjModel, robot: RobotConfig, plant: PlantConfig) -> None:
-    """Refuse a step too coarse for the stiffest gear.
+    """Refuse a step too coarse for the stiffest gear or spring.
 
     A spring between two inertias is stable under implicitfast while h < 2 / sqrt(K / m_eff).
 
     Raises:
-        ConfigError: Names the gear and the largest stable step.
+        ConfigError: Names the gear or spring and the largest stable step.
     """
     data = mujoco.MjData(mj)
     mujoco.mj_forward(mj, data)
     mass = np.zeros((mj.nv, mj.nv))
     mujoco.mj_fullM(mj, data, mass)
     compliance = np.linalg.inv(mass).diagonal()
-    worst, limit = "", np.inf
+    springs = []
     for name in robot.joint_names:
         link, motor = mj.joint(name).dofadr[0], mj.joint(motor_side(name)).dofadr[0]
-        stable = 2.0 * np.sqrt(
-            1.0 / ((compliance[link] + compliance[motor]) * plant.actuator(name).gear_stiffness)
-        )
-        if stable < limit:
-            worst, limit = name, float(stable)
-    step = plant.physics.timestep
+        stiffness = plant.actuator(name).gear_stiffness
+        what = f"the gear of {name} (gear_stiffness {stiffness:g} N m/rad)"
+        springs.append((stiffness * float(compliance[link] + compliance[motor]), what))
+    for number, flexibility in enumerate(plant.flexibilities):
+        dof, stiffness = mj.joint(spring(number)).dofadr[0], flexibility.stiffness
+        what = f"flexibilities.{number} of {flexibility.joint} (stiffness {stiffness:g} N m/rad)"
+        springs.append((stiffness * float(compliance[dof]), what))
+    square, worst = max(springs)  # of the fastest oscillation [1/s2]
+    step, limit = plant.physics.timestep, 2.0 / np.sqrt(square)
     if step >= limit:
         whole = robot.cycle / np.ceil(robot.cycle / limit + 1e-9)
         raise ConfigError(
-            f"{plant.source or plant.name}: key 'physics.timestep': {step:g} s is too coarse for the gear of {worst} "
-            f"(gear_stiffness {plant.actuator(worst).gear_stiffness:g} N m/rad): at most {whole:.10g} s"
+            f"{plant.source or plant.name}: key 'physics.timestep': {step:g} s is too coarse for {worst}: "
+            f"at most {whole:.10g} s"
         )

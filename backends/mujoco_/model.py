@@ -24,6 +24,10 @@ from pepper_driver.config.plant_parts import Body
 ROBOT, OBJECT, FLOOR = 1, 2, 4
 """Collision bits: the robot meets objects, objects meet everything, the floor meets wheels and objects."""
 
+# MuJoCo would print, and write MUJOCO_LOG.TXT into the user's folder; what matters is told by errors of our own.
+# MuJoCo has one such handler for the whole process.
+mujoco.set_mju_user_warning(lambda message: None)
+
 _DIVERGENCE = (
     mujoco.mjtWarning.mjWARN_BADQPOS,
     mujoco.mjtWarning.mjWARN_BADQVEL,

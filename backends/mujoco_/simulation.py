@@ -138,10 +138,13 @@ class Simulation(Resumable):
 
     def restore(self, saved: dict[str, Any]) -> None:
         """Go back to a state that :meth:`save` gave."""
-        mujoco.mj_resetData(self.model.mj, self.data)
-        mujoco.mj_setState(
-            self.model.mj, self.data, saved["mujoco"], mujoco.mjtState.mjSTATE_INTEGRATION
-        )
+        mj, data, kind = self.model.mj, self.data, mujoco.mjtState.mjSTATE_INTEGRATION
+        mujoco.mj_resetData(mj, data)
+        mujoco.mj_setState(mj, data, saved["mujoco"], kind)
+        mujoco.mj_forward(
+            mj, data
+        )  # what follows from the state, for those who read it before the next step
+        mujoco.mj_setState(mj, data, saved["mujoco"], kind)  # its warm start is part of the state
         super().restore(saved["self"])
         for name, part in self._parts().items():
             part.restore(saved[name])

@@ -59,7 +59,7 @@ class Supply(Resumable):
         """Of the battery under its load [V]."""
         battery = self._battery
         span = battery.full_voltage - battery.empty_voltage
-        return battery.empty_voltage + span * self.charge - self._sag
+        return max(0.0, battery.empty_voltage + span * self.charge - self._sag)
 
     @property
     def warmth(self) -> Warmth:

@@ -129,7 +129,7 @@ class Tally(Resumable):
             return
         torques = [entry.torque.take(self._link_dof, axis=1) for entry in self._entries.values()]
         self.contacts = tuple(map(self._summary, self._entries.values(), torques))
-        total, self.torque = torques[0], self.contacts[0].torque
+        total, self.torque = torques[0], self.contacts[0].torque.copy()
         for torque, contact in zip(torques[1:], self.contacts[1:], strict=True):
             total = total + torque
             self.torque = self.torque + contact.torque

@@ -26,6 +26,7 @@ from pepper_driver.config import (
     PlantConfig,
     RobotConfig,
     UnknownNameError,
+    draws,
     load_calibration,
     load_plant,
     load_robot,
@@ -85,6 +86,17 @@ def calibrate(
     calibration = load_calibration(robot)
     name = plant or START[chosen]
     start = load_plant(name, robot)
+    for drive in start.actuators:
+        if not only_check and drive.friction.contact.motor + drive.friction.contact.link == 0.0:
+            raise ConfigError(
+                f"{start.source}: {', '.join(drive.joints)} have no friction that could be fitted; give them some"
+            )
+    if not only_check and draws(name, robot):
+        raise ConfigError(
+            f"{start.source}: each robot of this plant is drawn anew; fit one that stays"
+        )
+    if out is not None and out.resolve() == Path(start.source).resolve():
+        raise ConfigError(f"{out}: this is the plant to begin from; choose another file for --out")
     if chosen == "integral" and not only_check and not any(d.ki for d in start.actuators):
         raise ConfigError(f"{start.source}: no board has an integral part to fit")
     tested, count = start, workers or -1

@@ -142,15 +142,15 @@ def test_a_script_of_ones_own_is_shown(tmp_path: Path) -> None:
     assert [push.joint for push in result.pushes] == ["LShoulderRoll", "RElbowRoll"]
     summary = json.loads((tmp_path / "out" / CONTACTS_NAME).read_text())["summary"]
     forces = [push.force for push in result.pushes]
-    assert forces[0] == pytest.approx(12.0)
+    assert forces[0] == pytest.approx(20.0)
     assert summary["force_n"] == {"least": min(forces), "most": max(forces)}
     degrees = [push.degrees for push in result.pushes]
-    assert degrees[1] == pytest.approx(1.5)
+    assert degrees[1] == pytest.approx(2.8)
     assert summary["degrees"] == {"least": min(degrees), "most": max(degrees)}
     missed = json.loads((tmp_path / "out" / CONTACTS_NAME).read_text())["missed"]
     assert [push["force"] for push in missed] == forces, "nothing is felt without an observer"
     again = run_demo(tmp_path / "out", scenario=own_script(tmp_path, seed=3), seed=8)
-    assert again.uri == "mujoco://?seed=8"
+    assert again.uri == "mujoco://?seed=8&plant=integral"
 
 
 @pytest.mark.usefixtures("numb")
@@ -170,7 +170,7 @@ def test_the_length_is_the_scenarios_or_whole_periods_of_the_time_given(tmp_path
         ({"contacts": []}, {}, "key 'contacts': a demonstration needs some"),
         ({"plant": "worm"}, {}, "unknown plant 'worm'"),
         ({"contacts": [{"kind": "push"}]}, {}, "key 'contacts.0"),
-        ({"largest_load": 0.01}, {}, "key 'contacts.0': 12.0 N"),
+        ({"largest_load": 0.01}, {}, "key 'contacts.0': 20.0 N"),
     ],
 )
 @pytest.mark.usefixtures("numb")

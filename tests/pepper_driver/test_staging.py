@@ -92,8 +92,8 @@ def test_stated_contacts_happen_as_planned() -> None:
         assert push.degrees == pytest.approx(np.degrees(push.torque / stiffness))
         assert not push.saturating
     first, second = stage.pushes
-    assert first.force == pytest.approx(12.0)
-    assert second.degrees == pytest.approx(1.5)
+    assert first.force == pytest.approx(20.0)
+    assert second.degrees == pytest.approx(2.8)
     assert (first.direction, second.direction) == (1, -1)
     assert (first.moving, second.moving) == (True, False)
 
@@ -263,7 +263,7 @@ def test_a_grab_reaches_the_backend_as_stated(monkeypatch: pytest.MonkeyPatch) -
         stage.perform()
     (((link, pull, point), options),) = grabs
     assert link == "LForeArm"
-    np.testing.assert_array_equal(pull, [0.0, 0.02, 0.0])
+    np.testing.assert_array_equal(pull, [0.0, 0.03, 0.0])
     np.testing.assert_array_equal(point, [0.1, 0.0, 0.0])
     assert options.pop("delay") == pytest.approx(3.0)
     assert options == {
@@ -276,7 +276,7 @@ def test_a_grab_reaches_the_backend_as_stated(monkeypatch: pytest.MonkeyPatch) -
     }
     record = stage.pushes[-1]
     assert record.link == "LForeArm"
-    assert record.force == pytest.approx(12.0)
+    assert record.force == pytest.approx(18.0)
     assert record.release - record.onset == pytest.approx(1.8)
 
 
