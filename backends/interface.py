@@ -185,7 +185,10 @@ class Truth(ABC):
     @property
     @abstractmethod
     def saturated(self) -> NDArray[np.bool_]:
-        """(17,) whether the board was at its current or voltage limit at any time of the last cycle."""
+        """(17,) whether the board was at its current or voltage limit at any time of the last cycle.
+
+        At stiffness 0 the limit is no current: a motor that is off is at it.
+        """
 
     @property
     @abstractmethod

@@ -23,6 +23,9 @@ Degrees = Annotated[float, Field(gt=0, le=90)]
 STRONGEST_HAND = 1000.0
 """[N] No contact may be stronger, not even one that is meant to saturate."""
 
+SOFTEST_HAND, STIFFEST_HAND = 500.0, 3000.0
+"""[N/m] of a hand that grabs."""
+
 FARTHEST_PULL = 1.0
 """[m]"""
 
@@ -94,7 +97,7 @@ class Grab(Touch):
     kind: Literal["grab"]
     pull: Vector3
     frame: Axes = "world"
-    stiffness: Annotated[float, Field(ge=500, le=3000)] = 1000.0
+    stiffness: Annotated[float, Field(ge=SOFTEST_HAND, le=STIFFEST_HAND)] = 1000.0
     largest_force: Annotated[float, Field(gt=0, le=STRONGEST_HAND)] = 100.0
     rise: Positive = 0.5
     hold: NotNegative = 1.0

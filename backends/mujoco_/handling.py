@@ -7,17 +7,15 @@ from typing import Literal
 import mujoco
 import numpy as np
 
-from pepper_driver.backends.mujoco_.hands import SOFTEST, STIFFEST, Hand
+from pepper_driver.backends.mujoco_.hands import Hand
 from pepper_driver.backends.mujoco_.model import PlantModel
 from pepper_driver.backends.mujoco_.pushes import Push
 from pepper_driver.config import UnknownNameError
 from pepper_driver.config.parts import FloatArray
+from pepper_driver.config.scenario_contacts import FARTHEST_PULL, SOFTEST_HAND, STIFFEST_HAND
 
 STRONGEST_PUSH = 10_000.0
 """[N] Far beyond anything a robot survives; more would only break the simulation."""
-
-FARTHEST_PULL = 1.0
-"""[m] Beyond a person's reach without a step."""
 
 
 def planned_push(
@@ -64,9 +62,9 @@ def planned_hand(
     """The hand that :meth:`Backend.grab` was asked for; raises as it says."""
     numbers = [stiffness, rise, hold, release, largest_force, delay]
     body, pull, where = _place("grab", model, link, pull, point, frame, numbers)
-    if not SOFTEST <= stiffness <= STIFFEST:
+    if not SOFTEST_HAND <= stiffness <= STIFFEST_HAND:
         raise ValueError(
-            f"grab: stiffness must be {SOFTEST:g} to {STIFFEST:g} N/m, got {stiffness:g}"
+            f"grab: stiffness must be {SOFTEST_HAND:g} to {STIFFEST_HAND:g} N/m, got {stiffness:g}"
         )
     if rise <= 0 or release <= 0 or largest_force <= 0 or hold < 0 or delay < 0:
         raise ValueError(

@@ -14,9 +14,6 @@ from pepper_driver.backends.mujoco_.resumable import Resumable
 from pepper_driver.backends.mujoco_.tally import Point, Tally
 from pepper_driver.config.parts import FloatArray
 
-SOFTEST, STIFFEST = 500.0, 3000.0
-"""[N/m] What a person's grip reaches: the skin and flesh of the hand in series with the arm."""
-
 HAND_MASS = 0.4
 """[kg] of an adult's hand. The damping is critical for it, 2 sqrt(K m): 40 N s/m at 1000 N/m."""
 

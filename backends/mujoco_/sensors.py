@@ -69,9 +69,9 @@ class CurrentSensors(Resumable):
         self._smoothed[:] = 0.0
         return self._quantised()
 
-    def read(self, mean_absolute: FloatArray) -> FloatArray:
-        """Take in the mean |current| (17,) of one cycle [A]; returns the reading."""
-        self._smoothed += self._gain * (mean_absolute - self._smoothed)
+    def read(self, current: FloatArray) -> FloatArray:
+        """Take in the size of the mean current (17,) of one cycle [A]; returns the reading."""
+        self._smoothed += self._gain * (current - self._smoothed)
         return self._quantised()
 
     def _quantised(self) -> FloatArray:
