@@ -25,9 +25,13 @@ def bench(
         float, typer.Option(help="Simulated time for each plant.", min=2.0, max=600.0)
     ] = 20.0,
     plants: Annotated[
-        list[str],
-        typer.Option("--plant", metavar="NAME|FILE", help="Plant to simulate; may be given again."),
-    ] = ["nominal"],  # noqa: B006 -- typer makes an option of it
+        list[str] | None,
+        typer.Option(
+            "--plant",
+            metavar="NAME|FILE",
+            help="Plant to simulate, by default nominal; may be given again.",
+        ),
+    ] = None,
     soak: Annotated[
         float | None,
         typer.Option(
@@ -42,6 +46,7 @@ def bench(
     """Time the stages of a tick and the simulation, on one core."""
     console = make_console()
     check_outputs(json_file)
+    plants = plants or ["nominal"]
     if soak is not None:
         _soak(console, plants[0], soak, json_file)
         return

@@ -126,10 +126,11 @@ def calibrate(
 
 
 def _law(text: str) -> Law:
-    for law in get_args(Law):
+    laws: tuple[Law, ...] = get_args(Law)
+    for law in laws:
         if law == text:
-            return law  # type: ignore[no-any-return]
-    raise UnknownNameError("law", text, get_args(Law))
+            return law
+    raise UnknownNameError("law", text, laws)
 
 
 def _fit(
