@@ -116,12 +116,14 @@ class CoupledLimit:
 
 @dataclass(frozen=True, kw_only=True, config=STRICT)
 class BaseLimits:
-    """Limits of the base: [m/s], [rad/s], [m/s2], [rad/s2]."""
+    """Limits of the base: [m/s], [rad/s], [m/s2], [rad/s2], [m/s3], [rad/s3]."""
 
     linear_velocity: Positive
     angular_velocity: Positive
     linear_acceleration: Positive
     angular_acceleration: Positive
+    linear_jerk: Positive
+    angular_jerk: Positive
 
 
 @dataclass(frozen=True, kw_only=True, config=STRICT)

@@ -5,11 +5,12 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated, Literal
 
+import numpy as np
 from pydantic import Field
 from pydantic.dataclasses import dataclass
 
 from pepper_driver.config.loading import STRICT, load, package_file
-from pepper_driver.config.parts import NotNegative, Positive
+from pepper_driver.config.parts import FloatArray, NotNegative, Positive
 from pepper_driver.config.robot import RobotConfig, check_joint_keys
 
 
@@ -23,15 +24,28 @@ class TaskGains:
 
 @dataclass(frozen=True, kw_only=True, config=STRICT)
 class ControllerSettings:
-    """Defaults of the whole-body controller; limits per joint in [rad/s] and [rad/s2], ``regularisation`` a share."""
+    """Defaults of the whole-body controller; see ``controller.yaml`` for the meaning of each.
+
+    Limits per joint are in [rad/s], [rad/s2] and [rad/s3], ``regularisation`` is a share.
+    """
 
     solver: str
+    feedback: Literal["none", "joints"]
     posture: TaskGains
     base: TaskGains
     regularisation: Positive
+    velocity: Literal["safe", "robot"]
     velocity_limit: dict[str, Positive]
     acceleration_limit: dict[str, Positive]
+    jerk_limit: dict[str, Positive] | None
+    position_limit: Literal["braking", "damper"]
     position_margin: NotNegative
+
+    def joint_velocity(self, robot: RobotConfig) -> FloatArray:
+        """(17,) the joint speeds in force [rad/s]: the safe table, or the robot's own limits."""
+        if self.velocity == "robot":
+            return np.array([joint.velocity for joint in robot.joints])
+        return np.array([self.velocity_limit[name] for name in robot.joint_names])
 
 
 @dataclass(frozen=True, kw_only=True, config=STRICT)
@@ -67,10 +81,10 @@ def load_controller_settings(robot: RobotConfig, path: Path | None = None) -> Co
     """Controller settings from ``path``, by default the shipped ``controller.yaml``."""
     path = path or package_file("controller.yaml")
     settings = load(ControllerSettings, path)
-    for key in ("velocity_limit", "acceleration_limit"):
-        check_joint_keys(
-            set(getattr(settings, key)), set(robot.joint_names), f"{path}: key '{key}'"
-        )
+    for key in ("velocity_limit", "acceleration_limit", "jerk_limit"):
+        table = getattr(settings, key)
+        if table is not None:
+            check_joint_keys(set(table), set(robot.joint_names), f"{path}: key '{key}'")
     return settings
 
 

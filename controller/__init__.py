@@ -1,21 +1,40 @@
 """The task-space whole-body controller: tasks and limits in, reference and load torque out."""
 
 from pepper_driver.controller.errors import GainError, TargetError
-from pepper_driver.controller.model import RobotModel
+from pepper_driver.controller.model import LoadTorque, RobotModel
 from pepper_driver.controller.reference import Reference
-from pepper_driver.controller.tasks import BaseVelocityTask, PostureTask, Task
+from pepper_driver.controller.report import ControllerStatus, TaskReport
+from pepper_driver.controller.tasks import (
+    BasePoseTask,
+    BaseVelocityTask,
+    ComTask,
+    FrameTask,
+    HandTask,
+    OrientationTask,
+    PositionTask,
+    PostureTask,
+    Task,
+)
 from pepper_driver.controller.tick import Tick
-from pepper_driver.controller.whole_body import ControllerStatus, WholeBodyController
+from pepper_driver.controller.whole_body import WholeBodyController
 
 __all__ = [
+    "BasePoseTask",
     "BaseVelocityTask",
+    "ComTask",
     "ControllerStatus",
+    "FrameTask",
     "GainError",
+    "HandTask",
+    "LoadTorque",
+    "OrientationTask",
+    "PositionTask",
     "PostureTask",
     "Reference",
     "RobotModel",
     "TargetError",
     "Task",
+    "TaskReport",
     "Tick",
     "WholeBodyController",
 ]

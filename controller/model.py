@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from typing import Any
+
 import numpy as np
 import pinocchio as pin
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from pepper_driver.config import RobotConfig, UnknownNameError
 
@@ -12,8 +15,28 @@ FloatArray = NDArray[np.float64]
 
 WORLD_AXES = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
 
+ACCELERATIONS = pin.KinematicLevel.ACCELERATION
+
 BASE = 3
 """Velocities of the base come first: vx, vy, wz of base_link in its own axes."""
+
+
+@dataclass(frozen=True, slots=True)
+class BodyFrame:
+    """A frame fixed to a link: number of the ``joint`` that carries it, and its ``placement`` (SE3) behind it."""
+
+    link: str
+    joint: int
+    placement: Any
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class LoadTorque:
+    """The parts of a load torque, each (17,) [N m]: M(q) a, C(q, v) v and g(q). Their sum is tau_ld of Eq. 11."""
+
+    inertial: FloatArray
+    coriolis: FloatArray
+    gravity: FloatArray
 
 
 class RobotModel:
@@ -22,77 +45,141 @@ class RobotModel:
     Model vectors have length ``nv`` = 20: base twist (vx, vy, wz) in base axes, then Pinocchio's joint order. Joint
     vectors have length 17 and follow ``RobotConfig.joint_names``. Joints are found by name: Pinocchio sorts them.
 
+    The world is where the base started: its origin and axes are those of base_link after a reset. What the methods on
+    frames and the centre of mass return belongs to the stored state, after :meth:`update_kinematics`.
+
     Attributes:
         nv: 20.
         joint_columns: (17,) place of each joint in a model vector.
-        q: Configuration that :meth:`set_state` stored (base pose, joints).
+        q: Configuration that :meth:`set_state` stored (base pose, joints in Pinocchio's order).
         v: (20,) velocity that :meth:`set_state` stored.
+        joint_position: (17,) joint positions of that state [rad]; may be a view of it.
+        joint_velocity: (17,) joint velocities of that state [rad/s]; may be a view of it.
+        robot: The description it was made from.
+        data: Pinocchio's results for the stored state.
+        pin: Pinocchio's model.
     """
 
     def __init__(self, robot: RobotConfig) -> None:
         full = pin.buildModelFromUrdf(str(robot.urdf), pin.JointModelPlanar())
         wheels = [full.getJointId(name) for name in robot.wheels.names]
-        self._robot = robot
-        self._pin = pin.buildReducedModel(full, wheels, pin.neutral(full))
-        joints = [self._pin.joints[self._pin.getJointId(name)] for name in robot.joint_names]
-        self._position_columns = np.array([joint.idx_q for joint in joints], dtype=np.intp)
+        self.robot = robot
+        self.pin = pin.buildReducedModel(full, wheels, pin.neutral(full))
+        joints = [self.pin.joints[self.pin.getJointId(name)] for name in robot.joint_names]
+        self._position_columns = _selection([joint.idx_q for joint in joints])
+        self._velocity_columns = _selection([joint.idx_v for joint in joints])
         self.joint_columns = np.array([joint.idx_v for joint in joints], dtype=np.intp)
-        armature = self._pin.armature.copy()
+        armature = self.pin.armature.copy()
         armature[self.joint_columns] += robot.armature
-        self._pin.armature = armature
-        self._data = self._pin.createData()
+        self.pin.armature = armature
+        self.data = self.pin.createData()
         self._elsewhere = (
-            self._pin.createData()
+            self.pin.createData()
         )  # for questions about other states than the stored one
-        self.nv: int = self._pin.nv
-        self.q: FloatArray = pin.neutral(self._pin)
-        self.v: FloatArray = np.zeros(self.nv)
+        self.nv: int = self.pin.nv
         self._zero = np.zeros(self.nv)
+        self.q: FloatArray
+        self.v: FloatArray
+        self.joint_position: FloatArray
+        self.joint_velocity: FloatArray
+        self.set_state(pin.neutral(self.pin), np.zeros(self.nv))
+        # Views of what Pinocchio computes.
+        self._com, self._com_velocity = self.data.com[0], self.data.vcom[0]
+        self._com_bias = self.data.acom[0]
 
     # -- state --------------------------------------------------------------------------------------------------
 
     def set_state(self, q: FloatArray, v: FloatArray) -> None:
-        """Store the state that tasks and constraints are evaluated at."""
+        """Store the state that tasks and constraints are evaluated at; the arrays are kept, not copied."""
         self.q, self.v = q, v
+        self.joint_position = q[self._position_columns]
+        self.joint_velocity = v[self._velocity_columns]
 
     def update_kinematics(self) -> None:
-        """Compute Jacobians and frames of the stored state, for tasks that need them."""
-        pin.forwardKinematics(self._pin, self._data, self.q, self.v, self._zero)
-        pin.computeJointJacobians(self._pin, self._data)
-        pin.updateFramePlacements(self._pin, self._data)
+        """Compute placements, velocities, Jacobians and centre of mass of the stored state."""
+        model, data = self.pin, self.data
+        pin.forwardKinematics(model, data, self.q, self.v, self._zero)
+        pin.computeJointJacobians(model, data)
 
-    def frame_pose(self, frame: int) -> FloatArray:
-        """(4, 4) transform of a link in the world, after :meth:`update_kinematics`."""
-        pose: FloatArray = self._data.oMf[frame].homogeneous
-        return pose
-
-    def frame_jacobian(self, frame: int) -> FloatArray:
-        """(6, 20) linear, then angular velocity of a link's origin in world axes, after :meth:`update_kinematics`."""
-        jacobian: FloatArray = pin.getFrameJacobian(self._pin, self._data, frame, WORLD_AXES)
-        return jacobian
-
-    def frame_bias(self, frame: int) -> FloatArray:
-        """(6,) Jdot v: acceleration of a link's origin in world axes without joint accelerations."""
-        bias = pin.getFrameClassicalAcceleration(self._pin, self._data, frame, WORLD_AXES)
-        return np.concatenate([bias.linear, bias.angular])
-
-    @property
-    def joint_position(self) -> FloatArray:
-        """(17,) joint positions of the stored state [rad]."""
-        position: FloatArray = self.q[self._position_columns]
+    def joints_of_configuration(self, q: FloatArray) -> FloatArray:
+        """(17,) joint positions of a configuration [rad]; may be a view of it."""
+        position: FloatArray = q[self._position_columns]
         return position
 
-    @property
-    def joint_velocity(self) -> FloatArray:
-        """(17,) joint velocities of the stored state [rad/s]."""
-        velocity: FloatArray = self.v[self.joint_columns]
+    def joints_of(self, vector: FloatArray) -> FloatArray:
+        """(17,) the joints' part of a (20,) model vector; may be a view of it."""
+        part: FloatArray = vector[self._velocity_columns]
+        return part
+
+    # -- frames -------------------------------------------------------------------------------------------------
+
+    def body_frame(
+        self, link: str, xyz: ArrayLike | None = None, rotation: FloatArray | None = None
+    ) -> BodyFrame:
+        """A frame at ``xyz`` (3,) [m] in a link, turned by ``rotation`` (3, 3); by default the link's own.
+
+        Raises:
+            UnknownNameError: No such link.
+        """
+        frame = self.pin.frames[self.frame_id(link)]
+        offset = pin.SE3(
+            np.eye(3) if rotation is None else rotation,
+            np.zeros(3) if xyz is None else np.asarray(xyz, dtype=np.float64),
+        )
+        return BodyFrame(link, int(frame.parentJoint), frame.placement * offset)
+
+    def pose(self, frame: BodyFrame) -> Any:  # noqa: ANN401 Pinocchio has no types
+        """SE3 ``transform_frame_to_world``."""
+        return self.data.oMi[frame.joint] * frame.placement
+
+    def jacobian(self, frame: BodyFrame) -> FloatArray:
+        """(6, 20) linear, then angular velocity of the frame in world axes, per velocity."""
+        jacobian: FloatArray = pin.getFrameJacobian(
+            self.pin, self.data, frame.joint, frame.placement, WORLD_AXES
+        )
+        return jacobian
+
+    def velocity(self, frame: BodyFrame) -> FloatArray:
+        """(6,) linear [m/s], then angular [rad/s] velocity of the frame in world axes."""
+        motion = pin.getFrameVelocity(self.pin, self.data, frame.joint, frame.placement, WORLD_AXES)
+        velocity: FloatArray = motion.vector
         return velocity
+
+    def bias(self, frame: BodyFrame) -> FloatArray:
+        """(6,) Jdot v: acceleration of the frame's origin in world axes without joint accelerations."""
+        motion = pin.getFrameClassicalAcceleration(
+            self.pin, self.data, frame.joint, frame.placement, WORLD_AXES
+        )
+        acceleration: FloatArray = motion.vector
+        return acceleration
+
+    # -- centre of mass and momentum ----------------------------------------------------------------------------
+
+    def com(self) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+        """Centre of mass in the world: position (3,), Jacobian (3, 20), velocity (3,), Jdot v (3,).
+
+        Views of the results for the stored state, which the next call overwrites.
+        """
+        data = self.data
+        pin.centerOfMass(self.pin, data, ACCELERATIONS, False)
+        jacobian = pin.jacobianCenterOfMass(self.pin, data, False)
+        return self._com, jacobian, self._com_velocity, self._com_bias
+
+    def centroidal_momentum(self) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Momentum about the centre of mass in world axes, linear, then angular.
+
+        Returns:
+            (6, 20) momentum per velocity; (6,) momentum [kg m/s], [kg m2/s]; (6,) its rate without accelerations.
+        """
+        data = self.data
+        rate = pin.dccrba(self.pin, data, self.q, self.v)
+        return data.Ag, data.hg.vector, rate @ self.v
 
     # -- conversion ---------------------------------------------------------------------------------------------
 
     def configuration(self, joint_position: FloatArray) -> FloatArray:
         """Configuration with the base at the origin and the joints at (17,) positions [rad]."""
-        q: FloatArray = pin.neutral(self._pin)
+        q: FloatArray = pin.neutral(self.pin)
         q[self._position_columns] = joint_position
         return q
 
@@ -102,24 +189,45 @@ class RobotModel:
         changed[self._position_columns] = joint_position
         return changed
 
+    def with_base_pose(self, q: FloatArray, pose: FloatArray) -> FloatArray:
+        """A copy of ``q`` with the base at (3,) x [m], y [m], heading [rad] in the world."""
+        changed = q.copy()
+        changed[0], changed[1] = pose[0], pose[1]
+        changed[2], changed[3] = np.cos(pose[2]), np.sin(pose[2])
+        return changed
+
+    def base_pose(self, q: FloatArray) -> FloatArray:
+        """(3,) x [m], y [m], heading [rad] of the base in the world."""
+        return np.array([q[0], q[1], np.arctan2(q[3], q[2])])
+
     def integrate(self, q: FloatArray, displacement: FloatArray) -> FloatArray:
         """``q`` moved by a (20,) displacement; the base moves on SE(2)."""
-        moved: FloatArray = pin.integrate(self._pin, q, displacement)
+        moved: FloatArray = pin.integrate(self.pin, q, displacement)
         return moved
 
     # -- dynamics -----------------------------------------------------------------------------------------------
 
     def load_torque(self, q: FloatArray, v: FloatArray, a: FloatArray) -> FloatArray:
-        """(17,) inverse dynamics M(q) a + c(q, v), the desired load torque of Eq. 11 [N m]."""
-        torque: FloatArray = pin.rnea(self._pin, self._elsewhere, q, v, a)[self.joint_columns]
-        return torque
+        """(17,) inverse dynamics M(q) a + C(q, v) v + g(q), the desired load torque of Eq. 11 [N m]."""
+        torque: FloatArray = pin.rnea(self.pin, self._elsewhere, q, v, a)
+        return self.joints_of(torque)
+
+    def load_torque_parts(self, q: FloatArray, v: FloatArray, a: FloatArray) -> LoadTorque:
+        """The parts of :meth:`load_torque` at the same state."""
+        gravity = self.load_torque(q, self._zero, self._zero)
+        still = self.load_torque(q, self._zero, a)
+        return LoadTorque(
+            inertial=still - gravity,
+            coriolis=self.load_torque(q, v, a) - still,
+            gravity=gravity,
+        )
 
     def gravity_torque(self, joint_position: FloatArray) -> FloatArray:
         """(17,) load torque of a robot that stands still at (17,) joint positions [N m]."""
         q = self.configuration(joint_position)
         return self.load_torque(q, self._zero, self._zero)
 
-    # -- kinematics ---------------------------------------------------------------------------------------------
+    # -- other states -------------------------------------------------------------------------------------------
 
     def frame_id(self, link: str) -> int:
         """Pinocchio's number of a link.
@@ -127,17 +235,17 @@ class RobotModel:
         Raises:
             UnknownNameError: No such link.
         """
-        if link not in self._robot.links:
-            raise UnknownNameError("link", link, self._robot.links)
-        number: int = self._pin.getFrameId(link)
+        if link not in self.robot.links:
+            raise UnknownNameError("link", link, self.robot.links)
+        number: int = self.pin.getFrameId(link)
         return number
 
     def link_pose(self, link: str, joint_position: FloatArray) -> FloatArray:
         """(4, 4) transform of a link in base_link, at (17,) joint positions [rad]."""
         frame = self.frame_id(link)
         data = self._elsewhere
-        pin.forwardKinematics(self._pin, data, self.configuration(joint_position))
-        pose: FloatArray = pin.updateFramePlacement(self._pin, data, frame).homogeneous
+        pin.forwardKinematics(self.pin, data, self.configuration(joint_position))
+        pose: FloatArray = pin.updateFramePlacement(self.pin, data, frame).homogeneous
         return pose
 
     def point_jacobian(
@@ -155,9 +263,16 @@ class RobotModel:
         """
         frame = self.frame_id(link)
         q = self.configuration(joint_position)
-        full = pin.computeFrameJacobian(self._pin, self._elsewhere, q, frame, WORLD_AXES)
+        full = pin.computeFrameJacobian(self.pin, self._elsewhere, q, frame, WORLD_AXES)
         jacobian = full[:, self.joint_columns]
         rotation = self.link_pose(link, joint_position)[:3, :3]
         arm = rotation @ point
         velocity: FloatArray = jacobian[:3] + np.cross(jacobian[3:], arm, axis=0)
         return velocity
+
+
+def _selection(columns: list[int]) -> slice | NDArray[np.intp]:
+    """A slice, which costs no copy, where the columns follow one another."""
+    if columns == list(range(columns[0], columns[0] + len(columns))):
+        return slice(columns[0], columns[0] + len(columns))
+    return np.array(columns, dtype=np.intp)

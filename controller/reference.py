@@ -19,6 +19,7 @@ class Reference:
         velocity: (17,) [rad/s].
         acceleration: (17,) [rad/s2], constant over the cycle.
         load_torque: (17,) tau_ld [N m], Eq. 11 of the paper: inverse dynamics of (position, velocity, acceleration).
+            Its parts are ``WholeBodyController.load_torque_parts``.
         base_twist: (3,) vx [m/s], vy [m/s], wz [rad/s] of base_link in its own axes.
     """
 

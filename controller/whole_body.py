@@ -2,60 +2,45 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from pepper_driver.backends.interface import Measurement
 from pepper_driver.config import ControllerSettings, RobotConfig, load_controller_settings
-from pepper_driver.controller.constraints import AccelerationBox, Constraint
-from pepper_driver.controller.model import BASE, RobotModel
+from pepper_driver.controller.constraints import AccelerationBox, Constraint, Rows, Stopping
+from pepper_driver.controller.model import BASE, LoadTorque, RobotModel
+from pepper_driver.controller.program import Outcome, Program
 from pepper_driver.controller.reference import Reference
+from pepper_driver.controller.report import ControllerStatus, TaskReport, explain
 from pepper_driver.controller.solvers import make_solver
-from pepper_driver.controller.solvers.solver import Status
 from pepper_driver.controller.tasks import BaseVelocityTask, PostureTask, Task
 from pepper_driver.controller.tasks.task import finite_vector
+from pepper_driver.controller.wheels import Odometry
 
 FloatArray = NDArray[np.float64]
-
-LEAST_COST = 1e-4
-"""Of the largest diagonal entry of the cost: an acceleration that tasks care less for is regularised as this one."""
-
-REST_RATE = 4.0
-"""[1/s] How fast a movement that no task asks for dies out. Regularised, not wanted: any task outweighs it."""
-
-
-@dataclass(frozen=True, kw_only=True, slots=True)
-class ControllerStatus:
-    """How the last cycle went.
-
-    Attributes:
-        solver: Whether the QP was solved; otherwise the controller braked.
-        at_limit: Joints at a bound of their acceleration box.
-        unmet: Names of the constraints that the accelerations break: those that braking could not keep.
-        relaxed: Limits of the box that could not be kept, as ``"LHand acceleration"``: one that matters more prevailed,
-            or the joint was beyond it.
-    """
-
-    solver: Status
-    at_limit: tuple[str, ...]
-    unmet: tuple[str, ...]
-    relaxed: tuple[str, ...]
 
 
 class WholeBodyController:
     """Acceleration-resolved, weighted multi-objective QP on the 3 base and 17 joint degrees of freedom.
 
     In each cycle the tasks' costs are minimised over the accelerations inside the box of limits and the rows of the
-    constraints; the accelerations are integrated, q+ = q + v dt + a dt^2 / 2 and v+ = v + a dt. The state is the
-    controller's own: no measurement enters it, so that the tracking error keeps the whole effect of a touch (the
-    paper's controller runs in the same way).
+    constraints; the accelerations are integrated, q+ = q + v dt + a dt^2 / 2 and v+ = v + a dt. With ``feedback: none``
+    the state is the controller's own: no measurement enters it, so that the tracking error keeps the whole effect of a
+    touch (the paper's controller runs in the same way). With ``feedback: joints`` tasks and constraints are evaluated
+    where the robot measures itself to be, and the accelerations still integrated on the controller's own state.
 
     Args:
         robot: Its description.
         settings: Gains, limits, solver; by default those of ``controller.yaml``.
         dt: Cycle [s], by default the robot's.
+
+    Attributes:
+        model: At the state of the last cycle.
+        posture: The posture task that is there from the start.
+        base_velocity: The base velocity task that is there from the start; its target is zero.
+        odometry: Where the wheels have rolled to.
 
     Raises:
         UnknownNameError: No such solver.
@@ -71,12 +56,13 @@ class WholeBodyController:
         settings = settings or load_controller_settings(robot)
         self._robot = robot
         self._dt = dt if dt is not None else robot.cycle
+        self._feedback = settings.feedback == "joints"
         self.model = RobotModel(robot)
         self._box = AccelerationBox(robot, settings, self.model, self._dt)
+        self._stopping = Stopping(self._box.acceleration_limit, self._dt)
         self._solver = make_solver(settings.solver)
-        self._share = settings.regularisation
-        self._hessian = np.zeros((self.model.nv, self.model.nv))
-        self._gradient = np.zeros(self.model.nv)
+        self._program = Program(self.model.nv, settings.regularisation)
+        self.odometry = Odometry(robot)
         self.posture = PostureTask(
             robot, stiffness=settings.posture.stiffness, weight=settings.posture.weight
         )
@@ -85,7 +71,7 @@ class WholeBodyController:
         )
         self._tasks: list[Task] = [self.posture, self.base_velocity]
         self._constraints: list[Constraint] = []
-        self._allocate()
+        self._lay_out()
         self.reset((robot.lower + robot.upper) / 2)
 
     # -- tasks and constraints ----------------------------------------------------------------------------------
@@ -95,13 +81,18 @@ class WholeBodyController:
         """The tasks in use."""
         return tuple(self._tasks)
 
+    @property
+    def constraints(self) -> tuple[Constraint, ...]:
+        """The constraints in use, beyond the box of limits of single joints."""
+        return tuple(self._constraints)
+
     def add(self, part: Task | Constraint) -> None:
         """Take a task or a constraint into the QP from the next cycle on; one already there stays once."""
         if isinstance(part, Task) and part not in self._tasks:
             self._tasks.append(part)
         elif isinstance(part, Constraint) and part not in self._constraints:
             self._constraints.append(part)
-        self._allocate()
+        self._lay_out()
 
     def remove(self, part: Task | Constraint) -> None:
         """Take a task or a constraint out of the QP; one that is not there is no error."""
@@ -109,38 +100,45 @@ class WholeBodyController:
         self._constraints = [
             constraint for constraint in self._constraints if constraint is not part
         ]
-        self._allocate()
+        self._lay_out()
 
     # -- state --------------------------------------------------------------------------------------------------
 
-    def reset(self, position: FloatArray) -> None:
+    def reset(self, position: ArrayLike) -> None:
         """Stand still at (17,) joint positions [rad], the base at the origin; both own tasks want to stay there.
 
         Raises:
             TargetError: Not 17 finite numbers; nothing changes.
         """
-        self.posture.target = np.clip(position, self._robot.lower, self._robot.upper)
-        self.posture.velocity = self.posture.acceleration = np.zeros(len(position))
+        robot = self._robot
+        position = finite_vector("a posture", position, len(robot.joint_names))
+        self.posture.target = np.clip(position, robot.lower, robot.upper)
+        self.posture.reference_velocity = np.zeros(len(position))
+        self.posture.reference_acceleration = np.zeros(len(position))
         self.base_velocity.target = np.zeros(BASE)
-        self._q = self.model.configuration(position)
+        self.odometry.reset()
+        self._q = self._before = self.model.configuration(position)
         self._v = np.zeros(self.model.nv)
-        self._before = position.copy()
-        self._status: Status = "solved"
         self._acceleration = np.zeros(self.model.nv)
+        self._outcome: Outcome = "solved"
+        self._active: list[tuple[Constraint, Rows]] = []
         self.model.set_state(self._q, self._v)
-        self._box.update(self.model)
+        self._box.update(self._q, self._v, self._acceleration)
 
     @property
     def position(self) -> FloatArray:
         """(17,) integrated joint positions [rad], a copy."""
-        self.model.set_state(self._q, self._v)
-        return self.model.joint_position
+        return self.model.joints_of_configuration(self._q).copy()
 
     @property
     def velocity(self) -> FloatArray:
         """(17,) integrated joint velocities [rad/s], a copy."""
-        self.model.set_state(self._q, self._v)
-        return self.model.joint_velocity
+        return self.model.joints_of(self._v).copy()
+
+    @property
+    def base_pose(self) -> FloatArray:
+        """(3,) integrated x [m], y [m], heading [rad] of the base; the origin is where it was at the last reset."""
+        return self.model.base_pose(self._q)
 
     @property
     def lower(self) -> FloatArray:
@@ -152,125 +150,153 @@ class WholeBodyController:
         """(17,) upper position limits of the robot [rad]."""
         return self._robot.upper
 
-    @property
-    def status(self) -> ControllerStatus:
-        """How the last cycle went."""
-        box, a = self._box, self._acceleration
-        met = (a <= box.lower + 1e-9) | (a >= box.upper - 1e-9)
-        joints = met[self.model.joint_columns]
-        names = tuple(n for n, at in zip(self._robot.joint_names, joints, strict=True) if at)
-        return ControllerStatus(
-            solver=self._status, at_limit=names, unmet=self._unmet(), relaxed=box.relaxed()
-        )
-
-    def accept(self, position: FloatArray) -> None:
+    def accept(self, position: ArrayLike, base_twist: ArrayLike | None = None) -> None:
         """Go on from a command that the safety gate changed.
 
         The integrated joint positions become what was sent, the velocities of the joints concerned those that lead
-        there from the position before, within the velocity limits.
+        there from the position before, within the velocity limits. The base goes on with the twist that was sent, from
+        where it led.
 
         Args:
             position: (17,) as really sent [rad].
+            base_twist: (3,) as really sent, vx [m/s], vy [m/s], wz [rad/s]; None if it was not changed.
 
         Raises:
-            TargetError: Not 17 finite numbers; nothing changes.
+            TargetError: Not 17, or not 3, finite numbers; nothing changes.
         """
-        position = finite_vector("a sent position", position, len(self._before))
-        self.model.set_state(self._q, self._v)
-        changed = position != self.model.joint_position
+        model = self.model
+        position = finite_vector("a sent position", position, len(self._robot.joint_names))
+        twist = None if base_twist is None else finite_vector("a sent twist", base_twist, BASE)
+        changed = position != model.joints_of_configuration(self._q)
         limit = self._box.joint_velocity_limit
-        speed = np.clip((position - self._before) / self._dt, -limit, limit)
-        columns = self.model.joint_columns
-        self._v[columns] = np.where(changed, speed, self._v[columns])
-        self._q = self.model.with_joint_position(self._q, position)
-        self.model.set_state(self._q, self._v)
+        before = model.joints_of_configuration(self._before)
+        speed = np.clip((position - before) / self._dt, -limit, limit)
+        v = self._v.copy()
+        columns = model.joint_columns
+        v[columns] = np.where(changed, speed, v[columns])
+        q = self._q
+        if twist is not None:
+            v[:BASE] = twist
+            way = np.zeros(model.nv)
+            way[:BASE] = twist * self._dt
+            q = model.integrate(self._before, way)
+        self._q, self._v = model.with_joint_position(q, position), v
+        model.set_state(self._q, self._v)
 
     # -- one cycle ----------------------------------------------------------------------------------------------
 
     def step(self, measurement: Measurement | None = None) -> Reference:
         """Solve and integrate one cycle.
 
-        Never raises for what tasks want: a problem without solution brakes to rest within the limits.
+        Never raises for what tasks want or constraints forbid: rows that cannot all be kept are relaxed in the order
+        of their ranks, and a problem without solution brakes to rest within the limits.
 
         Args:
-            measurement: What the robot measured; tasks of later versions may use it, the integration does not.
+            measurement: What the robot measured: for odometry, and for tasks if ``feedback`` says so.
 
         Returns:
             Position, velocity, acceleration and load torque at the end of the cycle, all of that one instant.
         """
-        model, dt = self.model, self._dt
-        model.set_state(self._q, self._v)
-        self._before = model.joint_position
-        if self._needs_kinematics:
-            model.update_kinematics()
-        acceleration = self._solve()
+        model, dt, q, v = self.model, self._dt, self._q, self._v
+        self._before = q
+        model.set_state(q, v)
+        if measurement is not None:
+            self.odometry.update(measurement.wheel_speed, dt)
+            if self._feedback:
+                measured = model.with_joint_position(q, measurement.position)
+                model.set_state(model.with_base_pose(measured, self.odometry.pose), v)
+        acceleration = self._solve(q, v)
         self._acceleration = acceleration
-        self._q = model.integrate(self._q, (self._v + acceleration * (dt / 2)) * dt)
-        self._v = self._v + acceleration * dt
-        model.set_state(self._q, self._v)
+        change = acceleration * dt
+        displacement = v + change * 0.5
+        displacement *= dt
+        self._q = q = model.integrate(q, displacement)
+        self._v = v = v + change
+        model.set_state(q, v)
         return Reference(
             position=model.joint_position,
             velocity=model.joint_velocity,
-            acceleration=acceleration[model.joint_columns],
-            load_torque=model.load_torque(self._q, self._v, acceleration),
-            base_twist=self._v[:BASE].copy(),
+            acceleration=model.joints_of(acceleration),
+            load_torque=model.load_torque(q, v, acceleration),
+            base_twist=v[:BASE],
         )
 
-    def _unmet(self) -> tuple[str, ...]:
-        """Names of the constraints that the accelerations of the last cycle break."""
-        broken = self._matrix @ self._acceleration > self._bound + 1e-6
-        names, start = [], 0
-        for constraint in self._constraints:
-            if broken[start : start + constraint.rows].any():
-                names.append(constraint.name)
-            start += constraint.rows
-        return tuple(names)
-
-    def _allocate(self) -> None:
-        """Room for the rows of all tasks and constraints."""
-        nv = self.model.nv
-        rows = sum(task.rows for task in self._tasks)
-        bounds = sum(constraint.rows for constraint in self._constraints)
-        self._jacobian, self._wanted = np.zeros((rows, nv)), np.zeros(rows)
-        self._scale, self._weighted = np.zeros((rows, 1)), np.zeros((rows, nv))
-        self._matrix, self._bound = np.zeros((bounds, nv)), np.zeros(bounds)
-        parts: list[Task | Constraint] = [*self._tasks, *self._constraints]
-        self._needs_kinematics = any(part.needs_kinematics for part in parts)
-
-    def _solve(self) -> FloatArray:
+    def _solve(self, q: FloatArray, v: FloatArray) -> FloatArray:
         """(20,) accelerations."""
-        model, dt = self.model, self._dt
-        start = 0
-        for task in self._tasks:
-            rows = slice(start, start + task.rows)
-            task.write(model, self._jacobian[rows], self._wanted[rows])
-            np.multiply(task.weight, task.dim_weight, out=self._scale[rows, 0])
-            start += task.rows
-        start = 0
+        model, program, box = self.model, self._program, self._box
+        if self._needs_kinematics:
+            model.update_kinematics()
+        program.assemble(model, self._dt)
+        box.update(q, v, self._acceleration)
+        self._stopping.update(v)
+        self._active = []
         for constraint in self._constraints:
-            rows = slice(start, start + constraint.rows)
-            constraint.write(model, dt, self._matrix[rows], self._bound[rows])
-            start += constraint.rows
-        self._box.update(model)
-        lower, upper = self._box.lower, self._box.upper
-        H, g, weighted = self._hessian, self._gradient, self._weighted
-        np.multiply(self._jacobian, self._scale, out=weighted)
-        np.dot(weighted.T, self._jacobian, out=H)
-        np.dot(self._wanted, weighted, out=g)
-        diagonal = H.ravel()[:: model.nv + 1]
-        regularisation = self._regularisation(diagonal)
-        diagonal += regularisation
-        regularisation *= REST_RATE * self._v
-        np.negative(g, out=g)
-        g += regularisation
-        solution = self._solver.solve(H, g, lower, upper, self._matrix, self._bound)
-        self._status = solution.status
-        if solution.status == "solved":
-            return solution.x
-        braking: FloatArray = np.minimum(np.maximum(-self._v / dt, lower), upper)
+            rows = constraint.rows(model, self._stopping)
+            if rows is not None:
+                self._active.append((constraint, rows))
+        groups = [(constraint.rank, rows) for constraint, rows in self._active]
+        answer = program.solve(self._solver, box.lower, box.upper, groups)
+        self._outcome = answer.outcome
+        if answer.outcome in ("solved", "relaxed"):
+            return answer.acceleration
+        braking: FloatArray = np.minimum(np.maximum(-v / self._dt, box.lower), box.upper)
         return braking
 
-    def _regularisation(self, cost: FloatArray) -> FloatArray:
-        """(20,) to be added to the diagonal of the cost, a share of it: the unit of the weights cancels out."""
-        least = LEAST_COST * float(cost.max())
-        return self._share * (np.maximum(cost, least) if least > 0 else np.ones_like(cost))
+    def _lay_out(self) -> None:
+        """Give all tasks their rows."""
+        self._program.lay_out(self._tasks, self.model)
+        parts: Sequence[Task | Constraint] = [*self._tasks, *self._constraints]
+        self._needs_kinematics = any(part.needs_kinematics for part in parts)
+
+    # -- what happened ------------------------------------------------------------------------------------------
+
+    @property
+    def status(self) -> ControllerStatus:
+        """How the last cycle went."""
+        return ControllerStatus(
+            solver=self._outcome,
+            at_limit=self._box.binding(self._acceleration),
+            unmet=tuple(
+                name
+                for _, rows in self._active
+                for name, over in zip(rows.names, self._excess(rows), strict=True)
+                if over > 1e-6
+            ),
+            active=tuple(
+                name
+                for _, rows in self._active
+                for name, over in zip(rows.names, self._excess(rows), strict=True)
+                if -1e-6 <= over <= 1e-6
+            ),
+            relaxed=self._box.relaxed(),
+        )
+
+    def report(self) -> tuple[TaskReport, ...]:
+        """What every task cost in the last cycle, the dearest first."""
+        costs = self._program.costs(self._acceleration)
+        whole = sum(cost for _, cost in costs)
+        reports = [
+            TaskReport(
+                name=task.name,
+                cost=cost,
+                share=cost / whole if whole > 0 else 0.0,
+                error=task.error,
+            )
+            for task, cost in costs
+        ]
+        return tuple(sorted(reports, key=lambda report: -report.cost))
+
+    def explain(self) -> str:
+        """What limits the motion now, in a few lines."""
+        return explain(self.status, self.report())
+
+    def load_torque_parts(self) -> LoadTorque:
+        """The load torque of the last reference, in parts, at the state it belongs to: the end of the cycle."""
+        return self.model.load_torque_parts(self._q, self._v, self._acceleration)
+
+    def _excess(self, rows: Rows) -> FloatArray:
+        """By how much the accelerations break each row, in units of its largest entry."""
+        size = np.abs(rows.matrix).max(axis=1, initial=0.0)
+        size[size <= 0.0] = 1.0
+        excess: FloatArray = (rows.matrix @ self._acceleration - rows.bound) / size
+        return excess

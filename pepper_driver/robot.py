@@ -202,7 +202,7 @@ class Pepper:
             PepperError: Unknown name, an angle that is not finite or outside the joint's limits. Nothing changes.
         """
         loop = self._active()
-        target = loop.control.controller.posture.check_target(self._resolve(posture, loop.target))
+        target = loop.control.controller.posture.checked(self._resolve(posture, loop.target))
         if stiffness is not None:
             if not (np.isfinite(stiffness) and stiffness > 0):  # at 0 nothing would stop a joint
                 raise GainError("stiffness", stiffness, "a finite number above 0")

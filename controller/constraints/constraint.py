@@ -1,15 +1,27 @@
-"""What a constraint is, beyond the box of joint limits: rows G qdd <= h of the QP."""
+"""What a constraint is, beyond the box of limits of single joints: rows G qdd <= h of the QP."""
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from pepper_driver.controller.constraints.stopping import Stopping
 from pepper_driver.controller.model import RobotModel
 
 FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class Rows:
+    """Inequalities ``matrix`` (m, 20) @ acceleration <= ``bound`` (m,), each with a name for messages."""
+
+    matrix: FloatArray
+    bound: FloatArray
+    names: tuple[str, ...]
 
 
 class Constraint(ABC):
@@ -17,14 +29,31 @@ class Constraint(ABC):
 
     Attributes:
         name: For messages.
-        rows: How many, the same in every tick; a row that does not matter now gets an infinite bound.
-        needs_kinematics: Whether the controller must compute Jacobians before :meth:`write`.
+        rank: When not all rows can be kept, those of the lowest rank are given up first: 0 what users add,
+            1 torque, 2 self-collision and wheel speed, 3 coupled limits, 4 balance. The box is never given up.
+        needs_kinematics: Whether the controller must compute placements and Jacobians before :meth:`rows`.
     """
 
     name: str
-    rows: int
+    rank: int = 0
     needs_kinematics = True
 
     @abstractmethod
-    def write(self, model: RobotModel, dt: float, matrix: FloatArray, bound: FloatArray) -> None:
-        """Fill ``matrix`` (rows, 20) and ``bound`` (rows,) for the model's state and a cycle of ``dt`` [s]."""
+    def rows(self, model: RobotModel, stopping: Stopping) -> Rows | None:
+        """The rows that matter at the model's state, None when none does; as many as there are, other ones each time.
+
+        Args:
+            model: At the state of the controller.
+            stopping: Where the robot would come to rest, and the cycle.
+        """
+
+
+def stack(parts: Sequence[Rows]) -> Rows:
+    """All rows below one another."""
+    if len(parts) == 1:
+        return parts[0]
+    return Rows(
+        np.concatenate([rows.matrix for rows in parts]),
+        np.concatenate([rows.bound for rows in parts]),
+        tuple(name for rows in parts for name in rows.names),
+    )

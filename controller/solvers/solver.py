@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Literal, Protocol
+from typing import Literal, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,8 +18,7 @@ NO_ROWS = np.zeros((0, 0))
 NO_BOUNDS = np.zeros(0)
 
 
-@dataclass(frozen=True, slots=True)
-class Solution:
+class Solution(NamedTuple):
     """Minimiser ``x`` (n,), to be used only when ``status`` is ``solved``."""
 
     x: FloatArray
@@ -51,10 +49,9 @@ def checked(
 
     Solvers have returned infeasible points as solved.
     """
-    off = np.maximum(lower - x, x - upper).max()
-    ok = bool(off <= TOLERANCE)  # False for NaN
+    inside = np.minimum(np.maximum(x, lower), upper)
+    off = inside - x
+    ok = off.dot(off) <= TOLERANCE**2  # False for NaN
     if ok and len(bound):
         ok = bool((matrix @ x - bound).max() <= TOLERANCE * (1.0 + np.abs(x).max()))
-    if not ok:
-        return Solution(x, "failed")
-    return Solution(np.minimum(np.maximum(x, lower), upper), "solved")
+    return Solution(inside, "solved") if ok else Solution(x, "failed")

@@ -1,7 +1,21 @@
 """What the robot shall do: each task is a small object the user makes and hands to the controller."""
 
+from pepper_driver.controller.tasks.base_pose import BasePoseTask
 from pepper_driver.controller.tasks.base_velocity import BaseVelocityTask
+from pepper_driver.controller.tasks.com import ComTask
+from pepper_driver.controller.tasks.frame import FrameTask, OrientationTask, PositionTask
+from pepper_driver.controller.tasks.hand import HandTask
 from pepper_driver.controller.tasks.posture import PostureTask
 from pepper_driver.controller.tasks.task import Task
 
-__all__ = ["BaseVelocityTask", "PostureTask", "Task"]
+__all__ = [
+    "BasePoseTask",
+    "BaseVelocityTask",
+    "ComTask",
+    "FrameTask",
+    "HandTask",
+    "OrientationTask",
+    "PositionTask",
+    "PostureTask",
+    "Task",
+]

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pepper_driver.controller.model import BASE, RobotModel
-from pepper_driver.controller.tasks.task import Task, finite_vector
+from pepper_driver.controller.tasks.task import Task, TaskRows, finite_vector
 
 FloatArray = NDArray[np.float64]
 
@@ -17,13 +19,15 @@ class BaseVelocityTask(Task):
     Args:
         stiffness: [1/s2]; the rate is the damping that follows from it.
         weight: In the cost.
+        name: For reports.
     """
 
     needs_kinematics = False
 
-    def __init__(self, *, stiffness: float, weight: float) -> None:
-        super().__init__(BASE, stiffness=stiffness, weight=weight)
-        self._target = np.zeros(BASE)
+    def __init__(
+        self, *, stiffness: float = 3.0, weight: float = 1e4, name: str = "base velocity"
+    ) -> None:
+        super().__init__(BASE, stiffness=stiffness, weight=weight, name=name)
 
     @property
     def target(self) -> FloatArray:
@@ -32,19 +36,27 @@ class BaseVelocityTask(Task):
         Raises:
             TargetError: Not three finite numbers; the old target stays.
         """
-        return self._target.copy()
+        return self.reference_velocity
 
     @target.setter
     def target(self, value: ArrayLike) -> None:
-        self._target = finite_vector("a base twist (vx, vy, wz)", value, BASE)
+        self.reference_velocity = finite_vector("a base twist (vx, vy, wz)", value, BASE)
 
-    def write(self, model: RobotModel, jacobian: FloatArray, acceleration: FloatArray) -> None:
+    @property
+    def error(self) -> FloatArray:
+        """(3,) target minus twist in the last cycle; NaN before the first."""
+        error: FloatArray = self.reference_velocity - self._rate
+        return error
+
+    def _update_gains(self) -> None:
+        super()._update_gains()
+        self._gains = replace(self._gains, stiffness=0.0)
+
+    def attach(self, model: RobotModel, rows: TaskRows) -> None:
         """One row for each of vx, vy, wz."""
-        jacobian[:] = 0.0
-        jacobian[0, 0] = jacobian[1, 1] = jacobian[2, 2] = 1.0
-        np.subtract(self._target, model.v[:BASE], out=acceleration)
-        acceleration *= self.damping
+        super().attach(model, rows)
+        self._jacobian[:, :BASE] = np.eye(BASE)
+        self._error[:] = 0.0
 
-    def error(self, model: RobotModel) -> FloatArray:
-        """(3,) target minus twist."""
-        return self._target - model.v[:BASE]
+    def measure(self, model: RobotModel) -> None:
+        """Only the rate matters, and the target is its reference."""

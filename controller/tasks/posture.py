@@ -1,16 +1,17 @@
-"""Posture: all joints go to given angles."""
+"""Posture: joints go to given angles."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pepper_driver.config import RobotConfig
+from pepper_driver.config import RobotConfig, UnknownNameError
 from pepper_driver.controller.errors import TargetError
 from pepper_driver.controller.model import RobotModel
-from pepper_driver.controller.tasks.task import Task, finite_vector
+from pepper_driver.controller.tasks.task import Target, Task, TaskRows, finite_vector
+from pepper_driver.controller.trajectory import Trajectory, vector_trajectory
 
 FloatArray = NDArray[np.float64]
 
@@ -19,102 +20,100 @@ TOLERANCE = 1e-6
 
 
 class PostureTask(Task):
-    """The joints as critically damped springs about a reference motion.
+    """Joints as critically damped springs about a reference motion.
 
-    qdd* = acceleration + damping (velocity - qd) + stiffness (target - q); at rest as a reference, the set-point law.
+    qdd* = reference acceleration + damping (reference velocity - qd) + stiffness (target - q).
 
     Args:
         robot: Its description.
+        joints: Which, in the order of the target; by default all 17 in the robot's order.
         stiffness: [1/s2]. At 0 the damping is 0 too: joints then keep their speed unless ``damping`` is set.
         weight: In the cost.
+        name: For reports.
+
+    Raises:
+        UnknownNameError: No such joint.
     """
 
     needs_kinematics = False
 
-    def __init__(self, robot: RobotConfig, *, stiffness: float, weight: float) -> None:
-        super().__init__(len(robot.joint_names), stiffness=stiffness, weight=weight)
-        self._robot = robot
-        self._target = (robot.lower + robot.upper) / 2
-        self._velocity, self._acceleration = np.zeros(self.rows), np.zeros(self.rows)
-        self._selection: FloatArray | None = None
+    def __init__(
+        self,
+        robot: RobotConfig,
+        joints: Sequence[str] | None = None,
+        *,
+        stiffness: float = 5.0,
+        weight: float = 10.0,
+        name: str | None = None,
+    ) -> None:
+        self.joints = robot.joint_names if joints is None else tuple(joints)
+        indices = np.array([robot.joint_index(joint) for joint in self.joints], dtype=np.intp)
+        if len(set(self.joints)) != len(self.joints) or not self.joints:
+            raise TargetError(f"a posture takes joints, each once, got {list(self.joints)}")
+        label = "posture" if joints is None else f"posture {', '.join(self.joints)}"
+        super().__init__(len(indices), stiffness=stiffness, weight=weight, name=name or label)
+        self._indices: slice | NDArray[np.intp] = slice(None) if joints is None else indices
+        self._lower, self._upper = robot.lower[indices], robot.upper[indices]
+        self._target = (self._lower + self._upper) / 2
 
     @property
     def target(self) -> FloatArray:
-        """(17,) angles to go to [rad]; setting them checks them.
+        """(joints,) angles to go to [rad], a copy; setting them checks them.
 
         Joints by name with their angles [rad] are taken too; the others keep theirs.
 
         Raises:
-            TargetError: Not 17 finite numbers, or outside a joint's limits; the old target stays.
-            UnknownNameError: No such joint; the old target stays.
+            TargetError: Not as many finite numbers, or outside a joint's limits; the old target stays.
+            UnknownNameError: No such joint in the task; the old target stays.
         """
         return self._target.copy()
 
     @target.setter
     def target(self, value: ArrayLike | Mapping[str, float]) -> None:
-        self._target = self.check_target(value)
+        self._target = self.checked(value)
+        self._stop_moving()
 
-    @property
-    def velocity(self) -> FloatArray:
-        """(17,) velocity of the reference motion [rad/s]; the target does not move by itself.
-
-        Raises:
-            TargetError: Not 17 finite numbers; the old one stays.
-        """
-        return self._velocity.copy()
-
-    @velocity.setter
-    def velocity(self, value: ArrayLike) -> None:
-        self._velocity = finite_vector("a reference velocity", value, self.rows)
-
-    @property
-    def acceleration(self) -> FloatArray:
-        """(17,) acceleration of the reference motion [rad/s2].
-
-        Raises:
-            TargetError: Not 17 finite numbers; the old one stays.
-        """
-        return self._acceleration.copy()
-
-    @acceleration.setter
-    def acceleration(self, value: ArrayLike) -> None:
-        self._acceleration = finite_vector("a reference acceleration", value, self.rows)
-
-    def check_target(self, value: ArrayLike | Mapping[str, float]) -> FloatArray:
-        """(17,) the posture that ``value`` means [rad]; the task's target stays. Raises as :attr:`target` does."""
-        robot = self._robot
-        if isinstance(value, Mapping):
+    def checked(self, target: Target) -> FloatArray:
+        """(joints,) the angles that ``target`` means [rad]; the task's target stays. Raises as :attr:`target` does."""
+        if isinstance(target, Mapping):
             angles = self._target.tolist()
-            for name, angle in value.items():
-                angles[robot.joint_index(name)] = angle
+            for name, angle in target.items():
+                if name not in self.joints:
+                    raise UnknownNameError("joint", name, self.joints)
+                angles[self.joints.index(name)] = angle
         else:
-            angles = value
-        posture = finite_vector("a posture", angles, self.rows, names=robot.joint_names)
-        outside = (posture < robot.lower - TOLERANCE) | (posture > robot.upper + TOLERANCE)
+            angles = target
+        posture = finite_vector("a posture", angles, self.rows, names=self.joints)
+        outside = (posture < self._lower - TOLERANCE) | (posture > self._upper + TOLERANCE)
         if outside.any():
             index = int(np.argmax(outside))
-            joint, angle = robot.joints[index], float(posture[index])
+            joint, angle = self.joints[index], float(posture[index])
+            lower, upper = float(self._lower[index]), float(self._upper[index])
             raise TargetError(
-                f"{joint.name} cannot go to {angle:.4g} rad:"
-                f" its limits are {joint.lower:.4g} to {joint.upper:.4g} rad",
-                joint=joint.name,
+                f"{joint} cannot go to {angle:.4g} rad:"
+                f" its limits are {lower:.4g} to {upper:.4g} rad",
+                joint=joint,
                 value=angle,
-                lower=joint.lower,
-                upper=joint.upper,
+                lower=lower,
+                upper=upper,
             )
-        return np.clip(posture, robot.lower, robot.upper)
+        return np.clip(posture, self._lower, self._upper)
 
-    def write(self, model: RobotModel, jacobian: FloatArray, acceleration: FloatArray) -> None:
+    def attach(self, model: RobotModel, rows: TaskRows) -> None:
         """One row a joint."""
-        if self._selection is None:
-            self._selection = np.zeros((self.rows, model.nv))
-            self._selection[np.arange(self.rows), model.joint_columns] = 1.0
-        jacobian[:] = self._selection
-        np.subtract(self._target, model.joint_position, out=acceleration)
-        acceleration *= self.stiffness
-        acceleration += self.damping * (self._velocity - model.joint_velocity)
-        acceleration += self._acceleration
+        super().attach(model, rows)
+        self._jacobian[np.arange(self.rows), model.joint_columns[self._indices]] = 1.0
 
-    def error(self, model: RobotModel) -> FloatArray:
-        """(17,) target minus position [rad]."""
-        return self._target - model.joint_position
+    def measure(self, model: RobotModel) -> None:
+        """The error is target minus position [rad]."""
+        np.subtract(self._target, model.joint_position[self._indices], self._error)
+
+    def _plan(
+        self, model: RobotModel, targets: list[FloatArray], durations: list[float], dt: float
+    ) -> Trajectory:
+        start = model.joint_position[self._indices]
+        velocity = model.joint_velocity[self._indices].copy()
+        return vector_trajectory(np.array([start, *targets]), velocity, durations, dt)
+
+    def _follow(self, target: FloatArray) -> None:
+        self._target = target

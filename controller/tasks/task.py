@@ -1,47 +1,75 @@
 r"""What a task is: rows of the cost.
 
 The controller minimises the sum over tasks of weight * sum_i dim_weight_i * (J qdd + Jdot qd - a*)_i^2, with the
-desired acceleration a* = stiffness * error - damping * velocity: the set-point law of the JRL task library.
+desired acceleration a* = stiffness * error + damping * (reference velocity - velocity) + reference acceleration: the
+laws of the JRL task library; with a reference at rest, the set-point law.
 """
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from math import isfinite, sqrt
 from numbers import Real
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from pepper_driver.config import RobotConfig
 from pepper_driver.controller.errors import GainError, TargetError
-from pepper_driver.controller.model import RobotModel
+from pepper_driver.controller.model import BASE, RobotModel
+from pepper_driver.controller.trajectory import Trajectory
 
 FloatArray = NDArray[np.float64]
+
+Target = ArrayLike | Mapping[str, float]
+"""What users may give as a target; joints by name where a task has joints."""
 
 
 class Task(ABC):
     """Rows of the cost with a common stiffness [1/s2], damping [1/s] and weight.
 
-    Damping follows the stiffness as 2 sqrt(stiffness), which is critical, unless it is set.
+    Damping follows the stiffness as 2 sqrt(stiffness), which is critical, unless it is set. A task belongs to one
+    controller at a time.
 
     Args:
         rows: Number of rows.
         stiffness: Of the error [1/s2].
         weight: In the cost, against other tasks.
+        name: For reports, by default the name of the class.
 
     Attributes:
-        needs_kinematics: Whether the controller must compute Jacobians before :meth:`write`.
+        name: For reports.
+        rows: Number of rows.
+        needs_kinematics: Whether the controller must compute placements and Jacobians before :meth:`measure`.
     """
 
     needs_kinematics = True
 
-    def __init__(self, rows: int, *, stiffness: float, weight: float) -> None:
+    def __init__(
+        self, rows: int, *, stiffness: float, weight: float, name: str | None = None
+    ) -> None:
         self.rows = rows
+        self.name = name or type(self).__name__
         self._dim_weight = np.ones(rows)
-        self._damping: float | None = None
-        self.stiffness = stiffness
-        self.weight = weight
+        self._own_damping: float | None = None
+        self._stiffness, self._weight = (
+            _not_negative("stiffness", stiffness),
+            _not_negative("weight", weight),
+        )
+        self._update_gains()
+        self._moving: tuple[str, ...] | None = None
+        self._with_base = True
+        self._error, self._rate, self._bias = np.full((3, rows), np.nan)
+        self._jacobian, self._wanted = np.zeros((rows, 0)), np.zeros(rows)
+        self._driven = False
+        self._reference_velocity: FloatArray | None = None
+        self._reference_acceleration: FloatArray | None = None
+        self._way: tuple[list[FloatArray], list[float]] | None = None
+        self._trajectory: Trajectory | None = None
+
+    # -- gains --------------------------------------------------------------------------------------------------
 
     @property
     def stiffness(self) -> float:
@@ -51,15 +79,17 @@ class Task(ABC):
     @stiffness.setter
     def stiffness(self, value: float) -> None:
         self._stiffness = _not_negative("stiffness", value)
+        self._update_gains()
 
     @property
     def damping(self) -> float:
-        """Of the velocity [1/s]; 2 sqrt(stiffness) unless set."""
-        return 2.0 * sqrt(self._stiffness) if self._damping is None else self._damping
+        """Of the velocity [1/s]; 2 sqrt(stiffness) unless set; None makes it follow the stiffness again."""
+        return self._damping
 
     @damping.setter
     def damping(self, value: float | None) -> None:
-        self._damping = None if value is None else _not_negative("damping", value)
+        self._own_damping = None if value is None else _not_negative("damping", value)
+        self._update_gains()
 
     @property
     def weight(self) -> float:
@@ -69,32 +99,245 @@ class Task(ABC):
     @weight.setter
     def weight(self, value: float) -> None:
         self._weight = _not_negative("weight", value)
+        self._update_gains()
 
     @property
     def dim_weight(self) -> FloatArray:
-        """(rows,) weight of each row within the task."""
-        return self._dim_weight
+        """(rows,) weight of each row within the task, a copy; a row of weight 0 is not asked for."""
+        return self._dim_weight.copy()
 
     @dim_weight.setter
-    def dim_weight(self, value: FloatArray) -> None:
-        if np.shape(value) != (self.rows,) or not (np.isfinite(value) & (value >= 0)).all():
-            what = f"{self.rows} finite numbers that are not negative"
+    def dim_weight(self, value: ArrayLike) -> None:
+        what = f"{self.rows} finite numbers that are not negative"
+        try:
+            weights = np.array(value, dtype=np.float64)
+        except (TypeError, ValueError):
+            raise GainError("dim_weight", value, what) from None
+        if weights.shape != (self.rows,) or not (np.isfinite(weights) & (weights >= 0)).all():
             raise GainError("dim_weight", value, what)
-        self._dim_weight = np.array(value, dtype=np.float64)
+        self._dim_weight = weights
+        self._update_gains()
 
-    @abstractmethod
-    def write(self, model: RobotModel, jacobian: FloatArray, acceleration: FloatArray) -> None:
-        """Write the rows for the model's state.
+    def _update_gains(self) -> None:
+        own = self._own_damping
+        self._damping = 2.0 * sqrt(self._stiffness) if own is None else own
+        self._gains = Gains(self._stiffness, self._damping, self._weight * self._dim_weight)
+
+    # -- reference motion ---------------------------------------------------------------------------------------
+
+    @property
+    def reference_velocity(self) -> FloatArray:
+        """(rows,) velocity of the reference motion, a copy. The target does not move by itself.
+
+        Raises:
+            TargetError: Not as many finite numbers; the old one stays.
+        """
+        value = self._reference_velocity
+        return np.zeros(self.rows) if value is None else value.copy()
+
+    @reference_velocity.setter
+    def reference_velocity(self, value: ArrayLike) -> None:
+        velocity = finite_vector(f"the reference velocity of {self.name}", value, self.rows)
+        self._reference_velocity = velocity if velocity.any() else None
+        self._update_driven()
+
+    @property
+    def reference_acceleration(self) -> FloatArray:
+        """(rows,) acceleration of the reference motion, a copy.
+
+        Raises:
+            TargetError: Not as many finite numbers; the old one stays.
+        """
+        value = self._reference_acceleration
+        return np.zeros(self.rows) if value is None else value.copy()
+
+    @reference_acceleration.setter
+    def reference_acceleration(self, value: ArrayLike) -> None:
+        acceleration = finite_vector(f"the reference acceleration of {self.name}", value, self.rows)
+        self._reference_acceleration = acceleration if acceleration.any() else None
+        self._update_driven()
+
+    def _update_driven(self) -> None:
+        self._driven = any(
+            part is not None
+            for part in (
+                self._way,
+                self._trajectory,
+                self._reference_velocity,
+                self._reference_acceleration,
+            )
+        )
+
+    def move_to(self, target: Target, duration: float) -> None:
+        """Go to a target in a given time [s], along a spline that starts as the robot moves now and ends at rest.
+
+        Raises:
+            TargetError: As for the target; or no duration above 0. The task goes on as before.
+        """
+        self.move_through([target], [duration])
+
+    def move_through(self, targets: Sequence[Target], durations: Sequence[float]) -> None:
+        """Go through targets without stopping, to each within its own time [s], along one quintic spline.
+
+        Raises:
+            TargetError: As for the target; no target; durations that are not as many numbers above 0.
+        """
+        times = finite_vector(f"the durations of {self.name}", durations, len(targets))
+        if not len(times) or not (times > 0).all():
+            raise TargetError(f"{self.name} takes durations above 0 s, got {list(durations)}")
+        self._way = ([self.checked(target) for target in targets], [float(t) for t in times])
+        self._update_driven()
+
+    def checked(self, target: Target) -> FloatArray:
+        """The target as the task keeps it; the task does not change.
+
+        Raises:
+            TargetError: It is none.
+        """
+        return finite_vector(f"the target of {self.name}", target, self.rows)
+
+    def _stop_moving(self) -> None:
+        """Forget a motion under way, and what it left as reference velocity and acceleration."""
+        if self._way is not None or self._trajectory is not None:
+            self._way = self._trajectory = None
+            self._reference_velocity = self._reference_acceleration = None
+            self._update_driven()
+
+    def advance(self, model: RobotModel, dt: float) -> None:
+        """Let the reference motion go on by one cycle [s]; called by the controller before :meth:`measure`.
 
         Args:
-            model: At the state of the controller.
-            jacobian: (rows, 20) to be filled with J.
-            acceleration: (rows,) to be filled with a* - Jdot qd.
+            model: At the state of the controller, kinematics computed for tasks that need them.
+            dt: Cycle [s].
         """
+        if self._way is not None:
+            (targets, durations), self._way = self._way, None
+            self._trajectory = self._plan(model, targets, durations, dt)
+        if self._trajectory is not None:
+            sample = self._trajectory.next()
+            if sample is None:
+                self._trajectory = None
+                self._reference_velocity = self._reference_acceleration = None
+                self._update_driven()
+            else:
+                target, self._reference_velocity, self._reference_acceleration = sample
+                self._follow(target)
+
+    def _plan(
+        self, model: RobotModel, targets: list[FloatArray], durations: list[float], dt: float
+    ) -> Trajectory:
+        """A trajectory from the model's state through the targets. For tasks whose targets can be moved to."""
+        raise TargetError(f"{self.name} has no target to move to")
+
+    def _follow(self, target: FloatArray) -> None:
+        """Take a target of a trajectory; needs no check."""
+        raise NotImplementedError
+
+    # -- use ----------------------------------------------------------------------------------------------------
+
+    @property
+    def error(self) -> FloatArray:
+        """(rows,) target minus value in the last cycle, in the unit of the task; NaN before the first."""
+        return self._error.copy()
+
+    def reached(self, tolerance: ArrayLike) -> bool:
+        """Whether every row that has weight is within a tolerance of its target and has come to rest.
+
+        At rest means that the velocity is below tolerance * sqrt(stiffness): what is left of the motion is less than
+        the tolerance. A motion by :meth:`move_to` must have ended.
+
+        Args:
+            tolerance: One number or (rows,), in the unit of the task.
+
+        Raises:
+            TargetError: Not a number above 0, or not as many.
+        """
+        limit = np.asarray(tolerance, dtype=np.float64)
+        if limit.shape not in ((), (self.rows,)) or not (limit > 0).all():
+            raise TargetError(
+                f"{self.name} takes one tolerance or {self.rows}, above 0, got {tolerance!r}"
+            )
+        if self._way is not None or self._trajectory is not None:
+            return False
+        asked = self._dim_weight > 0
+        near = np.abs(self._error) <= limit
+        slow = np.abs(self._rate) <= limit * max(sqrt(self._stiffness), 1.0)
+        return bool((near & slow)[asked].all())
+
+    # -- rows ---------------------------------------------------------------------------------------------------
+
+    def select(self, robot: RobotConfig, joints: Sequence[str] | None, *, base: bool) -> None:
+        """Say what the task may move: some joints or all, and whether the base.
+
+        Raises:
+            UnknownNameError: No such joint.
+        """
+        for name in joints or ():
+            robot.joint_index(name)
+        self._moving = None if joints is None else tuple(joints)
+        self._with_base = base
+
+    def columns(self, model: RobotModel) -> FloatArray:
+        """(20,) 1 for what may move for the task, 0 for what may not."""
+        columns = np.zeros(model.nv)
+        columns[:BASE] = self._with_base
+        names = model.robot.joint_names if self._moving is None else self._moving
+        columns[[model.joint_columns[model.robot.joint_index(name)] for name in names]] = 1.0
+        return columns
+
+    def attach(self, model: RobotModel, rows: TaskRows) -> None:
+        """Called when the controller lays out the tasks' rows: the task writes into ``rows`` from now on.
+
+        Rows are zero at first and keep what is written: what never changes can be written here.
+        """
+        rows.error[:], rows.rate[:] = self._error, self._rate
+        self._jacobian, self._bias, self._wanted = rows.jacobian, rows.bias, rows.wanted
+        self._error, self._rate = rows.error, rows.rate
 
     @abstractmethod
-    def error(self, model: RobotModel) -> FloatArray:
-        """(rows,) distance to the target at the model's state, in the unit of the task."""
+    def measure(self, model: RobotModel) -> None:
+        """Evaluate the task at the model's state.
+
+        Write into ``_error`` (rows,), target minus value; ``_jacobian`` (rows, 20), whose product with the velocity
+        is the rate of the value; ``_bias`` (rows,), Jdot qd.
+        """
+
+    @property
+    def driven(self) -> bool:
+        """Whether there is a reference motion: something to do in :meth:`advance` and :meth:`refer`."""
+        return self._driven
+
+    def refer(self) -> None:
+        """Add what the reference motion asks for to the wanted accelerations, once the rest of them is there."""
+        if self._reference_velocity is not None:
+            self._wanted += self._damping * self._reference_velocity
+        if self._reference_acceleration is not None:
+            self._wanted += self._reference_acceleration
+
+    @property
+    def gains(self) -> Gains:
+        """What the rows are multiplied by; another object whenever one of the gains was set."""
+        return self._gains
+
+
+@dataclass(frozen=True, slots=True)
+class Gains:
+    """Stiffness [1/s2], damping [1/s] and weights (rows,) of a task's rows."""
+
+    stiffness: float
+    damping: float
+    weight: FloatArray
+
+
+@dataclass(frozen=True, slots=True)
+class TaskRows:
+    """Where a task reads and writes: views of the arrays of all tasks, (rows, 20) and four times (rows,)."""
+
+    jacobian: FloatArray
+    error: FloatArray
+    rate: FloatArray
+    bias: FloatArray
+    wanted: FloatArray
 
 
 def _not_negative(name: str, value: float) -> float:
@@ -103,9 +346,7 @@ def _not_negative(name: str, value: float) -> float:
     return float(value)
 
 
-def finite_vector(
-    what: str, value: ArrayLike, size: int, *, names: Sequence[str] = ()
-) -> FloatArray:
+def finite_vector(what: str, value: Target, size: int, *, names: Sequence[str] = ()) -> FloatArray:
     """A copy of ``value`` (size,) as floats.
 
     Args:

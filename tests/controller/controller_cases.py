@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from pepper_driver.config import load_controller_settings, load_robot
 from pepper_driver.controller import Reference, RobotModel, WholeBodyController
-from pepper_driver.controller.constraints import Constraint
+from pepper_driver.controller.constraints import Constraint, Rows, Stopping
 
 FloatArray = NDArray[np.float64]
 
@@ -50,16 +50,14 @@ def wander(
     return references
 
 
-class Rows(Constraint):
+class FixedRows(Constraint):
     """Rows that do not depend on the state."""
 
     name = "rows"
     needs_kinematics = False
 
     def __init__(self, matrix: FloatArray, bound: FloatArray) -> None:
-        self.rows = len(bound)
-        self._matrix, self._bound = matrix, bound
+        self._rows = Rows(matrix, bound, tuple(f"row {i}" for i in range(len(bound))))
 
-    def write(self, model: RobotModel, dt: float, matrix: FloatArray, bound: FloatArray) -> None:
-        matrix[:] = self._matrix
-        bound[:] = self._bound
+    def rows(self, model: RobotModel, stopping: Stopping) -> Rows:
+        return self._rows

@@ -36,13 +36,10 @@ class Pull(Task):
         super().__init__(JOINTS, stiffness=0.0, weight=1000.0)
         self.acceleration = acceleration
 
-    def write(self, model: RobotModel, jacobian: FloatArray, acceleration: FloatArray) -> None:
-        jacobian[:] = 0.0
-        jacobian[np.arange(JOINTS), model.joint_columns] = 1.0
-        acceleration[:] = self.acceleration
-
-    def error(self, model: RobotModel) -> FloatArray:
-        return np.zeros(JOINTS)
+    def measure(self, model: RobotModel) -> None:
+        self._jacobian[np.arange(JOINTS), model.joint_columns] = 1.0
+        self._error[:] = 0.0
+        self._bias[:] = -self.acceleration
 
 
 @pytest.mark.parametrize("side", [-1.0, 1.0])
@@ -94,7 +91,7 @@ def test_no_way_through_the_box_breaks_a_limit(seed: int, mode: str, dt: float) 
     side = random.choice([-1, 1], model.nv)
     for _ in range(150):
         model.set_state(q, v)
-        box.update(model)
+        box.update(model.q, model.v, np.zeros(20))
         assert (box.lower <= box.upper).all()
         assert box.relaxed() == ()
         if mode == "both" or (mode == "switch" and random.random() < 0.05):
@@ -171,7 +168,7 @@ def box_at(position: FloatArray, joint_velocity: FloatArray) -> AccelerationBox:
     v = np.zeros(model.nv)
     v[model.joint_columns] = joint_velocity
     model.set_state(model.configuration(position), v)
-    box.update(model)
+    box.update(model.q, v, np.zeros(20))
     return box
 
 

@@ -232,17 +232,17 @@ def test_frames_of_a_moving_robot_agree_with_differences(link: str) -> None:
     """Jacobian times velocity is the slope of the pose; the bias is the slope of that without acceleration."""
     model, random = RobotModel(ROBOT), np.random.default_rng(8)
     q, v = model.configuration(random_posture(random)), random.uniform(-1.0, 1.0, 20)
-    frame, step = model.frame_id(link), 1e-5
+    frame, step = model.body_frame(link, [0.05, -0.02, 0.1]), 1e-5
 
     def at(time: float) -> tuple[FloatArray, FloatArray]:
         """Position of the link and the velocity the Jacobian gives it, on a path of constant velocity."""
         model.set_state(model.integrate(q, v * time), v)
         model.update_kinematics()
-        return model.frame_pose(frame)[:3, 3], model.frame_jacobian(frame) @ v
+        return model.pose(frame).translation, model.jacobian(frame) @ v
 
     before, after = at(-step), at(step)
     _, velocity = at(0.0)
-    bias = model.frame_bias(frame)
+    bias = model.bias(frame)
     np.testing.assert_allclose(velocity[:3], (after[0] - before[0]) / (2 * step), atol=1e-7)
     np.testing.assert_allclose(bias, (after[1] - before[1]) / (2 * step), atol=1e-6)
 
@@ -251,9 +251,9 @@ def test_questions_about_other_postures_leave_the_stored_state_alone() -> None:
     model, random = RobotModel(ROBOT), np.random.default_rng(9)
     model.set_state(model.configuration(random_posture(random)), np.zeros(20))
     model.update_kinematics()
-    frame = model.frame_id("l_wrist")
-    before = model.frame_jacobian(frame)
+    frame = model.body_frame("l_wrist")
+    before = model.jacobian(frame)
     model.point_jacobian("r_wrist", np.zeros(3), random_posture(random))
     model.link_pose("Head", random_posture(random))
     model.gravity_torque(random_posture(random))
-    np.testing.assert_array_equal(model.frame_jacobian(frame), before)
+    np.testing.assert_array_equal(model.jacobian(frame), before)

@@ -80,8 +80,10 @@ def test_a_moving_reference_is_followed_without_lag() -> None:
             ramp = min(t / 2.0, 1.0)
             control.posture.target = MIDDLE + ramp * amplitude * np.sin(rate * t)
             if feed_forward and ramp == 1.0:
-                control.posture.velocity = np.full(JOINTS, amplitude * rate * np.cos(rate * t))
-                control.posture.acceleration = np.full(
+                control.posture.reference_velocity = np.full(
+                    JOINTS, amplitude * rate * np.cos(rate * t)
+                )
+                control.posture.reference_acceleration = np.full(
                     JOINTS, -amplitude * rate**2 * np.sin(rate * t)
                 )
             reference = control.step()
@@ -93,7 +95,7 @@ def test_a_moving_reference_is_followed_without_lag() -> None:
     assert lags[False] > 0.05
 
 
-@pytest.mark.parametrize("name", ["velocity", "acceleration"])
+@pytest.mark.parametrize("name", ["reference_velocity", "reference_acceleration"])
 @pytest.mark.parametrize("wrong", [np.full(JOINTS, np.nan), np.zeros(JOINTS - 1), None, "fast"])
 def test_a_reference_motion_that_is_none_is_refused(name: str, wrong: Any) -> None:
     posture = task()
@@ -107,8 +109,8 @@ def test_a_reference_motion_that_is_none_is_refused(name: str, wrong: Any) -> No
 
 def test_reset_forgets_the_reference_motion() -> None:
     control = controller()
-    control.posture.velocity = np.full(JOINTS, 0.5)
-    control.posture.acceleration = np.full(JOINTS, 0.5)
+    control.posture.reference_velocity = np.full(JOINTS, 0.5)
+    control.posture.reference_acceleration = np.full(JOINTS, 0.5)
     control.reset(MIDDLE)
     assert np.abs(control.step().velocity).max() < 1e-12
 

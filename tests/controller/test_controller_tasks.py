@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-from controller_cases import DT, JOINTS, MIDDLE, ROBOT, SETTINGS, FloatArray, Rows, controller
+from controller_cases import DT, JOINTS, MIDDLE, ROBOT, SETTINGS, FixedRows, FloatArray, controller
 
 from pepper_driver.controller import (
     BaseVelocityTask,
@@ -29,17 +29,10 @@ class WristTask(Task):
         super().__init__(3, stiffness=20.0, weight=1000.0)
         self.target = target
 
-    def write(self, model: RobotModel, jacobian: FloatArray, acceleration: FloatArray) -> None:
+    def measure(self, model: RobotModel) -> None:
         own = model.point_jacobian("l_wrist", np.zeros(3), model.joint_position)
-        jacobian[:] = 0.0
-        jacobian[:, model.joint_columns] = own
-        acceleration[:] = (
-            self.stiffness * self.error(model) - self.damping * own @ model.joint_velocity
-        )
-
-    def error(self, model: RobotModel) -> FloatArray:
-        at: FloatArray = model.link_pose("l_wrist", model.joint_position)[:3, 3]
-        return self.target - at
+        self._jacobian[:, model.joint_columns] = own
+        self._error[:] = self.target - model.link_pose("l_wrist", model.joint_position)[:3, 3]
 
 
 class BrokenTask(Task):
@@ -50,12 +43,9 @@ class BrokenTask(Task):
     def __init__(self) -> None:
         super().__init__(1, stiffness=1.0, weight=1.0)
 
-    def write(self, model: RobotModel, jacobian: FloatArray, acceleration: FloatArray) -> None:
-        jacobian[:] = np.nan
-        acceleration[:] = np.nan
-
-    def error(self, model: RobotModel) -> FloatArray:
-        return np.full(1, np.nan)
+    def measure(self, model: RobotModel) -> None:
+        self._jacobian[:] = np.nan
+        self._error[:] = np.nan
 
 
 def motion(dt: float, damping: float | None = None) -> tuple[FloatArray, FloatArray]:
@@ -118,7 +108,7 @@ def test_the_base_reaches_its_twist_as_a_first_order_lag() -> None:
     for tick in range(1, 300):
         twist = control.step().base_twist
         assert np.abs(twist - target * (1 - (1 - rate * DT) ** tick)).max() < 1e-6
-    assert np.abs(control.base_velocity.error(control.model)).max() < 1e-4
+    assert np.abs(control.base_velocity.error).max() < 1e-4
     assert np.abs(control.position - MIDDLE).max() < 1e-9
 
 
@@ -152,7 +142,7 @@ def test_a_posture_that_cannot_be_is_refused(target: FloatArray) -> None:
     with pytest.raises(TargetError):
         task.target = target
     with pytest.raises(TargetError):
-        task.check_target(target)
+        task.checked(target)
     assert np.array_equal(task.target, ROBOT.lower)
 
 
@@ -275,7 +265,7 @@ def test_a_task_of_ones_own_puts_the_wrist_in_its_place(solver: str) -> None:
         control.step()
         assert control.status.solver == "solved"
     assert np.linalg.norm(start - place) > 0.03
-    assert np.linalg.norm(task.error(control.model)) < 2e-4
+    assert np.linalg.norm(task.error) < 2e-4
     control.remove(task)
     for _ in range(1000):
         control.step()
@@ -303,7 +293,7 @@ def test_kinematics_are_computed_for_those_who_need_them(monkeypatch: pytest.Mon
     control.remove(task)
     control.step()
     assert len(calls) == 1
-    rows = Rows(np.zeros((1, 20)), np.ones(1))
+    rows = FixedRows(np.zeros((1, 20)), np.ones(1))
     rows.needs_kinematics = True
     control.add(rows)
     control.step()

@@ -1,0 +1,195 @@
+"""The quadratic program of one cycle: the tasks' cost, the box, the rows; and what is given up if they conflict."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Literal, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pepper_driver.controller.constraints.constraint import Rows, stack
+from pepper_driver.controller.model import RobotModel
+from pepper_driver.controller.solvers import Solver
+from pepper_driver.controller.solvers.daqp_ import DaqpSolver
+from pepper_driver.controller.solvers.solver import NO_BOUNDS, NO_ROWS
+from pepper_driver.controller.tasks import Task
+from pepper_driver.controller.tasks.task import Gains, TaskRows
+
+FloatArray = NDArray[np.float64]
+
+LEAST_COST = 1e-4
+"""Of the largest diagonal entry of the cost: an acceleration that tasks care less for is regularised as this one."""
+
+REST_RATE = 4.0
+"""[1/s] How fast a movement that no task asks for dies out. Regularised, not wanted: any task outweighs it."""
+
+SLACK_WEIGHT = 1e4
+"""Of the largest diagonal entry of the cost: what breaking a row that was given up costs, per (rad/s2)^2."""
+
+multiply = np.multiply
+
+Outcome = Literal["solved", "relaxed", "infeasible", "failed"]
+
+
+class Answer(NamedTuple):
+    """Accelerations (20,), to be used only when the outcome is solved or relaxed."""
+
+    acceleration: FloatArray
+    outcome: Outcome
+
+
+class Program:
+    """Stacks the tasks' rows in one matrix, so that the cost is one product; nothing else is allocated in a cycle.
+
+    Args:
+        nv: Number of accelerations.
+        share: Regularisation as a share of each acceleration's own cost; so the unit of the weights cancels out.
+    """
+
+    def __init__(self, nv: int, share: float) -> None:
+        self._nv, self._share = nv, share
+        self.hessian, self.gradient = np.zeros((nv, nv)), np.zeros(nv)
+        self._diagonal = self.hessian.ravel()[:: nv + 1]
+        self._regularisation, self._resting, self._rest = np.zeros((3, nv))
+        self._exact = DaqpSolver()
+        self.lay_out((), None)
+
+    def lay_out(self, tasks: Sequence[Task], model: RobotModel | None) -> None:
+        """Give every task its rows."""
+        nv, count = self._nv, sum(task.rows for task in tasks)
+        self._jacobian, self._mask, self._masked = np.zeros((3, count, nv))
+        self._weight, self._weighted = np.zeros((2, count, nv))
+        self._error, self._rate, self._bias, self._wanted = np.zeros((4, count))
+        self._stiffness, self._damping, self._damped = np.zeros((3, count))
+        self._slots: list[tuple[Task, slice, FloatArray]] = []
+        self._gains: list[Gains | None] = [None] * len(tasks)
+        self._stale = True
+        start = 0
+        for task in tasks:
+            rows = slice(start, start + task.rows)
+            start += task.rows
+            if model is not None:
+                arrays = (self._jacobian, self._error, self._rate, self._bias, self._wanted)
+                task.attach(model, TaskRows(*(array[rows] for array in arrays)))
+                self._slots.append((task, rows, task.columns(model)))
+        if all(columns.all() for _, _, columns in self._slots):
+            self._masked = self._jacobian
+
+    def assemble(self, model: RobotModel, dt: float) -> None:
+        """Evaluate all tasks at the model's state and form the cost."""
+        for number, (task, rows, columns) in enumerate(self._slots):
+            if task.driven:
+                task.advance(model, dt)
+            task.measure(model)
+            if task.gains is not self._gains[number]:
+                self._take_gains(number, task.gains, rows, columns)
+                self._stale = True
+        wanted, damped, weighted = self._wanted, self._damped, self._weighted
+        H, g, v, rate = self.hessian, self.gradient, model.v, self._rate
+        # Positional outputs and methods: NumPy's quickest ways to say these things.
+        self._jacobian.dot(v, rate)
+        multiply(self._stiffness, self._error, wanted)
+        multiply(self._damping, rate, damped)
+        wanted -= damped
+        wanted -= self._bias
+        for task, _, _ in self._slots:
+            if task.driven:
+                task.refer()
+        # Two arrays, J and W J: as one times itself the product would take the slower way of symmetric ones.
+        masked = self._masked
+        if masked is not self._jacobian:
+            multiply(self._jacobian, self._mask, masked)
+        multiply(masked, self._weight, weighted)
+        weighted.T.dot(masked, H)
+        wanted.dot(weighted, g)
+        if self._stale:
+            self._regularise()
+        self._diagonal += self._regularisation
+        multiply(self._resting, v, self._rest)
+        np.subtract(self._rest, g, g)
+
+    def _take_gains(self, number: int, gains: Gains, rows: slice, columns: FloatArray) -> None:
+        self._gains[number] = gains
+        self._stiffness[rows], self._damping[rows] = gains.stiffness, gains.damping
+        self._weight[rows] = gains.weight[:, None]
+        self._mask[rows] = columns
+
+    def _regularise(self) -> None:
+        """A share of each variable's own cost is to be added to it; what no task asks for comes to rest.
+
+        Found whenever a gain was set: that is exact enough for a share of a millionth.
+        """
+        least = LEAST_COST * self._diagonal.max()
+        self._regularisation = self._share * np.maximum(self._diagonal, least if least > 0 else 1.0)
+        self._resting = REST_RATE * self._regularisation
+        self._stale = False
+
+    def solve(
+        self,
+        solver: Solver,
+        lower: FloatArray,
+        upper: FloatArray,
+        groups: Sequence[tuple[int, Rows]],
+    ) -> Answer:
+        """Minimise the cost inside the box and the rows.
+
+        Rows that cannot all be kept are relaxed: those of the lowest rank first may be broken at a high price, then
+        also those of the next, until there is a solution. The box is never broken.
+
+        Args:
+            solver: Which.
+            lower: (20,) of the box.
+            upper: (20,) of the box.
+            groups: Ranks with their rows.
+        """
+        H, g = self.hessian, self.gradient
+        if not groups:
+            solution = solver.solve(H, g, lower, upper, NO_ROWS, NO_BOUNDS)
+            return Answer(solution.x, solution.status)
+        rows = stack([part for _, part in groups])
+        solution = solver.solve(H, g, lower, upper, rows.matrix, rows.bound)
+        if solution.status == "solved":
+            return Answer(solution.x, "solved")
+        status = solution.status
+        ranks = np.concatenate([np.full(len(part.bound), rank) for rank, part in groups])
+        for rank in sorted({rank for rank, _ in groups}):
+            x = self._relaxed(lower, upper, rows, ranks <= rank)
+            if x is not None:
+                return Answer(x, "relaxed")
+        return Answer(solution.x, status)
+
+    def _relaxed(
+        self,
+        lower: FloatArray,
+        upper: FloatArray,
+        rows: Rows,
+        soft: NDArray[np.bool_],
+    ) -> FloatArray | None:
+        """The solution where the ``soft`` rows may be broken by a slack, each in units of its largest entry.
+
+        Found by DAQP whatever solver is in use: with costs as far apart as these, OSQP does not converge.
+        """
+        nv, count = self._nv, int(soft.sum())
+        size = np.abs(rows.matrix).max(axis=1, initial=0.0)
+        size[size <= 0.0] = 1.0
+        matrix = np.zeros((len(rows.bound), nv + count))
+        matrix[:, :nv] = rows.matrix / size[:, None]
+        matrix[np.flatnonzero(soft), nv + np.arange(count)] = -1.0
+        H = np.zeros((nv + count, nv + count))
+        H[:nv, :nv] = self.hessian
+        H[range(nv, nv + count), range(nv, nv + count)] = SLACK_WEIGHT * self._diagonal.max()
+        solution = self._exact.solve(
+            H,
+            np.concatenate([self.gradient, np.zeros(count)]),
+            np.concatenate([lower, np.zeros(count)]),
+            np.concatenate([upper, np.full(count, np.inf)]),
+            matrix,
+            rows.bound / size,
+        )
+        return solution.x[:nv] if solution.status == "solved" else None
+
+    def costs(self, acceleration: FloatArray) -> list[tuple[Task, float]]:
+        """Every task with its share of the cost at (20,) accelerations, in the rows of the last cycle."""
+        price = self._weight[:, 0] * (self._masked @ acceleration - self._wanted) ** 2
+        return [(task, float(price[rows].sum())) for task, rows, _ in self._slots]

@@ -1,0 +1,83 @@
+"""What the controller tells about its last cycle."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pepper_driver.controller.program import Outcome
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class ControllerStatus:
+    """How the last cycle went.
+
+    Attributes:
+        solver: ``solved``; ``relaxed``: not all rows could be kept, some were broken as little as possible;
+            ``infeasible`` or ``failed``: no solution, the controller braked.
+        at_limit: Joints and base axes at a bound of their acceleration box, each with the limit that it is:
+            ``position``, ``velocity``, ``acceleration`` or ``jerk``.
+        active: Names of the constraints' rows that hold the motion back.
+        unmet: Names of the constraints' rows that the accelerations break.
+        relaxed: Limits of the box that could not be kept, as ``"LHand acceleration"``: one that matters more prevailed,
+            or the joint was beyond it.
+    """
+
+    solver: Outcome
+    at_limit: tuple[tuple[str, str], ...]
+    active: tuple[str, ...]
+    unmet: tuple[str, ...]
+    relaxed: tuple[str, ...]
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class TaskReport:
+    """What a task cost in the last cycle.
+
+    Attributes:
+        name: Of the task.
+        cost: weight * sum dim_weight (J qdd + Jdot qd - a*)^2.
+        share: Of the cost of all tasks, 0..1.
+        error: (rows,) target minus value.
+    """
+
+    name: str
+    cost: float
+    share: float
+    error: NDArray[np.float64]
+
+
+def explain(status: ControllerStatus, reports: Sequence[TaskReport]) -> str:
+    """What limits the motion, in a few lines for people."""
+    lines = []
+    if status.solver == "relaxed":
+        lines.append(f"Not all constraints can be kept: {_list(status.unmet)} given up.")
+    elif status.solver != "solved":
+        lines.append(
+            f"The problem is {status.solver}: braking to rest. Broken: {_list(status.unmet)}."
+        )
+    if status.relaxed:
+        lines.append(f"Beyond its limit: {_list(status.relaxed)}.")
+    if status.at_limit:
+        lines.append(
+            "At a limit: " + _list([f"{name} ({kind})" for name, kind in status.at_limit]) + "."
+        )
+    if status.active:
+        lines.append(f"Held back by: {_list(status.active)}.")
+    if not lines:
+        lines.append("Nothing limits the motion.")
+    dear = [report for report in reports if report.share > 0.01]
+    if dear:
+        costs = [
+            f"{report.name} {100 * report.share:.0f} % (error {np.linalg.norm(report.error):.3g})"
+            for report in dear
+        ]
+        lines.append(f"Tasks that do not get what they want: {_list(costs)}.")
+    return "\n".join(lines)
+
+
+def _list(names: Sequence[str]) -> str:
+    return ", ".join(names) if names else "nothing"

@@ -1,0 +1,79 @@
+"""Rotations and poses as users give them, checked."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.spatial.transform import Rotation
+
+from pepper_driver.controller.errors import TargetError
+
+FloatArray = NDArray[np.float64]
+
+UNIT = 1e-3
+"""How far the norm of a quaternion or the axes of a matrix may be from 1: rounding, not a mistake."""
+
+
+def checked_rotation(what: str, value: ArrayLike | Mapping[str, float]) -> FloatArray:
+    """(3, 3) rotation matrix of a rotation matrix or of a unit quaternion (x, y, z, w).
+
+    Args:
+        what: For the message.
+        value: (3, 3) or (4,).
+
+    Raises:
+        TargetError: Neither; not finite; not a rotation; a quaternion that is not of unit length.
+    """
+    array = _array(what, value, "a (3, 3) rotation matrix or a unit quaternion (x, y, z, w)")
+    if array.shape == (4,):
+        norm = float(np.linalg.norm(array))
+        if abs(norm - 1.0) > UNIT:
+            raise TargetError(
+                f"{what} takes a unit quaternion (x, y, z, w), got one of norm {norm:.4g}"
+            )
+        matrix: FloatArray = Rotation.from_quat(array).as_matrix()
+        return matrix
+    if array.shape == (3, 3):
+        off = float(np.abs(array @ array.T - np.eye(3)).max())
+        if off > UNIT or np.linalg.det(array) < 0:
+            raise TargetError(
+                f"{what} takes a rotation matrix, got one that is not orthonormal (off by {off:.2g})"
+            )
+        matrix = Rotation.from_matrix(array).as_matrix()
+        return matrix
+    raise TargetError(
+        f"{what} takes a (3, 3) rotation matrix or a unit quaternion (x, y, z, w), got shape {array.shape}"
+    )
+
+
+def checked_pose(what: str, value: ArrayLike | Mapping[str, float]) -> FloatArray:
+    """(4, 4) transform of a (4, 4) transform or of (7,) position [m] and unit quaternion (x, y, z, w).
+
+    Raises:
+        TargetError: Neither; not finite; not a rotation; a quaternion that is not of unit length.
+    """
+    array = _array(what, value, "a (4, 4) transform or (x, y, z, qx, qy, qz, qw)")
+    pose = np.eye(4)
+    if array.shape == (7,):
+        pose[:3, 3], pose[:3, :3] = array[:3], checked_rotation(what, array[3:])
+    elif array.shape == (4, 4):
+        if not np.allclose(array[3], [0.0, 0.0, 0.0, 1.0], rtol=0.0, atol=1e-9):
+            raise TargetError(f"{what} takes a transform whose last row is 0 0 0 1, got {array[3]}")
+        pose[:3, 3], pose[:3, :3] = array[:3, 3], checked_rotation(what, array[:3, :3])
+    else:
+        raise TargetError(
+            f"{what} takes a (4, 4) transform or (x, y, z, qx, qy, qz, qw), got shape {array.shape}"
+        )
+    return pose
+
+
+def _array(what: str, value: ArrayLike | Mapping[str, float], kind: str) -> FloatArray:
+    try:
+        array = np.array(value, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise TargetError(f"{what} takes {kind}, got {type(value).__name__}") from None
+    if not np.isfinite(array).all():
+        raise TargetError(f"{what} takes finite numbers, got {array.tolist()}")
+    return array

@@ -1,0 +1,88 @@
+"""Base pose: the base goes to a place and a heading on the floor."""
+
+from __future__ import annotations
+
+from math import atan2, pi
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from pepper_driver.controller.model import BASE, RobotModel
+from pepper_driver.controller.tasks.task import Target, Task, finite_vector
+from pepper_driver.controller.trajectory import Trajectory, vector_trajectory
+
+FloatArray = NDArray[np.float64]
+
+
+class BasePoseTask(Task):
+    """The base as a critically damped spring in the plane, turning the short way.
+
+    Errors, reference velocities and accelerations are in the world's axes. A controller of its own holds the base by
+    its ``base_velocity`` task: give that a smaller weight, or remove it, while this one is in use.
+
+    Args:
+        stiffness: [1/s2].
+        weight: In the cost.
+        name: For reports.
+    """
+
+    needs_kinematics = False
+
+    def __init__(
+        self, *, stiffness: float = 3.0, weight: float = 1e4, name: str = "base pose"
+    ) -> None:
+        super().__init__(BASE, stiffness=stiffness, weight=weight, name=name)
+        self._target: FloatArray | None = None
+
+    @property
+    def target(self) -> FloatArray:
+        """(3,) x [m], y [m], heading [rad] of base_link in the world; until one is set, where the base was first seen.
+
+        Raises:
+            TargetError: Not three finite numbers; the old target stays.
+        """
+        return np.full(BASE, np.nan) if self._target is None else self._target.copy()
+
+    @target.setter
+    def target(self, value: ArrayLike) -> None:
+        self._target = self.checked(value)
+        self._stop_moving()
+
+    def checked(self, target: Target) -> FloatArray:
+        """The target; see :meth:`Task.checked`."""
+        return finite_vector("a base pose (x, y, heading)", target, BASE)
+
+    def measure(self, model: RobotModel) -> None:
+        """Velocities of the model are in the base's axes, which turn: d/dt (R v) = R (dv/dt + w x v)."""
+        if self._target is None:
+            self._target = model.base_pose(model.q)
+        x, y, cosine, sine = model.q[:4].tolist()
+        vx, vy, wz = model.v[:BASE].tolist()
+        goal_x, goal_y, heading = self._target.tolist()
+        turn = _wrapped(heading - atan2(sine, cosine))
+        self._error[:] = goal_x - x, goal_y - y, turn
+        self._bias[:] = wz * (-sine * vx - cosine * vy), wz * (cosine * vx - sine * vy), 0.0
+        jacobian = self._jacobian
+        jacobian[0, 0] = jacobian[1, 1] = cosine
+        jacobian[0, 1], jacobian[1, 0] = -sine, sine
+        jacobian[2, 2] = 1.0
+
+    def _plan(
+        self, model: RobotModel, targets: list[FloatArray], durations: list[float], dt: float
+    ) -> Trajectory:
+        points = [model.base_pose(model.q)]
+        for target in targets:  # each turn the short way from the one before
+            point = target.copy()
+            point[2] = points[-1][2] + _wrapped(target[2] - points[-1][2])
+            points.append(point)
+        cosine, sine = model.q[2], model.q[3]
+        rotation = np.array([[cosine, -sine, 0.0], [sine, cosine, 0.0], [0.0, 0.0, 1.0]])
+        return vector_trajectory(np.array(points), rotation @ model.v[:BASE], durations, dt)
+
+    def _follow(self, target: FloatArray) -> None:
+        self._target = target
+
+
+def _wrapped(angle: float) -> float:
+    """``angle`` in [-pi, pi)."""
+    return float((angle + pi) % (2 * pi) - pi)

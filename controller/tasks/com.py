@@ -1,0 +1,109 @@
+"""Centre of mass: of the whole robot, in the world or seen from the base."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from pepper_driver.config import RobotConfig
+from pepper_driver.controller.model import BASE, RobotModel
+from pepper_driver.controller.tasks.task import Task
+from pepper_driver.controller.trajectory import Trajectory, vector_trajectory
+
+FloatArray = NDArray[np.float64]
+
+
+class ComTask(Task):
+    """The centre of mass goes to a place.
+
+    Args:
+        robot: Its description.
+        seen_from_base: Whether the target is in base_link, in place of the world, which is where the base started.
+        joints: What may move for it, by default all joints.
+        base: Whether the base may move for it too; seen from the base, that makes no difference.
+        stiffness: [1/s2].
+        weight: In the cost. Use ``dim_weight`` (1, 1, 0) to leave the height free.
+        name: For reports.
+
+    Raises:
+        UnknownNameError: No such joint.
+    """
+
+    def __init__(
+        self,
+        robot: RobotConfig,
+        *,
+        seen_from_base: bool = False,
+        joints: Sequence[str] | None = None,
+        base: bool = False,
+        stiffness: float = 10.0,
+        weight: float = 1e4,
+        name: str | None = None,
+    ) -> None:
+        label = "centre of mass from base_link" if seen_from_base else "centre of mass"
+        super().__init__(3, stiffness=stiffness, weight=weight, name=name or label)
+        self._seen_from_base = seen_from_base
+        self._target: FloatArray | None = None
+        self.select(robot, joints, base=base)
+
+    @property
+    def target(self) -> FloatArray:
+        """(3,) where to go [m], a copy; until it is set, where it was when the task was first used (NaN before that).
+
+        Raises:
+            TargetError: Not three finite numbers; the old target stays.
+        """
+        return np.full(3, np.nan) if self._target is None else self._target.copy()
+
+    @target.setter
+    def target(self, value: ArrayLike) -> None:
+        self._target = self.checked(value)
+        self._stop_moving()
+
+    def measure(self, model: RobotModel) -> None:
+        """The error is target minus centre of mass [m]."""
+        position, full, velocity, bias = model.com()
+        if self._seen_from_base:
+            position, _, bias = _seen_from_base(model, position, velocity, bias)
+            # The base is a rigid body here: joints alone move the centre of mass in it.
+            self._jacobian[:, BASE:] = _rotation_world_to_base(model) @ full[:, BASE:]
+        else:
+            self._jacobian[:] = full
+        if self._target is None:
+            self._target = position.copy()
+        np.subtract(self._target, position, self._error)
+        self._bias[:] = bias
+
+    def _plan(
+        self, model: RobotModel, targets: list[FloatArray], durations: list[float], dt: float
+    ) -> Trajectory:
+        position, _, velocity, bias = model.com()
+        if self._seen_from_base:
+            position, velocity, _ = _seen_from_base(model, position, velocity, bias)
+        return vector_trajectory(np.array([position, *targets]), velocity.copy(), durations, dt)
+
+    def _follow(self, target: FloatArray) -> None:
+        self._target = target
+
+
+def _rotation_world_to_base(model: RobotModel) -> FloatArray:
+    cosine, sine = model.q[2], model.q[3]
+    return np.array([[cosine, sine, 0.0], [-sine, cosine, 0.0], [0.0, 0.0, 1.0]])
+
+
+def _seen_from_base(
+    model: RobotModel, position: FloatArray, velocity: FloatArray, bias: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Position, velocity and bias of a point in base_link, which moves by the model's twist."""
+    rotation = _rotation_world_to_base(model)
+    vx, vy, w = model.v[:BASE].tolist()
+    origin = np.array([model.q[0], model.q[1], 0.0])
+    x, y, z = (rotation @ (position - origin)).tolist()
+    ux, uy, uz = (rotation @ velocity).tolist()
+    ax, ay, az = (rotation @ bias).tolist()
+    ux, uy = ux - vx + w * y, uy - vy - w * x
+    # The origin's own bias is w x v; then the centripetal and the Coriolis part.
+    ax, ay = ax + w * vy + w * w * x + 2 * w * uy, ay - w * vx + w * w * y - 2 * w * ux
+    return np.array([x, y, z]), np.array([ux, uy, uz]), np.array([ax, ay, az])

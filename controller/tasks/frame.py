@@ -1,0 +1,272 @@
+"""A frame of the robot goes to a place, takes an orientation, or both: seen from the world or from another link."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import ArrayLike, NDArray
+
+from pepper_driver.config import RobotConfig, UnknownNameError
+from pepper_driver.controller.model import RobotModel
+from pepper_driver.controller.rotations import checked_pose, checked_rotation
+from pepper_driver.controller.tasks.frame_motion import FrameMotion
+from pepper_driver.controller.tasks.task import Target, Task, TaskRows, finite_vector
+from pepper_driver.controller.trajectory import (
+    Trajectory,
+    rotation_samples,
+    spline,
+    vector_trajectory,
+)
+
+FloatArray = NDArray[np.float64]
+
+
+class _FrameTask(Task):
+    """What tasks on a frame share: which frame, seen from where, moved by what."""
+
+    def __init__(
+        self,
+        kind: str,
+        rows: int,
+        robot: RobotConfig,
+        link: str,
+        point: ArrayLike | None,
+        seen_from: str | None,
+        joints: Sequence[str] | None,
+        base: bool,
+        stiffness: float,
+        weight: float,
+        name: str | None,
+    ) -> None:
+        for given in (link, seen_from):
+            if given is not None and given not in robot.links:
+                raise UnknownNameError("link", given, robot.links)
+        label = f"{kind} {link}" + (f" from {seen_from}" if seen_from is not None else "")
+        super().__init__(rows, stiffness=stiffness, weight=weight, name=name or label)
+        self._link, self._seen_from = link, seen_from
+        self._point = (
+            None if point is None else finite_vector(f"the point of {self.name}", point, 3)
+        )
+        self._target: FloatArray | None = None
+        self.select(robot, joints, base=base)
+
+    @property
+    def target(self) -> FloatArray:
+        """Where to go, a copy; until it is set, where the frame was when the task was first used (NaN before that).
+
+        Raises:
+            TargetError: It is none; the old target stays.
+        """
+        if self._target is None:
+            return np.full(1, np.nan)
+        return self._target.copy()
+
+    @target.setter
+    def target(self, value: ArrayLike) -> None:
+        self._follow(self.checked(value))
+        self._stop_moving()
+
+    def attach(self, model: RobotModel, rows: TaskRows) -> None:
+        """Look the frames up."""
+        super().attach(model, rows)
+        origin = None if self._seen_from is None else model.body_frame(self._seen_from)
+        self._motion = FrameMotion(model, model.body_frame(self._link, self._point), origin)
+
+    def _follow(self, target: FloatArray) -> None:
+        self._target = target
+
+
+class PositionTask(_FrameTask):
+    """A point of a link goes to a place.
+
+    The error is in the axes of what it is seen from, and so are the rows of ``dim_weight``.
+
+    Args:
+        robot: Its description.
+        link: Which link.
+        point: (3,) in the link [m], by default its origin.
+        seen_from: Link in which the target is given; None for the world, which is where the base started.
+        joints: What may move for it, by default all joints.
+        base: Whether the base may move for it too.
+        stiffness: [1/s2].
+        weight: In the cost.
+        name: For reports.
+
+    Raises:
+        UnknownNameError: No such link or joint.
+        TargetError: The point is none.
+    """
+
+    def __init__(
+        self,
+        robot: RobotConfig,
+        link: str,
+        point: ArrayLike | None = None,
+        *,
+        seen_from: str | None = None,
+        joints: Sequence[str] | None = None,
+        base: bool = False,
+        stiffness: float = 10.0,
+        weight: float = 1e4,
+        name: str | None = None,
+    ) -> None:
+        super().__init__(
+            "position", 3, robot, link, point, seen_from, joints, base, stiffness, weight, name
+        )
+
+    def measure(self, model: RobotModel) -> None:
+        """The error is target minus position [m]."""
+        motion = self._motion
+        motion.update(model)
+        if self._target is None:
+            self._target = motion.position.copy()
+        np.subtract(self._target, motion.position, self._error)
+        self._jacobian[:], self._bias[:] = motion.jacobian[:3], motion.bias[:3]
+
+    def _plan(
+        self, model: RobotModel, targets: list[FloatArray], durations: list[float], dt: float
+    ) -> Trajectory:
+        self._motion.update(model)
+        points = np.array([self._motion.position, *targets])
+        velocity = (self._motion.jacobian @ model.v)[:3]
+        return vector_trajectory(points, velocity, durations, dt)
+
+
+class OrientationTask(_FrameTask):
+    """A link takes an orientation, the short way round.
+
+    The error is a rotation vector in the axes of what the link is seen from, and so are the rows of ``dim_weight``.
+
+    Args:
+        robot: Its description.
+        link: Which link.
+        seen_from: Link in which the target is given; None for the world.
+        joints: What may move for it, by default all joints.
+        base: Whether the base may move for it too.
+        stiffness: [1/s2].
+        weight: In the cost.
+        name: For reports.
+
+    Raises:
+        UnknownNameError: No such link or joint.
+    """
+
+    def __init__(
+        self,
+        robot: RobotConfig,
+        link: str,
+        *,
+        seen_from: str | None = None,
+        joints: Sequence[str] | None = None,
+        base: bool = False,
+        stiffness: float = 10.0,
+        weight: float = 1e3,
+        name: str | None = None,
+    ) -> None:
+        super().__init__(
+            "orientation", 3, robot, link, None, seen_from, joints, base, stiffness, weight, name
+        )
+
+    def checked(self, target: Target) -> FloatArray:
+        """(3, 3) rotation matrix; a unit quaternion (x, y, z, w) is taken too."""
+        return checked_rotation(f"the target of {self.name}", target)
+
+    def measure(self, model: RobotModel) -> None:
+        """The error is the rotation vector from the orientation to the target [rad]."""
+        motion = self._motion
+        motion.update(model)
+        if self._target is None:
+            self._target = motion.rotation.copy()
+        self._error[:] = pin.log3(self._target.dot(motion.rotation.T))
+        self._jacobian[:], self._bias[:] = motion.jacobian[3:], motion.bias[3:]
+
+    def _plan(
+        self, model: RobotModel, targets: list[FloatArray], durations: list[float], dt: float
+    ) -> Trajectory:
+        self._motion.update(model)
+        ways = [self._motion.rotation, *targets]
+        velocity = (self._motion.jacobian @ model.v)[3:]
+        return Trajectory(*rotation_samples(ways, velocity, durations, dt))
+
+
+class FrameTask(_FrameTask):
+    """A frame of a link goes to a pose: position and orientation together (SE3).
+
+    The error is the way [m], then the rotation vector [rad], in the axes of what it is seen from.
+
+    Args:
+        robot: Its description.
+        link: Which link.
+        point: (3,) origin of the frame in the link [m], by default the link's; the axes are those of the link.
+        seen_from: Link in which the target is given (a relative task); None for the world.
+        joints: What may move for it, by default all joints.
+        base: Whether the base may move for it too.
+        stiffness: [1/s2].
+        weight: In the cost.
+        name: For reports.
+
+    Raises:
+        UnknownNameError: No such link or joint.
+        TargetError: The point is none.
+    """
+
+    def __init__(
+        self,
+        robot: RobotConfig,
+        link: str,
+        point: ArrayLike | None = None,
+        *,
+        seen_from: str | None = None,
+        joints: Sequence[str] | None = None,
+        base: bool = False,
+        stiffness: float = 10.0,
+        weight: float = 1e4,
+        name: str | None = None,
+    ) -> None:
+        super().__init__(
+            "pose", 6, robot, link, point, seen_from, joints, base, stiffness, weight, name
+        )
+
+    def checked(self, target: Target) -> FloatArray:
+        """(4, 4) transform; (7,) position [m] and unit quaternion (x, y, z, w) are taken too."""
+        return checked_pose(f"the target of {self.name}", target)
+
+    def attach(self, model: RobotModel, rows: TaskRows) -> None:
+        """Look the frames up."""
+        super().attach(model, rows)
+        self._way_left, self._turn_left = self._error[:3], self._error[3:]
+
+    def _follow(self, target: FloatArray) -> None:
+        self._target = target
+        self._place, self._turn = target[:3, 3].copy(), target[:3, :3].copy()
+
+    def measure(self, model: RobotModel) -> None:
+        """The error is the way to the target [m], then the rotation vector to it [rad]."""
+        motion = self._motion
+        motion.update(model)
+        if self._target is None:
+            self._follow(_pose(motion.position, motion.rotation))
+        np.subtract(self._place, motion.position, self._way_left)
+        self._turn_left[:] = pin.log3(self._turn.dot(motion.rotation.T))
+        self._jacobian[:], self._bias[:] = motion.jacobian, motion.bias
+
+    def _plan(
+        self, model: RobotModel, targets: list[FloatArray], durations: list[float], dt: float
+    ) -> Trajectory:
+        motion = self._motion
+        motion.update(model)
+        points = np.array([motion.position, *(target[:3, 3] for target in targets)])
+        velocity = motion.jacobian @ model.v
+        way, speed, acceleration = spline(points, velocity[:3], durations, dt)
+        turns = [motion.rotation, *(target[:3, :3] for target in targets)]
+        rotations, angular, change = rotation_samples(turns, velocity[3:], durations, dt)
+        poses = np.array([_pose(p, r) for p, r in zip(way, rotations, strict=True)])
+        return Trajectory(poses, np.hstack([speed, angular]), np.hstack([acceleration, change]))
+
+
+def _pose(position: FloatArray, rotation: FloatArray) -> FloatArray:
+    pose = np.eye(4)
+    pose[:3, 3], pose[:3, :3] = position, rotation
+    return pose

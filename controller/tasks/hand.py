@@ -1,0 +1,54 @@
+"""Hands: open and close."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pepper_driver.config import RobotConfig, UnknownNameError
+from pepper_driver.controller.errors import TargetError
+from pepper_driver.controller.tasks.posture import PostureTask
+from pepper_driver.controller.tasks.task import Target, finite_vector
+
+FloatArray = NDArray[np.float64]
+
+
+class HandTask(PostureTask):
+    """A hand goes to an aperture, 0 closed to 1 open.
+
+    Its weight is above the posture task's, so that the hand does what this task says.
+
+    Args:
+        robot: Its description.
+        hand: ``LHand`` or ``RHand``.
+        stiffness: [1/s2].
+        weight: In the cost.
+
+    Raises:
+        UnknownNameError: No such hand.
+    """
+
+    def __init__(
+        self, robot: RobotConfig, hand: str, *, stiffness: float = 20.0, weight: float = 1e3
+    ) -> None:
+        if hand not in robot.hands.joints:
+            raise UnknownNameError("hand", hand, robot.hands.joints)
+        super().__init__(robot, (hand,), stiffness=stiffness, weight=weight, name=f"hand {hand}")
+
+    def checked(self, target: Target) -> FloatArray:
+        """(1,) aperture; one number is taken too."""
+        hand = self.joints[0]
+        if isinstance(target, Mapping):
+            return super().checked(target)
+        value = finite_vector(f"the aperture of {hand}", np.atleast_1d(np.asarray(target)), 1)
+        if not 0.0 <= value[0] <= 1.0:
+            raise TargetError(
+                f"{hand} cannot open to {value[0]:.4g}: 0 is closed, 1 is open",
+                joint=hand,
+                value=float(value[0]),
+                lower=0.0,
+                upper=1.0,
+            )
+        return value
