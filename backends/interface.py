@@ -195,6 +195,14 @@ class Truth(ABC):
     def position(self) -> FloatArray:
         """(17,) link-side joint positions now, without encoder or transport [rad]."""
 
+    @abstractmethod
+    def link_pose(self, link: str) -> FloatArray:
+        """(4, 4) transform of a link in the world now, with flexible joints and the tilt of the base.
+
+        Raises:
+            UnknownNameError: No such link.
+        """
+
     @property
     @abstractmethod
     def plant(self) -> PlantConfig:

@@ -16,6 +16,7 @@ from pepper_driver.controller.tasks import (
     Task,
 )
 from pepper_driver.controller.tick import Tick
+from pepper_driver.controller.wheels import Odometry, desaturated
 from pepper_driver.controller.whole_body import WholeBodyController
 
 __all__ = [
@@ -27,6 +28,7 @@ __all__ = [
     "GainError",
     "HandTask",
     "LoadTorque",
+    "Odometry",
     "OrientationTask",
     "PositionTask",
     "PostureTask",
@@ -37,4 +39,5 @@ __all__ = [
     "TaskReport",
     "Tick",
     "WholeBodyController",
+    "desaturated",
 ]

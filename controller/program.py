@@ -189,7 +189,8 @@ class Program:
         )
         return solution.x[:nv] if solution.status == "solved" else None
 
-    def costs(self, acceleration: FloatArray) -> list[tuple[Task, float]]:
-        """Every task with its share of the cost at (20,) accelerations, in the rows of the last cycle."""
-        price = self._weight[:, 0] * (self._masked @ acceleration - self._wanted) ** 2
-        return [(task, float(price[rows].sum())) for task, rows, _ in self._slots]
+    def misses(self, acceleration: FloatArray) -> list[tuple[Task, FloatArray, float]]:
+        """Every task with what (20,) accelerations miss of its rows and what that costs, in the last cycle's rows."""
+        missed = self._masked @ acceleration - self._wanted
+        price = self._weight[:, 0] * missed**2
+        return [(task, missed[rows], float(price[rows].sum())) for task, rows, _ in self._slots]

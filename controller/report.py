@@ -10,6 +10,9 @@ from numpy.typing import NDArray
 
 from pepper_driver.controller.program import Outcome
 
+NOTICEABLE = 0.01
+"""[m/s2], [rad/s2] What a task may miss without being mentioned."""
+
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class ControllerStatus:
@@ -39,15 +42,17 @@ class TaskReport:
 
     Attributes:
         name: Of the task.
-        cost: weight * sum dim_weight (J qdd + Jdot qd - a*)^2.
-        share: Of the cost of all tasks, 0..1.
         error: (rows,) target minus value.
+        missed: (rows,) J qdd + Jdot qd - a*: by how much the accelerations are not those the task asks for.
+        cost: weight * sum of dim_weight missed^2.
+        share: Of the cost of all tasks, 0..1.
     """
 
     name: str
+    error: NDArray[np.float64]
+    missed: NDArray[np.float64]
     cost: float
     share: float
-    error: NDArray[np.float64]
 
 
 def explain(status: ControllerStatus, reports: Sequence[TaskReport]) -> str:
@@ -69,7 +74,11 @@ def explain(status: ControllerStatus, reports: Sequence[TaskReport]) -> str:
         lines.append(f"Held back by: {_list(status.active)}.")
     if not lines:
         lines.append("Nothing limits the motion.")
-    dear = [report for report in reports if report.share > 0.01]
+    dear = [
+        report
+        for report in reports
+        if report.share > 0.01 and np.abs(report.missed).max() > NOTICEABLE
+    ]
     if dear:
         costs = [
             f"{report.name} {100 * report.share:.0f} % (error {np.linalg.norm(report.error):.3g})"

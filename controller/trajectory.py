@@ -1,8 +1,8 @@
-"""Reference motions of tasks: quintic splines, sampled once, then read off cycle by cycle."""
+"""Reference motions of tasks: quintic splines, sampled some cycles ahead, then read off cycle by cycle."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -12,36 +12,56 @@ from scipy.spatial.transform import Rotation
 
 FloatArray = NDArray[np.float64]
 
+Motion = Callable[[FloatArray], tuple[FloatArray, FloatArray]]
+"""From (n,) times [s] to (n, ...) targets as a task keeps them and (n, rows) velocities."""
+
+AHEAD = 128
+"""Cycles sampled at once: few enough that a motion of an hour does not stop the robot when it begins."""
+
 
 class Trajectory:
-    """Targets with velocities and accelerations, one of each for every cycle to come.
+    """Targets with velocities and accelerations, one of each for every cycle from the start to the end.
+
+    The acceleration given is the mean of the cycle to come: held for the cycle it leads to the next velocity exactly.
 
     Args:
-        targets: (n, ...) as the task keeps them.
-        velocities: (n, rows).
-        accelerations: (n, rows).
+        motion: From the state in the first cycle to rest.
+        duration: Of the motion [s].
+        dt: Cycle [s].
     """
 
-    def __init__(
-        self, targets: FloatArray, velocities: FloatArray, accelerations: FloatArray
-    ) -> None:
-        self._samples = (targets, velocities, accelerations)
-        self._next = 0
+    def __init__(self, motion: Motion, duration: float, dt: float) -> None:
+        self._motion, self._duration, self._dt = motion, duration, dt
+        self._cycle, self._last = 0, max(1, round(duration / dt))
+        self._sampled = 0
+        self._samples: tuple[FloatArray, FloatArray, FloatArray]
 
-    def next(self) -> tuple[FloatArray, FloatArray, FloatArray] | None:
-        """Target, velocity and acceleration of the next cycle; None when the motion is over."""
-        index = self._next
+    @property
+    def over(self) -> bool:
+        """Whether the last sample has been read."""
+        return self._cycle > self._last
+
+    def next(self) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Target, velocity and acceleration of the next cycle; the last are the end at rest."""
+        if self._cycle == self._sampled:
+            self._sample()
+        index = self._cycle % AHEAD
+        self._cycle += 1
         targets, velocities, accelerations = self._samples
-        if index == len(targets):
-            return None
-        self._next += 1
         return targets[index], velocities[index], accelerations[index]
 
+    def _sample(self) -> None:
+        first, dt = self._sampled, self._dt
+        self._sampled = first + AHEAD
+        cycles = np.arange(first, self._sampled + 1)
+        times = np.minimum(cycles * dt, self._duration)
+        times[cycles >= self._last] = self._duration
+        targets, velocities = self._motion(times)
+        self._samples = targets[:-1], velocities[:-1], np.diff(velocities, axis=0) / dt
 
-def spline(
-    points: FloatArray, velocity: FloatArray, durations: Sequence[float], dt: float
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """A quintic spline through points, sampled every ``dt`` [s] from one cycle after its start to its end.
+
+def spline(points: FloatArray, velocity: FloatArray, durations: Sequence[float]) -> Motion:
+    """A quintic spline through points.
 
     It starts with a given velocity, ends at rest, and has no acceleration at either end: between two points and from
     rest, the motion of least jerk.
@@ -50,59 +70,69 @@ def spline(
         points: (m + 1, n) start and m points to pass.
         velocity: (n,) at the start.
         durations: m times [s] from point to point.
-        dt: Cycle [s].
-
-    Returns:
-        Positions, velocities, accelerations, each (samples, n); the last sample is the last point at rest.
     """
     knots = np.concatenate([[0.0], np.cumsum(durations)])
     still = np.zeros_like(velocity)
     ends: Any = ([(1, velocity), (2, still)], [(1, still), (2, still)])  # SciPy's types know less
     curve = make_interp_spline(knots, points, k=5, bc_type=ends)
-    samples = max(1, round(knots[-1] / dt))
-    times = np.minimum(np.arange(1, samples + 1) * dt, knots[-1])
-    times[-1] = knots[-1]
-    return curve(times), curve(times, 1), curve(times, 2)
+    rate = curve.derivative()
+
+    def motion(times: FloatArray) -> tuple[FloatArray, FloatArray]:
+        return curve(times), rate(times)
+
+    return motion
 
 
 def vector_trajectory(
     points: FloatArray, velocity: FloatArray, durations: Sequence[float], dt: float
 ) -> Trajectory:
-    """Trajectory of a task whose target is a vector; arguments as for :func:`spline`."""
-    return Trajectory(*spline(points, velocity, durations, dt))
+    """Trajectory of a task whose target is a vector; arguments as for :func:`spline`, and the cycle [s]."""
+    return Trajectory(spline(points, velocity, durations), sum(durations), dt)
 
 
-def rotation_samples(
-    rotations: Sequence[FloatArray], velocity: FloatArray, durations: Sequence[float], dt: float
-) -> tuple[FloatArray, FloatArray, FloatArray]:
+def rotation_spline(
+    rotations: Sequence[FloatArray], velocity: FloatArray, durations: Sequence[float]
+) -> Motion:
     """Rotations along a spline of rotation vectors, R(t) = exp(phi(t)) R(0), phi in the fixed axes.
 
-    Between two rotations and from rest it is the shortest way about a fixed axis.
+    Between two rotations and from rest it is the shortest way about a fixed axis. Targets are (n, 3, 3), velocities
+    angular, in the fixed axes.
 
     Args:
-        rotations: Start and the rotations to pass, each (3, 3), none half a turn or more from the start.
+        rotations: Start and the rotations to pass, each (3, 3), each less than half a turn from the one before.
         velocity: (3,) angular velocity at the start in the fixed axes [rad/s].
         durations: Times [s] between them.
-        dt: Cycle [s].
-
-    Returns:
-        Rotations (n, 3, 3), angular velocities (n, 3) [rad/s] and accelerations (n, 3) [rad/s2] in the fixed axes.
     """
     start = Rotation.from_matrix(rotations[0])
-    vectors = np.array([(Rotation.from_matrix(r) * start.inv()).as_rotvec() for r in rotations])
-    phi, rate, _ = spline(vectors, velocity, durations, dt)
-    matrices = (Rotation.from_rotvec(phi) * start).as_matrix()
-    angular = _left_jacobian_times(phi, rate)
-    padded = np.concatenate([velocity[None], angular, np.zeros((1, 3))])
-    return matrices, angular, (padded[2:] - padded[:-2]) / (2 * dt)
+    vectors = [np.zeros(3)]
+    for rotation in rotations[1:]:
+        vector = (Rotation.from_matrix(rotation) * start.inv()).as_rotvec()
+        vectors.append(_nearest(vector, vectors[-1]))
+    curve = spline(np.array(vectors), velocity, durations)
+
+    def motion(times: FloatArray) -> tuple[FloatArray, FloatArray]:
+        phi, rate = curve(times)
+        return (Rotation.from_rotvec(phi) * start).as_matrix(), _angular_velocity(phi, rate)
+
+    return motion
 
 
-def _left_jacobian_times(phi: FloatArray, rate: FloatArray) -> FloatArray:
-    """(n, 3) angular velocity of exp(phi) in the fixed axes, for phi and its rate, each (n, 3)."""
+def _nearest(vector: FloatArray, before: FloatArray) -> FloatArray:
+    """The rotation vector nearest to another among those that mean the same rotation: whole turns apart."""
+    angle = float(np.linalg.norm(vector))
+    if angle < 1e-9:
+        return vector
+    turns = np.round((before @ vector / angle - angle) / (2 * np.pi))
+    nearest: FloatArray = vector * (1 + 2 * np.pi * turns / angle)
+    return nearest
+
+
+def _angular_velocity(phi: FloatArray, rate: FloatArray) -> FloatArray:
+    """(n, 3) of exp(phi) in the fixed axes [rad/s], for phi and its rate, each (n, 3)."""
     angle = np.linalg.norm(phi, axis=1, keepdims=True)
     safe = np.maximum(angle, 1e-4)
     first = np.where(angle > 1e-4, (1 - np.cos(safe)) / safe**2, 0.5)
     second = np.where(angle > 1e-4, (safe - np.sin(safe)) / safe**3, 1 / 6)
     once = np.cross(phi, rate)
-    result: FloatArray = rate + first * once + second * np.cross(phi, once)
-    return result
+    velocity: FloatArray = rate + first * once + second * np.cross(phi, once)
+    return velocity

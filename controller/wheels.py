@@ -15,7 +15,10 @@ FloatArray = NDArray[np.float64]
 def desaturated(wheel_speed: FloatArray, limit: float) -> FloatArray:
     """Wheel speeds (3,) within a limit [rad/s]: all slowed by one factor, so that the base keeps its direction."""
     fastest = float(np.abs(wheel_speed).max())
-    return wheel_speed * (limit / fastest) if fastest > limit else wheel_speed
+    if fastest <= limit:
+        return wheel_speed
+    slowed: FloatArray = np.clip(wheel_speed / fastest, -1.0, 1.0) * limit
+    return slowed
 
 
 class Odometry:

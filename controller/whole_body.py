@@ -87,11 +87,17 @@ class WholeBodyController:
         return tuple(self._constraints)
 
     def add(self, part: Task | Constraint) -> None:
-        """Take a task or a constraint into the QP from the next cycle on; one already there stays once."""
-        if isinstance(part, Task) and part not in self._tasks:
-            self._tasks.append(part)
-        elif isinstance(part, Constraint) and part not in self._constraints:
-            self._constraints.append(part)
+        """Take a task or a constraint into the QP from the next cycle on; one already there stays once.
+
+        Raises:
+            TypeError: It is neither.
+        """
+        if isinstance(part, Task):
+            self._tasks += [] if part in self._tasks else [part]
+        elif isinstance(part, Constraint):
+            self._constraints += [] if part in self._constraints else [part]
+        else:
+            raise TypeError(f"add takes a task or a constraint, got {type(part).__name__}")
         self._lay_out()
 
     def remove(self, part: Task | Constraint) -> None:
@@ -273,16 +279,17 @@ class WholeBodyController:
 
     def report(self) -> tuple[TaskReport, ...]:
         """What every task cost in the last cycle, the dearest first."""
-        costs = self._program.costs(self._acceleration)
-        whole = sum(cost for _, cost in costs)
+        misses = self._program.misses(self._acceleration)
+        whole = sum(cost for _, _, cost in misses)
         reports = [
             TaskReport(
                 name=task.name,
+                error=task.error,
+                missed=missed,
                 cost=cost,
                 share=cost / whole if whole > 0 else 0.0,
-                error=task.error,
             )
-            for task, cost in costs
+            for task, missed, cost in misses
         ]
         return tuple(sorted(reports, key=lambda report: -report.cost))
 

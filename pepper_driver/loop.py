@@ -113,7 +113,9 @@ class Loop:
         self.target = controller.position
         self.time = time
         self.posture_stiffness = controller.posture.stiffness
-        self._wanted = self.target.copy()
+        self._wanted: FloatArray | None = self.target.copy()
+        self._duration: float | None = None
+        self._wheel_to_twist = np.linalg.inv(robot.wheels.matrix)
         self._halted = False
         n = len(robot.joint_names)
         standing = Reference(
@@ -126,6 +128,14 @@ class Loop:
         first = _Sent(reference=standing, command=gate.sent, changed=np.zeros(n, dtype=np.bool_))
         # The command that a measurement answers is the oldest here.
         self._on_the_way = deque([first], maxlen=backend.info.response_delay + 1)
+
+    def move_to(self, target: FloatArray, duration: float | None = None) -> None:
+        """Want a posture (17,) [rad] from the next tick on, reached within ``duration`` [s] along a spline.
+
+        Without a duration it is a set-point. A way under way ends here, even one to the same posture.
+        """
+        self.target, self._duration = target, duration
+        self._wanted = None
 
     def tick(self) -> Tick:
         """One cycle.
@@ -186,11 +196,14 @@ class Loop:
     def _reference(self, measurement: Measurement) -> Reference:
         """What the controller wants, for the user's posture or the one a reflex has put in its place."""
         control, task = self.control, self._controller.posture
-        wanted = self.target if control.posture is None else control.posture
-        if not np.array_equal(
-            wanted, self._wanted
-        ):  # by value: a reflex may change its array in place
-            task.target = wanted
+        held = control.posture
+        wanted = self.target if held is None else held
+        # By value: a reflex may change its array in place.
+        if self._wanted is None or not np.array_equal(wanted, self._wanted):
+            if held is None and self._duration is not None:
+                task.move_to(wanted, self._duration)
+            else:
+                task.target = wanted
             self._wanted = wanted.copy()
         stiffness = control.posture_stiffness
         task.stiffness = self.posture_stiffness if stiffness is None else stiffness
@@ -201,8 +214,11 @@ class Loop:
         wheel_speed = self._robot.wheels.matrix @ reference.base_twist
         self._gate.watch(measurement, answered)
         gated = self._gate.gate(reference, self.control.stiffness, wheel_speed, measurement.age)
-        if gated.changed.any():
-            self._controller.accept(gated.command.position)
+        sent = gated.command
+        if not np.array_equal(sent.wheel_speed, wheel_speed):
+            self._controller.accept(sent.position, self._wheel_to_twist @ sent.wheel_speed)
+        elif gated.changed.any():
+            self._controller.accept(sent.position)
         self._on_the_way.append(
             _Sent(reference=reference, command=gated.command, changed=gated.changed)
         )

@@ -20,6 +20,7 @@ from pepper_driver.callbacks import (
     contact_filter,
 )
 from pepper_driver.config import (
+    ControllerSettings,
     RobotConfig,
     load_controller_settings,
     load_robot,
@@ -60,6 +61,7 @@ class Pepper:
         reflexes: Reactions inside the tick, in this order.
         real_time: Pace a simulation to the wall clock.
         robot: Description of the robot, by default the shipped Pepper.
+        controller: Gains, limits, feedback and solver, by default those of ``controller.yaml``.
 
     Raises:
         PepperError: Anything that is wrong with the arguments, before anything moves.
@@ -75,6 +77,7 @@ class Pepper:
         reflexes: Sequence[Reflex] = (),
         real_time: bool = False,
         robot: RobotConfig | None = None,
+        controller: ControllerSettings | None = None,
     ) -> None:
         self.config = robot or load_robot()
         self.backend: Backend = make_backend(uri, self.config)
@@ -86,7 +89,7 @@ class Pepper:
         self._log_path = None if log is None else Path(log)
         self._log: LogWriter | None = None
         self._paced = real_time and not self.backend.info.real_time
-        self._controller_settings = load_controller_settings(self.config)
+        self._controller_settings = controller or load_controller_settings(self.config)
         self._safety_settings = load_safety_settings()
         self._subscriptions: list[tuple[ContactCallback, ContactPredicate]] = []
         self._dispatcher: Dispatcher | None = None
@@ -191,12 +194,20 @@ class Pepper:
         """(17,) where the joints were last told to go [rad], a copy."""
         return self._active().target.copy()
 
-    def set_posture(self, posture: Posture, *, stiffness: float | None = None) -> None:
+    def set_posture(
+        self,
+        posture: Posture,
+        *,
+        stiffness: float | None = None,
+        duration: float | None = None,
+    ) -> None:
         """Set where the joints shall go from the next tick on; returns at once.
 
         Args:
             posture: Name, joints with angles [rad], or all 17 angles [rad].
             stiffness: Of the posture task [1/s2], above 0; None leaves it.
+            duration: Get there along a spline within this time [s], above 0; None for a set-point, which the joints
+                approach as springs do. After a reflex has held the robot, the whole time begins anew.
 
         Raises:
             PepperError: Unknown name, an angle that is not finite or outside the joint's limits. Nothing changes.
@@ -206,8 +217,13 @@ class Pepper:
         if stiffness is not None:
             if not (np.isfinite(stiffness) and stiffness > 0):  # at 0 nothing would stop a joint
                 raise GainError("stiffness", stiffness, "a finite number above 0")
+        if duration is not None and not (np.isfinite(duration) and 0 < duration <= LONGEST):
+            raise TargetError(
+                f"a duration is a time above 0 s and up to {LONGEST:g} s, got {duration!r}"
+            )
+        if stiffness is not None:
             loop.posture_stiffness = float(stiffness)
-        loop.target = target
+        loop.move_to(target, duration)
 
     def run(
         self, seconds: float, *, on_tick: Callable[[Tick, Observation | None], None] | None = None

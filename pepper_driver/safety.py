@@ -16,7 +16,7 @@ from pepper_driver.config import (
     SafetySettings,
 )
 from pepper_driver.config.parts import FloatArray
-from pepper_driver.controller.reference import Reference
+from pepper_driver.controller import Reference, desaturated
 
 
 class FaultError(PepperError, RuntimeError):
@@ -50,7 +50,8 @@ class Gated:
 class SafetyGate:
     """Checks each reference against the robot's limits and the last measurement.
 
-    A reference outside position or speed limits is clamped and flagged. Data that cannot be trusted (not finite, old,
+    A reference outside position or speed limits is clamped and flagged; wheels too fast are slowed together, so that the
+    base keeps its direction. Data that cannot be trusted (not finite, old,
     or far from what was commanded) hold the last command and, when it lasts, put the robot into FAULT.
     """
 
@@ -59,7 +60,7 @@ class SafetyGate:
     ) -> None:
         self._robot = robot
         self._settings = settings
-        speed = np.array([controller.velocity_limit[name] for name in robot.joint_names])
+        speed = controller.joint_velocity(robot)
         self._largest_step = settings.speed_margin * speed * robot.cycle
         self._divergence_ticks = round(settings.divergence_time / robot.cycle)
         self._largest_stiffness_step = robot.cycle / settings.stiffness_ramp
@@ -163,10 +164,9 @@ class SafetyGate:
         changed = np.abs(position - reference.position) > self._settings.position_tolerance
         ramp = self._largest_stiffness_step
         stiffness = np.clip(stiffness, last.stiffness - ramp, last.stiffness + ramp)
-        limit = robot.wheels.speed_limit
         self._sent = Command(
             position=position,
             stiffness=np.clip(stiffness, 0.0, 1.0),
-            wheel_speed=np.clip(wheel_speed, -limit, limit),
+            wheel_speed=desaturated(wheel_speed, robot.wheels.speed_limit),
         )
         return Gated(command=self._sent, changed=changed)

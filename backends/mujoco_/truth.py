@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from pepper_driver.backends.interface import TrueContact, Truth
 from pepper_driver.backends.mujoco_.rolling import FALLEN
 from pepper_driver.backends.mujoco_.simulation import Simulation
-from pepper_driver.config import PlantConfig
+from pepper_driver.config import PlantConfig, UnknownNameError
 from pepper_driver.config.parts import FloatArray
 
 LYING = 0.05
@@ -90,6 +90,20 @@ class MujocoTruth(Truth):
     def position(self) -> FloatArray:
         """(17,) link-side joint positions [rad]."""
         return self._simulation.position
+
+    def link_pose(self, link: str) -> FloatArray:
+        """(4, 4) transform of a link in the world."""
+        model = self._simulation.model
+        if link not in model.bodies:
+            raise UnknownNameError("link", link, model.bodies)
+        # In a place of its own: the simulation goes on from what its last step left behind.
+        scratch = mujoco.MjData(model.mj)
+        scratch.qpos[:] = self._simulation.data.qpos
+        mujoco.mj_kinematics(model.mj, scratch)
+        pose = np.eye(4)
+        pose[:3, :3] = scratch.xmat[model.bodies[link]].reshape(3, 3)
+        pose[:3, 3] = scratch.xpos[model.bodies[link]]
+        return pose
 
     @property
     def plant(self) -> PlantConfig:

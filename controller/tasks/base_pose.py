@@ -80,7 +80,8 @@ class BasePoseTask(Task):
         return vector_trajectory(np.array(points), rotation @ model.v[:BASE], durations, dt)
 
     def _follow(self, target: FloatArray) -> None:
-        self._target = target
+        x, y, heading = target.tolist()
+        self._target = np.array([x, y, _wrapped(heading)])
 
 
 def _wrapped(angle: float) -> float:

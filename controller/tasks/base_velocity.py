@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pepper_driver.controller.model import BASE, RobotModel
-from pepper_driver.controller.tasks.task import Task, TaskRows, finite_vector
+from pepper_driver.controller.tasks.lag import LagTask
+from pepper_driver.controller.tasks.task import TaskRows, finite_vector
 
 FloatArray = NDArray[np.float64]
 
 
-class BaseVelocityTask(Task):
+class BaseVelocityTask(LagTask):
     """The base reaches a twist as a first-order lag: a* = damping (target - twist).
 
     Args:
@@ -25,7 +24,7 @@ class BaseVelocityTask(Task):
     needs_kinematics = False
 
     def __init__(
-        self, *, stiffness: float = 3.0, weight: float = 1e4, name: str = "base velocity"
+        self, *, stiffness: float = 3.0, weight: float = 1e3, name: str = "base velocity"
     ) -> None:
         super().__init__(BASE, stiffness=stiffness, weight=weight, name=name)
 
@@ -42,21 +41,10 @@ class BaseVelocityTask(Task):
     def target(self, value: ArrayLike) -> None:
         self.reference_velocity = finite_vector("a base twist (vx, vy, wz)", value, BASE)
 
-    @property
-    def error(self) -> FloatArray:
-        """(3,) target minus twist in the last cycle; NaN before the first."""
-        error: FloatArray = self.reference_velocity - self._rate
-        return error
-
-    def _update_gains(self) -> None:
-        super()._update_gains()
-        self._gains = replace(self._gains, stiffness=0.0)
-
     def attach(self, model: RobotModel, rows: TaskRows) -> None:
         """One row for each of vx, vy, wz."""
         super().attach(model, rows)
         self._jacobian[:, :BASE] = np.eye(BASE)
-        self._error[:] = 0.0
 
     def measure(self, model: RobotModel) -> None:
-        """Only the rate matters, and the target is its reference."""
+        """What there is to know is the rate, and that is the model's velocity."""

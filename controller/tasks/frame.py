@@ -15,7 +15,7 @@ from pepper_driver.controller.tasks.frame_motion import FrameMotion
 from pepper_driver.controller.tasks.task import Target, Task, TaskRows, finite_vector
 from pepper_driver.controller.trajectory import (
     Trajectory,
-    rotation_samples,
+    rotation_spline,
     spline,
     vector_trajectory,
 )
@@ -188,7 +188,7 @@ class OrientationTask(_FrameTask):
         self._motion.update(model)
         ways = [self._motion.rotation, *targets]
         velocity = (self._motion.jacobian @ model.v)[3:]
-        return Trajectory(*rotation_samples(ways, velocity, durations, dt))
+        return Trajectory(rotation_spline(ways, velocity, durations), sum(durations), dt)
 
 
 class FrameTask(_FrameTask):
@@ -259,11 +259,17 @@ class FrameTask(_FrameTask):
         motion.update(model)
         points = np.array([motion.position, *(target[:3, 3] for target in targets)])
         velocity = motion.jacobian @ model.v
-        way, speed, acceleration = spline(points, velocity[:3], durations, dt)
+        way = spline(points, velocity[:3], durations)
         turns = [motion.rotation, *(target[:3, :3] for target in targets)]
-        rotations, angular, change = rotation_samples(turns, velocity[3:], durations, dt)
-        poses = np.array([_pose(p, r) for p, r in zip(way, rotations, strict=True)])
-        return Trajectory(poses, np.hstack([speed, angular]), np.hstack([acceleration, change]))
+        turn = rotation_spline(turns, velocity[3:], durations)
+
+        def both(times: FloatArray) -> tuple[FloatArray, FloatArray]:
+            (positions, speeds), (rotations, angular) = way(times), turn(times)
+            poses = np.tile(np.eye(4), (len(times), 1, 1))
+            poses[:, :3, 3], poses[:, :3, :3] = positions, rotations
+            return poses, np.hstack([speeds, angular])
+
+        return Trajectory(both, sum(durations), dt)
 
 
 def _pose(position: FloatArray, rotation: FloatArray) -> FloatArray:

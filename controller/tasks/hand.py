@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from numbers import Real
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,10 +40,15 @@ class HandTask(PostureTask):
 
     def checked(self, target: Target) -> FloatArray:
         """(1,) aperture; one number is taken too."""
+        return super().checked(target)
+
+    def _checked_after(self, before: FloatArray, target: Target) -> FloatArray:
         hand = self.joints[0]
         if isinstance(target, Mapping):
-            return super().checked(target)
-        value = finite_vector(f"the aperture of {hand}", np.atleast_1d(np.asarray(target)), 1)
+            return super()._checked_after(before, target)
+        single = isinstance(target, Real) or (isinstance(target, np.ndarray) and not target.ndim)
+        number = [target] if single else target
+        value = finite_vector(f"the aperture of {hand}", number, 1)
         if not 0.0 <= value[0] <= 1.0:
             raise TargetError(
                 f"{hand} cannot open to {value[0]:.4g}: 0 is closed, 1 is open",

@@ -70,13 +70,23 @@ class PostureTask(Task):
 
     @target.setter
     def target(self, value: ArrayLike | Mapping[str, float]) -> None:
-        self._target = self.checked(value)
+        self._follow(self.checked(value))
         self._stop_moving()
 
     def checked(self, target: Target) -> FloatArray:
         """(joints,) the angles that ``target`` means [rad]; the task's target stays. Raises as :attr:`target` does."""
+        return self._checked_after(self._target, target)
+
+    def _checked_all(self, targets: Sequence[Target]) -> list[FloatArray]:
+        """Joints that a target does not name stay where the target before has them."""
+        postures = [self._target]
+        for target in targets:
+            postures.append(self._checked_after(postures[-1], target))
+        return postures[1:]
+
+    def _checked_after(self, before: FloatArray, target: Target) -> FloatArray:
         if isinstance(target, Mapping):
-            angles = self._target.tolist()
+            angles = before.tolist()
             for name, angle in target.items():
                 if name not in self.joints:
                     raise UnknownNameError("joint", name, self.joints)

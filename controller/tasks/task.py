@@ -27,6 +27,10 @@ Target = ArrayLike | Mapping[str, float]
 """What users may give as a target; joints by name where a task has joints."""
 
 
+SHORTEST = 1e-3
+"""[s] Least duration of a motion from target to target: less than any cycle."""
+
+
 class Task(ABC):
     """Rows of the cost with a common stiffness [1/s2], damping [1/s] and weight.
 
@@ -78,7 +82,9 @@ class Task(ABC):
 
     @stiffness.setter
     def stiffness(self, value: float) -> None:
-        self._stiffness = _not_negative("stiffness", value)
+        stiffness = _not_negative("stiffness", value)
+        self._allow(stiffness, self._own_damping)
+        self._stiffness = stiffness
         self._update_gains()
 
     @property
@@ -88,7 +94,9 @@ class Task(ABC):
 
     @damping.setter
     def damping(self, value: float | None) -> None:
-        self._own_damping = None if value is None else _not_negative("damping", value)
+        damping = None if value is None else _not_negative("damping", value)
+        self._allow(self._stiffness, damping)
+        self._own_damping = damping
         self._update_gains()
 
     @property
@@ -117,6 +125,13 @@ class Task(ABC):
             raise GainError("dim_weight", value, what)
         self._dim_weight = weights
         self._update_gains()
+
+    def _allow(self, stiffness: float, damping: float | None) -> None:
+        """Refuse gains that a task cannot live with. For tasks that have such.
+
+        Raises:
+            GainError: They are; the old ones stay.
+        """
 
     def _update_gains(self) -> None:
         own = self._own_damping
@@ -180,13 +195,24 @@ class Task(ABC):
         """Go through targets without stopping, to each within its own time [s], along one quintic spline.
 
         Raises:
-            TargetError: As for the target; no target; durations that are not as many numbers above 0.
+            TargetError: As for the target; no target; durations that are not as many numbers from a millisecond up;
+                the task has no target to move to. The task goes on as before.
         """
+        if type(self)._plan is Task._plan:
+            raise TargetError(f"{self.name} has no target to move to")
+        if not isinstance(targets, Sequence | np.ndarray) or not len(targets):
+            raise TargetError(f"{self.name} moves through one target or more, got {targets!r}")
         times = finite_vector(f"the durations of {self.name}", durations, len(targets))
-        if not len(times) or not (times > 0).all():
-            raise TargetError(f"{self.name} takes durations above 0 s, got {list(durations)}")
-        self._way = ([self.checked(target) for target in targets], [float(t) for t in times])
+        if not (times >= SHORTEST).all():
+            raise TargetError(
+                f"{self.name} takes durations from {SHORTEST} s up, got {times.tolist()}"
+            )
+        self._way = (self._checked_all(targets), times.tolist())
         self._update_driven()
+
+    def _checked_all(self, targets: Sequence[Target]) -> list[FloatArray]:
+        """Targets to move through one after the other, as the task keeps them."""
+        return [self.checked(target) for target in targets]
 
     def checked(self, target: Target) -> FloatArray:
         """The target as the task keeps it; the task does not change.
@@ -198,9 +224,10 @@ class Task(ABC):
 
     def _stop_moving(self) -> None:
         """Forget a motion under way, and what it left as reference velocity and acceleration."""
+        self._rate[:] = np.nan  # a target that was not yet measured against is not reached
         if self._way is not None or self._trajectory is not None:
             self._way = self._trajectory = None
-            self._reference_velocity = self._reference_acceleration = None
+            self._refer_to(None, None)
             self._update_driven()
 
     def advance(self, model: RobotModel, dt: float) -> None:
@@ -214,24 +241,28 @@ class Task(ABC):
             (targets, durations), self._way = self._way, None
             self._trajectory = self._plan(model, targets, durations, dt)
         if self._trajectory is not None:
-            sample = self._trajectory.next()
-            if sample is None:
+            target, velocity, acceleration = self._trajectory.next()
+            self._follow(target)
+            if self._trajectory.over:
                 self._trajectory = None
-                self._reference_velocity = self._reference_acceleration = None
+                self._refer_to(None, None)
                 self._update_driven()
             else:
-                target, self._reference_velocity, self._reference_acceleration = sample
-                self._follow(target)
+                self._refer_to(velocity, acceleration)
 
     def _plan(
         self, model: RobotModel, targets: list[FloatArray], durations: list[float], dt: float
     ) -> Trajectory:
         """A trajectory from the model's state through the targets. For tasks whose targets can be moved to."""
-        raise TargetError(f"{self.name} has no target to move to")
+        raise NotImplementedError
 
     def _follow(self, target: FloatArray) -> None:
         """Take a target of a trajectory; needs no check."""
         raise NotImplementedError
+
+    def _refer_to(self, velocity: FloatArray | None, acceleration: FloatArray | None) -> None:
+        """Take the motion of a trajectory's target; None is rest."""
+        self._reference_velocity, self._reference_acceleration = velocity, acceleration
 
     # -- use ----------------------------------------------------------------------------------------------------
 
@@ -243,8 +274,9 @@ class Task(ABC):
     def reached(self, tolerance: ArrayLike) -> bool:
         """Whether every row that has weight is within a tolerance of its target and has come to rest.
 
-        At rest means that the velocity is below tolerance * sqrt(stiffness): what is left of the motion is less than
-        the tolerance. A motion by :meth:`move_to` must have ended.
+        At rest means that the velocity is below tolerance * sqrt(stiffness), or the tolerance per second if that is
+        more: what is left of the motion is less than the tolerance. A motion by :meth:`move_to` must have ended, and
+        a target just set have seen a cycle.
 
         Args:
             tolerance: One number or (rows,), in the unit of the task.
@@ -252,22 +284,27 @@ class Task(ABC):
         Raises:
             TargetError: Not a number above 0, or not as many.
         """
-        limit = np.asarray(tolerance, dtype=np.float64)
-        if limit.shape not in ((), (self.rows,)) or not (limit > 0).all():
-            raise TargetError(
-                f"{self.name} takes one tolerance or {self.rows}, above 0, got {tolerance!r}"
-            )
+        limit = self._tolerance(tolerance)
         if self._way is not None or self._trajectory is not None:
             return False
-        asked = self._dim_weight > 0
         near = np.abs(self._error) <= limit
         slow = np.abs(self._rate) <= limit * max(sqrt(self._stiffness), 1.0)
-        return bool((near & slow)[asked].all())
+        return bool((near & slow)[self._dim_weight > 0].all())
+
+    def _tolerance(self, value: ArrayLike) -> FloatArray:
+        what = f"{self.name} takes one tolerance or {self.rows}, above 0, got {value!r}"
+        try:
+            tolerance = np.array(value, dtype=np.float64)
+        except (TypeError, ValueError):
+            raise TargetError(what) from None
+        if tolerance.shape not in ((), (self.rows,)) or not (tolerance > 0).all():
+            raise TargetError(what)
+        return tolerance
 
     # -- rows ---------------------------------------------------------------------------------------------------
 
     def select(self, robot: RobotConfig, joints: Sequence[str] | None, *, base: bool) -> None:
-        """Say what the task may move: some joints or all, and whether the base.
+        """Say what the task may move: some joints or all, and whether the base. A controller hears of it in its ``add``.
 
         Raises:
             UnknownNameError: No such joint.

@@ -5,10 +5,11 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 from contact_cases import CYCLE, FIXED, ROBOT, ROLLING, STEP, Array, Robot, world
+from scipy.spatial.transform import Rotation
 
 from pepper_driver.backends.interface import Measurement, TrueContact
 from pepper_driver.backends.mujoco_ import MujocoBackend
-from pepper_driver.config import load_plant, load_world
+from pepper_driver.config import UnknownNameError, load_plant, load_world
 from pepper_driver.controller.model import RobotModel
 
 
@@ -180,6 +181,32 @@ def test_the_base_is_told_where_it_went_and_that_it_fell() -> None:
     robot.run(1.0)
     assert robot.truth.fallen
     assert robot.truth.base[0] > 0.1
+
+
+def test_links_are_told_where_they_are_on_a_base_that_rolls_and_tilts() -> None:
+    robot = Robot(ROLLING)
+    robot.push("torso", np.array([40.0, 20.0, 0.0]), duration=0.5)
+    robot.run(0.4)
+    truth = robot.truth
+    (x, y, yaw), (pitch, roll) = truth.base, truth.tilt
+    assert abs(pitch) > 1e-3
+    base = np.eye(4)
+    base[:2, 3] = x, y
+    base[:3, :3] = (
+        Rotation.from_euler("z", yaw)
+        * Rotation.from_euler("y", pitch)
+        * Rotation.from_euler("x", roll)
+    ).as_matrix()
+    model = RobotModel(ROBOT)
+    before = robot.snapshot()
+    for link in ("Head", "l_wrist"):
+        # The hinge of the tilt lies at the wheels, not at base_link: compare what does not depend on it.
+        expected = base @ model.link_pose(link, truth.position)
+        np.testing.assert_allclose(truth.link_pose(link)[:3, :3], expected[:3, :3], atol=2e-3)
+        np.testing.assert_allclose(truth.link_pose(link)[:3, 3], expected[:3, 3], atol=5e-3)
+    assert before == robot.snapshot()
+    with pytest.raises(UnknownNameError, match="l_wrist"):
+        truth.link_pose("l_wirst")
 
 
 def test_the_identity_is_that_of_the_plant_alone() -> None:

@@ -138,7 +138,7 @@ def test_the_unit_of_the_weights_does_not_matter(solver: str, error: float, scal
     assert largest_difference(one, other, "position") < error
 
 
-@pytest.mark.parametrize("weight", [1.0, 1e6])
+@pytest.mark.parametrize("weight", [0.1, 1e5])
 def test_the_weight_of_the_base_does_not_soften_the_posture(weight: float) -> None:
     control, other = controller(), controller()
     other.base_velocity.weight = weight

@@ -1,6 +1,6 @@
 """The tick: what is paired with what, in which order, and what happens when something fails."""
 
-from dataclasses import fields, is_dataclass
+from dataclasses import fields, is_dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -344,3 +344,25 @@ def test_every_stage_is_timed() -> None:
         loop.tick()
     assert loop.times.microseconds.shape == (10, len(STAGES))
     assert (loop.times.microseconds >= 0).all()
+
+
+def test_wheels_that_the_gate_slows_keep_the_direction_and_the_controller_knows() -> None:
+    """The gate's limit is lowered under the controller's feet: what it integrates is what the wheels were sent."""
+    backend = FakeBackend(delay=0)
+    loop, gate, controller = make_loop(backend)
+    slow = replace(ROBOT, wheels=replace(ROBOT.wheels, speed_limit=0.5))
+    gate._robot = slow
+    twist = np.array([0.15, 0.05, 0.2])
+    controller.base_velocity.target = twist
+    for _ in range(200):
+        tick = loop.tick()
+    sent = np.linalg.solve(ROBOT.wheels.matrix, tick.sent.wheel_speed)
+    assert np.abs(tick.sent.wheel_speed).max() == pytest.approx(0.5)
+    wanted = tick.reference.base_twist
+    assert np.abs(ROBOT.wheels.matrix @ wanted).max() > 0.5
+    share = np.linalg.norm(sent) / np.linalg.norm(wanted)
+    np.testing.assert_allclose(sent, share * wanted, atol=1e-9)
+    before = controller.base_pose
+    loop.tick()
+    moved = controller.base_pose - before
+    assert np.linalg.norm(moved[:2]) == pytest.approx(np.linalg.norm(sent[:2]) * ROBOT.cycle, rel=0.1)

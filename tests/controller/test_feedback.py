@@ -1,0 +1,133 @@
+"""Closed loop: tasks see the measured robot, the integration stays the controller's own."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from controller_cases import (
+    ACCELERATION,
+    DT,
+    JOINTS,
+    MIDDLE,
+    ROBOT,
+    SETTINGS,
+    VELOCITY,
+    FloatArray,
+)
+
+from pepper_driver.backends.interface import Imu, Measurement
+from pepper_driver.controller import FrameTask, PositionTask, RobotModel, WholeBodyController
+
+
+def closed() -> WholeBodyController:
+    return WholeBodyController(ROBOT, replace(SETTINGS, feedback="joints"))
+
+
+def measured(position: FloatArray, wheel_speed: FloatArray | None = None) -> Measurement:
+    zero = np.zeros(JOINTS)
+    return Measurement(
+        time=0.0,
+        tick=0,
+        position=position,
+        current=zero,
+        wheel_speed=np.zeros(3) if wheel_speed is None else wheel_speed,
+        imu=Imu(acceleration=np.zeros(3), angular_velocity=np.zeros(3), attitude=np.zeros(3)),
+        touch=np.zeros(5),
+        bumpers=np.zeros(3),
+        buttons=np.zeros(1),
+        temperature=zero,
+        battery=1.0,
+        age=0.0,
+    )
+
+
+def test_in_open_loop_a_measurement_changes_nothing() -> None:
+    control, twin = (WholeBodyController(ROBOT, SETTINGS) for _ in range(2))
+    for c in (control, twin):
+        c.posture.target = MIDDLE + 0.2
+        c.add(PositionTask(ROBOT, "l_wrist"))
+    random = np.random.default_rng(0)
+    for _ in range(100):
+        noise = measured(random.normal(size=JOINTS), random.normal(size=3))
+        assert np.array_equal(control.step(noise).position, twin.step().position)
+
+
+def test_a_constant_tracking_error_is_taken_out_in_closed_loop() -> None:
+    """The robot droops by a constant angle: the reference goes as far beyond the target."""
+    control = closed()
+    droop = np.where(np.arange(JOINTS) % 2, 0.02, -0.03)
+    control.posture.target = MIDDLE + 0.1
+    at = MIDDLE - droop
+    for _ in range(1500):
+        reference = control.step(measured(at))
+        at = reference.position - droop
+    np.testing.assert_allclose(at, MIDDLE + 0.1, atol=1e-6)
+    np.testing.assert_allclose(control.posture.error, 0.0, atol=1e-6)
+
+
+def test_a_hand_that_lags_and_droops_arrives_in_closed_loop() -> None:
+    control = closed()
+    model = RobotModel(ROBOT)
+    task = PositionTask(ROBOT, "l_wrist")
+    control.add(task)
+    target = model.link_pose("l_wrist", MIDDLE)[:3, 3] + [0.05, 0.05, 0.1]
+    task.target = target
+    droop = np.full(JOINTS, 0.01)
+    late = [MIDDLE - droop] * 4
+    for _ in range(1500):
+        late.append(control.step(measured(late[-4])).position - droop)
+        assert control.status.solver == "solved"
+    assert task.reached(0.002)
+    place = model.link_pose("l_wrist", late[-1])[:3, 3]
+    assert np.linalg.norm(place - target) < 0.003
+    reference = model.link_pose("l_wrist", control.position)[:3, 3]
+    assert np.linalg.norm(reference - target) > 0.005
+
+
+def test_the_base_is_where_its_wheels_have_rolled_to() -> None:
+    control = closed()
+    task = FrameTask(ROBOT, "l_wrist")
+    control.add(task)
+    control.step(measured(MIDDLE))
+    twist = np.array([0.1, 0.02, 0.05])
+    for _ in range(100):
+        control.step(measured(MIDDLE, ROBOT.wheels.matrix @ twist))
+    expected = 100 * DT * twist[2]
+    assert control.odometry.pose[2] == pytest.approx(expected)
+    # The hand, held by the measured joints, went with the base: the task sees it.
+    assert np.linalg.norm(task.error[:3]) > 0.1
+    assert np.linalg.norm(task.error[3:]) == pytest.approx(expected, rel=1e-3)
+
+
+def test_limits_hold_for_what_is_sent_wherever_the_robot_says_it_is() -> None:
+    control = closed()
+    random = np.random.default_rng(1)
+    control.posture.stiffness = 200.0
+    for tick in range(2000):
+        if tick % 100 == 0:
+            offset = random.normal(size=JOINTS)
+            control.posture.target = random.uniform(ROBOT.lower, ROBOT.upper)
+        reference = control.step(measured(control.position + offset))
+        assert (reference.position <= ROBOT.upper).all()
+        assert (reference.position >= ROBOT.lower).all()
+        assert (np.abs(reference.velocity) <= VELOCITY + 1e-9).all()
+        assert (np.abs(reference.acceleration) <= ACCELERATION + 1e-9).all()
+
+
+def test_a_measurement_that_is_no_number_brakes() -> None:
+    control = closed()
+    control.posture.target = ROBOT.upper
+    control.add(FrameTask(ROBOT, "l_wrist"))
+    for _ in range(40):
+        reference = control.step(measured(control.position))
+    assert np.abs(reference.velocity).max() > 0.3
+    for _ in range(60):
+        reference = control.step(measured(np.full(JOINTS, np.nan)))
+        assert control.status.solver == "failed"
+        assert np.isfinite(reference.position).all()
+    assert np.abs(reference.velocity).max() < 1e-9
+    for _ in range(5):
+        control.step(measured(control.position))
+    assert control.status.solver == "solved"
