@@ -7,6 +7,13 @@ from pepper_driver.config.errors import (
     UnknownNameError,
     suggestion,
 )
+from pepper_driver.config.motion import (
+    Motion,
+    MotionStep,
+    check_motion,
+    load_motion,
+    motion_names,
+)
 from pepper_driver.config.plant import PlantConfig, draws, load_plant, plant_hash, plant_names
 from pepper_driver.config.recordings import (
     Calibration,
@@ -23,7 +30,13 @@ from pepper_driver.config.scenario import (
     load_scenario,
     scenario_names,
 )
+from pepper_driver.config.self_collision import (
+    Capsule,
+    SelfCollisionSettings,
+    load_self_collision,
+)
 from pepper_driver.config.settings import (
+    ConstraintSwitches,
     ControllerSettings,
     ObserverSettings,
     SafetySettings,
@@ -35,10 +48,14 @@ from pepper_driver.config.world import World, load_world, world_names
 
 __all__ = [
     "Calibration",
+    "Capsule",
     "ConfigError",
+    "ConstraintSwitches",
     "ControllerSettings",
     "HoldStatistics",
     "MissingExtraError",
+    "Motion",
+    "MotionStep",
     "ObserverSettings",
     "PepperError",
     "PlantConfig",
@@ -47,19 +64,24 @@ __all__ = [
     "RobotConfig",
     "SafetySettings",
     "Scenario",
+    "SelfCollisionSettings",
     "TrackingTable",
     "UnknownNameError",
     "World",
+    "check_motion",
     "draws",
     "load_calibration",
     "load_controller_settings",
+    "load_motion",
     "load_observer_settings",
     "load_plant",
     "load_recordings",
     "load_robot",
     "load_safety_settings",
     "load_scenario",
+    "load_self_collision",
     "load_world",
+    "motion_names",
     "plant_hash",
     "plant_names",
     "scenario_names",

@@ -23,6 +23,16 @@ class TaskGains:
 
 
 @dataclass(frozen=True, kw_only=True, config=STRICT)
+class ConstraintSwitches:
+    """Which constraints the controller starts with, beyond the limits of single joints."""
+
+    coupled_limits: bool
+    wheel_speed: bool
+    self_collision: bool
+    balance: bool
+
+
+@dataclass(frozen=True, kw_only=True, config=STRICT)
 class ControllerSettings:
     """Defaults of the whole-body controller; see ``controller.yaml`` for the meaning of each.
 
@@ -31,6 +41,7 @@ class ControllerSettings:
 
     solver: str
     feedback: Literal["none", "joints"]
+    feedback_time: Positive
     posture: TaskGains
     base: TaskGains
     regularisation: Positive
@@ -40,6 +51,7 @@ class ControllerSettings:
     jerk_limit: dict[str, Positive] | None
     position_limit: Literal["braking", "damper"]
     position_margin: NotNegative
+    constraints: ConstraintSwitches
 
     def joint_velocity(self, robot: RobotConfig) -> FloatArray:
         """(17,) the joint speeds in force [rad/s]: the safe table, or the robot's own limits."""

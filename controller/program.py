@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -39,6 +40,16 @@ class Answer(NamedTuple):
     outcome: Outcome
 
 
+@dataclass(slots=True)
+class Slot:
+    """Where a task stands: its rows, (20,) what may move for it, and the gains that its rows have by now."""
+
+    task: Task
+    rows: slice
+    columns: FloatArray
+    gains: Gains | None = None
+
+
 class Program:
     """Stacks the tasks' rows in one matrix, so that the cost is one product; nothing else is allocated in a cycle.
 
@@ -62,8 +73,7 @@ class Program:
         self._weight, self._weighted = np.zeros((2, count, nv))
         self._error, self._rate, self._bias, self._wanted = np.zeros((4, count))
         self._stiffness, self._damping, self._damped = np.zeros((3, count))
-        self._slots: list[tuple[Task, slice, FloatArray]] = []
-        self._gains: list[Gains | None] = [None] * len(tasks)
+        self._slots: list[Slot] = []
         self._stale = True
         start = 0
         for task in tasks:
@@ -72,19 +82,21 @@ class Program:
             if model is not None:
                 arrays = (self._jacobian, self._error, self._rate, self._bias, self._wanted)
                 task.attach(model, TaskRows(*(array[rows] for array in arrays)))
-                self._slots.append((task, rows, task.columns(model)))
-        if all(columns.all() for _, _, columns in self._slots):
+                self._slots.append(Slot(task, rows, task.columns(model)))
+        if all(slot.columns.all() for slot in self._slots):
             self._masked = self._jacobian
 
     def assemble(self, model: RobotModel, dt: float) -> None:
         """Evaluate all tasks at the model's state and form the cost."""
-        for number, (task, rows, columns) in enumerate(self._slots):
+        driven = []
+        for slot in self._slots:
+            task = slot.task
             if task.driven:
+                driven.append(task)
                 task.advance(model, dt)
             task.measure(model)
-            if task.gains is not self._gains[number]:
-                self._take_gains(number, task.gains, rows, columns)
-                self._stale = True
+            if task.gains is not slot.gains:
+                self._take_gains(slot)
         wanted, damped, weighted = self._wanted, self._damped, self._weighted
         H, g, v, rate = self.hessian, self.gradient, model.v, self._rate
         # Positional outputs and methods: NumPy's quickest ways to say these things.
@@ -93,9 +105,8 @@ class Program:
         multiply(self._damping, rate, damped)
         wanted -= damped
         wanted -= self._bias
-        for task, _, _ in self._slots:
-            if task.driven:
-                task.refer()
+        for task in driven:
+            task.refer()
         # Two arrays, J and W J: as one times itself the product would take the slower way of symmetric ones.
         masked = self._masked
         if masked is not self._jacobian:
@@ -109,11 +120,13 @@ class Program:
         multiply(self._resting, v, self._rest)
         np.subtract(self._rest, g, g)
 
-    def _take_gains(self, number: int, gains: Gains, rows: slice, columns: FloatArray) -> None:
-        self._gains[number] = gains
+    def _take_gains(self, slot: Slot) -> None:
+        gains, rows = slot.task.gains, slot.rows
+        slot.gains = gains
         self._stiffness[rows], self._damping[rows] = gains.stiffness, gains.damping
         self._weight[rows] = gains.weight[:, None]
-        self._mask[rows] = columns
+        self._mask[rows] = slot.columns
+        self._stale = True
 
     def _regularise(self) -> None:
         """A share of each variable's own cost is to be added to it; what no task asks for comes to rest.
@@ -193,4 +206,4 @@ class Program:
         """Every task with what (20,) accelerations miss of its rows and what that costs, in the last cycle's rows."""
         missed = self._masked @ acceleration - self._wanted
         price = self._weight[:, 0] * missed**2
-        return [(task, missed[rows], float(price[rows].sum())) for task, rows, _ in self._slots]
+        return [(s.task, missed[s.rows], float(price[s.rows].sum())) for s in self._slots]

@@ -42,8 +42,11 @@ class Odometry:
         self.twist: FloatArray = np.zeros(3)
 
     def update(self, wheel_speed: FloatArray, dt: float) -> None:
-        """Roll on for one cycle [s] at (3,) wheel speeds [rad/s], along an arc."""
-        self.twist = self._wheel_to_twist @ wheel_speed
+        """Roll on for one cycle [s] at (3,) wheel speeds [rad/s], along an arc; stay if they are not finite."""
+        twist = self._wheel_to_twist @ wheel_speed
+        if not np.isfinite(twist).all():
+            return
+        self.twist = twist
         vx, vy, wz = self.twist.tolist()
         x, y, heading = self.pose.tolist()
         turn = wz * dt

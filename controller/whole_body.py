@@ -9,7 +9,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from pepper_driver.backends.interface import Measurement
 from pepper_driver.config import ControllerSettings, RobotConfig, load_controller_settings
-from pepper_driver.controller.constraints import AccelerationBox, Constraint, Rows, Stopping
+from pepper_driver.controller.constraints import (
+    AccelerationBox,
+    Constraint,
+    Rows,
+    Stopping,
+    standard_constraints,
+)
 from pepper_driver.controller.model import BASE, LoadTorque, RobotModel
 from pepper_driver.controller.program import Outcome, Program
 from pepper_driver.controller.reference import Reference
@@ -29,7 +35,8 @@ class WholeBodyController:
     constraints; the accelerations are integrated, q+ = q + v dt + a dt^2 / 2 and v+ = v + a dt. With ``feedback: none``
     the state is the controller's own: no measurement enters it, so that the tracking error keeps the whole effect of a
     touch (the paper's controller runs in the same way). With ``feedback: joints`` tasks and constraints are evaluated
-    where the robot measures itself to be, and the accelerations still integrated on the controller's own state.
+    where the robot measures itself to be once it has settled, and the accelerations are still integrated on the
+    controller's own state.
 
     Args:
         robot: Its description.
@@ -57,7 +64,11 @@ class WholeBodyController:
         self._robot = robot
         self._dt = dt if dt is not None else robot.cycle
         self._feedback = settings.feedback == "joints"
+        self._smoothing = min(1.0, self._dt / settings.feedback_time)
+        self._jerk_limited = settings.jerk_limit is not None
         self.model = RobotModel(robot)
+        # Small arrays are quicker to multiply by arrays of their shape than by numbers.
+        self._cycle, self._half = np.full(self.model.nv, self._dt), np.full(self.model.nv, 0.5)
         self._box = AccelerationBox(robot, settings, self.model, self._dt)
         self._stopping = Stopping(self._box.acceleration_limit, self._dt)
         self._solver = make_solver(settings.solver)
@@ -70,7 +81,7 @@ class WholeBodyController:
             stiffness=settings.base.stiffness, weight=settings.base.weight
         )
         self._tasks: list[Task] = [self.posture, self.base_velocity]
-        self._constraints: list[Constraint] = []
+        self._constraints = standard_constraints(robot, settings)
         self._lay_out()
         self.reset((robot.lower + robot.upper) / 2)
 
@@ -126,6 +137,7 @@ class WholeBodyController:
         self._q = self._before = self.model.configuration(position)
         self._v = np.zeros(self.model.nv)
         self._acceleration = np.zeros(self.model.nv)
+        self._tracking_error = np.zeros(len(position))
         self._outcome: Outcome = "solved"
         self._active: list[tuple[Constraint, Rows]] = []
         self.model.set_state(self._q, self._v)
@@ -191,7 +203,9 @@ class WholeBodyController:
 
     # -- one cycle ----------------------------------------------------------------------------------------------
 
-    def step(self, measurement: Measurement | None = None) -> Reference:
+    def step(
+        self, measurement: Measurement | None = None, answered: FloatArray | None = None
+    ) -> Reference:
         """Solve and integrate one cycle.
 
         Never raises for what tasks want or constraints forbid: rows that cannot all be kept are relaxed in the order
@@ -199,6 +213,7 @@ class WholeBodyController:
 
         Args:
             measurement: What the robot measured: for odometry, and for tasks if ``feedback`` says so.
+            answered: (17,) positions of the command that this measurement answers [rad]; by default the last ones.
 
         Returns:
             Position, velocity, acceleration and load torque at the end of the cycle, all of that one instant.
@@ -209,13 +224,13 @@ class WholeBodyController:
         if measurement is not None:
             self.odometry.update(measurement.wheel_speed, dt)
             if self._feedback:
-                measured = model.with_joint_position(q, measurement.position)
-                model.set_state(model.with_base_pose(measured, self.odometry.pose), v)
+                model.set_state(self._measured(q, measurement, answered), v)
         acceleration = self._solve(q, v)
         self._acceleration = acceleration
-        change = acceleration * dt
-        displacement = v + change * 0.5
-        displacement *= dt
+        change = acceleration * self._cycle
+        displacement = change * self._half
+        displacement += v
+        displacement *= self._cycle
         self._q = q = model.integrate(q, displacement)
         self._v = v = v + change
         model.set_state(q, v)
@@ -242,11 +257,33 @@ class WholeBodyController:
                 self._active.append((constraint, rows))
         groups = [(constraint.rank, rows) for constraint, rows in self._active]
         answer = program.solve(self._solver, box.lower, box.upper, groups)
+        if answer.outcome != "solved" and self._jerk_limited:
+            # Joints that may not brake at once cannot keep what they share: jerk matters less than that.
+            box.update(q, v, self._acceleration, jerk=False)
+            answer = program.solve(self._solver, box.lower, box.upper, groups)
         self._outcome = answer.outcome
         if answer.outcome in ("solved", "relaxed"):
             return answer.acceleration
         braking: FloatArray = np.minimum(np.maximum(-v / self._dt, box.lower), box.upper)
         return braking
+
+    def _measured(
+        self, q: FloatArray, measurement: Measurement, answered: FloatArray | None
+    ) -> FloatArray:
+        """The configuration that tasks see in closed loop: the controller's own less the robot's tracking error.
+
+        Each measurement is held against the command that it answers, so that the transport between them is no error,
+        and the error is smoothed: what acceleration and lag do to it would come back as a poorly damped motion. At
+        rest this is the measured configuration. The base is where odometry has it.
+        """
+        model = self.model
+        position = model.joints_of_configuration(q)
+        error = (position if answered is None else answered) - measurement.position
+        if np.isfinite(error).all():  # the safety gate stops a robot that measures nothing
+            change = self._smoothing * (error - self._tracking_error)
+            self._tracking_error = self._tracking_error + change
+        shifted = model.with_joint_position(q, position - self._tracking_error)
+        return model.with_base_pose(shifted, self.odometry.pose)
 
     def _lay_out(self) -> None:
         """Give all tasks their rows."""

@@ -171,7 +171,7 @@ class Loop:
                 for reflex in self._reflexes:
                     reflex.step(observation, measurement, self.control)
             marks.append(perf_counter_ns())
-            reference = self._reference(measurement)
+            reference = self._reference(measurement, answered.command)
             marks.append(perf_counter_ns())
             self._send(reference, measurement, answered.command)
             marks.append(perf_counter_ns())
@@ -193,7 +193,7 @@ class Loop:
         self.times.add(marks)
         return tick
 
-    def _reference(self, measurement: Measurement) -> Reference:
+    def _reference(self, measurement: Measurement, answered: Command) -> Reference:
         """What the controller wants, for the user's posture or the one a reflex has put in its place."""
         control, task = self.control, self._controller.posture
         held = control.posture
@@ -207,7 +207,7 @@ class Loop:
             self._wanted = wanted.copy()
         stiffness = control.posture_stiffness
         task.stiffness = self.posture_stiffness if stiffness is None else stiffness
-        return self._controller.step(measurement)
+        return self._controller.step(measurement, answered.position)
 
     def _send(self, reference: Reference, measurement: Measurement, answered: Command) -> None:
         """Pass a reference through the gate; the result is the command of the next cycle."""

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import ExitStack
+from itertools import count
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Literal, Self
@@ -21,15 +22,20 @@ from pepper_driver.callbacks import (
 )
 from pepper_driver.config import (
     ControllerSettings,
+    Motion,
     RobotConfig,
     load_controller_settings,
+    load_motion,
     load_robot,
     load_safety_settings,
 )
+from pepper_driver.config.motion import LONGEST
 from pepper_driver.config.parts import FloatArray
-from pepper_driver.controller import GainError, Tick, WholeBodyController
+from pepper_driver.controller import GainError, TargetError, Tick, WholeBodyController
 from pepper_driver.log import LogWriter, run_metadata
 from pepper_driver.loop import Loop, StageTimes
+from pepper_driver.motion import OnStep, Player
+from pepper_driver.motion_report import MotionReport
 from pepper_driver.observer import Contact, Observation, Observer
 from pepper_driver.observer.contact import Kind, Phase
 from pepper_driver.reflexes import Reflex
@@ -214,9 +220,9 @@ class Pepper:
         """
         loop = self._active()
         target = loop.control.controller.posture.checked(self._resolve(posture, loop.target))
-        if stiffness is not None:
-            if not (np.isfinite(stiffness) and stiffness > 0):  # at 0 nothing would stop a joint
-                raise GainError("stiffness", stiffness, "a finite number above 0")
+        # At 0 nothing would stop a joint.
+        if stiffness is not None and not (np.isfinite(stiffness) and stiffness > 0):
+            raise GainError("stiffness", stiffness, "a finite number above 0")
         if duration is not None and not (np.isfinite(duration) and 0 < duration <= LONGEST):
             raise TargetError(
                 f"a duration is a time above 0 s and up to {LONGEST:g} s, got {duration!r}"
@@ -226,35 +232,64 @@ class Pepper:
         loop.move_to(target, duration)
 
     def run(
-        self, seconds: float, *, on_tick: Callable[[Tick, Observation | None], None] | None = None
-    ) -> None:
+        self,
+        seconds: float,
+        *,
+        on_tick: Callable[[Tick, Observation | None], None] | None = None,
+        until: Callable[[], bool] | None = None,
+    ) -> bool:
         """Run for a time, then wait until the callbacks so far have been handled.
 
         Args:
             seconds: How long [s]; as fast as it goes in a simulation that is not paced.
             on_tick: Called inside every tick: must be quick.
+            until: Asked after every tick, such as ``lambda: task.reached(0.005)``; True ends the run early.
+
+        Returns:
+            Whether ``until`` ended it.
 
         Raises:
             FaultError: The safety gate stopped the robot.
         """
         if not (np.isfinite(seconds) and seconds >= 0):
             raise ValueError(f"seconds must be a time that is not negative, got {seconds}")
+        ticks = range(round(seconds / self.config.cycle))
+        return self._run(ticks, on_tick, None if until is None else lambda _: until())
+
+    def play(
+        self,
+        motion: Motion | str | Path,
+        *,
+        on_step: OnStep | None = None,
+        on_tick: Callable[[Tick, Observation | None], None] | None = None,
+    ) -> MotionReport:
+        """Play a motion to its end, then wait until the callbacks so far have been handled.
+
+        However it ends, its tasks are gone, the base is at rest, and the posture is where the motion ended or was
+        broken off. While a reflex holds the posture, the motion waits.
+
+        Args:
+            motion: A motion, the name of a shipped one, or a path that ends in ``.yaml``.
+            on_step: Called with each step's report as it ends, inside the tick: must be quick.
+            on_tick: Called inside every tick: must be quick.
+
+        Returns:
+            What each step reached.
+
+        Raises:
+            PepperError: The motion is wrong; nothing moves.
+            FaultError: The safety gate stopped the robot.
+        """
         loop = self._active()
-        if on_tick is not None:
-            self._listeners.append(on_tick)
-        cycle = self.config.cycle
-        deadline = time.perf_counter()
+        if not isinstance(motion, Motion):
+            motion = load_motion(motion, self.config)
+        player = Player(motion, self.config, loop, on_step=on_step)
         try:
-            for _ in range(round(seconds / cycle)):
-                loop.tick()
-                if self._paced:
-                    deadline += cycle
-                    time.sleep(max(0.0, deadline - time.perf_counter()))
+            player.begin()
+            self._run(count(), on_tick, lambda tick: player.advance(tick.measurement))
         finally:
-            if on_tick is not None:
-                self._listeners.remove(on_tick)
-        if self._dispatcher is not None:
-            self._dispatcher.flush(timeout=CALLBACK_TIME)
+            player.end()
+        return player.report
 
     def emergency_stop(self) -> None:
         """Hold the joints and stop the wheels from the next tick on; only a new start leaves this state."""
@@ -342,6 +377,34 @@ class Pepper:
         return self._active().control.controller
 
     # -- inside -------------------------------------------------------------------------------------------------
+
+    def _run(
+        self,
+        ticks: Iterable[int],
+        on_tick: Callable[[Tick, Observation | None], None] | None,
+        until: Callable[[Tick], bool] | None,
+    ) -> bool:
+        """Tick, paced if need be; True when ``until``, asked after every tick, ended it."""
+        loop, cycle = self._active(), self.config.cycle
+        ended = False
+        if on_tick is not None:
+            self._listeners.append(on_tick)
+        deadline = time.perf_counter()
+        try:
+            for _ in ticks:
+                tick = loop.tick()
+                ended = until is not None and until(tick)
+                if ended:
+                    break
+                if self._paced:
+                    deadline += cycle
+                    time.sleep(max(0.0, deadline - time.perf_counter()))
+        finally:
+            if on_tick is not None:
+                self._listeners.remove(on_tick)
+        if self._dispatcher is not None:
+            self._dispatcher.flush(timeout=CALLBACK_TIME)
+        return ended
 
     def _active(self) -> Loop:
         if self._loop is None:

@@ -69,12 +69,14 @@ class AccelerationBox:
         self._position_limit: BrakingDistance | VelocityDamper = (
             BrakingDistance(self._low, self._high, self.acceleration_limit, dt)
             if settings.position_limit == "braking"
-            else VelocityDamper(self._low, self._high)
+            else VelocityDamper(self._low, self._high, self._velocity)
         )
         # Arrays of 40 hold the upper sides, then the lower sides mirrored, so that one formula serves both. They are
         # contiguous and of one shape: that is what makes small NumPy operations quick.
         nv = model.nv
-        self._position, self._v, self._before = np.zeros((3, nv))
+        self._state, self._before = np.zeros(2 * nv), np.zeros(nv)
+        self._position, self._v = self._state[:nv], self._state[nv:]
+        self._joints = self._position[BASE:]
         self._mirrored, self._bounds, self._other = np.zeros((3, 2 * nv))
         self._mirrored_low, self._bounds_low = self._mirrored[nv:], self._bounds[nv:]
         self._other_high, self._other_low = self._other[:nv], self._other[nv:]
@@ -83,26 +85,29 @@ class AccelerationBox:
         self._rate_40 = np.full(2 * nv, 1.0 / dt)
         self.upper, self.lower = self._bounds[:nv], np.zeros(nv)
 
-    def update(self, q: FloatArray, v: FloatArray, before: FloatArray) -> None:
+    def update(
+        self, q: FloatArray, v: FloatArray, before: FloatArray, *, jerk: bool = True
+    ) -> None:
         """Compute the box for a state of the model.
 
         Args:
             q: Configuration of the model.
             v: (20,) velocity.
             before: (20,) acceleration of the cycle before; only the jerk limit asks for it.
+            jerk: Whether to keep the jerk limit, if there is one.
         """
         mirrored, bounds, other, nv = self._mirrored, self._bounds, self._other, len(v)
-        self._position[BASE:] = q[BASE - nv :]
-        self._v, self._before = v, before
-        mirrored[:nv] = v
+        self._joints[...] = q[BASE - nv :]
+        self._v[...] = mirrored[:nv] = v
+        self._before = before
         np.negative(v, self._mirrored_low)
         # Velocities after this cycle first, from accelerations at the end.
         np.add(mirrored, self._step_40, bounds)
-        if self._jerk_step is not None:
+        if jerk and self._jerk_step is not None:
             self._limit_jerk(before)
         np.minimum(bounds, self._velocity_40, out=bounds)
         np.maximum(bounds, self._against_velocity, out=bounds)
-        reach = self._position_limit.highest_velocity(self._position, v)
+        reach = self._position_limit.highest_velocity(self._state)
         np.minimum(bounds, reach, out=bounds)
         np.negative(reach[nv:], self._other_high)
         np.negative(reach[:nv], self._other_low)

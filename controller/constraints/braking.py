@@ -52,17 +52,17 @@ class BrakingDistance:
         constant = np.concatenate([upper, -lower]) / (1.5 * dt)
         self._matrix = np.concatenate([w, 3 * step[:, None] * w])
         self._constant = np.concatenate([constant, 3 * step * constant - 0.75 * step**2])
-        self._state = np.zeros(2 * n)
-        self._position, self._velocity = self._state[:n], self._state[n:]
         self._result = np.zeros(4 * n)
         self._w, self._stop = self._result[: 2 * n], self._result[2 * n :]
 
-    def highest_velocity(self, position: FloatArray, velocity: FloatArray) -> FloatArray:
-        """(2 n,) velocity after this cycle towards the upper, then towards the lower limits [rad/s]."""
+    def highest_velocity(self, state: FloatArray) -> FloatArray:
+        """(2 n,) velocity after this cycle towards the upper, then towards the lower limits [rad/s].
+
+        Args:
+            state: (2 n,) positions [rad], then velocities [rad/s].
+        """
         w, stop, floor = self._w, self._stop, self._floor
-        self._position[:] = position
-        self._velocity[:] = velocity
-        self._matrix.dot(self._state, self._result)
+        self._matrix.dot(state, self._result)
         self._result += self._constant
         np.maximum(stop, self._least, out=stop)
         np.sqrt(stop, stop)

@@ -6,7 +6,8 @@ joint enters that zone at speed |v|: xi = |(d_i - d_s) / (d - d_s) v| + xi_off (
 side is damped at a time, the lower one first.
 
 At 12 ms this is not safe at the speeds of Pepper's URDF: a joint can cross the zone in one cycle, and the discrete gain
-exceeds 1. It is here for parity; ``braking.py`` is the default.
+exceeds 1. It is here for parity; ``braking.py`` is the default. One thing differs from those controllers: it asks for
+no more than the velocity limit, else a joint thrown over its limit comes back faster each time, without end.
 """
 
 from __future__ import annotations
@@ -29,17 +30,23 @@ class VelocityDamper:
     Args:
         lower: (n,) limits [rad].
         upper: (n,) limits [rad].
+        speed: (n,) velocity limits [rad/s].
     """
 
-    def __init__(self, lower: FloatArray, upper: FloatArray) -> None:
-        self._lower, self._upper = lower, upper
+    def __init__(self, lower: FloatArray, upper: FloatArray, speed: FloatArray) -> None:
+        self._lower, self._upper, self._least = lower, upper, -speed
         self._interaction = INTERACTION_SHARE * (upper - lower)
         self._security = SECURITY_SHARE * (upper - lower)
         self._width = self._interaction - self._security
         self._xi = np.zeros((2, len(lower)))  # 0 outside the zone
 
-    def highest_velocity(self, position: FloatArray, velocity: FloatArray) -> FloatArray:
-        """(2 n,) velocity after this cycle towards the upper, then towards the lower limits [rad/s]."""
+    def highest_velocity(self, state: FloatArray) -> FloatArray:
+        """(2 n,) velocity after this cycle towards the upper, then towards the lower limits [rad/s].
+
+        Args:
+            state: (2 n,) positions [rad], then velocities [rad/s].
+        """
+        position, velocity = state[: len(self._lower)], state[len(self._lower) :]
         distance = np.stack([self._upper - position, position - self._lower])
         inside = distance < self._interaction
         inside[0] &= ~inside[1]
@@ -50,4 +57,5 @@ class VelocityDamper:
         xi = np.abs(self._width / ahead * velocity) + OFFSET
         self._xi = np.where(inside, np.where(entered, xi, self._xi), 0.0)
         limit = np.where(inside, self._xi * beyond / self._width, np.inf)
+        np.maximum(limit, self._least, out=limit)
         return limit.ravel()

@@ -30,11 +30,13 @@ class Stopping:
 
     Attributes:
         dt: Cycle [s].
+        acceleration: (20,) limits [m/s2], [rad/s2].
         brake: (20,) deceleration it is reckoned with [m/s2], [rad/s2].
     """
 
     def __init__(self, acceleration: FloatArray, dt: float) -> None:
         self.dt = dt
+        self.acceleration = acceleration
         self.brake: FloatArray = BRAKE_SHARE * acceleration
         self._velocity = np.zeros(len(acceleration))
         self._displacement: FloatArray | None = None

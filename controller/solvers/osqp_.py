@@ -1,7 +1,8 @@
 """OSQP through its own interface: set up once, then updated and warm started.
 
-Its default accuracy of 1e-3 shows in the load torque of the small joints and depends on the unit of the weights; 1e-8
-costs little time. Polishing prints to the terminal and can return wrong points, so it stays off.
+Its default accuracy of 1e-3 shows in the load torque of the small joints and depends on the unit of the weights; 1e-10
+costs little time. Part of it is relative to the largest variable: at 1e-8 a small one has missed its bound by more than
+is allowed. Polishing prints to the terminal and can return wrong points, so it stays off.
 """
 
 from __future__ import annotations
@@ -15,8 +16,13 @@ from pepper_driver.controller.solvers.solver import NO_BOUNDS, NO_ROWS, Solution
 
 FloatArray = NDArray[np.float64]
 
-ACCURACY = 1e-8
-MAX_ITERATIONS = 4000
+ACCURACY = 1e-10
+
+MAX_ITERATIONS = 10000
+"""Wrists, centre of mass and base together have been seen to need 6100; this many can take longer than a cycle."""
+
+RHO_TOLERANCE = 2.0
+"""By what factor the step size may be off before it is adapted; with OSQP's own 5 some cycles took twice as long."""
 
 SMALLEST = 1e-6
 """Of the largest diagonal entry of the cost: what smaller ones are scaled as."""
@@ -102,6 +108,7 @@ class OsqpSolver:
             eps_abs=ACCURACY,
             eps_rel=ACCURACY,
             max_iter=MAX_ITERATIONS,
+            adaptive_rho_tolerance=RHO_TOLERANCE,
             warm_starting=True,
             polishing=False,
             verbose=False,

@@ -3,8 +3,11 @@
 from pepper_driver.controller.tasks.base_pose import BasePoseTask
 from pepper_driver.controller.tasks.base_velocity import BaseVelocityTask
 from pepper_driver.controller.tasks.com import ComTask
+from pepper_driver.controller.tasks.compliance import ComplianceTask
 from pepper_driver.controller.tasks.frame import FrameTask, OrientationTask, PositionTask
 from pepper_driver.controller.tasks.hand import HandTask
+from pepper_driver.controller.tasks.look_at import LookAtTask
+from pepper_driver.controller.tasks.momentum import MomentumTask
 from pepper_driver.controller.tasks.posture import PostureTask
 from pepper_driver.controller.tasks.task import Task
 
@@ -12,8 +15,11 @@ __all__ = [
     "BasePoseTask",
     "BaseVelocityTask",
     "ComTask",
+    "ComplianceTask",
     "FrameTask",
     "HandTask",
+    "LookAtTask",
+    "MomentumTask",
     "OrientationTask",
     "PositionTask",
     "PostureTask",

@@ -70,11 +70,11 @@ class ComTask(Task):
             # The base is a rigid body here: joints alone move the centre of mass in it.
             self._jacobian[:, BASE:] = _rotation_world_to_base(model) @ full[:, BASE:]
         else:
-            self._jacobian[:] = full
+            self._jacobian[...] = full
         if self._target is None:
             self._target = position.copy()
         np.subtract(self._target, position, self._error)
-        self._bias[:] = bias
+        self._bias[...] = bias
 
     def _plan(
         self, model: RobotModel, targets: list[FloatArray], durations: list[float], dt: float

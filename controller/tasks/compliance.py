@@ -8,10 +8,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pepper_driver.config import RobotConfig
-from pepper_driver.controller.errors import GainError, TargetError
+from pepper_driver.controller.errors import GainError
 from pepper_driver.controller.model import RobotModel
 from pepper_driver.controller.tasks.posture import PostureTask
-from pepper_driver.controller.tasks.task import Task, finite_vector
+from pepper_driver.controller.tasks.task import finite_vector
 
 FloatArray = NDArray[np.float64]
 
@@ -114,7 +114,7 @@ class ComplianceTask(PostureTask):
 
     def _update_driven(self) -> None:
         super()._update_driven()
-        self._driven = self._driven or self._push is not None
+        self.driven = self.driven or self._push is not None
 
     def _follow(self, target: FloatArray) -> None:
         super()._follow(target)

@@ -240,7 +240,7 @@ class FrameTask(_FrameTask):
 
     def _follow(self, target: FloatArray) -> None:
         self._target = target
-        self._place, self._turn = target[:3, 3].copy(), target[:3, :3].copy()
+        self._place, self._back = target[:3, 3].copy(), target[:3, :3].T.copy()
 
     def measure(self, model: RobotModel) -> None:
         """The error is the way to the target [m], then the rotation vector to it [rad]."""
@@ -249,8 +249,9 @@ class FrameTask(_FrameTask):
         if self._target is None:
             self._follow(_pose(motion.position, motion.rotation))
         np.subtract(self._place, motion.position, self._way_left)
-        self._turn_left[:] = pin.log3(self._turn.dot(motion.rotation.T))
-        self._jacobian[:], self._bias[:] = motion.jacobian, motion.bias
+        np.negative(pin.log3(motion.rotation.dot(self._back)), self._turn_left)
+        self._jacobian[...] = motion.jacobian
+        self._bias[...] = motion.bias
 
     def _plan(
         self, model: RobotModel, targets: list[FloatArray], durations: list[float], dt: float

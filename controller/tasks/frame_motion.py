@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import numpy as np
+import pinocchio as pin
 from numpy.typing import NDArray
 
 from pepper_driver.controller.model import BodyFrame, RobotModel
 
 FloatArray = NDArray[np.float64]
+
+OWN_AXES = pin.ReferenceFrame.LOCAL
 
 
 class FrameMotion:
@@ -38,6 +41,10 @@ class FrameMotion:
         self._carrier = model.data.oMi[frame.joint]
         self.position, self.rotation = self._carrier.translation, self._carrier.rotation
         self._at_joint = at_joint
+        self._turned, self._turned_bias = np.zeros((6, model.nv)), np.zeros(6)
+        self._shift = -np.eye(
+            6
+        )  # what the motion of the origin takes away; the way is written in each time
 
     def update(self, model: RobotModel) -> None:
         """Evaluate at the model's state, whose kinematics must have been computed."""
@@ -51,38 +58,45 @@ class FrameMotion:
     def _turn_to(self, model: RobotModel, origin: BodyFrame) -> None:
         """From the world to a frame that moves itself.
 
-        With w its angular velocity, d the way from its origin: v = R' (v - v_0 - w x d), and for the bias
-        R' (a - a_0 - dw/dt x d - w x (w x d) - 2 w x (R v)); angular R' (W - w), R' (dW/dt - dw/dt - w x W).
+        All in that frame's axes: with w its angular velocity, d the way from its origin and l = v - v_0 - w x d the
+        velocity seen from it, the bias is a - a_0 - dw/dt x d - w x (w x d + 2 l); angular dW/dt - dw/dt - w x W.
         """
         pose = model.pose(origin)
         back = pose.rotation.T
-        bias, jacobian = model.bias(origin), model.jacobian(origin)
-        own, velocity = self.jacobian @ model.v, jacobian @ model.v
-        way = self.position - pose.translation
-        w = velocity[3:]
-        linear = own[:3] - velocity[:3] - _cross(w, way)
-        self.bias = np.concatenate(
-            [
-                back
-                @ (
-                    self.bias[:3]
-                    - bias[:3]
-                    - _cross(bias[3:], way)
-                    - _cross(w, _cross(w, way))
-                    - 2.0 * _cross(w, linear)
-                ),
-                back @ (self.bias[3:] - bias[3:] - _cross(w, own[3:])),
-            ]
-        )
+        of_origin = (model.pin, model.data, origin.joint, origin.placement, OWN_AXES)
+        frame, bias, jacobian = self.jacobian, self._turned_bias, self._turned
+        back.dot(frame[:3], jacobian[:3])
+        back.dot(frame[3:], jacobian[3:])
+        way = back.dot(self.position - pose.translation)
         x, y, z = way.tolist()
-        skew = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-        difference = self.jacobian - jacobian
-        difference[:3] += skew @ jacobian[3:]
-        self.jacobian = np.concatenate([back @ difference[:3], back @ difference[3:]])
-        self.position, self.rotation = back @ way, back @ self.rotation
+        shift = self._shift
+        shift[0, 4], shift[0, 5], shift[1, 3] = -z, y, z
+        shift[1, 5], shift[2, 3], shift[2, 4] = -x, -y, x
+        own = pin.getFrameJacobian(*of_origin)
+        jacobian += shift.dot(own)
+        lx, ly, lz, rx, ry, rz = jacobian.dot(model.v).tolist()
+        wx, wy, wz = own[3:].dot(model.v).tolist()
+        ux, uy, uz = (
+            wy * z - wz * y + 2.0 * lx,
+            wz * x - wx * z + 2.0 * ly,
+            wx * y - wy * x + 2.0 * lz,
+        )
+        bias[...] = (
+            wz * uy - wy * uz,
+            wx * uz - wz * ux,
+            wy * ux - wx * uy,
+            wz * ry - wy * rz,
+            wx * rz - wz * rx,
+            wy * rx - wx * ry,
+        )
+        bias += shift.dot(pin.getFrameClassicalAcceleration(*of_origin).vector)
+        bias[:3] += back.dot(self.bias[:3])
+        bias[3:] += back.dot(self.bias[3:])
+        self.jacobian, self.bias = jacobian, bias
+        self.position, self.rotation = way, back.dot(self.rotation)
 
 
-def _cross(a: FloatArray, b: FloatArray) -> FloatArray:
+def cross(a: FloatArray, b: FloatArray) -> FloatArray:
     """Vector product of (3,) vectors, without the overhead of NumPy's."""
     (a0, a1, a2), (b0, b1, b2) = a.tolist(), b.tolist()
     return np.array([a1 * b2 - a2 * b1, a2 * b0 - a0 * b2, a0 * b1 - a1 * b0])

@@ -46,9 +46,9 @@ class HandTask(PostureTask):
         hand = self.joints[0]
         if isinstance(target, Mapping):
             return super()._checked_after(before, target)
-        single = isinstance(target, Real) or (isinstance(target, np.ndarray) and not target.ndim)
-        number = [target] if single else target
-        value = finite_vector(f"the aperture of {hand}", number, 1)
+        single = isinstance(target, Real) or (isinstance(target, np.ndarray) and target.ndim == 0)
+        aperture = np.array([target]) if single else target
+        value = finite_vector(f"the aperture of {hand}", aperture, 1)
         if not 0.0 <= value[0] <= 1.0:
             raise TargetError(
                 f"{hand} cannot open to {value[0]:.4g}: 0 is closed, 1 is open",

@@ -23,7 +23,7 @@ class LagTask(Task):
 
     def _update_gains(self) -> None:
         super()._update_gains()
-        self._gains = replace(self._gains, stiffness=0.0)
+        self.gains = replace(self.gains, stiffness=0.0)
 
     @property
     def error(self) -> FloatArray:

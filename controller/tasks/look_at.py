@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from math import atan2, sqrt
+from math import atan2, hypot
 
 import numpy as np
+import pinocchio as pin
 from numpy.typing import ArrayLike, NDArray
 
 from pepper_driver.config import RobotConfig, UnknownNameError
 from pepper_driver.controller.errors import TargetError
-from pepper_driver.controller.model import RobotModel
-from pepper_driver.controller.tasks.task import Task, TaskRows, finite_vector
+from pepper_driver.controller.model import BodyFrame, RobotModel
+from pepper_driver.controller.tasks.frame_motion import OWN_AXES, cross
+from pepper_driver.controller.tasks.task import Target, Task, TaskRows, finite_vector
 from pepper_driver.controller.trajectory import Trajectory, vector_trajectory
 
 FloatArray = NDArray[np.float64]
@@ -21,6 +23,10 @@ NEAREST = 0.05
 
 AHEAD = 1.0
 """[m] How far ahead a link looks that was given nothing to look at."""
+
+
+TINY = 1e-12
+"""Sine of an angle that no float tells from 0."""
 
 
 class LookAtTask(Task):
@@ -38,7 +44,8 @@ class LookAtTask(Task):
         eye: (3,) point of the link where the line of sight starts [m], by default the link's origin.
         target_link: Link of the robot that the target belongs to: look at your own hand; None for the world, which is
             where the base started.
-        joints: What may move for it, by default all joints; ``("HeadYaw", "HeadPitch")`` for the head alone.
+        joints: What may move for it, by default all joints; ``("HeadYaw", "HeadPitch")`` for the head alone, which
+            answers what the other joints do by its spring: a little late while they speed up or slow down.
         base: Whether the base may move for it too.
         stiffness: [1/s2].
         weight: In the cost.
@@ -70,17 +77,15 @@ class LookAtTask(Task):
             raise TargetError(f"{link} cannot look at a point of its own")
         label = f"look-at {link}" + (f" at {target_link}" if target_link is not None else "")
         super().__init__(2, stiffness=stiffness, weight=weight, name=name or label)
-        self._axis = finite_vector(f"the axis of {self.name}", axis, 3)
-        length = float(np.linalg.norm(self._axis))
-        if length < 1e-6:
-            raise TargetError(f"the axis of {self.name} has no direction: {self._axis.tolist()}")
-        self._axis /= length
-        self._across = _across(self._axis)
+        line = finite_vector(f"the axis of {self.name}", axis, 3)
+        if np.linalg.norm(line) < 1e-6:
+            raise TargetError(f"the axis of {self.name} has no direction: {line.tolist()}")
+        self._axes = _axes_about(line)
+        self._lines = np.eye(2, 6, 3)  # from the eye's velocity and angular velocity to the rows
         self._link, self._target_link = link, target_link
         self._eye = None if eye is None else finite_vector(f"the eye of {self.name}", eye, 3)
         self._target = None if target_link is None else np.zeros(3)
-        self._target_velocity: FloatArray | None = None
-        self._target_acceleration: FloatArray | None = None
+        self._target_motion: tuple[FloatArray, FloatArray] | None = None
         self.select(robot, joints, base=base)
 
     @property
@@ -106,15 +111,132 @@ class LookAtTask(Task):
     def attach(self, model: RobotModel, rows: TaskRows) -> None:
         """Look the frames up."""
         super().attach(model, rows)
-        self._frame = model.body_frame(self._link, self._eye)
-        self._other = None if self._target_link is None else model.body_frame(self._target_link)
+        self._frame = model.body_frame(self._link, self._eye, self._axes.T)
+        self._seen: BodyFrame | None = None
+        self._seen_point: FloatArray | None = None
 
     def measure(self, model: RobotModel) -> None:
-        """Turn of the link minus turn of the way to the target, d x d' / d^2 with d that way.
+        """Turn of the link minus turn of the way to the target, w - s with s = d x d' / d^2 and d that way.
 
-        In the link's axes, which turn with the link's w: d/dt R'(w - s) = R' (dw/dt - ds/dt + w x s).
+        All in the axes of the eye, the third of which is the line of sight. They turn with w, so that the rows y are
+        differentiated as d/dt (w - s) = dw/dt - ds/dt + w x s, each derivative seen from the world. To that comes
+        (w - s)_3 e_3 x y: the law holds in axes that do not turn about the line of sight, or else a turn about it,
+        which is free, would bend the way of the error.
         """
-        pose = model.pose(self._frame)
-"""
-TODO
-"""
+        frame = self._frame
+        eye = model.pose(frame)
+        rotation = eye.rotation
+        place = self._target
+        if place is None:
+            place = self._target = eye.translation + AHEAD * rotation[:, 2]
+        of_frame = (model.pin, model.data, frame.joint, frame.placement, OWN_AXES)
+        jacobian = pin.getFrameJacobian(*of_frame)
+        bias = pin.getFrameClassicalAcceleration(*of_frame).vector
+        vx, vy, vz, wx, wy, wz = jacobian.dot(model.v).tolist()
+        # What moves the target: its link, and a motion by the user.
+        link, motion = self._target_link, self._target_motion
+        other, velocity, acceleration = None, None, None
+        if link is not None:
+            seen = self._frame_of_target(model, link)
+            at = model.pose(seen)
+            place = at.translation
+            full = model.jacobian(seen)
+            other = rotation.T.dot(full[:3])
+            velocity, acceleration = other.dot(model.v), model.bias(seen)[:3].dot(rotation)
+            if motion is not None:
+                motion = _carried(motion, at.rotation, full[3:].dot(model.v))
+        if motion is not None:
+            motion = motion[0].dot(rotation), motion[1].dot(rotation)
+            velocity = motion[0] if velocity is None else velocity + motion[0]
+            acceleration = motion[1] if acceleration is None else acceleration + motion[1]
+        x, y, z = (place - eye.translation).dot(rotation).tolist()
+        square = x * x + y * y + z * z
+        if square < NEAREST**2:
+            self._error[:] = 0.0
+            self._jacobian[:], self._bias[:] = jacobian[3:5], bias[3:5]
+            if motion is not None:
+                self._reference_velocity = None
+            return
+        if velocity is not None:
+            tx, ty, tz = velocity.tolist()
+            vx, vy, vz = vx - tx, vy - ty, vz - tz
+        # From here on v is that of the eye relative to the target, -d'.
+        sx, sy = (z * vy - y * vz) / square, (x * vz - z * vx) / square
+        sz = (y * vx - x * vy) / square
+        approach = -2.0 * (x * vx + y * vy + z * vz) / square
+        lines = self._lines
+        lines[0, 1], lines[0, 2] = -z / square, y / square
+        lines[1, 0], lines[1, 2] = z / square, -x / square
+        lines.dot(jacobian, self._jacobian)
+        twist, first, second = wz - sz, wx - sx, wy - sy
+        self._bias[:] = (
+            wy * sz - wz * sy + approach * sx - twist * second,
+            wz * sx - wx * sz + approach * sy + twist * first,
+        )
+        self._bias += lines.dot(bias)
+        if other is not None:
+            self._jacobian -= lines[:, :3].dot(other)
+        if acceleration is not None:
+            self._bias -= lines[:, :3].dot(acceleration)
+        if motion is not None:
+            self._reference_velocity = lines[:, :3].dot(motion[0])
+        self._error[:] = _turn_left(x, y, z)
+
+    def _frame_of_target(self, model: RobotModel, link: str) -> BodyFrame:
+        """The frame at the target; found again only when the target was set."""
+        if self._seen is None or self._seen_point is not self._target:
+            self._seen, self._seen_point = model.body_frame(link, self._target), self._target
+        return self._seen
+
+    def _plan(
+        self, model: RobotModel, targets: list[FloatArray], durations: list[float], dt: float
+    ) -> Trajectory:
+        """The way starts on the line of sight as far away as the first target, and moves with it."""
+        pose, twist = model.pose(self._frame), model.velocity(self._frame)
+        place, velocity = pose.translation, twist[:3]
+        back, origin, origin_twist = np.eye(3), np.zeros(3), np.zeros(6)
+        if self._target_link is not None:
+            frame = model.body_frame(self._target_link)
+            at, origin_twist = model.pose(frame), model.velocity(frame)
+            back, origin = at.rotation.T, at.translation
+        distance = float(np.linalg.norm(back.T @ targets[0] + origin - place))
+        ahead = max(distance, 2 * NEAREST) * pose.rotation[:, 2]
+        way = place + ahead - origin
+        speed = velocity + cross(twist[3:], ahead) - origin_twist[:3] - cross(origin_twist[3:], way)
+        return vector_trajectory(np.array([back @ way, *targets]), back @ speed, durations, dt)
+
+    def _follow(self, target: FloatArray) -> None:
+        self._target = target
+
+    def _refer_to(self, velocity: FloatArray | None, acceleration: FloatArray | None) -> None:
+        """The target's own motion is no motion of the rows: :meth:`measure` makes it one."""
+        if velocity is None or acceleration is None:
+            self._target_motion = None
+        else:
+            self._target_motion = velocity, acceleration
+        self._reference_velocity = self._reference_acceleration = None
+
+
+def _turn_left(x: float, y: float, z: float) -> tuple[float, float]:
+    """First two numbers of the rotation vector from the third axis to (x, y, z) [rad]; its third number is 0."""
+    sine = hypot(x, y)
+    angle = atan2(sine, z)
+    if sine <= TINY * abs(z):  # along the axis, or opposite: then any axis across will do
+        return (0.0, 0.0) if z > 0 else (angle, 0.0)
+    return -y / sine * angle, x / sine * angle
+
+
+def _carried(
+    motion: tuple[FloatArray, FloatArray], rotation: FloatArray, w: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Velocity and acceleration, in the world's axes, that a motion within a turning link adds to the link's."""
+    velocity = rotation.dot(motion[0])
+    return velocity, rotation.dot(motion[1]) + 2.0 * cross(w, velocity)
+
+
+def _axes_about(axis: FloatArray) -> FloatArray:
+    """(3, 3) right-handed unit axes as rows, the last of them along ``axis``."""
+    last = axis / np.linalg.norm(axis)
+    first = np.cross(np.eye(3)[np.argmin(np.abs(last))], last)
+    first /= np.linalg.norm(first)
+    return np.array([first, np.cross(last, first), last])

@@ -47,6 +47,8 @@ class Task(ABC):
         name: For reports.
         rows: Number of rows.
         needs_kinematics: Whether the controller must compute placements and Jacobians before :meth:`measure`.
+        driven: Whether there is a reference motion: something to do in :meth:`advance` and :meth:`refer`.
+        gains: What the rows are multiplied by; another object whenever one of the gains was set.
     """
 
     needs_kinematics = True
@@ -67,7 +69,7 @@ class Task(ABC):
         self._with_base = True
         self._error, self._rate, self._bias = np.full((3, rows), np.nan)
         self._jacobian, self._wanted = np.zeros((rows, 0)), np.zeros(rows)
-        self._driven = False
+        self.driven = False
         self._reference_velocity: FloatArray | None = None
         self._reference_acceleration: FloatArray | None = None
         self._way: tuple[list[FloatArray], list[float]] | None = None
@@ -127,16 +129,13 @@ class Task(ABC):
         self._update_gains()
 
     def _allow(self, stiffness: float, damping: float | None) -> None:
-        """Refuse gains that a task cannot live with. For tasks that have such.
-
-        Raises:
-            GainError: They are; the old ones stay.
-        """
+        """Refuse gains that a task cannot live with, by a GainError. For tasks that have such."""
+        return
 
     def _update_gains(self) -> None:
         own = self._own_damping
         self._damping = 2.0 * sqrt(self._stiffness) if own is None else own
-        self._gains = Gains(self._stiffness, self._damping, self._weight * self._dim_weight)
+        self.gains = Gains(self._stiffness, self._damping, self._weight * self._dim_weight)
 
     # -- reference motion ---------------------------------------------------------------------------------------
 
@@ -173,7 +172,7 @@ class Task(ABC):
         self._update_driven()
 
     def _update_driven(self) -> None:
-        self._driven = any(
+        self.driven = any(
             part is not None
             for part in (
                 self._way,
@@ -304,7 +303,7 @@ class Task(ABC):
     # -- rows ---------------------------------------------------------------------------------------------------
 
     def select(self, robot: RobotConfig, joints: Sequence[str] | None, *, base: bool) -> None:
-        """Say what the task may move: some joints or all, and whether the base. A controller hears of it in its ``add``.
+        """Say what the task may move: some joints or all, and whether the base; before it is added.
 
         Raises:
             UnknownNameError: No such joint.
@@ -339,22 +338,12 @@ class Task(ABC):
         is the rate of the value; ``_bias`` (rows,), Jdot qd.
         """
 
-    @property
-    def driven(self) -> bool:
-        """Whether there is a reference motion: something to do in :meth:`advance` and :meth:`refer`."""
-        return self._driven
-
     def refer(self) -> None:
         """Add what the reference motion asks for to the wanted accelerations, once the rest of them is there."""
         if self._reference_velocity is not None:
             self._wanted += self._damping * self._reference_velocity
         if self._reference_acceleration is not None:
             self._wanted += self._reference_acceleration
-
-    @property
-    def gains(self) -> Gains:
-        """What the rows are multiplied by; another object whenever one of the gains was set."""
-        return self._gains
 
 
 @dataclass(frozen=True, slots=True)

@@ -13,6 +13,7 @@ from pepper_driver.cli.bench import bench
 from pepper_driver.cli.calibrate import calibrate
 from pepper_driver.cli.demo import demo
 from pepper_driver.cli.identify import identify
+from pepper_driver.cli.move import move
 from pepper_driver.config import PepperError
 
 app = typer.Typer(
@@ -24,6 +25,7 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 app.command()(demo)
+app.command()(move)
 app.command()(identify)
 app.command()(bench)
 app.command()(calibrate)

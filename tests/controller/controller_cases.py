@@ -7,14 +7,20 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from pepper_driver.config import load_controller_settings, load_robot
+from pepper_driver.config import ConstraintSwitches, load_controller_settings, load_robot
 from pepper_driver.controller import Reference, RobotModel, WholeBodyController
 from pepper_driver.controller.constraints import Constraint, Rows, Stopping
 
 FloatArray = NDArray[np.float64]
 
 ROBOT = load_robot()
-SETTINGS = load_controller_settings(ROBOT)
+STANDARD = load_controller_settings(ROBOT)
+ALONE = ConstraintSwitches(
+    coupled_limits=False, wheel_speed=False, self_collision=False, balance=False
+)
+SETTINGS = replace(STANDARD, constraints=ALONE)
+"""Limits of single joints alone: what other constraints do is tested where they are added."""
+
 DT = ROBOT.cycle
 JOINTS = len(ROBOT.joint_names)
 MIDDLE = (ROBOT.lower + ROBOT.upper) / 2

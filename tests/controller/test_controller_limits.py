@@ -89,7 +89,7 @@ def test_flat_out_one_joint_alone(name: str) -> None:
 @pytest.mark.parametrize("dt", [0.002, 0.02, 0.05])
 def test_flat_out_at_other_cycles(dt: float) -> None:
     random = np.random.default_rng(1)
-    control = WholeBodyController(ROBOT, dt=dt)
+    control = WholeBodyController(ROBOT, SETTINGS, dt=dt)
     control.posture.stiffness = 300.0
     for tick in range(1500):
         if tick % 150 == 0:

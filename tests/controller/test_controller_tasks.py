@@ -50,7 +50,7 @@ class BrokenTask(Task):
 
 def motion(dt: float, damping: float | None = None) -> tuple[FloatArray, FloatArray]:
     """Times [s] and joint positions over OFFSET, of 2 s from rest in the middle of all ranges."""
-    control = WholeBodyController(ROBOT, dt=dt)
+    control = WholeBodyController(ROBOT, SETTINGS, dt=dt)
     control.posture.target = MIDDLE + OFFSET
     if damping is not None:
         control.posture.damping = damping

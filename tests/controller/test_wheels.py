@@ -58,3 +58,11 @@ def test_odometry_starts_again_at_the_origin() -> None:
     odometry.reset()
     assert np.array_equal(odometry.pose, np.zeros(3))
     assert before[0] > 0
+
+
+def test_wheel_speeds_that_are_no_numbers_move_nothing() -> None:
+    odometry = Odometry(ROBOT)
+    odometry.update(MATRIX @ [0.3, 0.0, 0.2], DT)
+    before = odometry.pose
+    odometry.update(np.array([np.nan, 0.0, 0.0]), DT)
+    np.testing.assert_array_equal(odometry.pose, before)

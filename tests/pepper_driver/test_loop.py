@@ -165,8 +165,8 @@ def test_what_the_gate_changed_is_flagged_and_fed_back() -> None:
 
     honest = controller.step
 
-    def jump(measurement: Any = None) -> Reference:
-        reference = honest(measurement)
+    def jump(measurement: Any = None, answered: Any = None) -> Reference:
+        reference = honest(measurement, answered)
         if len(backend.commands) == 5:
             reference.position[6] += 0.4
         return reference
@@ -365,4 +365,6 @@ def test_wheels_that_the_gate_slows_keep_the_direction_and_the_controller_knows(
     before = controller.base_pose
     loop.tick()
     moved = controller.base_pose - before
-    assert np.linalg.norm(moved[:2]) == pytest.approx(np.linalg.norm(sent[:2]) * ROBOT.cycle, rel=0.1)
+    assert np.linalg.norm(moved[:2]) == pytest.approx(
+        np.linalg.norm(sent[:2]) * ROBOT.cycle, rel=0.1
+    )

@@ -1,0 +1,251 @@
+"""Position limits that depend on another joint: HeadPitch's on HeadYaw, ElbowRoll's on ElbowYaw.
+
+Below an upper limit, phi <= f(theta), with f linear between the rows of a table (a lower limit is one after turning the
+driven joint's sign). Each joint on its way to rest moves in one direction, but not all in equal time: the path may lie
+anywhere in the rectangle between where they are and where they come to rest. So all of that rectangle is kept in the
+region. With phi* the furthest that the driven joint gets to, theta+ the driver after this cycle and theta* where it
+comes to rest, this is asked for in every cycle:
+
+    phi* <= f(theta+)  and  phi* <= f(theta*),
+
+which is enough for the whole rectangle where f rises to one peak and falls from it, as Pepper's limits do. Braking
+makes the rectangle smaller: what holds now can be kept in every later cycle.
+
+phi* and theta* bend with the acceleration, phi* to the side that makes it a convex function. Its chord over all
+accelerations that the joint may have lies above it, so rows made of chords are never too lenient. They are too strict
+by at most a dt^2 / 2 of each joint, a milliradian, which is where joints come to rest before the limit.
+
+The region is not convex. f is the highest of several concave pieces, each the lowest of some lines; the rows are the
+lines of that piece which is the highest where the joints would come to rest if they braked now. They let the joints
+cross from one piece to the next wherever both allow it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import pairwise
+
+import numpy as np
+
+from pepper_driver.config import ConfigError, RobotConfig
+from pepper_driver.controller.constraints.braking import BRAKE_SHARE
+from pepper_driver.controller.constraints.constraint import Constraint, Rows
+from pepper_driver.controller.constraints.stopping import Stopping
+from pepper_driver.controller.model import RobotModel
+
+Line = tuple[float, float, float, float]
+"""Slope, value at 0 [rad]; first and last angle of the driver where it is the limit [rad]."""
+
+Row = tuple[str, int, float, int, float, float]
+"""Name; column and entry of the driven joint, and of the driver; bound."""
+
+SAME = 1e-6
+"""[rad], or as a slope: two limits nearer than this are the same one, written with fewer digits."""
+
+
+class Span:
+    """How far a joint goes in one direction until it rests, as a function of its acceleration in this cycle.
+
+    Args:
+        acceleration: Limit [rad/s2].
+        dt: Cycle [s].
+    """
+
+    def __init__(self, acceleration: float, dt: float) -> None:
+        self.acceleration, self.dt = acceleration, dt
+        self.brake = BRAKE_SHARE * acceleration
+        self._step = acceleration * dt
+        self._half = self._step * dt / 2
+        # Furthest at speed |v|, whatever the acceleration: a polynomial, at least as far as `furthest`.
+        self.far = (
+            self._half + self._step**2 / (2 * self.brake) + self.brake * dt**2 / 2,
+            dt + self._step / self.brake,
+            1 / (2 * self.brake),
+        )
+
+    def way(self, velocity: float) -> float:
+        """The way to rest in the positive direction from a velocity [rad/s]; 0 when it is negative [rad]."""
+        if velocity <= self.brake * self.dt:
+            return velocity * self.dt if velocity > 0 else 0.0
+        return velocity**2 / (2 * self.brake) + self.brake * self.dt**2 / 2
+
+    def furthest(self, velocity: float) -> tuple[float, float, float]:
+        """Constant [rad] and gain [s2] of the chord: the furthest way from here is at most constant + gain * a.
+
+        Third, the acceleration that brakes, and goes on to the slow return of a joint beyond a limit, b dt / 2
+        [rad/s2].
+        """
+        dt, step, limit = self.dt, self._step, self.acceleration
+        least = velocity * dt - self._half + self.way(velocity - step)
+        most = velocity * dt + self._half + self.way(velocity + step)
+        back = max(-limit, min(limit, -self.brake / 2 - velocity / dt))
+        return (most + least) / 2, (most - least) / (2 * limit), back
+
+    def rest(self, velocity: float) -> tuple[float, float, float]:
+        """The ways to the end of this cycle and to rest when it brakes at its limit [rad]; that acceleration."""
+        change = max(-self._step, min(self._step, -velocity))
+        after = velocity + change
+        end = (velocity + change / 2) * self.dt
+        return end, end + self.way(after) - self.way(-after), change / self.dt
+
+
+class Ceiling:
+    """An upper limit of the driven joint, linear between the points of a table.
+
+    Args:
+        driver: Angles of the driver, increasing [rad].
+        limit: The driven joint's limit at each [rad].
+
+    Raises:
+        ConfigError: The angles do not increase, or the limit has more than one peak.
+    """
+
+    def __init__(self, driver: Sequence[float], limit: Sequence[float]) -> None:
+        points = list(zip(driver, limit, strict=True))
+        slopes = []
+        for (x0, y0), (x1, y1) in pairwise(points):
+            if x1 <= x0:
+                raise ConfigError(
+                    "a coupled limit: the driver's angles must increase from row to row"
+                )
+            slopes.append((y1 - y0) / (x1 - x0))
+        falling = False
+        for slope in slopes:
+            if falling and slope > SAME:
+                raise ConfigError("a coupled limit: it must rise to one peak and fall from it")
+            falling = falling or slope < -SAME
+        self.tightest = min(limit)
+        self._ends: list[float] = []
+        self._pieces: list[list[Line]] = []
+        for i, slope in enumerate(slopes):
+            first = points[i][0] if i else -np.inf
+            last = points[i + 1][0] if i + 1 < len(slopes) else np.inf
+            line = (slope, points[i][1] - slope * points[i][0], first, last)
+            if i and slope <= slopes[i - 1] + SAME:
+                self._pieces[-1].append(line)
+            else:
+                if i:
+                    self._ends.append(points[i][0])
+                self._pieces.append([line])
+
+    def piece(self, driver: float) -> list[Line]:
+        """The lines of the concave piece that holds at an angle of the driver [rad]."""
+        for end, lines in zip(self._ends, self._pieces, strict=False):
+            if driver < end:
+                return lines
+        return self._pieces[-1]
+
+
+class Pair:
+    """A driven joint and its driver, with the limits of one ``CoupledLimit``, the margin taken off."""
+
+    def __init__(self, robot: RobotConfig, index: int, margin: float) -> None:
+        limit = robot.limits.coupled[index]
+        driver, lower, upper = zip(*limit.table, strict=True)
+        self.name = f"{limit.driven} by {limit.driver}"
+        self.driver, self.driven = robot.joint_index(limit.driver), robot.joint_index(limit.driven)
+        top, bottom = robot.upper[self.driven], -robot.lower[self.driven]
+        sides = [(1.0, upper, float(top)), (-1.0, [-x for x in lower], float(bottom))]
+        # A limit nowhere tighter than the joint's own is left to the box, and so is a line of one (``levels``).
+        self.sides = [
+            (sign, Ceiling(driver, [x - margin for x in limits]), own - margin - SAME)
+            for sign, limits, own in sides
+            if min(limits) < own - SAME
+        ]
+        self.high = min((c.tightest for sign, c, _ in self.sides if sign > 0), default=np.inf)
+        self.low = -min((c.tightest for sign, c, _ in self.sides if sign < 0), default=np.inf)
+
+
+class CoupledLimits(Constraint):
+    """Keeps coupled joints in the region of their common limits.
+
+    Robots that start outside of it come back at a few hundredths of a radian a second, as with the limits of single
+    joints, until a task wants them back sooner. With ``jerk_limit`` set, joints cannot brake at once: rows may then be
+    broken for a while.
+
+    Args:
+        robot: Its coupled limits.
+        margin: Kept from them [rad].
+
+    Raises:
+        ConfigError: A table that is not increasing in the driver, or has a limit with more than one peak.
+    """
+
+    name = "coupled limits"
+    rank = 3
+    needs_kinematics = False
+
+    def __init__(self, robot: RobotConfig, margin: float = 0.005) -> None:
+        self._pairs = [Pair(robot, i, margin) for i in range(len(robot.limits.coupled))]
+        self._for: tuple[RobotModel, Stopping] | None = None
+        self._quick: list[tuple[int, int, float, float, float, float, float]] = []
+
+    def _prepare(self, model: RobotModel, stopping: Stopping) -> None:
+        """Look up columns and accelerations."""
+        self._for = (model, stopping)
+        self._offset = len(model.q) - model.nv
+        self._columns, self._quick, self._spans = [], [], []
+        for number, pair in enumerate(self._pairs):
+            driver, driven = (int(model.joint_columns[i]) for i in (pair.driver, pair.driven))
+            spans = [Span(float(stopping.acceleration[i]), stopping.dt) for i in (driver, driven)]
+            self._columns.append((driver, driven))
+            self._spans.append((spans[0], spans[1]))
+            self._quick.append((number, driven, pair.low, pair.high, *spans[1].far))
+
+    def rows(self, model: RobotModel, stopping: Stopping) -> Rows | None:
+        """The lines that the joints could get beyond; none while the driven joints are far from all of them."""
+        if self._for is None or self._for[0] is not model or self._for[1] is not stopping:
+            self._prepare(model, stopping)
+        position, velocity, offset = model.q.item, model.v.item, self._offset
+        found: list[Row] = []
+        for number, driven, low, high, far, gain, bend in self._quick:
+            phi, speed = position(driven + offset), abs(velocity(driven))
+            far += speed * (gain + speed * bend)
+            if not low + far <= phi <= high - far:
+                self._find(number, model, found)
+        if not found:
+            return None
+        matrix, bound = np.zeros((len(found), model.nv)), np.zeros(len(found))
+        for i, (_, driven, entry, driver, other, most) in enumerate(found):
+            matrix[i, driven], matrix[i, driver], bound[i] = entry, other, most
+        return Rows(matrix, bound, tuple(row[0] for row in found))
+
+    def _find(self, number: int, model: RobotModel, found: list[Row]) -> None:
+        """Append the rows of one pair, in units of the driven joint's acceleration."""
+        pair, (driver, driven) = self._pairs[number], self._columns[number]
+        driver_span, driven_span = self._spans[number]
+        theta, w = model.q.item(driver + self._offset), model.v.item(driver)
+        phi, v = model.q.item(driven + self._offset), model.v.item(driven)
+        limit, driver_limit = driven_span.acceleration, driver_span.acceleration
+        end, rest, braking = driver_span.rest(w)
+        up, down = driver_span.furthest(w), driver_span.furthest(-w)
+        # Where the driver can get to: lines of other segments of the table do not bind.
+        first = theta - (down[0] + down[1] * driver_limit)
+        last = theta + up[0] + up[1] * driver_limit
+        for sign, ceiling, level in pair.sides:
+            constant, gain, back = driven_span.furthest(sign * v)
+            constant += sign * phi
+            if constant + gain * limit <= ceiling.tightest:
+                continue
+            here, there = ceiling.piece(theta + end), ceiling.piece(theta + rest)
+            # Where it comes to rest: the lines that it moves towards, or all if that is in the same piece.
+            lines = [(line, True) for line in there if here is there or line[0] * w <= 0]
+            if here is not there:
+                lines += [(line, False) for line in here]
+            for (slope, value, start, stop), at_rest in lines:
+                if start > last or stop < first or (slope == 0.0 and value >= level):
+                    continue
+                if at_rest:
+                    # In the direction of the driver in which the limit falls.
+                    out, (way, lever, slow) = (-1.0, down) if slope > 0 else (1.0, up)
+                    known = constant - slope * (theta + out * way)
+                    lever, slow = -slope * lever, out * slow
+                else:
+                    known = constant - slope * (theta + w * driver_span.dt)
+                    lever, slow = -slope * driver_span.dt**2 / 2, braking
+                room = value - known
+                if gain * limit + abs(lever) * driver_limit <= room:
+                    continue
+                # What brakes, and what comes back slowly, is always allowed: the box has room for that.
+                room = max(room, gain * back + lever * slow)
+                found.append((pair.name, driven, sign, driver, lever / gain, room / gain))

@@ -1,0 +1,24 @@
+"""The constraints a controller starts with."""
+
+from __future__ import annotations
+
+from pepper_driver.config import ControllerSettings, RobotConfig
+from pepper_driver.controller.constraints.balance import Balance
+from pepper_driver.controller.constraints.constraint import Constraint
+from pepper_driver.controller.constraints.coupled import CoupledLimits
+from pepper_driver.controller.constraints.self_collision import SelfCollision
+from pepper_driver.controller.constraints.wheel_speed import WheelSpeedLimit
+
+
+def standard_constraints(robot: RobotConfig, settings: ControllerSettings) -> list[Constraint]:
+    """New objects of those that the settings switch on."""
+    switches, constraints = settings.constraints, list[Constraint]()
+    if switches.coupled_limits:
+        constraints.append(CoupledLimits(robot, settings.position_margin))
+    if switches.wheel_speed:
+        constraints.append(WheelSpeedLimit(robot))
+    if switches.self_collision:
+        constraints.append(SelfCollision(robot))
+    if switches.balance:
+        constraints.append(Balance(robot))
+    return constraints

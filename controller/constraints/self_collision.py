@@ -1,0 +1,130 @@
+"""Self-collision: pairs of links keep their distance, now and on the whole way to rest.
+
+The distance of two capsules is that of their axes minus their radii. Its gradient is n' (J2 - J1), with n the direction
+from the first to the second where they are nearest, and both Jacobians for that point: as a wrench f = (n, p x n) along
+the line of the two nearest points, f' J over the joints between the two links. It stays defined where capsules overlap.
+
+Distances and gradients are taken on the way to rest (``braking_path.py``), not here: that way can be 0.15 rad a joint,
+over which a linearised distance errs by centimetres. What is linearised is only by how much an acceleration in this
+cycle moves those places, 0.03 rad at most. Rest alone does not do: arms that brake past each other come nearer on the
+way than at its end. A robot that keeps the rows can keep them in the next cycle too, by braking.
+
+Two capsules that start nearer than the security distance are parted at no more than the recovery speed.
+"""
+
+from __future__ import annotations
+
+from math import inf
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import NDArray
+
+from pepper_driver.config import RobotConfig, SelfCollisionSettings, load_self_collision
+from pepper_driver.controller.capsules import CapsuleDistances
+from pepper_driver.controller.constraints.braking import BRAKE_SHARE
+from pepper_driver.controller.constraints.braking_path import BrakingPath
+from pepper_driver.controller.constraints.constraint import Constraint, Rows, stack
+from pepper_driver.controller.constraints.stopping import Stopping
+from pepper_driver.controller.model import RobotModel
+
+FloatArray = NDArray[np.float64]
+
+CYCLES = (1.0, 3.0)
+"""After how many cycles of braking distances are kept, beside at rest."""
+
+WATCHED = 20
+"""[cycles] For how long all of the way is looked at after anything was near at its end: longer than braking takes."""
+
+LEAST_SIZE = 1e-9
+"""[m s2/rad] A row of smaller entries moves nothing."""
+
+
+class SelfCollision(Constraint):
+    """Keeps the security distance between pairs of links.
+
+    Args:
+        robot: Its description.
+        settings: Capsules, pairs and distances; by default those of ``self_collision.yaml``.
+
+    Raises:
+        ConfigError: The shipped settings do not fit the robot.
+    """
+
+    name = "self-collision"
+    rank = 2
+
+    def __init__(self, robot: RobotConfig, settings: SelfCollisionSettings | None = None) -> None:
+        self.settings = settings = settings or load_self_collision(robot)
+        model = RobotModel(robot)
+        self._pin, self._data = model.pin, model.data
+        self._capsules = CapsuleDistances(model, settings, margin=settings.interaction_distance)
+        self._close = CapsuleDistances(model, settings, margin=settings.security_distance)
+        self._names = tuple(f"{self.name} {pair}" for pair in self._capsules.names)
+        self._limit = np.full(len(self._names), settings.security_distance)
+        self._prepared: Stopping | None = None
+        self._watched = 0
+
+    def rows(self, model: RobotModel, stopping: Stopping) -> Rows | None:
+        """Distances on the way to rest, of the pairs that an acceleration could bring too near there."""
+        if stopping is not self._prepared:
+            self._prepare(stopping)
+        rest, capsules, data = self._rest, self._capsules, self._data
+        rest.update(model.v)
+        pin.forwardKinematics(self._pin, data, pin.integrate(self._pin, model.q, rest.way))
+        capsules.place(data)
+        if capsules.any_near():
+            self._watched = WATCHED
+        elif not self._watched:
+            return None
+        else:
+            self._watched -= 1
+        limit = self._limit_now(model, stopping.dt)
+        parts = [self._rows_at(rest, model.q, limit)]
+        longest = rest.longest
+        for cycles, place in self._on_the_way:
+            if longest > cycles * stopping.dt:  # else the robot is at rest there
+                place.update(model.v)
+                parts.append(self._rows_at(place, model.q, limit))
+        found = [part for part in parts if part is not None]
+        return stack(found) if found else None
+
+    def _prepare(self, stopping: Stopping) -> None:
+        brake, dt = stopping.brake, stopping.dt
+        self._rest = BrakingPath(brake, dt, inf)
+        self._on_the_way = [(cycles, BrakingPath(brake, dt, cycles)) for cycles in CYCLES]
+        self._acceleration = brake / BRAKE_SHARE
+        self._reach = self._capsules.levers * self._acceleration
+        self._prepared = stopping
+
+    def _limit_now(self, model: RobotModel, dt: float) -> FloatArray:
+        """(pairs,) the distances to keep [m]: less than the security distance where it is not kept yet."""
+        close, settings = self._close, self.settings
+        close.place(model.data)
+        if not close.any_near():
+            return self._limit
+        recovered = np.array(close.distances()) + settings.recovery_speed * dt
+        return np.minimum(recovered, settings.security_distance)
+
+    def _rows_at(self, place: BrakingPath, q: FloatArray, limit: FloatArray) -> Rows | None:
+        """Rows for one place on the way; those that no acceleration within its limits can break are left out."""
+        capsules, data, gain = self._capsules, self._data, place.gain
+        pin.computeJointJacobians(self._pin, data, pin.integrate(self._pin, q, place.way))
+        capsules.place(data)
+        if not capsules.any_near():
+            return None
+        room = capsules.distances() - limit
+        near = np.flatnonzero(room < self._reach @ gain)
+        if not len(near):
+            return None
+        matrix = capsules.wrenches(near.tolist()) @ data.J
+        matrix *= capsules.signs[near]
+        matrix *= -gain
+        size, room = np.abs(matrix), room[near]
+        matters = (room < size @ self._acceleration) & (size.max(axis=1) > LEAST_SIZE)
+        if not matters.any():
+            return None
+        # Solvers judge rows by one tolerance, meant for entries near 1.
+        scale = 1.0 / size[matters].max(axis=1)
+        names = tuple(self._names[pair] for pair in near[matters])
+        return Rows(matrix[matters] * scale[:, None], room[matters] * scale, names)

@@ -1,0 +1,81 @@
+"""The motors can bring the torque that a motion takes."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import numpy as np
+import pinocchio as pin
+
+from pepper_driver.config import RobotConfig
+from pepper_driver.controller.constraints.constraint import Constraint, Rows
+from pepper_driver.controller.constraints.stopping import Stopping
+from pepper_driver.controller.model import RobotModel
+
+
+class TorqueLimit(Constraint):
+    """The load torque of each joint, |M qdd + C v + g|, within a share of what its motor brings through its reduction.
+
+    It is taken at the start of the cycle, without friction and without the inertia of the rotors: these must fit into
+    the rest of the motor's torque. At the accelerations of ``controller.yaml`` rotors take up to 3 % of it.
+    A hand's torque is that on its aperture, carried as if it were an angle, and its ratio is motor turns per that.
+
+    What braking to rest and holding a posture take is allowed even where it is more: a robot that may not hold itself
+    would be let down by its own controller. With ``of="stall"`` that does not happen; of the nominal torque the weight
+    alone takes up to three times as much when Pepper leans as far as it can.
+
+    Args:
+        robot: Its motors.
+        share: Of the motors' torque.
+        of: ``"stall"``: the largest torque of a motor that stands still; ``"nominal"``: the largest continuous one.
+
+    Attributes:
+        limit: (17,) in joint order [N m].
+    """
+
+    name = "torque"
+    rank = 1
+    needs_kinematics = False
+
+    def __init__(
+        self, robot: RobotConfig, share: float = 0.8, of: Literal["stall", "nominal"] = "stall"
+    ) -> None:
+        motors = robot.motors
+        torque = [
+            (motors.of(name).stall_torque if of == "stall" else motors.of(name).nominal_torque)
+            * motors.joints[name].ratio
+            for name in robot.joint_names
+        ]
+        self.limit = share * np.array(torque)
+        self._joints = robot.joint_names
+        self._model: RobotModel | None = None
+
+    def rows(self, model: RobotModel, stopping: Stopping) -> Rows | None:
+        """Rows of the joints that could get beyond their limit, on the side where they could."""
+        if model is not self._model:
+            self._model = model
+            self._data = model.pin.createData()  # of its own: others read what model.data holds
+            order = np.argsort(model.joint_columns)
+            self._columns = model.joint_columns[order]
+            self._limits = self.limit[order]
+            self._names = tuple(f"{self.name} {self._joints[i]}" for i in order)
+        columns, limit = self._columns, self._limits
+        inertia = pin.crba(model.pin, self._data, model.q)[columns]
+        load = pin.nonLinearEffects(model.pin, self._data, model.q, model.v)[columns]
+        reach = np.abs(inertia) @ stopping.acceleration
+        if not np.any(np.abs(load) + reach > limit):
+            return None
+        (high,) = np.nonzero(load + reach > limit)
+        (low,) = np.nonzero(reach - load > limit)
+        brake = stopping.brake
+        braking = inertia @ np.minimum(np.maximum(-model.v / stopping.dt, -brake), brake)
+        return Rows(
+            np.concatenate([inertia[high], -inertia[low]]),
+            np.concatenate(
+                [
+                    np.maximum(limit - load, braking)[high],
+                    np.maximum(limit + load, -braking)[low],
+                ]
+            ),
+            tuple(self._names[i] for i in (*high, *low)),
+        )

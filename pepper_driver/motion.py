@@ -1,0 +1,242 @@
+"""Plays motions: gives the controller the tasks of one step after the other, and takes them all back."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pepper_driver.backends import Measurement
+from pepper_driver.config import Motion, MotionStep, RobotConfig, check_motion
+from pepper_driver.config.parts import FloatArray
+from pepper_driver.loop import Loop
+from pepper_driver.motion_goals import Goal, Measured, PostureGoal
+from pepper_driver.motion_report import GoalReport, MotionReport, StepReport
+
+TOLERANCE = 0.01
+"""[m] and [rad] of a step that waits for its targets and gives none."""
+
+BASE_AT_EASE = 10.0
+"""Weight of the controller's own base velocity task while a task may move the base: that of the posture."""
+
+AFRESH = 1.0
+"""[s] A way goes on for at least this long after a reflex let go."""
+
+OnStep = Callable[[StepReport], None]
+
+
+class Player:
+    """One motion on one active robot; everything it needs is made here, and nothing has moved then.
+
+    Between :meth:`begin` and :meth:`end` the posture and its stiffness, the base velocity task and the motion's tasks
+    belong to the player; tasks of the user's stay untouched.
+
+    While a reflex holds the posture the motion waits: its tasks are out of the controller and its clock stands.
+
+    Args:
+        motion: What to play.
+        robot: Its description.
+        loop: Of the active robot.
+        on_step: Told each step's report as it ends; must be quick.
+
+    Raises:
+        ConfigError: The robot cannot play the motion.
+    """
+
+    def __init__(
+        self, motion: Motion, robot: RobotConfig, loop: Loop, *, on_step: OnStep | None = None
+    ) -> None:
+        check_motion(motion, robot)
+        self._motion, self._robot, self._loop = motion, robot, loop
+        self._controller = loop.control.controller
+        self._on_step = on_step
+        self._plan = [[Goal(task, robot) for _, task in step.tasks()] for step in motion.steps]
+        self._measured = Measured(robot)
+        self._order: Iterator[int] = iter(list(range(len(motion.steps))) * motion.repeat)
+        self._active: list[Goal] = []
+        self._posture: PostureGoal | None = None
+        self._reports: list[StepReport] = []
+        self._waiting = self._over = False
+        own = self._controller.base_velocity
+        self._stiffness, self._base_weight = loop.posture_stiffness, own.weight
+        self._at_rest = np.zeros_like(own.target)
+
+    @property
+    def report(self) -> MotionReport:
+        """Of the steps that are over."""
+        return MotionReport(name=self._motion.name, steps=tuple(self._reports))
+
+    def begin(self) -> None:
+        """Start the first step, from the next tick on."""
+        self._start(next(self._order))
+
+    def advance(self, measurement: Measurement) -> bool:
+        """Go on after a tick, with what it measured; True once the motion is over."""
+        if self._loop.control.posture is not None:
+            self._wait()
+            return False
+        if self._waiting:
+            self._resume()
+            return False
+        self._ticks += 1
+        if not self._step_is_over():
+            return False
+        following = next(self._order, None)
+        self._over = following is None
+        self._finish(measurement)
+        if following is not None:
+            self._start(following)
+        return self._over
+
+    def end(self) -> None:
+        """Leave the controller as it was, the robot where it is: at the end, or wherever the motion was broken off."""
+        for goal in self._active:
+            self._controller.remove(goal.task)
+        self._active = []
+        if not self._over:
+            self._stay(np.ones(len(self._robot.joint_names), dtype=np.bool_))
+        self._loop.posture_stiffness = self._stiffness
+        self._move_base(self._at_rest, at_ease=False)
+
+    # -- steps --------------------------------------------------------------------------------------------------
+
+    @property
+    def _step(self) -> MotionStep:
+        return self._motion.steps[self._number]
+
+    def _start(self, number: int) -> None:
+        self._number, self._ticks = number, 0
+        self._there: int | None = None
+        self._reached: bool | None = None
+        step, fresh = self._step, self._plan[number]
+        if step.stiffness is not None:
+            self._loop.posture_stiffness = step.stiffness
+        replaced = {goal.name for goal in fresh}
+        if step.base_velocity is not None:
+            replaced.add("base")
+        for goal in self._active:
+            if goal.name in replaced:
+                self._controller.remove(goal.task)
+        self._active = [goal for goal in self._active if goal.name not in replaced]
+        self._posture = self._posture_goal(step) if step.moves_joints else None
+        self._send(fresh, step.duration)
+        self._active += fresh
+
+    def _send(self, goals: list[Goal], duration: float | None) -> None:
+        """Send posture, base and tasks on their way."""
+        if self._posture is not None:
+            self._loop.move_to(self._posture.target, duration)
+        for goal in goals:
+            goal.begin(self._controller, duration)
+        twist = self._step.base_velocity
+        self._move_base(
+            self._at_rest if twist is None else np.array([twist.vx, twist.vy, twist.wz]),
+            at_ease=twist is None and any(goal.moves_base for goal in [*self._active, *goals]),
+        )
+
+    def _posture_goal(self, step: MotionStep) -> PostureGoal:
+        robot, target = self._robot, self._loop.target.copy()
+        named = np.zeros(len(target), dtype=np.bool_)
+        if step.posture is not None:
+            target, named[:] = robot.posture(step.posture), True
+        for name, angle in {**step.joints, **step.hands}.items():
+            index = robot.joint_index(name)
+            target[index], named[index] = angle, True
+        return PostureGoal(target=target, named=named)
+
+    def _step_is_over(self) -> bool:
+        step, cycle = self._step, self._robot.cycle
+        if self._there is None:
+            if self._ticks < round((step.duration or 0.0) / cycle):
+                return False
+            if step.until is not None:
+                self._reached = self._is_reached(step.tolerance or TOLERANCE)
+                if not self._reached and self._ticks < round((step.timeout or 0.0) / cycle):
+                    return False
+            self._there = self._ticks
+        return self._ticks >= self._there + round(step.hold / cycle)
+
+    def _is_reached(self, tolerance: float) -> bool:
+        goals = self._plan[self._number]
+        if goals or self._posture is None:
+            return all(goal.task.reached(tolerance) for goal in goals)
+        return self._posture.reached(self._controller, tolerance)
+
+    def _finish(self, measurement: Measurement) -> None:
+        """Report, and let go of the tasks that end here: their joints stay where they are."""
+        report = self._report_step(measurement)
+        self._reports.append(report)
+        over = [goal for goal in self._active if self._over or not goal.keep]
+        for goal in over:
+            self._controller.remove(goal.task)
+        self._active = [goal for goal in self._active if goal not in over]
+        if over:
+            self._stay(np.any([goal.joints for goal in over], axis=0))
+        if self._on_step is not None:
+            self._on_step(report)
+
+    def _report_step(self, measurement: Measurement) -> StepReport:
+        controller = self._controller
+        model = self._measured.at(measurement, controller)
+        goals = [
+            GoalReport(
+                name=goal.name,
+                commanded=goal.miss(),
+                measured=goal.measured_miss(model, controller),
+            )
+            for goal in self._active
+        ]
+        if self._posture is not None:
+            own = GoalReport(
+                name="posture",
+                commanded=self._posture.miss(controller.position),
+                measured=self._posture.miss(measurement.position),
+            )
+            goals.insert(0, own)
+        return StepReport(
+            number=self._number,
+            name=self._step.name or "",
+            time=measurement.time,
+            duration=self._ticks * self._robot.cycle,
+            reached=self._reached,
+            goals=tuple(goals),
+        )
+
+    # -- waiting for a reflex -----------------------------------------------------------------------------------
+
+    def _wait(self) -> None:
+        if self._waiting:
+            return
+        self._waiting = True
+        for goal in self._active:
+            self._controller.remove(goal.task)
+        self._move_base(self._at_rest, at_ease=False)
+
+    def _resume(self) -> None:
+        """Go on with what is left of the step, from where the reflex left the robot."""
+        self._waiting, self._there = False, None
+        if self._step.duration is None:
+            self._send(self._active, None)
+            return
+        cycle = self._robot.cycle
+        way = round(self._step.duration / cycle)
+        left = max(way - self._ticks, min(way, round(AFRESH / cycle)))
+        self._ticks = way - left
+        self._send(self._active, max(left, 1) * cycle)
+
+    # -- rest ---------------------------------------------------------------------------------------------------
+
+    def _stay(self, joints: NDArray[np.bool_]) -> None:
+        """Want those joints, a mask (17,), where they come to rest without turning round."""
+        controller = self._controller
+        # A critically damped joint at q with velocity v decays exponentially towards q + v / sqrt(stiffness).
+        rest = controller.position + controller.velocity / np.sqrt(self._loop.posture_stiffness)
+        target = np.where(
+            joints, np.clip(rest, controller.lower, controller.upper), self._loop.target
+        )
+        self._loop.move_to(target)
+
+    def _move_base(self, twist: FloatArray, *, at_ease: bool) -> None:
+        own = self._controller.base_velocity
+        own.target, own.weight = twist, BASE_AT_EASE if at_ease else self._base_weight

@@ -1,0 +1,307 @@
+"""Capsules' distances by brute force, rows by braking for real, and robots that are pulled into themselves."""
+
+from __future__ import annotations
+
+from importlib.util import module_from_spec, spec_from_file_location
+from math import inf
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from controller_cases import ACCELERATION, DT, ROBOT, FixedRows, FloatArray, random_posture
+from scipy.optimize import minimize
+
+from pepper_driver.config import load_self_collision
+from pepper_driver.controller import PositionTask, RobotModel, WholeBodyController
+from pepper_driver.controller.capsules import CapsuleDistances
+from pepper_driver.controller.constraints import SelfCollision, Stopping
+from pepper_driver.controller.constraints.braking_path import BrakingPath
+
+SETTINGS = load_self_collision(ROBOT)
+SECURITY = SETTINGS.security_distance
+LIMIT = np.concatenate([[0.3, 0.3, 0.75], np.zeros(17)])
+
+
+def limits(model: RobotModel) -> FloatArray:
+    limit = LIMIT.copy()
+    limit[model.joint_columns] = ACCELERATION
+    return limit
+
+
+def bare_controller() -> WholeBodyController:
+    """One that has nothing but its box."""
+    control = WholeBodyController(ROBOT)
+    for part in control.constraints:
+        control.remove(part)
+    return control
+
+
+class Ruler:
+    """Distances of all pairs in a posture."""
+
+    def __init__(self) -> None:
+        self.model = RobotModel(ROBOT)
+        self.capsules = CapsuleDistances(self.model, SETTINGS, 0.0)
+
+    def __call__(self, q: FloatArray) -> FloatArray:
+        pin.computeJointJacobians(self.model.pin, self.model.data, q)
+        self.capsules.place(self.model.data)
+        return self.capsules.distances()
+
+
+def segment_distance(one: FloatArray, other: FloatArray) -> float:
+    """Least distance of two lines between (2, 3) points each, searched for."""
+
+    def squared(share: FloatArray) -> float:
+        gap = one[0] + share[0] * (one[1] - one[0]) - other[0] - share[1] * (other[1] - other[0])
+        return float(gap @ gap)
+
+    starts = [(a, b) for a in (0.1, 0.9) for b in (0.1, 0.9)]
+    bounds = [(0, 1), (0, 1)]
+    return min(float(np.sqrt(minimize(squared, s, bounds=bounds, tol=1e-14).fun)) for s in starts)
+
+
+def braked(q: FloatArray, v: FloatArray, a: FloatArray, brake: FloatArray) -> list[FloatArray]:
+    """Postures after one cycle with acceleration ``a`` and in each cycle of braking after it."""
+    model = RobotModel(ROBOT)
+    postures = []
+    for cycle in range(120):
+        if cycle:
+            a = np.clip(-v / DT, -brake, brake)
+        q = model.integrate(q, v * DT + a * DT**2 / 2)
+        v = v + a * DT
+        postures.append(q)
+    assert np.abs(v).max() < 1e-9
+    return postures
+
+
+# -- geometry ---------------------------------------------------------------------------------------------------
+
+
+def test_distances_are_those_of_the_axes_minus_the_radii() -> None:
+    random, ruler = np.random.default_rng(0), Ruler()
+    overlapping = 0
+    folded = ROBOT.posture("StandInit")
+    folded[[6, 7, 8]] = 0.01, 0.3, -1.0  # a hand in the belly
+    for position in (folded, *[random_posture(random) for _ in range(3)]):
+        found = ruler(ruler.model.configuration(position))
+        poses = {link: ruler.model.link_pose(link, position) for link in SETTINGS.capsules}
+        expected = []
+        for pair in SETTINGS.pairs:
+            for one in SETTINGS.capsules[pair[0]]:
+                for other in SETTINGS.capsules[pair[1]]:
+                    lines = [
+                        np.array([(poses[link] @ [*end, 1.0])[:3] for end in (c.start, c.end)])
+                        for link, c in zip(pair, (one, other), strict=True)
+                    ]
+                    expected.append(segment_distance(*lines) - one.radius - other.radius)
+        np.testing.assert_allclose(found, expected, atol=1e-6)
+        overlapping += sum(value < 0 for value in expected)
+    assert overlapping > 0
+
+
+def test_wrenches_give_the_gradient_of_the_distances() -> None:
+    random, ruler = np.random.default_rng(1), Ruler()
+    nv = ruler.model.nv
+    for _ in range(10):
+        q = ruler.model.configuration(random_posture(random))
+        change = random.normal(size=nv) * 1e-6
+        numeric = (
+            ruler(ruler.model.integrate(q, change)) - ruler(ruler.model.integrate(q, -change))
+        ) / 2
+        before = ruler(q)
+        every = list(range(len(before)))
+        gradient = ruler.capsules.wrenches(every) @ ruler.model.data.J * ruler.capsules.signs
+        np.testing.assert_allclose(gradient @ change, numeric, atol=2e-11)
+        assert (np.abs(gradient) <= ruler.capsules.levers + 1e-9).all()
+
+
+@pytest.mark.parametrize("cycles", [1.0, 3.0, inf])
+def test_places_on_the_way_to_rest_are_where_braking_leads(cycles: float) -> None:
+    random, model = np.random.default_rng(2), RobotModel(ROBOT)
+    brake = 0.9 * limits(model)
+    path = BrakingPath(brake, DT, cycles)
+    for _ in range(20):
+        v = random.uniform(-2, 2, model.nv)
+        a = random.uniform(-1, 1, model.nv) * brake
+        v[:3] = a[:3] = 0.0  # the base would brake for long
+        path.update(v)
+        q = model.configuration(np.zeros(17))
+        after = braked(q, v, a, brake)[-1 if cycles == inf else int(cycles)]
+        way = (after - q)[4:]
+        # Off by the last, partial cycle of braking, and by the second order of the acceleration.
+        allowed = 1.2 * brake * DT**2
+        assert (np.abs(way - (path.way + path.gain * a)[3:]) <= allowed[3:]).all()
+
+
+def test_the_way_to_rest_is_that_of_other_limits() -> None:
+    random, model = np.random.default_rng(3), RobotModel(ROBOT)
+    stopping = Stopping(limits(model), DT)
+    path = BrakingPath(stopping.brake, DT, inf)
+    v = random.uniform(-2, 2, model.nv)
+    v[5] = 0.0
+    stopping.update(v)
+    path.update(v)
+    np.testing.assert_allclose(path.way, stopping.displacement, atol=1e-15)
+    np.testing.assert_allclose(path.gain, stopping.gain, atol=1e-15)
+
+
+# -- rows -------------------------------------------------------------------------------------------------------
+
+
+def test_accelerations_on_a_row_end_at_the_security_distance() -> None:
+    """Both ways: a row that is kept leads to it, and what is left out cannot come nearer."""
+    random, ruler = np.random.default_rng(4), Ruler()
+    constraint, model = SelfCollision(ROBOT), RobotModel(ROBOT)
+    limit = limits(model)
+    stopping = Stopping(limit, DT)
+    seen = 0
+    for _ in range(12000):
+        if seen == 25:
+            break
+        q = model.configuration(random_posture(random))
+        if ruler(q).min() < 0.03:
+            continue
+        v = random.uniform(-1, 1, model.nv) * np.minimum(2.0, 0.15 * limit)
+        model.set_state(q, v)
+        model.update_kinematics()
+        stopping.update(v)
+        rows = constraint.rows(model, stopping)
+        if rows is None:
+            continue
+        # The nearest acceleration that keeps all rows, one of them exactly.
+        a = -v / np.abs(v).max()
+        room = rows.bound - rows.matrix @ a
+        k = int(room.argmin())
+        a = a + rows.matrix[k] * room[k] / (rows.matrix[k] @ rows.matrix[k])
+        if (np.abs(a) > limit).any() or (rows.matrix @ a > rows.bound + 1e-9).any():
+            continue
+        seen += 1
+        postures = braked(q, v, a, stopping.brake)
+        places = [ruler(postures[i]).min() for i in (1, 3, -1)]
+        assert min(places) == pytest.approx(SECURITY, abs=2.5e-3)
+    assert seen == 25
+
+
+def test_nothing_near_gives_no_rows() -> None:
+    model, stopping = RobotModel(ROBOT), Stopping(limits(RobotModel(ROBOT)), DT)
+    apart = np.zeros(17)
+    apart[[5, 6, 8, 11, 12, 14]] = 0.8, 0.8, -0.3, 0.8, -0.8, 0.3
+    model.set_state(model.configuration(apart), np.zeros(model.nv))
+    model.update_kinematics()
+    stopping.update(model.v)
+    assert SelfCollision(ROBOT).rows(model, stopping) is None
+
+
+# -- in the controller ------------------------------------------------------------------------------------------
+
+
+def pulled(protected: bool, ticks: int = 400) -> tuple[float, list[str]]:
+    """Least distance while both hands are pulled through the body and through each other, and outcomes."""
+    control, ruler = bare_controller(), Ruler()
+    if protected:
+        control.add(SelfCollision(ROBOT))
+    control.reset(ROBOT.posture("StandInit"))
+    left = PositionTask(ROBOT, "l_wrist", [0.05, 0.0, 0.0], stiffness=60.0)
+    right = PositionTask(ROBOT, "r_wrist", [0.05, 0.0, 0.0], stiffness=60.0)
+    control.add(left)
+    control.add(right)
+    random = np.random.default_rng(5)
+    least = inf
+    outcomes: list[str] = []
+    for tick in range(ticks):
+        if tick % 80 == 0:
+            inside = random.uniform([-0.1, -0.2, 0.5], [0.15, 0.2, 1.2])
+            left.target, right.target = inside, inside
+        control.step()
+        outcomes.append(control.status.solver)
+        least = min(least, float(ruler(control.model.q).min()))
+    return least, outcomes
+
+
+def test_hands_pulled_through_the_body_stay_out_of_it() -> None:
+    assert pulled(False)[0] < -0.03
+    least, outcomes = pulled(True)
+    assert least > SECURITY - 1e-3
+    assert outcomes.count("solved") > 0.98 * len(outcomes)
+    assert set(outcomes) <= {"solved", "relaxed"}
+
+
+def test_arms_thrown_at_the_body_with_all_the_robot_has_stop_in_time() -> None:
+    """Random postures at the full speed and acceleration of the box."""
+    control, ruler = bare_controller(), Ruler()
+    control.add(SelfCollision(ROBOT))
+    control.reset(ROBOT.posture("StandInit"))
+    control.posture.stiffness = 400.0
+    random = np.random.default_rng(6)
+    distances = []
+    for tick in range(1500):
+        if tick % 60 == 0:
+            target = random_posture(random)
+            target[[5, 11]] = random.uniform(0.5, 1.9, 2)  # hands down, near the hips
+            target[[6, 12]] = 0.01, -0.01
+            control.posture.target = target
+        control.step()
+        distances.append(ruler(control.model.q).min())
+    assert min(distances) > SECURITY - 1.5e-3
+    assert np.mean(np.array(distances) < 2 * SECURITY) > 0.05  # it was tried
+
+
+def test_hands_that_start_in_the_body_come_out_slowly() -> None:
+    control, ruler = bare_controller(), Ruler()
+    control.add(SelfCollision(ROBOT))
+    start = ROBOT.posture("StandInit")
+    start[[6, 8]] = 0.01, -1.0
+    start[7] = 0.3
+    control.reset(start)
+    distances = [ruler(control.model.q).min()]
+    assert distances[0] < -0.005
+    for _ in range(250):
+        control.step()
+        distances.append(ruler(control.model.q).min())
+    steps = np.diff(distances)
+    assert distances[-1] > SECURITY - 1e-3
+    assert steps.min() > -5e-4  # of another pair
+    assert steps.max() <= SETTINGS.recovery_speed * DT
+
+
+def test_rows_that_matter_less_than_others_never_stop_the_controller() -> None:
+    """A row of a higher rank pushes the hand into the body: self-collision gives way, by name."""
+    control = bare_controller()
+    control.add(SelfCollision(ROBOT))
+    control.reset(ROBOT.posture("StandInit"))
+    inwards = np.zeros((1, 20))
+    columns = control.model.joint_columns
+    inwards[0, columns[ROBOT.joint_index("LElbowRoll")]] = 1.0
+    push = FixedRows(inwards, np.array([-2.0]))
+    push.rank = 4
+    control.add(push)
+    fold = PositionTask(ROBOT, "l_wrist", [0.05, 0, 0], stiffness=60.0)
+    fold.target = [0.0, 0.0, 0.8]
+    control.add(fold)
+    unmet: set[str] = set()
+    for _ in range(150):
+        reference = control.step()
+        assert np.isfinite(reference.position).all()
+        unmet.update(control.status.unmet)
+    assert any(name.startswith("self-collision l_wrist-") for name in unmet) or "row 0" in unmet
+
+
+def test_random_targets_with_all_limits_break_none() -> None:
+    """A short version of the benchmark: see there for what it judges by."""
+    file = Path(__file__).parents[2] / "benchmarks" / "wander.py"
+    spec = spec_from_file_location("wander", file)
+    assert spec is not None
+    assert spec.loader is not None
+    benchmark = module_from_spec(spec)
+    spec.loader.exec_module(benchmark)
+    found: dict[str, Any] = benchmark.wander(ROBOT, 2500, seed=11)
+    assert found["worst penetration [mm]"] == 0.0
+    assert found["least distance of capsules [mm]"] > 8.5
+    assert found["least margin of the zero moment point [mm]"] > 5.0
+    assert found["least margin of the centre of mass [mm]"] > 24.0
+    assert found["position limits overshot by [mrad]"] == 0.0
+    assert found["NaN"] == found["exceptions"] == found["infeasible"] == found["failed"] == 0
+    assert found["solved"] > 0.99 * found["ticks"]
