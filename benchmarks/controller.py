@@ -5,7 +5,7 @@ centimetres every 2.4 s: 20 degrees of freedom from the same URDF, the same weig
 for all. They take turns of some hundred ticks, so that a machine that slows down slows all of them. One tick is
 `controller.step()` whole for ours, `solve_ik` and `integrate_inplace` for the peers. Ours works with accelerations: it
 also keeps acceleration limits and braking distances, and gives accelerations and the load torque, which the peers do
-not compute.
+not compute. `ours_with_bodies` has self-collision and balance as well, as the robot runs it.
 
 Run: pip install -e ".[peers]"; python benchmarks/controller.py --json controller.json
 """
@@ -17,6 +17,7 @@ import gc
 import os
 import platform
 import sys
+from dataclasses import replace
 from importlib.metadata import version
 from pathlib import Path
 from time import perf_counter
@@ -64,12 +65,15 @@ class Controller(Protocol):
 
 
 class Ours:
-    """All five tasks and all limits, integration and load torque."""
+    """All five tasks, all limits of joints, base and wheels, integration and load torque."""
 
     packages = ("pepper-driver", "daqp")
+    bodies = False
 
     def __init__(self, robot: RobotConfig, start: FloatArray) -> None:
-        self._controller = WholeBodyController(robot)
+        settings = load_controller_settings(robot)
+        switches = replace(settings.constraints, self_collision=self.bodies, balance=self.bodies)
+        self._controller = WholeBodyController(robot, replace(settings, constraints=switches))
         self._controller.reset(start)
         posture, base = self._controller.posture, self._controller.base_velocity
         posture.weight, posture.stiffness = POSTURE_WEIGHT, POSTURE_STIFFNESS
@@ -89,6 +93,12 @@ class Ours:
         model = self._controller.model
         model.update_kinematics()
         return np.array([model.pose(frame).translation for frame in self._frames])
+
+
+class OursWithBodies(Ours):
+    """The same with self-collision and balance, as the robot runs it; the peers have neither here."""
+
+    bodies = True
 
 
 class Pink:
@@ -328,7 +338,9 @@ def cpu_name() -> str:
 def main() -> int:
     """Command line: 0 well, 1 if one of them does not reach its targets, 2 a wrong input."""
     given = arguments()
-    kinds = {"ours": Ours} if given.without_peers else {"ours": Ours, "pink": Pink, "mink": Mink}
+    kinds: dict[str, Any] = {"ours": Ours, "ours_with_bodies": OursWithBodies}
+    if not given.without_peers:
+        kinds |= {"pink": Pink, "mink": Mink}
     if hasattr(os, "sched_setaffinity"):
         os.sched_setaffinity(0, {max(os.sched_getaffinity(0))})
     try:

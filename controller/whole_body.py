@@ -17,7 +17,7 @@ from pepper_driver.controller.constraints import (
     standard_constraints,
 )
 from pepper_driver.controller.model import BASE, LoadTorque, RobotModel
-from pepper_driver.controller.program import Outcome, Program
+from pepper_driver.controller.program import Answer, Outcome, Program
 from pepper_driver.controller.reference import Reference
 from pepper_driver.controller.report import ControllerStatus, TaskReport, explain
 from pepper_driver.controller.solvers import make_solver
@@ -249,23 +249,44 @@ class WholeBodyController:
             model.update_kinematics()
         program.assemble(model, self._dt)
         box.update(q, v, self._acceleration)
-        self._stopping.update(v)
         self._active = []
-        for constraint in self._constraints:
-            rows = constraint.rows(model, self._stopping)
+        waiting = [constraint for constraint in self._constraints if constraint.lazy]
+        self._activate([c for c in self._constraints if not c.lazy])
+        answer = self._optimise(q, v)
+        # Rows of lazy constraints are made when the accelerations would break them; each is asked until all agree.
+        while waiting and answer.outcome in ("solved", "relaxed"):
+            a = answer.acceleration
+            broken = [c for c in waiting if not c.kept(model, self._stopping, a)]
+            if not broken:
+                break
+            waiting = [c for c in waiting if c not in broken]
+            if self._activate(broken):
+                answer = self._optimise(q, v)
+        self._outcome = answer.outcome
+        if answer.outcome in ("solved", "relaxed"):
+            return answer.acceleration
+        braking: FloatArray = np.minimum(np.maximum(-v / self._dt, box.lower), box.upper)
+        return braking
+
+    def _activate(self, constraints: Sequence[Constraint]) -> bool:
+        """Take in the rows of constraints; whether there were any."""
+        before = len(self._active)
+        for constraint in constraints:
+            rows = constraint.rows(self.model, self._stopping)
             if rows is not None:
                 self._active.append((constraint, rows))
+        return len(self._active) > before
+
+    def _optimise(self, q: FloatArray, v: FloatArray) -> Answer:
+        """Solve for the rows there are."""
+        box, program = self._box, self._program
         groups = [(constraint.rank, rows) for constraint, rows in self._active]
         answer = program.solve(self._solver, box.lower, box.upper, groups)
         if answer.outcome != "solved" and self._jerk_limited:
             # Joints that may not brake at once cannot keep what they share: jerk matters less than that.
             box.update(q, v, self._acceleration, jerk=False)
             answer = program.solve(self._solver, box.lower, box.upper, groups)
-        self._outcome = answer.outcome
-        if answer.outcome in ("solved", "relaxed"):
-            return answer.acceleration
-        braking: FloatArray = np.minimum(np.maximum(-v / self._dt, box.lower), box.upper)
-        return braking
+        return answer
 
     def _measured(
         self, q: FloatArray, measurement: Measurement, answered: FloatArray | None

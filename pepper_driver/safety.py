@@ -50,9 +50,9 @@ class Gated:
 class SafetyGate:
     """Checks each reference against the robot's limits and the last measurement.
 
-    A reference outside position or speed limits is clamped and flagged; wheels too fast are slowed together, so that the
-    base keeps its direction. Data that cannot be trusted (not finite, old,
-    or far from what was commanded) hold the last command and, when it lasts, put the robot into FAULT.
+    A reference outside position or speed limits is clamped and flagged; wheels too fast are slowed together, so that
+    the base keeps its direction. Data that cannot be trusted (not finite, old, or far from what was commanded) hold the
+    last command and, when it lasts, put the robot into FAULT.
     """
 
     def __init__(

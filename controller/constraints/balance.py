@@ -24,8 +24,8 @@ something to choose, so they do not exclude each other.
 
 from __future__ import annotations
 
-from itertools import compress
-from math import pi, sqrt
+from math import inf, pi, sqrt
+from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
@@ -54,6 +54,27 @@ LEAST_SIZE = 1e-9
 """A row of smaller entries moves nothing."""
 
 
+class _Place(NamedTuple):
+    """The centre of mass between the edges, one entry for each edge.
+
+    Attributes:
+        height: Of the centre of mass [m].
+        inside: Its distance inside the edge [m].
+        caught: The same less what a turn of the base takes of it [m].
+        moments: (6,) moment about the edge of a force at the centre of mass and of a torque, in world axes.
+    """
+
+    height: float
+    inside: list[float]
+    caught: list[float]
+    moments: list[list[float]]
+
+
+def _product(a: list[float], b: list[float]) -> float:
+    """Of two lists of six; the last entry of moments is zero."""
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2] + a[3] * b[3] + a[4] * b[4]
+
+
 class Balance(Constraint):
     """Keeps zero moment point and centre of mass over the triangle of the wheels.
 
@@ -73,6 +94,7 @@ class Balance(Constraint):
 
     name = "balance"
     rank = 4
+    lazy = True
 
     def __init__(
         self, robot: RobotConfig, margin: float = 0.03, moving_margin: float | None = None
@@ -94,67 +116,111 @@ class Balance(Constraint):
         self._names = tuple(
             f"balance {state}, {name}" for state in ("at rest", "moving") for name in names
         )
-        self._offset = (self.inwards * self.corners).sum(axis=1)
-        self._along = np.column_stack([self.inwards[:, 1], -self.inwards[:, 0]])
+        # Per edge, as plain numbers: its inward normal and how far along that it lies. For three edges they are
+        # quicker than arrays.
+        offset = (self.inwards * self.corners).sum(axis=1)
+        self._edges = [(*n, o) for n, o in zip(self.inwards.tolist(), offset.tolist(), strict=True)]
         self._margin, self._moving_margin = margin, moving_margin
         self._mass = float(pin.computeTotalMass(model.pin))
         self._least = LEAST_ROOM * self._mass * GRAVITY
-        self._weight = np.array([0.0, 0.0, self._mass * GRAVITY, 0.0, 0.0, 0.0])
-        self._edges = np.zeros((len(names), 6))
+        self._own = model.pin.createData()  # for accelerations that are only looked at
+
+    def kept(self, model: RobotModel, stopping: Stopping, acceleration: FloatArray) -> bool:
+        """Whether zero moment point and capture point stay inside with (20,) accelerations."""
+        own, dt = self._own, stopping.dt
+        pin.computeCentroidalMomentumTimeVariation(model.pin, own, model.q, model.v, acceleration)
+        place = self._place(model, own.com[0].tolist())
+        force = own.dhg.vector.tolist()
+        force[2] += self._mass * GRAVITY
+        if any(d < self._moving_margin for d in place.inside) or any(
+            _product(row, force) < self._moving_margin * force[2] for row in place.moments
+        ):
+            return False
+        velocity = model.v.copy()
+        velocity[:BASE] = 0.0
+        before = pin.ccrba(model.pin, own, model.q, velocity) @ velocity
+        change = acceleration.copy()
+        change[:BASE] = 0.0
+        after = (before + own.Ag @ change * dt).tolist()
+        rate, momentum = sqrt(GRAVITY / place.height), before.tolist()
+        return all(
+            _product(row, after) + _product(row, momentum) * rate * dt
+            <= self._mass * place.height * rate * (d - self._margin)
+            for row, d in zip(place.moments, place.caught, strict=True)
+        )
 
     def rows(self, model: RobotModel, stopping: Stopping) -> Rows | None:
         """Up to six rows, of the lines that an acceleration could reach."""
-        acceleration, dt = stopping.acceleration, stopping.dt
-        data, edges = model.data, self._edges
+        acceleration, dt, data = stopping.acceleration, stopping.dt, model.data
         pin.ccrba(model.pin, data, model.q, model.v)
         pin.computeCentroidalMomentumTimeVariation(model.pin, data)
-        x, y, cosine, sine = model.q[:4].tolist()
-        cx, cy, height = data.com[0].tolist()
-        cx, cy = cosine * (cx - x) + sine * (cy - y), cosine * (cy - y) - sine * (cx - x)
-        inside = self.inwards @ (cx, cy) - self._offset
-        # Moments about the edges, in world axes, of a force at the centre of mass and of a torque.
-        along = self._along @ np.array([[cosine, sine], [-sine, cosine]])
-        edges[:, 3:5] = along
-        edges[:, 0], edges[:, 1] = along[:, 1] * height, -along[:, 0] * height
-        edges[:, 2] = inside
         full = data.Ag
-        outwards = edges @ full
-        edges[:, 2] -= self._moving_margin
-        pushed = edges @ (data.dhg.vector + self._weight)
-        moving = self._moving_margin * full[2] - outwards
+        place = self._place(model, data.com[0].tolist())
+        height, moments, inside = place.height, place.moments, place.inside
+        matrix = np.empty((2 * len(moments), model.nv))
+        outwards, moving = matrix[: len(moments)], matrix[len(moments) :]
+        np.matmul(moments, full, outwards)
+        np.subtract(self._moving_margin * full[2], outwards, moving)
+        force = data.dhg.vector.tolist()
+        force[2] += self._mass * GRAVITY
+        pushed = [_product(row, force) - self._moving_margin * force[2] for row in moments]
         # What is asked for by both must be possible together. The base alone can do this much, either way.
-        base = BASE_SHARE * (np.abs(outwards[:, :BASE]) @ acceleration[:BASE])
-        pushed = np.maximum(pushed, -base)
+        base_reach = (BASE_SHARE * acceleration[:BASE]).tolist()
+        base = [
+            sum(abs(entry) * reach for entry, reach in zip(row, base_reach, strict=True))
+            for row in outwards[:, :BASE].tolist()
+        ]
+        pushed = [max(p, -b) for p, b in zip(pushed, base, strict=True)]
         # Of a base that goes on as it does: only what joints move must be caught.
         outwards[:, :BASE] = 0.0
-        momentum = outwards @ model.v
+        momentum = outwards.dot(model.v).tolist()
         rate = sqrt(GRAVITY / height)
+        room = []
+        for i, caught in enumerate(place.caught):
+            allowed = min(self._least - pushed[i] - base[i], 0.0)
+            if inside[i] < self._moving_margin:
+                # The robot tips already, or would: it goes back, wherever the floor pushes meanwhile.
+                allowed = -BACK_SHARE * float(np.abs(outwards[i]) @ acceleration)
+                pushed[i] = inf
+            free = self._mass * height * rate * (caught - self._margin) / dt
+            room.append(max(free - momentum[i] * (rate + 1 / dt), allowed))
+        return self._that_matter(matrix, room + pushed, acceleration)
+
+    def _place(self, model: RobotModel, com: list[float]) -> _Place:
+        """Where the centre of mass (3,) in the world is between the edges."""
+        x, y, cosine, sine = model.q[:4].tolist()
+        cx, cy, height = com
+        cx, cy = cosine * (cx - x) + sine * (cy - y), cosine * (cy - y) - sine * (cx - x)
         # In a turn the zero moment point lies further out than the centre of mass for as long as the turn lasts.
         vx, vy, wz = model.v[:BASE].tolist()
-        turning = self.inwards @ (-wz * (vy + wz * cx), wz * (vx - wz * cy))
-        caught = inside - np.maximum(turning * (height / GRAVITY), 0.0)
-        room = (self._mass * height * rate) * (caught - self._margin) / dt
-        room -= momentum * (rate + 1 / dt)
-        allowed = np.minimum(self._least - pushed - base, 0.0)
-        lost = inside < self._moving_margin
-        if lost.any():
-            # The robot tips already, or would: it goes back, wherever the floor pushes meanwhile.
-            back = BACK_SHARE * (np.abs(outwards) @ acceleration)
-            allowed, pushed = np.where(lost, -back, allowed), np.where(lost, np.inf, pushed)
-        room = np.maximum(room, allowed)
-        matrix = np.concatenate([outwards, moving])
-        room = np.concatenate([room, pushed])
-        # Rows that no acceleration within its limits can break are left out, the others in units of their largest
-        # entry.
+        turn_x, turn_y = -wz * (vy + wz * cx), wz * (vx - wz * cy)
+        inside, caught, moments = [], [], []
+        for nx, ny, offset in self._edges:
+            d = nx * cx + ny * cy - offset
+            inside.append(d)
+            caught.append(d - max((nx * turn_x + ny * turn_y) * height / GRAVITY, 0.0))
+            tx, ty = (
+                cosine * ny + sine * nx,
+                sine * ny - cosine * nx,
+            )  # along the edge, in world axes
+            moments.append([ty * height, -tx * height, d, tx, ty, 0.0])
+        return _Place(height, inside, caught, moments)
+
+    def _that_matter(
+        self, matrix: FloatArray, room: list[float], acceleration: FloatArray
+    ) -> Rows | None:
+        """Without rows that no acceleration within its limits can break; the others in units of their largest entry."""
         size = np.abs(matrix)
-        matters = room < size @ acceleration
-        if not matters.any():
+        reach = size.dot(acceleration).tolist()
+        matters = [i for i, least in enumerate(room) if least < reach[i]]
+        if not matters:
             return None
-        scale = 1.0 / np.maximum(size.max(axis=1), LEAST_SIZE)
-        matrix *= scale[:, None]
-        room *= scale
-        names = tuple(compress(self._names, matters.tolist()))
-        return Rows(matrix[matters], room[matters], names)
+        scale = [1.0 / max(row.max(), LEAST_SIZE) for row in size[matters]]
+        return Rows(
+            matrix[matters] * np.array(scale)[:, None],
+            np.array([room[i] * s for i, s in zip(matters, scale, strict=True)]),
+            tuple(self._names[i] for i in matters),
+        )
 
 
 def _triangle(model: RobotModel) -> tuple[FloatArray, FloatArray, tuple[str, ...]]:

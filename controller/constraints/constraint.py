@@ -32,11 +32,20 @@ class Constraint(ABC):
         rank: When not all rows can be kept, those of the lowest rank are given up first: 0 what users add,
             1 torque, 2 self-collision and wheel speed, 3 coupled limits, 4 balance. The box is never given up.
         needs_kinematics: Whether the controller must compute placements and Jacobians before :meth:`rows`.
+        lazy: Whether :meth:`kept` is to be asked before :meth:`rows`.
     """
 
     name: str
     rank: int = 0
     needs_kinematics = True
+    lazy = False
+
+    def kept(self, model: RobotModel, stopping: Stopping, acceleration: FloatArray) -> bool:
+        """Whether (20,) accelerations, chosen without the rows, keep the constraint anyway; then no rows are needed.
+
+        For constraints whose rows cost more than this answer. False where it is not certain.
+        """
+        return False
 
     @abstractmethod
     def rows(self, model: RobotModel, stopping: Stopping) -> Rows | None:
@@ -44,7 +53,7 @@ class Constraint(ABC):
 
         Args:
             model: At the state of the controller.
-            stopping: Where the robot would come to rest, and the cycle.
+            stopping: How fast it can change its speed, and the cycle.
         """
 
 

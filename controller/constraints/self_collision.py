@@ -53,6 +53,7 @@ class SelfCollision(Constraint):
 
     name = "self-collision"
     rank = 2
+    lazy = True
 
     def __init__(self, robot: RobotConfig, settings: SelfCollisionSettings | None = None) -> None:
         self.settings = settings = settings or load_self_collision(robot)
@@ -65,29 +66,48 @@ class SelfCollision(Constraint):
         self._prepared: Stopping | None = None
         self._watched = 0
 
+    def kept(self, model: RobotModel, stopping: Stopping, acceleration: FloatArray) -> bool:
+        """Whether all pairs keep the security distance on the way to rest from where (20,) accelerations lead."""
+        if stopping is not self._prepared:
+            self._prepare(stopping)
+        rest = self._rest
+        rest.update(model.v)
+        if not self._near(self._capsules, model.q, rest.way + rest.gain * acceleration):
+            if not self._watched:
+                return True
+            self._watched -= 1
+        else:
+            self._watched = WATCHED
+        for place in self._places(model, stopping):
+            if self._near(self._close, model.q, place.way + place.gain * acceleration):
+                return False
+        return True
+
     def rows(self, model: RobotModel, stopping: Stopping) -> Rows | None:
         """Distances on the way to rest, of the pairs that an acceleration could bring too near there."""
         if stopping is not self._prepared:
             self._prepare(stopping)
-        rest, capsules, data = self._rest, self._capsules, self._data
-        rest.update(model.v)
-        pin.forwardKinematics(self._pin, data, pin.integrate(self._pin, model.q, rest.way))
-        capsules.place(data)
-        if capsules.any_near():
-            self._watched = WATCHED
-        elif not self._watched:
-            return None
-        else:
-            self._watched -= 1
+        self._rest.update(model.v)
         limit = self._limit_now(model, stopping.dt)
-        parts = [self._rows_at(rest, model.q, limit)]
-        longest = rest.longest
+        parts = [self._rows_at(place, model.q, limit) for place in self._places(model, stopping)]
+        found = [part for part in parts if part is not None]
+        return stack(found) if found else None
+
+    def _places(self, model: RobotModel, stopping: Stopping) -> list[BrakingPath]:
+        """The places on the way to rest that are looked at: rest, and those before it."""
+        places, longest = [self._rest], self._rest.longest
         for cycles, place in self._on_the_way:
             if longest > cycles * stopping.dt:  # else the robot is at rest there
                 place.update(model.v)
-                parts.append(self._rows_at(place, model.q, limit))
-        found = [part for part in parts if part is not None]
-        return stack(found) if found else None
+                places.append(place)
+        return places
+
+    def _near(self, capsules: CapsuleDistances, q: FloatArray, way: FloatArray) -> bool:
+        """Whether any pair is nearer than the capsules' margin at the end of a (20,) way from ``q``."""
+        data = self._data
+        pin.forwardKinematics(self._pin, data, pin.integrate(self._pin, q, way))
+        capsules.place(data)
+        return capsules.any_near()
 
     def _prepare(self, stopping: Stopping) -> None:
         brake, dt = stopping.brake, stopping.dt

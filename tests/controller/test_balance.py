@@ -7,7 +7,15 @@ from itertools import product
 import numpy as np
 import pinocchio as pin
 import pytest
-from controller_cases import ACCELERATION, DT, ROBOT, FixedRows, FloatArray, random_posture
+from controller_cases import (
+    ACCELERATION,
+    DT,
+    ROBOT,
+    SETTINGS,
+    FixedRows,
+    FloatArray,
+    random_posture,
+)
 from scipy.optimize import linprog
 
 from pepper_driver.controller import BasePoseTask, RobotModel, WholeBodyController
@@ -68,7 +76,6 @@ def stopping_of(model: RobotModel) -> Stopping:
     limit = np.r_[0.3, 0.3, 0.75, np.zeros(17)]
     limit[model.joint_columns] = ACCELERATION
     stopping = Stopping(limit, DT)
-    stopping.update(model.v)
     return stopping
 
 
@@ -269,3 +276,44 @@ def test_a_robot_that_starts_beyond_its_wheels_comes_back() -> None:
         reference = control.step()
         assert np.isfinite(reference.position).all()
     assert inside(FREE.centre_of_mass(control.model.q)).min() > MARGIN
+
+
+def test_what_is_said_to_be_kept_breaks_no_row_and_keeps_the_zero_moment_point_inside() -> None:
+    random = np.random.default_rng(11)
+    balance = Balance(ROBOT, MARGIN, MOVING)
+    limit = np.concatenate([np.array([0.3, 0.3, 0.75]), ACCELERATION])
+    stopping = Stopping(limit, DT)
+    answers = []
+    for _ in range(400):
+        model = random_state(random)
+        a = random.uniform(-1, 1, 20) * limit * random.choice([0.05, 0.3, 1.0])
+        rows = balance.rows(model, stopping)
+        broken = rows is not None and bool((rows.matrix @ a > rows.bound + 1e-9).any())
+        answers.append(balance.kept(model, stopping, a))
+        if answers[-1]:
+            assert not broken
+            assert inside(FREE.zero_moment_point(model.q, model.v, a)).min() > MOVING - 1e-9
+    assert 40 < sum(answers) < 360
+
+
+def test_rows_made_when_needed_move_the_robot_as_rows_that_are_always_there(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def trail() -> FloatArray:
+        random = np.random.default_rng(5)
+        control = WholeBodyController(ROBOT, SETTINGS)
+        control.add(Balance(ROBOT, MARGIN, MOVING))
+        control.posture.stiffness = 60.0
+        places = []
+        for tick in range(600):
+            if tick % 60 == 0:
+                control.posture.target = random_posture(random)
+                control.base_velocity.target = random.uniform(-0.3, 0.3, 3)
+            places.append(control.step().position)
+        return np.array(places)
+
+    when_needed = trail()
+    monkeypatch.setattr(Balance, "kept", lambda *_: False)
+    np.testing.assert_allclose(when_needed, trail(), atol=1e-7)
+    monkeypatch.setattr(Balance, "rows", lambda *_: None)
+    assert np.abs(when_needed - trail()).max() > 1e-3  # they did something

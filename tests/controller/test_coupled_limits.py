@@ -87,7 +87,6 @@ def walk(random: np.random.Generator, velocity: Velocity) -> int:
     for tick in range(150):
         model.set_state(q, v)
         box.update(q, v, np.zeros(20))
-        stopping.update(v)
         rows = limits.rows(model, stopping)
         if random.random() < 0.05:
             side = random.choice([-1.0, 1.0], 20) * random.choice([0.3, 1.0], 20)
@@ -171,7 +170,6 @@ def test_far_from_the_limits_there_are_no_rows_and_near_one_only_its_own() -> No
     stopping = Stopping(np.full(20, 20.0), DT)
     limits = CoupledLimits(ROBOT, MARGIN)
     model.set_state(model.configuration(MIDDLE), np.zeros(20))
-    stopping.update(model.v)
     assert limits.rows(model, stopping) is None
     near = MIDDLE.copy()
     near[PITCH] = 0.44

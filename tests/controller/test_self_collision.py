@@ -136,16 +136,19 @@ def test_places_on_the_way_to_rest_are_where_braking_leads(cycles: float) -> Non
         assert (np.abs(way - (path.way + path.gain * a)[3:]) <= allowed[3:]).all()
 
 
-def test_the_way_to_rest_is_that_of_other_limits() -> None:
+def test_the_way_to_rest_is_that_of_single_joints() -> None:
+    """s(v) = v dt up to b dt, v^2 / (2 b) + b dt^2 / 2 above, after one cycle at v (``braking.py``)."""
     random, model = np.random.default_rng(3), RobotModel(ROBOT)
-    stopping = Stopping(limits(model), DT)
-    path = BrakingPath(stopping.brake, DT, inf)
-    v = random.uniform(-2, 2, model.nv)
-    v[5] = 0.0
-    stopping.update(v)
-    path.update(v)
-    np.testing.assert_allclose(path.way, stopping.displacement, atol=1e-15)
-    np.testing.assert_allclose(path.gain, stopping.gain, atol=1e-15)
+    brake = 0.9 * limits(model)
+    path = BrakingPath(brake, DT, inf)
+    for _ in range(20):
+        v = random.uniform(-2, 2, model.nv) * random.choice([0.01, 1.0], model.nv)
+        path.update(v)
+        speed = np.abs(v)
+        stop = np.where(speed > brake * DT, v**2 / (2 * brake) + brake * DT**2 / 2, speed * DT)
+        np.testing.assert_allclose(path.way, v * DT + np.sign(v) * stop, atol=1e-15)
+        slope = np.maximum(speed / brake, DT)
+        np.testing.assert_allclose(path.gain, DT**2 / 2 + slope * DT, atol=1e-15)
 
 
 # -- rows -------------------------------------------------------------------------------------------------------
@@ -167,7 +170,6 @@ def test_accelerations_on_a_row_end_at_the_security_distance() -> None:
         v = random.uniform(-1, 1, model.nv) * np.minimum(2.0, 0.15 * limit)
         model.set_state(q, v)
         model.update_kinematics()
-        stopping.update(v)
         rows = constraint.rows(model, stopping)
         if rows is None:
             continue
@@ -191,7 +193,6 @@ def test_nothing_near_gives_no_rows() -> None:
     apart[[5, 6, 8, 11, 12, 14]] = 0.8, 0.8, -0.3, 0.8, -0.8, 0.3
     model.set_state(model.configuration(apart), np.zeros(model.nv))
     model.update_kinematics()
-    stopping.update(model.v)
     assert SelfCollision(ROBOT).rows(model, stopping) is None
 
 

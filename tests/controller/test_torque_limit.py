@@ -30,7 +30,6 @@ LIMITS = np.concatenate([BASE_ACCELERATION, ACCELERATION])
 def rows_at(limit: TorqueLimit, model: RobotModel, q: FloatArray, v: FloatArray) -> Rows | None:
     model.set_state(q, v)
     stopping = Stopping(LIMITS, DT)
-    stopping.update(v)
     return limit.rows(model, stopping)
 
 

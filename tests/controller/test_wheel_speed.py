@@ -76,7 +76,6 @@ def rows_at(twist: FloatArray, limit: WheelSpeedLimit | None = None) -> Rows | N
     v[:3] = twist
     model.set_state(model.q, v)
     stopping = Stopping(np.concatenate([BASE_ACCELERATION, ACCELERATION]), DT)
-    stopping.update(v)
     return (limit or WheelSpeedLimit(ROBOT)).rows(model, stopping)
 
 

@@ -6,6 +6,18 @@ from typing import Any
 
 import numpy as np
 import pytest
+from motion_cases import (
+    PITCH,
+    PLACE,
+    REACH,
+    ROBOT,
+    YAW,
+    Trace,
+    make_motion,
+    make_pepper,
+    snapshot,
+    wrist,
+)  # isort: skip
 
 from pepper_driver import FaultError, Pepper, Reflex
 from pepper_driver.backends import Measurement
@@ -13,19 +25,6 @@ from pepper_driver.config import ConfigError, UnknownNameError
 from pepper_driver.controller import PositionTask, Tick
 from pepper_driver.observer import Observation
 from pepper_driver.reflexes import Control
-
-from motion_cases import (
-    PLACE,
-    REACH,
-    ROBOT,
-    YAW,
-    PITCH,
-    Trace,
-    make_motion,
-    make_pepper,
-    snapshot,
-    wrist,
-)  # isort: skip
 
 
 def test_a_posture_is_reached_in_its_time_along_a_spline() -> None:
