@@ -15,7 +15,8 @@ from pepper_driver.controller.solvers import Solver
 from pepper_driver.controller.solvers.daqp_ import DaqpSolver
 from pepper_driver.controller.solvers.solver import NO_BOUNDS, NO_ROWS
 from pepper_driver.controller.tasks import Task
-from pepper_driver.controller.tasks.task import Gains, TaskRows
+from pepper_driver.controller.tasks.gains import Gains
+from pepper_driver.controller.tasks.task import TaskRows
 
 FloatArray = NDArray[np.float64]
 

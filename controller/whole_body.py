@@ -22,7 +22,7 @@ from pepper_driver.controller.reference import Reference
 from pepper_driver.controller.report import ControllerStatus, TaskReport, explain
 from pepper_driver.controller.solvers import make_solver
 from pepper_driver.controller.tasks import BaseVelocityTask, PostureTask, Task
-from pepper_driver.controller.tasks.task import finite_vector
+from pepper_driver.controller.tasks.targets import finite_vector
 from pepper_driver.controller.wheels import Odometry
 
 FloatArray = NDArray[np.float64]

@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pepper_driver.controller.model import BASE, RobotModel
-from pepper_driver.controller.tasks.task import Target, Task, finite_vector
+from pepper_driver.controller.tasks.targets import Target, finite_vector
+from pepper_driver.controller.tasks.task import Task
 from pepper_driver.controller.trajectory import Trajectory, vector_trajectory
 
 FloatArray = NDArray[np.float64]

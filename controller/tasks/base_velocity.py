@@ -7,7 +7,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from pepper_driver.controller.model import BASE, RobotModel
 from pepper_driver.controller.tasks.lag import LagTask
-from pepper_driver.controller.tasks.task import TaskRows, finite_vector
+from pepper_driver.controller.tasks.targets import finite_vector
+from pepper_driver.controller.tasks.task import TaskRows
 
 FloatArray = NDArray[np.float64]
 

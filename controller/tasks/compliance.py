@@ -11,7 +11,7 @@ from pepper_driver.config import RobotConfig
 from pepper_driver.controller.errors import GainError
 from pepper_driver.controller.model import RobotModel
 from pepper_driver.controller.tasks.posture import PostureTask
-from pepper_driver.controller.tasks.task import finite_vector
+from pepper_driver.controller.tasks.targets import finite_vector
 
 FloatArray = NDArray[np.float64]
 

@@ -10,9 +10,14 @@ from numpy.typing import ArrayLike, NDArray
 
 from pepper_driver.config import RobotConfig, UnknownNameError
 from pepper_driver.controller.model import RobotModel
-from pepper_driver.controller.rotations import checked_pose, checked_rotation
 from pepper_driver.controller.tasks.frame_motion import FrameMotion
-from pepper_driver.controller.tasks.task import Target, Task, TaskRows, finite_vector
+from pepper_driver.controller.tasks.targets import (
+    Target,
+    checked_pose,
+    checked_rotation,
+    finite_vector,
+)
+from pepper_driver.controller.tasks.task import Task, TaskRows
 from pepper_driver.controller.trajectory import (
     Trajectory,
     rotation_spline,

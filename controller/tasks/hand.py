@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from pepper_driver.config import RobotConfig, UnknownNameError
 from pepper_driver.controller.errors import TargetError
 from pepper_driver.controller.tasks.posture import PostureTask
-from pepper_driver.controller.tasks.task import Target, finite_vector
+from pepper_driver.controller.tasks.targets import Target, finite_vector
 
 FloatArray = NDArray[np.float64]
 

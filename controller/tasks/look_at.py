@@ -13,7 +13,8 @@ from pepper_driver.config import RobotConfig, UnknownNameError
 from pepper_driver.controller.errors import TargetError
 from pepper_driver.controller.model import BodyFrame, RobotModel
 from pepper_driver.controller.tasks.frame_motion import OWN_AXES, cross
-from pepper_driver.controller.tasks.task import Target, Task, TaskRows, finite_vector
+from pepper_driver.controller.tasks.targets import Target, finite_vector
+from pepper_driver.controller.tasks.task import Task, TaskRows
 from pepper_driver.controller.trajectory import Trajectory, vector_trajectory
 
 FloatArray = NDArray[np.float64]

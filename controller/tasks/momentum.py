@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from pepper_driver.config import RobotConfig
 from pepper_driver.controller.model import RobotModel
 from pepper_driver.controller.tasks.lag import LagTask
-from pepper_driver.controller.tasks.task import finite_vector
+from pepper_driver.controller.tasks.targets import finite_vector
 
 FloatArray = NDArray[np.float64]
 

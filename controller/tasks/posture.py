@@ -10,7 +10,8 @@ from numpy.typing import ArrayLike, NDArray
 from pepper_driver.config import RobotConfig, UnknownNameError
 from pepper_driver.controller.errors import TargetError
 from pepper_driver.controller.model import RobotModel
-from pepper_driver.controller.tasks.task import Target, Task, TaskRows, finite_vector
+from pepper_driver.controller.tasks.targets import Target, finite_vector
+from pepper_driver.controller.tasks.task import Task, TaskRows
 from pepper_driver.controller.trajectory import Trajectory, vector_trajectory
 
 FloatArray = NDArray[np.float64]

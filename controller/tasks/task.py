@@ -8,34 +8,28 @@ laws of the JRL task library; with a reference at rest, the set-point law.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from math import isfinite, sqrt
-from numbers import Real
+from math import sqrt
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pepper_driver.config import RobotConfig
-from pepper_driver.controller.errors import GainError, TargetError
+from pepper_driver.controller.errors import TargetError
 from pepper_driver.controller.model import BASE, RobotModel
+from pepper_driver.controller.tasks.gains import Gained
+from pepper_driver.controller.tasks.targets import Target, finite_vector
 from pepper_driver.controller.trajectory import Trajectory
 
 FloatArray = NDArray[np.float64]
-
-Target = ArrayLike | Mapping[str, float]
-"""What users may give as a target; joints by name where a task has joints."""
-
 
 SHORTEST = 1e-3
 """[s] Least duration of a motion from target to target: less than any cycle."""
 
 
-class Task(ABC):
-    """Rows of the cost with a common stiffness [1/s2], damping [1/s] and weight.
-
-    Damping follows the stiffness as 2 sqrt(stiffness), which is critical, unless it is set. A task belongs to one
-    controller at a time.
+class Task(Gained, ABC):
+    """Rows of the cost with common gains. A task belongs to one controller at a time.
 
     Args:
         rows: Number of rows.
@@ -48,7 +42,6 @@ class Task(ABC):
         rows: Number of rows.
         needs_kinematics: Whether the controller must compute placements and Jacobians before :meth:`measure`.
         driven: Whether there is a reference motion: something to do in :meth:`advance` and :meth:`refer`.
-        gains: What the rows are multiplied by; another object whenever one of the gains was set.
     """
 
     needs_kinematics = True
@@ -56,15 +49,9 @@ class Task(ABC):
     def __init__(
         self, rows: int, *, stiffness: float, weight: float, name: str | None = None
     ) -> None:
+        super().__init__(rows, stiffness=stiffness, weight=weight)
         self.rows = rows
         self.name = name or type(self).__name__
-        self._dim_weight = np.ones(rows)
-        self._own_damping: float | None = None
-        self._stiffness, self._weight = (
-            _not_negative("stiffness", stiffness),
-            _not_negative("weight", weight),
-        )
-        self._update_gains()
         self._moving: tuple[str, ...] | None = None
         self._with_base = True
         self._error, self._rate, self._bias = np.full((3, rows), np.nan)
@@ -74,68 +61,6 @@ class Task(ABC):
         self._reference_acceleration: FloatArray | None = None
         self._way: tuple[list[FloatArray], list[float]] | None = None
         self._trajectory: Trajectory | None = None
-
-    # -- gains --------------------------------------------------------------------------------------------------
-
-    @property
-    def stiffness(self) -> float:
-        """Of the error [1/s2]."""
-        return self._stiffness
-
-    @stiffness.setter
-    def stiffness(self, value: float) -> None:
-        stiffness = _not_negative("stiffness", value)
-        self._allow(stiffness, self._own_damping)
-        self._stiffness = stiffness
-        self._update_gains()
-
-    @property
-    def damping(self) -> float:
-        """Of the velocity [1/s]; 2 sqrt(stiffness) unless set; None makes it follow the stiffness again."""
-        return self._damping
-
-    @damping.setter
-    def damping(self, value: float | None) -> None:
-        damping = None if value is None else _not_negative("damping", value)
-        self._allow(self._stiffness, damping)
-        self._own_damping = damping
-        self._update_gains()
-
-    @property
-    def weight(self) -> float:
-        """In the cost, against other tasks."""
-        return self._weight
-
-    @weight.setter
-    def weight(self, value: float) -> None:
-        self._weight = _not_negative("weight", value)
-        self._update_gains()
-
-    @property
-    def dim_weight(self) -> FloatArray:
-        """(rows,) weight of each row within the task, a copy; a row of weight 0 is not asked for."""
-        return self._dim_weight.copy()
-
-    @dim_weight.setter
-    def dim_weight(self, value: ArrayLike) -> None:
-        what = f"{self.rows} finite numbers that are not negative"
-        try:
-            weights = np.array(value, dtype=np.float64)
-        except (TypeError, ValueError):
-            raise GainError("dim_weight", value, what) from None
-        if weights.shape != (self.rows,) or not (np.isfinite(weights) & (weights >= 0)).all():
-            raise GainError("dim_weight", value, what)
-        self._dim_weight = weights
-        self._update_gains()
-
-    def _allow(self, stiffness: float, damping: float | None) -> None:
-        """Refuse gains that a task cannot live with, by a GainError. For tasks that have such."""
-        return
-
-    def _update_gains(self) -> None:
-        own = self._own_damping
-        self._damping = 2.0 * sqrt(self._stiffness) if own is None else own
-        self.gains = Gains(self._stiffness, self._damping, self._weight * self._dim_weight)
 
     # -- reference motion ---------------------------------------------------------------------------------------
 
@@ -347,15 +272,6 @@ class Task(ABC):
 
 
 @dataclass(frozen=True, slots=True)
-class Gains:
-    """Stiffness [1/s2], damping [1/s] and weights (rows,) of a task's rows."""
-
-    stiffness: float
-    damping: float
-    weight: FloatArray
-
-
-@dataclass(frozen=True, slots=True)
 class TaskRows:
     """Where a task reads and writes: views of the arrays of all tasks, (rows, 20) and four times (rows,)."""
 
@@ -364,39 +280,3 @@ class TaskRows:
     rate: FloatArray
     bias: FloatArray
     wanted: FloatArray
-
-
-def _not_negative(name: str, value: float) -> float:
-    if not (isinstance(value, Real) and isfinite(value) and value >= 0):
-        raise GainError(name, value)
-    return float(value)
-
-
-def finite_vector(what: str, value: Target, size: int, *, names: Sequence[str] = ()) -> FloatArray:
-    """A copy of ``value`` (size,) as floats.
-
-    Args:
-        what: For the message.
-        value: As given by the user.
-        size: How many numbers there must be.
-        names: (size,) joints, to name the one at fault.
-
-    Raises:
-        TargetError: Not ``size`` finite numbers.
-    """
-    try:
-        vector = np.array(value, dtype=np.float64)
-    except (TypeError, ValueError):
-        raise TargetError(f"{what} takes {size} numbers, got {type(value).__name__}") from None
-    if vector.shape != (size,):
-        raise TargetError(f"{what} takes {size} numbers, got shape {vector.shape}")
-    finite = np.isfinite(vector)
-    if not finite.all():
-        index = int(np.argmin(finite))
-        joint = names[index] if names else None
-        raise TargetError(
-            f"{what} takes finite numbers, got {vector[index]} for {joint or f'number {index}'}",
-            joint=joint,
-            value=float(vector[index]),
-        )
-    return vector

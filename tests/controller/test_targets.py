@@ -1,4 +1,4 @@
-"""Rotations and poses from users: what is taken, and what is refused with which words."""
+"""Targets: rotations and poses from users: what is taken, and what is refused with which words."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from controller_cases import ROBOT
 from scipy.spatial.transform import Rotation
 
 from pepper_driver.controller import FrameTask, OrientationTask, TargetError
-from pepper_driver.controller.rotations import checked_pose, checked_rotation
+from pepper_driver.controller.tasks.targets import checked_pose, checked_rotation
 
 TURN = Rotation.from_rotvec([0.3, -1.2, 0.8])
 MIRROR = np.diag([1.0, 1.0, -1.0])

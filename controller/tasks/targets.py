@@ -1,8 +1,8 @@
-"""Rotations and poses as users give them, checked."""
+"""Targets as users give them, checked: vectors, rotations, poses."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -12,11 +12,44 @@ from pepper_driver.controller.errors import TargetError
 
 FloatArray = NDArray[np.float64]
 
+Target = ArrayLike | Mapping[str, float]
+"""What users may give as a target; joints by name where a task has joints."""
+
 UNIT = 1e-3
 """How far the norm of a quaternion or the axes of a matrix may be from 1: rounding, not a mistake."""
 
 
-def checked_rotation(what: str, value: ArrayLike | Mapping[str, float]) -> FloatArray:
+def finite_vector(what: str, value: Target, size: int, *, names: Sequence[str] = ()) -> FloatArray:
+    """A copy of ``value`` (size,) as floats.
+
+    Args:
+        what: For the message.
+        value: As given by the user.
+        size: How many numbers there must be.
+        names: (size,) joints, to name the one at fault.
+
+    Raises:
+        TargetError: Not ``size`` finite numbers.
+    """
+    try:
+        vector = np.array(value, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise TargetError(f"{what} takes {size} numbers, got {type(value).__name__}") from None
+    if vector.shape != (size,):
+        raise TargetError(f"{what} takes {size} numbers, got shape {vector.shape}")
+    finite = np.isfinite(vector)
+    if not finite.all():
+        index = int(np.argmin(finite))
+        joint = names[index] if names else None
+        raise TargetError(
+            f"{what} takes finite numbers, got {vector[index]} for {joint or f'number {index}'}",
+            joint=joint,
+            value=float(vector[index]),
+        )
+    return vector
+
+
+def checked_rotation(what: str, value: Target) -> FloatArray:
     """(3, 3) rotation matrix of a rotation matrix or of a unit quaternion (x, y, z, w).
 
     Args:
@@ -48,7 +81,7 @@ def checked_rotation(what: str, value: ArrayLike | Mapping[str, float]) -> Float
     )
 
 
-def checked_pose(what: str, value: ArrayLike | Mapping[str, float]) -> FloatArray:
+def checked_pose(what: str, value: Target) -> FloatArray:
     """(4, 4) transform of a (4, 4) transform or of (7,) position [m] and unit quaternion (x, y, z, w).
 
     Raises:
@@ -69,7 +102,7 @@ def checked_pose(what: str, value: ArrayLike | Mapping[str, float]) -> FloatArra
     return pose
 
 
-def _array(what: str, value: ArrayLike | Mapping[str, float], kind: str) -> FloatArray:
+def _array(what: str, value: Target, kind: str) -> FloatArray:
     try:
         array = np.array(value, dtype=np.float64)
     except (TypeError, ValueError):

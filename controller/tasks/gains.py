@@ -1,0 +1,112 @@
+"""Stiffness, damping and weights of a task, checked where they are set."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import isfinite, sqrt
+from numbers import Real
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from pepper_driver.controller.errors import GainError
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class Gains:
+    """Stiffness [1/s2], damping [1/s] and weights (rows,) of a task's rows."""
+
+    stiffness: float
+    damping: float
+    weight: FloatArray
+
+
+class Gained:
+    """Has a stiffness [1/s2], a damping [1/s] and weights.
+
+    Damping follows the stiffness as 2 sqrt(stiffness), which is critical, unless it is set.
+
+    Args:
+        rows: Number of rows.
+        stiffness: Of the error [1/s2].
+        weight: In the cost, against other tasks.
+
+    Attributes:
+        gains: What the rows are multiplied by; another object whenever one of them was set.
+    """
+
+    def __init__(self, rows: int, *, stiffness: float, weight: float) -> None:
+        self._dim_weight = np.ones(rows)
+        self._own_damping: float | None = None
+        self._stiffness = _not_negative("stiffness", stiffness)
+        self._weight = _not_negative("weight", weight)
+        self._update_gains()
+
+    @property
+    def stiffness(self) -> float:
+        """Of the error [1/s2]."""
+        return self._stiffness
+
+    @stiffness.setter
+    def stiffness(self, value: float) -> None:
+        stiffness = _not_negative("stiffness", value)
+        self._allow(stiffness, self._own_damping)
+        self._stiffness = stiffness
+        self._update_gains()
+
+    @property
+    def damping(self) -> float:
+        """Of the velocity [1/s]; 2 sqrt(stiffness) unless set; None makes it follow the stiffness again."""
+        return self._damping
+
+    @damping.setter
+    def damping(self, value: float | None) -> None:
+        damping = None if value is None else _not_negative("damping", value)
+        self._allow(self._stiffness, damping)
+        self._own_damping = damping
+        self._update_gains()
+
+    @property
+    def weight(self) -> float:
+        """In the cost, against other tasks."""
+        return self._weight
+
+    @weight.setter
+    def weight(self, value: float) -> None:
+        self._weight = _not_negative("weight", value)
+        self._update_gains()
+
+    @property
+    def dim_weight(self) -> FloatArray:
+        """(rows,) weight of each row within the task, a copy; a row of weight 0 is not asked for."""
+        return self._dim_weight.copy()
+
+    @dim_weight.setter
+    def dim_weight(self, value: ArrayLike) -> None:
+        rows = len(self._dim_weight)
+        what = f"{rows} finite numbers that are not negative"
+        try:
+            weights = np.array(value, dtype=np.float64)
+        except (TypeError, ValueError):
+            raise GainError("dim_weight", value, what) from None
+        if weights.shape != (rows,) or not (np.isfinite(weights) & (weights >= 0)).all():
+            raise GainError("dim_weight", value, what)
+        self._dim_weight = weights
+        self._update_gains()
+
+    def _allow(self, stiffness: float, damping: float | None) -> None:
+        """Refuse gains that a task cannot live with, by a GainError. For tasks that have such."""
+        return
+
+    def _update_gains(self) -> None:
+        own = self._own_damping
+        self._damping = 2.0 * sqrt(self._stiffness) if own is None else own
+        self.gains = Gains(self._stiffness, self._damping, self._weight * self._dim_weight)
+
+
+def _not_negative(name: str, value: float) -> float:
+    if not (isinstance(value, Real) and isfinite(value) and value >= 0):
+        raise GainError(name, value)
+    return float(value)
