@@ -19,7 +19,6 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 from rich.console import Console
-from rich.markup import escape
 from rich.table import Table
 
 from pepper_driver.config import RobotConfig, load_robot, load_self_collision
@@ -204,17 +203,23 @@ def wander(
     return {
         "seed": seed,
         "ticks": ticks,
-        "least distance of capsules [mm]": 1e3 * least["distance"],
-        "worst penetration [mm]": max(0.0, -1e3 * least["distance"]),
-        "least margin of the zero moment point [mm]": 1e3 * least["zero moment point"],
-        "least margin of the centre of mass [mm]": 1e3 * least["centre of mass"],
-        "position limits overshot by [mrad]": max(0.0, 1e3 * overshoot),
-        "NaN": nans,
+        "least_distance_mm": 1e3 * least["distance"],
+        "worst_penetration_mm": max(0.0, -1e3 * least["distance"]),
+        "least_margin_mm": {
+            "zero_moment_point": 1e3 * least["zero moment point"],
+            "centre_of_mass": 1e3 * least["centre of mass"],
+        },
+        "position_overshoot_mrad": max(0.0, 1e3 * overshoot),
+        "not_a_number": nans,
         "exceptions": errors,
-        **{name: outcomes[name] for name in ("solved", "relaxed", "infeasible", "failed")},
+        "outcomes": {
+            name: outcomes[name] for name in ("solved", "relaxed", "infeasible", "failed")
+        },
         "unmet": dict(unmet.most_common()),
-        "tick median [us]": 1e6 * float(np.median(times)),
-        "tick p99 [us]": 1e6 * float(np.percentile(times, 99)),
+        "tick_us": {
+            "median": 1e6 * float(np.median(times)),
+            "p99": 1e6 * float(np.percentile(times, 99)),
+        },
     }
 
 
@@ -229,7 +234,10 @@ def main() -> None:
     figures = wander(robot, round(given.minutes * 60 / robot.cycle), given.seed)
     table = Table(title=f"{given.minutes:g} min of random targets", show_header=False)
     for key, value in figures.items():
-        table.add_row(escape(key), f"{value:.2f}" if isinstance(value, float) else str(value))
+        parts = value.items() if isinstance(value, dict) else [("", value)]
+        for part, number in parts:
+            shown = f"{number:.2f}" if isinstance(number, float) else str(number)
+            table.add_row(f"{key} {part}".replace("_", " ").strip(), shown)
     Console().print(table)
     if given.json is not None:
         given.json.write_text(json.dumps(figures, indent=2) + "\n", encoding="utf-8")
