@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import time
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from contextlib import ExitStack
+from collections.abc import Callable, Mapping, Sequence
 from itertools import count
 from pathlib import Path
 from types import TracebackType
@@ -14,12 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from pepper_driver.backends import Backend, BackendError, make_backend
-from pepper_driver.callbacks import (
-    ContactCallback,
-    ContactPredicate,
-    Dispatcher,
-    contact_filter,
-)
+from pepper_driver.callbacks import ContactCallback, ContactPredicate, contact_filter
 from pepper_driver.config import (
     ControllerSettings,
     Motion,
@@ -32,8 +25,7 @@ from pepper_driver.config import (
 from pepper_driver.config.motion import LONGEST
 from pepper_driver.config.parts import FloatArray
 from pepper_driver.controller import GainError, TargetError, Tick, WholeBodyController
-from pepper_driver.log import LogWriter, run_metadata
-from pepper_driver.loop import Loop, StageTimes
+from pepper_driver.loop import StageTimes
 from pepper_driver.motion import OnStep, Player
 from pepper_driver.motion_report import MotionReport
 from pepper_driver.observer import Contact, Observation, Observer
@@ -41,9 +33,7 @@ from pepper_driver.observer.contact import Kind, Phase
 from pepper_driver.reflexes import Reflex
 from pepper_driver.safety import RobotState, SafetyGate
 from pepper_driver.selection import make_observer
-
-CALLBACK_TIME = 2.0
-"""[s] that the end of a run waits for callbacks that are still busy."""
+from pepper_driver.session import Session
 
 Posture = str | Mapping[str, float] | ArrayLike
 """A posture by name, joints by name with their angles [rad] (the others stay), or all 17 angles [rad]."""
@@ -93,16 +83,14 @@ class Pepper:
         self._observer = observer
         self._reflexes = tuple(reflexes)
         self._log_path = None if log is None else Path(log)
-        self._log: LogWriter | None = None
         self._paced = real_time and not self.backend.info.real_time
         self._controller_settings = controller or load_controller_settings(self.config)
         self._safety_settings = load_safety_settings()
         self._subscriptions: list[tuple[ContactCallback, ContactPredicate]] = []
-        self._dispatcher: Dispatcher | None = None
-        self._listeners: list[Callable[[Tick, Observation | None], None]] = []
-        self._gate: SafetyGate | None = None
-        self._loop: Loop | None = None
-        self._contacts: list[Contact] = []
+        self._session: Session | None = None  # the one that runs, or the last one
+        self._gate: SafetyGate | None = (
+            None  # there before the session, so that a stop finds it while that starts
+        )
 
     # -- life ---------------------------------------------------------------------------------------------------
 
@@ -122,65 +110,28 @@ class Pepper:
         """Connect, open the log, raise the stiffness, hold the measured posture.
 
         Raises:
-            PepperError: The robot or the log cannot be opened.
+            PepperError: The robot or the log cannot be opened, or an emergency stop came meanwhile.
         """
-        if self._loop is not None:
+        if self._session is not None and self._session.active:
             raise BackendError(f"'{self.backend.info.uri}' is already active")
-        try:
-            self._start()
-        except BaseException:
-            self.close()
-            raise
-
-    def _start(self) -> None:
-        measurement = self.backend.open()
-        hold = np.clip(measurement.position, self.config.lower, self.config.upper)
-        if self._log_path is not None:  # only now: a robot that is not there costs no earlier log
-            self._log = LogWriter(
-                self._log_path,
-                self.config,
-                run_metadata(self.backend.info, self._observer),
-                lossless=not self.backend.info.real_time,
-            )
-        measurement = self.backend.activate()
-        controller = WholeBodyController(self.config, self._controller_settings)
-        controller.reset(hold)
-        gate = SafetyGate(self.config, self._safety_settings, self._controller_settings)
-        gate.activate(hold)
-        if self._observer is not None:
-            self._observer.reset()
-        for reflex in self._reflexes:
-            reflex.reset()
-        self._gate = gate
-        self._contacts.clear()
-        self._dispatcher = Dispatcher()
-        for callback, wanted in self._subscriptions:
-            self._dispatcher.subscribe(callback, wanted)
-        self._loop = Loop(
+        self._gate = SafetyGate(self.config, self._safety_settings, self._controller_settings)
+        self._session = Session(
             self.backend,
             self.config,
-            controller,
-            gate,
-            time=measurement.time,
+            self._controller_settings,
+            self._gate,
             observer=self._observer,
             reflexes=self._reflexes,
-            log=self._log,
-            deliver=self._deliver,
+            log=self._log_path,
+            subscriptions=self._subscriptions,
+            paced=self._paced,
         )
 
     def close(self) -> None:
         """Stop, lower the stiffness, close the log, disconnect. Does nothing when closed."""
-        self._loop = None
-        if self._gate is not None:
-            self._gate.deactivate()
-        with ExitStack() as stack:  # each is done even if the one before fails
-            if self._dispatcher is not None:
-                dispatcher, self._dispatcher = self._dispatcher, None
-                stack.callback(dispatcher.close, timeout=CALLBACK_TIME)
-                stack.callback(dispatcher.flush, timeout=CALLBACK_TIME)
-            if self._log is not None:
-                log, self._log = self._log, None
-                stack.callback(log.close)
+        if self._session is not None:
+            self._session.close()
+        else:
             self.backend.close()
 
     @property
@@ -193,12 +144,12 @@ class Pepper:
     @property
     def time(self) -> float:
         """Clock of the robot at the last measurement [s]."""
-        return self._active().time
+        return self._active().loop.time
 
     @property
     def target(self) -> FloatArray:
         """(17,) where the joints were last told to go [rad], a copy."""
-        return self._active().target.copy()
+        return self._active().loop.target.copy()
 
     def set_posture(
         self,
@@ -218,7 +169,7 @@ class Pepper:
         Raises:
             PepperError: Unknown name, an angle that is not finite or outside the joint's limits. Nothing changes.
         """
-        loop = self._active()
+        loop = self._active().loop
         target = loop.control.controller.posture.checked(self._resolve(posture, loop.target))
         # At 0 nothing would stop a joint.
         if stiffness is not None and not (np.isfinite(stiffness) and stiffness > 0):
@@ -254,7 +205,7 @@ class Pepper:
         if not (np.isfinite(seconds) and seconds >= 0):
             raise ValueError(f"seconds must be a time that is not negative, got {seconds}")
         ticks = range(round(seconds / self.config.cycle))
-        return self._run(ticks, on_tick, None if until is None else lambda _: until())
+        return self._active().run(ticks, on_tick, None if until is None else lambda _: until())
 
     def play(
         self,
@@ -280,19 +231,22 @@ class Pepper:
             PepperError: The motion is wrong; nothing moves.
             FaultError: The safety gate stopped the robot.
         """
-        loop = self._active()
+        session = self._active()
         if not isinstance(motion, Motion):
             motion = load_motion(motion, self.config)
-        player = Player(motion, self.config, loop, on_step=on_step)
+        player = Player(motion, self.config, session.loop, on_step=on_step)
         try:
             player.begin()
-            self._run(count(), on_tick, lambda tick: player.advance(tick.measurement))
+            session.run(count(), on_tick, lambda tick: player.advance(tick.measurement))
         finally:
             player.end()
         return player.report
 
     def emergency_stop(self) -> None:
-        """Hold the joints and stop the wheels from the next tick on; only a new start leaves this state."""
+        """Hold the joints and stop the wheels from the next tick on; only a new start leaves this state.
+
+        May come from any thread. While the robot starts it makes the start fail with a FaultError.
+        """
         if self._gate is not None:
             self._gate.stop("emergency stop")
 
@@ -350,8 +304,8 @@ class Pepper:
 
         def register(callback: ContactCallback) -> ContactCallback:
             self._subscriptions.append((callback, wanted))
-            if self._dispatcher is not None:
-                self._dispatcher.subscribe(callback, wanted)
+            if self._session is not None and self._session.active:
+                self._session.dispatcher.subscribe(callback, wanted)
             return callback
 
         return register
@@ -359,7 +313,7 @@ class Pepper:
     @property
     def contacts(self) -> tuple[Contact, ...]:
         """All contact events since the start, oldest first."""
-        return tuple(self._contacts)
+        return tuple(self._session.contacts) if self._session is not None else ()
 
     @property
     def observer(self) -> Observer | None:
@@ -369,49 +323,21 @@ class Pepper:
     @property
     def stage_times(self) -> StageTimes:
         """How long the stages of the last ticks took."""
-        return self._active().times
+        return self._active().loop.times
 
     @property
     def controller(self) -> WholeBodyController:
         """The controller in use. Target and stiffness of its posture task belong to :meth:`set_posture`."""
-        return self._active().control.controller
+        return self._active().loop.control.controller
 
     # -- inside -------------------------------------------------------------------------------------------------
 
-    def _run(
-        self,
-        ticks: Iterable[int],
-        on_tick: Callable[[Tick, Observation | None], None] | None,
-        until: Callable[[Tick], bool] | None,
-    ) -> bool:
-        """Tick, paced if need be; True when ``until``, asked after every tick, ended it."""
-        loop, cycle = self._active(), self.config.cycle
-        ended = False
-        if on_tick is not None:
-            self._listeners.append(on_tick)
-        deadline = time.perf_counter()
-        try:
-            for _ in ticks:
-                tick = loop.tick()
-                ended = until is not None and until(tick)
-                if ended:
-                    break
-                if self._paced:
-                    deadline += cycle
-                    time.sleep(max(0.0, deadline - time.perf_counter()))
-        finally:
-            if on_tick is not None:
-                self._listeners.remove(on_tick)
-        if self._dispatcher is not None:
-            self._dispatcher.flush(timeout=CALLBACK_TIME)
-        return ended
-
-    def _active(self) -> Loop:
-        if self._loop is None:
+    def _active(self) -> Session:
+        if self._session is None or not self._session.active:
             raise BackendError(
                 f"'{self.backend.info.uri}' is not active; use it inside 'with Pepper(...) as pepper:'"
             )
-        return self._loop
+        return self._session
 
     def _resolve(self, posture: Posture, current: FloatArray) -> Any:  # noqa: ANN401
         """Angles of a posture; joints that it does not name keep ``current``. Not checked yet."""
@@ -423,12 +349,3 @@ class Pepper:
                 angles[self.config.joint_index(name)] = angle
             return angles
         return posture
-
-    def _deliver(self, tick: Tick, observation: Observation | None) -> None:
-        if observation is not None:
-            for contact in observation.contacts:
-                self._contacts.append(contact)
-                if self._dispatcher is not None:
-                    self._dispatcher.publish(contact)
-        for listener in self._listeners:
-            listener(tick, observation)
