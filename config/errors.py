@@ -53,7 +53,7 @@ class MissingExtraError(PepperError, ImportError):
 def suggestion(name: str, choices: Iterable[str]) -> str:
     """The tail of an error message: close matches of ``name``, and all choices where they are few."""
     known = sorted({str(choice) for choice in choices})
-    close = get_close_matches(name, known, n=3, cutoff=0.5)
+    close = get_close_matches(str(name), known, n=3, cutoff=0.5)
     parts = []
     if close:
         parts.append(f"did you mean {' or '.join(close)}?")

@@ -25,13 +25,16 @@ from pepper_driver.config.motion_tasks import (
     PoseSpec,
     PositionSpec,
 )
-from pepper_driver.config.parts import Positive
+from pepper_driver.config.parts import Positive, TaskStiffness
 from pepper_driver.config.robot import RobotConfig
+
+SHORTEST = 1e-3
+"""[s] of a way: the least that tasks take."""
 
 LONGEST = 3600.0
 """[s] of one step or hold."""
 
-Duration = Annotated[float, Field(gt=0, le=LONGEST)]
+Duration = Annotated[float, Field(ge=SHORTEST, le=LONGEST)]
 Pause = Annotated[float, Field(ge=0, le=LONGEST)]
 
 
@@ -81,7 +84,7 @@ class MotionStep:
     posture: str | None = None
     joints: dict[str, float] = field(default_factory=dict)
     hands: dict[str, float] = field(default_factory=dict)
-    stiffness: Positive | None = None
+    stiffness: TaskStiffness | None = None
     position: Annotated[tuple[PositionSpec, ...], _one_or_more(PositionSpec)] = ()
     orientation: Annotated[tuple[OrientationSpec, ...], _one_or_more(OrientationSpec)] = ()
     pose: Annotated[tuple[PoseSpec, ...], _one_or_more(PoseSpec)] = ()
@@ -207,7 +210,8 @@ def check_motion(motion: Motion, robot: RobotConfig) -> None:
                 )
         for name, angle in step.joints.items():
             joint = robot.joints[robot.joint_index(name)]
-            _check_range(f"{where}.joints.{name}'", angle, joint.lower, joint.upper, " rad")
+            unit = "" if name in robot.hands.joints else " rad"
+            _check_range(f"{where}.joints.{name}'", angle, joint.lower, joint.upper, unit)
         for name, aperture in step.hands.items():
             _check_range(f"{where}.hands.{name}'", aperture, 0.0, 1.0, "")
         if (twist := step.base_velocity) is not None:

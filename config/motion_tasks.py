@@ -13,13 +13,13 @@ from pydantic import Field
 from pydantic.dataclasses import dataclass
 
 from pepper_driver.config.loading import STRICT
-from pepper_driver.config.parts import Positive
+from pepper_driver.config.parts import Positive, TaskStiffness
 
 FARTHEST = 100.0
 """[m] No place in a motion may be farther off."""
 
 UNIT = 1e-3
-"""How far the norm of a quaternion may be from 1: rounding, not a mistake."""
+"""How far the norm of a quaternion or the axes of a rotation matrix may be from 1: rounding, not a mistake."""
 
 LOOKING_LINK = "Head"
 """Its x axis is the line of sight."""
@@ -51,7 +51,7 @@ class TaskSpec:
     name: Label | None = None
     joints: Annotated[tuple[str, ...], Field(min_length=1)] | None = None
     base: bool = False
-    stiffness: Positive | None = None
+    stiffness: TaskStiffness | None = None
     weight: Positive | None = None
     keep: bool = False
 
@@ -185,7 +185,7 @@ class BaseSpec:
     x: Metres | None = None
     y: Metres | None = None
     heading: Heading | None = None
-    stiffness: Positive | None = None
+    stiffness: TaskStiffness | None = None
     weight: Positive | None = None
     keep: bool = False
 

@@ -12,7 +12,11 @@ from pydantic.dataclasses import dataclass
 
 from pepper_driver.config.loading import STRICT
 
+STIFFEST = 3000.0
+"""[1/s2] Of a task. Beyond about twice this, a cycle of 12 ms is too long for its law: it would never come to rest."""
+
 Positive = Annotated[float, Field(gt=0)]
+TaskStiffness = Annotated[float, Field(gt=0, le=STIFFEST)]
 NotNegative = Annotated[float, Field(ge=0)]
 Vector3 = tuple[float, float, float]
 FloatArray = NDArray[np.float64]

@@ -54,10 +54,32 @@ class ControllerSettings:
     constraints: ConstraintSwitches
 
     def joint_velocity(self, robot: RobotConfig) -> FloatArray:
-        """(17,) the joint speeds in force [rad/s]: the safe table, or the robot's own limits."""
+        """(17,) the joint speeds in force [rad/s]: the safe table, or the robot's own limits.
+
+        Raises:
+            ConfigError: The table lacks a joint.
+        """
         if self.velocity == "robot":
             return np.array([joint.velocity for joint in robot.joints])
-        return np.array([self.velocity_limit[name] for name in robot.joint_names])
+        return _of_joints("velocity_limit", self.velocity_limit, robot)
+
+    def joint_acceleration(self, robot: RobotConfig) -> FloatArray:
+        """(17,) limits [rad/s2].
+
+        Raises:
+            ConfigError: The table lacks a joint.
+        """
+        return _of_joints("acceleration_limit", self.acceleration_limit, robot)
+
+    def joint_jerk(self, robot: RobotConfig) -> FloatArray | None:
+        """(17,) limits [rad/s3]; None for none.
+
+        Raises:
+            ConfigError: The table lacks a joint.
+        """
+        if self.jerk_limit is None:
+            return None
+        return _of_joints("jerk_limit", self.jerk_limit, robot)
 
 
 @dataclass(frozen=True, kw_only=True, config=STRICT)
@@ -108,3 +130,9 @@ def load_observer_settings(path: Path | None = None) -> ObserverSettings:
 def load_safety_settings(path: Path | None = None) -> SafetySettings:
     """Safety settings from ``path``, by default the shipped ``safety.yaml``."""
     return load(SafetySettings, path or package_file("safety.yaml"))
+
+
+def _of_joints(key: str, table: dict[str, float], robot: RobotConfig) -> FloatArray:
+    """(17,) a table's values in joint order. Tables from files are complete, those of ``replace`` need not be."""
+    check_joint_keys(set(table), set(robot.joint_names), f"controller settings: key '{key}'")
+    return np.array([table[name] for name in robot.joint_names])

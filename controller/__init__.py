@@ -1,6 +1,6 @@
 """The task-space whole-body controller: tasks and limits in, reference and load torque out."""
 
-from pepper_driver.controller.errors import GainError, TargetError
+from pepper_driver.controller.errors import GainError, LimitError, TargetError
 from pepper_driver.controller.model import LoadTorque, RobotModel
 from pepper_driver.controller.reference import Reference
 from pepper_driver.controller.report import ControllerStatus, TaskReport
@@ -31,6 +31,7 @@ __all__ = [
     "FrameTask",
     "GainError",
     "HandTask",
+    "LimitError",
     "LoadTorque",
     "LookAtTask",
     "MomentumTask",

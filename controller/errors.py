@@ -28,6 +28,19 @@ class TargetError(PepperError, ValueError):
         super().__init__(message)
 
 
+class LimitError(PepperError, ValueError):
+    """A margin, share or choice of a constraint that limits nothing: negative, not finite, unknown.
+
+    Attributes:
+        name: Which.
+        value: As given.
+    """
+
+    def __init__(self, name: str, value: object, what: str) -> None:
+        self.name, self.value = name, value
+        super().__init__(f"{name} must be {what}, got {value!r}")
+
+
 class GainError(PepperError, ValueError):
     """A stiffness, damping or weight that is negative or not finite.
 

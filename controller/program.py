@@ -29,7 +29,12 @@ REST_RATE = 4.0
 SLACK_WEIGHT = 1e4
 """Of the largest diagonal entry of the cost: what breaking a row that was given up costs, per (rad/s2)^2."""
 
+TIE = 1e-6
+"""[rad/s2] What a row that was given up may be broken by beyond its least, so that the next solution has room."""
+
 multiply = np.multiply
+
+NOTHING = Rows(NO_ROWS, NO_BOUNDS, ())
 
 Outcome = Literal["solved", "relaxed", "infeasible", "failed"]
 
@@ -95,6 +100,9 @@ class Program:
             if task.driven:
                 driven.append(task)
                 task.advance(model, dt)
+            task.measured = (
+                True  # before it is: a target set meanwhile, by another thread, says no again
+            )
             task.measure(model)
             if task.gains is not slot.gains:
                 self._take_gains(slot)
@@ -157,32 +165,51 @@ class Program:
             upper: (20,) of the box.
             groups: Ranks with their rows.
         """
-        H, g = self.hessian, self.gradient
-        if not groups:
-            solution = solver.solve(H, g, lower, upper, NO_ROWS, NO_BOUNDS)
+        rows = stack([part for _, part in groups]) if groups else NOTHING
+        problem = (self.hessian, self.gradient, lower, upper, rows.matrix, rows.bound)
+        solution = solver.solve(*problem)
+        if (
+            solution.status == "failed"
+        ):  # not converged: what can be solved is no reason to give anything up
+            solution = self._exact.solve(*problem)
+        if solution.status == "solved" or not groups:
             return Answer(solution.x, solution.status)
-        rows = stack([part for _, part in groups])
-        solution = solver.solve(H, g, lower, upper, rows.matrix, rows.bound)
-        if solution.status == "solved":
-            return Answer(solution.x, "solved")
-        status = solution.status
         ranks = np.concatenate([np.full(len(part.bound), rank) for rank, part in groups])
-        for rank in sorted({rank for rank, _ in groups}):
-            x = self._relaxed(lower, upper, rows, ranks <= rank)
-            if x is not None:
-                return Answer(x, "relaxed")
-        return Answer(solution.x, status)
+        x = self._give_up(lower, upper, rows, ranks)
+        return Answer(solution.x, solution.status) if x is None else Answer(x, "relaxed")
 
-    def _relaxed(
-        self,
-        lower: FloatArray,
-        upper: FloatArray,
-        rows: Rows,
-        soft: NDArray[np.bool_],
+    def _give_up(
+        self, lower: FloatArray, upper: FloatArray, rows: Rows, ranks: NDArray[np.int_]
     ) -> FloatArray | None:
-        """The solution where the ``soft`` rows may be broken by a slack, each in units of its largest entry.
+        """The best accelerations when rows up to some rank are given up, as low a rank as will do; None if none does.
 
-        Found by DAQP whatever solver is in use: with costs as far apart as these, OSQP does not converge.
+        What is given up still counts by rank: rows of the highest are broken as little as possible, whatever those
+        below them want; then the next.
+        """
+        given_up: list[int] = []
+        for rank in sorted(set(ranks.tolist())):
+            given_up.insert(0, rank)
+            bound = rows.bound.copy()
+            x = None
+            for lexical, own in enumerate(given_up):
+                kept = ranks >= own
+                part = Rows(rows.matrix[kept], bound[kept], ())
+                x, slack = self._soft(lower, upper, part, ranks[kept] == own)
+                if x is None:
+                    break
+                if lexical + 1 < len(given_up):
+                    bound[ranks == own] += slack
+            if x is not None:
+                return x
+        return None
+
+    def _soft(
+        self, lower: FloatArray, upper: FloatArray, rows: Rows, soft: NDArray[np.bool_]
+    ) -> tuple[FloatArray | None, FloatArray]:
+        """The solution where the ``soft`` rows may be broken by a slack, and by how much each of them is, or would be.
+
+        Slacks are priced in units of each row's largest entry. Found by DAQP whatever solver is in use: with costs as
+        far apart as these, OSQP does not converge.
         """
         nv, count = self._nv, int(soft.sum())
         size = np.abs(rows.matrix).max(axis=1, initial=0.0)
@@ -201,7 +228,9 @@ class Program:
             matrix,
             rows.bound / size,
         )
-        return solution.x[:nv] if solution.status == "solved" else None
+        if solution.status != "solved":
+            return None, np.zeros(count)
+        return solution.x[:nv], (solution.x[nv:] + TIE) * size[soft]
 
     def misses(self, acceleration: FloatArray) -> list[tuple[Task, FloatArray, float]]:
         """Every task with what (20,) accelerations miss of its rows and what that costs, in the last cycle's rows."""

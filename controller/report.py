@@ -65,7 +65,7 @@ def explain(status: ControllerStatus, reports: Sequence[TaskReport]) -> str:
             f"The problem is {status.solver}: braking to rest. Broken: {_list(status.unmet)}."
         )
     if status.relaxed:
-        lines.append(f"Beyond its limit: {_list(status.relaxed)}.")
+        lines.append(f"Limits not kept: {_list(status.relaxed)}.")
     if status.at_limit:
         lines.append(
             "At a limit: " + _list([f"{name} ({kind})" for name, kind in status.at_limit]) + "."

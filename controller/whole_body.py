@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import weakref
 from collections.abc import Sequence
+from numbers import Real
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -16,6 +18,7 @@ from pepper_driver.controller.constraints import (
     Stopping,
     standard_constraints,
 )
+from pepper_driver.controller.errors import GainError
 from pepper_driver.controller.model import BASE, LoadTorque, RobotModel
 from pepper_driver.controller.program import Answer, Outcome, Program
 from pepper_driver.controller.reference import Reference
@@ -26,6 +29,12 @@ from pepper_driver.controller.tasks.targets import finite_vector
 from pepper_driver.controller.wheels import Odometry
 
 FloatArray = NDArray[np.float64]
+
+STANDING = 400.0
+"""[1/s2] Of the base that is held: it brakes as fast as its acceleration limits allow."""
+
+MET = 1e-6
+"""[rad/s2] By how much a row may be missed and still count as kept."""
 
 
 class WholeBodyController:
@@ -48,9 +57,12 @@ class WholeBodyController:
         posture: The posture task that is there from the start.
         base_velocity: The base velocity task that is there from the start; its target is zero.
         odometry: Where the wheels have rolled to.
+        hold: Whether only the posture task acts and the base comes to rest, whatever other tasks there are; they stand
+            still meanwhile, and go on afterwards.
 
     Raises:
         UnknownNameError: No such solver.
+        GainError: A cycle that is no time.
     """
 
     def __init__(
@@ -62,7 +74,7 @@ class WholeBodyController:
     ) -> None:
         settings = settings or load_controller_settings(robot)
         self._robot = robot
-        self._dt = dt if dt is not None else robot.cycle
+        self._dt = robot.cycle if dt is None else _checked_cycle(dt)
         self._feedback = settings.feedback == "joints"
         self._smoothing = min(1.0, self._dt / settings.feedback_time)
         self._jerk_limited = settings.jerk_limit is not None
@@ -80,9 +92,16 @@ class WholeBodyController:
         self.base_velocity = BaseVelocityTask(
             stiffness=settings.base.stiffness, weight=settings.base.weight
         )
-        self._tasks: list[Task] = [self.posture, self.base_velocity]
+        self._standing = BaseVelocityTask(
+            stiffness=STANDING, weight=settings.base.weight, name="base at rest"
+        )
+        self._tasks: list[Task] = []
+        self._constraints: list[Constraint] = []
+        self.add(self.posture)
+        self.add(self.base_velocity)
         self._constraints = standard_constraints(robot, settings)
-        self._lay_out()
+        self.hold = False
+        self._laid_out = False
         self.reset((robot.lower + robot.upper) / 2)
 
     # -- tasks and constraints ----------------------------------------------------------------------------------
@@ -100,24 +119,41 @@ class WholeBodyController:
     def add(self, part: Task | Constraint) -> None:
         """Take a task or a constraint into the QP from the next cycle on; one already there stays once.
 
+        A task that another controller has is taken from it. May be called from any thread, also while :meth:`step`
+        runs in another.
+
         Raises:
             TypeError: It is neither.
         """
         if isinstance(part, Task):
-            self._tasks += [] if part in self._tasks else [part]
+            owner = part.owner() if part.owner is not None else None
+            if owner is not None and owner is not self:
+                owner.remove(part)
+            part.owner = weakref.ref(self)
+            self._tasks = [*self._without(part), part]
         elif isinstance(part, Constraint):
-            self._constraints += [] if part in self._constraints else [part]
+            others = [constraint for constraint in self._constraints if constraint is not part]
+            self._constraints = [*others, part]
         else:
             raise TypeError(f"add takes a task or a constraint, got {type(part).__name__}")
-        self._lay_out()
+        self._laid_out = False
 
     def remove(self, part: Task | Constraint) -> None:
-        """Take a task or a constraint out of the QP; one that is not there is no error."""
-        self._tasks = [task for task in self._tasks if task is not part]
+        """Take a task or a constraint out of the QP; one that is not there is no error.
+
+        A motion of the task by ``move_to`` ends.
+        """
+        if isinstance(part, Task) and part in self._tasks:
+            part.stop()
+            part.owner = None
+        self._tasks = self._without(part)
         self._constraints = [
             constraint for constraint in self._constraints if constraint is not part
         ]
-        self._lay_out()
+        self._laid_out = False
+
+    def _without(self, part: Task | Constraint) -> list[Task]:
+        return [task for task in self._tasks if task is not part]
 
     # -- state --------------------------------------------------------------------------------------------------
 
@@ -133,6 +169,8 @@ class WholeBodyController:
         self.posture.reference_velocity = np.zeros(len(position))
         self.posture.reference_acceleration = np.zeros(len(position))
         self.base_velocity.target = np.zeros(BASE)
+        for task in self._tasks:
+            task.stop()
         self.odometry.reset()
         self._q = self._before = self.model.configuration(position)
         self._v = np.zeros(self.model.nv)
@@ -245,6 +283,8 @@ class WholeBodyController:
     def _solve(self, q: FloatArray, v: FloatArray) -> FloatArray:
         """(20,) accelerations."""
         model, program, box = self.model, self._program, self._box
+        if not self._laid_out or self.hold is not self._holding:
+            self._lay_out()
         if self._needs_kinematics:
             model.update_kinematics()
         program.assemble(model, self._dt)
@@ -273,8 +313,11 @@ class WholeBodyController:
         before = len(self._active)
         for constraint in constraints:
             rows = constraint.rows(self.model, self._stopping)
-            if rows is not None:
-                self._active.append((constraint, rows))
+            if rows is None:
+                continue
+            if not rows.usable(self.model.nv):
+                rows = Rows(np.zeros((1, self.model.nv)), np.array([np.nan]), (constraint.name,))
+            self._active.append((constraint, rows))
         return len(self._active) > before
 
     def _optimise(self, q: FloatArray, v: FloatArray) -> Answer:
@@ -307,9 +350,12 @@ class WholeBodyController:
         return model.with_base_pose(shifted, self.odometry.pose)
 
     def _lay_out(self) -> None:
-        """Give all tasks their rows."""
-        self._program.lay_out(self._tasks, self.model)
-        parts: Sequence[Task | Constraint] = [*self._tasks, *self._constraints]
+        """Give all tasks that act their rows."""
+        self._laid_out, self._holding = True, self.hold
+        own = (self.posture, self._standing)
+        tasks: Sequence[Task] = own if self._holding else self._tasks
+        self._program.lay_out(tasks, self.model)
+        parts: Sequence[Task | Constraint] = [*tasks, *self._constraints]
         self._needs_kinematics = any(part.needs_kinematics for part in parts)
 
     # -- what happened ------------------------------------------------------------------------------------------
@@ -317,22 +363,19 @@ class WholeBodyController:
     @property
     def status(self) -> ControllerStatus:
         """How the last cycle went."""
+        over = {"active": [], "unmet": []}  # type: dict[str, list[str]]
+        for _, rows in self._active:
+            for name, excess in zip(rows.names, self._excess(rows).tolist(), strict=True):
+                if not excess <= MET:  # no number is not met either
+                    over["unmet"].append(name)
+                elif excess >= -MET:
+                    over["active"].append(name)
         return ControllerStatus(
             solver=self._outcome,
             at_limit=self._box.binding(self._acceleration),
-            unmet=tuple(
-                name
-                for _, rows in self._active
-                for name, over in zip(rows.names, self._excess(rows), strict=True)
-                if over > 1e-6
-            ),
-            active=tuple(
-                name
-                for _, rows in self._active
-                for name, over in zip(rows.names, self._excess(rows), strict=True)
-                if -1e-6 <= over <= 1e-6
-            ),
-            relaxed=self._box.relaxed(),
+            active=tuple(dict.fromkeys(over["active"])),
+            unmet=tuple(dict.fromkeys(over["unmet"])),
+            relaxed=self._box.relaxed(self._acceleration),
         )
 
     def report(self) -> tuple[TaskReport, ...]:
@@ -365,3 +408,9 @@ class WholeBodyController:
         size[size <= 0.0] = 1.0
         excess: FloatArray = (rows.matrix @ self._acceleration - rows.bound) / size
         return excess
+
+
+def _checked_cycle(dt: float) -> float:
+    if not (isinstance(dt, Real) and 0.0 < dt < np.inf):
+        raise GainError("dt", dt, "a cycle in seconds above 0")
+    return dt

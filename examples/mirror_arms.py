@@ -25,7 +25,7 @@ with Pepper(BACKEND, observer=None) as pepper:
         before = right.target
         left = model.link_pose("l_wrist", pepper.controller.position)
         right.target = MIRROR @ left @ MIRROR
-        if before.shape == (4, 4):
+        if np.isfinite(before).all():
             speed = (right.target - before)[:3, 3] / pepper.config.cycle
             right.reference_velocity = [*speed, 0.0, 0.0, 0.0]
 

@@ -197,6 +197,8 @@ class Loop:
         """What the controller wants, for the user's posture or the one a reflex has put in its place."""
         control, task = self.control, self._controller.posture
         held = control.posture
+        # A posture outweighs no other task: what a reflex holds, nothing else may move.
+        self._controller.hold = held is not None
         wanted = self.target if held is None else held
         # By value: a reflex may change its array in place.
         if self._wanted is None or not np.array_equal(wanted, self._wanted):

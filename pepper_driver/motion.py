@@ -32,7 +32,7 @@ class Player:
     Between :meth:`begin` and :meth:`end` the posture and its stiffness, the base velocity task and the motion's tasks
     belong to the player; tasks of the user's stay untouched.
 
-    While a reflex holds the posture the motion waits: its tasks are out of the controller and its clock stands.
+    While a reflex holds the posture the motion waits: the controller lets no task act, and the clock stands.
 
     Args:
         motion: What to play.
@@ -74,7 +74,7 @@ class Player:
     def advance(self, measurement: Measurement) -> bool:
         """Go on after a tick, with what it measured; True once the motion is over."""
         if self._loop.control.posture is not None:
-            self._wait()
+            self._waiting = True
             return False
         if self._waiting:
             self._resume()
@@ -106,7 +106,7 @@ class Player:
         return self._motion.steps[self._number]
 
     def _start(self, number: int) -> None:
-        self._number, self._ticks = number, 0
+        self._number, self._ticks, self._began = number, 0, self._loop.time
         self._there: int | None = None
         self._reached: bool | None = None
         step, fresh = self._step, self._plan[number]
@@ -120,19 +120,15 @@ class Player:
                 self._controller.remove(goal.task)
         self._active = [goal for goal in self._active if goal.name not in replaced]
         self._posture = self._posture_goal(step) if step.moves_joints else None
-        self._send(fresh, step.duration)
-        self._active += fresh
-
-    def _send(self, goals: list[Goal], duration: float | None) -> None:
-        """Send posture, base and tasks on their way."""
         if self._posture is not None:
-            self._loop.move_to(self._posture.target, duration)
-        for goal in goals:
-            goal.begin(self._controller, duration)
-        twist = self._step.base_velocity
+            self._loop.move_to(self._posture.target, step.duration)
+        for goal in fresh:
+            goal.begin(self._controller, step.duration)
+            self._active.append(goal)  # each at once: a later one may be refused
+        twist = step.base_velocity
         self._move_base(
             self._at_rest if twist is None else np.array([twist.vx, twist.vy, twist.wz]),
-            at_ease=twist is None and any(goal.moves_base for goal in [*self._active, *goals]),
+            at_ease=twist is None and any(goal.moves_base for goal in self._active),
         )
 
     def _posture_goal(self, step: MotionStep) -> PostureGoal:
@@ -183,7 +179,7 @@ class Player:
             GoalReport(
                 name=goal.name,
                 commanded=goal.miss(),
-                measured=goal.measured_miss(model, controller),
+                measured=goal.measured_miss(model),
             )
             for goal in self._active
         ]
@@ -198,32 +194,29 @@ class Player:
             number=self._number,
             name=self._step.name or "",
             time=measurement.time,
-            duration=self._ticks * self._robot.cycle,
+            duration=measurement.time - self._began,
             reached=self._reached,
             goals=tuple(goals),
         )
 
     # -- waiting for a reflex -----------------------------------------------------------------------------------
 
-    def _wait(self) -> None:
-        if self._waiting:
-            return
-        self._waiting = True
-        for goal in self._active:
-            self._controller.remove(goal.task)
-        self._move_base(self._at_rest, at_ease=False)
-
     def _resume(self) -> None:
-        """Go on with what is left of the step, from where the reflex left the robot."""
-        self._waiting, self._there = False, None
+        """Go on with what is left of the step, along new splines from where the reflex left the robot."""
+        self._waiting = False
+        if self._step.until is not None:
+            self._there = None  # the reflex may have led the robot away again
         if self._step.duration is None:
-            self._send(self._active, None)
-            return
+            return  # set-points stand
         cycle = self._robot.cycle
         way = round(self._step.duration / cycle)
         left = max(way - self._ticks, min(way, round(AFRESH / cycle)))
         self._ticks = way - left
-        self._send(self._active, max(left, 1) * cycle)
+        seconds = max(left, 1) * cycle
+        if self._posture is not None:
+            self._loop.move_to(self._posture.target, seconds)
+        for goal in self._active:
+            goal.go_on(seconds)
 
     # -- rest ---------------------------------------------------------------------------------------------------
 

@@ -25,12 +25,12 @@ from pepper_driver.controller import (
     BasePoseTask,
     ComTask,
     FrameTask,
+    LookAtTask,
     OrientationTask,
     PositionTask,
     RobotModel,
     WholeBodyController,
 )
-from pepper_driver.controller.tasks.look_at import LookAtTask
 from pepper_driver.controller.tasks.task import TaskRows
 from pepper_driver.motion_report import Miss
 
@@ -63,6 +63,7 @@ class Goal:
         self._spec = spec
         self.task, self._twin = _make_task(spec, robot), _make_task(spec, robot)
         self._metres, self._radians = _units(spec)
+        self._wanted: FloatArray = np.zeros(0)  # known once it begins
         self.moves_base = isinstance(spec, BaseSpec) or spec.base
         self.joints: NDArray[np.bool_] = np.zeros(len(robot.joint_names), dtype=np.bool_)
         if isinstance(spec, TaskSpec):
@@ -70,25 +71,28 @@ class Goal:
             self.joints[[robot.joint_index(name) for name in moving]] = True
 
     def begin(self, controller: WholeBodyController, duration: float | None) -> None:
-        """Take the task into the controller and send it to its target, in a time [s] or as fast as it goes."""
-        target = _target(self._spec, controller)
-        controller.add(self.task)
+        """Send the task to its target, in a time [s] or as fast as it goes, and take it into the controller.
+
+        Raises:
+            TargetError: The task refuses its target, and stays out.
+        """
+        self._wanted = _target(self._spec, controller)
         if duration is None:
-            self.task.target = target
+            self.task.target = self._wanted
         else:
-            self.task.move_to(target, duration)
+            self.task.move_to(self._wanted, duration)
+        controller.add(self.task)
+
+    def go_on(self, duration: float) -> None:
+        """Get from wherever the robot is now to the same target in a new time [s]."""
+        self.task.move_to(self._wanted, duration)
 
     def miss(self) -> Miss:
         """How far the controller's own state is from the target."""
         return self._miss(self.task.error)
 
-    def measured_miss(self, model: RobotModel, controller: WholeBodyController) -> Miss:
-        """How far a measured robot is from it.
-
-        Args:
-            model: At the measured state, with its kinematics.
-            controller: Where the task is.
-        """
+    def measured_miss(self, model: RobotModel) -> Miss:
+        """How far a robot is from it in a model at its measured state, with its kinematics."""
         task, rows, nv = self._twin, self._twin.rows, model.nv
         task.attach(
             model,
@@ -100,9 +104,7 @@ class Goal:
                 wanted=np.zeros(rows),
             ),
         )
-        # What a motion leaves open about the base was settled when the step began.
-        whole = self.task.target if isinstance(self._spec, BaseSpec) else None
-        task.target = _target(self._spec, controller) if whole is None else whole
+        task.target = self._wanted
         task.measure(model)
         return self._miss(task.error)
 
@@ -201,7 +203,7 @@ def _make_task(spec: AnyTask, robot: RobotConfig) -> Targeted:
 
 
 def _target(spec: AnyTask, controller: WholeBodyController) -> FloatArray:
-    """What the task is told."""
+    """What the task is told; what a motion leaves open about the base is where it is now."""
     if isinstance(spec, BaseSpec):
         wanted = (spec.x, spec.y, spec.heading)
         now = controller.base_pose.tolist()

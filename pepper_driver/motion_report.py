@@ -51,7 +51,7 @@ class StepReport:
         number: From 0.
         name: Of the step.
         time: Clock of the robot then [s].
-        duration: How long it took [s].
+        duration: How long it took [s], with the time a reflex held the robot.
         reached: Whether ``until: reached`` came true in time; None where the step does not ask.
         goals: One for the posture, if the step says where joints go, and one for each task that acted.
     """

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from itertools import count
+from numbers import Real
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Literal, Self
@@ -22,9 +23,10 @@ from pepper_driver.config import (
     load_robot,
     load_safety_settings,
 )
-from pepper_driver.config.motion import LONGEST
+from pepper_driver.config.motion import LONGEST, SHORTEST
 from pepper_driver.config.parts import FloatArray
 from pepper_driver.controller import GainError, TargetError, Tick, WholeBodyController
+from pepper_driver.controller.tasks import checked_stiffness
 from pepper_driver.loop import StageTimes
 from pepper_driver.motion import OnStep, Player
 from pepper_driver.motion_report import MotionReport
@@ -163,24 +165,27 @@ class Pepper:
         Args:
             posture: Name, joints with angles [rad], or all 17 angles [rad].
             stiffness: Of the posture task [1/s2], above 0; None leaves it.
-            duration: Get there along a spline within this time [s], above 0; None for a set-point, which the joints
-                approach as springs do. After a reflex has held the robot, the whole time begins anew.
+            duration: Get there along a spline within this time [s], from a millisecond up; None for a set-point, which
+                the joints approach as springs do. After a reflex has held the robot, the whole time begins anew.
 
         Raises:
-            PepperError: Unknown name, an angle that is not finite or outside the joint's limits. Nothing changes.
+            PepperError: Unknown name, an angle that is not finite or outside the joint's limits, a stiffness or
+                duration that is none. Nothing changes.
         """
         loop = self._active().loop
         target = loop.control.controller.posture.checked(self._resolve(posture, loop.target))
-        # At 0 nothing would stop a joint.
-        if stiffness is not None and not (np.isfinite(stiffness) and stiffness > 0):
-            raise GainError("stiffness", stiffness, "a finite number above 0")
-        if duration is not None and not (np.isfinite(duration) and 0 < duration <= LONGEST):
+        if stiffness is not None and checked_stiffness(stiffness) == 0:
+            # Nothing would stop a joint.
+            raise GainError("stiffness", stiffness, "above 0 for a posture")
+        if duration is not None and not (
+            isinstance(duration, Real) and SHORTEST <= duration <= LONGEST
+        ):
             raise TargetError(
-                f"a duration is a time above 0 s and up to {LONGEST:g} s, got {duration!r}"
+                f"a duration is a time from {SHORTEST:g} s to {LONGEST:g} s, got {duration!r}"
             )
         if stiffness is not None:
             loop.posture_stiffness = float(stiffness)
-        loop.move_to(target, duration)
+        loop.move_to(target, None if duration is None else float(duration))
 
     def run(
         self,
@@ -200,10 +205,11 @@ class Pepper:
             Whether ``until`` ended it.
 
         Raises:
+            TargetError: That is no time; nothing runs.
             FaultError: The safety gate stopped the robot.
         """
-        if not (np.isfinite(seconds) and seconds >= 0):
-            raise ValueError(f"seconds must be a time that is not negative, got {seconds}")
+        if not (isinstance(seconds, Real) and 0 <= seconds < np.inf):
+            raise TargetError(f"seconds must be a time that is not negative, got {seconds!r}")
         ticks = range(round(seconds / self.config.cycle))
         return self._active().run(ticks, on_tick, None if until is None else lambda _: until())
 

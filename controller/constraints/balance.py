@@ -32,8 +32,9 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from pepper_driver.config import RobotConfig
-from pepper_driver.controller.constraints.constraint import Constraint, Rows
+from pepper_driver.controller.constraints.constraint import Constraint, Rows, is_number
 from pepper_driver.controller.constraints.stopping import Stopping
+from pepper_driver.controller.errors import LimitError
 from pepper_driver.controller.model import BASE, RobotModel
 
 FloatArray = NDArray[np.float64]
@@ -89,7 +90,7 @@ class Balance(Constraint):
         inwards: (3, 2) unit vectors across the edges that start at the corners.
 
     Raises:
-        ValueError: A margin that is negative, not finite, or leaves no triangle; a moving margin above it.
+        LimitError: A margin that is negative, not finite, or leaves no triangle; a moving margin above it.
     """
 
     name = "balance"
@@ -103,16 +104,13 @@ class Balance(Constraint):
         self.corners, self.inwards, names = _triangle(model)
         distances = np.einsum("ij,kij->ik", self.inwards, self.corners[:, None] - self.corners)
         inradius = 1 / (1 / distances.max(axis=1)).sum()
+        if not (is_number(margin) and 0.0 <= margin < inradius):
+            what = f"from 0 to {inradius:.3f} m, where the triangle of the wheels ends"
+            raise LimitError("margin", margin, what)
         if moving_margin is None:
             moving_margin = margin / 3
-        if not 0.0 <= margin < inradius:
-            raise ValueError(
-                f"a margin of {margin} m: needs 0 to {inradius:.3f} m, where the triangle of the wheels ends"
-            )
-        if not 0.0 <= moving_margin <= margin:
-            raise ValueError(
-                f"a moving margin of {moving_margin} m: needs 0 to the margin, {margin} m"
-            )
+        if not (is_number(moving_margin) and 0.0 <= moving_margin <= margin):
+            raise LimitError("moving_margin", moving_margin, f"from 0 to the margin, {margin} m")
         self._names = tuple(
             f"balance {state}, {name}" for state in ("at rest", "moving") for name in names
         )
@@ -132,9 +130,7 @@ class Balance(Constraint):
         place = self._place(model, own.com[0].tolist())
         force = own.dhg.vector.tolist()
         force[2] += self._mass * GRAVITY
-        if any(d < self._moving_margin for d in place.inside) or any(
-            _product(row, force) < self._moving_margin * force[2] for row in place.moments
-        ):
+        if any(_product(row, force) < self._moving_margin * force[2] for row in place.moments):
             return False
         velocity = model.v.copy()
         velocity[:BASE] = 0.0

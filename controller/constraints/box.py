@@ -33,6 +33,9 @@ class AccelerationBox:
         model: For the order of the joints.
         dt: Cycle [s].
 
+    Raises:
+        ConfigError: A table of limits that lacks a joint.
+
     Attributes:
         lower: (20,) of the last update [m/s2], [rad/s2].
         upper: (20,) likewise.
@@ -48,7 +51,7 @@ class AccelerationBox:
         self.joint_velocity_limit = settings.joint_velocity(robot)
         order = np.argsort(model.joint_columns)  # all arrays from here on are in the model's order
         self._names = ("base_vx", "base_vy", "base_wz", *(names[i] for i in order))
-        acceleration = np.array([settings.acceleration_limit[names[i]] for i in order])
+        acceleration = settings.joint_acceleration(robot)[order]
         linear, angular = base.linear_velocity, base.angular_velocity
         self._velocity = np.concatenate(
             [[linear, linear, angular], self.joint_velocity_limit[order]]
@@ -57,10 +60,10 @@ class AccelerationBox:
         self.acceleration_limit = np.concatenate([[linear, linear, angular], acceleration])
         self._step = self.acceleration_limit * dt
         self._jerk_step: FloatArray | None = None
-        if settings.jerk_limit is not None:
+        jerk = settings.joint_jerk(robot)
+        if jerk is not None:
             linear, angular = base.linear_jerk, base.angular_jerk
-            jerk = [settings.jerk_limit[names[i]] for i in order]
-            self._jerk_step = np.array([linear, linear, angular, *jerk]) * dt
+            self._jerk_step = np.array([linear, linear, angular, *jerk[order]]) * dt
         # A margin wider than the joint's range would leave no place to be; the base may be anywhere.
         margin = np.minimum(settings.position_margin, (robot.upper - robot.lower) / 4)
         anywhere = np.full(BASE, ANYWHERE)
@@ -125,10 +128,14 @@ class AccelerationBox:
         self._bounds[:nv] = self._mirrored[:nv] + upper * self._dt
         self._bounds[nv:] = self._mirrored[nv:] - lower * self._dt
 
-    def relaxed(self) -> tuple[str, ...]:
+    def relaxed(self, acceleration: FloatArray | None = None) -> tuple[str, ...]:
         """Limits that the last update gave up for one that matters more, as ``"LHand acceleration"``.
 
         A joint beyond a position limit is named too; all vectors are those of the last update.
+
+        Args:
+            acceleration: (20,) that was chosen, for the jerk it took where the last update was one without jerk limit;
+                without it jerk is named where no acceleration in the box keeps it.
         """
         v, dt, limit = self._v, self._dt, self.acceleration_limit
         fast = (v + self.lower * dt > self._velocity + TOLERANCE) | (
@@ -139,6 +146,10 @@ class AccelerationBox:
             self._position > self._high + TOLERANCE
         )
         kinds = {"position": beyond, "velocity": fast, "acceleration": hard}
+        if self._jerk_step is not None:
+            low, high = (self.lower, self.upper) if acceleration is None else (acceleration,) * 2
+            most = self._jerk_step + TOLERANCE
+            kinds["jerk"] = (low - self._before > most) | (high - self._before < -most)
         return tuple(
             f"{name} {kind}"
             for i, name in enumerate(self._names)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
+from numbers import Real
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +23,16 @@ class Rows:
     matrix: FloatArray
     bound: FloatArray
     names: tuple[str, ...]
+
+    def usable(self, nv: int) -> bool:
+        """Whether shapes fit ``nv`` accelerations and each other, and all are numbers; a bound may be infinite."""
+        m = len(self.names)
+        return (
+            self.matrix.shape == (m, nv)
+            and self.bound.shape == (m,)
+            and bool(np.isfinite(self.matrix).all())
+            and not np.isnan(self.bound).any()
+        )
 
 
 class Constraint(ABC):
@@ -66,3 +77,8 @@ def stack(parts: Sequence[Rows]) -> Rows:
         np.concatenate([rows.bound for rows in parts]),
         tuple(name for rows in parts for name in rows.names),
     )
+
+
+def is_number(value: object) -> bool:
+    """Whether a user gave a number; only numbers can be compared with limits."""
+    return isinstance(value, Real)

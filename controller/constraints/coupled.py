@@ -24,13 +24,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from itertools import pairwise
+from math import inf
 
 import numpy as np
 
 from pepper_driver.config import ConfigError, RobotConfig
 from pepper_driver.controller.constraints.braking import BRAKE_SHARE
-from pepper_driver.controller.constraints.constraint import Constraint, Rows
+from pepper_driver.controller.constraints.constraint import Constraint, Rows, is_number
 from pepper_driver.controller.constraints.stopping import Stopping
+from pepper_driver.controller.errors import LimitError
 from pepper_driver.controller.model import RobotModel
 
 Line = tuple[float, float, float, float]
@@ -169,6 +171,7 @@ class CoupledLimits(Constraint):
 
     Raises:
         ConfigError: A table that is not increasing in the driver, or has a limit with more than one peak.
+        LimitError: A margin that is negative or not finite.
     """
 
     name = "coupled limits"
@@ -176,6 +179,8 @@ class CoupledLimits(Constraint):
     needs_kinematics = False
 
     def __init__(self, robot: RobotConfig, margin: float = 0.005) -> None:
+        if not (is_number(margin) and 0.0 <= margin < inf):
+            raise LimitError("margin", margin, "a finite angle that is not negative")
         self._pairs = [Pair(robot, i, margin) for i in range(len(robot.limits.coupled))]
         self._for: tuple[RobotModel, Stopping] | None = None
         self._quick: list[tuple[int, int, float, float, float, float, float]] = []

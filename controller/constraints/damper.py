@@ -2,8 +2,7 @@
 
 With d the distance to a limit, d_i = 0.1 and d_s = 0.01 of the range and xi_off = 0.5 1/s (mc_pepper's values): where
 d < d_i, the velocity towards the limit after this cycle is at most xi (d - d_s) / (d_i - d_s), with xi frozen when the
-joint enters that zone at speed |v|: xi = |(d_i - d_s) / (d - d_s) v| + xi_off (jrl-umi3218/tasks, QPConstr.h). Only one
-side is damped at a time, the lower one first.
+joint enters that zone at speed |v|: xi = |(d_i - d_s) / (d - d_s) v| + xi_off (jrl-umi3218/tasks, QPConstr.h).
 
 At 12 ms this is not safe at the speeds of Pepper's URDF: a joint can cross the zone in one cycle, and the discrete gain
 exceeds 1. It is here for parity; ``braking.py`` is the default. One thing differs from those controllers: it asks for
@@ -49,7 +48,6 @@ class VelocityDamper:
         position, velocity = state[: len(self._lower)], state[len(self._lower) :]
         distance = np.stack([self._upper - position, position - self._lower])
         inside = distance < self._interaction
-        inside[0] &= ~inside[1]
         entered = inside & (self._xi == 0.0)
         beyond = distance - self._security
         # Entered at or behind the security distance: xi as a fifth of the way into the zone.

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+from math import inf
 from typing import Literal
 
 import numpy as np
 import pinocchio as pin
 
 from pepper_driver.config import RobotConfig
-from pepper_driver.controller.constraints.constraint import Constraint, Rows
+from pepper_driver.controller.constraints.constraint import Constraint, Rows, is_number
 from pepper_driver.controller.constraints.stopping import Stopping
+from pepper_driver.controller.errors import LimitError
 from pepper_driver.controller.model import RobotModel
 
 
@@ -31,6 +33,9 @@ class TorqueLimit(Constraint):
 
     Attributes:
         limit: (17,) in joint order [N m].
+
+    Raises:
+        LimitError: A share that is not above 0 or not finite; another torque than these two.
     """
 
     name = "torque"
@@ -40,6 +45,10 @@ class TorqueLimit(Constraint):
     def __init__(
         self, robot: RobotConfig, share: float = 0.8, of: Literal["stall", "nominal"] = "stall"
     ) -> None:
+        if not (is_number(share) and 0.0 < share < inf):
+            raise LimitError("share", share, "a finite number above 0")
+        if of not in ("stall", "nominal"):
+            raise LimitError("of", of, "'stall' or 'nominal'")
         motors = robot.motors
         torque = [
             (motors.of(name).stall_torque if of == "stall" else motors.of(name).nominal_torque)

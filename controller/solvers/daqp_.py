@@ -10,15 +10,19 @@ import daqp
 import numpy as np
 from numpy.typing import NDArray
 
-from pepper_driver.controller.solvers.solver import NO_BOUNDS, NO_ROWS, Solution, checked
+from pepper_driver.controller.solvers.solver import (
+    NO_BOUNDS,
+    NO_ROWS,
+    UNBOUNDED,
+    Solution,
+    checked,
+)
 
 FloatArray = NDArray[np.float64]
 
 SOLVED = 1
 INFEASIBLE = -1
 """DAQP's exit flags."""
-
-UNBOUNDED = 1e30
 
 
 class DaqpSolver:

@@ -14,6 +14,9 @@ Status = Literal["solved", "infeasible", "failed"]
 TOLERANCE = 1e-5
 """By how much a solution may leave its bounds; a solver that says solved and returns worse has failed."""
 
+UNBOUNDED = 1e30
+"""What solvers take for infinity."""
+
 NO_ROWS = np.zeros((0, 0))
 NO_BOUNDS = np.zeros(0)
 

@@ -5,6 +5,7 @@ from pepper_driver.controller.tasks.base_velocity import BaseVelocityTask
 from pepper_driver.controller.tasks.com import ComTask
 from pepper_driver.controller.tasks.compliance import ComplianceTask
 from pepper_driver.controller.tasks.frame import FrameTask, OrientationTask, PositionTask
+from pepper_driver.controller.tasks.gains import checked_stiffness
 from pepper_driver.controller.tasks.hand import HandTask
 from pepper_driver.controller.tasks.look_at import LookAtTask
 from pepper_driver.controller.tasks.momentum import MomentumTask
@@ -24,4 +25,5 @@ __all__ = [
     "PositionTask",
     "PostureTask",
     "Task",
+    "checked_stiffness",
 ]

@@ -65,8 +65,9 @@ class ComplianceTask(PostureTask):
         weight: float = 1e4,
         name: str | None = None,
     ) -> None:
-        label = "compliance" if joints is None else f"compliance {', '.join(joints)}"
-        super().__init__(robot, joints, stiffness=stiffness, weight=weight, name=name or label)
+        super().__init__(robot, joints, stiffness=stiffness, weight=weight, name=name)
+        if name is None:
+            self.name = "compliance" if joints is None else f"compliance {', '.join(self.joints)}"
         self.damping = damping
         if largest_torque is None:
             largest_torque = [0.5 * robot.joints[robot.joint_index(j)].effort for j in self.joints]

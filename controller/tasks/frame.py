@@ -9,6 +9,7 @@ import pinocchio as pin
 from numpy.typing import ArrayLike, NDArray
 
 from pepper_driver.config import RobotConfig, UnknownNameError
+from pepper_driver.controller.errors import TargetError
 from pepper_driver.controller.model import RobotModel
 from pepper_driver.controller.tasks.frame_motion import FrameMotion
 from pepper_driver.controller.tasks.targets import (
@@ -31,6 +32,8 @@ FloatArray = NDArray[np.float64]
 class _FrameTask(Task):
     """What tasks on a frame share: which frame, seen from where, moved by what."""
 
+    _shape: tuple[int, ...]  # of the target
+
     def __init__(
         self,
         kind: str,
@@ -48,6 +51,8 @@ class _FrameTask(Task):
         for given in (link, seen_from):
             if given is not None and given not in robot.links:
                 raise UnknownNameError("link", given, robot.links)
+        if seen_from == link:
+            raise TargetError(f"{link} cannot be seen from itself")
         label = f"{kind} {link}" + (f" from {seen_from}" if seen_from is not None else "")
         super().__init__(rows, stiffness=stiffness, weight=weight, name=name or label)
         self._link, self._seen_from = link, seen_from
@@ -65,7 +70,7 @@ class _FrameTask(Task):
             TargetError: It is none; the old target stays.
         """
         if self._target is None:
-            return np.full(1, np.nan)
+            return np.full(self._shape, np.nan)
         return self._target.copy()
 
     @target.setter
@@ -101,8 +106,10 @@ class PositionTask(_FrameTask):
 
     Raises:
         UnknownNameError: No such link or joint.
-        TargetError: The point is none.
+        TargetError: The point is none; the link would be seen from itself.
     """
+
+    _shape = (3,)
 
     def __init__(
         self,
@@ -156,7 +163,10 @@ class OrientationTask(_FrameTask):
 
     Raises:
         UnknownNameError: No such link or joint.
+        TargetError: The link would be seen from itself.
     """
+
+    _shape = (3, 3)
 
     def __init__(
         self,
@@ -214,8 +224,10 @@ class FrameTask(_FrameTask):
 
     Raises:
         UnknownNameError: No such link or joint.
-        TargetError: The point is none.
+        TargetError: The point is none; the link would be seen from itself.
     """
+
+    _shape = (4, 4)
 
     def __init__(
         self,

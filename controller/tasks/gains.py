@@ -3,15 +3,22 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import isfinite, sqrt
+from math import sqrt
 from numbers import Real
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from pepper_driver.config.parts import STIFFEST
 from pepper_driver.controller.errors import GainError
 
 FloatArray = NDArray[np.float64]
+
+MOST_DAMPING = 120.0
+"""[1/s] Beyond about 1.4 times this, a cycle of 12 ms is too long for the law, as with stiffness beyond STIFFEST."""
+
+HEAVIEST = 1e12
+"""Weights beyond would leave nothing of the others in double precision."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,8 +47,8 @@ class Gained:
     def __init__(self, rows: int, *, stiffness: float, weight: float) -> None:
         self._dim_weight = np.ones(rows)
         self._own_damping: float | None = None
-        self._stiffness = _not_negative("stiffness", stiffness)
-        self._weight = _not_negative("weight", weight)
+        self._stiffness = checked_stiffness(stiffness)
+        self._weight = _within("weight", weight, HEAVIEST)
         self._update_gains()
 
     @property
@@ -51,7 +58,7 @@ class Gained:
 
     @stiffness.setter
     def stiffness(self, value: float) -> None:
-        stiffness = _not_negative("stiffness", value)
+        stiffness = checked_stiffness(value)
         self._allow(stiffness, self._own_damping)
         self._stiffness = stiffness
         self._update_gains()
@@ -63,7 +70,7 @@ class Gained:
 
     @damping.setter
     def damping(self, value: float | None) -> None:
-        damping = None if value is None else _not_negative("damping", value)
+        damping = None if value is None else _within("damping", value, MOST_DAMPING)
         self._allow(self._stiffness, damping)
         self._own_damping = damping
         self._update_gains()
@@ -75,7 +82,7 @@ class Gained:
 
     @weight.setter
     def weight(self, value: float) -> None:
-        self._weight = _not_negative("weight", value)
+        self._weight = _within("weight", value, HEAVIEST)
         self._update_gains()
 
     @property
@@ -106,7 +113,16 @@ class Gained:
         self.gains = Gains(self._stiffness, self._damping, self._weight * self._dim_weight)
 
 
-def _not_negative(name: str, value: float) -> float:
-    if not (isinstance(value, Real) and isfinite(value) and value >= 0):
-        raise GainError(name, value)
+def checked_stiffness(value: float) -> float:
+    """A stiffness [1/s2] as a float.
+
+    Raises:
+        GainError: Not a number from 0 to 3000.
+    """
+    return _within("stiffness", value, STIFFEST)
+
+
+def _within(name: str, value: float, most: float) -> float:
+    if not (isinstance(value, Real) and 0.0 <= value <= most):  # False for NaN
+        raise GainError(name, value, f"a number from 0 to {most:g}")
     return float(value)

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from pepper_driver.config import RobotConfig, UnknownNameError
 from pepper_driver.controller.errors import TargetError
 from pepper_driver.controller.model import RobotModel
-from pepper_driver.controller.tasks.targets import Target, finite_vector
+from pepper_driver.controller.tasks.targets import Target, checked_joints, finite_vector
 from pepper_driver.controller.tasks.task import Task, TaskRows
 from pepper_driver.controller.trajectory import Trajectory, vector_trajectory
 
@@ -34,6 +34,7 @@ class PostureTask(Task):
 
     Raises:
         UnknownNameError: No such joint.
+        TargetError: Not a list of joints, each once.
     """
 
     needs_kinematics = False
@@ -47,9 +48,9 @@ class PostureTask(Task):
         weight: float = 10.0,
         name: str | None = None,
     ) -> None:
-        self.joints = robot.joint_names if joints is None else tuple(joints)
+        self.joints = checked_joints(robot, joints) or robot.joint_names
         indices = np.array([robot.joint_index(joint) for joint in self.joints], dtype=np.intp)
-        if len(set(self.joints)) != len(self.joints) or not self.joints:
+        if len(set(self.joints)) != len(self.joints):
             raise TargetError(f"a posture takes joints, each once, got {list(self.joints)}")
         label = "posture" if joints is None else f"posture {', '.join(self.joints)}"
         super().__init__(len(indices), stiffness=stiffness, weight=weight, name=name or label)

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation
 
+from pepper_driver.config import RobotConfig
+from pepper_driver.config.motion_tasks import UNIT
 from pepper_driver.controller.errors import TargetError
 
 FloatArray = NDArray[np.float64]
@@ -15,8 +17,22 @@ FloatArray = NDArray[np.float64]
 Target = ArrayLike | Mapping[str, float]
 """What users may give as a target; joints by name where a task has joints."""
 
-UNIT = 1e-3
-"""How far the norm of a quaternion or the axes of a matrix may be from 1: rounding, not a mistake."""
+
+def checked_joints(robot: RobotConfig, joints: Sequence[str] | None) -> tuple[str, ...] | None:
+    """Names of joints as given by the user; None for all of them.
+
+    Raises:
+        TargetError: Not a list of names, or an empty one.
+        UnknownNameError: No such joint.
+    """
+    if joints is None:
+        return None
+    names = () if isinstance(joints, str) or not isinstance(joints, Iterable) else tuple(joints)
+    if not names or not all(isinstance(name, str) for name in names):
+        raise TargetError(f"joints must be a list of names of joints, one at least, got {joints!r}")
+    for name in names:
+        robot.joint_index(name)
+    return names
 
 
 def finite_vector(what: str, value: Target, size: int, *, names: Sequence[str] = ()) -> FloatArray:

@@ -11,6 +11,8 @@ from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
 from math import sqrt
+from typing import Any
+from weakref import ReferenceType
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -19,7 +21,7 @@ from pepper_driver.config import RobotConfig
 from pepper_driver.controller.errors import TargetError
 from pepper_driver.controller.model import BASE, RobotModel
 from pepper_driver.controller.tasks.gains import Gained
-from pepper_driver.controller.tasks.targets import Target, finite_vector
+from pepper_driver.controller.tasks.targets import Target, checked_joints, finite_vector
 from pepper_driver.controller.trajectory import Trajectory
 
 FloatArray = NDArray[np.float64]
@@ -41,6 +43,8 @@ class Task(Gained, ABC):
         name: For reports.
         rows: Number of rows.
         needs_kinematics: Whether the controller must compute placements and Jacobians before :meth:`measure`.
+        owner: The controller that has it.
+        measured: Whether the error is that of the target there is now: False until the next cycle when that is set.
         driven: Whether there is a reference motion: something to do in :meth:`advance` and :meth:`refer`.
     """
 
@@ -52,11 +56,12 @@ class Task(Gained, ABC):
         super().__init__(rows, stiffness=stiffness, weight=weight)
         self.rows = rows
         self.name = name or type(self).__name__
+        self.owner: ReferenceType[Any] | None = None
         self._moving: tuple[str, ...] | None = None
         self._with_base = True
         self._error, self._rate, self._bias = np.full((3, rows), np.nan)
         self._jacobian, self._wanted = np.zeros((rows, 0)), np.zeros(rows)
-        self.driven = False
+        self.driven = self.measured = False
         self._reference_velocity: FloatArray | None = None
         self._reference_acceleration: FloatArray | None = None
         self._way: tuple[list[FloatArray], list[float]] | None = None
@@ -146,9 +151,13 @@ class Task(Gained, ABC):
         """
         return finite_vector(f"the target of {self.name}", target, self.rows)
 
+    def stop(self) -> None:
+        """End a motion by :meth:`move_to`: the target stays where it has come to."""
+        self._stop_moving()
+
     def _stop_moving(self) -> None:
         """Forget a motion under way, and what it left as reference velocity and acceleration."""
-        self._rate[:] = np.nan  # a target that was not yet measured against is not reached
+        self.measured = False
         if self._way is not None or self._trajectory is not None:
             self._way = self._trajectory = None
             self._refer_to(None, None)
@@ -161,13 +170,15 @@ class Task(Gained, ABC):
             model: At the state of the controller, kinematics computed for tasks that need them.
             dt: Cycle [s].
         """
-        if self._way is not None:
-            (targets, durations), self._way = self._way, None
-            self._trajectory = self._plan(model, targets, durations, dt)
-        if self._trajectory is not None:
-            target, velocity, acceleration = self._trajectory.next()
+        way = self._way  # copies: other threads set targets
+        if way is not None:
+            self._way = None
+            self._trajectory = self._plan(model, *way, dt)
+        trajectory = self._trajectory
+        if trajectory is not None:
+            target, velocity, acceleration = trajectory.next()
             self._follow(target)
-            if self._trajectory.over:
+            if trajectory.over:
                 self._trajectory = None
                 self._refer_to(None, None)
                 self._update_driven()
@@ -196,7 +207,7 @@ class Task(Gained, ABC):
         return self._error.copy()
 
     def reached(self, tolerance: ArrayLike) -> bool:
-        """Whether every row that has weight is within a tolerance of its target and has come to rest.
+        """Whether every row that has weight, one at least, is within a tolerance of its target and has come to rest.
 
         At rest means that the velocity is below tolerance * sqrt(stiffness), or the tolerance per second if that is
         more: what is left of the motion is less than the tolerance. A motion by :meth:`move_to` must have ended, and
@@ -209,11 +220,12 @@ class Task(Gained, ABC):
             TargetError: Not a number above 0, or not as many.
         """
         limit = self._tolerance(tolerance)
-        if self._way is not None or self._trajectory is not None:
+        if not self.measured or self._way is not None or self._trajectory is not None:
             return False
         near = np.abs(self._error) <= limit
         slow = np.abs(self._rate) <= limit * max(sqrt(self._stiffness), 1.0)
-        return bool((near & slow)[self._dim_weight > 0].all())
+        asked = self._dim_weight > 0
+        return bool(asked.any() and (near & slow)[asked].all())
 
     def _tolerance(self, value: ArrayLike) -> FloatArray:
         what = f"{self.name} takes one tolerance or {self.rows}, above 0, got {value!r}"
@@ -232,10 +244,10 @@ class Task(Gained, ABC):
 
         Raises:
             UnknownNameError: No such joint.
+            TargetError: No list of names, or an empty one where the base may not move either.
         """
-        for name in joints or ():
-            robot.joint_index(name)
-        self._moving = None if joints is None else tuple(joints)
+        base_alone = base and isinstance(joints, Sequence) and not joints
+        self._moving = () if base_alone else checked_joints(robot, joints)
         self._with_base = base
 
     def columns(self, model: RobotModel) -> FloatArray:
@@ -265,10 +277,11 @@ class Task(Gained, ABC):
 
     def refer(self) -> None:
         """Add what the reference motion asks for to the wanted accelerations, once the rest of them is there."""
-        if self._reference_velocity is not None:
-            self._wanted += self._damping * self._reference_velocity
-        if self._reference_acceleration is not None:
-            self._wanted += self._reference_acceleration
+        velocity, acceleration = self._reference_velocity, self._reference_acceleration
+        if velocity is not None:
+            self._wanted += self._damping * velocity
+        if acceleration is not None:
+            self._wanted += acceleration
 
 
 @dataclass(frozen=True, slots=True)

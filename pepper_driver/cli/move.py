@@ -15,7 +15,7 @@ from pepper_driver.cli.console import (
     save_json,
     show_line,
 )
-from pepper_driver.config import Motion, MotionStep, load_motion, load_robot
+from pepper_driver.config import Motion, MotionStep, RobotConfig, load_motion, load_robot
 from pepper_driver.config.motion_tasks import BaseSpec, LookAtSpec, OrientationSpec, PoseSpec
 from pepper_driver.robot import Pepper
 
@@ -38,7 +38,7 @@ def move(
     pepper = Pepper(backend, observer=None, log=None if dry_run else log, robot=robot)
     check_outputs(json_file)
     if dry_run:
-        for line in plan(chosen):
+        for line in plan(chosen, robot):
             console.print(line)
         save_json(json_file, {"motion": chosen.name, "longest": chosen.longest}, console)
         return 0
@@ -50,12 +50,14 @@ def move(
     return 0 if report.reached else 1
 
 
-def plan(motion: Motion) -> Iterator[str]:
+def plan(motion: Motion, robot: RobotConfig) -> Iterator[str]:
     """What a motion will do, one line a step."""
     times = "" if motion.repeat == 1 else f", {motion.repeat} times"
-    yield f"{motion.name}: {len(motion.steps)} steps{times}, {motion.longest:.1f} s at most"
+    count = len(motion.steps)
+    steps = "1 step" if count == 1 else f"{count} steps"
+    yield f"{motion.name}: {steps}{times}, {motion.longest:.1f} s at most"
     for number, step in enumerate(motion.steps):
-        text = "; ".join([_times(step), *_parts(step)])
+        text = "; ".join([_times(step), *_parts(step, robot)])
         yield f"step {number}{'' if step.name is None else f' {step.name}'}: {text}"
 
 
@@ -68,10 +70,11 @@ def _times(step: MotionStep) -> str:
     return ", ".join(parts)
 
 
-def _parts(step: MotionStep) -> Iterator[str]:
+def _parts(step: MotionStep, robot: RobotConfig) -> Iterator[str]:
     if step.posture is not None:
         yield f"posture {step.posture}"
-    yield from (f"{joint} to {angle:g} rad" for joint, angle in step.joints.items())
+    for joint, angle in step.joints.items():
+        yield f"{joint} to {angle:g}{'' if joint in robot.hands.joints else ' rad'}"
     yield from (f"{hand} to {aperture:g}" for hand, aperture in step.hands.items())
     if step.stiffness is not None:
         yield f"posture stiffness {step.stiffness:g} 1/s2"

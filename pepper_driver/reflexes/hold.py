@@ -17,8 +17,9 @@ class Hold(Reflex):
 
     What stands still is the reference, not the measured posture: the joints keep pushing back against the hand with
     their own stiffness. The reference comes to rest a twentieth of a second's way further on, as fast as the
-    acceleration limits allow, and does not turn round. A rebound does not prolong the hold, so the reflex cannot keep
-    itself alive on the motion that follows a release. What the user asks for meanwhile is done afterwards.
+    acceleration limits allow, and does not turn round; the base brakes, and all other tasks wait. A rebound does not
+    prolong the hold, so the reflex cannot keep itself alive on the motion that follows a release. What the user asks
+    for meanwhile is done afterwards.
     """
 
     def __init__(self, pause: float = 0.5) -> None:

@@ -16,9 +16,10 @@ class Control:
     """What reflexes may act on: the controller's tasks, the stiffness, the wheels.
 
     Attributes:
-        controller: Its tasks can be changed, added and removed.
+        controller: Its tasks can be changed, added and removed; they act while ``posture`` is None.
         stiffness: (17,) wanted stiffness 0..1; the safety gate ramps towards it.
-        posture: (17,) posture that a reflex wants in place of the user's [rad]; None to follow the user.
+        posture: (17,) posture that a reflex wants in place of the user's [rad]; None to follow the user. While there
+            is one, all other tasks stand still, the base comes to rest, and afterwards they go on.
         posture_stiffness: Stiffness of the posture task that a reflex wants [1/s2]; None to follow the user.
     """
 

@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 
 from pepper_driver.config import ConfigError, MissingExtraError, PepperError, UnknownNameError
-from pepper_driver.controller import GainError, TargetError
+from pepper_driver.controller import GainError, LimitError, TargetError
 from pepper_driver.log import LogError
 from pepper_driver.safety import FaultError
 
@@ -21,6 +21,7 @@ EXAMPLES: list[PepperError] = [
     MissingExtraError("plotting", "plot"),
     FaultError("a joint is on fire"),
     GainError("stiffness", -1.0),
+    LimitError("share", -1.0, "above 0"),
     TargetError("no", joint="HeadYaw", value=9.0, lower=-1.0, upper=1.0),
     ConfigError("file: key"),
     LogError("disk full"),

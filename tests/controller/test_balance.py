@@ -192,6 +192,65 @@ def test_rest_and_motion_never_exclude_each_other() -> None:
     assert seen > 30
 
 
+def test_a_zero_moment_point_already_outside_leaves_rest_and_motion_something_to_do() -> None:
+    """A fast turn pushes it further out than half the base's acceleration can bring back; the base alone must do."""
+    model, balance = RobotModel(ROBOT), Balance(ROBOT)
+    lean = ROBOT.posture("StandInit")
+    v = np.zeros(model.nv)
+    v[0], v[2] = -0.5, 2.0
+    seen = 0
+    for knee in np.linspace(-0.5, 0.5, 101):
+        lean[[0, 2]] = knee, 0.5
+        model.set_state(model.configuration(lean), v)
+        model.update_kinematics()
+        stopping = stopping_of(model)
+        com = inside(FREE.centre_of_mass(model.q))[2]
+        point = inside(FREE.zero_moment_point(model.q, v, np.zeros(model.nv)))[2]
+        rows = balance.rows(model, stopping)
+        if com < MOVING + 1e-4 or point > MOVING - 0.02:
+            continue
+        assert rows is not None
+        pair = [i for i, name in enumerate(rows.names) if name.endswith("FL-WheelB")]
+        assert len(pair) == 2
+        base = [(-b - 1e-9, b + 1e-9) for b in 0.5 * stopping.acceleration[:3]]
+        box = [*base, *[(0.0, 0.0)] * 17]
+        matrix, bound = rows.matrix[pair], rows.bound[pair]
+        assert linprog(np.zeros(20), A_ub=matrix, b_ub=bound, bounds=box).status == 0
+        seen += 1
+    assert seen > 3
+
+
+def test_a_centre_of_mass_outside_is_not_kept_by_standing_still() -> None:
+    model, balance = RobotModel(ROBOT), Balance(ROBOT)
+    lean = ROBOT.posture("StandInit")
+    lean[[0, 1, 5, 11]] = -0.5, -0.9, 0.0, 0.0
+    for posture, answer in ((ROBOT.posture("StandInit"), True), (lean, False)):
+        model.set_state(model.configuration(posture), np.zeros(model.nv))
+        model.update_kinematics()
+        assert (inside(FREE.centre_of_mass(model.q)).min() > 0) == answer
+        assert balance.kept(model, stopping_of(model), np.zeros(model.nv)) == answer
+
+
+def test_what_is_kept_with_the_centre_of_mass_outside_breaks_no_row() -> None:
+    """It comes in fast enough to be caught, and a turn holds the zero moment point inside meanwhile."""
+    random, balance, seen = np.random.default_rng(3), Balance(ROBOT), 0
+    for _ in range(4000):
+        model = random_state(random)
+        if inside(FREE.centre_of_mass(model.q)).min() > 0.5 * MOVING:
+            continue
+        v = model.v * 3
+        model.set_state(model.q, v)
+        model.update_kinematics()
+        stopping = stopping_of(model)
+        a = random.uniform(-1, 1, 20) * stopping.acceleration
+        if not balance.kept(model, stopping, a):
+            continue
+        seen += 1
+        rows = balance.rows(model, stopping)
+        assert rows is None or (rows.matrix @ a <= rows.bound + 1e-9).all()
+    assert seen > 3
+
+
 @pytest.mark.parametrize(
     ("margin", "moving"),
     [(-0.01, None), (0.1, None), (float("nan"), None), (0.03, 0.04), (0.03, -0.01)],

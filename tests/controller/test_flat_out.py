@@ -75,7 +75,8 @@ def drive(
             control.base_velocity.target = base
         references.append(control.step())
         status = control.status
-        assert (status.solver, status.relaxed) == ("solved", ())
+        relaxed = [name for name in status.relaxed if not name.endswith(" jerk")]
+        assert (status.solver, relaxed) == ("solved", [])
     position = np.array([r.position for r in references])
     speed = np.abs([r.velocity for r in references])
     twist = np.array([np.zeros(3), *(r.base_twist for r in references)])

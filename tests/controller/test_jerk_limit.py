@@ -137,3 +137,45 @@ def test_position_and_velocity_count_more(velocity: Literal["safe", "robot"]) ->
         hardest = np.maximum(hardest, np.abs(reference.acceleration - before) / (JERK * DT))
         before = reference.acceleration
     assert (hardest > 1.5).all()  # given up by every joint
+
+
+def test_a_jerk_limit_that_was_given_up_is_named() -> None:
+    model, hand = RobotModel(ROBOT), ROBOT.joint_index("LHand")
+    box, column = AccelerationBox(ROBOT, WITH_JERK, model, DT), model.joint_columns[hand]
+    q, v, before = model.configuration(MIDDLE), np.zeros(20), np.zeros(20)
+    box.update(q, v, before)
+    assert box.relaxed() == ()
+    # As fast as it may be, and speeding up until now: nothing but to stop that at once.
+    v[column], before[column] = VELOCITY[hand], ACCELERATION[hand]
+    box.update(q, v, before)
+    assert box.relaxed() == box.relaxed(box.upper) == ("LHand jerk",)
+    v[column], before[column] = -VELOCITY[hand], -ACCELERATION[hand]
+    box.update(q, v, before)
+    assert box.relaxed() == ("LHand jerk",)
+
+
+def test_without_jerk_limit_those_are_named_that_would_have_broken_it() -> None:
+    model, hand = RobotModel(ROBOT), ROBOT.joint_index("LHand")
+    box, column = AccelerationBox(ROBOT, WITH_JERK, model, DT), model.joint_columns[hand]
+    box.update(model.configuration(MIDDLE), np.zeros(20), np.zeros(20), jerk=False)
+    assert box.relaxed() == ()  # every joint could keep it
+    a = np.zeros(20)
+    a[column] = 0.999 * JERK[hand] * DT
+    assert box.relaxed(a) == ()
+    for sign in (-1, 1):
+        a[column] = sign * 1.001 * JERK[hand] * DT
+        assert box.relaxed(a) == ("LHand jerk",)
+    plain = AccelerationBox(ROBOT, SETTINGS, model, DT)
+    plain.update(model.configuration(MIDDLE), np.zeros(20), np.zeros(20))
+    assert plain.relaxed(a) == ()
+
+
+def test_the_controller_names_joints_that_brake_at_their_position_limit() -> None:
+    control = WholeBodyController(ROBOT, WITH_JERK)
+    control.posture.stiffness = 1000.0
+    control.posture.target = ROBOT.upper
+    named: set[str] = set()
+    for _ in range(400):
+        control.step()
+        named.update(control.status.relaxed)
+    assert named == {f"{name} jerk" for name in ROBOT.joint_names}

@@ -82,7 +82,7 @@ def test_a_joint_beyond_its_limit_is_explained() -> None:
     start[3] = ROBOT.upper[3] + 0.05
     control.reset(start)
     control.step()
-    assert "Beyond its limit: HeadYaw position" in control.explain()
+    assert "Limits not kept: HeadYaw position" in control.explain()
 
 
 def test_the_load_torque_is_the_sum_of_its_parts_at_the_end_of_the_cycle() -> None:

@@ -27,7 +27,8 @@ def test_a_dry_run_prints_the_plan_and_writes_nothing(
     assert run(["move", name, "--dry-run", "--log", str(log)]) == 0
     lines = capsys.readouterr().out.splitlines()
     steps = load_motion(name, load_robot()).steps
-    assert lines[0].startswith(f"{name}: {len(steps)} steps")
+    count = "1 step" if len(steps) == 1 else f"{len(steps)} steps"
+    assert lines[0].startswith(f"{name}: {count}, ")
     assert [line.split(":")[0] for line in lines[1:]] == [
         f"step {number} {step.name}" for number, step in enumerate(steps)
     ]
@@ -42,6 +43,20 @@ def test_the_plan_names_every_part(tmp_path: Path, capsys: pytest.CaptureFixture
         "step 0 look: 0.60 s; LHand to 1; look at 1 0.3 1 m",
         "step 1 far: until reached, 0.36 s at most; position l_wrist to 3 0 1 m",
         "step 2 back: 0.60 s; posture Stand; base at 0 0 m/s, 0.1 rad/s",
+    ]
+
+
+def test_the_plan_of_one_step_and_of_a_hand_among_the_joints(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "one.yaml"
+    path.write_text(
+        "schema: 1\nname: one\nsteps: [{duration: 1.0, joints: {LHand: 0.5, HeadYaw: 0.2}}]\n"
+    )
+    assert run(["move", str(path), "--dry-run"]) == 0
+    assert capsys.readouterr().out.splitlines() == [
+        "one: 1 step, 1.0 s at most",
+        "step 0: 1.00 s; LHand to 0.5; HeadYaw to 0.2 rad",
     ]
 
 

@@ -1,7 +1,7 @@
 """The tick: what is paired with what, in which order, and what happens when something fails."""
 
 from dataclasses import fields, is_dataclass, replace
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import pytest
@@ -27,8 +27,9 @@ def make_loop(
     observer: Observer | None = None,
     reflexes: tuple[Reflex, ...] = (),
     delivered: list[Tick] | None = None,
+    feedback: Literal["none", "joints"] = "none",
 ) -> tuple[Loop, SafetyGate, WholeBodyController]:
-    settings = load_controller_settings(ROBOT)
+    settings = replace(load_controller_settings(ROBOT), feedback=feedback)
     controller = WholeBodyController(ROBOT, settings)
     gate = SafetyGate(ROBOT, load_safety_settings(), settings)
     start = backend.open().position
@@ -67,6 +68,22 @@ def test_the_reference_in_a_tick_is_the_one_its_command_was_made_from() -> None:
     for _ in range(40):
         tick = loop.tick()
         np.testing.assert_array_equal(tick.reference.position, tick.sent.position)
+
+
+def test_transport_is_no_error_of_a_closed_loop() -> None:
+    """The fake follows exactly, three ticks late: told which command was answered, feedback changes nothing."""
+    trails: list[Array] = []
+    feedback: Literal["none", "joints"]
+    for feedback in ("none", "joints"):
+        backend = FakeBackend(delay=3)
+        loop, _, _ = make_loop(backend, feedback=feedback)
+        loop.target = loop.target.copy()
+        loop.target[6] += 0.5
+        for _ in range(100):
+            loop.tick()
+        trails.append(np.array([command.position[6] for command in backend.commands]))
+    assert np.ptp(trails[0]) > 0.3
+    np.testing.assert_allclose(trails[1], trails[0], atol=1e-9)
 
 
 class Spy(Observer):

@@ -17,14 +17,16 @@ from motion_cases import (
     make_pepper,
     snapshot,
     wrist,
-)  # isort: skip
+)
 
-from pepper_driver import FaultError, Pepper, Reflex
-from pepper_driver.backends import Measurement
+from test_holding import Holder  # isort: skip
+
+from pepper_driver import FaultError, Pepper, motion_goals
 from pepper_driver.config import ConfigError, UnknownNameError
-from pepper_driver.controller import PositionTask, Tick
+from pepper_driver.config.motion_tasks import AnyTask
+from pepper_driver.config.parts import FloatArray
+from pepper_driver.controller import PositionTask, TargetError, Tick, WholeBodyController
 from pepper_driver.observer import Observation
-from pepper_driver.reflexes import Control
 
 
 def test_a_posture_is_reached_in_its_time_along_a_spline() -> None:
@@ -138,6 +140,30 @@ def test_a_fault_takes_the_motion_out_of_the_controller() -> None:
         assert snapshot(pepper) == before
 
 
+def test_a_target_that_a_task_refuses_leaves_nothing_behind(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """The motion is broken off where a task refuses its target; those before it are taken back."""
+    other = REACH | {"link": "r_wrist", "joints": ["right_arm"]}
+    honest = motion_goals._target
+
+    def target(spec: AnyTask, controller: WholeBodyController) -> FloatArray:
+        wanted = honest(spec, controller)
+        return wanted * np.nan if spec.label == "position r_wrist" else wanted
+
+    monkeypatch.setattr(motion_goals, "_target", target)
+    for motion in (
+        make_motion({"duration": 0.3, "position": [REACH, other]}),
+        make_motion({"duration": 0.3}, {"hold": 0.3, "position": [REACH, other]}),
+    ):
+        with make_pepper() as pepper:
+            before = snapshot(pepper)
+            with pytest.raises(TargetError):
+                pepper.play(motion)
+            assert snapshot(pepper) == before
+            pepper.run(0.1)
+
+
 def test_tasks_of_the_user_stay(tmp_path: Path) -> None:
     with make_pepper() as pepper:
         own = PositionTask(ROBOT, "r_wrist", seen_from="base_link")
@@ -149,33 +175,14 @@ def test_tasks_of_the_user_stay(tmp_path: Path) -> None:
         assert pepper.controller.base_velocity.weight == 123.0
 
 
-class Holder(Reflex):
-    """Freezes the posture between two times, as Hold does while touched."""
-
-    def __init__(self, begin: float, end: float) -> None:
-        self._begin, self._end = begin, end
-
-    def step(self, observation: Observation, measurement: Measurement, control: Control) -> None:
-        if self._begin <= measurement.time < self._end:
-            if control.posture is None:
-                control.posture = control.controller.position
-                control.posture_stiffness = 400.0
-        else:
-            control.posture = control.posture_stiffness = None
-
-    def reset(self) -> None:
-        pass
-
-
 def test_a_motion_waits_while_a_reflex_holds_the_robot() -> None:
     pepper = Pepper("mujoco", reflexes=[Holder(1.9, 3.9)])  # the stiffness takes the first second
-    own, moving = {"posture", "base velocity"}, []
+    moving: list[float] = []
     step = {"duration": 2.0, "position": REACH, "base": {"x": 0.2}, "joints": {"HeadYaw": 0.5}}
     with pepper:
 
         def note(tick: Tick, observation: Observation | None) -> None:
             if 2.5 < tick.measurement.time < 3.8:
-                assert {task.name for task in pepper.controller.tasks} == own
                 moving.append(np.abs(pepper.controller.velocity).max())
 
         start = pepper.time

@@ -9,7 +9,9 @@ import pytest
 from pepper_driver import Contact, FaultError, Hold, Pepper, PepperError, RobotState
 from pepper_driver.backends import BackendError
 from pepper_driver.config import UnknownNameError
-from pepper_driver.controller import TargetError
+from pepper_driver.config.motion import SHORTEST
+from pepper_driver.controller import GainError, TargetError
+from pepper_driver.controller.tasks import task as tasks
 from pepper_driver.log import read_log
 from pepper_driver.observer import shipped
 
@@ -152,10 +154,33 @@ def test_wrong_postures_are_refused_and_change_nothing() -> None:
             with pytest.raises(error):
                 pepper.set_posture(posture)
             np.testing.assert_array_equal(pepper.target, before)
-        for stiffness in (-1.0, 0.0, float("nan")):  # at 0 nothing would stop a joint
-            with pytest.raises(PepperError, match="stiffness"):
-                pepper.set_posture("Stand", stiffness=stiffness)
+        wrong_numbers: list[Any] = [-1.0, 0.0, float("nan"), float("inf"), "a", [1.0]]
+        for number in [*wrong_numbers, 1e5]:  # at 0 nothing would stop a joint
+            with pytest.raises(GainError, match="stiffness"):
+                pepper.set_posture("Stand", stiffness=number)
+        for number in [*wrong_numbers, 0.9e-3, 3601.0]:
+            with pytest.raises(TargetError, match="duration"):
+                pepper.set_posture("Stand", duration=number)
         np.testing.assert_array_equal(pepper.target, before)
+
+
+def test_a_duration_that_is_taken_is_no_fault_later() -> None:
+    with Pepper("mujoco", observer=None) as pepper:
+        durations: tuple[Any, ...] = (1e-3, np.float32(0.5), 1)
+        for duration in durations:
+            pepper.set_posture({"HeadYaw": 0.1}, duration=duration)
+            pepper.run(0.05)
+        assert pepper.state is RobotState.ACTIVE
+    assert SHORTEST == tasks.SHORTEST
+
+
+@pytest.mark.parametrize("seconds", ["a", None, float("nan"), float("inf"), -0.1])
+def test_a_time_that_is_none_runs_nothing(seconds: Any) -> None:
+    with Pepper("mujoco", observer=None) as pepper:
+        before = pepper.time
+        with pytest.raises(TargetError, match="seconds"):
+            pepper.run(seconds)
+        assert pepper.time == before
 
 
 def test_nothing_works_outside_the_block() -> None:

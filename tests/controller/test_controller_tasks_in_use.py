@@ -1,0 +1,147 @@
+"""Tasks that come and go: from other threads, from one controller to another, held back by a reflex."""
+
+from __future__ import annotations
+
+import threading
+
+import numpy as np
+import pytest
+from controller_cases import ACCELERATION, DT, MIDDLE, ROBOT, controller
+
+from pepper_driver.controller import FrameTask, GainError, PositionTask, PostureTask
+
+
+def test_tasks_may_come_and_go_from_another_thread() -> None:
+    control = controller()
+    tasks = [PositionTask(ROBOT, "l_wrist"), FrameTask(ROBOT, "r_wrist"), PostureTask(ROBOT)]
+    over = threading.Event()
+
+    def meddle() -> None:
+        while not over.is_set():
+            for task in tasks:
+                control.add(task)
+                if isinstance(task, PostureTask):
+                    task.move_to(MIDDLE, 0.05)
+                    task.reference_velocity = np.full(17, 0.01)
+                    task.reference_velocity = np.zeros(17)
+            for task in tasks:
+                control.remove(task)
+
+    thread = threading.Thread(target=meddle)
+    thread.start()
+    try:
+        for _ in range(3000):
+            control.step()
+            assert control.status.solver == "solved"
+    finally:
+        over.set()
+        thread.join()
+    assert control.tasks == (control.posture, control.base_velocity)
+
+
+def test_a_task_goes_with_the_controller_that_has_it_last() -> None:
+    first, second = controller(), controller()
+    task = PositionTask(ROBOT, "l_wrist")
+    first.add(task)
+    first.step()
+    second.add(task)
+    assert task not in first.tasks
+    task.target = task.target + np.array([0.05, 0.0, 0.05])
+    for _ in range(300):
+        at_rest, moved = first.step(), second.step()
+    assert np.abs(at_rest.position - MIDDLE).max() < 1e-6
+    assert task.reached(1e-3)
+    assert np.abs(moved.position - MIDDLE).max() > 0.05
+
+
+def test_a_task_taken_out_forgets_its_motion() -> None:
+    control = controller()
+    task = PositionTask(ROBOT, "l_wrist")
+    control.add(task)
+    control.step()
+    task.move_to(task.target + np.array([0.1, 0.0, 0.1]), 2.0)
+    for _ in range(50):
+        control.step()
+    half = task.target
+    control.remove(task)
+    for _ in range(200):
+        control.step()
+    control.add(task)
+    for _ in range(300):
+        control.step()
+    assert task.reached(1e-3)
+    np.testing.assert_array_equal(task.target, half)
+
+
+def test_reset_ends_every_motion_and_what_was_measured() -> None:
+    control = controller()
+    task = PositionTask(ROBOT, "l_wrist")
+    control.add(task)
+    control.step()
+    task.move_to(task.target + np.array([0.1, 0.0, 0.1]), 2.0)
+    for _ in range(50):
+        control.step()
+    target = task.target
+    control.odometry.update(np.ones(3), DT)
+    control.reset(MIDDLE)
+    control.step()
+    np.testing.assert_array_equal(task.target, target)
+    np.testing.assert_array_equal(control.odometry.pose, np.zeros(3))
+
+
+def test_held_only_the_posture_acts_and_the_base_stops() -> None:
+    control = controller()
+    hand = PositionTask(ROBOT, "l_wrist")
+    control.add(hand)
+    control.step()
+    goal = hand.target + np.array([0.1, 0.1, 0.2])
+    hand.move_to(goal, 1.0)
+    control.base_velocity.target = [0.1, 0.0, 0.1]
+    for _ in range(40):
+        control.step()
+    control.hold = True
+    control.posture.target = control.position + control.velocity / 20.0
+    control.posture.stiffness = 400.0
+    before = control.step()
+    for _ in range(45):
+        reference = control.step()
+        change = np.abs(reference.velocity - before.velocity)
+        assert (change <= ACCELERATION * DT + 1e-9).all()
+        before = reference
+    assert np.abs(reference.velocity).max() < 0.01
+    assert np.abs(reference.base_twist).max() < 0.01
+    assert control.base_velocity.target.tolist() == [0.1, 0.0, 0.1]
+    control.hold = False
+    control.posture.stiffness = 5.0
+    for _ in range(500):
+        reference = control.step()
+    assert hand.reached(1e-3)
+    np.testing.assert_allclose(hand.target, goal)
+    assert reference.base_twist == pytest.approx([0.1, 0.0, 0.1], abs=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("gain", "value"), [("stiffness", 3001.0), ("damping", 121.0), ("weight", 1e13)]
+)
+def test_gains_that_a_cycle_is_too_long_for_are_refused(gain: str, value: float) -> None:
+    task = PostureTask(ROBOT)
+    with pytest.raises(GainError, match=f"{gain} must be a number from 0 to"):
+        setattr(task, gain, value)
+
+
+@pytest.mark.parametrize("stiffness", [0.5, 300.0, 3000.0])
+def test_the_stiffest_law_comes_to_rest(stiffness: float) -> None:
+    control = controller()
+    control.posture.stiffness = stiffness
+    control.posture.target = MIDDLE + 0.1
+    for _ in range(2500):
+        reference = control.step()
+    assert np.abs(reference.velocity).max() < 1e-6
+    assert control.posture.reached(1e-4)
+
+
+def test_a_task_without_weight_is_never_reached() -> None:
+    control = controller()
+    control.posture.dim_weight = np.zeros(17)
+    control.step()
+    assert not control.posture.reached(10.0)
