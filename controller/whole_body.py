@@ -19,6 +19,7 @@ from pepper_driver.controller.constraints import (
     standard_constraints,
 )
 from pepper_driver.controller.errors import GainError
+from pepper_driver.controller.feedback import Feedback
 from pepper_driver.controller.model import BASE, LoadTorque, RobotModel
 from pepper_driver.controller.program import Answer, Outcome, Program
 from pepper_driver.controller.reference import Reference
@@ -75,8 +76,6 @@ class WholeBodyController:
         settings = settings or load_controller_settings(robot)
         self._robot = robot
         self._dt = robot.cycle if dt is None else _checked_cycle(dt)
-        self._feedback = settings.feedback == "joints"
-        self._smoothing = min(1.0, self._dt / settings.feedback_time)
         self._jerk_limited = settings.jerk_limit is not None
         self.model = RobotModel(robot)
         # Small arrays are quicker to multiply by arrays of their shape than by numbers.
@@ -86,6 +85,10 @@ class WholeBodyController:
         self._solver = make_solver(settings.solver)
         self._program = Program(self.model.nv, settings.regularisation)
         self.odometry = Odometry(robot)
+        self._feedback: Feedback | None = None
+        if settings.feedback == "joints":
+            share = min(1.0, self._dt / settings.feedback_time)
+            self._feedback = Feedback(self.model, self.odometry, share)
         self.posture = PostureTask(
             robot, stiffness=settings.posture.stiffness, weight=settings.posture.weight
         )
@@ -175,7 +178,8 @@ class WholeBodyController:
         self._q = self._before = self.model.configuration(position)
         self._v = np.zeros(self.model.nv)
         self._acceleration = np.zeros(self.model.nv)
-        self._tracking_error = np.zeros(len(position))
+        if self._feedback is not None:
+            self._feedback.reset()
         self._outcome: Outcome = "solved"
         self._active: list[tuple[Constraint, Rows]] = []
         self.model.set_state(self._q, self._v)
@@ -261,8 +265,8 @@ class WholeBodyController:
         model.set_state(q, v)
         if measurement is not None:
             self.odometry.update(measurement.wheel_speed, dt)
-            if self._feedback:
-                model.set_state(self._measured(q, measurement, answered), v)
+            if self._feedback is not None:
+                model.set_state(self._feedback.configuration(q, measurement, answered), v)
         acceleration = self._solve(q, v)
         self._acceleration = acceleration
         change = acceleration * self._cycle
@@ -330,24 +334,6 @@ class WholeBodyController:
             box.update(q, v, self._acceleration, jerk=False)
             answer = program.solve(self._solver, box.lower, box.upper, groups)
         return answer
-
-    def _measured(
-        self, q: FloatArray, measurement: Measurement, answered: FloatArray | None
-    ) -> FloatArray:
-        """The configuration that tasks see in closed loop: the controller's own less the robot's tracking error.
-
-        Each measurement is held against the command that it answers, so that the transport between them is no error,
-        and the error is smoothed: what acceleration and lag do to it would come back as a poorly damped motion. At
-        rest this is the measured configuration. The base is where odometry has it.
-        """
-        model = self.model
-        position = model.joints_of_configuration(q)
-        error = (position if answered is None else answered) - measurement.position
-        if np.isfinite(error).all():  # the safety gate stops a robot that measures nothing
-            change = self._smoothing * (error - self._tracking_error)
-            self._tracking_error = self._tracking_error + change
-        shifted = model.with_joint_position(q, position - self._tracking_error)
-        return model.with_base_pose(shifted, self.odometry.pose)
 
     def _lay_out(self) -> None:
         """Give all tasks that act their rows."""

@@ -155,3 +155,12 @@ def test_transport_is_not_taken_for_an_error() -> None:
         late = sent[-5]
         sent.append(control.step(measured(late), late).position)
         np.testing.assert_allclose(sent[-1], twin.step().position, atol=1e-12)
+
+
+def test_reset_forgets_the_tracking_error() -> None:
+    control = closed()
+    for _ in range(200):
+        control.step(measured(control.position - 0.05))
+    control.reset(MIDDLE)
+    control.step(measured(MIDDLE))
+    np.testing.assert_allclose(control.posture.error, 0.0, atol=1e-12)
