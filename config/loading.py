@@ -13,7 +13,7 @@ from typing import Any, TypeVar
 import yaml
 from pydantic import ConfigDict, TypeAdapter, ValidationError
 
-from pepper_driver.config.errors import ConfigError, suggestion
+from pepper_driver.config.errors import ConfigError, UnknownNameError, suggestion
 
 STRICT = ConfigDict(extra="forbid", strict=True, allow_inf_nan=False)
 """Pydantic settings of all configuration dataclasses: no unknown key, no silent conversion, no NaN."""
@@ -47,6 +47,24 @@ _Loader.add_implicit_resolver(
 def package_file(*parts: str) -> Path:
     """Path of a file shipped in ``config/``."""
     return Path(str(files("pepper_driver.config").joinpath(*parts)))
+
+
+def shipped_names(folder: str) -> tuple[str, ...]:
+    """Names of the files shipped in a folder of this package."""
+    return tuple(sorted(path.stem for path in package_file(folder).glob("*.yaml")))
+
+
+def named_file(kind: str, name: str | Path, folder: str) -> Path:
+    """The file that a name shipped in ``folder`` stands for, or the path given, which ends in ``.yaml``.
+
+    Raises:
+        UnknownNameError: No shipped file has this name.
+    """
+    if str(name).endswith((".yaml", ".yml")):
+        return Path(name)
+    if str(name) in shipped_names(folder):
+        return package_file(folder, f"{name}.yaml")
+    raise UnknownNameError(kind, str(name), shipped_names(folder))
 
 
 def read_yaml(path: Path) -> dict[str, Any]:

@@ -11,8 +11,8 @@ from typing import Annotated, Any, Literal
 from pydantic import Field, TypeAdapter, WrapValidator
 from pydantic.dataclasses import dataclass
 
-from pepper_driver.config.errors import ConfigError, UnknownNameError, suggestion
-from pepper_driver.config.loading import STRICT, package_file, parse, read_yaml
+from pepper_driver.config.errors import ConfigError, suggestion
+from pepper_driver.config.loading import STRICT, named_file, parse, read_yaml, shipped_names
 from pepper_driver.config.motion_tasks import (
     AnyTask,
     BaseSpec,
@@ -166,7 +166,7 @@ class Motion:
 
 def motion_names() -> tuple[str, ...]:
     """Names of the motions shipped with the package."""
-    return tuple(sorted(path.stem for path in package_file("motions").glob("*.yaml")))
+    return shipped_names("motions")
 
 
 def load_motion(name: str | Path, robot: RobotConfig) -> Motion:
@@ -176,12 +176,7 @@ def load_motion(name: str | Path, robot: RobotConfig) -> Motion:
         UnknownNameError: No shipped motion has this name.
         ConfigError: The file is wrong; the message names file, key and cure.
     """
-    if str(name).endswith((".yaml", ".yml")):
-        path = Path(name)
-    elif str(name) in motion_names():
-        path = package_file("motions", f"{name}.yaml")
-    else:
-        raise UnknownNameError("motion", str(name), motion_names())
+    path = named_file("motion", name, "motions")
     source = str(path)
     motion = parse(Motion, {**read_yaml(path), "source": source}, source)
     check_motion(motion, robot)

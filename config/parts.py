@@ -155,6 +155,11 @@ class Wheels:
         """(3, 3): wheel speeds [rad/s] = matrix @ base twist (vx, vy, wz) in base axes."""
         return np.array(self.twist_to_wheel)
 
+    @cached_property
+    def inverse(self) -> FloatArray:
+        """(3, 3): base twist (vx, vy, wz) in base axes = inverse @ wheel speeds [rad/s]."""
+        return np.asarray(np.linalg.inv(self.matrix), dtype=np.float64)
+
 
 @dataclass(frozen=True, kw_only=True, config=STRICT)
 class NaoqiNames:

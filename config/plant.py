@@ -7,14 +7,15 @@ import json
 from collections.abc import Iterable
 from dataclasses import asdict
 from functools import reduce
+from math import isfinite
 from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
 from pydantic.dataclasses import dataclass
 
-from pepper_driver.config.errors import ConfigError, UnknownNameError, suggestion
-from pepper_driver.config.loading import STRICT, package_file, parse
+from pepper_driver.config.errors import ConfigError, suggestion
+from pepper_driver.config.loading import STRICT, named_file, parse, shipped_names
 from pepper_driver.config.parts import FloatArray
 from pepper_driver.config.plant_parts import (
     Actuator,
@@ -71,7 +72,7 @@ class PlantConfig:
 
 def plant_names() -> tuple[str, ...]:
     """Names of the plants shipped with the package."""
-    return tuple(sorted(path.stem for path in package_file("plants").glob("*.yaml")))
+    return shipped_names("plants")
 
 
 def load_plant(name: str, robot: RobotConfig, *, draw: int | None = None) -> PlantConfig:
@@ -112,11 +113,7 @@ def draws(name: str, robot: RobotConfig) -> bool:
 
 
 def _plant_path(name: str) -> Path:
-    if name.endswith((".yaml", ".yml")):
-        return Path(name)
-    if name in plant_names():
-        return package_file("plants", f"{name}.yaml")
-    raise UnknownNameError("plant", name, plant_names())
+    return named_file("plant", name, "plants")
 
 
 def _check(plant: PlantConfig, robot: RobotConfig, source: str) -> None:
@@ -146,7 +143,7 @@ def _check(plant: PlantConfig, robot: RobotConfig, source: str) -> None:
         )
     _check_actuators(plant, robot, source)
     steps = robot.cycle / plant.physics.timestep
-    if abs(steps - round(steps)) > 1e-6:
+    if not isfinite(steps) or abs(steps - round(steps)) > 1e-6:
         raise ConfigError(
             f"{source}: key 'physics.timestep': {plant.physics.timestep} s does not divide the cycle "
             f"of {robot.cycle} s into whole steps"

@@ -11,8 +11,8 @@ from typing import Annotated, Any, Literal, get_args, get_type_hints
 from pydantic import Field, TypeAdapter, WrapValidator
 from pydantic.dataclasses import dataclass
 
-from pepper_driver.config.errors import ConfigError, UnknownNameError, suggestion
-from pepper_driver.config.loading import STRICT, package_file, parse, read_yaml
+from pepper_driver.config.errors import ConfigError, suggestion
+from pepper_driver.config.loading import STRICT, named_file, parse, read_yaml, shipped_names
 from pepper_driver.config.parts import NotNegative, Positive
 from pepper_driver.config.robot import RobotConfig
 from pepper_driver.config.scenario_contacts import AnyContact, Hand, RandomPushes
@@ -84,7 +84,7 @@ class Scenario:
 
 def scenario_names() -> tuple[str, ...]:
     """Names of the scenarios shipped with the package."""
-    return tuple(sorted(path.stem for path in package_file("scenarios").glob("*.yaml")))
+    return shipped_names("scenarios")
 
 
 def load_scenario(name: str | Path, robot: RobotConfig) -> Scenario:
@@ -94,12 +94,7 @@ def load_scenario(name: str | Path, robot: RobotConfig) -> Scenario:
         UnknownNameError: No shipped scenario has this name.
         ConfigError: The file is wrong; the message names file, key and cure.
     """
-    if str(name).endswith((".yaml", ".yml")):
-        path = Path(name)
-    elif str(name) in scenario_names():
-        path = package_file("scenarios", f"{name}.yaml")
-    else:
-        raise UnknownNameError("scenario", str(name), scenario_names())
+    path = named_file("scenario", name, "scenarios")
     source = str(path)
     scenario = parse(Scenario, {**read_yaml(path), "source": source}, source)
     _check_names(scenario, robot)

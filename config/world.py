@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 from pydantic.dataclasses import dataclass
 
-from pepper_driver.config.errors import UnknownNameError
-from pepper_driver.config.loading import STRICT, package_file, parse, read_yaml
+from pepper_driver.config.loading import STRICT, named_file, parse, read_yaml, shipped_names
 from pepper_driver.config.parts import NotNegative, Positive, Vector3
 
 SIZES = {
@@ -67,7 +65,7 @@ class World:
 
 def world_names() -> tuple[str, ...]:
     """Names of the worlds shipped with the package."""
-    return tuple(sorted(path.stem for path in package_file("worlds").glob("*.yaml")))
+    return shipped_names("worlds")
 
 
 def load_world(name: str) -> World:
@@ -77,10 +75,5 @@ def load_world(name: str) -> World:
         UnknownNameError: No shipped world has this name.
         ConfigError: The file is wrong; the message names file and key.
     """
-    if name.endswith((".yaml", ".yml")):
-        path = Path(name)
-    elif name in world_names():
-        path = package_file("worlds", f"{name}.yaml")
-    else:
-        raise UnknownNameError("world", name, world_names())
+    path = named_file("world", name, "worlds")
     return parse(World, {**read_yaml(path), "source": str(path)}, str(path))

@@ -33,7 +33,7 @@ class Odometry:
     """
 
     def __init__(self, robot: RobotConfig) -> None:
-        self._wheel_to_twist = np.linalg.inv(robot.wheels.matrix)
+        self._wheel_to_twist = robot.wheels.inverse
         self.reset()
 
     def reset(self) -> None:

@@ -349,18 +349,19 @@ class WholeBodyController:
     @property
     def status(self) -> ControllerStatus:
         """How the last cycle went."""
-        over = {"active": [], "unmet": []}  # type: dict[str, list[str]]
+        active: list[str] = []
+        unmet: list[str] = []
         for _, rows in self._active:
             for name, excess in zip(rows.names, self._excess(rows).tolist(), strict=True):
                 if not excess <= MET:  # no number is not met either
-                    over["unmet"].append(name)
+                    unmet.append(name)
                 elif excess >= -MET:
-                    over["active"].append(name)
+                    active.append(name)
         return ControllerStatus(
             solver=self._outcome,
             at_limit=self._box.binding(self._acceleration),
-            active=tuple(dict.fromkeys(over["active"])),
-            unmet=tuple(dict.fromkeys(over["unmet"])),
+            active=tuple(dict.fromkeys(active)),
+            unmet=tuple(dict.fromkeys(unmet)),
             relaxed=self._box.relaxed(self._acceleration),
         )
 

@@ -115,7 +115,6 @@ class Loop:
         self.posture_stiffness = controller.posture.stiffness
         self._wanted: FloatArray | None = self.target.copy()
         self._duration: float | None = None
-        self._wheel_to_twist = np.linalg.inv(robot.wheels.matrix)
         self._halted = False
         n = len(robot.joint_names)
         standing = Reference(
@@ -218,7 +217,7 @@ class Loop:
         gated = self._gate.gate(reference, self.control.stiffness, wheel_speed, measurement.age)
         sent = gated.command
         if not np.array_equal(sent.wheel_speed, wheel_speed):
-            self._controller.accept(sent.position, self._wheel_to_twist @ sent.wheel_speed)
+            self._controller.accept(sent.position, self._robot.wheels.inverse @ sent.wheel_speed)
         elif gated.changed.any():
             self._controller.accept(sent.position)
         self._on_the_way.append(

@@ -41,6 +41,7 @@ def give(joint: str, to: str) -> Change:
 
 WRONG: list[tuple[Change, str, str]] = [
     (put("physics", "timestep", value=0.0007), "physics.timestep", "does not divide the cycle"),
+    (put("physics", "timestep", value=1e-320), "physics.timestep", "does not divide the cycle"),
     (put("physics", "timestep", value=0.003), "physics.timestep", "less than or equal to 0.002"),
     (put("physics", "timestep", value=0.0), "physics.timestep", "greater than 0"),
     (give("HipRol", "HipRoll"), "joints", "did you mean HipRoll"),
