@@ -277,6 +277,7 @@ class Backend(ABC):
         *,
         frame: Literal["world", "link"] = "world",
         delay: float = 0.0,
+        rise: float = 0.1,
     ) -> None:
         """Push a link of a simulated robot, from ``delay`` [s] from now on.
 
@@ -287,6 +288,7 @@ class Backend(ABC):
             duration: Length of the push [s], rise and fall included.
             frame: Axes of ``force``: fixed to the ``world``, or turning with the ``link``.
             delay: Time until the push begins [s].
+            rise: Time in which it rises, and falls again [s]; a third of the push where that is shorter.
 
         Raises:
             CapabilityError: A real robot must be pushed by hand.

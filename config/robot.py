@@ -20,6 +20,7 @@ from pepper_driver.config.parts import (
     NaoqiNames,
     Positive,
     Sensors,
+    Vector3,
     Wheels,
 )
 
@@ -29,11 +30,12 @@ POSTURE_TOLERANCE = 2 * np.pi / 4096
 
 @plain_dataclass(frozen=True, kw_only=True)
 class Joint:
-    """A revolute joint as the URDF has it: limits in [rad], [rad/s], [N m]."""
+    """A revolute joint as the URDF has it: limits in [rad], [rad/s], [N m]; ``axis`` in the frame of the child."""
 
     name: str
     parent: str
     child: str
+    axis: Vector3
     lower: float
     upper: float
     velocity: float
@@ -102,6 +104,28 @@ class RobotConfig:
         inertia = self.hands.finger_inertia
         return np.array([inertia if n in self.hands.joints else 0.0 for n in self.joint_names])
 
+    @cached_property
+    def mirror(self) -> tuple[tuple[int, float], ...]:
+        """By joint: the joint at its place in a mirror at the xz-plane, and the sign of that one's coordinate there.
+
+        What a mirror shows moves by ``sign * q[index]``. Chains ``left_*`` and ``right_*`` change places, other joints
+        keep theirs. An axis (x, y, z) is seen as (-x, y, -z); the aperture of a hand has no sign.
+        """
+        partner = {name: name for name in self.joint_names}
+        for chain, names in self.chains.items():
+            for side, other in (("left_", "right_"), ("right_", "left_")):
+                if chain.startswith(side):
+                    opposite = self.chains.get(other + chain.removeprefix(side), names)
+                    partner.update(zip(names, opposite, strict=False))
+        table = []
+        for joint in self.joints:
+            index = self.joint_index(partner[joint.name])
+            x, y, z = self.joints[index].axis
+            along = float(np.dot((-x, y, -z), joint.axis))
+            aperture = joint.name in self.hands.joints
+            table.append((index, 1.0 if aperture or along > 0 else -1.0))
+        return tuple(table)
+
     def joint_index(self, name: str) -> int:
         """Place of a joint in every joint vector.
 
@@ -140,10 +164,13 @@ def _read_urdf(path: Path) -> tuple[dict[str, Joint], tuple[str, ...]]:
             if limit is None or parent is None or child is None:
                 raise KeyError(f"joint {element.get('name')} lacks limit, parent or child")
             name = element.attrib["name"]
+            axis = element.find("axis")
+            x, y, z = map(float, (axis.attrib["xyz"] if axis is not None else "1 0 0").split())
             joints[name] = Joint(
                 name=name,
                 parent=parent.attrib["link"],
                 child=child.attrib["link"],
+                axis=(x, y, z),
                 **{
                     key: float(limit.attrib[key])
                     for key in ("lower", "upper", "velocity", "effort")

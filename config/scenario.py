@@ -15,7 +15,13 @@ from pepper_driver.config.errors import ConfigError, suggestion
 from pepper_driver.config.loading import STRICT, named_file, parse, read_yaml, shipped_names
 from pepper_driver.config.parts import NotNegative, Positive
 from pepper_driver.config.robot import RobotConfig
-from pepper_driver.config.scenario_contacts import AnyContact, Hand, RandomPushes
+from pepper_driver.config.scenario_contacts import (
+    AnyContact,
+    Hand,
+    RandomForces,
+    RandomPushes,
+    RandomTouch,
+)
 from pepper_driver.config.scenario_motion import Holds, Motion, Name, Script, Setpoints, Sweeps
 
 
@@ -74,12 +80,15 @@ class Scenario:
     @property
     def touched_joints(self) -> tuple[str, ...]:
         """The joints that contacts are meant for, each once, in the order of the file."""
-        named = (
-            joint
-            for contact in self.contacts
-            for joint in (contact.joints if isinstance(contact, RandomPushes) else (contact.joint,))
-        )
+        named = (joint for contact in self.contacts for joint in _joints(contact))
         return tuple(dict.fromkeys(named))
+
+
+def _joints(contact: AnyContact) -> tuple[str, ...]:
+    """The joints a contact may be meant for."""
+    if isinstance(contact, RandomPushes):
+        return contact.joints
+    return () if isinstance(contact, RandomTouch) else (contact.joint,)
 
 
 def scenario_names() -> tuple[str, ...]:
@@ -99,6 +108,8 @@ def load_scenario(name: str | Path, robot: RobotConfig) -> Scenario:
     scenario = parse(Scenario, {**read_yaml(path), "source": source}, source)
     _check_names(scenario, robot)
     _check_angles(scenario, robot)
+    _check_base(scenario, robot)
+    _check_trunk(scenario, robot)
     _check_contacts(scenario)
     return scenario
 
@@ -134,6 +145,37 @@ def _check_angles(scenario: Scenario, robot: RobotConfig) -> None:
                 )
 
 
+def _check_base(scenario: Scenario, robot: RobotConfig) -> None:
+    motion = scenario.motion
+    if not isinstance(motion, Setpoints) or motion.base is None:
+        return
+    limits = robot.limits.base
+    for key, speed, limit, unit in (
+        ("linear", motion.base.linear, limits.linear_velocity, "m/s"),
+        ("angular", motion.base.angular, limits.angular_velocity, "rad/s"),
+    ):
+        if speed > limit:
+            raise ConfigError(
+                f"{scenario.source}: key 'motion.base.{key}': {speed:g} {unit} is more than the base may do, "
+                f"{limit:g} {unit}"
+            )
+
+
+def _check_trunk(scenario: Scenario, robot: RobotConfig) -> None:
+    """Random forces act on trunk and base only: what an arm or the head carries is pushed by joint."""
+    carried = {
+        joint.child: name for name, joint in zip(robot.joint_names, robot.joints, strict=True)
+    }
+    for number, contact in enumerate(scenario.contacts):
+        for place in contact.points if isinstance(contact, RandomForces) else ():
+            joint = carried.get(place.link)
+            if joint is not None and joint not in robot.chains["legs"]:
+                raise ConfigError(
+                    f"{scenario.source}: key 'contacts.{number}.points': {place.link} is carried by {joint}; "
+                    "push it with random_pushes"
+                )
+
+
 def _check_contacts(scenario: Scenario) -> None:
     """Contacts within the motion, from a known posture, and no two hands on one link at a time."""
     if not scenario.contacts:
@@ -166,13 +208,13 @@ def _hands(scenario: Scenario) -> Iterator[Hand]:
     motion = scenario.motion
     for number, contact in enumerate(scenario.contacts):
         key = f"contacts.{number}"
-        if not isinstance(contact, RandomPushes):
+        if not isinstance(contact, RandomTouch):
             end = contact.start + contact.duration
             yield Hand(key=key, link=contact.link, begin=contact.start, end=end)
             continue
         if not isinstance(motion, Setpoints | Holds):
             raise ConfigError(
-                f"{scenario.source}: key '{key}': random_pushes need a motion of kind setpoints or holds"
+                f"{scenario.source}: key '{key}': random contacts need a motion of kind setpoints or holds"
             )
         for hand in contact.hands(key):
             if hand.end > motion.period:

@@ -6,11 +6,12 @@ that may take a motor board beyond what its current limit can hold; no other may
 
 from __future__ import annotations
 
+import json
 import math
 from collections.abc import Iterator
 from typing import Annotated, Literal
 
-from pydantic import Field
+from pydantic import Field, TypeAdapter, WrapValidator
 from pydantic.dataclasses import dataclass
 
 from pepper_driver.config.loading import STRICT
@@ -128,52 +129,63 @@ class PushPoint:
     xyz: Vector3
 
 
+_Places = Annotated[tuple[PushPoint, ...], Field(min_length=1, max_length=100)]
+
+
+def _one_or_more(value: object, _: object) -> tuple[PushPoint, ...]:
+    """A single place stands for a list of one."""
+    if isinstance(value, tuple):
+        return value
+    text = json.dumps([value] if isinstance(value, dict) else value)
+    # Through JSON, as in the loader: there strict mode takes lists for tuples.
+    return TypeAdapter(_Places).validate_json(text, strict=True)
+
+
+Points = Annotated[tuple[PushPoint, ...], WrapValidator(_one_or_more)]
+
+
 @dataclass(frozen=True, kw_only=True, config=STRICT)
-class RandomPushes:
-    """Pushes of random joint, size and direction at these ``times`` after each new goal of the motion.
+class RandomTouch:
+    """What all contacts of random place, size and direction say, at these ``times`` after each new goal of the motion.
 
     Attributes:
         times: [s] after the goal was set.
+        after: Goals set before this time have no contact [s]: the robot moves freely first.
         jitter: Each time is off by half of this at most, either way [s].
-        joints: Drawn from, each as often.
-        degrees: Smallest and largest equivalent degrees; log-uniform.
         duration: Shortest and longest push [s].
-        points: Where each joint is pushed.
+        rise: Shortest and longest time in which a push rises, and falls [s]; None for that of the backend.
+        on_the_way: Planned for where the joints will be when the push has risen, and possible until its end. Without
+            it, planned for the goal, which a push in motion does not find the robot in.
         saturating: As for all contacts; without it, sizes that would saturate a board are drawn again.
     """
 
-    kind: Literal["random_pushes"]
     times: Annotated[tuple[NotNegative, ...], Field(min_length=1, max_length=1000)]
+    after: NotNegative = 0.0
     jitter: NotNegative = 0.0
-    joints: Joints
-    degrees: tuple[Degrees, Degrees]
     duration: tuple[Positive, Positive]
-    points: dict[str, PushPoint]
+    rise: tuple[Positive, Positive] | None = None
+    on_the_way: bool = False
     saturating: bool = False
 
     def __post_init__(self) -> None:
-        check_bounds("degrees", self.degrees)
         check_bounds("duration", self.duration)
+        if self.rise is not None:
+            check_bounds("rise", self.rise)
         if min(self.times) < self.jitter / 2:
             raise ValueError(
                 "'jitter' takes a push to before its goal: no time may be below half of it"
             )
-        for joint in self.joints:
-            if joint not in self.points:
-                raise ValueError(f"'points' has no entry for joint {joint}")
 
-    def names(self) -> Iterator[Name]:
-        """Names the robot must know."""
-        yield from (("joints", "joint", joint) for joint in self.joints)
-        for joint, point in self.points.items():
-            yield "points", "joint", joint
-            yield f"points.{joint}.link", "link", point.link
+    @property
+    def links(self) -> tuple[str, ...]:
+        """Where hands may be, in order of the alphabet."""
+        raise NotImplementedError
 
     def hands(self, key: str) -> Iterator[Hand]:
         """Where hands may be, and when at the widest, after a goal at time 0."""
         half = self.jitter / 2
         for number, time in enumerate(self.times):
-            for link in sorted({self.points[joint].link for joint in self.joints}):
+            for link in self.links:
                 yield Hand(
                     key=f"{key}.times.{number}",
                     link=link,
@@ -182,7 +194,77 @@ class RandomPushes:
                 )
 
 
-AnyContact = Push | JointPush | Grab | RandomPushes
+@dataclass(frozen=True, kw_only=True, config=STRICT)
+class RandomPushes(RandomTouch):
+    """Pushes on random joints.
+
+    Attributes:
+        joints: Drawn from, each as often.
+        evenly: A size that does not fit is drawn again for the same joint; without it another joint is drawn too, and
+            those that can take little are pushed less often.
+        degrees: Smallest and largest equivalent degrees; log-uniform.
+        points: Where each joint is pushed: one place, or several that are tried in random order.
+        largest_force: No hand pushes harder [N].
+        further_out: Largest torque on a joint further out in the chain, in equivalent degrees, as a share of those on
+            the joint that is meant; less than half its friction is always allowed. None for any.
+    """
+
+    kind: Literal["random_pushes"]
+    joints: Joints
+    evenly: bool = False
+    degrees: tuple[Degrees, Degrees]
+    points: dict[str, Points]
+    largest_force: Annotated[float, Field(gt=0, le=STRONGEST_HAND)] = STRONGEST_HAND
+    further_out: NotNegative | None = None
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        check_bounds("degrees", self.degrees)
+        for joint in self.joints:
+            if joint not in self.points:
+                raise ValueError(f"'points' has no entry for joint {joint}")
+
+    def names(self) -> Iterator[Name]:
+        """Names the robot must know."""
+        yield from (("joints", "joint", joint) for joint in self.joints)
+        for joint, points in self.points.items():
+            yield "points", "joint", joint
+            yield from ((f"points.{joint}.link", "link", point.link) for point in points)
+
+    @property
+    def links(self) -> tuple[str, ...]:
+        """Where hands may be, in order of the alphabet."""
+        return tuple(sorted({point.link for joint in self.joints for point in self.points[joint]}))
+
+
+@dataclass(frozen=True, kw_only=True, config=STRICT)
+class RandomForces(RandomTouch):
+    """Horizontal forces of random direction on trunk or base, which no arm or head joint carries.
+
+    Attributes:
+        newtons: Smallest and largest force [N]; log-uniform.
+        points: Drawn from, each as often.
+    """
+
+    kind: Literal["random_forces"]
+    newtons: tuple[Positive, Annotated[float, Field(gt=0, le=STRONGEST_HAND)]]
+    points: Points
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        check_bounds("newtons", self.newtons)
+
+    def names(self) -> Iterator[Name]:
+        """Names the robot must know."""
+        yield from ((f"points.{n}.link", "link", p.link) for n, p in enumerate(self.points))
+
+    @property
+    def links(self) -> tuple[str, ...]:
+        """Where hands may be, in order of the alphabet."""
+        return tuple(sorted({point.link for point in self.points}))
+
+
+AnyContact = Push | JointPush | Grab | RandomPushes | RandomForces
 
 
 def _check_vector(key: str, vector: Vector3, largest: float, unit: str) -> None:

@@ -14,6 +14,7 @@ from pepper_driver.config.loading import STRICT
 from pepper_driver.config.parts import NotNegative, Positive
 
 Share = Annotated[float, Field(ge=0, le=1)]
+PartOfRange = Annotated[float, Field(gt=0, le=1)]
 Count = Annotated[int, Field(ge=1, le=10_000)]
 Joints = Annotated[tuple[str, ...], Field(min_length=1)]
 
@@ -37,6 +38,8 @@ class Sweeps:
         setpoints: Random set-points anywhere in the range, after the sweeps.
         dwell: Shortest and longest stay of the command at one target [s].
         neighbour_range: Share of their range, around its middle, where the joints before and after may go.
+        ranges: Of joints that must not go everywhere: share of the way from the first posture to either limit that
+            stands for their range.
     """
 
     kind: Literal["sweeps"]
@@ -47,6 +50,7 @@ class Sweeps:
     setpoints: Count
     dwell: tuple[Positive, Positive]
     neighbour_range: Share
+    ranges: dict[str, PartOfRange] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         check_bounds("dwell", self.dwell)
@@ -54,13 +58,27 @@ class Sweeps:
     def names(self) -> Iterator[Name]:
         """Names the robot must know."""
         yield from (("joints", "joint", joint) for joint in self.joints)
+        yield from ((f"ranges.{joint}", "joint", joint) for joint in self.ranges)
+
+
+@dataclass(frozen=True, kw_only=True, config=STRICT)
+class BaseMotion:
+    """With each new goal the base gets a random twist: up to ``linear`` [m/s] in any direction, ``angular`` [rad/s].
+
+    That happens with probability ``share``; else the base stops.
+    """
+
+    linear: NotNegative
+    angular: NotNegative
+    share: Share
 
 
 @dataclass(frozen=True, kw_only=True, config=STRICT)
 class Setpoints:
     """Random set-points, at once, one every ``period`` [s].
 
-    They lie in the middle share ``range`` of the range of ``joints``, and ``also_range`` of that of ``also_move``.
+    They lie in the middle share ``range`` of the range of ``joints``, and ``also_range`` of that of ``also_move``;
+    ``ranges`` gives single joints another share.
     """
 
     kind: Literal["setpoints"]
@@ -68,8 +86,15 @@ class Setpoints:
     also_move: tuple[str, ...] = ()
     range: Share
     also_range: Share = 0.0
+    ranges: dict[str, Share] = field(default_factory=dict)
+    base: BaseMotion | None = None
     period: Positive
     count: Count
+
+    def __post_init__(self) -> None:
+        for joint in self.ranges:
+            if joint not in (*self.joints, *self.also_move):
+                raise ValueError(f"'ranges': {joint} is not among the joints that move")
 
     @property
     def length(self) -> float:
@@ -80,6 +105,7 @@ class Setpoints:
         """Names the robot must know."""
         yield from (("joints", "joint", joint) for joint in self.joints)
         yield from (("also_move", "joint", joint) for joint in self.also_move)
+        yield from ((f"ranges.{joint}", "joint", joint) for joint in self.ranges)
 
 
 @dataclass(frozen=True, kw_only=True, config=STRICT)

@@ -86,13 +86,27 @@ class ControllerSettings:
 class ObserverSettings:
     """Defaults of the contact observer; times in [s].
 
-    ``threshold`` [rad] of all joints; null for each joint's own, which identification found in free motion.
+    Attributes:
+        mode: Which observer is used where none is named.
+        tree: Kind of the models of mode ``paper``.
+        median_window: Samples of the filter of mode ``paper``.
+        threshold: Of mode ``paper``, for all joints [rad]; None for each joint's own, which identification found in free
+            motion.
+        fusion_window: Samples of the filter of mode ``fusion``.
+        adapt: Whether mode ``fusion`` follows the joints as they change.
+        collision_factor: A residual beyond so many thresholds is a collision (mode ``fusion``).
+        merge_gap: A residual that returns with the same sign within this time continues the contact.
+        rebound_window: After a contact, a residual of the other sign is the joint swinging back.
+        update_period: Between two update events of a lasting contact.
     """
 
-    mode: Literal["paper"]
+    mode: Literal["paper", "fusion"]
     tree: Literal["cart", "affine"]
     median_window: Annotated[int, Field(ge=1, le=101)]
     threshold: Positive | None
+    fusion_window: Annotated[int, Field(ge=1, le=101)]
+    adapt: bool
+    collision_factor: Annotated[float, Field(gt=1)]
     merge_gap: NotNegative
     rebound_window: NotNegative
     update_period: Positive

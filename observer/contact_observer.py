@@ -1,159 +1,171 @@
-"""The contact observer as published: expected tracking error, residual, median, threshold. Sec. III to V."""
+"""The contact observer: residual, threshold, isolation and events of one mode, as its models say."""
 
 from __future__ import annotations
 
 import math
-from itertools import count
+from collections.abc import Sequence
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pepper_driver.config import ObserverSettings, RobotConfig
 from pepper_driver.controller.tick import Tick
+from pepper_driver.observer.base import BaseSignal
+from pepper_driver.observer.body import BodyTracker
 from pepper_driver.observer.contact import Contact
+from pepper_driver.observer.fusion import FusionSignal
+from pepper_driver.observer.fusion_model import FusionModel
 from pepper_driver.observer.interface import JointState, Observation, Observer
-from pepper_driver.observer.isolation import ChainTracker
-from pepper_driver.observer.median import RunningMedian
+from pepper_driver.observer.isolation import ChainTrackers
 from pepper_driver.observer.model_file import ModelSet
+from pepper_driver.observer.momentum_signal import MomentumSignal
 from pepper_driver.observer.onset import ResidualHistory
-from pepper_driver.observer.recording import STALE_AGE
+from pepper_driver.observer.paper import PaperSignal
+from pepper_driver.observer.signal import ResidualSignal, Signal
+from pepper_driver.observer.tree import AffineTree, CartTree
 
-FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
-
-FULL_STIFFNESS = 0.99
-"""Models are identified on stiff joints: one with less follows its commands in another way."""
 
 ONSET_LOOKBACK = 0.5
 """[s] before the median window; a touch that grows more slowly is dated too late."""
 
 
+class Tracker(Protocol):
+    """Makes events of residuals."""
+
+    @property
+    def idle(self) -> bool:
+        """Whether nothing is going on: with all residuals within their thresholds, a step would change nothing."""
+        ...
+
+    def step(
+        self,
+        time: float,
+        signal: Signal,
+        state: list[JointState],
+        settled: list[bool],
+    ) -> Sequence[Contact]:
+        """Take in one tick at ``time`` [s]; sets (n,) states, and where a contact has just ended."""
+        ...
+
+    def reset(self) -> None:
+        """Forget everything; contacts are counted from 1 again."""
+        ...
+
+
 class ContactObserver(Observer):
-    """Mode ``paper``: r = eps - eps_exp (Eq. 13) with eps_exp from trees (Eq. 12), filtered by a running median.
+    """Feels contacts: mode ``paper`` with trees, modes ``fusion`` and ``momentum`` with fusion models.
 
-    A joint is BLIND, its values NaN, and takes part in no contact
-
-    - as long as it has no model;
-    - in a tick whose position the safety gate altered, whose stiffness is below FULL_STIFFNESS, whose sample is older
-      than STALE_AGE, or whose values are not finite, and until the median window holds none of these samples any more:
-      ``median_window`` ticks in all.
-
-    At the start the median is that of the samples there are. The threshold is constant: the one of the settings for all
-    joints, or each joint's own, which its identification found in free motion.
+    The stages are the same: a signal makes residuals and thresholds of ticks (:class:`PaperSignal`,
+    :class:`FusionSignal`, :class:`MomentumSignal`), a tracker makes events of them (:class:`ChainTrackers`, for fusion
+    :class:`BodyTracker`). A joint that cannot be judged is BLIND, its values NaN, and takes part in no contact.
 
     Args:
         robot: Description of the robot.
         models: Models of its joints; those that have none stay blind.
         settings: Filter, threshold and times.
+        momentum: Of fusion models, use only what a momentum observer would: the baseline ``momentum``.
 
     Raises:
         ModelFileError: The models are of another robot.
     """
 
-    def __init__(self, robot: RobotConfig, models: ModelSet, settings: ObserverSettings) -> None:
+    def __init__(
+        self,
+        robot: RobotConfig,
+        models: ModelSet,
+        settings: ObserverSettings,
+        *,
+        momentum: bool = False,
+    ) -> None:
         models.check_robot(robot)
-        names = robot.joint_names
         self._models = models
-        self._settings = settings
-        self._predict = [
-            models.models[name].predict_one if name in models.models else None for name in names
-        ]
-        self._no_model = np.array([predict is None for predict in self._predict])
-        self._resting_state = np.where(self._no_model, JointState.BLIND, JointState.FREE)
-        self._threshold = np.array(
-            [settings.threshold or models.threshold.get(name, np.nan) for name in names]
-        )
-        self._no_torque = np.full(len(names), np.nan)
-        self._median = RunningMedian(settings.median_window, len(names))
+        self._mode = "paper" if models.kind != "fusion" else "momentum" if momentum else "fusion"
+        self._signal, window = _signal(self._mode, robot, models, settings)
         lookback = math.ceil(ONSET_LOOKBACK / robot.cycle)
-        self._history = ResidualHistory(settings.median_window, lookback, len(names))
-        self._chains = [
-            ChainTracker(robot, chain, settings, self._history.onset, lambda: next(self._ids))
-            for chain in robot.chains.values()
-        ]
+        # One column more, for the base.
+        self._history = ResidualHistory(window, lookback, len(robot.joint_names) + 1)
+        self._tracker: Tracker
+        if self._mode == "fusion":
+            self._tracker = BodyTracker(robot, settings, self._history.onset)
+        else:
+            self._tracker = ChainTrackers(robot, settings, self._history.onset)
+        no_model = self._signal.no_model
+        self._resting_state = np.where(no_model, JointState.BLIND, JointState.FREE).astype(np.int8)
+        self._nowhere = np.zeros(len(no_model), dtype=np.bool_)
+        self._window = window
         self.reset()
 
     def reset(self) -> None:
         """Forget everything but the models; contacts are counted from 1 again."""
-        self._ids = count(1)
         self._time = 0.0
-        self._blind_ticks = np.zeros(len(self._predict), dtype=np.int64)
-        self._median.reset()
+        self._signal.reset()
         self._history.reset()
-        for chain in self._chains:
-            chain.reset()
+        self._tracker.reset()
 
     def describe(self) -> str:
         """One line: kind, models, thresholds."""
-        known = np.degrees(self._threshold[~self._no_model])
+        known = np.degrees(self._signal.bounds[~self._signal.no_model])
+        what = f"{self._models.kind} {'trees' if self._mode == 'paper' else 'models'}"
         return (
-            f"paper: {self._models.kind} trees of {len(self._models.models)} joints, identified on "
-            f"{self._models.identity}; median of {self._settings.median_window}, "
+            f"{self._mode}: {what} of {len(self._models.models)} joints, identified on "
+            f"{self._models.identity}; median of {self._window}, "
             f"threshold {known.min():.2f} to {known.max():.2f} deg"
         )
 
     def step(self, tick: Tick) -> Observation:
         """Take in one tick; never raises for bad sensor values."""
-        measurement, reference = tick.measurement, tick.reference
         # A clock that jumps back or is lost must not turn the order of events around.
-        if measurement.time > self._time:
-            self._time = measurement.time
-        expected = self._expected(tick)
-        with np.errstate(invalid="ignore", over="ignore"):
-            error = tick.sent.position - measurement.position
-            residual = error - expected
-            inputs = error + reference.velocity + reference.acceleration + reference.load_torque
-            bad = tick.changed | ~np.isfinite(inputs) | ~np.isfinite(residual)
-        bad |= ~(tick.sent.stiffness >= FULL_STIFFNESS)  # NaN is bad too
-        if not measurement.age <= STALE_AGE:
-            bad[:] = True
-        residual[bad] = np.nan
-        self._history.append(self._time, residual)
-        residual = self._median.push(residual)
-
-        window = self._settings.median_window
-        self._blind_ticks = np.where(bad, window, np.maximum(self._blind_ticks - 1, 0))
-        blind = self._blind_ticks > 0
-        threshold = self._threshold.copy()
-        for values in (expected, residual, threshold):
-            values[blind] = np.nan
-        contacts, state = self._events(residual, threshold, blind)
+        if tick.measurement.time > self._time:
+            self._time = tick.measurement.time
+        signal = self._signal.step(tick)
+        self._history.append(self._time, np.append(signal.raw, signal.base_raw))
+        contacts, state, free, settled = self._events(signal)
+        self._signal.learn(free, settled)
         return Observation(
-            contacts=contacts,
-            expected=expected,
-            residual=residual,
-            threshold=threshold,
-            torque=self._no_torque.copy(),
-            torque_std=self._no_torque.copy(),
+            contacts=tuple(contacts),
+            expected=signal.expected,
+            residual=signal.residual,
+            threshold=signal.threshold,
+            torque=signal.torque,
+            torque_std=signal.torque_std,
             state=state,
         )
 
-    def _expected(self, tick: Tick) -> FloatArray:
-        """(17,) Eq. 12 of all joints [rad], NaN where there is no model."""
-        reference = tick.reference
-        return np.array(
-            [
-                math.nan if predict is None else predict(velocity, acceleration, load_torque)
-                for predict, velocity, acceleration, load_torque in zip(
-                    self._predict,
-                    reference.velocity.tolist(),
-                    reference.acceleration.tolist(),
-                    reference.load_torque.tolist(),
-                    strict=True,
-                )
-            ]
-        )
-
     def _events(
-        self, residual: FloatArray, threshold: FloatArray, blind: BoolArray
-    ) -> tuple[tuple[Contact, ...], NDArray[np.int8]]:
-        """Events of this tick, and (17,) states."""
-        quiet = not (np.abs(residual) > threshold).any() and not (blind > self._no_model).any()
-        if quiet and all(chain.idle for chain in self._chains):
-            return (), self._resting_state.astype(np.int8)
-        residuals, thresholds = residual.tolist(), threshold.tolist()
-        states = [JointState.BLIND] * len(residuals)
-        contacts: list[Contact] = []
-        for chain in self._chains:
-            contacts += chain.step(self._time, residuals, thresholds, states)
-        return tuple(contacts), np.array(states, dtype=np.int8)
+        self, signal: Signal
+    ) -> tuple[Sequence[Contact], NDArray[np.int8], BoolArray, BoolArray]:
+        """Events of this tick; (n,) states; joints that nothing touches; joints just let go."""
+        no_model = self._signal.no_model
+        quiet = not (np.abs(signal.residual) > signal.threshold).any()
+        quiet = quiet and not abs(signal.base_residual) > 1.0
+        if quiet and self._tracker.idle and not (signal.blind > no_model).any():
+            return (), self._resting_state.copy(), ~no_model, self._nowhere
+        n = len(no_model)
+        states, settled = [JointState.BLIND] * n, [False] * n
+        contacts = self._tracker.step(self._time, signal, states, settled)
+        state = np.array(states, dtype=np.int8)
+        return contacts, state, state == JointState.FREE, np.array(settled)
+
+
+def _signal(
+    mode: str, robot: RobotConfig, models: ModelSet, settings: ObserverSettings
+) -> tuple[ResidualSignal, int]:
+    """The residual stage that the models are for, and the window of its filter."""
+    of_joint = [models.models.get(name) for name in robot.joint_names]
+    fusion = [model if isinstance(model, FusionModel) else None for model in of_joint]
+    if mode == "momentum":
+        own = np.array([np.nan if m is None else m.momentum_bound for m in fusion])
+        window = settings.median_window
+        return MomentumSignal(fusion, robot.cycle, own, window), window
+    if mode == "fusion":
+        window = settings.fusion_window
+        base = None if models.base is None else BaseSignal(models.base, robot, window)
+        signal = FusionSignal(fusion, robot.cycle, window=window, adapt=settings.adapt, base=base)
+        return signal, window
+    trees = [model if isinstance(model, CartTree | AffineTree) else None for model in of_joint]
+    threshold = np.array(
+        [settings.threshold or models.threshold.get(name, np.nan) for name in robot.joint_names]
+    )
+    return PaperSignal(trees, threshold, settings.median_window), settings.median_window

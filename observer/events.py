@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -11,6 +12,25 @@ from pepper_driver.observer.interface import JointState
 
 TIME_TOLERANCE = 1e-6
 """[s] Clocks count in 12 ms steps that are no exact floats; spans are compared with this much grace."""
+
+STUCK_SHARE = 0.85
+"""Of its peak: a residual that has fallen below it, then stands still, and is no larger than friction can hold, is no
+hand, but friction that holds the joint off its place after the hand has gone."""
+
+STUCK_TIME = 0.25
+"""[s] For which it stands still then."""
+
+STUCK_LONGEST = 1.0
+"""[s] After which one that stands still without having fallen counts as well: a hand no stronger than friction may
+have gone without the joint's moving."""
+
+STUCK_SPREAD = 0.25
+"""Of the threshold: by how much a residual that stands still may vary."""
+
+SETTLING_TIME = 0.3
+"""[s] After a contact, for which the threshold is SETTLING_FACTOR times as high: the joint has just been let go."""
+
+SETTLING_FACTOR = 1.5
 
 Onset = Callable[[int, int, float], float]
 """Clock [s] at which the residual of a joint began to leave its band, from joint index, sign and threshold."""
@@ -56,15 +76,28 @@ class JointMonitor:
       threshold for longer than ``rebound_window`` is a contact after all: somebody holds the joint. (In simulation four
       of five rebounds are shorter; and a touch that is not told is worse than a rebound that is.)
     - BLIND: the residual is NaN. Everything is forgotten: an excursion ends at once, and what follows is no rebound.
+    - SETTLING, if the observer can start anew from where the joint rests: a contact has ended. It also ends when the
+      residual stands still, no larger than friction can hold, having fallen below STUCK_SHARE of its peak.
 
     Args:
         joint: Index of the joint.
         settings: Merge gap and rebound window.
         onset: Tells when an excursion began.
+        settles: Whether there is a state SETTLING.
+
+    Attributes:
+        excursion: The one that goes on.
+        settled: Whether one has ended in this tick.
     """
 
-    def __init__(self, joint: int, settings: ObserverSettings, onset: Onset) -> None:
+    def __init__(
+        self, joint: int, settings: ObserverSettings, onset: Onset, *, settles: bool = False
+    ) -> None:
         self._joint = joint
+        self._settles = settles
+        self._recent: deque[tuple[float, float]] = deque()
+        self._settling_until = -1.0
+        self.settled = False
         self._merge_gap = settings.merge_gap + TIME_TOLERANCE
         self._rebound_window = settings.rebound_window + TIME_TOLERANCE
         self._onset = onset
@@ -72,31 +105,41 @@ class JointMonitor:
         self._previous_fall = 0.0
         self.excursion: Excursion | None = None
 
-    def step(self, time: float, residual: float, threshold: float) -> JointState:
+    def step(self, time: float, residual: float, threshold: float, band: float = 0.0) -> JointState:
         """Take in one tick.
 
         Args:
             time: Clock of the robot [s], never running back.
             residual: Filtered r [rad]; NaN for a blind joint.
             threshold: [rad], positive.
+            band: By how much friction can hold the joint off its place [rad].
         """
+        self.settled = False
         if residual != residual:  # NaN
             self.reset()
             return JointState.BLIND
         current = self.excursion
+        if self._settles:
+            if time <= self._settling_until:
+                threshold *= SETTLING_FACTOR
+            elif current is not None and self._stuck(current, time, residual, threshold, band):
+                self._end(current, time - STUCK_TIME, time)
+                return JointState.SETTLING
         if (
             current is not None
             and current.fall_time is not None
             and time - current.fall_time > self._merge_gap
         ):
-            self._end(current, current.fall_time)
+            self._end(current, current.fall_time, time)
             current = None
         size = abs(residual)
         if size > threshold:
             sign = 1 if residual > 0 else -1
             if current is None or current.sign != sign:
                 if current is not None:
-                    self._end(current, time if current.fall_time is None else current.fall_time)
+                    self._end(
+                        current, time if current.fall_time is None else current.fall_time, time
+                    )
                 current = self._begin(time, sign, threshold)
             current.fall_time = None
             current.peak = max(current.peak, size)
@@ -104,10 +147,14 @@ class JointMonitor:
                 current.kind = "contact"
             return JointState.REBOUND if current.kind == "rebound" else JointState.CONTACT
         if current is None:
-            return JointState.FREE
+            return JointState.SETTLING if time <= self._settling_until else JointState.FREE
         if current.fall_time is None:
             current.fall_time = time
         return JointState.RELEASE
+
+    def idle(self, time: float) -> bool:
+        """Whether a residual within its threshold would change nothing."""
+        return self.excursion is None and time > self._settling_until
 
     def _begin(self, time: float, sign: int, threshold: float) -> Excursion:
         swings_back = (
@@ -123,12 +170,35 @@ class JointMonitor:
         )
         return self.excursion
 
-    def _end(self, excursion: Excursion, fall_time: float) -> None:
+    def _end(self, excursion: Excursion, fall_time: float, time: float) -> None:
         self._previous_sign = excursion.sign
         self._previous_fall = fall_time
         self.excursion = None
+        self._recent.clear()
+        self.settled = True
+        if self._settles:
+            self._settling_until = time + SETTLING_TIME
+
+    def _stuck(
+        self, current: Excursion, time: float, residual: float, threshold: float, band: float
+    ) -> bool:
+        """Whether friction alone holds the joint off its place."""
+        recent, spread = self._recent, STUCK_SPREAD * threshold
+        if current.fall_time is not None or abs(residual) > band:
+            recent.clear()
+            return False
+        recent.append((time, residual))
+        for _, value in recent:
+            if abs(value - residual) > spread:
+                recent.clear()
+                return False
+        still = time - recent[0][0] + TIME_TOLERANCE
+        fallen = abs(residual) < STUCK_SHARE * current.peak
+        return still >= (STUCK_TIME if fallen else STUCK_LONGEST)
 
     def reset(self) -> None:
         """Forget everything."""
         self.excursion = None
         self._previous_sign = 0
+        self._recent.clear()
+        self._settling_until = -1.0

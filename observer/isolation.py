@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from itertools import count
 
 from pepper_driver.config import ObserverSettings, RobotConfig
 from pepper_driver.observer.contact import Contact, Kind, Phase
 from pepper_driver.observer.events import TIME_TOLERANCE, Excursion, JointMonitor, Onset
 from pepper_driver.observer.interface import JointState
+from pepper_driver.observer.signal import Signal
 
 
 def last_in_chain(excursions: Sequence[Excursion]) -> Excursion:
@@ -178,3 +180,41 @@ class ChainTracker:
         self._touch = None
         for monitor in self._monitors:
             monitor.reset()
+
+
+class ChainTrackers:
+    """The trackers of all chains of a robot, which share the numbers of contacts: the rules of mode ``paper``.
+
+    Args:
+        robot: Its description.
+        settings: Times of the events.
+        onset: Tells when an excursion began.
+    """
+
+    def __init__(self, robot: RobotConfig, settings: ObserverSettings, onset: Onset) -> None:
+        self._chains = [
+            ChainTracker(robot, chain, settings, onset, lambda: next(self._ids))
+            for chain in robot.chains.values()
+        ]
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget everything; contacts are counted from 1 again."""
+        self._ids = count(1)
+        for chain in self._chains:
+            chain.reset()
+
+    @property
+    def idle(self) -> bool:
+        """Whether nothing is going on: with all residuals within their thresholds, a step would change nothing."""
+        return all(chain.idle for chain in self._chains)
+
+    def step(
+        self, time: float, signal: Signal, state: list[JointState], settled: list[bool]
+    ) -> list[Contact]:
+        """Take in one tick; see :meth:`ChainTracker.step`. Nothing settles here: the paper knows no such state."""
+        residuals, thresholds = signal.residual.tolist(), signal.threshold.tolist()
+        contacts: list[Contact] = []
+        for chain in self._chains:
+            contacts += chain.step(time, residuals, thresholds, state)
+        return contacts

@@ -1,4 +1,4 @@
-"""Running median of the residuals of all joints: Sec. V of the paper, 11 samples."""
+"""Filters over the last samples of all joints: running median (Sec. V of the paper, 11 samples), largest value."""
 
 from __future__ import annotations
 
@@ -44,3 +44,24 @@ class RunningMedian:
     def reset(self) -> None:
         """Forget all samples."""
         self._count = 0
+
+
+class RecentLargest:
+    """Largest sample of each of ``width`` signals over the last ``memory`` [s]; NaN where one of them is.
+
+    Args:
+        memory: [s]
+        cycle: Period of the samples [s].
+        width: Number of signals, none of them below 0.
+    """
+
+    def __init__(self, memory: float, cycle: float, width: int) -> None:
+        self._ring = np.zeros((max(1, round(memory / cycle)), width))
+        self._count = 0
+
+    def push(self, sample: FloatArray) -> FloatArray:
+        """Take in (width,) one sample of each signal; returns (width,) the largest, a new array."""
+        self._ring[self._count % len(self._ring)] = sample
+        self._count += 1
+        largest: FloatArray = self._ring.max(axis=0)
+        return largest

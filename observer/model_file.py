@@ -6,7 +6,7 @@ import json
 import math
 import os
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import asdict, dataclass, field, fields
 from importlib.resources import files
 from pathlib import Path
 from typing import Any, Literal, NoReturn, Self
@@ -16,9 +16,20 @@ from pydantic.dataclasses import dataclass as validated_dataclass
 from pepper_driver.config import ConfigError, PepperError, RobotConfig
 from pepper_driver.config.loading import STRICT, parse
 from pepper_driver.config.parts import Positive
-from pepper_driver.observer.tree import TREE_TYPES, ExpectedErrorModel, Tree, TreeKind
+from pepper_driver.observer.base import BaseModel
+from pepper_driver.observer.fusion_model import FusionModel
+from pepper_driver.observer.prediction import JointModel
+from pepper_driver.observer.tree import AffineTree, CartTree
 
 FORMAT = 2
+
+ModelKind = Literal["cart", "affine", "fusion"]
+
+MODEL_TYPES: dict[ModelKind, type[JointModel]] = {
+    "cart": CartTree,
+    "affine": AffineTree,
+    "fusion": FusionModel,
+}
 
 _CURE = "identify the robot again with 'pepper identify'"
 _LONGEST_REASON = 300
@@ -36,13 +47,14 @@ class _Header:
     robot: str
     joint_names: tuple[str, ...]
     identity: str
-    kind: TreeKind
+    kind: ModelKind
     cycle: Positive
     estimation_fit: dict[str, float]
     test_fit: dict[str, float]
     threshold: dict[str, Positive]
     version: str
     created_by: str
+    base: BaseModel | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -61,6 +73,7 @@ class ModelSet:
         version: Of the package that fitted them.
         models: By joint; joints without a model stay blind.
         created_by: The command that made them.
+        base: Of the base's twist; mode ``fusion`` only.
 
     Raises:
         ModelFileError: A model that is not of ``kind``, an unknown joint, no model, fits of other joints.
@@ -69,14 +82,15 @@ class ModelSet:
     robot: str
     joint_names: tuple[str, ...]
     identity: str
-    kind: TreeKind
+    kind: ModelKind
     cycle: float
     estimation_fit: Mapping[str, float]
     test_fit: Mapping[str, float]
     threshold: Mapping[str, float]
     version: str
-    models: Mapping[str, ExpectedErrorModel]
+    models: Mapping[str, JointModel]
     created_by: str = field(default="pepper identify")
+    base: BaseModel | None = None
 
     def __post_init__(self) -> None:
         if not self.models:
@@ -88,7 +102,7 @@ class ModelSet:
                 raise ModelFileError(
                     f"there is a model of '{joint}', which is no joint of the robot"
                 )
-            if not isinstance(model, TREE_TYPES[self.kind]):
+            if not isinstance(model, MODEL_TYPES[self.kind]):
                 raise ModelFileError(
                     f"the model of {joint} is a {type(model).__name__}, not of kind '{self.kind}'"
                 )
@@ -130,7 +144,7 @@ class ModelSet:
             for joint in self.joint_names
             if joint in self.models
         ]
-        head = json.dumps({"format": FORMAT, **header}, indent=1, allow_nan=False, default=dict)
+        head = json.dumps({"format": FORMAT, **header}, indent=1, allow_nan=False, default=_plain)
         body = ",\n".join(lines)
         text = head.removesuffix("\n}") + ',\n "models": {\n' + body + "\n }\n}\n"
         temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
@@ -150,9 +164,7 @@ class ModelSet:
             ) from error
 
     def _model_text(self, joint: str) -> str:
-        model = self.models[joint]
-        names = [f.name for f in fields(TREE_TYPES[self.kind])]
-        return json.dumps({name: getattr(model, name) for name in names}, allow_nan=False)
+        return json.dumps(asdict(self.models[joint]), allow_nan=False)
 
     @classmethod
     def load(cls, path: Path, robot: RobotConfig | None = None) -> Self:
@@ -190,7 +202,9 @@ class ModelSet:
                 raise ModelFileError("there are no models")
             header = parse(_Header, data, "header")
             model_set = cls(
-                models={joint: _tree(header.kind, entry, joint) for joint, entry in models.items()},
+                models={
+                    joint: _model(header.kind, entry, joint) for joint, entry in models.items()
+                },
                 **{f.name: getattr(header, f.name) for f in fields(cls) if f.name != "models"},
             )
         except (ConfigError, ModelFileError) as error:
@@ -203,7 +217,7 @@ class ModelSet:
         return model_set
 
 
-def shipped(kind: TreeKind) -> dict[str, Path]:
+def shipped(kind: ModelKind) -> dict[str, Path]:
     """Models of ``kind`` that come with the package, by the simulated robot they were identified on."""
     folder = Path(str(files("pepper_driver.observer.models")))
     suffix = f"-{kind}.json"
@@ -211,7 +225,7 @@ def shipped(kind: TreeKind) -> dict[str, Path]:
     return {path.name.removesuffix(suffix): path for path in paths}
 
 
-def load_shipped(kind: TreeKind, identity: str) -> ModelSet:
+def load_shipped(kind: ModelKind, identity: str) -> ModelSet:
     """The models that come with the package for the robot ``identity``.
 
     Raises:
@@ -228,10 +242,14 @@ def load_shipped(kind: TreeKind, identity: str) -> ModelSet:
     )
 
 
-def _tree(kind: TreeKind, entry: object, joint: str) -> Tree:
+def _model(kind: ModelKind, entry: object, joint: str) -> JointModel:
     if not isinstance(entry, dict):
         raise ModelFileError(f"the model of {joint} is no mapping")
-    return parse(TREE_TYPES[kind], entry, f"model of {joint}")
+    return parse(MODEL_TYPES[kind], entry, f"model of {joint}")
+
+
+def _plain(value: Any) -> dict[str, Any]:  # noqa: ANN401
+    return asdict(value) if isinstance(value, BaseModel) else dict(value)
 
 
 def _finite(text: str) -> float:

@@ -3,31 +3,56 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
+from operator import attrgetter
+from pathlib import Path
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pepper_driver.config import PepperError, RobotConfig
+from pepper_driver.backends.interface import Command, Imu, Measurement
+from pepper_driver.config import RobotConfig
+from pepper_driver.controller.reference import Reference
 from pepper_driver.controller.tick import Tick
+from pepper_driver.observer.recording_file import RecordingError, read_arrays, write_arrays
+from pepper_driver.observer.recording_mirror import mirrored_columns
+
+__all__ = ["STALE_AGE", "Recording", "RecordingBuilder", "RecordingError"]
 
 FloatArray = NDArray[np.float64]
 
 STALE_AGE = 0.03
 """[s] An encoder sample older than this says nothing about the command it is paired with."""
 
-_JOINT_COLUMNS = (
-    "sent_position",
-    "position",
-    "velocity",
-    "acceleration",
-    "load_torque",
-    "current",
-)
+_SCALARS = {"time": "measurement.time", "age": "measurement.age"}
+_PER_JOINT = {
+    "sent_position": "sent.position",
+    "stiffness": "sent.stiffness",
+    "changed": "changed",
+    "position": "measurement.position",
+    "current": "measurement.current",
+    "reference_position": "reference.position",
+    "velocity": "reference.velocity",
+    "acceleration": "reference.acceleration",
+    "load_torque": "reference.load_torque",
+}
+_TRIPLES = {
+    "base_twist": "reference.base_twist",
+    "sent_wheel_speed": "sent.wheel_speed",
+    "wheel_speed": "measurement.wheel_speed",
+    "linear_acceleration": "measurement.imu.acceleration",
+    "angular_velocity": "measurement.imu.angular_velocity",
+    "attitude": "measurement.imu.attitude",
+}
+_SOURCES = {**_SCALARS, **_PER_JOINT, **_TRIPLES}
+"""Where in a tick each column comes from."""
 
-
-class RecordingError(PepperError, ValueError):
-    """A recording is too short, of the wrong shape, or holds values that are not finite."""
+# Of a rebuilt tick, where nothing was recorded.
+_TEMPERATURE = 30.0  # [deg C]
+_TOUCH, _BUMPERS, _BUTTONS = np.zeros(5), np.zeros(3), np.zeros(1)
+for _nothing in (_TOUCH, _BUMPERS, _BUTTONS):
+    _nothing.flags.writeable = False
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -39,14 +64,22 @@ class Recording:
     Attributes:
         joint_names: Order of the columns.
         time: (n,) clock of the robot [s], increasing.
+        age: (n,) age of the encoder sample beyond the usual transport [s].
         sent_position: (n, N) position really sent [rad].
+        stiffness: (n, N) stiffness sent, 0..1.
+        changed: (n, N) where the safety gate altered the position.
         position: (n, N) measured position [rad].
+        current: (n, N) absolute motor current [A].
+        reference_position: (n, N) desired position [rad]; differs from the one sent where the gate altered it.
         velocity: (n, N) desired velocity [rad/s].
         acceleration: (n, N) desired acceleration [rad/s2].
         load_torque: (n, N) desired load torque tau_ld [N m].
-        changed: (n, N) where the safety gate altered the position.
-        current: (n, N) absolute motor current [A].
-        age: (n,) age of the encoder sample beyond the usual transport [s].
+        base_twist: (n, 3) desired vx [m/s], vy [m/s], wz [rad/s] of base_link in its own axes.
+        sent_wheel_speed: (n, 3) wheel speeds sent [rad/s].
+        wheel_speed: (n, 3) measured wheel speeds [rad/s].
+        linear_acceleration: (n, 3) inertial unit of the base [m/s2].
+        angular_velocity: (n, 3) the same [rad/s].
+        attitude: (n, 3) the same, roll, pitch, yaw [rad].
 
     Raises:
         RecordingError: Fewer than two samples, a wrong shape, a value that is not finite, time that stands still.
@@ -54,21 +87,29 @@ class Recording:
 
     joint_names: tuple[str, ...]
     time: FloatArray
+    age: FloatArray
     sent_position: FloatArray
+    stiffness: FloatArray
+    changed: NDArray[np.bool_]
     position: FloatArray
+    current: FloatArray
+    reference_position: FloatArray
     velocity: FloatArray
     acceleration: FloatArray
     load_torque: FloatArray
-    changed: NDArray[np.bool_]
-    current: FloatArray
-    age: FloatArray
+    base_twist: FloatArray
+    sent_wheel_speed: FloatArray
+    wheel_speed: FloatArray
+    linear_acceleration: FloatArray
+    angular_velocity: FloatArray
+    attitude: FloatArray
 
     def __post_init__(self) -> None:
         samples = len(self.time)
         if samples < 2:
             raise RecordingError(f"a recording needs two samples or more, got {samples}")
         for name, array in self._arrays():
-            expected = (samples,) if name in ("time", "age") else (samples, len(self.joint_names))
+            expected = (samples, *_row_shape(name, len(self.joint_names)))
             if array.shape != expected:
                 raise RecordingError(
                     f"recording: '{name}' has shape {array.shape}, expected {expected}"
@@ -84,18 +125,23 @@ class Recording:
                 f"recording: time does not increase at sample {int(np.argmin(steps > 0)) + 1}"
             )
 
-    def _arrays(self) -> Iterator[tuple[str, NDArray[np.float64] | NDArray[np.bool_]]]:
+    def _arrays(self) -> Iterator[tuple[str, NDArray[Any]]]:
         for field in fields(self):
             if field.name != "joint_names":
                 yield field.name, getattr(self, field.name)
 
-    def _refuse_not_finite(self, name: str, array: NDArray[np.generic]) -> None:
-        place = np.argwhere(~np.isfinite(np.asarray(array, dtype=np.float64)))[0]
-        of = f" of {self.joint_names[place[1]]}" if len(place) > 1 else ""
+    def _refuse_not_finite(self, name: str, array: NDArray[Any]) -> None:
+        place = np.argwhere(~np.isfinite(array))[0]
+        of = f" of {self.joint_names[place[1]]}" if name in _PER_JOINT else ""
         raise RecordingError(f"recording: '{name}'{of} is not finite at sample {place[0]}")
 
     def __len__(self) -> int:
         return len(self.time)
+
+    @property
+    def cycle(self) -> float:
+        """Period of the ticks [s]."""
+        return round(float(np.median(np.diff(self.time))), 6)
 
     def features(self, joint_index: int) -> FloatArray:
         """(n, 3) inputs of the expected-error model, Eq. 12.
@@ -119,6 +165,111 @@ class Recording:
         """(n,) where the tracking error answers the reference: command not altered, sample not stale."""
         return ~self.changed[:, joint_index] & (self.age <= STALE_AGE)
 
+    def ticks(self) -> Iterator[Tick]:
+        """The ticks again, to step an observer over them. Their arrays are read-only rows of the recording.
+
+        What is not recorded is neutral: nothing touched or pressed, warm motors, a full battery, ticks counted from 0.
+        """
+        temperature = np.full(len(self.joint_names), _TEMPERATURE)
+        temperature.flags.writeable = False
+        clock = zip(self.time.tolist(), self.age.tolist(), strict=True)
+        for k, (time, age) in enumerate(clock):
+            yield Tick(
+                measurement=Measurement(
+                    time=time,
+                    tick=k,
+                    position=self.position[k],
+                    current=self.current[k],
+                    wheel_speed=self.wheel_speed[k],
+                    imu=Imu(
+                        acceleration=self.linear_acceleration[k],
+                        angular_velocity=self.angular_velocity[k],
+                        attitude=self.attitude[k],
+                    ),
+                    touch=_TOUCH,
+                    bumpers=_BUMPERS,
+                    buttons=_BUTTONS,
+                    temperature=temperature,
+                    battery=1.0,
+                    age=age,
+                ),
+                reference=Reference(
+                    position=self.reference_position[k],
+                    velocity=self.velocity[k],
+                    acceleration=self.acceleration[k],
+                    load_torque=self.load_torque[k],
+                    base_twist=self.base_twist[k],
+                ),
+                sent=Command(
+                    position=self.sent_position[k],
+                    stiffness=self.stiffness[k],
+                    wheel_speed=self.sent_wheel_speed[k],
+                ),
+                changed=self.changed[k],
+            )
+
+    def mirrored(self, robot: RobotConfig) -> Self:
+        """The same run seen in a mirror: left and right swapped, signs by ``robot.mirror``.
+
+        Raises:
+            RecordingError: It is of another robot.
+        """
+        self.check_robot(robot)
+        changed: dict[str, Any] = mirrored_columns(dict(self._arrays()), _PER_JOINT, robot)
+        return replace(self, **changed)
+
+    def check_robot(self, robot: RobotConfig) -> None:
+        """Refuse to be used as a recording of another robot.
+
+        Raises:
+            RecordingError: Other joints, or another order of them.
+        """
+        if self.joint_names != robot.joint_names:
+            raise RecordingError(
+                f"this recording is of a robot with other joints, or another order of them, than '{robot.name}'"
+            )
+
+    def save(self, path: Path) -> None:
+        """Write it to a file; at no time is there half a file at ``path``.
+
+        Raises:
+            RecordingError: The place cannot be written to.
+        """
+        write_arrays(path, {"joint_names": np.array(self.joint_names), **dict(self._arrays())})
+
+    @classmethod
+    def load(cls, path: Path, robot: RobotConfig | None = None) -> Self:
+        """Read a file that ``save`` wrote.
+
+        Args:
+            path: The file.
+            robot: If given, the recording must be of this robot.
+
+        Raises:
+            RecordingError: In one line: file, reason, cure.
+        """
+        arrays = read_arrays(path, [field.name for field in fields(cls)])
+        names = arrays.pop("joint_names")
+        for name, array in {"joint_names": names, **arrays}.items():
+            kind = {"joint_names": "U", "changed": "b"}.get(name, "f")
+            if array.dtype.kind != kind or array.ndim == 0 or (kind == "U" and array.ndim > 1):
+                raise RecordingError(
+                    f"{path}: damaged: '{name}' is of shape {array.shape} and type {array.dtype}"
+                )
+        try:
+            recording = cls(joint_names=tuple(map(str, names)), **arrays)
+            if robot is not None:
+                recording.check_robot(robot)
+        except RecordingError as error:
+            raise RecordingError(f"{path}: {error}") from None
+        return recording
+
+
+def _row_shape(name: str, joints: int) -> tuple[int, ...]:
+    if name in _SCALARS:
+        return ()
+    return (3,) if name in _TRIPLES else (joints,)
+
 
 class RecordingBuilder:
     """Collects ticks into a :class:`Recording`.
@@ -130,10 +281,15 @@ class RecordingBuilder:
 
     def __init__(self, robot: RobotConfig, capacity: int = 8192) -> None:
         self._joint_names = robot.joint_names
-        shape = (max(capacity, 1), len(robot.joint_names))
-        self._columns = {name: np.empty(shape) for name in _JOINT_COLUMNS}
-        self._changed = np.empty(shape, dtype=np.bool_)
-        self._clock = np.empty((shape[0], 2))
+        self._room = max(capacity, 1)
+        self._columns: dict[str, NDArray[Any]] = {
+            name: np.empty(
+                (self._room, *_row_shape(name, len(robot.joint_names))),
+                dtype=np.bool_ if name == "changed" else np.float64,
+            )
+            for name in _SOURCES
+        }
+        self._sources = {name: attrgetter(source) for name, source in _SOURCES.items()}
         self._count = 0
 
     def __len__(self) -> int:
@@ -142,23 +298,12 @@ class RecordingBuilder:
     def append(self, tick: Tick) -> None:
         """Add one tick; its arrays are copied."""
         row = self._count
-        if row == len(self._clock):
-            self._grow()
-        columns = self._columns
-        columns["sent_position"][row] = tick.sent.position
-        columns["position"][row] = tick.measurement.position
-        columns["velocity"][row] = tick.reference.velocity
-        columns["acceleration"][row] = tick.reference.acceleration
-        columns["load_torque"][row] = tick.reference.load_torque
-        columns["current"][row] = tick.measurement.current
-        self._changed[row] = tick.changed
-        self._clock[row] = (tick.measurement.time, tick.measurement.age)
+        if row == self._room:
+            self._columns = {name: np.concatenate((a, a)) for name, a in self._columns.items()}
+            self._room *= 2
+        for name, column in self._columns.items():
+            column[row] = self._sources[name](tick)
         self._count += 1
-
-    def _grow(self) -> None:
-        self._columns = {name: np.concatenate((a, a)) for name, a in self._columns.items()}
-        self._changed = np.concatenate((self._changed, self._changed))
-        self._clock = np.concatenate((self._clock, self._clock))
 
     def finish(self) -> Recording:
         """The recording of the ticks so far; the builder may go on.
@@ -167,10 +312,5 @@ class RecordingBuilder:
             RecordingError: See :class:`Recording`.
         """
         n = self._count
-        return Recording(
-            joint_names=self._joint_names,
-            time=self._clock[:n, 0].copy(),
-            age=self._clock[:n, 1].copy(),
-            changed=self._changed[:n].copy(),
-            **{name: array[:n].copy() for name, array in self._columns.items()},
-        )
+        columns: dict[str, Any] = {name: a[:n].copy() for name, a in self._columns.items()}
+        return Recording(joint_names=self._joint_names, **columns)

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 from pepper_driver.config import RobotConfig
+from pepper_driver.observer.alarms import TRUNK, Alarm, alarms_of, limb_of
 from pepper_driver.observer.contact import Contact
 
 RELEASE_GRACE = 0.15
@@ -14,18 +16,22 @@ RELEASE_GRACE = 0.15
 REBOUND_TIME = 0.8
 """[s] After a release the joint swings back; alarms in this time are neither felt pushes nor false contacts."""
 
+RUN_GAP = 0.3
+"""[s] An alarm that begins sooner after another on the same limb is the same run of alarms."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class Push:
     """A push or a pull that really happened.
 
     Attributes:
-        joint: The joint it was meant for: the last of its chain that it turns.
+        joint: The joint it was meant for: the last of its chain that it turns. None for a push on trunk or base.
         link: Where it acted.
         direction: Sign of its torque on the joint.
         force: Its largest size [N]; of a grab, what its spring pulls with while the link does not give way.
         torque: Largest torque on the joint [N m].
-        degrees: That torque divided by the proportional stiffness of the joint [deg].
+        degrees: That torque divided by the proportional stiffness of the joint [deg]; on trunk and base, of the leg
+            joint where that is most. NaN where nobody measured it.
         onset: When the force began [s].
         release: When it had ended [s].
         moving: Whether the joint was meant to move at its onset.
@@ -33,7 +39,7 @@ class Push:
         saturated: Whether the joint's motor board was at its limit meanwhile: such pushes are to be scored apart.
     """
 
-    joint: str
+    joint: str | None
     link: str
     direction: int
     force: float
@@ -48,10 +54,11 @@ class Push:
 
 @dataclass(frozen=True, kw_only=True)
 class Felt:
-    """A push with the contact that reported it."""
+    """A push with the contact that reported it: as it began, and with all that was told of it later."""
 
     push: Push
     contact: Contact
+    alarm: Alarm
 
     @property
     def delay(self) -> float:
@@ -64,11 +71,13 @@ class Score:
     """Outcome of a run.
 
     Attributes:
-        felt: Pushes with the first contact on their chain.
+        felt: Pushes with the first contact on their limb.
         missed: Pushes without one.
         false: Contacts that no push explains.
         rebounds: Contacts that were the joint swinging back after a push: not counted, as in the paper.
-        repeated: Further contacts on the chain during a push that was felt already.
+        repeated: Further contacts on the limb during a push that was felt already, and those that only go on with
+            an earlier one.
+        on_trunk: Contacts told on the trunk while a limb was pushed: it carries the limb. Neither felt nor false.
     """
 
     felt: tuple[Felt, ...]
@@ -76,42 +85,51 @@ class Score:
     false: tuple[Contact, ...]
     rebounds: tuple[Contact, ...]
     repeated: tuple[Contact, ...]
+    on_trunk: tuple[Contact, ...] = ()
 
 
 def score(pushes: Sequence[Push], contacts: Sequence[Contact], robot: RobotConfig) -> Score:
-    """Match the begin events among ``contacts`` with ``pushes``.
+    """Match the contacts that the events of a run tell of with ``pushes``.
 
-    A push is felt when a contact begins on any joint of its chain, in whatever direction, from its onset until
-    RELEASE_GRACE after its release. A contact that begins on that chain until REBOUND_TIME after the release belongs to
-    the push too: a rebound, or a repetition of what was felt. Any other is false.
+    A push is felt when a contact begins from its onset until RELEASE_GRACE after its release, in whatever direction,
+    and is on the pushed limb then or is moved there by an update in that time. Limbs are the arms, the head, and the
+    trunk with legs and base. A contact that begins on that limb until REBOUND_TIME after the release belongs to the
+    push too: a rebound, or a repetition of what was felt; so does one on the trunk, which carries the limb. Any other
+    contact is false, unless it goes on with another on the same limb within RUN_GAP.
     """
     felt: dict[int, Felt] = {}
-    false, rebounds, repeated = [], [], []
-    for contact in contacts:
-        if contact.phase != "begin":
+    false: list[Contact] = []
+    rebounds: list[Contact] = []
+    repeated: list[Contact] = []
+    on_trunk: list[Contact] = []
+    over: dict[str, float] = {}
+    for alarm in alarms_of(contacts):
+        contact = alarm.begin
+        time, limb = contact.detection_time, limb_of(contact.joint, robot)
+        goes_on = time - over.get(limb, -math.inf) < RUN_GAP
+        over[limb] = max(over.get(limb, alarm.end), alarm.end)
+        near = [n for n, p in enumerate(pushes) if p.onset <= time <= p.release + REBOUND_TIME]
+        places = {n: alarm.limbs(pushes[n].release + RELEASE_GRACE, robot) for n in near}
+        own = [n for n in near if limb_of(pushes[n].joint, robot) in places[n]]
+        carried = [n for n in near if places[n] == {TRUNK}]
+        if not own and not carried:
+            (repeated if goes_on else false).append(contact)
             continue
-        chain = robot.chain_of(contact.joint) if contact.joint is not None else ()
-        near = [
-            (number, push)
-            for number, push in enumerate(pushes)
-            if push.joint in chain
-            and push.onset <= contact.detection_time <= push.release + REBOUND_TIME
-        ]
-        if not near:
-            false.append(contact)
-            continue
-        number, push = near[-1]
-        in_time = contact.detection_time <= push.release + RELEASE_GRACE
+        number = (own or carried)[-1]
+        in_time = time <= pushes[number].release + RELEASE_GRACE
         if contact.kind == "rebound" or not in_time:
             rebounds.append(contact)
+        elif not own:
+            on_trunk.append(contact)
         elif number in felt:
             repeated.append(contact)
         else:
-            felt[number] = Felt(push=push, contact=contact)
+            felt[number] = Felt(push=pushes[number], contact=contact, alarm=alarm)
     return Score(
         felt=tuple(felt[number] for number in sorted(felt)),
         missed=tuple(push for number, push in enumerate(pushes) if number not in felt),
         false=tuple(false),
         rebounds=tuple(rebounds),
         repeated=tuple(repeated),
+        on_trunk=tuple(on_trunk),
     )

@@ -7,8 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from pepper_driver.observer.prediction import JointModel, predict_recording
 from pepper_driver.observer.recording import Recording
-from pepper_driver.observer.tree import ExpectedErrorModel
 
 FloatArray = NDArray[np.float64]
 
@@ -16,15 +16,13 @@ MARGIN = 1.25
 """Over the largest residual of the recordings: the next motion may be a little worse than all of them."""
 
 
-def free_residual(
-    joint: str, recording: Recording, model: ExpectedErrorModel, window: int
-) -> FloatArray:
+def free_residual(joint: str, recording: Recording, model: JointModel, window: int) -> FloatArray:
     """The residual of free motion as the observer would see it: Eq. 13, running median of ``window`` samples [rad].
 
     Only windows without a sample that is stale or whose command the safety gate altered.
     """
     index = recording.joint_names.index(joint)
-    residual = recording.tracking_error(index) - model.predict(recording.features(index))
+    residual = recording.tracking_error(index) - predict_recording(model, joint, recording)
     residual = np.where(recording.usable(index), residual, np.nan)
     if len(residual) < window:
         return np.empty(0)
@@ -34,7 +32,7 @@ def free_residual(
 
 
 def free_threshold(
-    joint: str, recordings: Sequence[Recording], model: ExpectedErrorModel, window: int
+    joint: str, recordings: Sequence[Recording], model: JointModel, window: int
 ) -> float:
     """MARGIN times the largest residual of a joint in recordings of free motion [rad].
 

@@ -48,6 +48,16 @@ def write_json(path: Path, content: Mapping[str, Any]) -> None:
     _replace(path, json.dumps(content, indent=2, allow_nan=False) + "\n", keep=True)
 
 
+def write_text(path: Path, text: str) -> None:
+    """Write a text file, its folder too; a failure leaves what was there before.
+
+    Raises:
+        OutputError: It cannot be written.
+    """
+    make_folder(path.parent)
+    _replace(path, text, keep=True)
+
+
 def _replace(path: Path, text: str, *, keep: bool) -> None:
     """Write ``text`` beside ``path``, then put it in its place, or only try when not to ``keep`` it."""
     partial = path.with_name(path.name + ".part")

@@ -265,6 +265,7 @@ class Pepper:
         *,
         frame: Literal["world", "link"] = "world",
         delay: float = 0.0,
+        rise: float = 0.1,
     ) -> None:
         """Push a link of a simulated robot; see :meth:`pepper_driver.backends.Backend.push`."""
         self.backend.push(
@@ -274,6 +275,7 @@ class Pepper:
             duration,
             frame=frame,
             delay=delay,
+            rise=rise,
         )
 
     # -- touch --------------------------------------------------------------------------------------------------

@@ -3,30 +3,47 @@
 from __future__ import annotations
 
 from bisect import bisect_right
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from pepper_driver.backends import Backend
 from pepper_driver.config import ConfigError, RobotConfig, Scenario
 from pepper_driver.config.parts import FloatArray
-from pepper_driver.config.scenario_contacts import Grab, JointPush, Push, RandomPushes
+from pepper_driver.config.scenario_contacts import (
+    AnyContact,
+    Grab,
+    JointPush,
+    Push,
+    RandomForces,
+    RandomPushes,
+    RandomTouch,
+)
+from pepper_driver.config.scenario_motion import Holds, Setpoints
 from pepper_driver.controller import RobotModel
 from pepper_driver.pushing import Bounds, PlannedPush, PushTooStrongError, plan_push, weigh_push
-from pepper_driver.timeline import Leg, legs
+from pepper_driver.timeline import Leg, legs, random_leg
 
 ARRIVAL = 6.0
 """A joint counts as moving for this many time constants 1/sqrt(stiffness) of the posture task after a new goal."""
 
 TRIES = 200
-"""Random pushes drawn before it is said that none fits."""
+"""Random pushes drawn before another goal is tried, or it is said that none fits."""
+
+EVEN_TRIES = 40
+"""Sizes drawn for one joint, where joints are pushed evenly, before it is another's turn."""
+
+GOALS = 30
+"""Random goals tried before that is said."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class PlannedTouch:
     """A contact planned for ``delay`` [s] after its scene begins; ``moving`` tells whether its joint is under way then.
 
-    ``planned`` of a grab is the pull of its spring while the link does not give way.
+    ``planned`` of a grab is the pull of its spring while the link does not give way. ``rise`` of a push [s]; None for
+    that of the backend.
     """
 
     planned: PlannedPush
@@ -34,6 +51,7 @@ class PlannedTouch:
     duration: float
     moving: bool
     grab: Grab | None = None
+    rise: float | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -41,7 +59,7 @@ class Scene:
     """A leg of the motion that begins at ``start`` [s], and the contacts that begin during it.
 
     ``posture`` (17,) is where it leads [rad], NaN where nobody has said; ``arrival`` (17,) when each joint has come to
-    rest there [s]; ``stiffness`` that of the posture task [1/s2].
+    rest there [s]; ``stiffness`` that of the posture task [1/s2]; ``origin`` (17,) where it begins [rad].
     """
 
     leg: Leg
@@ -49,7 +67,15 @@ class Scene:
     stiffness: float
     posture: FloatArray
     arrival: FloatArray
+    origin: FloatArray
     touches: list[PlannedTouch] = field(default_factory=list)
+
+    def expected(self, time: float) -> FloatArray:
+        """(17,) where the joints should be ``time`` [s] after the goal was set at once: the law of the posture task."""
+        rate = np.sqrt(self.stiffness) * time
+        away: FloatArray = self.origin - self.posture
+        there: FloatArray = self.posture + away * (1.0 + rate) * np.exp(-rate)
+        return there
 
 
 def plan_scenes(
@@ -78,9 +104,11 @@ def plan_scenes(
     planner = _Planner(scenario, robot, backend) if scenario.contacts else None
     scenes: list[Scene] = []
     for leg in legs(scenario, robot, rng, count=count):
-        scenes.append(_next_scene(scenes[-1] if scenes else None, leg, scenario, robot))
+        last = scenes[-1] if scenes else None
+        scene = _next_scene(last, leg, scenario, robot)
         if planner is not None and not leg.settling:
-            planner.add_random(scenes[-1], rng)
+            scene = planner.with_random(scene, last, rng)
+        scenes.append(scene)
     if planner is not None:
         planner.add_stated(scenes)
     for scene in scenes:
@@ -103,7 +131,15 @@ def _next_scene(last: Scene | None, leg: Leg, scenario: Scenario, robot: RobotCo
         if last is not None and angle != posture[index]:
             arrival[index] = start + leg.move * robot.cycle + ARRIVAL / np.sqrt(stiffness)
         posture[index] = np.clip(angle, robot.lower[index], robot.upper[index])
-    return Scene(leg=leg, start=start, stiffness=stiffness, posture=posture, arrival=arrival)
+    origin = posture.copy() if last is None else last.posture
+    return Scene(
+        leg=leg,
+        start=start,
+        stiffness=stiffness,
+        posture=posture,
+        arrival=arrival,
+        origin=origin,
+    )
 
 
 class _Planner:
@@ -118,16 +154,41 @@ class _Planner:
         self._scenario, self._robot, self._truth = scenario, robot, backend.truth
         self._model = RobotModel(robot)
 
-    def add_random(self, scene: Scene, rng: np.random.Generator) -> None:
+    def with_random(self, scene: Scene, last: Scene | None, rng: np.random.Generator) -> Scene:
+        """A scene with its random pushes; one with another goal where none of their sizes fits in this one."""
+        motion = self._scenario.motion
+        for left in reversed(range(GOALS)):
+            try:
+                self._add_random(scene, rng)
+            except ConfigError:
+                if left == 0 or not isinstance(motion, Setpoints | Holds):
+                    raise
+                leg = random_leg(motion, self._robot, rng)
+                scene = _next_scene(last, leg, self._scenario, self._robot)
+            else:
+                break
+        return scene
+
+    def _add_random(self, scene: Scene, rng: np.random.Generator) -> None:
         """The random pushes after one goal."""
         for number, contact in enumerate(self._scenario.contacts):
-            if not isinstance(contact, RandomPushes):
+            if not isinstance(contact, RandomPushes | RandomForces):
+                continue
+            if scene.start < contact.after - self._robot.cycle / 2:
                 continue
             for time in contact.times:
                 delay = time + rng.uniform(-0.5, 0.5) * contact.jitter
                 duration = rng.uniform(*contact.duration)
-                planned = self._draw(contact, number, scene.posture, rng)
-                scene.touches.append(self._touch(scene, planned, delay, duration))
+                rise = None if contact.rise is None else rng.uniform(*contact.rise)
+                beside = _beside([scene], scene.start + delay, duration)
+                postures = [scene.posture]
+                if contact.on_the_way:
+                    postures = [
+                        scene.expected(delay + (rise or 0.0)),
+                        scene.expected(delay + duration),
+                    ]
+                planned = self._draw(contact, number, postures, beside, rng)
+                scene.touches.append(self._touch(scene, planned, delay, duration, rise=rise))
 
     def add_stated(self, scenes: list[Scene]) -> None:
         """The contacts whose time is stated, each into the scene in which it begins."""
@@ -136,14 +197,15 @@ class _Planner:
         rounding = len(scenes) * cycle / 2  # legs last whole cycles
         starts = [scene.start for scene in scenes]
         for number, contact in enumerate(self._scenario.contacts):
-            if isinstance(contact, RandomPushes):
+            if isinstance(contact, RandomTouch):
                 continue
             where = f"{self._scenario.source}: key 'contacts.{number}'"
             if contact.start + contact.duration > end + rounding:
                 raise ConfigError(f"{where}: ends after this run, which is over at {end:g} s")
             scene = scenes[bisect_right(starts, contact.start) - 1]
             try:
-                planned = self._plan(contact, scene.posture)
+                beside = _beside(scenes, contact.start, contact.duration)
+                planned = self._plan(contact, scene.posture, beside)
             except PushTooStrongError as error:
                 raise ConfigError(f"{where}: {error}") from error
             delay = max(0.0, contact.start - scene.start)
@@ -157,25 +219,38 @@ class _Planner:
         delay: float,
         duration: float,
         grab: Grab | None = None,
+        rise: float | None = None,
     ) -> PlannedTouch:
-        arrival = scene.arrival[self._robot.joint_index(planned.joint)]
+        if planned.joint is None:
+            arrival = float(scene.arrival.max())
+        else:
+            arrival = float(scene.arrival[self._robot.joint_index(planned.joint)])
         return PlannedTouch(
             planned=planned,
             delay=delay,
             duration=duration,
-            moving=bool(scene.start + delay < arrival),
+            moving=scene.start + delay < arrival,
             grab=grab,
+            rise=rise,
         )
 
-    def _bounds(self, saturating: bool) -> Bounds:
-        scenario = self._scenario
-        return Bounds(
-            load=scenario.largest_load,
-            tipping=scenario.largest_tipping,
-            saturating=saturating,
+    def _bounds(self, contact: AnyContact) -> Bounds:
+        bounds = Bounds(
+            load=self._scenario.largest_load,
+            tipping=self._scenario.largest_tipping,
+            saturating=contact.saturating,
         )
+        if not isinstance(contact, RandomPushes):
+            return bounds
+        outer = np.inf if contact.further_out is None else contact.further_out
+        return replace(bounds, force=contact.largest_force, further_out=outer)
 
-    def _plan(self, contact: Push | JointPush | Grab, posture: FloatArray) -> PlannedPush:
+    def _plan(
+        self,
+        contact: Push | JointPush | Grab,
+        posture: FloatArray,
+        beside: Sequence[PlannedPush],
+    ) -> PlannedPush:
         """What a stated contact means for the robot in this posture."""
         if isinstance(contact, JointPush):
             return plan_push(
@@ -188,7 +263,8 @@ class _Planner:
                 degrees=contact.degrees,
                 direction=contact.direction,
                 posture=posture,
-                bounds=self._bounds(contact.saturating),
+                bounds=self._bounds(contact),
+                beside=beside,
             )
         return weigh_push(
             self._model,
@@ -200,32 +276,126 @@ class _Planner:
             force=np.array(contact.largest),
             frame=contact.frame,
             posture=posture,
-            bounds=self._bounds(contact.saturating),
+            bounds=self._bounds(contact),
+            beside=beside,
         )
 
     def _draw(
-        self, contact: RandomPushes, number: int, posture: FloatArray, rng: np.random.Generator
+        self,
+        contact: RandomPushes | RandomForces,
+        number: int,
+        postures: Sequence[FloatArray],
+        beside: Sequence[PlannedPush],
+        rng: np.random.Generator,
     ) -> PlannedPush:
-        """A push of random joint, size and direction that the robot can take at rest."""
-        low, high = np.log(contact.degrees)
-        for _ in range(TRIES):
-            joint = contact.joints[int(rng.integers(len(contact.joints)))]
-            where = contact.points[joint]
+        """A push of random place, size and direction that the robot can take at rest in all postures."""
+        joint = ""
+        for attempt in range(TRIES):
             try:
-                return plan_push(
-                    self._model,
-                    self._robot,
-                    self._truth,
-                    joint=joint,
-                    link=where.link,
-                    point=np.array(where.xyz),
-                    degrees=float(np.exp(rng.uniform(low, high))),
-                    direction=int(rng.choice([-1, 1])),
-                    posture=posture,
-                    bounds=self._bounds(contact.saturating),
-                )
+                if isinstance(contact, RandomForces):
+                    return self._force(contact, postures, beside, rng)
+                if attempt % (EVEN_TRIES if contact.evenly else 1) == 0:
+                    joint = contact.joints[int(rng.integers(len(contact.joints)))]
+                return self._push(contact, joint, postures, beside, rng)
             except PushTooStrongError as error:
                 last = error
         raise ConfigError(
             f"{self._scenario.source}: key 'contacts.{number}': no push of its sizes fits; the last tried: {last}"
         )
+
+    def _push(
+        self,
+        contact: RandomPushes,
+        joint: str,
+        postures: Sequence[FloatArray],
+        beside: Sequence[PlannedPush],
+        rng: np.random.Generator,
+    ) -> PlannedPush:
+        """One try at a push on a joint."""
+        degrees = float(np.exp(rng.uniform(*np.log(contact.degrees))))
+        direction = int(rng.choice([-1, 1]))
+        places = contact.points[joint]
+        if len(places) > 1:
+            places = tuple(places[int(k)] for k in rng.permutation(len(places)))
+        for place in places:
+            try:
+                planned = plan_push(
+                    self._model,
+                    self._robot,
+                    self._truth,
+                    joint=joint,
+                    link=place.link,
+                    point=np.array(place.xyz),
+                    degrees=degrees,
+                    direction=direction,
+                    posture=postures[0],
+                    bounds=self._bounds(contact),
+                    beside=beside,
+                )
+                self._check_later(planned, contact, postures, beside)
+                return planned
+            except PushTooStrongError as error:
+                last = error
+        raise last
+
+    def _force(
+        self,
+        contact: RandomForces,
+        postures: Sequence[FloatArray],
+        beside: Sequence[PlannedPush],
+        rng: np.random.Generator,
+    ) -> PlannedPush:
+        """One try at a force on trunk or base; it turns with the link, and so with the base."""
+        place = contact.points[int(rng.integers(len(contact.points)))]
+        size = float(np.exp(rng.uniform(*np.log(contact.newtons))))
+        heading = rng.uniform(-np.pi, np.pi)
+        in_world = size * np.array([np.cos(heading), np.sin(heading), 0.0])
+        planned = weigh_push(
+            self._model,
+            self._robot,
+            self._truth,
+            joint=None,
+            link=place.link,
+            point=np.array(place.xyz),
+            force=self._model.link_pose(place.link, postures[0])[:3, :3].T @ in_world,
+            frame="link",
+            posture=postures[0],
+            bounds=self._bounds(contact),
+            beside=beside,
+        )
+        self._check_later(planned, contact, postures, beside)
+        return planned
+
+    def _check_later(
+        self,
+        planned: PlannedPush,
+        contact: RandomPushes | RandomForces,
+        postures: Sequence[FloatArray],
+        beside: Sequence[PlannedPush],
+    ) -> None:
+        """Refuse what the robot could not take in the postures after the first."""
+        for posture in postures[1:]:
+            weigh_push(
+                self._model,
+                self._robot,
+                self._truth,
+                joint=planned.joint,
+                link=planned.link,
+                point=planned.point,
+                force=planned.force,
+                frame=planned.frame,
+                posture=posture,
+                bounds=self._bounds(contact),
+                beside=beside,
+            )
+
+
+def _beside(scenes: Sequence[Scene], start: float, duration: float) -> list[PlannedPush]:
+    """The pushes planned so far that act at some time between ``start`` and the end of ``duration`` [s]."""
+    return [
+        touch.planned
+        for scene in scenes
+        for touch in scene.touches
+        if scene.start + touch.delay < start + duration
+        and start < scene.start + touch.delay + touch.duration
+    ]

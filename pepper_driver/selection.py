@@ -9,6 +9,7 @@ from pepper_driver.config.plugins import load_plugin
 from pepper_driver.observer import (
     ContactObserver,
     ModelFileError,
+    ModelKind,
     ModelSet,
     Observer,
     load_shipped,
@@ -17,7 +18,11 @@ from pepper_driver.observer import (
 OBSERVER_GROUP = "pepper_driver.observers"
 """Entry-point group for observers: ``name = "module:factory"``, factory(robot, identity, models) -> Observer."""
 
-_OBSERVERS = {"paper": "pepper_driver.selection:paper_observer"}
+_OBSERVERS = {
+    "fusion": "pepper_driver.selection:fusion_observer",
+    "momentum": "pepper_driver.selection:momentum_observer",
+    "paper": "pepper_driver.selection:paper_observer",
+}
 
 
 def make_observer(
@@ -26,7 +31,7 @@ def make_observer(
     """The observer of this name.
 
     Args:
-        name: ``paper``, or what another package registered.
+        name: ``fusion``, ``paper``, the baseline ``momentum``, or what another package registered.
         robot: Description of the robot.
         identity: Of the backend that will be observed.
         models: Model file; None for the one shipped for this robot.
@@ -43,12 +48,43 @@ def make_observer(
 def paper_observer(robot: RobotConfig, identity: str, models: Path | None) -> ContactObserver:
     """The observer of the paper, with the models of ``models`` or the shipped ones."""
     settings = load_observer_settings()
-    if models is None:
-        return ContactObserver(robot, load_shipped(settings.tree, identity), settings)
-    model_set = ModelSet.load(models)
-    if model_set.identity != identity:
+    return ContactObserver(
+        robot, _models(identity, models, settings.tree, ("cart", "affine")), settings
+    )
+
+
+def fusion_observer(robot: RobotConfig, identity: str, models: Path | None) -> ContactObserver:
+    """The observer that goes beyond the paper, with the models of ``models`` or the shipped ones."""
+    return ContactObserver(
+        robot, _models(identity, models, "fusion", ("fusion",)), load_observer_settings()
+    )
+
+
+def momentum_observer(robot: RobotConfig, identity: str, models: Path | None) -> ContactObserver:
+    """A momentum observer with the constants of fusion models: a baseline to compare with."""
+    return ContactObserver(
+        robot,
+        _models(identity, models, "fusion", ("fusion",)),
+        load_observer_settings(),
+        momentum=True,
+    )
+
+
+def _models(
+    identity: str, path: Path | None, shipped: ModelKind, kinds: tuple[ModelKind, ...]
+) -> ModelSet:
+    if path is None:
+        return load_shipped(shipped, identity)
+    models = ModelSet.load(path)
+    if models.identity != identity:
         raise ModelFileError(
-            f"{models}: identified on another robot ({model_set.identity}, this one is {identity}); "
+            f"{path}: identified on another robot ({models.identity}, this one is {identity}); "
             "identify this one with 'pepper identify'"
         )
-    return ContactObserver(robot, model_set, settings)
+    if models.kind not in kinds:
+        mode = "fusion" if models.kind == "fusion" else "paper"
+        raise ModelFileError(
+            f"{path}: these are models of kind '{models.kind}', for the observer '{mode}'; "
+            f"this one needs {' or '.join(kinds)}, from 'pepper identify --kind {kinds[-1]}'"
+        )
+    return models

@@ -90,6 +90,8 @@ class Stage:
                 done += ticks
                 if on_progress is not None:
                     on_progress(done / total)
+        if any(scene.leg.twist is not None for scene in self._scenes):
+            self._pepper.controller.base_velocity.target = np.zeros(3)
 
     def _begin(self, scene: Scene, on_tick: OnTick | None) -> OnTick:
         """Give the goal of a scene and order its contacts; what is left to do is done in every tick of it."""
@@ -107,6 +109,8 @@ class Stage:
                 )
 
         pepper.set_posture({}, stiffness=leg.stiffness)
+        if leg.twist is not None:
+            pepper.controller.base_velocity.target = leg.twist
         advance()
         for touch in scene.touches:
             self._order(touch)
@@ -132,6 +136,7 @@ class Stage:
                 touch.duration,
                 frame=planned.frame,
                 delay=touch.delay,
+                **({} if touch.rise is None else {"rise": touch.rise}),
             )
         else:
             pepper.backend.grab(
@@ -166,12 +171,16 @@ class Stage:
         """Mark the contacts under way whose joint's board is at its limit: planning looks at the rest state only."""
         if not self._pushes:
             return
-        now, saturated = tick.measurement.time, self._pepper.backend.truth.saturated
+        robot, now = self._pepper.config, tick.measurement.time
+        saturated = self._pepper.backend.truth.saturated
         if not saturated.any():
             return
         for number, push in enumerate(self._pushes):
-            index = self._pepper.config.joint_index(push.joint)
-            if push.onset <= now <= push.release and saturated[index]:
+            if not push.onset <= now <= push.release:
+                continue
+            # Of a push on trunk or base no joint is meant: what the legs do counts.
+            joints = robot.chains["legs"] if push.joint is None else (push.joint,)
+            if any(saturated[robot.joint_index(name)] for name in joints):
                 self._pushes[number] = replace(push, saturated=True)
 
 

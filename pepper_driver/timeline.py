@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from pepper_driver.config import RobotConfig, Scenario
-from pepper_driver.config.scenario_motion import Holds, Script, Setpoints, Sweeps
+from pepper_driver.config.scenario_motion import BaseMotion, Holds, Script, Setpoints, Sweeps
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -21,6 +21,7 @@ class Leg:
         move: The goal is reached on a minimum-jerk way over this many of them; at 0 it is given at once.
         stiffness: Of the posture task from here on [1/s2]; None leaves it.
         settling: On the way to a first posture: before the motion proper.
+        twist: Of the base from here on, vx, vy [m/s], wz [rad/s]; None leaves it.
     """
 
     joints: Mapping[str, float]
@@ -28,6 +29,7 @@ class Leg:
     move: int = 0
     stiffness: float | None = None
     settling: bool = False
+    twist: tuple[float, float, float] | None = None
 
 
 def legs(
@@ -58,11 +60,21 @@ def legs(
         yield from _script(motion, robot)
         return
     for _ in range(motion.count if count is None else count):
+        yield random_leg(motion, robot, rng)
+
+
+def random_leg(motion: Setpoints | Holds, robot: RobotConfig, rng: np.random.Generator) -> Leg:
+    """A leg to a random goal."""
+    ticks = _ticks(motion.period, robot)
+    if isinstance(motion, Holds):
         goal = {name: _angle(robot, name, motion.range, rng) for name in motion.joints}
-        if isinstance(motion, Setpoints):
-            goal |= {name: _angle(robot, name, motion.also_range, rng) for name in motion.also_move}
-        move = _ticks(motion.move, robot) if isinstance(motion, Holds) else 0
-        yield Leg(joints=goal, ticks=_ticks(motion.period, robot), move=move)
+        return Leg(joints=goal, ticks=ticks, move=_ticks(motion.move, robot))
+    shares = dict.fromkeys(motion.joints, motion.range)
+    shares |= dict.fromkeys(motion.also_move, motion.also_range)
+    shares |= motion.ranges
+    goal = {name: _angle(robot, name, share, rng) for name, share in shares.items()}
+    twist = None if motion.base is None else _twist(motion.base, rng)
+    return Leg(joints=goal, ticks=ticks, twist=twist)
 
 
 def _ticks(seconds: float, robot: RobotConfig) -> int:
@@ -78,9 +90,9 @@ def _sweeps(
     motion: Sweeps, joint: str, settling: Leg, robot: RobotConfig, rng: np.random.Generator
 ) -> Iterator[Leg]:
     """The sequence of one joint twice, with other postures of its neighbours."""
-    sequence = _sequence(motion, joint, robot, rng)
+    sequence = _sequence(motion, joint, settling.joints, robot, rng)
     for part in range(2):
-        neighbours = _neighbours(motion, joint, robot, rng)
+        neighbours = _neighbours(motion, joint, settling.joints, robot, rng)
         if part == 0:
             yield replace(settling, joints={**settling.joints, **neighbours})
         for number, (target, dwell) in enumerate(sequence):
@@ -88,31 +100,51 @@ def _sweeps(
             yield Leg(joints={**moved, joint: target}, ticks=_ticks(dwell, robot))
 
 
+def swept_range(
+    motion: Sweeps, joint: str, posture: Mapping[str, float], robot: RobotConfig
+) -> tuple[float, float]:
+    """Between which angles [rad] a joint may be told to go, from the first posture [rad]."""
+    config = robot.joints[robot.joint_index(joint)]
+    share = motion.ranges.get(joint)
+    if share is None:
+        return config.lower, config.upper
+    start = posture.get(joint, (config.lower + config.upper) / 2)
+    return start - share * (start - config.lower), start + share * (config.upper - start)
+
+
 def _sequence(
-    motion: Sweeps, joint: str, robot: RobotConfig, rng: np.random.Generator
+    motion: Sweeps,
+    joint: str,
+    posture: Mapping[str, float],
+    robot: RobotConfig,
+    rng: np.random.Generator,
 ) -> list[tuple[float, float]]:
     """Targets [rad] and dwell times [s]: sweeps between the limits with small or big offsets, then set-points."""
-    config = robot.joints[robot.joint_index(joint)]
-    offset = motion.largest_offset * (config.upper - config.lower)
+    lower, upper = swept_range(motion, joint, posture, robot)
+    offset = motion.largest_offset * (upper - lower)
     targets = []
     for _ in range(motion.sweeps):
-        targets.append(config.lower + rng.uniform(0.0, offset))
-        targets.append(config.upper - rng.uniform(0.0, offset))
-    targets.extend(rng.uniform(config.lower, config.upper, motion.setpoints))
+        targets.append(lower + rng.uniform(0.0, offset))
+        targets.append(upper - rng.uniform(0.0, offset))
+    targets.extend(rng.uniform(lower, upper, motion.setpoints))
     dwells = rng.uniform(*motion.dwell, len(targets))
     return [(float(target), float(dwell)) for target, dwell in zip(targets, dwells, strict=True)]
 
 
 def _neighbours(
-    motion: Sweeps, joint: str, robot: RobotConfig, rng: np.random.Generator
+    motion: Sweeps,
+    joint: str,
+    posture: Mapping[str, float],
+    robot: RobotConfig,
+    rng: np.random.Generator,
 ) -> dict[str, float]:
     """New angles [rad] for the joints before and after ``joint`` in its chain."""
     chain = robot.chain_of(joint)
     place = chain.index(joint)
     angles = {}
     for name in (*chain[max(0, place - 1) : place], *chain[place + 1 : place + 2]):
-        config = robot.joints[robot.joint_index(name)]
-        middle, span = (config.lower + config.upper) / 2, config.upper - config.lower
+        lower, upper = swept_range(motion, name, posture, robot)
+        middle, span = (lower + upper) / 2, upper - lower
         reach = motion.neighbour_range * span / 2
         angles[name] = float(rng.uniform(middle - reach, middle + reach))
     return angles
@@ -137,3 +169,13 @@ def _angle(robot: RobotConfig, joint: str, share: float, rng: np.random.Generato
     limits = robot.joints[robot.joint_index(joint)]
     middle, half = (limits.lower + limits.upper) / 2, (limits.upper - limits.lower) / 2
     return float(middle + share * half * rng.uniform(-1.0, 1.0))
+
+
+def _twist(motion: BaseMotion, rng: np.random.Generator) -> tuple[float, float, float]:
+    """A random twist of the base, or none: vx, vy [m/s], wz [rad/s]."""
+    moves = rng.uniform() < motion.share
+    speed, heading = rng.uniform(0.0, motion.linear), rng.uniform(-np.pi, np.pi)
+    turn = rng.uniform(-motion.angular, motion.angular)
+    if not moves:
+        return 0.0, 0.0, 0.0
+    return float(speed * np.cos(heading)), float(speed * np.sin(heading)), float(turn)

@@ -243,10 +243,13 @@ class MujocoBackend(Backend):
         *,
         frame: Literal["world", "link"] = "world",
         delay: float = 0.0,
+        rise: float = 0.1,
     ) -> None:
         """Push a link; see :meth:`Backend.push`."""
         self._check_open()
-        push = planned_push(self._model, self._data, link, force, point, duration, frame, delay)
+        push = planned_push(
+            self._model, self._data, link, force, point, duration, frame, delay, rise
+        )
         self._simulation.contacts.pushes.add(push)
 
     def grab(

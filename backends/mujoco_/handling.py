@@ -27,11 +27,12 @@ def planned_push(
     duration: float,
     frame: Literal["world", "link"],
     delay: float,
+    rise: float,
 ) -> Push:
     """The push that :meth:`Backend.push` was asked for; raises as it says."""
-    body, force, where = _place("push", model, link, force, point, frame, [duration, delay])
-    if duration <= 0 or delay < 0:
-        raise ValueError("push: duration must be positive, delay not negative")
+    body, force, where = _place("push", model, link, force, point, frame, [duration, delay, rise])
+    if duration <= 0 or rise <= 0 or delay < 0:
+        raise ValueError("push: duration and rise must be positive, delay not negative")
     if np.linalg.norm(force) > STRONGEST_PUSH:
         raise ValueError(f"push: the force may be {STRONGEST_PUSH:g} N at most")
     return Push(
@@ -41,6 +42,7 @@ def planned_push(
         turns_with_link=frame == "link",
         start=data.time + delay,
         duration=float(duration),
+        rise=min(float(rise), float(duration) / 3),
     )
 
 

@@ -11,13 +11,13 @@ from pepper_driver.backends.mujoco_.resumable import Resumable
 from pepper_driver.backends.mujoco_.tally import Tally
 from pepper_driver.config.parts import FloatArray
 
-RISE = 0.1
-"""[s] in which a push rises, and falls, along half a cosine; a third of the push where that is shorter."""
-
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Push:
-    """One push: ``force`` (3,) [N] at ``point`` (3,) of the body [m], from ``start`` [s] for ``duration`` [s]."""
+    """One push: ``force`` (3,) [N] at ``point`` (3,) of the body [m], from ``start`` [s] for ``duration`` [s].
+
+    It rises and falls along half a cosine, in ``rise`` [s] each.
+    """
 
     body: int
     force: FloatArray
@@ -25,6 +25,7 @@ class Push:
     turns_with_link: bool
     start: float
     duration: float
+    rise: float
 
     @property
     def end(self) -> float:
@@ -36,9 +37,8 @@ class Push:
         since, until = time - self.start, self.end - time
         if since <= 0.0 or until <= 0.0:
             return 0.0
-        rise = min(RISE, self.duration / 3)
         edge = min(since, until)
-        return 1.0 if edge >= rise else 0.5 - 0.5 * cos(pi * edge / rise)
+        return 1.0 if edge >= self.rise else 0.5 - 0.5 * cos(pi * edge / self.rise)
 
 
 class Pushes(Resumable):

@@ -12,8 +12,10 @@ import typer
 from pepper_driver.cli.bench import bench
 from pepper_driver.cli.calibrate import calibrate
 from pepper_driver.cli.demo import demo
+from pepper_driver.cli.evaluate import evaluate_command
 from pepper_driver.cli.identify import identify
 from pepper_driver.cli.move import move
+from pepper_driver.cli.record import record
 from pepper_driver.config import PepperError
 
 app = typer.Typer(
@@ -27,6 +29,8 @@ app = typer.Typer(
 app.command()(demo)
 app.command()(move)
 app.command()(identify)
+app.command()(record)
+app.command("evaluate")(evaluate_command)
 app.command()(bench)
 app.command()(calibrate)
 

@@ -19,7 +19,8 @@ from pepper_driver.cli.console import (
     save_json,
     show_line,
 )
-from pepper_driver.cli.identify import identify_with_progress, print_fits
+from pepper_driver.cli.identify import identify_with_progress
+from pepper_driver.cli.identify_report import print_fits
 from pepper_driver.config import MissingExtraError, load_robot, load_scenario
 from pepper_driver.demo import (
     CONTACTS_NAME,

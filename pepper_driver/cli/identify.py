@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated
 
 import typer
 from rich.console import Console
-from rich.table import Table
 
 from pepper_driver.cli.console import (
     JsonOption,
@@ -18,41 +17,136 @@ from pepper_driver.cli.console import (
     make_progress,
     save_json,
 )
-from pepper_driver.config import Scenario, UnknownNameError, load_robot, load_scenario
-from pepper_driver.identify import Identification, identify_joints, sweeps_of
-from pepper_driver.observer import TREE_TYPES, TreeKind
+from pepper_driver.cli.identify_report import print_fits
+from pepper_driver.config import (
+    ConfigError,
+    PepperError,
+    Scenario,
+    UnknownNameError,
+    load_robot,
+    load_scenario,
+)
+from pepper_driver.identification import (
+    MANIFEST,
+    Confirm,
+    Identification,
+    Progress,
+    RecordingFolderError,
+    Run,
+    chosen_joints,
+    finished,
+    fit_folder,
+    identify_joints,
+    read_manifest,
+    record_joints,
+)
+from pepper_driver.observer import MODEL_TYPES, ModelKind
+
+BACKEND, SCENARIO, CALIBRATION = "mujoco", "identify", "calibration_motion"
+NO_CALIBRATION = "none"
 
 
 def identify(
     out: Annotated[Path, typer.Option(metavar="FILE", help="Model file to write.")],
-    backend: Annotated[str, typer.Option(metavar="URI", help="Robot to drive.")] = "mujoco",
+    backend: Annotated[
+        str | None, typer.Option(metavar="URI", help=f"Robot to drive; {BACKEND} by default.")
+    ] = None,
     joints: Annotated[
         str | None,
         typer.Option(
             metavar="A,B", help="Joints to identify, with commas between; else the scenario's."
         ),
     ] = None,
-    tree: Annotated[str, typer.Option(help="Kind of the models: affine or cart.")] = "affine",
+    kind: Annotated[
+        str,
+        typer.Option(help="Of the models: fusion, or the paper's trees, affine or cart."),
+    ] = "fusion",
+    mirror: Annotated[
+        bool,
+        typer.Option(
+            "--mirror/--no-mirror",
+            help="Models of the other side from mirrored recordings, or record both sides.",
+        ),
+    ] = True,
+    share_types: Annotated[
+        bool,
+        typer.Option(
+            "--share-types",
+            help="One model per motor type, from its first joint; a test run of the others shows what that costs.",
+        ),
+    ] = False,
+    recordings: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="DIR",
+            help="Where recordings are kept, and continued after an interruption; by default beside FILE.",
+        ),
+    ] = None,
+    fit_only: Annotated[
+        bool, typer.Option("--fit-only", help="Fit the recordings in DIR again, without a robot.")
+    ] = False,
+    yes: Annotated[
+        bool,
+        typer.Option("--yes", help="Do not ask before a real robot moves its legs or its base."),
+    ] = False,
     seed: Annotated[
         int | None, typer.Option(help="Of the random motion; else the scenario's.", min=0)
     ] = None,
     scenario: Annotated[
-        str, typer.Option(metavar="NAME_OR_FILE", help="The motion; of kind sweeps.")
-    ] = "identify",
+        str | None,
+        typer.Option(
+            metavar="NAME_OR_FILE", help=f"The motion, of kind sweeps; {SCENARIO} by default."
+        ),
+    ] = None,
+    calibration: Annotated[
+        str | None,
+        typer.Option(
+            metavar="NAME_OR_FILE",
+            help=f"Free motion to choose thresholds on, or {NO_CALIBRATION}; {CALIBRATION} by default.",
+        ),
+    ] = None,
+    workers: Annotated[
+        int, typer.Option(help="Processes for simulated runs; -1 for one per core.", min=-1)
+    ] = -1,
     json_file: JsonOption = None,
 ) -> None:
     """Drive joints in free motion, fit an expected-error model to each, write the model file."""
     console = make_console()
+    wanted = next((known for known in MODEL_TYPES if known == kind), None)
+    if wanted is None:
+        raise UnknownNameError("kind", kind, MODEL_TYPES)
+    if workers == 0:
+        raise ConfigError("option '--workers': a number from 1 up, or -1 for one per core, not 0")
     check_outputs(out, json_file)
-    kind = next((kind for kind in TREE_TYPES if kind == tree), None)
-    if kind is None:
-        raise UnknownNameError("tree", tree, TREE_TYPES)
-    chosen = load_scenario(scenario, load_robot())
-    names = sweeps_of(chosen).joints if joints is None else joints.split(",")
-    result = identify_with_progress(console, backend, names, chosen, kind, seed=seed)
+    folder = out.with_name(f"{out.stem}-recordings") if recordings is None else recordings
+    if fit_only:
+        _refuse_with_fit_only(
+            backend=backend, joints=joints, seed=seed, scenario=scenario, calibration=calibration
+        )
+    else:
+        robot = load_robot()
+        chosen = load_scenario(scenario or SCENARIO, robot)
+        named = None if joints is None else joints.split(",")
+        full, tested = chosen_joints(robot, chosen, named, mirror=mirror, share=share_types)
+        body = calibration or CALIBRATION
+        with _resumable(folder, console), _progress(console) as (progress, confirm):
+            record_joints(
+                backend or BACKEND,
+                full,
+                chosen,
+                folder,
+                tested=tested,
+                calibration=None if body == NO_CALIBRATION else load_scenario(body, robot),
+                seed=chosen.seed if seed is None else seed,
+                workers=workers,
+                confirm=None if yes else confirm,
+                progress=progress,
+            )
+    with console.status("fitting models"):
+        result = fit_folder(folder, wanted, mirror=mirror, share=share_types)
     result.models.save(out)
     print_fits(console, result)
-    console.print(f"models: {out}")
+    console.print(f"models: {out}; recordings: {folder}")
     save_json(json_file, result.as_json(), console)
 
 
@@ -61,32 +155,79 @@ def identify_with_progress(
     backend: str,
     joints: Sequence[str],
     scenario: Scenario,
-    kind: TreeKind,
+    kind: ModelKind,
     *,
     seed: int | None,
 ) -> Identification:
-    """Identify under a progress bar; ``seed`` None is the scenario's."""
-    with make_progress(console, count=True) as progress:
-        bar = progress.add_task("recording free motion", total=None)
+    """Identify under a progress bar and keep no recordings; ``seed`` None is the scenario's."""
+    with _progress(console) as (progress, _):
         return identify_joints(
             backend,
             joints,
             scenario,
             kind,
             seed=scenario.seed if seed is None else seed,
-            progress=lambda done, total: progress.update(bar, completed=done, total=total),
+            progress=progress,
         )
 
 
-def print_fits(console: Console, result: Identification) -> None:
-    """Print how well each model predicts, beside the other tree and the closed form."""
-    table = Table(title="fit of the tracking error, NRMSE %", title_justify="left")
-    for name in ("joint", "model", "estimation", "test"):
-        table.add_column(name, justify="right" if name in ("estimation", "test") else "left")
-    for joint in result.models.models:
-        for method, fits in result.fits.items():
-            fit = fits[joint]
-            table.add_row(joint, method, f"{fit.estimation:.1f}", f"{fit.test:.1f}")
-    console.print(table)
-    bounds = ", ".join(f"{j} {math.degrees(b):.2f}" for j, b in result.models.threshold.items())
-    console.print(f"thresholds from free motion, degrees: {bounds}")
+def _refuse_with_fit_only(**options: object) -> None:
+    given = [name for name, value in options.items() if value is not None]
+    if given:
+        raise ConfigError(
+            f"option '--{given[0]}': with '--fit-only' all is as it was recorded; leave it out"
+        )
+
+
+@contextmanager
+def _progress(console: Console) -> Iterator[tuple[Progress, Confirm]]:
+    """A bar over the time of the runs, and a question that makes room for itself."""
+    with make_progress(console) as bars:
+        bar = None
+        begun = ""
+
+        def tell(what: str, done: float, total: float) -> None:
+            nonlocal bar, begun
+            if bar is None or (what == "rehearsing") != (begun == "rehearsing"):
+                if bar is not None:
+                    bars.remove_task(bar)
+                # What was recorded before says nothing about the time that remains.
+                bar = bars.add_task(what, total=total, completed=round(done))
+            begun = what
+            bars.update(bar, description=what, completed=done, total=total)
+
+        def confirm(run: Run) -> None:
+            bars.stop()
+            what = "the whole body and the base move" if run.joint is None else "the legs move"
+            typer.confirm(
+                f"Next: {run.name}, {run.seconds:.0f} s: {what}. Is the robot on level floor, with two metres of "
+                "clear space, and a hand at the emergency stop?",
+                abort=True,
+            )
+            bars.start()
+
+        yield tell, confirm
+
+
+@contextmanager
+def _resumable(folder: Path, console: Console) -> Iterator[None]:
+    """Whatever ends the recording: say what is kept, and how to go on."""
+    try:
+        yield
+    except RecordingFolderError:
+        raise  # not the recordings this command asks for
+    except (KeyboardInterrupt, typer.Abort, PepperError):
+        if (kept := _kept(folder)) is not None:
+            console.print(kept)
+        raise
+
+
+def _kept(folder: Path) -> str | None:
+    """What is there of recordings that are not complete, for people."""
+    if not (folder / MANIFEST).exists():
+        return None
+    names = [run.name for run in read_manifest(folder).runs]
+    done = len(finished(folder, names))
+    if done == len(names):
+        return None
+    return f"{done} of {len(names)} runs are kept in {folder}; the same command goes on from there"

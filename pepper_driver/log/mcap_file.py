@@ -12,6 +12,7 @@ from mcap.writer import Writer
 
 from pepper_driver.config import RobotConfig
 from pepper_driver.log.errors import LogError
+from pepper_driver.log.label import LABEL_TOPIC, Label, label_schema, label_to_json
 from pepper_driver.log.schema import (
     CDR_HEADER,
     CONTACT_TOPIC,
@@ -75,12 +76,8 @@ class McapFile:
             self._truth = self._ros_channel(
                 TRUTH_TOPIC, "Truth", message_definition(truth_fields(robot))
             )
-            schema = self._writer.register_schema(
-                "pepper_driver.Contact", SchemaEncoding.JSONSchema, contact_schema().encode()
-            )
-            self._contact = self._writer.register_channel(
-                CONTACT_TOPIC, MessageEncoding.JSON, schema
-            )
+            self._contact = self._json_channel(CONTACT_TOPIC, "Contact", contact_schema())
+            self._label = self._json_channel(LABEL_TOPIC, "Label", label_schema())
             self._stream.flush()
         except BaseException as error:
             self.abandon()
@@ -95,6 +92,12 @@ class McapFile:
             f"pepper_driver/msg/{name}", SchemaEncoding.ROS2, definition.encode()
         )
         return self._writer.register_channel(topic, MessageEncoding.CDR, schema)
+
+    def _json_channel(self, topic: str, name: str, definition: str) -> int:
+        schema = self._writer.register_schema(
+            f"pepper_driver.{name}", SchemaEncoding.JSONSchema, definition.encode()
+        )
+        return self._writer.register_channel(topic, MessageEncoding.JSON, schema)
 
     def write_tick(self, time: float, row: FloatArray) -> None:
         """Write a row of ``/tick``, stamped ``time`` [s]."""
@@ -111,6 +114,10 @@ class McapFile:
             TypeError: A field of the contact is neither text nor number.
         """
         self._write(self._contact, time, contact_to_json(contact))
+
+    def write_label(self, time: float, label: Label) -> None:
+        """Write a label, stamped ``time`` [s]."""
+        self._write(self._label, time, label_to_json(label))
 
     def _write(self, channel: int, time: float, data: bytes) -> None:
         stamp = nanoseconds(time)

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from pepper_driver.config import UnknownNameError
 from pepper_driver.log.errors import LogError
+from pepper_driver.log.label import LABEL_TOPIC, Label
 from pepper_driver.log.mcap_file import reason
 from pepper_driver.log.schema import (
     CDR_HEADER,
@@ -55,6 +56,7 @@ class LogData:
         contacts: Contact events in the order they were raised.
         truth: Arrays of the simulation's ground truth, with a ``time`` of their own; None where
             there is none. Names are in :func:`pepper_driver.log.schema.truth_fields`.
+        labels: Ends of touches that ``pepper record`` was told of, in their order.
     """
 
     metadata: dict[str, str]
@@ -65,6 +67,7 @@ class LogData:
     fields: dict[str, Column] = field(repr=False)
     contacts: list[Contact] = field(repr=False)
     truth: dict[str, Column] | None = field(repr=False)
+    labels: list[Label] = field(repr=False, default_factory=list)
 
     def __getitem__(self, name: str) -> Column:
         """The array of one field.
@@ -177,6 +180,7 @@ class _Contents:
             fields=self._table(TICK_TOPIC, tables[TICK_TOPIC]),
             contacts=[Contact(**json.loads(bytes(m))) for m in self._of(CONTACT_TOPIC)],
             truth=self._table(TRUTH_TOPIC, tables[TRUTH_TOPIC]) if self._of(TRUTH_TOPIC) else None,
+            labels=[Label(**json.loads(bytes(m))) for m in self._of(LABEL_TOPIC)],
         )
 
     def _of(self, topic: str) -> list[memoryview]:

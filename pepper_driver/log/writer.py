@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 import threading
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from types import TracebackType
 from typing import Self
@@ -16,6 +16,7 @@ from pepper_driver.backends.interface import Truth
 from pepper_driver.config import RobotConfig
 from pepper_driver.controller.tick import Tick
 from pepper_driver.log.errors import LogError
+from pepper_driver.log.label import Label
 from pepper_driver.log.mcap_file import McapFile, reason
 from pepper_driver.log.schema import (
     columns,
@@ -76,6 +77,7 @@ class LogWriter:
         self._truth_rows = np.zeros((capacity, columns(truth_fields(robot))))
         self._has_truth = [False] * capacity
         self._contacts: list[tuple[Contact, ...]] = [()] * capacity
+        self._labels: list[tuple[Label, ...]] = [()] * capacity
         self._times = [0.0] * capacity
         self._scalars = np.zeros(4)
         self._unobserved = unobserved(robot)
@@ -104,7 +106,11 @@ class LogWriter:
         return self._dropped + self._lost
 
     def append(
-        self, tick: Tick, observation: Observation | None, truth: Truth | None = None
+        self,
+        tick: Tick,
+        observation: Observation | None,
+        truth: Truth | None = None,
+        labels: Sequence[Label] = (),
     ) -> None:
         """Copy one tick into the ring. Never raises; waits only for room, when ``lossless``.
 
@@ -112,6 +118,7 @@ class LogWriter:
             tick: The cycle.
             observation: What the observer made of it. None is logged as NaN, with all joints blind.
             truth: Ground truth of a simulation, copied at once.
+            labels: Ends of touches seen in this tick.
         """
         head = self._head
         if self._closing or (head - self._tail >= self._capacity and not self._wait_for_room()):
@@ -127,6 +134,7 @@ class LogWriter:
                 np.concatenate(parts, out=self._truth_rows[slot])
             self._times[slot] = float(tick.measurement.time)
             self._contacts[slot] = seen.contacts
+            self._labels[slot] = tuple(labels)
         except Exception as error:  # a row of wrong shape must not stop a robot
             self._problem = error
             self._dropped += 1
@@ -195,6 +203,8 @@ class LogWriter:
         self._file.write_tick(stamp, self._rows[slot])
         if self._has_truth[slot]:
             self._file.write_truth(stamp, self._truth_rows[slot])
+        for label in self._labels[slot]:
+            self._file.write_label(stamp, label)
         for contact in self._contacts[slot]:
             try:
                 self._file.write_contact(stamp, contact)

@@ -66,6 +66,25 @@ def test_peak_and_mean_differ_in_the_cycle_in_which_a_push_rises() -> None:
     assert ratio == pytest.approx(shares[-1] / shares.mean(), rel=1e-3)
 
 
+@pytest.mark.parametrize(("rise", "expected"), [(0.04, 0.04), (0.2, 0.2), (0.5, 1 / 3)])
+def test_a_push_rises_and_falls_as_it_is_told(rise: float, expected: float) -> None:
+    robot = Robot()
+    robot.push("LBicep", np.array([0.0, 10.0, 0.0]), np.array([0.16, 0, 0]), 1.0, rise=rise)
+    sizes = []
+    for _ in range(84):
+        robot.run(CYCLE)
+        contacts = robot.truth.contacts
+        sizes.append(contacts[0].peak if contacts else 0.0)
+    # The peak of a cycle is that of its last step while the push rises.
+    time = np.arange(1, 84) * CYCLE - STEP
+    rising = time < expected
+    shares = 0.5 - 0.5 * np.cos(np.pi * time[rising] / expected)
+    np.testing.assert_allclose(np.array(sizes)[:83][rising], 10.0 * shares, atol=1e-6)
+    full = (time > expected) & (time < 1.0 - expected)
+    np.testing.assert_allclose(np.array(sizes)[:83][full], 10.0)
+    assert sizes[82] < 10.0 * (0.5 - 0.5 * np.cos(np.pi * 0.02 / expected)) + 1e-6
+
+
 @pytest.mark.parametrize("release", [0.1, 0.0999])
 def test_after_the_last_contact_the_truth_is_empty(release: float) -> None:
     """Also where the last force is that of the last step of a cycle: 0.3 s are 25 cycles."""

@@ -207,6 +207,8 @@ def test_a_simulation_that_blows_up_says_so(
         ({"link": "LForeArm", "force": [0, 1, 0], "duration": 0.0}, ValueError),
         ({"link": "LForeArm", "force": [0, 1, 0], "duration": np.inf}, ValueError),
         ({"link": "LForeArm", "force": [0, 1, 0], "delay": -1.0}, ValueError),
+        ({"link": "LForeArm", "force": [0, 1, 0], "rise": 0.0}, ValueError),
+        ({"link": "LForeArm", "force": [0, 1, 0], "rise": np.nan}, ValueError),
         ({"link": "LForeArm", "force": [0, 1, 0], "frame": "torso"}, UnknownNameError),
     ],
 )

@@ -249,3 +249,45 @@ def test_the_identity_of_a_plant_follows_its_motors(tmp_path: Path) -> None:
 def test_missing_file_is_named(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match=r"nowhere\.yaml"):
         load_robot(tmp_path / "nowhere.yaml")
+
+
+def test_a_mirror_shows_the_other_hand(robot: RobotConfig) -> None:
+    """What the left hand does, the right one does in the mirrored posture, seen through the xz-plane."""
+    reflection = np.diag([1.0, -1.0, 1.0, 1.0])
+    index = [index for index, _ in robot.mirror]
+    sign = np.array([sign for _, sign in robot.mirror])
+    fingers = [robot.joint_index(name) for name in robot.hands.joints]
+    model = pinocchio.buildModelFromUrdf(str(robot.urdf))
+    data = model.createData()
+
+    def poses(posture: NDArray[np.float64]) -> list[NDArray[np.float64]]:
+        q = pinocchio.neutral(model)
+        for name, angle in zip(robot.joint_names, posture, strict=True):
+            q[model.joints[model.getJointId(name)].idx_q] = angle
+        pinocchio.framesForwardKinematics(model, data, q)
+        names = ("l_wrist", "r_wrist", "Head", "LForeArm", "RForeArm")
+        return [data.oMf[model.getFrameId(name)].homogeneous.copy() for name in names]
+
+    for seed in range(5):
+        posture = np.random.default_rng(seed).uniform(robot.lower, robot.upper)
+        left, right, head, left_arm, right_arm = poses(posture)
+        seen = poses(sign * posture[index])
+        expected = (right, left, head, right_arm, left_arm)
+        for pose, other in zip(seen, expected, strict=True):
+            np.testing.assert_allclose(reflection @ pose @ reflection, other, atol=1e-12)
+    assert [robot.joint_names[index[k]] for k in fingers] == ["RHand", "LHand"]
+    np.testing.assert_array_equal(sign[fingers], 1.0)
+
+
+def test_the_mirror_of_the_mirror_is_the_robot(robot: RobotConfig) -> None:
+    for here, (there, sign) in enumerate(robot.mirror):
+        assert robot.mirror[there] == (here, sign)
+    names = robot.joint_names
+    partner = {name: names[robot.mirror[k][0]] for k, name in enumerate(names)}
+    assert all(partner[name] == name for name in ("KneePitch", "HipRoll", "HeadYaw", "HeadPitch"))
+    assert all(partner[f"L{name[1:]}"] == name for name in names if name.startswith("R"))
+    # Limits of the arms mirror each other too.
+    for here, (there, sign) in enumerate(robot.mirror):
+        lower, upper = sorted((sign * robot.lower[here], sign * robot.upper[here]))
+        assert robot.lower[there] == pytest.approx(lower)
+        assert robot.upper[there] == pytest.approx(upper)

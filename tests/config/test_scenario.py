@@ -18,7 +18,7 @@ from pepper_driver.config import (
     scenario_names,
 )
 from pepper_driver.config.loading import package_file, read_yaml
-from pepper_driver.config.scenario_contacts import Grab
+from pepper_driver.config.scenario_contacts import Grab, RandomPushes
 from pepper_driver.config.scenario_motion import Sweeps
 
 ROBOT = load_robot()
@@ -140,6 +140,18 @@ def changed(data: dict[str, Any], key: str, value: object) -> dict[str, Any]:
         ("demo", "contacts.0.duration", [2.0, 1.0], "contacts.0", "'duration': the lower bound"),
         ("demo", "contacts.0.joints.0", "HeadYaw", "contacts.0", "no entry for joint HeadYaw"),
         ("demo", "contacts.0.points.LShoulderRoll.link", "LBice", "contacts.0.points.LShoulderRoll.link", "LBicep"),
+        ("demo", "motion.base", {"linear": 0.1, "angular": 0.4, "share": 0.5}, None, None),
+        ("demo", "motion.base", {"linear": 0.5, "angular": 0.4, "share": 0.5}, "motion.base.linear", "0.35 m/s"),
+        ("demo", "motion.base", {"linear": 0.1, "angular": 1.4, "share": 0.5}, "motion.base.angular", "1 rad/s"),
+        ("demo", "motion.base", {"linear": 0.1, "angular": 0.4}, "motion.base.share", "missing"),
+        ("demo", "motion.ranges", {"LElbowRoll": 0.1}, None, None),
+        ("demo", "motion.ranges", {"KneePitch": 0.1}, "motion", "KneePitch is not among the joints"),
+        ("demo", "contacts.0.rise", [0.04, 0.2], None, None),
+        ("demo", "contacts.0.rise", [0.2, 0.04], "contacts.0", "'rise': the lower bound"),
+        ("demo", "contacts.0.further_out", -0.1, "contacts.0.further_out", "greater than or equal to 0"),
+        ("demo", "contacts.0.largest_force", 0.0, "contacts.0.largest_force", "greater than 0"),
+        ("demo", "contacts.0.points.LShoulderRoll", [], "contacts.0.points.LShoulderRoll", "at least 1"),
+        ("demo", "contacts.0.points.LShoulderRoll", 3, "contacts.0.points.LShoulderRoll", "valid array"),
         ("identify", "contacts", [PUSH], "contacts", "free motion"),
         ("identify", "motion.dwell", [3.0, 1.0], "motion", "'dwell': the lower bound"),
         ("identify", "motion.joints.1", "LShoulder", "motion.joints", "unknown joint"),
@@ -291,3 +303,49 @@ def test_a_damaged_scenario_loads_or_says_one_line(
     else:
         assert scenario.version == 1
         assert set(scenario.touched_joints) <= set(ROBOT.joint_names)
+
+
+FORCES: dict[str, Any] = {
+    "kind": "random_forces",
+    "times": [0.5],
+    "newtons": [5.0, 20.0],
+    "duration": [0.3, 1.0],
+    "points": [
+        {"link": "torso", "xyz": [0.0, 0.0, 0.2]},
+        {"link": "Tibia", "xyz": [0.0, 0.1, 0.0]},
+    ],
+}
+
+
+def test_a_joint_may_be_pushed_in_several_places(tmp_path: Path) -> None:
+    places = [{"link": link, "xyz": [0.1, 0.0, 0.0]} for link in ("LBicep", "LForeArm")]
+    data = changed(shipped("demo"), "contacts.0.points.LShoulderRoll", places)
+    (one,), (several,) = (load_data(tmp_path, d).contacts for d in (shipped("demo"), data))
+    assert isinstance(one, RandomPushes)
+    assert isinstance(several, RandomPushes)
+    assert [p.link for p in one.points["LShoulderRoll"]] == ["LBicep"]
+    assert [p.link for p in several.points["LShoulderRoll"]] == ["LBicep", "LForeArm"]
+    assert several.links == ("LBicep", "LForeArm", "RForeArm")
+
+
+def test_random_forces_act_on_trunk_and_base_only(tmp_path: Path) -> None:
+    data = shipped("demo")
+    scenario = load_data(tmp_path, data | {"contacts": [FORCES]})
+    assert scenario.touched_joints == ()
+    for link, joint in (("LForeArm", "LElbowRoll"), ("Head", "HeadPitch")):
+        wrong = changed(FORCES, "points.1.link", link)
+        with pytest.raises(
+            ConfigError, match=rf"key 'contacts\.0\.points': {link} is carried by {joint}"
+        ):
+            load_data(tmp_path, data | {"contacts": [wrong]})
+    with pytest.raises(ConfigError, match="'newtons': the lower bound"):
+        load_data(tmp_path, data | {"contacts": [changed(FORCES, "newtons", [20.0, 5.0])]})
+
+
+def test_two_random_pushes_at_once_need_different_links(tmp_path: Path) -> None:
+    data = shipped("demo")
+    (both,) = data["contacts"]
+    left, right = both | {"joints": ["LShoulderRoll"]}, both | {"joints": ["RElbowRoll"]}
+    load_data(tmp_path, data | {"contacts": [left, right]})
+    with pytest.raises(ConfigError, match="a hand on LBicep"):
+        load_data(tmp_path, data | {"contacts": [left, left]})

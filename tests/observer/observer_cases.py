@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -13,9 +14,10 @@ from pepper_driver.config import ObserverSettings, load_robot
 from pepper_driver.controller.reference import Reference
 from pepper_driver.controller.tick import Tick
 from pepper_driver.observer.contact import Contact
-from pepper_driver.observer.model_file import ModelSet
+from pepper_driver.observer.model_file import ModelKind, ModelSet
+from pepper_driver.observer.prediction import JointModel
 from pepper_driver.observer.recording import Recording
-from pepper_driver.observer.tree import AffineTree, CartTree, ExpectedErrorModel, TreeKind
+from pepper_driver.observer.tree import AffineTree, CartTree
 
 FloatArray = NDArray[np.float64]
 
@@ -28,6 +30,9 @@ SETTINGS = ObserverSettings(
     tree="affine",
     median_window=11,
     threshold=THRESHOLD,
+    fusion_window=5,
+    adapt=True,
+    collision_factor=3.0,
     merge_gap=0.3,
     rebound_window=0.35,
     update_period=0.12,
@@ -93,10 +98,46 @@ def tick(
     )
 
 
+def random_ticks(count: int, seed: int) -> list[Tick]:
+    """Ticks in which every number is another one."""
+    rng = np.random.default_rng(seed)
+    made = []
+    for k in range(count):
+        base = tick(k, age=float(rng.uniform(0.0, 0.05)))
+        measurement = replace(
+            base.measurement,
+            position=rng.normal(size=JOINTS),
+            current=rng.uniform(0.0, 2.0, JOINTS),
+            wheel_speed=rng.normal(size=3),
+            imu=Imu(
+                acceleration=rng.normal(size=3),
+                angular_velocity=rng.normal(size=3),
+                attitude=rng.normal(size=3),
+            ),
+            touch=np.ones(5),
+            battery=0.5,
+        )
+        reference = Reference(
+            position=rng.normal(size=JOINTS),
+            velocity=rng.normal(size=JOINTS),
+            acceleration=rng.normal(size=JOINTS),
+            load_torque=rng.normal(size=JOINTS),
+            base_twist=rng.normal(size=3),
+        )
+        sent = Command(
+            position=rng.normal(size=JOINTS),
+            stiffness=rng.uniform(0.0, 1.0, JOINTS),
+            wheel_speed=rng.normal(size=3),
+        )
+        changed = rng.uniform(size=JOINTS) < 0.5
+        made.append(Tick(measurement=measurement, reference=reference, sent=sent, changed=changed))
+    return made
+
+
 def models(
-    by_joint: Mapping[str, ExpectedErrorModel] | ExpectedErrorModel = SILENT,
+    by_joint: Mapping[str, JointModel] | JointModel = SILENT,
     *,
-    kind: TreeKind = "cart",
+    kind: ModelKind = "cart",
     robot: str = ROBOT.name,
     joint_names: tuple[str, ...] = ROBOT.joint_names,
 ) -> ModelSet:
@@ -160,13 +201,21 @@ def recording(
         joint_names=ROBOT.joint_names,
         time=np.arange(float(n)) * CYCLE,
         sent_position=all_joints(error),
+        stiffness=np.ones((n, JOINTS)),
         position=np.zeros((n, JOINTS)),
+        reference_position=all_joints(error),
         velocity=all_joints(features[:, 0]),
         acceleration=all_joints(features[:, 1]),
         load_torque=all_joints(features[:, 2]),
         changed=np.repeat(mask[:, None], JOINTS, axis=1),
         current=np.zeros((n, JOINTS)),
         age=np.zeros(n) if age is None else age,
+        base_twist=np.zeros((n, 3)),
+        sent_wheel_speed=np.zeros((n, 3)),
+        wheel_speed=np.zeros((n, 3)),
+        linear_acceleration=np.zeros((n, 3)),
+        angular_velocity=np.zeros((n, 3)),
+        attitude=np.zeros((n, 3)),
     )
 
 

@@ -5,9 +5,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-from observer_cases import CYCLE, JOINTS, ROBOT, free_run, tick
+from observer_cases import CYCLE, JOINTS, ROBOT, free_run, random_ticks, tick
 
 from pepper_driver.config import PepperError
+from pepper_driver.controller.tick import Tick
 from pepper_driver.observer.recording import Recording, RecordingBuilder, RecordingError
 
 
@@ -106,3 +107,41 @@ def test_making_a_recording_leaves_the_arrays_of_the_caller_writable() -> None:
     time = run.time.copy()
     replace(run, time=time)
     time[0] = -1.0
+
+
+def test_a_recording_gives_its_ticks_back() -> None:
+    made = random_ticks(7, seed=1)
+    builder = RecordingBuilder(ROBOT)
+    for one in made:
+        builder.append(one)
+    again = list(builder.finish().ticks())
+    assert len(again) == 7
+    for number, (before, after) in enumerate(zip(made, again, strict=True)):
+        check_same(before, after)
+        neutral = after.measurement
+        assert (neutral.tick, neutral.battery) == (number, 1.0)
+        assert np.isfinite(neutral.temperature).all()
+        for name in ("touch", "bumpers", "buttons"):
+            expected = np.zeros_like(getattr(before.measurement, name))
+            np.testing.assert_array_equal(getattr(neutral, name), expected)
+        with pytest.raises(ValueError, match="read-only"):
+            after.sent.position[0] = 1.0
+
+
+def check_same(before: Tick, after: Tick) -> None:
+    """All that a recording keeps is equal to the last bit."""
+    np.testing.assert_array_equal(before.changed, after.changed)
+    for field in ("position", "velocity", "acceleration", "load_torque", "base_twist"):
+        np.testing.assert_array_equal(
+            getattr(before.reference, field), getattr(after.reference, field)
+        )
+    for field in ("position", "stiffness", "wheel_speed"):
+        np.testing.assert_array_equal(getattr(before.sent, field), getattr(after.sent, field))
+    for field in ("time", "age", "position", "current", "wheel_speed"):
+        np.testing.assert_array_equal(
+            getattr(before.measurement, field), getattr(after.measurement, field)
+        )
+    for field in ("acceleration", "angular_velocity", "attitude"):
+        np.testing.assert_array_equal(
+            getattr(before.measurement.imu, field), getattr(after.measurement.imu, field)
+        )

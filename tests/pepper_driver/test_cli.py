@@ -9,12 +9,9 @@ import time
 from pathlib import Path
 
 import pytest
-import yaml
 
 from pepper_driver.cli.app import run
-from pepper_driver.config.loading import package_file, read_yaml
 from pepper_driver.log import read_log
-from pepper_driver.observer import ModelSet
 
 
 def test_help_and_version(capsys: pytest.CaptureFixture[str]) -> None:
@@ -182,20 +179,3 @@ def test_bench_writes_its_figures(tmp_path: Path, capsys: pytest.CaptureFixture[
         assert figures["stage_us"][stage]["p99"] >= figures["stage_us"][stage]["median"] > 0
     assert figures["tick_us"]["median"] < 12_000
     assert figures["simulation"]["nominal"]["real_time_factor"] > 0
-
-
-def test_identify_writes_a_model_file_that_loads(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    scenario = read_yaml(package_file("scenarios", "identify.yaml"))
-    scenario["motion"] |= {"estimation_stiffness": [2.0, 4.0], "sweeps": 1, "setpoints": 2}
-    short = tmp_path / "short.yaml"
-    short.write_text(yaml.safe_dump(scenario))
-    out, figures = tmp_path / "models.json", tmp_path / "fit.json"
-    arguments = ["--out", str(out), "--joints", "RElbowRoll", "--json", str(figures)]
-    arguments += ["--scenario", str(short)]
-    assert run(["identify", *arguments]) == 0
-    assert set(ModelSet.load(out).models) == {"RElbowRoll"}
-    fits = json.loads(figures.read_text())["fit"]
-    assert set(fits) == {"affine", "cart", "closed form"}
-    assert "NRMSE" in capsys.readouterr().out

@@ -1,10 +1,12 @@
 """Planned pushes put on a joint what was asked for, and nothing into saturation unless that is wanted."""
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
 
+from pepper_driver.config.parts import FloatArray
 from pepper_driver.controller import RobotModel
 from pepper_driver.pushing import (
     Bounds,
@@ -148,3 +150,136 @@ def test_on_wheels_a_push_must_not_tip_the_robot() -> None:
         weigh(rolling, **push, force=enough * 0.98, bounds=bounds)
         with pytest.raises(PushTooStrongError, match="81% of what tips the robot over"):
             weigh(rolling, **push, force=enough, bounds=bounds)
+
+
+OUT = np.array([0.12, 0.0, 0.0])
+
+
+def bent() -> FloatArray:
+    """Arm to the side, elbow bent: a push on the forearm turns shoulder and elbow."""
+    posture = ROBOT.posture("Stand")
+    for name, angle in (("LShoulderRoll", 0.6), ("LElbowYaw", -0.6), ("LElbowRoll", -0.9)):
+        posture[ROBOT.joint_index(name)] = angle
+    return posture
+
+
+@pytest.mark.parametrize("joint", ["LShoulderRoll", "LElbowYaw", "LElbowRoll"])
+@pytest.mark.parametrize("direction", [-1, 1])
+def test_joints_further_out_feel_little_if_that_is_wanted(joint: str, direction: int) -> None:
+    pepper = make_pepper()
+    truth, index = pepper.backend.truth, ROBOT.joint_index(joint)
+    arguments = {
+        "joint": joint,
+        "link": "LForeArm",
+        "point": OUT,
+        "degrees": 1.0,
+        "direction": direction,
+        "posture": bent(),
+    }
+    wide = Bounds(load=np.inf, tipping=np.inf)
+    plain = plan(pepper, **arguments, bounds=wide)
+    chosen = plan(pepper, **arguments, bounds=replace(wide, further_out=0.25))
+    outer = [ROBOT.joint_index(n) for n in ROBOT.chain_of(joint)]
+    outer = [k for k in outer if k > index]
+
+    def shares(push: PlannedPush) -> FloatArray:
+        degrees = np.degrees(np.abs(push.torques[outer]) / truth.stiffness[outer])
+        friction = [truth.plant.actuator(ROBOT.joint_names[k]).friction.contact for k in outer]
+        held = np.array([0.5 * (f.motor + f.link) for f in friction])
+        result: FloatArray = np.where(np.abs(push.torques[outer]) > held, degrees, 0.0)
+        return result
+
+    assert plain.torque == pytest.approx(chosen.torque)
+    assert chosen.degrees == pytest.approx(1.0)
+    assert shares(chosen).max() <= 0.25 + 1e-9
+    if joint == "LShoulderRoll":
+        assert shares(plain).max() > 0.25, "else this test says nothing"
+        assert chosen.newtons > plain.newtons
+
+
+def test_a_place_where_joints_further_out_must_feel_it_is_refused() -> None:
+    pepper = make_pepper()
+    bounds = Bounds(load=np.inf, tipping=np.inf, further_out=0.25)
+    arguments = {"link": "LForeArm", "point": OUT, "posture": bent(), "bounds": bounds}
+    with pytest.raises(PushTooStrongError, match=r"of the degrees of LShoulderPitch on \w+ too"):
+        plan(pepper, joint="LShoulderPitch", degrees=1.0, **arguments)
+    bounds = replace(bounds, further_out=0.0)
+    with pytest.raises(PushTooStrongError, match=r"of the degrees of LShoulderRoll on \w+ too"):
+        weigh(pepper, link="LForeArm", point=OUT, posture=bent(), bounds=bounds)
+
+
+def test_no_hand_is_stronger_than_it_may_be() -> None:
+    pepper = make_pepper()
+    force = plan(pepper).newtons
+    plan(pepper, bounds=replace(BOUNDS, force=force * 1.01))
+    with pytest.raises(PushTooStrongError, match="more than the hand may do"):
+        plan(pepper, bounds=replace(BOUNDS, force=force * 0.99))
+
+
+def test_pushes_at_the_same_time_share_what_the_robot_can_take() -> None:
+    pepper = make_pepper("rolling")
+    side = {"joint": "LShoulderRoll", "force": np.array([0.0, 12.0, 0.0]), "frame": "world"}
+    posture = ROBOT.posture("Stand")
+    first = weigh(pepper, **side)
+    other = {**side, "joint": "RShoulderRoll", "link": "RBicep", "point": POINT * [1, -1, 1]}
+    alone = weigh(pepper, **other)
+    enough = Bounds(load=0.85, tipping=first.tipping + alone.tipping + 1e-6)
+    both = weigh(pepper, **other, bounds=enough, beside=[first])
+    assert both.load >= alone.load
+    hip = ROBOT.joint_index("HipRoll")
+    gravity = abs(RobotModel(ROBOT).gravity_torque(posture)[hip])
+    together = abs(first.torques[hip]) + abs(alone.torques[hip]) + gravity
+    assert both.load >= together / pepper.backend.truth.torque_limit[hip] - 1e-9
+    with pytest.raises(PushTooStrongError, match="tips the robot over"):
+        weigh(
+            pepper, **other, bounds=replace(enough, tipping=enough.tipping - 1e-3), beside=[first]
+        )
+    same = {**side, "force": np.array([0.0, 25.0, 0.0])}
+    wide = Bounds(load=0.85, tipping=np.inf)
+    weigh(pepper, **same, bounds=wide)
+    with pytest.raises(PushTooStrongError, match="would load LShoulderRoll"):
+        weigh(pepper, **same, bounds=wide, beside=[weigh(pepper, **same, bounds=wide)])
+
+
+def test_a_push_on_the_trunk_is_told_in_degrees_of_the_leg_joint_with_most() -> None:
+    pepper = make_pepper()
+    push = weigh(
+        pepper,
+        joint=None,
+        link="torso",
+        point=np.array([0.0, 0.0, 0.2]),
+        force=np.array([0.0, 10.0, 0.0]),
+        frame="world",
+    )
+    hip = ROBOT.joint_index("HipRoll")
+    assert push.joint is None
+    assert push.torque == pytest.approx(push.torques[hip])
+    assert abs(push.torque) == pytest.approx(10.0 * 0.2, rel=0.02)
+    assert push.degrees == pytest.approx(
+        np.degrees(abs(push.torque) / pepper.backend.truth.stiffness[hip])
+    )
+
+
+def test_a_push_that_would_tip_the_robot_may_press_it_down_as_well() -> None:
+    """The shoulder pitch of an arm that hangs: the smallest force is horizontal, at the height of the hand."""
+    rolling = make_pepper("rolling")
+    arguments = {"joint": "LShoulderRoll", "degrees": 1.5, "posture": bent()}
+    wide = Bounds(load=np.inf, tipping=np.inf, further_out=0.25)
+    plain = plan(rolling, **arguments, bounds=wide)
+    less = replace(wide, tipping=plain.tipping * 0.9)
+    for direction in (-1, 1):
+        plain = plan(rolling, **arguments, direction=direction, bounds=wide)
+        try:
+            pressed = plan(
+                rolling,
+                **arguments,
+                direction=direction,
+                bounds=replace(less, tipping=plain.tipping * 0.9),
+            )
+        except PushTooStrongError:
+            continue
+        assert pressed.torque == pytest.approx(plain.torque)
+        assert pressed.tipping <= plain.tipping * 0.9
+        break
+    else:
+        pytest.fail("no other direction was found")

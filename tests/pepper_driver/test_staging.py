@@ -11,14 +11,21 @@ import yaml
 from pepper_driver.config import ConfigError, Scenario, load_scenario
 from pepper_driver.config.loading import package_file, read_yaml
 from pepper_driver.config.parts import FloatArray
-from pepper_driver.config.scenario_contacts import JointPush, RandomPushes
+from pepper_driver.config.scenario_contacts import (
+    JointPush,
+    PushPoint,
+    RandomForces,
+    RandomPushes,
+)
 from pepper_driver.config.scenario_contacts import Push as ForcePush
-from pepper_driver.config.scenario_motion import Holds, Script, Setpoints, Step
+from pepper_driver.config.scenario_motion import BaseMotion, Holds, Script, Setpoints, Step
 from pepper_driver.controller import RobotModel, Tick
 from pepper_driver.observer import Observation
 from pepper_driver.pushing import Bounds, PushTooStrongError, plan_push
 from pepper_driver.robot import Pepper
+from pepper_driver.scenes import plan_scenes
 from pepper_driver.staging import Stage, scenario_uri
+from pepper_driver.timeline import Leg, random_leg
 
 from scenario_cases import ROBOT, limit_degrees, make_pepper  # isort: skip
 
@@ -320,8 +327,8 @@ def first_that_fits(
                 ROBOT,
                 pepper.backend.truth,
                 joint=joint,
-                link=pushes.points[joint].link,
-                point=np.array(pushes.points[joint].xyz),
+                link=pushes.points[joint][0].link,
+                point=np.array(pushes.points[joint][0].xyz),
                 degrees=degrees,
                 direction=direction,
                 posture=posture,
@@ -410,3 +417,183 @@ def test_a_file_of_ones_own_is_performed(tmp_path: Path) -> None:
     stage = Stage(pepper, load_scenario(path, ROBOT), 0)
     watch(pepper, stage)
     assert len(stage.pushes) == 1
+
+
+def setpoints(**changes: Any) -> Scenario:
+    """Set-points of the arms that the demonstration pushes, with pushes of what each can take."""
+    motion, (pushes,) = DEMO.motion, DEMO.contacts
+    assert isinstance(motion, Setpoints)
+    assert isinstance(pushes, RandomPushes)
+    contact = replace(pushes, degrees=(0.5, 1.5), **changes)
+    return replace(DEMO, settle=1.0, motion=replace(motion, count=2), contacts=(contact,))
+
+
+def test_the_base_moves_as_the_scenario_says_and_stops_at_its_end() -> None:
+    pepper = make_pepper("rolling")
+    motion = DEMO.motion
+    assert isinstance(motion, Setpoints)
+    base = BaseMotion(linear=0.2, angular=0.5, share=1.0)
+    driving = replace(motion, base=base, count=2, period=1.2)
+    stage = Stage(pepper, replace(DEMO, motion=driving, contacts=()), 3)
+    targets, wheels = [], []
+
+    def on_tick(tick: Tick, _: Observation | None) -> None:
+        targets.append(pepper.controller.base_velocity.target.copy())
+        wheels.append(np.abs(tick.measurement.wheel_speed).max())
+
+    with pepper:
+        stage.perform(on_tick=on_tick)
+        np.testing.assert_array_equal(pepper.controller.base_velocity.target, np.zeros(3))
+    first, second = np.array(targets[:100]), np.array(targets[100:])
+    for part in (first, second):
+        assert part.any()
+        np.testing.assert_array_equal(part, np.broadcast_to(part[0], part.shape))
+    assert (first[0] != second[0]).any()
+    assert max(wheels) > 0.3
+
+
+def test_pushes_rise_as_fast_as_the_scenario_says(monkeypatch: pytest.MonkeyPatch) -> None:
+    rises = []
+    for rise in (None, (0.04, 0.05)):
+        pepper = make_pepper()
+        asked: list[dict[str, Any]] = []
+        monkeypatch.setattr(pepper.backend, "push", lambda *_, asked=asked, **kw: asked.append(kw))
+        stage = Stage(pepper, setpoints(rise=rise), 0)
+        with pepper:
+            stage.perform()
+        rises.append([kw["rise"] for kw in asked])
+    assert rises[0] == [0.1] * 4, "that of the backend"
+    assert all(0.04 <= rise <= 0.05 for rise in rises[1])
+    assert len(set(rises[1])) == 4
+
+
+def test_forces_on_the_trunk_are_meant_for_no_joint() -> None:
+    forces = RandomForces(
+        kind="random_forces",
+        times=(0.3, 1.0),
+        newtons=(4.0, 12.0),
+        duration=(0.3, 0.4),
+        points=(PushPoint(link="torso", xyz=(0.0, 0.0, 0.2)),),
+    )
+    motion = DEMO.motion
+    assert isinstance(motion, Setpoints)
+    scenario = replace(DEMO, motion=replace(motion, count=3, period=2.4), contacts=(forces,))
+    pepper = make_pepper("rolling")
+    stage = Stage(pepper, scenario, 2)
+    seen = watch(pepper, stage)
+    assert len(stage.pushes) == 6
+    assert {push.joint for push in stage.pushes} == {None}
+    assert {push.link for push in stage.pushes} == {"torso"}
+    assert all(4.0 <= push.force <= 12.0 for push in stage.pushes)
+    assert len({round(push.force, 6) for push in stage.pushes}) == 6
+    legs = [ROBOT.joint_index(name) for name in ROBOT.chains["legs"]]
+    time, torque = np.array(seen.time), np.degrees(np.abs(np.array(seen.torque)))
+    degrees = torque[:, legs] / pepper.backend.truth.stiffness[legs]
+    for push in stage.pushes:
+        during = (time > push.onset) & (time < push.release)
+        assert degrees[during].max() == pytest.approx(push.degrees, rel=0.1)
+
+
+def test_a_goal_in_which_nothing_fits_is_drawn_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Sizes near the limit, which only arms that hang leave room for."""
+    redrawn = []
+
+    def counted(*arguments: Any) -> Leg:
+        redrawn.append(arguments)
+        return random_leg(*arguments)
+
+    monkeypatch.setattr("pepper_driver.scenes.random_leg", counted)
+    pepper = make_pepper()
+    limit = limit_degrees(pepper, "LShoulderRoll")
+    size = (0.7 * limit, 0.72 * limit)
+    scenario = setpoints(joints=("LShoulderRoll",))
+    motion, (contact,) = scenario.motion, scenario.contacts
+    assert isinstance(motion, Setpoints)
+    assert isinstance(contact, RandomPushes)
+    tight = replace(
+        scenario,
+        motion=replace(motion, range=1.0, also_range=1.0, count=6),
+        contacts=(replace(contact, degrees=size),),
+    )
+    for seed in range(4):
+        rng = np.random.default_rng(seed)
+        scenes = plan_scenes(tight, ROBOT, pepper.backend, rng)
+        assert len(scenes) == 7
+        assert [len(scene.touches) for scene in scenes] == [0, 2, 2, 2, 2, 2, 2]
+        planned = [touch.planned for scene in scenes for touch in scene.touches]
+        assert all(push.load <= tight.largest_load for push in planned)
+    assert redrawn
+
+
+def test_pushes_on_the_way_are_planned_for_where_the_joints_will_be() -> None:
+    pepper = make_pepper()
+    scenario = setpoints(on_the_way=True, rise=(0.1, 0.1), joints=("LShoulderRoll",))
+    scenario = replace(scenario, settle=3.0)
+    rng = np.random.default_rng(1)
+    scenes = plan_scenes(scenario, ROBOT, pepper.backend, rng)
+    _, first, second = scenes
+    np.testing.assert_array_equal(second.origin, first.posture)
+    np.testing.assert_allclose(second.expected(0.0), second.origin)
+    np.testing.assert_allclose(second.expected(60.0), second.posture)
+    pepper = make_pepper()
+    stage = Stage(pepper, scenario, 1)
+    position: list[FloatArray] = []
+    with pepper:
+        stage.perform(on_tick=lambda *_: position.append(pepper.backend.truth.position))
+    for ticks in (30, 60, 120):
+        wanted, there = second.expected(ticks * ROBOT.cycle), position[664 + ticks]
+        np.testing.assert_allclose(there[3:], wanted[3:], atol=0.12)
+    moving = second.touches[0]
+    posture, planned = second.expected(moving.delay + 0.1), moving.planned
+    way = np.abs(posture - second.posture).max()
+    assert way > 0.2, "else this test says nothing"
+    model = RobotModel(ROBOT)
+    force = model.link_pose(planned.link, posture)[:3, :3] @ planned.force
+    torques = model.point_jacobian(planned.link, planned.point, posture).T @ force
+    np.testing.assert_allclose(planned.torques, torques, atol=1e-9)
+
+
+def test_joints_are_pushed_evenly_if_that_is_wanted() -> None:
+    """The shoulder roll can take little of these sizes, the shoulder pitch more."""
+    pepper = make_pepper()
+    counts = []
+    for evenly in (False, True):
+        scenario = setpoints(evenly=evenly)
+        motion, (contact,) = scenario.motion, scenario.contacts
+        assert isinstance(motion, Setpoints)
+        assert isinstance(contact, RandomPushes)
+        limit = limit_degrees(pepper, "LShoulderRoll")
+        low, high = 0.6 * limit, 3.0 * limit
+        contact = replace(contact, degrees=(low, high))
+        place = contact.points["LShoulderRoll"]
+        points = {**contact.points, "LShoulderPitch": place}
+        contact = replace(contact, points=points, joints=("LShoulderRoll", "LShoulderPitch"))
+        motion = replace(motion, joints=("LElbowRoll",), also_move=(), range=0.1, count=60)
+        scenario = replace(scenario, motion=motion, contacts=(contact,))
+        scenes = plan_scenes(scenario, ROBOT, pepper.backend, np.random.default_rng(0))
+        planned = [touch.planned for scene in scenes for touch in scene.touches]
+        counts.append(sum(push.joint == "LShoulderRoll" for push in planned) / len(planned))
+    assert counts[0] < 0.4
+    assert 0.42 < counts[1] < 0.58
+
+
+def test_two_pushes_at_once_stay_within_what_the_robot_can_take() -> None:
+    pepper = make_pepper("rolling")
+    scenario = setpoints()
+    (contact,) = scenario.contacts
+    assert isinstance(contact, RandomPushes)
+    both = tuple(
+        replace(contact, joints=(joint,), jitter=0.0) for joint in ("LShoulderRoll", "RElbowRoll")
+    )
+    motion = scenario.motion
+    assert isinstance(motion, Setpoints)
+    pairs = replace(scenario, motion=replace(motion, count=15), contacts=both, largest_tipping=0.6)
+    scenes = plan_scenes(pairs, ROBOT, pepper.backend, np.random.default_rng(0))
+    together = []
+    for scene in scenes[1:]:
+        assert len(scene.touches) == 4
+        for one, other in (scene.touches[:2], scene.touches[2:]):
+            assert {one.planned.joint, other.planned.joint} == {"LShoulderRoll", "RElbowRoll"}
+            together.append(one.planned.tipping + other.planned.tipping)
+    assert max(together) <= 0.6
+    assert max(together) > 0.5, "else nothing was refused"

@@ -8,12 +8,18 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pepper_driver.config import Scenario, load_robot, load_scenario
-from pepper_driver.config.scenario_motion import Holds, Script, Setpoints, Step, Sweeps
+from pepper_driver.config.scenario_motion import BaseMotion, Holds, Script, Setpoints, Step, Sweeps
 from pepper_driver.timeline import Leg, legs
 
 ROBOT = load_robot()
 DEMO = load_scenario("demo", ROBOT)
 IDENTIFY = load_scenario("identify", ROBOT)
+assert isinstance(IDENTIFY.motion, Sweeps)
+IDENTIFY = replace(
+    IDENTIFY,
+    posture=None,
+    motion=replace(IDENTIFY.motion, joints=("LShoulderRoll", "RElbowRoll"), ranges={}),
+)
 FREE = replace(DEMO, contacts=())
 
 
@@ -108,3 +114,40 @@ def test_sweeps_play_one_sequence_twice_with_other_neighbours(seed: int) -> None
         other = ROBOT.joints[ROBOT.joint_index(name)]
         reach = motion.neighbour_range * (other.upper - other.lower) / 2
         assert abs(again[0].joints[name] - (other.upper + other.lower) / 2) <= reach
+
+
+def test_single_joints_may_have_a_range_of_their_own() -> None:
+    motion = DEMO.motion
+    assert isinstance(motion, Setpoints)
+    small = replace(motion, range=1.0, ranges={"LShoulderRoll": 0.01}, count=40)
+    goals = drawn(replace(FREE, motion=small))[1:]
+    for name, least, most in (("LShoulderRoll", 0.0, 0.01), ("RElbowRoll", 0.8, 1.0)):
+        limits = ROBOT.joints[ROBOT.joint_index(name)]
+        middle, half = (limits.upper + limits.lower) / 2, (limits.upper - limits.lower) / 2
+        farthest = max(abs(leg.joints[name] - middle) for leg in goals) / half
+        assert least <= farthest <= most
+
+
+def test_the_base_moves_with_its_share_of_the_goals() -> None:
+    motion = DEMO.motion
+    assert isinstance(motion, Setpoints)
+    base = BaseMotion(linear=0.2, angular=0.5, share=0.6)
+    legs = drawn(replace(FREE, motion=replace(motion, base=base, count=300)))[1:]
+    twists = np.array([leg.twist for leg in legs])
+    moving = twists.any(axis=1)
+    assert 0.5 < moving.mean() < 0.7
+    speed, turn = np.hypot(twists[moving, 0], twists[moving, 1]), twists[moving, 2]
+    assert speed.max() <= 0.2
+    assert speed.max() > 0.18
+    assert np.abs(turn).max() <= 0.5
+    assert turn.min() < -0.4
+    assert len({(vx > 0, vy > 0) for vx, vy, _ in twists[moving]}) == 4
+    assert all(leg.twist is None for leg in drawn(FREE))
+
+
+def test_a_base_that_moves_does_not_change_the_goals_before() -> None:
+    motion = DEMO.motion
+    assert isinstance(motion, Setpoints)
+    base = BaseMotion(linear=0.2, angular=0.5, share=0.6)
+    with_base = drawn(replace(FREE, motion=replace(motion, base=base)))
+    assert with_base[1].joints == drawn(FREE)[1].joints

@@ -1,0 +1,327 @@
+"""The frozen evaluation: suites of experiments, the scenarios they perform, and hashes that show when one was changed.
+
+``python -m pepper_driver.config.evaluation`` freezes the suites anew after a change that is meant. Models that were
+fitted before then were not evaluated on what they had never seen: say so, or fit them again.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import sys
+from collections.abc import Iterator
+from dataclasses import replace
+from functools import cached_property
+from pathlib import Path
+from typing import Annotated, Literal
+from zlib import crc32
+
+from pydantic import Field
+from pydantic.dataclasses import dataclass
+
+from pepper_driver.config.errors import ConfigError, UnknownNameError
+from pepper_driver.config.loading import STRICT, package_file, parse, read_yaml
+from pepper_driver.config.parts import Positive
+from pepper_driver.config.plant import plant_names
+from pepper_driver.config.robot import RobotConfig, load_robot
+from pepper_driver.config.scenario import Scenario, load_scenario
+from pepper_driver.config.scenario_motion import Count, Holds, Script, Setpoints, Sweeps
+
+FOLDER = "evaluation_scenarios"
+
+_MARK = 0xE7A1
+_FILE = "evaluation.yaml"
+_CURE = "python -m pepper_driver.config.evaluation"
+
+
+@dataclass(frozen=True, kw_only=True, config=STRICT)
+class Experiment:
+    """What is performed, and on which robots.
+
+    Attributes:
+        name: As it is called in results. With ``joints`` each of them is an experiment, and called like that.
+        scenario: By name, of ``evaluation_scenarios``.
+        plants: Names of plants.
+        draws: How many robots of each plant are drawn at random; 0 for the plant itself.
+        task_stiffness: Of the posture task [1/s2]; one take each.
+        repetitions: Takes that differ by nothing but their seed.
+        goals: In place of the scenario's own number of goals.
+        joints: For motion of kind sweeps: these, one after the other.
+    """
+
+    name: str
+    scenario: str
+    plants: Annotated[tuple[str, ...], Field(min_length=1)]
+    draws: Annotated[int, Field(ge=0, le=10_000)] = 0
+    task_stiffness: Annotated[tuple[Positive, ...], Field(min_length=1)]
+    repetitions: Count = 1
+    goals: Count | None = None
+    joints: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, kw_only=True, config=STRICT)
+class Frozen:
+    """SHA-256 of the file without this part, and of each scenario."""
+
+    suites: str
+    scenarios: dict[str, str]
+
+
+@dataclass(frozen=True, kw_only=True, config=STRICT)
+class _File:
+    """``evaluation.yaml`` as it stands."""
+
+    version: Literal[1]
+    root: Annotated[int, Field(ge=1)]
+    suites: dict[str, Annotated[tuple[Experiment, ...], Field(min_length=1)]]
+    frozen: Frozen
+
+
+@dataclass(frozen=True, kw_only=True)
+class Run:
+    """One take that is to be performed.
+
+    Attributes:
+        suite, experiment: Where it belongs.
+        scenario: What is performed, with the task stiffness and the joint of this run.
+        plant: Name of the plant.
+        draw: Which robot of a plant that is drawn at random; None for the plant itself.
+        task_stiffness: Of the posture task [1/s2].
+        goals: How many; None for the scenario's own number.
+        seed: Of all that is random: the root of the file, suite, experiment, a mark that no seed of identification
+            carries, and a number within the experiment.
+    """
+
+    suite: str
+    experiment: str
+    scenario: Scenario
+    plant: str
+    draw: int | None
+    task_stiffness: float
+    goals: int | None
+    seed: tuple[int, ...]
+
+    @property
+    def label(self) -> str:
+        """For people."""
+        robot = self.plant if self.draw is None else f"{self.plant} {self.draw}"
+        return f"{self.suite}, {self.experiment} on {robot} at {self.task_stiffness:g}/s2, seed {self.seed[-1]}"
+
+    @property
+    def seconds(self) -> float:
+        """Simulated time expected [s]."""
+        motion = self.scenario.motion
+        if isinstance(motion, Script):
+            length = motion.length
+        elif isinstance(motion, Sweeps):
+            dwells = 2 * len(motion.joints) * (2 * motion.sweeps + motion.setpoints)
+            length = dwells * sum(motion.dwell) / 2
+        else:
+            length = motion.period * (motion.count if self.goals is None else self.goals)
+        return self.scenario.settle + length
+
+
+@dataclass(frozen=True, kw_only=True)
+class Evaluation:
+    """All suites, with their scenarios by name.
+
+    Attributes:
+        root: Of all seeds.
+        suites: Experiments by name of the suite.
+        scenarios: By name.
+        digest: Of the file and, through it, of all scenarios; for results.
+    """
+
+    root: int
+    suites: dict[str, tuple[Experiment, ...]]
+    scenarios: dict[str, Scenario]
+    digest: str
+
+    @cached_property
+    def names(self) -> tuple[str, ...]:
+        """Of the suites."""
+        return tuple(self.suites)
+
+    def runs(self, suite: str, *, share: float = 1.0) -> tuple[Run, ...]:
+        """The takes of a suite, in their order.
+
+        Args:
+            suite: Its name.
+            share: Of the suite that is wanted, 0..1: fewer goals in each take, of sweeps fewer takes. For a first
+                look only; what is scored then is not the suite.
+
+        Raises:
+            UnknownNameError: No such suite.
+            ConfigError: That is no share.
+        """
+        if suite not in self.suites:
+            raise UnknownNameError("suite", suite, (*self.names, "all"))
+        if not 0 < share <= 1:
+            raise ConfigError(f"the share of a suite lies between 0 and 1, got {share:g}")
+        runs = [run for experiment in self.suites[suite] for run in self._runs(suite, experiment)]
+        if share == 1.0:
+            return tuple(runs)
+        whole = [run for run in runs if not isinstance(run.scenario.motion, Setpoints | Holds)]
+        kept = {id(run) for run in whole[:: max(1, round(1 / share))]}
+        shorter = ((run, _shorter(run, share)) for run in runs)
+        return tuple(s if s is not None else run for run, s in shorter if s or id(run) in kept)
+
+    def _runs(self, suite: str, experiment: Experiment) -> Iterator[Run]:
+        scenario = self.scenarios[experiment.scenario]
+        for name in experiment.joints or (experiment.name,):
+            motion = scenario.motion
+            if experiment.joints and isinstance(motion, Sweeps):
+                motion = replace(motion, joints=(name,))
+            for number, (draw, stiffness, _) in enumerate(_each(experiment)):
+                for plant in experiment.plants:
+                    yield Run(
+                        suite=suite,
+                        experiment=name,
+                        scenario=replace(scenario, motion=motion, stiffness=stiffness),
+                        plant=plant,
+                        draw=draw,
+                        task_stiffness=stiffness,
+                        goals=experiment.goals,
+                        # The same motion on all plants, as far as pushes allow: results differ by the robot.
+                        seed=(
+                            self.root,
+                            crc32(suite.encode()),
+                            crc32(name.encode()),
+                            _MARK,
+                            number,
+                        ),
+                    )
+
+
+def _each(experiment: Experiment) -> Iterator[tuple[int | None, float, int]]:
+    """Draw, task stiffness and repetition of each take on one plant."""
+    for draw in range(experiment.draws) if experiment.draws else (None,):
+        for stiffness in experiment.task_stiffness:
+            for repetition in range(experiment.repetitions):
+                yield draw, stiffness, repetition
+
+
+def _shorter(run: Run, share: float) -> Run | None:
+    """A run with fewer goals; None where the motion has none."""
+    motion = run.scenario.motion
+    if not isinstance(motion, Setpoints | Holds):
+        return None
+    goals = motion.count if run.goals is None else run.goals
+    return replace(run, goals=max(1, round(goals * share)))
+
+
+def load_evaluation(robot: RobotConfig, path: Path | None = None) -> Evaluation:
+    """The suites, by default those of the package; scenarios lie in the folder beside the file.
+
+    Raises:
+        ConfigError: The file or a scenario is wrong, or was changed since it was frozen.
+    """
+    path = path or package_file(_FILE)
+    file = parse(_File, read_yaml(path), str(path))
+    changed = _changed(path, file)
+    if changed:
+        raise ConfigError(
+            f"{path}: changed since it was frozen: {', '.join(changed)}; undo the change, or freeze it anew with "
+            f"'{_CURE}' and fit all models again"
+        )
+    scenarios = {
+        name: load_scenario(_scenario_path(path, name), robot) for name in _scenario_names(file)
+    }
+    for suite, experiments in file.suites.items():
+        for number, experiment in enumerate(experiments):
+            _check(experiment, scenarios, robot, f"{path}: key 'suites.{suite}.{number}")
+    return Evaluation(
+        root=file.root,
+        suites=dict(file.suites),
+        scenarios=scenarios,
+        digest=hashlib.sha256(
+            json.dumps([file.frozen.suites, file.frozen.scenarios], sort_keys=True).encode()
+        ).hexdigest()[:16],
+    )
+
+
+def freeze(path: Path | None = None) -> None:
+    """Write the hashes of the suites and of their scenarios into the file.
+
+    Raises:
+        ConfigError: The file cannot be read or written, or has no suites.
+    """
+    path = path or package_file(_FILE)
+    data = read_yaml(path)
+    data["frozen"] = {"suites": "", "scenarios": {}}
+    file = parse(_File, data, str(path))
+    lines = ["frozen:", f"  suites: {_suites_hash(path)}", "  scenarios:"]
+    lines += [f"    {name}: {_hash(_scenario_path(path, name))}" for name in _scenario_names(file)]
+    try:
+        path.write_text(_unfrozen(path) + "\n".join(lines) + "\n", encoding="utf-8")
+    except OSError as error:
+        raise ConfigError(f"{path}: cannot be written ({error.strerror})") from error
+
+
+def _check(
+    experiment: Experiment, scenarios: dict[str, Scenario], robot: RobotConfig, where: str
+) -> None:
+    motion = scenarios[experiment.scenario].motion
+    for plant in experiment.plants:
+        if plant not in plant_names():
+            raise ConfigError(f"{where}.plants': {UnknownNameError('plant', plant, plant_names())}")
+    for joint in experiment.joints:
+        robot.joint_index(joint)
+    if experiment.joints and not isinstance(motion, Sweeps):
+        raise ConfigError(f"{where}.joints': only motion of kind sweeps takes joints")
+    if experiment.goals is not None and not isinstance(motion, Setpoints | Holds):
+        raise ConfigError(f"{where}.goals': motion of kind {motion.kind} has no goals")
+
+
+def _scenario_names(file: _File) -> tuple[str, ...]:
+    return tuple(sorted({e.scenario for suite in file.suites.values() for e in suite}))
+
+
+def _scenario_path(path: Path, name: str) -> Path:
+    return path.parent / FOLDER / f"{name}.yaml"
+
+
+def _changed(path: Path, file: _File) -> list[str]:
+    """Names of what is not as it was frozen."""
+    frozen = file.frozen.scenarios
+    names = [path.name] if _suites_hash(path) != file.frozen.suites else []
+    for name in _scenario_names(file):
+        scenario = _scenario_path(path, name)
+        if frozen.get(name) != _hash(scenario):
+            names.append(f"{FOLDER}/{name}.yaml")
+    return names
+
+
+def _text(path: Path) -> str:
+    try:
+        return path.read_text(encoding="utf-8")  # turns the line ends of all systems into one
+    except (OSError, UnicodeDecodeError) as error:
+        raise ConfigError(f"{path}: cannot be read ({error})") from error
+
+
+def _unfrozen(path: Path) -> str:
+    """The file as far as its own hash goes."""
+    text = _text(path)
+    return text.split("\nfrozen:")[0].rstrip("\n") + "\n"
+
+
+def _suites_hash(path: Path) -> str:
+    return hashlib.sha256(_unfrozen(path).encode()).hexdigest()
+
+
+def _hash(path: Path) -> str:
+    return hashlib.sha256(_text(path).encode()).hexdigest()
+
+
+def main() -> None:
+    """Freeze the suites of the package, and read them once."""
+    try:
+        freeze()
+        evaluation = load_evaluation(load_robot())
+    except ConfigError as error:
+        sys.exit(f"error: {error}")
+    print(f"frozen: {', '.join(evaluation.names)} ({evaluation.digest})")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,108 @@
+"""Follows how a joint differs today from when it was identified: friction, lag, load, offset, while nothing touches."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pepper_driver.observer.twin import TwinParameters
+
+FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
+
+QUANTITIES = ("friction", "lag", "load", "offset")
+
+PRIOR = np.array([0.25, 0.25, 0.5, 1.0])
+"""Standard deviation before anything is known, as shares of the identified values; the offset in OFFSET_UNIT."""
+
+UNKNOWN_LOAD = 0.15
+"""[N m] A load that no model knows may be on any joint: where the known one is smaller, its share may be larger."""
+
+LEAST_LOAD = 0.005
+"""[N m] A joint that bears less tells nothing by the share of its load."""
+
+WANDER = np.array([0.04, 0.02, 0.05, 0.1])
+"""By how much each may change in a minute."""
+
+OFFSET_UNIT = np.radians(0.1)
+NOISE = 3.0
+"""Times the spread of the free residual: its errors last for many samples, and count once."""
+
+WORN = 0.4
+"""Friction or lag beyond this share of what was identified: the joint is worn, and should be identified anew."""
+
+
+class Adaptation:
+    """Recursive least squares with forgetting (a Kalman filter on a random walk), four numbers a joint.
+
+    Args:
+        models: Of the joints; None where there is none.
+        spread: (n,) standard deviation of the residual in free motion [rad].
+        typical_load: (n,) root mean square of the desired load torque in free motion [N m].
+        period: Time between two updates [s].
+
+    Attributes:
+        share: (n, 4) deviation from the identified values, in the units of PRIOR.
+    """
+
+    def __init__(
+        self,
+        models: list[TwinParameters | None],
+        spread: FloatArray,
+        typical_load: FloatArray,
+        period: float,
+    ) -> None:
+        self._prior = np.tile(PRIOR, (len(models), 1))
+        unknown = UNKNOWN_LOAD / np.maximum(typical_load, LEAST_LOAD)
+        self._prior[:, 2] = np.fmax(self._prior[:, 2], unknown)
+        self._lag = np.array([np.nan if m is None else m.lag for m in models])
+        self._noise = (NOISE * spread) ** 2
+        self._wander = np.diag(WANDER**2 * period / 60.0)
+        self._count = len(models)
+        self.reset()
+
+    def reset(self) -> None:
+        """Back to the identified values."""
+        self.share = np.zeros((self._count, 4))
+        self._covariance = self._prior[:, :, None] ** 2 * np.eye(4)
+
+    def effects(self, friction: FloatArray, velocity: FloatArray, load: FloatArray) -> FloatArray:
+        """(n, 4) what a full share of each would add to the tracking error [rad].
+
+        Args:
+            friction: (n,) on the twins [rad].
+            velocity: (n,) of the twins [rad/s].
+            load: (n,) g tau_ld [rad].
+        """
+        effects = np.empty((len(load), 4))
+        effects[:, 0] = friction
+        np.multiply(self._lag, velocity, out=effects[:, 1])
+        effects[:, 2] = load
+        effects[:, 3] = OFFSET_UNIT
+        return effects
+
+    def uncertainty(self, effects: FloatArray) -> FloatArray:
+        """(n,) standard deviation of the expected tracking error for not knowing the shares better [rad]."""
+        seen = (self._covariance @ effects[:, :, None])[:, :, 0]
+        variance = (seen * effects).sum(axis=1)
+        deviation: FloatArray = np.sqrt(np.maximum(variance, 0.0))
+        return deviation
+
+    def update(self, residual: FloatArray, effects: FloatArray, free: BoolArray) -> None:
+        """Learn from the residual (n,) [rad] of the joints of ``free`` (n,) that nothing touches."""
+        seen = np.einsum("nij,nj->ni", self._covariance, effects)
+        scale = self._noise + np.einsum("ni,ni->n", effects, seen)
+        gain = np.where(free[:, None], seen / scale[:, None], 0.0)
+        self.share += gain * np.where(free, residual, 0.0)[:, None]
+        np.clip(self.share, -3.0 * self._prior, 3.0 * self._prior, out=self.share)
+        self._covariance -= gain[:, :, None] * seen[:, None, :]
+        self._covariance += self._wander
+        # No quantity gets less certain than at the start.
+        known = np.einsum("nii->ni", self._covariance)
+        shrink = np.sqrt(np.minimum(1.0, self._prior**2 / np.maximum(known, 1e-12)))
+        self._covariance *= shrink[:, :, None] * shrink[:, None, :]
+
+    @property
+    def worn(self) -> BoolArray:
+        """(n,) where friction or lag has grown beyond WORN."""
+        return (self.share[:, 0] > WORN) | (self.share[:, 1] > WORN)

@@ -1,0 +1,184 @@
+"""What the wheels should do in free motion, and how far they are from it: contacts on the base, and on a stiff trunk.
+
+The wheels' speed controllers answer their set-points nearly linearly, and so does the base to the limbs that the robot
+throws about: a finite impulse response from what was sent, and from the load on the legs, foretells the measured twist.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Annotated, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import ConfigDict, Field
+
+from pepper_driver.config import PepperError, RobotConfig
+from pepper_driver.config.loading import STRICT
+from pepper_driver.controller.tick import Tick
+from pepper_driver.observer.median import RecentLargest, RunningMedian
+from pepper_driver.observer.recording import Recording
+
+FloatArray = NDArray[np.float64]
+Triple = tuple[float, float, float]
+
+TAPS = 25
+"""Ticks of the impulse response: 0.3 s, by which the wheels have settled."""
+
+RIDGE = 1e-3  # of the mean square of the inputs
+
+STANDING = 0.005
+"""[m/s], [rad/s] A base that has been sent no faster for the length of the response stands."""
+
+MARGIN = 2.0
+"""Over the largest residual of the calibration."""
+
+HOLD = 0.3
+"""[s] For which a raised bound stays."""
+
+
+class BaseModelError(PepperError, ValueError):
+    """Values that make no model."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class BaseModel:
+    """Of the base's twist: vx [m/s], vy [m/s], wz [rad/s].
+
+    Attributes:
+        coefficients: One row of three per input: first those of this tick, then of the one before, and so on.
+        standing: Bounds of the residual while the base is told to stand.
+        driving: While it is told to drive.
+    """
+
+    __pydantic_config__: ClassVar[ConfigDict] = STRICT
+
+    coefficients: Annotated[tuple[Triple, ...], Field(min_length=1)]
+    standing: Triple
+    driving: Triple
+
+    def __post_init__(self) -> None:
+        if len(self.coefficients) % TAPS:
+            raise BaseModelError(f"'coefficients' must be a multiple of {TAPS} rows")
+        values = [*self.standing, *self.driving]
+        if not (np.isfinite(self.coefficients).all() and np.isfinite(values).all()):
+            raise BaseModelError("a value is not finite")
+        if min(values) <= 0.0:
+            raise BaseModelError("a bound must be above 0")
+
+
+class BaseSignal:
+    """Residual of the base, as a share of its bound: beyond 1 in size, something pushes.
+
+    Args:
+        model: Of the base.
+        robot: Its description.
+        window: Samples of the median.
+    """
+
+    def __init__(self, model: BaseModel, robot: RobotConfig, window: int) -> None:
+        self._coefficients = np.array(model.coefficients)
+        self._standing, self._driving = np.array(model.standing), np.array(model.driving)
+        self._legs = _legs(robot)
+        self._inverse = np.asarray(robot.wheels.inverse)
+        self._cycle, self._window = robot.cycle, window
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget everything but the model."""
+        self._inputs = np.zeros((TAPS, len(self._coefficients) // TAPS))
+        self._bound = RecentLargest(HOLD, self._cycle, 3)
+        self._median = RunningMedian(self._window, 3)
+        self._count = 0
+        self._blind = 0
+
+    def step(self, tick: Tick, late: bool) -> tuple[float, float]:
+        """Take in one tick; the residual before and after the filter, NaN while it cannot be judged.
+
+        Args:
+            tick: The cycle.
+            late: Whether its sample is late: wheels tell their speed of now only.
+        """
+        inputs = self._inputs
+        inputs[1:] = inputs[:-1]
+        sent = self._inverse @ tick.sent.wheel_speed
+        load = tick.reference.load_torque[self._legs]
+        inputs[0, :3] = sent
+        inputs[0, 3:] = load
+        if self._count == 0:
+            inputs[:, 3:] = load
+        self._count += 1
+        if not np.isfinite(inputs[0]).all():
+            inputs[0] = inputs[1]
+        twist = self._inverse @ tick.measurement.wheel_speed
+        if late or self._count < TAPS or not np.isfinite(twist).all():
+            self._blind = self._window
+        # The load enters by its change: the base feels accelerations, not weight.
+        known = inputs.copy()
+        known[:, 3:] -= known[-1, 3:]
+        error = known.ravel() @ self._coefficients - twist
+        stands = float(np.abs(inputs[:, :3]).max()) < STANDING
+        bound = self._bound.push(self._standing if stands else self._driving)
+        share = error / bound
+        filtered = self._median.push(np.nan_to_num(share))
+        if self._blind > 0:
+            self._blind -= 1
+            return np.nan, np.nan
+        worst = int(np.argmax(np.abs(filtered)))
+        return float(share[worst]), float(filtered[worst])
+
+
+def fit_base(robot: RobotConfig, recordings: Sequence[Recording], *, window: int) -> BaseModel:
+    """Identify the response on every other recording, and bounds that hold on all of them.
+
+    Args:
+        robot: Its description.
+        recordings: Two or more of free whole-body motion, the base moving.
+        window: Samples of the median.
+    """
+    fitted = [_regression(robot, recording) for recording in recordings[::2]]
+    rows, targets = zip(*fitted, strict=True)
+    x, y = np.concatenate(rows), np.concatenate(targets)
+    gram = x.T @ x
+    gram += RIDGE * np.mean(np.diag(gram)) * np.eye(len(gram))
+    coefficients = np.linalg.solve(gram, x.T @ y)
+    largest = {True: np.full(3, 1e-6), False: np.full(3, 1e-6)}
+    for recording in recordings:
+        known, twist = _regression(robot, recording)
+        error = known @ coefficients - twist
+        median = np.median(np.lib.stride_tricks.sliding_window_view(error, window, axis=0), axis=-1)
+        sent = np.abs(known.reshape(len(known), TAPS, -1)[:, :, :3]).max(axis=(1, 2))
+        stands = sent[window - 1 :] < STANDING
+        for case in (True, False):
+            seen = np.abs(median[stands == case])
+            if len(seen):
+                largest[case] = np.maximum(largest[case], seen.max(axis=0))
+    driving = np.maximum(largest[False], largest[True])
+    return BaseModel(
+        coefficients=tuple((float(a), float(b), float(c)) for a, b, c in coefficients),
+        standing=_triple(MARGIN * largest[True]),
+        driving=_triple(MARGIN * driving),
+    )
+
+
+def _regression(robot: RobotConfig, recording: Recording) -> tuple[FloatArray, FloatArray]:
+    """(n, inputs) known of each tick with TAPS - 1 before it; (n, 3) measured twist."""
+    inverse = np.asarray(robot.wheels.inverse)
+    sent = recording.sent_wheel_speed @ inverse.T
+    load = recording.load_torque[:, _legs(robot)]
+    inputs = np.hstack((sent, load))
+    windows = np.lib.stride_tricks.sliding_window_view(inputs, TAPS, axis=0)[:, :, ::-1]
+    known = windows.transpose(0, 2, 1).copy()
+    known[:, :, 3:] -= known[:, -1:, 3:]
+    twist = recording.wheel_speed[TAPS - 1 :] @ inverse.T
+    return known.reshape(len(known), -1), twist
+
+
+def _legs(robot: RobotConfig) -> list[int]:
+    return [robot.joint_index(name) for name in robot.chains["legs"]]
+
+
+def _triple(values: FloatArray) -> Triple:
+    a, b, c = map(float, values)
+    return a, b, c

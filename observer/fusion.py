@@ -1,0 +1,385 @@
+"""The residual of mode ``fusion``: twin and momentum channel together, their threshold, the torque behind it."""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pepper_driver.controller.tick import Tick
+from pepper_driver.observer.adaptation import OFFSET_UNIT, UNKNOWN_LOAD, Adaptation
+from pepper_driver.observer.base import BaseSignal
+from pepper_driver.observer.fusion_model import FusionModel
+from pepper_driver.observer.median import RecentLargest, RunningMedian
+from pepper_driver.observer.momentum import ErrorDerivatives, MomentumChannel
+from pepper_driver.observer.scale import START, BoundScale
+from pepper_driver.observer.signal import FULL_STIFFNESS, Signal
+from pepper_driver.observer.twin import PARAMETERS, Twins
+
+FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
+
+LATEST = 3
+"""Ticks by which a sample may be late and still be compared with what was expected for its time."""
+
+MOVING = 0.02
+"""[rad/s] Of the twin: a joint that is faster moves."""
+
+RESTING = 0.05
+"""[rad/s] Desired; a joint that shall move no faster can be held by its friction."""
+
+SPEED_MEMORY = 0.5
+"""[s] For which the largest desired speed is kept for the threshold."""
+
+THRESHOLD_MEMORY = 0.25
+"""[s] For which a raised threshold stays."""
+
+CHANGED_FACTOR = 2.0
+"""On the threshold while the safety gate alters a command: the load torque belongs to the command that was wanted."""
+
+REST_CORRECTION = 1.5
+"""[s] Within which the twin of a free joint at rest moves to where the joint rests."""
+
+UNCERTAINTY_FACTOR = 2.0
+"""Standard deviations, of not knowing the constants better, that a threshold rises by."""
+
+LEARN_PERIOD = 10
+"""Ticks between two updates of the constants."""
+
+FRICTION_SHARE = 0.5
+"""Of the friction that a push has turned round: gears hold some of it back."""
+
+DAHL = 0.003
+"""[rad] of motion within which friction turns round."""
+
+
+@dataclass(slots=True)
+class _Expected:
+    """What was expected for one tick; arrays (n,)."""
+
+    target: FloatArray
+    position: FloatArray
+    moves: BoolArray
+    friction: FloatArray
+    load: FloatArray
+    velocity: FloatArray
+    acceleration: FloatArray
+    remainder: FloatArray
+
+
+class FusionSignal:
+    """r = w r_twin + (1 - w) r_momentum, filtered by a short running median.
+
+    A joint is blind
+
+    - as long as it has no model;
+    - in a tick whose stiffness is below FULL_STIFFNESS, whose sample is later than LATEST ticks, or whose values are
+      not finite, and until the median window holds none of these samples any more. Its twin then starts from where
+      the joint is.
+
+    While the safety gate alters the command of a joint, and shortly after, its threshold rises by CHANGED_FACTOR.
+
+    Args:
+        models: By joint, None for those without.
+        cycle: Period of the ticks [s].
+        window: Samples of the median.
+        adapt: Whether to follow the joints as they change.
+        base: Residual of the base, if there is a model of it.
+    """
+
+    def __init__(
+        self,
+        models: list[FusionModel | None],
+        cycle: float,
+        *,
+        window: int,
+        adapt: bool,
+        base: BaseSignal | None = None,
+    ) -> None:
+        self._cycle, self._window, self._adapt = cycle, window, adapt
+        self._models = models
+        self._base = base
+        twins = [None if m is None else m.twin for m in models]
+        self._identified = {
+            name: np.array([np.nan if t is None else getattr(t, name) for t in twins])
+            for name in PARAMETERS
+        }
+        self._twins = Twins(self._identified, cycle)
+        self._momentum = MomentumChannel([None if m is None else m.momentum for m in models])
+        self._derivatives = ErrorDerivatives(cycle)
+        self._remainders = [None if m is None else m.remainder.predict_one for m in models]
+        self._bounds = [None if m is None else m.bound.predict_one for m in models]
+        self.no_model = np.array([m is None for m in models])
+        self.bounds = np.array([np.nan if m is None else m.largest_bound for m in models])
+
+        def pairs(name: str) -> tuple[FloatArray, FloatArray]:
+            both = np.array([(np.nan, np.nan) if m is None else getattr(m, name) for m in models])
+            return both[:, 0], both[:, 1]
+
+        self._weight, self._spread = pairs("weight"), pairs("spread")
+        typical = np.array([np.nan if m is None else m.typical_load for m in models])
+        self._adaptation = Adaptation(
+            twins, np.maximum(*self._spread), typical, LEARN_PERIOD * cycle
+        )
+        # A light joint may bear something in its hand that strays it far.
+        burden = UNKNOWN_LOAD * self._identified["load_gain"] / self.bounds
+        self._scale = BoundScale(
+            np.array([np.nan if m is None else m.median for m in models]),
+            np.fmax(START, burden),
+            cycle,
+        )
+        self._stiffness = 1.0 / self._identified["load_gain"]
+        self._integrates = np.array(
+            [
+                m is not None and m.twin.integral_rate > 0.0 and m.momentum.source == "current"
+                for m in models
+            ]
+        )
+        self._correction = cycle / REST_CORRECTION
+        self._median = RunningMedian(window, len(models))
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget everything but the models."""
+        n = len(self._models)
+        self._adaptation.reset()
+        self._scale.reset()
+        self._twins.set(self._identified)
+        self._derivatives.reset()
+        self._median.reset()
+        if self._base is not None:
+            self._base.reset()
+        self._past: deque[_Expected] = deque(maxlen=LATEST + 1)
+        self._speeds = RecentLargest(SPEED_MEMORY, self._cycle, n)
+        self._bounds_of_late = RecentLargest(THRESHOLD_MEMORY, self._cycle, n)
+        self._speed = np.zeros(n)
+        self._blind_ticks = np.zeros(n, dtype=np.int64)
+        self._slip = np.zeros(n)
+        self._last = np.zeros(n)
+        self._count = 0
+        self._integral = np.zeros(n)
+
+    def step(self, tick: Tick) -> Signal:
+        """Take in one tick."""
+        measurement, reference = tick.measurement, tick.reference
+        target, load_torque = tick.sent.position, reference.load_torque
+        with np.errstate(invalid="ignore", over="ignore"):
+            inputs = (
+                target
+                + load_torque
+                + reference.velocity
+                + reference.acceleration
+                + measurement.position
+                + measurement.current
+            )
+            bad = ~np.isfinite(inputs) | ~(tick.sent.stiffness >= FULL_STIFFNESS)
+        late = measurement.age / self._cycle
+        lost = not late < LATEST + 0.5  # NaN is lost too
+        late_ticks = 0 if lost else round(late)
+        bad |= lost
+        measured = measurement.position
+        if bad.any():
+            target, load_torque, measured = self._mended(tick, bad)
+        if not self._past:
+            self._twins.start(measured, target)
+        expected = self._expect(target, load_torque, tick, bad)
+        self._past.append(expected)
+        # A late sample answers an older command.
+        then = self._past[max(-1 - late_ticks, -len(self._past))]
+        residual, motor = self._residual(then, measured, measurement.current, bad)
+        raw = residual.copy()
+        raw[bad] = np.nan
+        filtered = self._median.push(np.where(bad, 0.0, residual))
+        self._blind_ticks = np.where(bad, self._window, np.maximum(self._blind_ticks - 1, 0))
+        blind = (self._blind_ticks > 0) | self.no_model
+        waking = blind & ~bad & ~self.no_model
+        self._relatch(bad | waking, measured, motor)
+        threshold, effects = self._threshold(tick, then)
+        torque, torque_std = self._torque(filtered, then, threshold)
+        expected_error = then.target - then.position + then.remainder
+        self._now = (filtered, then, measured, motor, effects, blind)
+        for values in (expected_error, filtered, threshold, torque, torque_std):
+            values[blind] = np.nan
+        base = (np.nan, np.nan)
+        if self._base is not None:
+            base = self._base.step(tick, lost or late_ticks > 0)
+        return Signal(
+            expected=expected_error,
+            raw=raw,
+            residual=filtered,
+            threshold=threshold,
+            torque=torque,
+            torque_std=torque_std,
+            band=self._band(then.load),
+            blind=blind,
+            base_raw=base[0],
+            base_residual=base[1],
+        )
+
+    def _mended(self, tick: Tick, bad: BoolArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Target, load torque and position with something harmless where they are not finite."""
+        position, target = tick.measurement.position, tick.sent.position
+        here = self._twins.position if self._past else np.zeros(len(bad))
+        position = np.where(np.isfinite(position), position, np.nan_to_num(here))
+        target = np.where(np.isfinite(target), target, position)
+        load = np.nan_to_num(tick.reference.load_torque, nan=0.0, posinf=0.0, neginf=0.0)
+        return target, load, position
+
+    def _expect(
+        self, target: FloatArray, load_torque: FloatArray, tick: Tick, bad: BoolArray
+    ) -> _Expected:
+        """Let the twins take the tick."""
+        twins, reference = self._twins, tick.reference
+        position = twins.step(target, load_torque)
+        velocity, acceleration = reference.velocity, reference.acceleration
+        remainder = np.array(
+            [
+                np.nan if predict is None else predict(v, a, load)
+                for predict, v, a, load in zip(
+                    self._remainders,
+                    velocity.tolist(),
+                    acceleration.tolist(),
+                    load_torque.tolist(),
+                    strict=True,
+                )
+            ]
+        )
+        return _Expected(
+            target=target,
+            position=position,
+            moves=np.abs(twins.velocity) > MOVING,
+            friction=twins.friction,
+            load=self._identified["load_gain"] * load_torque,
+            velocity=velocity,
+            acceleration=acceleration,
+            remainder=remainder,
+        )
+
+    def _residual(
+        self, then: _Expected, measured: FloatArray, current: FloatArray, bad: BoolArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """Fused residual and the motor's torque over K [rad]."""
+        error = then.target - measured
+        twin = then.position - measured - then.remainder
+        change, curvature = self._derivatives.step(error)
+        velocity = then.velocity - change
+        share = self._adaptation.share
+        load = then.load * (1.0 + share[:, 2]) + share[:, 3] * OFFSET_UNIT
+        momentum, motor = self._momentum.residual(
+            current=np.where(bad, 0.0, current),
+            drive=error + self._twins.integral,
+            velocity=velocity,
+            acceleration=then.acceleration - curvature,
+            resistance=then.friction + load,
+            expected=twin,
+        )
+        weight = np.where(then.moves, self._weight[1], self._weight[0])
+        return weight * twin + (1.0 - weight) * momentum, motor
+
+    def _threshold(self, tick: Tick, then: _Expected) -> tuple[FloatArray, FloatArray]:
+        """Threshold [rad], and the effects of the adapted quantities."""
+        speed = self._speed = np.abs(tick.reference.velocity)
+        largest = self._speeds.push(speed)
+        bound = np.array(
+            [
+                np.nan if predict is None else predict(s, a, m)
+                for predict, s, a, m in zip(
+                    self._bounds,
+                    speed.tolist(),
+                    np.abs(tick.reference.acceleration).tolist(),
+                    largest.tolist(),
+                    strict=True,
+                )
+            ]
+        )
+        self._calm = 0.5 * bound
+        if self._adapt:
+            bound = bound * self._scale.factor
+        if tick.changed.any():
+            bound = np.where(tick.changed, CHANGED_FACTOR * bound, bound)
+        effects = self._adaptation.effects(then.friction, self._twins.velocity, then.load)
+        if self._adapt:
+            doubt = UNCERTAINTY_FACTOR * self._adaptation.uncertainty(effects)
+            bound, self._calm = bound + doubt, self._calm + 0.5 * doubt
+        return self._bounds_of_late.push(bound), effects
+
+    def _torque(
+        self, residual: FloatArray, then: _Expected, threshold: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """External torque and its standard deviation [N m].
+
+        What the hand gives is the motor's answer and some of the friction that it turned round, which turns with the
+        motion that the residual shows (Dahl's model).
+        """
+        size = self._identified["friction"]
+        motion = self._last - residual  # of the joint, away from its twin
+        self._last = residual.copy()
+        touched = np.abs(residual) > 0.5 * threshold
+        slip = np.clip(self._slip + motion * (size / DAHL), -size, size)
+        self._slip = np.where(touched, slip, then.friction)
+        turned = np.where(touched, FRICTION_SHARE * (self._slip - then.friction), 0.0)
+        torque = self._stiffness * (turned - residual)
+        std = self._stiffness * np.hypot(
+            np.maximum(*self._spread), np.where(touched, 0.5 * size, 0.0)
+        )
+        return torque, std
+
+    def _band(self, load: FloatArray) -> FloatArray:
+        """From friction at rest in one direction to that in the other [rad]; 0 for a joint that shall move."""
+        p = self._identified
+        band = (p["friction"] + p["load_friction"] * np.abs(load)) * (1.0 + p["breakaway"])
+        return np.where(self._speed > RESTING, 0.0, band)
+
+    def learn(self, free: BoolArray, settled: BoolArray) -> None:
+        """Take in what the events make of the last tick.
+
+        Args:
+            free: (n,) joints that nothing touches, nor has shortly before.
+            settled: (n,) joints whose contact ended in this tick, and rest where friction holds them.
+        """
+        residual, then, measured, motor, effects, blind = self._now
+        self._relatch(settled & ~blind & (self._speed <= RESTING), measured, motor)
+        calm = free & ~blind & (np.abs(residual) < self._calm)
+        resting = calm & ~then.moves & (self._twins.velocity == 0.0)
+        if resting.any():
+            twins, pace = self._twins, np.where(resting, self._correction, 0.0)
+            twins.position = twins.position - pace * residual
+            twins.integral = twins.integral + pace * (
+                self._integral_of(measured, motor) - twins.integral
+            )
+        if not self._adapt:
+            return
+        self._scale.learn(residual, free & ~blind & (self._speed > RESTING))
+        self._count += 1
+        if self._count % LEARN_PERIOD:
+            return
+        self._adaptation.update(np.nan_to_num(residual), np.nan_to_num(effects), calm)
+        share = self._adaptation.share
+        p = self._identified
+        self._twins.set(
+            {
+                **p,
+                "friction": p["friction"] * np.maximum(1.0 + share[:, 0], 0.2),
+                "lag": p["lag"] * np.maximum(1.0 + share[:, 1], 0.2),
+                "load_gain": p["load_gain"] * (1.0 + share[:, 2]),
+                "offset": p["offset"] + share[:, 3] * OFFSET_UNIT,
+            }
+        )
+
+    def _relatch(self, where: BoolArray, measured: FloatArray, motor: FloatArray) -> None:
+        """Put the twins where the joints are: those that shall move on their way, the others held there by friction."""
+        if where.any():
+            velocity = self._past[-1].velocity
+            self._twins.put(
+                where,
+                measured,
+                np.where(np.abs(velocity) > RESTING, velocity, 0.0),
+                self._integral_of(measured, motor),
+            )
+
+    def _integral_of(self, measured: FloatArray, motor: FloatArray) -> FloatArray:
+        """What the boards have summed up, as far as their currents tell [rad]."""
+        seen = motor - (self._past[-1].target - measured)
+        return np.where(self._integrates, seen, self._twins.integral)

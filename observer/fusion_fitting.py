@@ -1,0 +1,320 @@
+"""Identifies the models of mode ``fusion`` from recordings of free motion."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from joblib import Parallel, delayed
+from numpy.typing import NDArray
+
+from pepper_driver.config import RobotConfig
+from pepper_driver.observer.base import BaseModel, fit_base
+from pepper_driver.observer.fusion import MOVING, RESTING, SPEED_MEMORY, FusionSignal
+from pepper_driver.observer.fusion_model import FusionModel
+from pepper_driver.observer.median import RecentLargest
+from pepper_driver.observer.momentum import ErrorDerivatives, MomentumParameters
+from pepper_driver.observer.momentum_signal import MomentumSignal
+from pepper_driver.observer.recording import Recording
+from pepper_driver.observer.tree import LEAF, CartTree
+from pepper_driver.observer.tree_fitting import AffineGrowth, fit_cart
+from pepper_driver.observer.twin import TwinParameters, Twins
+from pepper_driver.observer.twin_fitting import START_UP, fit_twin
+
+FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
+
+REMAINDER_LEAVES = 8
+REMAINDER_SHRINKAGE = 1000.0
+"""Strong: what the twin leaves is small, and the tree must not invent anything on faster motions."""
+
+MARGIN = 1.5
+"""Over the largest residual of the calibration."""
+
+FLOOR = np.radians(0.5)
+"""No threshold lies below this, however quiet the recordings: six steps of the encoder."""
+
+FLATNESS = 0.75
+"""No leaf of a threshold lies below this share of the highest one: the largest of few samples is no bound."""
+
+MOMENTUM_WINDOW = 11
+"""Samples of the median of the baseline ``momentum``, as in the paper."""
+
+BOUND_LEAVES = 5
+"""At most: each is to have seen many motions."""
+
+
+@dataclass(frozen=True)
+class _Played:
+    """A joint's twin beside a recording; arrays (n,) of the samples that count."""
+
+    features: FloatArray
+    twin: FloatArray
+    drive: FloatArray
+    moves: BoolArray
+    friction: FloatArray
+    load: FloatArray
+    velocity: FloatArray
+    acceleration: FloatArray
+    current: FloatArray
+
+
+def _play(joint: str, recording: Recording, parameters: TwinParameters, cycle: float) -> _Played:
+    index = recording.joint_names.index(joint)
+    twins, derivatives = Twins.of([parameters], cycle), ErrorDerivatives(cycle)
+    sent, measured = recording.sent_position[:, [index]], recording.position[:, [index]]
+    twins.start(measured[0], sent[0])
+    rows = []
+    for target, position, load in zip(
+        sent, measured, recording.load_torque[:, [index]], strict=True
+    ):
+        at = twins.step(target, load)
+        change, curvature = derivatives.step(target - position)
+        rows.append(
+            np.concatenate((at, twins.velocity, twins.friction, twins.integral, change, curvature))
+        )
+    at, speed, friction, integral, change, curvature = np.array(rows).T
+    error = recording.tracking_error(index)
+    counts = recording.usable(index).copy()
+    counts[: round(START_UP / cycle)] = False
+    features = recording.features(index)
+    played = _Played(
+        features=features,
+        twin=at - recording.position[:, index],
+        drive=error + integral,
+        moves=np.abs(speed) > MOVING,
+        friction=friction,
+        load=parameters.load_gain * features[:, 2],
+        velocity=features[:, 0] - change,
+        acceleration=features[:, 1] - curvature,
+        current=recording.current[:, index],
+    )
+    return _Played(**{name: getattr(played, name)[counts] for name in _Played.__annotations__})
+
+
+def fit_fusion(
+    robot: RobotConfig,
+    sweeps: Mapping[str, Sequence[Recording]],
+    shared: Mapping[str, str],
+    calibration: Sequence[Recording],
+    *,
+    window: int,
+    workers: int = -1,
+) -> tuple[dict[str, FusionModel], BaseModel | None]:
+    """Models of all joints, and of the base if it moves in the calibration.
+
+    Args:
+        robot: Its description.
+        sweeps: By joint, the estimation runs.
+        shared: By joint without a model of its own, whose it gets.
+        calibration: Free motion of the whole body that thresholds are chosen on.
+        window: Samples of the median.
+        workers: Processes; -1 for one per core. The result does not depend on it.
+    """
+    fits = Parallel(n_jobs=workers)(
+        delayed(fit_joint_fusion)(joint, recordings, robot.cycle)
+        for joint, recordings in sweeps.items()
+    )
+    models = dict(zip(sweeps, fits, strict=True))
+    models |= {joint: models[source] for joint, source in shared.items()}
+    drives = [recording for recording in calibration if np.any(recording.sent_wheel_speed)]
+    base = fit_base(robot, drives, window=window) if drives else None
+    return fit_bounds(models, calibration, robot.cycle, window=window), base
+
+
+def _joined(parts: Sequence[_Played]) -> _Played:
+    return _Played(
+        **{
+            name: np.concatenate([getattr(part, name) for part in parts])
+            for name in _Played.__annotations__
+        }
+    )
+
+
+def fit_joint_fusion(joint: str, recordings: Sequence[Recording], cycle: float) -> FusionModel:
+    """Everything but the threshold, which takes all joints at once; see :func:`fit_bounds`.
+
+    Args:
+        joint: Name of the joint.
+        recordings: The estimation runs.
+        cycle: Period of the ticks [s].
+    """
+    twin = fit_twin(joint, recordings, cycle)
+    data = _joined([_play(joint, recording, twin, cycle) for recording in recordings])
+    growth = AffineGrowth(data.features, data.twin, max_leaves=REMAINDER_LEAVES)
+    remainder = growth.cut(REMAINDER_LEAVES, REMAINDER_SHRINKAGE)
+    by_twin = data.twin - remainder.predict(data.features)
+    candidates = [_fit_voltage(data), _fit_current(data)]
+    errors = [_momentum_residual(data, parameters) for parameters in candidates]
+    best = int(np.argmin([error.std() for error in errors]))
+    weight, spread = [], []
+    for phase in (~data.moves, data.moves):
+        pair = np.stack((by_twin[phase], errors[best][phase]))
+        weight.append(_weight(pair))
+        fused = weight[-1] * pair[0] + (1.0 - weight[-1]) * pair[1]
+        spread.append(float(np.sqrt(np.mean(fused**2))))
+    return FusionModel(
+        twin=twin,
+        remainder=remainder,
+        momentum=candidates[best],
+        weight=(weight[0], weight[1]),
+        spread=(spread[0], spread[1]),
+        median=spread[1],
+        typical_load=float(np.sqrt(np.mean(data.features[:, 2] ** 2))),
+        bound=_constant(np.radians(2.5)),
+        momentum_bound=np.radians(2.5),
+    )
+
+
+def _weight(pair: FloatArray) -> float:
+    """Of the first of two errors (2, n): the share that makes the least mean square, within 0 and 1."""
+    square = pair @ pair.T / pair.shape[1]
+    spread = square[0, 0] + square[1, 1] - 2.0 * square[0, 1]
+    if spread <= 0.0:
+        return 1.0
+    return float(np.clip((square[1, 1] - square[0, 1]) / spread, 0.0, 1.0))
+
+
+def _fit_voltage(data: _Played) -> MomentumParameters:
+    needed = np.stack((data.acceleration, data.velocity, np.ones_like(data.load)), axis=1)
+    inertia, lag, offset = _bounded(needed, data.drive - data.friction - data.load, (0, 1))
+    return MomentumParameters(
+        source="voltage", torque_per_ampere=0.0, inertia=inertia, lag=lag, offset=offset
+    )
+
+
+def _fit_current(data: _Played) -> MomentumParameters:
+    resistance = data.friction + data.load
+    signed = np.copysign(data.current, resistance + data.twin)
+    columns = np.stack(
+        (signed, -data.acceleration, -data.velocity, -np.ones_like(data.load)), axis=1
+    )
+    gain, inertia, lag, offset = _bounded(columns, resistance, (0, 1, 2))
+    return MomentumParameters(
+        source="current",
+        torque_per_ampere=max(gain, 1e-6),
+        inertia=inertia,
+        lag=lag,
+        offset=offset,
+    )
+
+
+def _bounded(columns: FloatArray, target: FloatArray, positive: tuple[int, ...]) -> list[float]:
+    """Least squares with some coefficients not below 0."""
+    from scipy.optimize import lsq_linear
+
+    lower = np.full(columns.shape[1], -np.inf)
+    lower[list(positive)] = 0.0
+    scale = np.maximum(np.sqrt(np.mean(columns**2, axis=0)), 1e-12)
+    solution = lsq_linear(columns / scale, target, bounds=(lower, np.inf))
+    values: list[float] = (solution.x / scale).tolist()
+    return values
+
+
+def _momentum_residual(data: _Played, parameters: MomentumParameters) -> FloatArray:
+    needed = (
+        parameters.inertia * data.acceleration
+        + parameters.lag * data.velocity
+        + data.friction
+        + data.load
+        + parameters.offset
+    )
+    if parameters.source == "voltage":
+        return data.drive - needed
+    return np.copysign(parameters.torque_per_ampere * data.current, needed + data.twin) - needed
+
+
+def _constant(value: float) -> CartTree:
+    return CartTree(feature=(LEAF,), threshold=(0.0,), left=(LEAF,), right=(LEAF,), value=(value,))
+
+
+def fit_bounds(
+    models: Mapping[str, FusionModel],
+    calibration: Sequence[Recording],
+    cycle: float,
+    *,
+    window: int,
+) -> dict[str, FusionModel]:
+    """The models with thresholds: MARGIN times the largest residual of calibration runs, by phase of the motion.
+
+    The residual is that of use: with adaptation, filter, and all joints moving at once. The runs must be free motion
+    that no model was fitted to.
+
+    Args:
+        models: By joint.
+        calibration: Recordings of free whole-body motion.
+        cycle: Period of the ticks [s].
+        window: Samples of the median.
+    """
+    names = calibration[0].joint_names
+    ordered = [models.get(name) for name in names]
+    residuals, phases, medians = [], [], []
+    for recording in calibration:
+        signal = FusionSignal(ordered, cycle, window=window, adapt=True)
+        everything, nothing = np.ones(len(names), dtype=bool), np.zeros(len(names), dtype=bool)
+        rows = []
+        for tick in recording.ticks():
+            rows.append(signal.step(tick).residual)
+            signal.learn(everything, nothing)
+        residual = np.abs(np.array(rows))
+        residual[: round(START_UP / cycle)] = np.nan
+        speed = np.abs(recording.velocity)
+        largest = RecentLargest(SPEED_MEMORY, cycle, len(names))
+        held = np.array([largest.push(row) for row in speed])
+        residuals.append(residual)
+        moving = np.where(speed > RESTING, residual, np.nan)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", RuntimeWarning)  # a joint that never moves has none
+            medians.append(np.nanmedian(moving, axis=0))
+        phases.append(np.stack((speed, np.abs(recording.acceleration), held), axis=2))
+    highest = np.fmax.reduce(medians)
+    strays = _momentum_strays(ordered, calibration, cycle)
+    residual, phase = np.concatenate(residuals), np.concatenate(phases)
+    result = dict(models)
+    for index, name in enumerate(names):
+        if name in models:
+            seen = np.isfinite(residual[:, index])
+            sizes, phases_seen = residual[seen, index], phase[seen, index]
+            result[name] = replace(
+                models[name],
+                bound=_bound(phases_seen, sizes),
+                momentum_bound=float(MARGIN * strays[index]) or models[name].momentum_bound,
+                # Of the run that strays most: it is the fastest.
+                median=float(highest[index]) if highest[index] > 0.0 else models[name].median,
+            )
+    return result
+
+
+def _bound(phase: FloatArray, residual: FloatArray) -> CartTree:
+    samples = max(len(residual) // BOUND_LEAVES, 1)
+    tree = fit_cart(phase, residual, min_samples_leaf=samples)
+    leaf = tree.leaf_of(phase)
+    highest = residual.max()
+    value = [
+        max(FLOOR, MARGIN * max(residual[leaf == node].max(), FLATNESS * highest))
+        if feature == LEAF
+        else 0.0
+        for node, feature in enumerate(tree.feature)
+    ]
+    return CartTree(
+        feature=tree.feature,
+        threshold=tree.threshold,
+        left=tree.left,
+        right=tree.right,
+        value=tuple(map(float, value)),
+    )
+
+
+def _momentum_strays(
+    models: list[FusionModel | None], calibration: Sequence[Recording], cycle: float
+) -> FloatArray:
+    """(n,) largest residual of the baseline ``momentum`` in free motion [rad]."""
+    unbounded = np.full(len(models), np.inf)
+    largest = np.zeros(len(models))
+    for recording in calibration:
+        signal = MomentumSignal(models, cycle, unbounded, MOMENTUM_WINDOW)
+        rows = np.abs([signal.step(tick).residual for tick in recording.ticks()])
+        largest = np.fmax(largest, np.fmax.reduce(rows[round(START_UP / cycle) :]))
+    return largest

@@ -1,0 +1,100 @@
+"""The residual of mode ``paper``: r = eps - eps_exp (Eq. 13) with eps_exp from trees (Eq. 12), and a running median."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pepper_driver.controller.tick import Tick
+from pepper_driver.observer.median import RunningMedian
+from pepper_driver.observer.recording import STALE_AGE
+from pepper_driver.observer.signal import FULL_STIFFNESS, Signal
+from pepper_driver.observer.tree import Tree
+
+FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
+
+
+class PaperSignal:
+    """Sec. III to V of the paper.
+
+    A joint is blind
+
+    - as long as it has no model;
+    - in a tick whose position the safety gate altered, whose stiffness is below FULL_STIFFNESS, whose sample is older
+      than STALE_AGE, or whose values are not finite, and until the median window holds none of these samples any more:
+      ``window`` ticks in all.
+
+    At the start the median is that of the samples there are.
+
+    Args:
+        trees: By joint, None for those without.
+        threshold: (n,) constant [rad].
+        window: Samples of the median.
+    """
+
+    def __init__(self, trees: list[Tree | None], threshold: FloatArray, window: int) -> None:
+        self._predict = [None if tree is None else tree.predict_one for tree in trees]
+        self._threshold = self.bounds = threshold
+        self._window = window
+        self.no_model = np.array([tree is None for tree in trees])
+        self._no_band = np.zeros(len(trees))
+        self._no_torque = np.full(len(trees), np.nan)
+        self._median = RunningMedian(window, len(trees))
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget everything but the models."""
+        self._blind_ticks = np.zeros(len(self._predict), dtype=np.int64)
+        self._median.reset()
+
+    def step(self, tick: Tick) -> Signal:
+        """Take in one tick; never raises for bad sensor values."""
+        measurement, reference = tick.measurement, tick.reference
+        expected = self._expected(tick)
+        with np.errstate(invalid="ignore", over="ignore"):
+            error = tick.sent.position - measurement.position
+            raw = error - expected
+            inputs = error + reference.velocity + reference.acceleration + reference.load_torque
+            bad = tick.changed | ~np.isfinite(inputs) | ~np.isfinite(raw)
+        bad |= ~(tick.sent.stiffness >= FULL_STIFFNESS)  # NaN is bad too
+        if not measurement.age <= STALE_AGE:
+            bad[:] = True
+        raw[bad] = np.nan
+        residual = self._median.push(raw)
+        self._blind_ticks = np.where(bad, self._window, np.maximum(self._blind_ticks - 1, 0))
+        blind = self._blind_ticks > 0
+        threshold = self._threshold.copy()
+        for values in (expected, residual, threshold):
+            values[blind] = np.nan
+        return Signal(
+            expected=expected,
+            raw=raw,
+            residual=residual,
+            threshold=threshold,
+            torque=self._no_torque.copy(),
+            torque_std=self._no_torque.copy(),
+            band=self._no_band,
+            blind=blind,
+        )
+
+    def learn(self, free: BoolArray, settled: BoolArray) -> None:
+        """Nothing: the models of the paper stay as they are."""
+
+    def _expected(self, tick: Tick) -> FloatArray:
+        """(n,) Eq. 12 of all joints [rad], NaN where there is no model."""
+        reference = tick.reference
+        return np.array(
+            [
+                math.nan if predict is None else predict(velocity, acceleration, load_torque)
+                for predict, velocity, acceleration, load_torque in zip(
+                    self._predict,
+                    reference.velocity.tolist(),
+                    reference.acceleration.tolist(),
+                    reference.load_torque.tolist(),
+                    strict=True,
+                )
+            ]
+        )

@@ -1,0 +1,70 @@
+"""What the residual stage of an observer hands to the stage that makes events of it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pepper_driver.controller.tick import Tick
+
+FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
+
+FULL_STIFFNESS = 0.99
+"""Models are identified on stiff joints: one with less follows its commands in another way."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Signal:
+    """Arrays (n,), NaN where a joint is blind.
+
+    Attributes:
+        expected: Expected tracking error [rad].
+        raw: r before the filter [rad]; NaN only where this very sample cannot be judged.
+        residual: r, filtered [rad].
+        threshold: Of a contact [rad].
+        torque: External torque [N m]; NaN where there is no estimate.
+        torque_std: Its standard deviation [N m].
+        band: By how much friction can hold a joint off its place [rad]; 0 where nothing is known of it.
+        blind: Joints that cannot be judged.
+        base_raw: Residual of the base before the filter, as a share of its bound; NaN where it cannot be judged.
+        base_residual: The same, filtered.
+    """
+
+    expected: FloatArray
+    raw: FloatArray
+    residual: FloatArray
+    threshold: FloatArray
+    torque: FloatArray
+    torque_std: FloatArray
+    band: FloatArray
+    blind: BoolArray
+    base_raw: float = np.nan
+    base_residual: float = np.nan
+
+
+class ResidualSignal(Protocol):
+    """Makes residuals of ticks.
+
+    Attributes:
+        no_model: (n,) joints without a model.
+        bounds: (n,) largest threshold of known joints in use as identified [rad].
+    """
+
+    no_model: BoolArray
+    bounds: FloatArray
+
+    def step(self, tick: Tick) -> Signal:
+        """Take in one tick; never raises for bad sensor values."""
+        ...
+
+    def learn(self, free: BoolArray, settled: BoolArray) -> None:
+        """Take in what the events make of the last tick: joints (n,) that nothing touches; joints just let go."""
+        ...
+
+    def reset(self) -> None:
+        """Forget everything but the models."""
+        ...

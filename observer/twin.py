@@ -1,0 +1,170 @@
+r"""The stick-slip twin: expected tracking error with the memory of friction, Eq. 7 and Eq. 11 of the paper in time.
+
+Eq. 12 maps the desired motion of one instant to the expected error. What a joint's error is also depends on how it came
+there: friction holds it on either side of its goal. The twin is a joint of its own, driven by what the real one is told
+and by the load it should bear, but never by what is measured. All its torques are divided by the stiffness
+K = Kp N Kt / R, so that they are angles:
+
+    J dv/dt = (x - q) + I - d v - friction - g tau_ld - offset,      dI/dt = ki (x - q)
+
+with x the position sent and friction of size F + load_friction |g tau_ld + offset|, ``breakaway`` times that at rest.
+The step is implicit in velocity and friction (Moreau's time stepping): it sticks exactly, and no step is too long.
+"""
+
+from __future__ import annotations
+
+from dataclasses import astuple, dataclass, fields
+from typing import ClassVar, Self
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import ConfigDict
+
+from pepper_driver.config import PepperError
+from pepper_driver.config.loading import STRICT
+
+FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
+
+
+class TwinError(PepperError, ValueError):
+    """Parameters that make no twin."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class TwinParameters:
+    """One joint's constants, lumped: torques are divided by its stiffness K and so are angles.
+
+    Attributes:
+        inertia: J / K of rotor and gear [s2].
+        lag: d / K, back-EMF and viscous friction [s].
+        friction: F / K [rad].
+        load_friction: Share of the load's angle that adds to the friction.
+        breakaway: Friction at rest over friction in motion, 1 or more.
+        load_gain: g = 1 / K [rad/(N m)], above 0.
+        offset: Constant part of the load [rad].
+        dead_band: Error that the board ignores [rad].
+        integral_rate: ki / kp of the board [1/s].
+        transport: By how many ticks the response is older, or younger if negative, than the backend says; -1 to 2.
+    """
+
+    # For reading from files: strict types, no unknown key.
+    __pydantic_config__: ClassVar[ConfigDict] = STRICT
+
+    inertia: float
+    lag: float
+    friction: float
+    load_friction: float
+    breakaway: float
+    load_gain: float
+    offset: float
+    dead_band: float
+    integral_rate: float
+    transport: float
+
+    def __post_init__(self) -> None:
+        if not np.isfinite(astuple(self)).all():
+            raise TwinError("a parameter is not finite")
+        for name in ("inertia", "lag", "friction", "load_friction", "dead_band", "integral_rate"):
+            if getattr(self, name) < 0.0:
+                raise TwinError(f"'{name}' is negative")
+        if self.load_gain <= 0.0 or self.breakaway < 1.0 or not -1.0 <= self.transport <= 2.0:
+            raise TwinError("load_gain above 0, breakaway of 1 or more, transport of -1 to 2")
+
+    @property
+    def stiffness(self) -> float:
+        """K = 1 / g [N m/rad]."""
+        return 1.0 / self.load_gain
+
+
+PARAMETERS = tuple(field.name for field in fields(TwinParameters))
+
+
+class Twins:
+    """Several twins side by side; arrays broadcast against the shape of the inputs.
+
+    Args:
+        parameters: By name of :class:`TwinParameters`, arrays of one shape, NaN for a joint without a model.
+        cycle: Period of the ticks [s].
+
+    Attributes:
+        position: Where the twins are [rad].
+        velocity: [rad/s]
+        integral: I of the twins' boards [rad].
+        friction: Friction on them, positive against positive motion [rad].
+    """
+
+    def __init__(self, parameters: dict[str, FloatArray], cycle: float) -> None:
+        self._cycle = cycle
+        self.set(parameters)
+        self._started = False
+
+    @classmethod
+    def of(cls, models: list[TwinParameters | None], cycle: float) -> Self:
+        """Twins of the joints that have parameters."""
+        return cls(
+            {
+                name: np.array([np.nan if m is None else getattr(m, name) for m in models])
+                for name in PARAMETERS
+            },
+            cycle,
+        )
+
+    def set(self, parameters: dict[str, FloatArray]) -> None:
+        """Other constants from the next step on."""
+        self._p = parameters
+        self._momentum = parameters["inertia"] / self._cycle
+        self._gain = 1.0 / (self._momentum + parameters["lag"] + self._cycle)
+        self._has_dead_band = bool((parameters["dead_band"] > 0.0).any())
+        self._has_integral = bool((parameters["integral_rate"] > 0.0).any())
+
+    def start(self, position: FloatArray, target: FloatArray) -> None:
+        """Stand still at ``position`` [rad], told ``target`` [rad]."""
+        self.position = np.array(position)
+        self.velocity = np.zeros_like(self.position)
+        self.integral = np.zeros_like(self.position)
+        self.friction = np.zeros_like(self.position)
+        self._sticks = np.ones(self.position.shape, dtype=np.bool_)
+        self._targets = (target, target, target)
+        self._started = True
+
+    def step(self, target: FloatArray, load_torque: FloatArray) -> FloatArray:
+        """One tick: the position sent [rad], the desired load torque [N m]. Returns where the twins are [rad]."""
+        p, dt = self._p, self._cycle
+        target = self._delayed(target)
+        load = p["load_gain"] * load_torque + p["offset"]
+        pull = target - self.position
+        if self._has_dead_band:
+            pull = pull - np.minimum(np.maximum(pull, -p["dead_band"]), p["dead_band"])
+        drive = self._momentum * self.velocity + pull - load
+        if self._has_integral:
+            drive += self.integral
+        friction = p["friction"] + p["load_friction"] * np.abs(load)
+        size = np.abs(drive)
+        moves = size > np.where(self._sticks, friction * p["breakaway"], friction)
+        signed = np.copysign(friction, drive)
+        self.friction = np.where(moves, signed, drive)
+        self.velocity = np.where(moves, (drive - signed) * self._gain, 0.0)
+        self._sticks = ~moves
+        self.position = self.position + dt * self.velocity
+        if self._has_integral:
+            self.integral = self.integral + p["integral_rate"] * dt * pull
+        return self.position
+
+    def put(
+        self, where: BoolArray, position: FloatArray, velocity: FloatArray, integral: FloatArray
+    ) -> None:
+        """Be at ``position`` [rad] with ``velocity`` [rad/s] and ``integral`` [rad], for the joints of ``where``."""
+        self.position = np.where(where, position, self.position)
+        self.velocity = np.where(where, velocity, self.velocity)
+        self.integral = np.where(where, integral, self.integral)
+        self._sticks = np.where(where, velocity == 0.0, self._sticks)
+
+    def _delayed(self, target: FloatArray) -> FloatArray:
+        """The target as old as the response, between ticks by a line; one that is to come, by the last two."""
+        _, before, now = self._targets = (*self._targets[1:], target)
+        older = self._targets[0]
+        late = self._p["transport"]
+        first, second = np.minimum(late, 1.0), np.maximum(late - 1.0, 0.0)
+        delayed: FloatArray = now + first * (before - now) + second * (older - before)
+        return delayed

@@ -1,0 +1,185 @@
+"""``pepper evaluate``: how well observers feel, beside their baselines, on seeded runs or labelled recordings."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.console import Console
+from rich.table import Table
+
+from pepper_driver.cli.console import (
+    JsonOption,
+    check_outputs,
+    make_console,
+    make_progress,
+    save_json,
+)
+from pepper_driver.config import ConfigError, load_robot
+from pepper_driver.config.evaluation import load_evaluation
+from pepper_driver.evaluation.contestants import DEFAULTS, contestants
+from pepper_driver.evaluation.evaluate import evaluate
+from pepper_driver.evaluation.figures import check_plotting
+from pepper_driver.evaluation.jobs import QUICK, log_jobs, suite_jobs
+from pepper_driver.evaluation.markdown import number
+from pepper_driver.evaluation.metrics import RECALL_BINS, Metrics
+from pepper_driver.evaluation.report import write_report
+from pepper_driver.evaluation.results import Evaluation
+from pepper_driver.evaluation.takes import DEFAULT_CACHE
+from pepper_driver.output import make_folder
+
+ALL = "all"
+
+
+def evaluate_command(
+    suite: Annotated[
+        str | None,
+        typer.Option(
+            metavar="A,B", help="What to perform: paper, free, collision, fit, ..., or all."
+        ),
+    ] = None,
+    mode: Annotated[
+        str | None,
+        typer.Option(
+            metavar="A,B",
+            help=f"Observers: {', '.join(DEFAULTS)}, or of other packages; else all that have models.",
+        ),
+    ] = None,
+    models: Annotated[
+        list[Path] | None,
+        typer.Option(metavar="FILE", help="Model file in place of the shipped one of its kind."),
+    ] = None,
+    workers: Annotated[
+        int | None, typer.Option(help="Processes; by default one per core.", min=1)
+    ] = None,
+    json_file: JsonOption = None,
+    report: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="Also write a page with all tables and pictures."),
+    ] = None,
+    cache: Annotated[
+        Path,
+        typer.Option(metavar="DIR", help="Keep the runs here, and take those that are here."),
+    ] = DEFAULT_CACHE,
+    quick: Annotated[
+        bool, typer.Option("--quick", help="Few and short runs: to try, not to quote.")
+    ] = False,
+    log: Annotated[
+        list[Path] | None,
+        typer.Option(metavar="FILE", help="Score a recording of 'pepper record --label' instead."),
+    ] = None,
+    more_logs: Annotated[
+        list[Path] | None, typer.Argument(metavar="FILE...", help="More recordings, after --log.")
+    ] = None,
+) -> int:
+    """Step observers over seeded simulated runs and score what they feel, or over labelled recordings."""
+    console = make_console()
+    logs = [*(log or []), *(more_logs or [])]
+    if more_logs and not log:
+        raise ConfigError(f"{more_logs[0]}: recordings come after --log")
+    robot = load_robot()
+    frozen = None if logs else load_evaluation(robot)
+    if bool(logs) == (suite is not None):
+        known = "" if frozen is None else f"; suites: {', '.join((*frozen.names, ALL))}"
+        raise ConfigError(f"give either --suite or --log{known}")
+    check_outputs(json_file)
+    if report is not None:
+        if report.suffix != ".md":
+            raise ConfigError(f"{report}: a report is Markdown and ends in .md")
+        check_plotting()
+        make_folder(report.parent)
+        check_outputs(report)
+    chosen = contestants(None if mode is None else _names(mode), models or [], robot)
+    if frozen is None:
+        jobs = log_jobs(logs)
+    else:
+        suites = _names(suite or "")
+        suites = frozen.names if ALL in suites else suites
+        jobs = suite_jobs(frozen, suites, robot, quick=quick, cache=cache)
+        make_folder(cache)
+    with make_progress(console, count=True) as progress:
+        bar = progress.add_task("evaluating", total=len(jobs))
+        result = evaluate(
+            jobs,
+            chosen,
+            workers=workers or -1,
+            digest=None if frozen is None else frozen.digest,
+            share=QUICK if quick and frozen is not None else 1.0,
+            progress=lambda done, _: progress.update(bar, completed=done),
+        )
+    _print(console, result)
+    save_json(json_file, result.as_json(), console)
+    if report is not None:
+        what = f"--suite {suite}" if suite else f"--log {' '.join(path.name for path in logs)}"
+        options = (f" --mode {mode}" if mode else "") + (" --quick" if quick else "")
+        command = f"pepper evaluate {what}{options} --report {report.name}"
+        write_report(result, report, robot, command)
+        console.print(f"report: {report}")
+    return 1 if result.failures else 0
+
+
+def _names(text: str) -> tuple[str, ...]:
+    return tuple(dict.fromkeys(name.strip() for name in text.split(",")))
+
+
+def _print(console: Console, result: Evaluation) -> None:
+    """A table for each suite, with a column for each observer; what is missing below."""
+    where = "in simulation" if result.simulated else "in recordings"
+    for suite in result.suites:
+        columns = {
+            m: _cells(suites[suite]) for m, suites in result.modes.items() if suite in suites
+        }
+        if not columns:
+            continue
+        hours = sum(take.seconds for take in result.takes if take.suite == suite) / 3600.0
+        table = Table(title=f"{suite}: {hours:.2f} hours {where}", title_justify="left")
+        table.add_column("")
+        for mode in columns:
+            table.add_column(mode, justify="right")
+        for name in dict.fromkeys(name for cells in columns.values() for name in cells):
+            row = [cells.get(name, "-") for cells in columns.values()]
+            if any(cell != "-" for cell in row):
+                table.add_row(name, *row)
+        console.print(table)
+    for note in result.notes:
+        console.print(note)
+    for failure in result.failures:
+        console.print(f"failed: {failure.title}: {failure.reason}")
+
+
+def _cells(metrics: Metrics) -> dict[str, str]:
+    """Figures by what they are; a dash where there is none."""
+    tests = [fit.test for fit in metrics.fit.values() if fit.test is not None]
+    estimations = [fit.estimation for fit in metrics.fit.values() if fit.estimation is not None]
+    free, pushed, delay, torque = (
+        metrics.free_motion,
+        metrics.with_pushes,
+        metrics.delay_ms,
+        metrics.torque,
+    )
+    rebound = metrics.rebound
+    return {
+        "fit %, estimation": number(_mean(estimations), 1),
+        "fit %, test": number(_mean(tests), 1),
+        **{f"{name}, FP/FN/TP": f"{c.fp}/{c.fn}/{c.tp}" for name, c in metrics.table1.items()},
+        "false, free motion": str(free.fp) if free else "-",
+        "  per hour, 95 % bound": number(free.fp_per_hour_upper95) if free else "-",
+        "false, with pushes": str(pushed.fp) if pushed else "-",
+        **{f"felt, {name} deg": number(metrics.recall[name], 3) for name in RECALL_BINS},
+        "felt, all": number(metrics.recall_overall, 3),
+        "felt on trunk": number(metrics.recall_trunk, 3),
+        "felt on fingers": number(metrics.recall_hands, 3),
+        "delay ms, median/p90": f"{delay.median:.0f}/{delay.p90:.0f}" if delay else "-",
+        "direction": number(metrics.direction, 3),
+        "joint after 150 ms": number(metrics.isolation["150"], 3),
+        "torque R2": number(torque.r2 if torque else None, 3),
+        "rebounds told": number(rebound.recall if rebound else None, 3),
+        "threshold deg": number(metrics.threshold_deg.p50 if metrics.threshold_deg else None),
+        "us per tick": number(metrics.latency_us.median, 0),
+    }
+
+
+def _mean(values: Sequence[float]) -> float | None:
+    return sum(values) / len(values) if values else None

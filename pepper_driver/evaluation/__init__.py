@@ -1,0 +1,1 @@
+"""Proves observers: performs seeded runs, steps observers over them, scores what they tell, writes the results."""

@@ -1,0 +1,149 @@
+"""What an evaluation found: figures of each observer by suite, and what they were taken from."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, fields
+from typing import Any
+
+from pepper_driver.config import load_observer_settings, load_robot
+from pepper_driver.evaluation.metrics import Metrics
+from pepper_driver.evaluation.trace import Trace
+
+_HOME = {
+    "fit": ("fit", "fit_gap_closed"),
+    "paper": ("table1",),
+    "free": ("free_motion", "threshold_deg", "threshold_nm", "latency_us", "coverage"),
+}
+"""The suite whose answer counts for a figure, where it was evaluated; for any other it is ``collision``."""
+_MAIN = "collision"
+
+
+@dataclass(frozen=True, kw_only=True)
+class TakeInfo:
+    """What a take was."""
+
+    suite: str
+    experiment: str
+    plant: str
+    seed: int
+    seconds: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class Failure:
+    """A take that gave no result, or an observer that gave none for it."""
+
+    title: str
+    reason: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class Evaluation:
+    """All results.
+
+    Attributes:
+        suites: In the order in which they were asked for.
+        modes: By name and suite.
+        takes: What was evaluated.
+        failures: What was not.
+        notes: Who did not take part, and why.
+        traces: For pictures.
+        date: Day of the run, UTC.
+        versions: Of the packages that matter.
+        digest: Of the frozen suites; None for recordings.
+        share: Of the suites that was performed.
+    """
+
+    suites: tuple[str, ...]
+    modes: dict[str, dict[str, Metrics]]
+    takes: tuple[TakeInfo, ...]
+    failures: tuple[Failure, ...]
+    notes: tuple[str, ...]
+    traces: tuple[Trace, ...] = field(repr=False)
+    date: str
+    versions: dict[str, str]
+    digest: str | None = None
+    share: float = 1.0
+
+    @property
+    def simulated(self) -> bool:
+        """Whether the takes come from simulation; else from recordings."""
+        return self.digest is not None
+
+    @property
+    def hours(self) -> float:
+        """Length of all takes [h]."""
+        return sum(take.seconds for take in self.takes) / 3600.0
+
+    def suite_of(self, key: str, mode: str) -> str:
+        """The suite whose answer counts for a figure: the one that is about it, else the first that has it."""
+        by_suite = self.modes[mode]
+        home = next((suite for suite, keys in _HOME.items() if key in keys), _MAIN)
+        order = [suite for suite in (home, *by_suite) if suite in by_suite]
+        return next((s for s in order if not _empty(by_suite[s].as_json()[key])), order[0])
+
+    def headline(self, mode: str) -> dict[str, Any]:
+        """The figures of a mode, each from its :meth:`suite_of`, which ``suite_of`` tells."""
+        by_suite = {suite: metrics.as_json() for suite, metrics in self.modes[mode].items()}
+        keys = [field.name for field in fields(Metrics)]
+        origin = {key: self.suite_of(key, mode) for key in keys}
+        return {**{key: by_suite[origin[key]][key] for key in keys}, "suite_of": origin}
+
+    def fit_loss(self, mode: str) -> dict[str, dict[str, float]]:
+        """What models lose on joints that they were not fitted to: suite, joint, points of the test fit.
+
+        ``mirror``: to the other side's fit; ``types``: to the fit of the joint with a model of its own.
+        """
+        suites, robot = self.modes[mode], load_robot()
+        other = {
+            n: robot.joint_names[i]
+            for n, (i, _) in zip(robot.joint_names, robot.mirror, strict=True)
+        }
+        own = (
+            {joint: fit.test for joint, fit in suites["fit"].fit.items()} if "fit" in suites else {}
+        )
+        losses: dict[str, dict[str, float]] = {}
+        for suite in ("mirror", "types"):
+            for joint, fit in suites[suite].fit.items() if suite in suites else ():
+                before = own.get(other[joint] if suite == "mirror" else joint)
+                if before is not None and fit.test is not None:
+                    losses.setdefault(suite, {})[joint] = before - fit.test
+        return losses
+
+    def as_json(self) -> dict[str, Any]:
+        """``modes.<name>`` holds the headline and, under ``suites``, each suite on its own.
+
+        ``paper`` is the paper's observer with the trees of the settings, under that name too.
+        """
+        names = {mode: mode for mode in self.modes}
+        tree = f"paper-{load_observer_settings().tree}"
+        if tree in names:
+            names = {"paper": tree, **names}
+        return {
+            "simulated": self.simulated,
+            "frozen": self.digest,
+            "share": self.share,
+            "date": self.date,
+            "versions": self.versions,
+            "suites": list(self.suites),
+            "hours": self.hours,
+            "plants": sorted({take.plant for take in self.takes}),
+            "seeds": list(dict.fromkeys(take.seed for take in self.takes)),
+            "failures": [{"title": f.title, "reason": f.reason} for f in self.failures],
+            "notes": list(self.notes),
+            "modes": {
+                name: {
+                    **self.headline(mode),
+                    "fit_loss": self.fit_loss(mode),
+                    "suites": {suite: m.as_json() for suite, m in self.modes[mode].items()},
+                }
+                for name, mode in names.items()
+            },
+        }
+
+
+def _empty(value: object) -> bool:
+    """Whether a figure says nothing."""
+    if isinstance(value, dict):
+        return all(_empty(part) or part == 0 for part in value.values())
+    return value is None

@@ -1,0 +1,284 @@
+"""What one observer's answer to one take is worth: every push on its own, and sums that add up over takes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pepper_driver.config import RobotConfig
+from pepper_driver.config.parts import FloatArray
+from pepper_driver.evaluation.takes import Take
+from pepper_driver.evaluation.watching import Watched
+from pepper_driver.observer import FittingError, JointState, Push, nrmse_fit, score
+from pepper_driver.observer.alarms import TRUNK, Alarm, alarms_of, limb_of
+from pepper_driver.observer.scoring import REBOUND_TIME, Felt
+
+Group = Literal["plain", "trunk", "saturated", "axis", "hand"]
+
+ISOLATION_TIMES = (0.0, 0.05, 0.15)
+"""[s] after the alarm at which the joint of a contact is looked at."""
+AXIS_DEGREES = 0.5
+"""[deg] A force on a limb that puts less on its joint runs along the joint's axis, or through it."""
+ONE_DEGREE = np.radians(1.0)
+THRESHOLD_STRIDE = 25
+"""One row in so many is kept of the thresholds in free motion: they change slowly."""
+FASTEST_ESTIMATION = 5.0
+"""[1/s2] task stiffness of the fastest estimation run; what is faster is a test run."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class PushScore:
+    """How one push was felt.
+
+    Attributes:
+        degrees: Its size [deg]; NaN where nobody measured it.
+        group: ``plain``, or why it is scored apart.
+        felt: Whether it was.
+        delay: From the onset of the force to the alarm [s]; None when it was not felt.
+        delay_from_1deg: From when its torque was 1 equivalent degree [s]; None too where it never was.
+        direction: Whether the sign was right on the joint that the alarm named; None for trunk and base.
+        isolation: Whether the joint was right, at ISOLATION_TIMES after the alarm; empty when it was not felt.
+    """
+
+    degrees: float
+    group: Group
+    felt: bool
+    delay: float | None = None
+    delay_from_1deg: float | None = None
+    direction: bool | None = None
+    isolation: tuple[bool, ...] = ()
+
+
+@dataclass(frozen=True, kw_only=True)
+class TorqueSums:
+    """Torque estimates within pushes, in equivalent radians; the sums are over the samples that have an estimate."""
+
+    samples: int = 0
+    estimated: int = 0
+    squared_error: float = 0.0
+    truth: float = 0.0
+    squared_truth: float = 0.0
+
+    def __add__(self, other: TorqueSums) -> TorqueSums:
+        return TorqueSums(
+            samples=self.samples + other.samples,
+            estimated=self.estimated + other.estimated,
+            squared_error=self.squared_error + other.squared_error,
+            truth=self.truth + other.truth,
+            squared_truth=self.squared_truth + other.squared_truth,
+        )
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class TakeScore:
+    """One observer on one take.
+
+    Attributes:
+        suite: Of the take.
+        experiment: Of the take.
+        seconds: Its length [s].
+        free: Whether nothing was pushed in it.
+        false: Contacts that no push explains.
+        pushes: Every push.
+        swings: Alarms that began after a release, on the pushed limb.
+        swings_told: Those that were called rebounds.
+        touches: Alarms that began during a push, on the pushed limb.
+        touches_mistold: Those that were called rebounds.
+        fit: By joint, NRMSE of the expected tracking error [%]; only of takes that test it.
+        fast: Whether it is a test run of a fit, not an estimation run.
+        threshold: (m, N) some thresholds while nothing touched the robot [rad].
+        torque: Sums of the torque estimates.
+        seen: (N,) ticks in which each joint was not blind.
+        ticks: Ticks of the take.
+        stiffness_constant: (N,) K of the plant [N m/rad].
+        step_us: (n,) wall time of each step [us].
+    """
+
+    suite: str
+    experiment: str
+    seconds: float
+    free: bool
+    false: int
+    pushes: tuple[PushScore, ...]
+    swings: int
+    swings_told: int
+    touches: int
+    touches_mistold: int
+    fit: dict[str, float]
+    fast: bool
+    threshold: FloatArray = field(repr=False)
+    torque: TorqueSums
+    seen: NDArray[np.int64] = field(repr=False)
+    ticks: int
+    stiffness_constant: FloatArray = field(repr=False)
+    step_us: FloatArray = field(repr=False)
+
+
+def score_take(take: Take, watched: Watched, robot: RobotConfig) -> TakeScore:
+    """Score what an observer said of a take."""
+    result = score(take.pushes, watched.contacts, robot)
+    felt = {id(f.push): f for f in result.felt}
+    swings, touches = _swings_and_touches(take, watched, result.felt, robot)
+    time = take.recording.time
+    return TakeScore(
+        suite=take.suite,
+        experiment=take.experiment,
+        seconds=float(time[-1] - time[0]) + robot.cycle,
+        free=not take.pushes,
+        false=len(result.false),
+        pushes=tuple(_score_push(take, p, felt.get(id(p)), robot) for p in take.pushes),
+        swings=len(swings),
+        swings_told=sum(alarm.begin.kind == "rebound" for alarm in swings),
+        touches=len(touches),
+        touches_mistold=sum(alarm.begin.kind == "rebound" for alarm in touches),
+        fit=_fit(take, watched),
+        fast=take.task_stiffness > FASTEST_ESTIMATION,
+        threshold=watched.threshold[_untouched(take)][::THRESHOLD_STRIDE],
+        torque=_torque(take, watched, robot),
+        seen=np.count_nonzero(watched.state != JointState.BLIND, axis=0),
+        ticks=len(time),
+        stiffness_constant=take.stiffness_constant,
+        step_us=watched.step_us,
+    )
+
+
+def _score_push(take: Take, push: Push, felt: Felt | None, robot: RobotConfig) -> PushScore:
+    group = _group(push, robot)
+    if felt is None:
+        return PushScore(degrees=push.degrees, group=group, felt=False)
+    detected = felt.contact.detection_time
+    passed = _passes_1deg(take, push, robot)
+    return PushScore(
+        degrees=push.degrees,
+        group=group,
+        felt=True,
+        delay=felt.delay,
+        delay_from_1deg=None if passed is None else detected - passed,
+        direction=_direction(take, felt, robot),
+        isolation=tuple(_is_there(felt, after, robot) for after in ISOLATION_TIMES),
+    )
+
+
+def _group(push: Push, robot: RobotConfig) -> Group:
+    if push.saturated or push.saturating:
+        return "saturated"
+    if push.joint in robot.hands.joints:
+        return "hand"
+    if push.joint is None:
+        return "trunk"
+    return "axis" if push.degrees < AXIS_DEGREES else "plain"
+
+
+def _is_there(felt: Felt, after: float, robot: RobotConfig) -> bool:
+    """Whether the contact was on the right joint a time after the alarm: as told by the first tick that is so late."""
+    grace = robot.cycle if after else 0.0
+    joint = felt.alarm.at(felt.contact.detection_time + after + grace).joint
+    if felt.push.joint is None:
+        return limb_of(joint, robot) == TRUNK
+    return joint == felt.push.joint
+
+
+def _direction(take: Take, felt: Felt, robot: RobotConfig) -> bool | None:
+    """Whether the alarm's sign is that of the true torque on the joint it names; None where that is hardly any."""
+    push, contact = felt.push, felt.contact
+    if contact.joint is None or push.direction == 0:
+        return None
+    if contact.joint == push.joint:
+        return contact.direction == push.direction
+    index = robot.joint_index(contact.joint)
+    torque = take.contact_torque[_during(take, push), index]
+    strongest = torque[np.argmax(np.abs(torque))] if len(torque) else 0.0
+    if not abs(strongest) / take.stiffness_constant[index] > ONE_DEGREE:
+        return None
+    return bool(np.sign(strongest) == contact.direction)
+
+
+def _passes_1deg(take: Take, push: Push, robot: RobotConfig) -> float | None:
+    """Clock at which the torque on the pushed joint first is 1 equivalent degree [s]."""
+    if push.joint is None:
+        return None
+    index = robot.joint_index(push.joint)
+    rows = np.flatnonzero(_during(take, push))
+    size = np.abs(take.contact_torque[rows, index]) / take.stiffness_constant[index]
+    above = rows[size >= ONE_DEGREE]
+    return float(take.recording.time[above[0]]) if len(above) else None
+
+
+def _during(take: Take, push: Push) -> NDArray[np.bool_]:
+    """(n,) rows while the force acts."""
+    time = take.recording.time
+    during: NDArray[np.bool_] = (time >= push.onset) & (time <= push.release)
+    return during
+
+
+def _untouched(take: Take) -> NDArray[np.bool_]:
+    """(n,) rows while no push acts, nor the joint swings back from one."""
+    time = take.recording.time
+    free = np.ones(len(time), dtype=np.bool_)
+    for push in take.pushes:
+        free &= (time < push.onset) | (time > push.release + REBOUND_TIME)
+    return free
+
+
+def _swings_and_touches(
+    take: Take, watched: Watched, felt: tuple[Felt, ...], robot: RobotConfig
+) -> tuple[list[Alarm], list[Alarm]]:
+    """Alarms on the pushed limb that began after the release, and those that began before it."""
+    swings, touches = [], []
+    first = {(f.contact.id, f.contact.detection_time) for f in felt}
+    for alarm in alarms_of(watched.contacts):
+        begin = alarm.begin
+        near = [
+            push
+            for push in take.pushes
+            if push.onset <= begin.detection_time <= push.release + REBOUND_TIME
+            and limb_of(push.joint, robot) == limb_of(begin.joint, robot)
+        ]
+        if not near:
+            continue
+        if begin.detection_time <= near[-1].release:
+            touches.append(alarm)
+        elif (begin.id, begin.detection_time) not in first:
+            swings.append(alarm)
+    return swings, touches
+
+
+def _fit(take: Take, watched: Watched) -> dict[str, float]:
+    """NRMSE of the expected error of the joint that the take is about, if it is about one and nobody pushes."""
+    recording = take.recording
+    if take.pushes or take.experiment not in recording.joint_names:
+        return {}
+    index = recording.joint_names.index(take.experiment)
+    expected = watched.expected[:, index]
+    usable = recording.usable(index) & np.isfinite(expected)
+    if not usable.any():
+        return {}
+    try:
+        fit = nrmse_fit(recording.tracking_error(index)[usable], expected[usable])
+    except FittingError:  # a joint that stood still
+        return {}
+    return {take.experiment: fit}
+
+
+def _torque(take: Take, watched: Watched, robot: RobotConfig) -> TorqueSums:
+    sums = TorqueSums()
+    for push in take.pushes:
+        if push.joint is None or _group(push, robot) != "plain":
+            continue
+        index = robot.joint_index(push.joint)
+        rows, unit = _during(take, push), take.stiffness_constant[index]
+        truth = take.contact_torque[rows, index] / unit
+        estimate = watched.torque[rows, index] / unit
+        known = np.isfinite(truth)
+        both = known & np.isfinite(estimate)
+        sums += TorqueSums(
+            samples=int(known.sum()),
+            estimated=int(both.sum()),
+            squared_error=float(np.sum((estimate[both] - truth[both]) ** 2)),
+            truth=float(truth[both].sum()),
+            squared_truth=float(np.sum(truth[both] ** 2)),
+        )
+    return sums

@@ -1,0 +1,318 @@
+"""Performs the runs of the evaluation suites on simulated robots, and keeps what came of them."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import warnings
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import asdict, dataclass, replace
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any, Self
+from urllib.parse import urlencode
+
+import numpy as np
+from joblib import Parallel, delayed
+from numpy.typing import NDArray
+
+from pepper_driver.backends import BackendError
+from pepper_driver.config import ConfigError, PepperError, RobotConfig, load_robot
+from pepper_driver.config.evaluation import Run
+from pepper_driver.config.loading import package_file
+from pepper_driver.config.parts import FloatArray
+from pepper_driver.controller import Tick
+from pepper_driver.observer import Observation, Push, Recording, RecordingBuilder
+from pepper_driver.output import make_folder, write_json
+from pepper_driver.robot import Pepper
+from pepper_driver.safety import FaultError
+from pepper_driver.staging import Stage
+
+DEFAULT_CACHE = Path("runs/evaluation/takes")
+
+TIPPED = 0.1
+"""[rad] of tilt: a robot that stands stays far below it, one that reaches it falls or nearly did."""
+
+FORMAT = 1
+"""Of the files in the cache; part of their key."""
+
+_SETTINGS = (
+    "pepper.urdf",
+    "pepper.yaml",
+    "limits.yaml",
+    "wheels.yaml",
+    "postures.yaml",
+    "controller.yaml",
+    "safety.yaml",
+    "self_collision.yaml",
+)
+
+_RECORDING, _TRUTH, _LABELS = "recording.npz", "truth.npz", "take.json"
+
+
+class TakeError(PepperError, RuntimeError):
+    """A take that is worth nothing: the robot fell, was stopped, or could not be pushed as planned."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Take:
+    """One performed run: what an observer may see, and the truth to score it with. n samples, N joints.
+
+    Attributes:
+        suite, experiment: Where it belongs.
+        plant: Name of the simulated robot.
+        draw: Which one of a plant that is drawn at random, else None.
+        identity: Hash of the simulated robot.
+        seed: Of its noise; unlike any other in the suites.
+        task_stiffness: Of the posture task [1/s2].
+        recording: What observers are stepped over.
+        pushes: In the order of their onset. Torque and degrees are the largest that really acted on the joint.
+        contact_torque: (n, N) true external torque, mean over each cycle [N m].
+        saturated: (n, N) where a motor board was at its limit.
+        stiffness_constant: (N,) K = kp N Kt / R [N m/rad].
+    """
+
+    suite: str
+    experiment: str
+    plant: str
+    draw: int | None = None
+    identity: str = ""
+    seed: int
+    task_stiffness: float
+    recording: Recording
+    pushes: tuple[Push, ...]
+    contact_torque: FloatArray
+    saturated: NDArray[np.bool_]
+    stiffness_constant: FloatArray
+
+    def save(self, folder: Path) -> None:
+        """Write it into a folder of its own; complete once ``take.json`` is there.
+
+        Raises:
+            PepperError: The place cannot be written to.
+        """
+        make_folder(folder)
+        self.recording.save(folder / _RECORDING)
+        partial = folder / f".{_TRUTH}.{os.getpid()}.part"
+        try:
+            with partial.open("wb") as file:
+                np.savez_compressed(
+                    file,
+                    allow_pickle=False,
+                    contact_torque=self.contact_torque,
+                    saturated=self.saturated,
+                    stiffness_constant=self.stiffness_constant,
+                )
+            os.replace(partial, folder / _TRUTH)
+        except OSError as error:
+            raise TakeError(f"{folder}: cannot be written ({error.strerror})") from error
+        finally:
+            partial.unlink(missing_ok=True)
+        labels = {key: getattr(self, key) for key in _labels()}
+        write_json(folder / _LABELS, {**labels, "pushes": [_as_json(push) for push in self.pushes]})
+
+    @classmethod
+    def load(cls, folder: Path, robot: RobotConfig) -> Self:
+        """Read what ``save`` wrote.
+
+        Raises:
+            TakeError: It is not there, damaged, or of another robot.
+        """
+        try:
+            labels: dict[str, Any] = json.loads((folder / _LABELS).read_text(encoding="utf-8"))
+            recording = Recording.load(folder / _RECORDING, robot)
+            with np.load(folder / _TRUTH, allow_pickle=False) as file:
+                truth = {name: file[name] for name in file.files}
+            pushes = tuple(Push(**_from_json(push)) for push in labels.pop("pushes"))
+            take = cls(**labels, recording=recording, pushes=pushes, **truth)
+            if not take.contact_torque.shape == take.saturated.shape == recording.position.shape:
+                raise TakeError("recording and truth are of different length")
+        except Exception as error:  # whatever the decoders make of damaged bytes
+            reason = " ".join(str(error).split()) or type(error).__name__
+            raise TakeError(f"{folder}: no take ({reason}); delete the folder") from error
+        return take
+
+
+@dataclass(frozen=True, kw_only=True)
+class FailedTake:
+    """A run that came to nothing, and why."""
+
+    run: Run
+    reason: str
+
+
+def take_uri(run: Run) -> str:
+    """The simulated robot of a run, with its noise."""
+    query: dict[str, str | int] = {"plant": run.plant, "seed": _noise(run)}
+    if run.draw is not None:
+        query["draw"] = run.draw
+    return f"mujoco://?{urlencode(query)}"
+
+
+def perform(run: Run, cache: Path | None = None) -> Take:
+    """Perform a run, or load it where it was performed before.
+
+    Args:
+        run: Of a suite.
+        cache: Folder of takes; None to perform it anyway, and keep nothing.
+
+    Raises:
+        TakeError: The robot fell, was stopped, or could not be pushed as planned.
+        PepperError: Plant or cache are not usable.
+    """
+    robot = load_robot()
+    pepper = Pepper(take_uri(run), observer=None, robot=robot)
+    folder = None if cache is None else cache / _key(run, pepper.backend.info.identity)
+    if folder is not None and (folder / _LABELS).is_file():
+        try:
+            return Take.load(folder, robot)
+        except TakeError:
+            pass  # damaged: performed again, and written anew
+    take = _performed(run, pepper)
+    if folder is not None:
+        take.save(folder)
+    return take
+
+
+def takes(
+    runs: Sequence[Run],
+    *,
+    workers: int = -1,
+    cache: Path | None = DEFAULT_CACHE,
+    progress: Callable[[int, int], None] | None = None,
+) -> Iterator[Take | FailedTake]:
+    """Perform runs in parallel; results come in their order and do not depend on ``workers``.
+
+    Args:
+        runs: Of one suite or several.
+        workers: Processes; -1 for one per core.
+        cache: See :func:`perform`.
+        progress: Told (runs done, runs in all) after each.
+    """
+    pool = Parallel(n_jobs=workers, return_as="generator", batch_size=1)
+    with warnings.catch_warnings():
+        # joblib warns of workers that it replaces while takes are long: nothing a user could act on.
+        warnings.filterwarnings("ignore", message="A worker stopped", category=UserWarning)
+        jobs = (delayed(_attempt)(run, cache) for run in runs)
+        for done, result in enumerate(pool(jobs), start=1):
+            if progress is not None:
+                progress(done, len(runs))
+            yield result
+
+
+def _attempt(run: Run, cache: Path | None) -> Take | FailedTake:
+    try:
+        return perform(run, cache)
+    except TakeError as error:
+        return FailedTake(run=run, reason=str(error))
+
+
+def _performed(run: Run, pepper: Pepper) -> Take:
+    robot, truth = pepper.config, pepper.backend.truth
+    builder = RecordingBuilder(robot)
+    torque: list[FloatArray] = []
+    saturated: list[NDArray[np.bool_]] = []
+    tilt = 0.0
+
+    def on_tick(tick: Tick, _: Observation | None) -> None:
+        nonlocal tilt
+        builder.append(tick)
+        torque.append(truth.contact_torque)
+        saturated.append(truth.saturated)
+        tilt = max(tilt, float(np.abs(truth.tilt).max()))
+
+    reason = ""
+    try:
+        stage = Stage(pepper, run.scenario, run.seed, count=run.goals)
+        with pepper:
+            stage.perform(on_tick=on_tick)
+    except (FaultError, BackendError, ConfigError) as error:
+        reason = str(error)
+    if tilt > TIPPED:
+        fell = f"it tipped by {np.degrees(tilt):.0f} deg"
+        reason = f"{fell}; {reason}" if reason else fell
+    if reason:
+        raise TakeError(f"{run.label}: {reason}")
+    recording = builder.finish()
+    contact_torque = np.array(torque)
+    return Take(
+        suite=run.suite,
+        experiment=run.experiment,
+        plant=run.plant,
+        draw=run.draw,
+        identity=pepper.backend.info.identity,
+        seed=_noise(run),
+        task_stiffness=run.task_stiffness,
+        recording=recording,
+        pushes=tuple(
+            _as_it_was(push, recording.time, contact_torque, truth.stiffness, robot)
+            for push in sorted(stage.pushes, key=lambda push: push.onset)
+        ),
+        contact_torque=contact_torque,
+        saturated=np.array(saturated),
+        stiffness_constant=truth.stiffness,
+    )
+
+
+def _as_it_was(
+    push: Push, time: FloatArray, torque: FloatArray, stiffness: FloatArray, robot: RobotConfig
+) -> Push:
+    """A push with the largest torque that it really put on its joint: no joint is quite where it was planned for."""
+    if push.joint is None:
+        return push
+    index = robot.joint_index(push.joint)
+    during = torque[(time >= push.onset) & (time <= push.release + robot.cycle), index]
+    if not len(during):
+        return push
+    peak = float(during[np.abs(during).argmax()])
+    return replace(
+        push,
+        torque=abs(peak),
+        direction=int(np.sign(peak)),
+        degrees=float(np.degrees(abs(peak) / stiffness[index])),
+    )
+
+
+def _noise(run: Run) -> int:
+    """Seed of a run's noise."""
+    where = (0 if run.draw is None else run.draw + 1, *run.plant.encode())
+    return int(np.random.SeedSequence((*run.seed, *where)).generate_state(1)[0])
+
+
+def _key(run: Run, identity: str) -> str:
+    """Name of the folder of a run: it changes with all that makes the take."""
+    scenario = asdict(run.scenario)
+    for key in ("source", "description"):
+        del scenario[key]
+    content = {
+        "format": FORMAT,
+        "version": version("pepper-driver"),
+        "source": _source_hash(),
+        "scenario": scenario,
+        "labels": [run.suite, run.experiment, run.plant, run.draw, run.goals],
+        "identity": identity,
+        "seed": run.seed,
+    }
+    digest = hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()[:16]
+    return f"{run.suite}-{run.experiment}-{run.plant}-{digest}"
+
+
+def _source_hash() -> str:
+    """Of the URDF and the settings by which a robot moves."""
+    parts = [package_file(name).read_bytes() for name in _SETTINGS]
+    return hashlib.sha256(b"".join(parts)).hexdigest()[:16]
+
+
+def _labels() -> tuple[str, ...]:
+    return ("suite", "experiment", "plant", "draw", "identity", "seed", "task_stiffness")
+
+
+def _as_json(push: Push) -> dict[str, Any]:
+    """NaN has no place in JSON."""
+    return {k: None if v != v else v for k, v in asdict(push).items()}
+
+
+def _from_json(push: dict[str, Any]) -> dict[str, Any]:
+    numbers = ("force", "torque", "degrees")
+    return {k: float("nan") if v is None and k in numbers else v for k, v in push.items()}

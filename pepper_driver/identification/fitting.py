@@ -1,0 +1,247 @@
+"""From recordings to models: how well each predicts, and from where on a residual means a contact."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from pepper_driver.backends import Backend
+from pepper_driver.config import RobotConfig, load_observer_settings
+from pepper_driver.config.parts import FloatArray
+from pepper_driver.identification.recordings import (
+    IdentificationRecordings,
+    JointRecordings,
+    mirror_joint,
+)
+from pepper_driver.observer import (
+    BaseModel,
+    FittingError,
+    JointModel,
+    ModelKind,
+    MotorParameters,
+    Recording,
+    expected_error,
+    fit_fusion,
+    fit_joint,
+    fit_joint_fusion,
+    free_threshold,
+    nrmse_fit,
+    predict_recording,
+)
+
+Predictor = Callable[[Recording], FloatArray]
+"""(n,) expected tracking error over a recording [rad]."""
+
+CLOSED_FORM = "closed form"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Fit:
+    """How well the tracking error of a joint is predicted, NRMSE [%].
+
+    Attributes:
+        estimation: Mean over the runs that the model was estimated from.
+        test: Of the joint's test run.
+    """
+
+    estimation: float
+    test: float
+
+
+class FittedModels(NamedTuple):
+    """By joint: the models, how well they predict, and the thresholds of the residual [rad]; and the base's model."""
+
+    models: dict[str, JointModel]
+    fits: dict[str, Fit]
+    thresholds: dict[str, float]
+    base: BaseModel | None = None
+
+
+def fit_models(
+    kind: ModelKind,
+    recordings: IdentificationRecordings,
+    robot: RobotConfig,
+    *,
+    mirror: bool = True,
+    share: bool = False,
+) -> FittedModels:
+    """Fit a model to each joint.
+
+    Args:
+        kind: Of the models.
+        recordings: What they are fitted to.
+        robot: Its description.
+        mirror: Also models of the other side, from the recordings seen in a mirror.
+        share: One model per motor type, that of the joint which :func:`model_sources` names.
+
+    Raises:
+        FittingError: Recordings that determine nothing.
+    """
+    if kind == "fusion":
+        return _fit_fusion(recordings, robot, mirror=mirror, share=share)
+    window = load_observer_settings().median_window
+    sources = model_sources(recordings, robot, mirror=mirror) if share else {}
+    fitted = FittedModels({}, {}, {})
+    # Joints that give their model away come before those that take it.
+    entries = recordings.entries(robot, mirror=mirror)
+    waiting = []
+    for entry in entries:
+        if sources.get(entry.joint, entry.joint) != entry.joint:
+            waiting.append(entry)
+            continue
+        model = fit_one(kind, entry.joint, entry.estimation)
+        _add(fitted, entry, model, None, window)
+    for entry in waiting:
+        source = sources[entry.joint]
+        _add(fitted, entry, fitted.models[source], fitted.fits[source].estimation, window)
+    return fitted
+
+
+def fit_one(kind: ModelKind, joint: str, recordings: Sequence[Recording]) -> JointModel:
+    """A model of one joint; of kind ``fusion``, without its thresholds."""
+    if kind == "fusion":
+        return fit_joint_fusion(joint, recordings, recordings[0].cycle)
+    return fit_joint(joint, recordings, kind)
+
+
+def _fit_fusion(
+    recordings: IdentificationRecordings, robot: RobotConfig, *, mirror: bool, share: bool
+) -> FittedModels:
+    """Fusion models; their thresholds are chosen on the calibration runs or, without these, on the test runs."""
+    sources = model_sources(recordings, robot, mirror=mirror) if share else {}
+    entries = list(recordings.entries(robot, mirror=mirror))
+    own = [entry for entry in entries if sources.get(entry.joint, entry.joint) == entry.joint]
+    models, base = fit_fusion(
+        robot,
+        {entry.joint: entry.estimation for entry in own},
+        {entry.joint: sources[entry.joint] for entry in entries if entry not in own},
+        recordings.calibration or [entry.test for entry in entries],
+        window=load_observer_settings().fusion_window,
+    )
+    fits = {}
+    for entry in entries:
+        predict = predictor(models[entry.joint], entry.joint)
+        test = mean_fit(entry, (entry.test,), predict)
+        runs = entry.estimation
+        fits[entry.joint] = Fit(
+            estimation=mean_fit(entry, runs, predict) if runs else test, test=test
+        )
+    return FittedModels(
+        models=dict(models),
+        fits=fits,
+        thresholds={name: model.largest_bound for name, model in models.items()},
+        base=base,
+    )
+
+
+def _add(
+    fitted: FittedModels,
+    entry: JointRecordings,
+    model: JointModel,
+    estimation: float | None,
+    window: int,
+) -> None:
+    """``estimation`` is that of the joint a shared model comes from."""
+    predict = predictor(model, entry.joint)
+    fitted.models[entry.joint] = model
+    fitted.fits[entry.joint] = Fit(
+        estimation=mean_fit(entry, entry.estimation, predict) if estimation is None else estimation,
+        test=mean_fit(entry, (entry.test,), predict),
+    )
+    try:
+        bound = free_threshold(entry.joint, entry.runs, model, window)
+    except FittingError:
+        raise
+    except ValueError as error:
+        raise FittingError(str(error)) from error
+    fitted.thresholds[entry.joint] = bound
+
+
+def model_sources(
+    recordings: IdentificationRecordings, robot: RobotConfig, *, mirror: bool = True
+) -> dict[str, str]:
+    """By joint, whose model it gets where motor types share: of each type the first joint with estimation runs.
+
+    A joint seen in a mirror gets the model of that joint as the mirror shows it.
+
+    Raises:
+        FittingError: No joint of a type has estimation runs.
+    """
+    types = {name: drive.type for name, drive in robot.motors.joints.items()}
+    first: dict[str, str] = {}
+    for entry in recordings.sweeps:
+        if entry.estimation:
+            first.setdefault(types[entry.joint], entry.joint)
+    sources = {}
+    recorded = {entry.joint for entry in recordings.sweeps}
+    for entry in recordings.sweeps:
+        if types[entry.joint] not in first:
+            raise FittingError(
+                f"{entry.joint}: no joint with a motor of type {types[entry.joint]} has estimation runs"
+            )
+        source = first[types[entry.joint]]
+        sources[entry.joint] = source
+        other = mirror_joint(entry.joint, robot)
+        if mirror and other not in recorded:
+            seen = mirror_joint(source, robot)
+            sources[other] = source if seen in recorded else seen
+    return sources
+
+
+def closed_form_fits(
+    backend: Backend, recordings: IdentificationRecordings, robot: RobotConfig, *, mirror: bool
+) -> dict[str, Fit]:
+    """How well Eq. 11 predicts with the true parameters of a simulated robot, by joint."""
+    fits = {}
+    for entry in recordings.entries(robot, mirror=mirror):
+        predict = _oracle(backend, robot, entry.joint)
+        test = mean_fit(entry, (entry.test,), predict)
+        runs = entry.estimation
+        fits[entry.joint] = Fit(
+            estimation=mean_fit(entry, runs, predict) if runs else test, test=test
+        )
+    return fits
+
+
+def mean_fit(entry: JointRecordings, runs: Sequence[Recording], predict: Predictor) -> float:
+    """Mean NRMSE fit over runs of a joint [%], as the paper has it.
+
+    Raises:
+        FittingError: A run shows no tracking error at all.
+    """
+    try:
+        scores = [nrmse_fit(run.tracking_error(entry.index), predict(run)) for run in runs]
+    except FittingError as error:
+        raise FittingError(f"{entry.joint}: {error}") from error
+    return float(np.mean(scores))
+
+
+def predictor(model: JointModel, joint: str) -> Predictor:
+    """What a model predicts for a joint."""
+    return lambda run: predict_recording(model, joint, run)
+
+
+def _oracle(backend: Backend, robot: RobotConfig, joint: str) -> Predictor:
+    """Eq. 11 with the plant's true parameters: what the method could know at best without friction's memory."""
+    plant, info = backend.truth.plant, backend.info
+    motor, ratio = robot.motors.of(joint), robot.motors.joints[joint].ratio
+    actuator = plant.actuator(joint)
+    friction = actuator.friction.contact
+    parameters = MotorParameters(
+        resistance=motor.resistance,
+        torque_constant=motor.torque_constant,
+        speed_constant=motor.torque_constant,
+        rotor_inertia=motor.rotor_inertia,
+        motor_damping=actuator.motor_damping,
+        ratio=ratio,
+        proportional_gain=actuator.kp,
+        derivative_gain=actuator.kd,
+        coulomb_friction=friction.motor + friction.link,
+        viscous_friction=friction.motor_viscous + friction.link_viscous,
+    )
+    return lambda run: expected_error(
+        parameters, run.features(run.joint_names.index(joint)), info.cycle
+    )

@@ -1,0 +1,259 @@
+"""The folder of an identification's recordings: one file per run, and a manifest that says what they are of."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import platform
+from collections.abc import Sequence
+from dataclasses import asdict
+from importlib.metadata import version
+from pathlib import Path
+from typing import Annotated, Literal
+
+from pydantic import Field
+from pydantic.dataclasses import dataclass
+
+from pepper_driver.backends import BackendInfo
+from pepper_driver.config import ConfigError, PepperError, RobotConfig, Scenario
+from pepper_driver.config.loading import STRICT, parse
+from pepper_driver.identification.recordings import IdentificationRecordings, JointRecordings
+from pepper_driver.identification.runs import Role, Run
+from pepper_driver.observer import Recording
+from pepper_driver.output import make_folder, write_json
+
+FORMAT: Literal[1] = 1
+MANIFEST = "manifest.json"
+SUFFIX = ".npz"
+
+_AGAIN = "give what was given then, or another folder"
+
+_COMPARED = {
+    "robot": "of the robot description",
+    "joint_names": "of a robot with the joints",
+    "identity": "of the robot",
+    "backend": "with the backend",
+    "scenario": "with the motion",
+    "scenario_hash": "with the content of the motion file",
+    "calibration": "with the calibration motion",
+    "calibration_hash": "with the content of the calibration file",
+    "seed": "with the seed",
+    "joints": "of the joints",
+    "tested": "for a test only of the joints",
+}
+"""What the runs depend on, and how to speak of it."""
+
+
+class RecordingFolderError(PepperError, ValueError):
+    """A folder of recordings is not complete, not of this robot, made in another way, or damaged."""
+
+
+@dataclass(frozen=True, kw_only=True, config=STRICT)
+class RunEntry:
+    """One run in the manifest; see :class:`pepper_driver.identification.runs.Run`."""
+
+    name: Annotated[str, Field(pattern=r"^\w+-\w+$")]
+    joint: str | None
+    role: Role
+    stiffness: float
+    seed: tuple[int, ...]
+    seconds: float
+
+
+@dataclass(frozen=True, kw_only=True, config=STRICT)
+class Manifest:
+    """What the recordings in a folder are of, and how they came about.
+
+    Attributes:
+        format: Of this file.
+        robot, joint_names: Of the robot's description.
+        backend: URI of the robot that was driven.
+        identity: Hash of the simulated robot, or the body id of a real one.
+        simulated: Whether it was a simulated one.
+        scenario, scenario_hash: The motion, by name and content.
+        calibration, calibration_hash: That of the whole body; None where there is none.
+        seed: Root of all that is random.
+        joints: With estimation runs and a test run.
+        tested: With a test run only.
+        versions: Of the software that recorded.
+        runs: In the order they are made.
+    """
+
+    format: Literal[1]
+    robot: str
+    joint_names: tuple[str, ...]
+    backend: str
+    identity: str
+    simulated: bool
+    scenario: str
+    scenario_hash: str
+    calibration: str | None
+    calibration_hash: str | None
+    seed: int
+    joints: tuple[str, ...]
+    tested: tuple[str, ...]
+    versions: dict[str, str]
+    runs: tuple[RunEntry, ...]
+
+
+def make_manifest(
+    robot: RobotConfig,
+    info: BackendInfo,
+    runs: Sequence[Run],
+    scenario: Scenario,
+    calibration: Scenario | None,
+    seed: int,
+) -> Manifest:
+    """The manifest of runs that are about to be made."""
+    estimated = {run.joint for run in runs if run.role == "estimation"}
+    swept = [run.joint for run in runs if run.role == "test" and run.joint is not None]
+    return Manifest(
+        format=FORMAT,
+        robot=robot.name,
+        joint_names=robot.joint_names,
+        backend=info.uri,
+        identity=info.identity,
+        simulated=not info.real_time,
+        scenario=scenario.name,
+        scenario_hash=scenario_hash(scenario),
+        calibration=None if calibration is None else calibration.name,
+        calibration_hash=None if calibration is None else scenario_hash(calibration),
+        seed=seed,
+        joints=tuple(joint for joint in swept if joint in estimated),
+        tested=tuple(joint for joint in swept if joint not in estimated),
+        versions={
+            "pepper_driver": version("pepper-driver"),
+            "numpy": version("numpy"),
+            "mujoco": version("mujoco"),
+            "python": platform.python_version(),
+        },
+        runs=tuple(
+            RunEntry(
+                name=run.name,
+                joint=run.joint,
+                role=run.role,
+                stiffness=run.scenario.stiffness,
+                seed=run.seed,
+                seconds=run.seconds,
+            )
+            for run in runs
+        ),
+    )
+
+
+def scenario_hash(scenario: Scenario) -> str:
+    """Hash of what a scenario makes the robot do: not of its description, nor of where the file lies."""
+    content = {k: v for k, v in asdict(scenario).items() if k not in ("source", "description")}
+    return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()[:16]
+
+
+def recording_path(folder: Path, name: str) -> Path:
+    """The file of a run."""
+    return folder / f"{name}{SUFFIX}"
+
+
+def open_folder(folder: Path, manifest: Manifest) -> None:
+    """Make the folder, or see that it was made for the same runs: then those that are there need not be made again.
+
+    Raises:
+        RecordingFolderError: It holds other things, or recordings of another robot or made with other arguments.
+        OutputError: It cannot be made.
+    """
+    if not (folder / MANIFEST).exists():
+        if folder.is_dir() and any(folder.glob(f"*{SUFFIX}")):
+            raise RecordingFolderError(
+                f"{folder}: holds recordings without a {MANIFEST}, nobody knows of what; take another folder"
+            )
+        make_folder(folder)
+        write_json(folder / MANIFEST, asdict(manifest))
+        return
+    there = read_manifest(folder)
+    for key, what in _COMPARED.items():
+        if key == "backend" and not there.simulated:
+            continue  # a real robot is known by its identity, whatever its address
+        old, new = getattr(there, key), getattr(manifest, key)
+        if old != new:
+            raise RecordingFolderError(
+                f"{folder}: these recordings were made {what} {_shown(old)}, not {_shown(new)}; {_AGAIN}"
+            )
+    make_folder(folder)
+
+
+def read_manifest(folder: Path) -> Manifest:
+    """The manifest in a folder.
+
+    Raises:
+        RecordingFolderError: In one line: file, reason, cure.
+    """
+    path = folder / MANIFEST
+    try:
+        data = json.loads(path.read_text(encoding="utf-8"))
+        if not isinstance(data, dict):
+            raise ValueError("it is no mapping")
+        return parse(Manifest, data, str(path))
+    except FileNotFoundError:
+        raise RecordingFolderError(
+            f"{folder}: no recordings there (no {MANIFEST}); record with 'pepper identify --recordings {folder}'"
+        ) from None
+    except OSError as error:
+        raise RecordingFolderError(f"{path}: cannot be read ({error.strerror})") from error
+    except ConfigError as error:
+        raise RecordingFolderError(f"{error}; record anew into another folder") from error
+    except (ValueError, RecursionError) as error:
+        raise RecordingFolderError(
+            f"{path}: damaged: {error}; record anew into another folder"
+        ) from error
+
+
+def finished(folder: Path, names: Sequence[str]) -> tuple[str, ...]:
+    """Those of the runs whose recording is there."""
+    return tuple(name for name in names if recording_path(folder, name).exists())
+
+
+def load_recordings(folder: Path, robot: RobotConfig) -> IdentificationRecordings:
+    """The recordings of an identification that is complete.
+
+    Raises:
+        RecordingFolderError: Runs are missing, or they are of another robot.
+        RecordingError: A file is damaged.
+    """
+    manifest = read_manifest(folder)
+    if (manifest.robot, manifest.joint_names) != (robot.name, robot.joint_names):
+        raise RecordingFolderError(
+            f"{folder}: recordings of robot '{manifest.robot}', not of '{robot.name}' as it is described here"
+        )
+    names = [run.name for run in manifest.runs]
+    there = finished(folder, names)
+    if len(there) < len(names):
+        missing = [name for name in names if name not in there]
+        raise RecordingFolderError(
+            f"{folder}: {len(missing)} of {len(names)} runs are missing, the first is {missing[0]}; the command that "
+            "began them continues"
+        )
+    runs = {
+        run.name: Recording.load(recording_path(folder, run.name), robot) for run in manifest.runs
+    }
+    swept = (*manifest.joints, *manifest.tested)
+    return IdentificationRecordings(
+        sweeps=tuple(
+            JointRecordings(
+                joint=joint,
+                estimation=_of(manifest, runs, joint, "estimation"),
+                test=_of(manifest, runs, joint, "test")[0],
+            )
+            for joint in swept
+        ),
+        calibration=_of(manifest, runs, None, "calibration"),
+    )
+
+
+def _of(
+    manifest: Manifest, runs: dict[str, Recording], joint: str | None, role: Role
+) -> tuple[Recording, ...]:
+    return tuple(runs[run.name] for run in manifest.runs if (run.joint, run.role) == (joint, role))
+
+
+def _shown(value: object) -> str:
+    if isinstance(value, tuple):
+        return ", ".join(map(str, value)) or "none"
+    return "none" if value is None else str(value)

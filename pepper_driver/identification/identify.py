@@ -1,0 +1,260 @@
+"""Identification of expected-error models: drive the robot in free motion, record, fit. Sec. IV of the paper."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from importlib.metadata import version
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import numpy as np
+
+from pepper_driver.backends import make_backend
+from pepper_driver.config import ConfigError, RobotConfig, Scenario, load_robot
+from pepper_driver.identification.driving import Confirm, Progress, record_missing
+from pepper_driver.identification.fitting import (
+    CLOSED_FORM,
+    Fit,
+    closed_form_fits,
+    fit_models,
+)
+from pepper_driver.identification.folder import (
+    Manifest,
+    load_recordings,
+    make_manifest,
+    open_folder,
+    read_manifest,
+)
+from pepper_driver.identification.quality import Finding, inspect_recordings
+from pepper_driver.identification.recordings import IdentificationRecordings, mirror_joint
+from pepper_driver.identification.runs import plan_runs, sweeps_of
+from pepper_driver.identification.sharing import SharedFit, shared_fits
+from pepper_driver.observer import TREE_TYPES, ModelKind, ModelSet
+from pepper_driver.staging import scenario_uri
+
+
+@dataclass(frozen=True, kw_only=True)
+class Identification:
+    """The models, how well they predict, and what is wrong with the recordings.
+
+    Attributes:
+        models: Of the chosen kind.
+        fits: By method and joint: the chosen kind first, then the trees of the paper, then, on a simulated robot, the
+            closed form of Eq. 11 with the plant's true parameters.
+        recorded: Joints that were recorded; the others that have models are their mirror images.
+        shared: Where motor types share models: what that costs.
+        findings: Why the models may be poor.
+    """
+
+    models: ModelSet
+    fits: dict[str, dict[str, Fit]]
+    recorded: tuple[str, ...]
+    shared: tuple[SharedFit, ...]
+    findings: tuple[Finding, ...]
+
+    def as_json(self) -> dict[str, Any]:
+        """``fit.<method>.<joint>.{estimation,test}``, ``threshold_deg.<joint>``, ``share.<joint>``, ``warnings``."""
+        return {
+            "fit": {
+                method: {joint: asdict(fit) for joint, fit in fits.items()}
+                for method, fits in self.fits.items()
+            },
+            "threshold_deg": {
+                joint: float(np.degrees(bound)) for joint, bound in self.models.threshold.items()
+            },
+            "identity": self.models.identity,
+            "recorded": list(self.recorded),
+            "share": {fit.joint: {**asdict(fit), "loss": fit.loss} for fit in self.shared},
+            "warnings": [asdict(finding) for finding in self.findings],
+        }
+
+
+def chosen_joints(
+    robot: RobotConfig,
+    scenario: Scenario,
+    joints: Sequence[str] | None,
+    *,
+    mirror: bool,
+    share: bool,
+) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Joints to identify, and joints to test only.
+
+    Args:
+        robot: Its description.
+        scenario: Motion of kind sweeps.
+        joints: Those asked for; None for the scenario's, and without ``mirror`` also those of the other side.
+        mirror: Whether the other side's models come from a mirror.
+        share: Whether of each motor type only the first joint is identified.
+    """
+    names = tuple(sweeps_of(scenario).joints if joints is None else joints)
+    if joints is None and not mirror:
+        both = (*names, *(mirror_joint(name, robot) for name in names))
+        names = tuple(dict.fromkeys(both))
+    if not share:
+        return names, ()
+    first: dict[str, str] = {}
+    for name in names:
+        robot.joint_index(name)
+        first.setdefault(robot.motors.joints[name].type, name)
+    kept = tuple(name for name in names if name in first.values())
+    return kept, tuple(name for name in names if name not in first.values())
+
+
+def record_joints(
+    uri: str,
+    joints: Sequence[str],
+    scenario: Scenario,
+    folder: Path,
+    *,
+    tested: Sequence[str] = (),
+    calibration: Scenario | None = None,
+    seed: int = 0,
+    workers: int = -1,
+    confirm: Confirm | None = None,
+    progress: Progress | None = None,
+) -> IdentificationRecordings:
+    """Drive each joint through its runs, then the whole body; what is in the folder already is not made again.
+
+    Args:
+        uri: The backend. A seed in it makes other noise, not other motion.
+        joints: Names of the joints to identify.
+        scenario: Motion of kind sweeps; its joints are those given here.
+        folder: For the recordings; made if need be.
+        tested: Joints with a test run only.
+        calibration: Free motion of the whole body; None for none.
+        seed: Root of the random motion and noise.
+        workers: Processes for simulated runs; -1 for one per core.
+        confirm: Asked before each run of a real robot in which legs or base move.
+        progress: Told how far it is.
+
+    Raises:
+        PepperError: A joint or backend that does not exist, recordings of something else in the folder, a robot that
+            refuses.
+    """
+    robot = load_robot()
+    runs = plan_runs(robot, joints, scenario, tested=tested, calibration=calibration, seed=seed)
+    uri = scenario_uri(uri, scenario)
+    _check_plant(scenario, calibration)
+    info = make_backend(uri, robot).info
+    open_folder(folder, make_manifest(robot, info, runs, scenario, calibration, seed))
+    record_missing(
+        uri,
+        runs,
+        folder,
+        robot,
+        real_time=info.real_time,
+        workers=workers,
+        confirm=confirm,
+        progress=progress,
+    )
+    return load_recordings(folder, robot)
+
+
+def _check_plant(scenario: Scenario, calibration: Scenario | None) -> None:
+    """One robot for all runs."""
+    if calibration is None:
+        return
+    for key in ("plant", "world"):
+        wanted = getattr(calibration, key)
+        if wanted is not None and wanted != getattr(scenario, key):
+            raise ConfigError(
+                f"{calibration.source}: key '{key}': the plant and world of all runs are those of '{scenario.name}'; "
+                "leave it out"
+            )
+
+
+def fit_folder(
+    folder: Path, kind: ModelKind, *, mirror: bool = True, share: bool = False
+) -> Identification:
+    """Fit models to the recordings in a folder; no robot is needed.
+
+    Args:
+        folder: Where :func:`record_joints` left them.
+        kind: Of the models.
+        mirror: Also models of the other side, from the recordings seen in a mirror.
+        share: One model per motor type.
+
+    Raises:
+        PepperError: Recordings that are missing, damaged, of another robot, or determine nothing.
+    """
+    robot = load_robot()
+    manifest, recordings = read_manifest(folder), load_recordings(folder, robot)
+    share = share or bool(manifest.tested)
+    fitted = fit_models(kind, recordings, robot, mirror=mirror, share=share)
+    fits: dict[str, dict[str, Fit]] = {kind: fitted.fits}
+    for other in TREE_TYPES:
+        if other != kind:
+            fits[other] = fit_models(other, recordings, robot, mirror=mirror, share=share).fits
+    fits |= _closed_form(manifest, recordings, robot, mirror=mirror)
+    return Identification(
+        models=ModelSet(
+            robot=robot.name,
+            joint_names=robot.joint_names,
+            identity=manifest.identity,
+            kind=kind,
+            cycle=robot.cycle,
+            estimation_fit={name: fit.estimation for name, fit in fitted.fits.items()},
+            test_fit={name: fit.test for name, fit in fitted.fits.items()},
+            threshold=fitted.thresholds,
+            version=version("pepper-driver"),
+            models=fitted.models,
+            base=fitted.base,
+            created_by=_command(manifest, kind, mirror=mirror, share=share),
+        ),
+        fits=fits,
+        recorded=tuple(entry.joint for entry in recordings.sweeps),
+        shared=shared_fits(kind, recordings, robot, fitted.fits) if share else (),
+        findings=inspect_recordings(recordings, fitted.models),
+    )
+
+
+def _closed_form(
+    manifest: Manifest, recordings: IdentificationRecordings, robot: RobotConfig, *, mirror: bool
+) -> dict[str, dict[str, Fit]]:
+    """That of a simulated robot, unless its plant has changed since."""
+    if not manifest.simulated:
+        return {}
+    backend = make_backend(manifest.backend, robot)
+    info = backend.info
+    if "truth" not in info.capabilities or info.identity != manifest.identity:
+        return {}
+    return {CLOSED_FORM: closed_form_fits(backend, recordings, robot, mirror=mirror)}
+
+
+def _command(manifest: Manifest, kind: ModelKind, *, mirror: bool, share: bool) -> str:
+    """The command that makes these models again."""
+    options = [
+        f"--backend {manifest.backend}",
+        f"--scenario {manifest.scenario}",
+        f"--joints {','.join((*manifest.joints, *manifest.tested))}",
+        f"--kind {kind}",
+        f"--seed {manifest.seed}",
+    ]
+    if not mirror:
+        options.append("--no-mirror")
+    if share:
+        options.append("--share-types")
+    return f"pepper identify {' '.join(options)}"
+
+
+def identify_joints(
+    uri: str,
+    joints: Sequence[str],
+    scenario: Scenario,
+    kind: ModelKind,
+    *,
+    seed: int = 0,
+    workers: int = -1,
+    progress: Progress | None = None,
+) -> Identification:
+    """Record free motion of these joints and fit a model of ``kind`` to each; the recordings are not kept.
+
+    Raises:
+        PepperError: See :func:`record_joints` and :func:`fit_folder`.
+    """
+    with TemporaryDirectory() as name:
+        folder = Path(name)
+        record_joints(uri, joints, scenario, folder, seed=seed, workers=workers, progress=progress)
+        return fit_folder(folder, kind, mirror=False)

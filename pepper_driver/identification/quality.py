@@ -1,0 +1,206 @@
+"""Whether recordings are good enough to learn from: excitation, touches, currents at their limit, holes."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from pepper_driver.config import load_observer_settings
+from pepper_driver.config.parts import FloatArray
+from pepper_driver.identification.recordings import (
+    IdentificationRecordings,
+    JointRecordings,
+    run_name,
+)
+from pepper_driver.observer import JointModel, Recording
+from pepper_driver.observer.recording import STALE_AGE
+from pepper_driver.observer.threshold import free_residual
+
+Kind = Literal["excitation", "contact", "current", "gaps", "stale", "changed"]
+
+MIN_RANGE = 0.1
+"""[rad] All that a joint moves: less is hardly more than the errors that are to be felt."""
+
+MIN_SPEED = 0.1
+"""[rad/s] Largest desired speed of a joint."""
+
+MIN_REVERSALS = 20
+"""In all estimation runs together: friction shows where the motion turns round."""
+
+AT_REST = 0.02
+"""[rad/s] A joint that is told to move slower rests."""
+
+LARGEST_SHARE = 0.01
+"""Of the samples of a run: more that are missing, stale or altered are worth a word."""
+
+LONG_GAP = 0.1
+"""[s] So is a single gap as long as this."""
+
+BURST = 3.5
+"""Robust standard deviations by which the logarithm of a run's largest residual may lie above that of other runs."""
+
+LEAST_SPREAD = 0.2
+"""Of that logarithm: few runs may happen to be alike."""
+
+LEAST_BURST = np.radians(0.5)
+"""[rad] What a residual may stray further than in other runs without a word."""
+
+FLAT_TIME = 0.36
+"""[s] A current at its maximum for so long is held there."""
+
+MOVING = 0.1
+"""[rad/s] Slower, the weight of an arm may well take the most current of a run, for long."""
+
+FLAT_TOP = (0.02, 0.02)
+"""Share of the maximum, and [A]: what still counts as at the maximum."""
+
+FLAT_WINDOW = 5
+"""Samples of the running median that takes the noise off a current first."""
+
+MIN_LEVELS = 30
+"""Different values a current must show before its shape says anything: small motors show a few steps of the sensor."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Finding:
+    """Something wrong with recordings.
+
+    Attributes:
+        kind: What it is.
+        joint: Whose data; None for all joints.
+        run: Name of the run; None for all of the joint's.
+        text: For people.
+    """
+
+    kind: Kind
+    joint: str | None
+    run: str | None
+    text: str
+
+
+def inspect_recordings(
+    recordings: IdentificationRecordings, models: Mapping[str, JointModel]
+) -> tuple[Finding, ...]:
+    """All that is wrong with recordings; empty when they are good.
+
+    Args:
+        recordings: As they were recorded.
+        models: By joint, fitted to them; joints without one are not searched for touches.
+    """
+    found: list[Finding] = []
+    for entry in recordings.sweeps:
+        if entry.estimation:
+            found.extend(_excitation(entry))
+        for name, run in zip(entry.names, entry.runs, strict=True):
+            found.extend(_holes(name, run, entry.joint))
+            found.extend(_flat_current(name, run, entry.joint))
+        if entry.joint in models:
+            found.extend(_bursts(entry.joint, entry.names, entry.runs, models[entry.joint]))
+    runs = recordings.calibration
+    names = [run_name("calibration", number) for number in range(1, len(runs) + 1)]
+    for name, run in zip(names, runs, strict=True):
+        found.extend(_holes(name, run, None))
+    for joint, model in models.items():
+        found.extend(_bursts(joint, names, runs, model))
+    return tuple(found)
+
+
+def _excitation(entry: JointRecordings) -> list[Finding]:
+    position = np.concatenate([run.position[:, entry.index] for run in entry.estimation])
+    speed = max(float(np.abs(run.velocity[:, entry.index]).max()) for run in entry.estimation)
+    turns = sum(_reversals(run.velocity[:, entry.index]) for run in entry.estimation)
+    span = float(np.ptp(position))
+    problems = []
+    if span < MIN_RANGE:
+        problems.append(f"it moves over {span:.3f} rad only")
+    if speed < MIN_SPEED:
+        problems.append(f"at {speed:.3f} rad/s at most")
+    if turns < MIN_REVERSALS:
+        problems.append(f"it turns round {turns} times in all, not {MIN_REVERSALS}")
+    if not problems:
+        return []
+    text = f"too little excitation: {', '.join(problems)}; use a motion that asks for more"
+    return [Finding(kind="excitation", joint=entry.joint, run=None, text=text)]
+
+
+def _reversals(velocity: FloatArray) -> int:
+    """How often a motion turns round."""
+    moving = np.sign(velocity[np.abs(velocity) > AT_REST])
+    return int(np.count_nonzero(np.diff(moving)))
+
+
+def _holes(name: str, run: Recording, joint: str | None) -> list[Finding]:
+    """Samples that are missing, stale, or answer a command the safety gate altered."""
+    found = []
+    steps = np.diff(run.time)
+    cycle = float(np.median(steps))
+    missing = float(np.maximum(np.round(steps / cycle) - 1, 0).sum()) / len(steps)
+    longest = float(steps.max())
+    if missing > LARGEST_SHARE or longest > LONG_GAP:
+        text = (
+            f"{100 * missing:.1f} % of the samples are missing, the longest gap is {longest:.2f} s"
+        )
+        found.append(Finding(kind="gaps", joint=joint, run=name, text=text))
+    stale = float(np.mean(run.age > STALE_AGE))
+    if stale > LARGEST_SHARE:
+        text = f"{100 * stale:.1f} % of the samples are older than {1e3 * STALE_AGE:.0f} ms"
+        found.append(Finding(kind="stale", joint=joint, run=name, text=text))
+    altered = run.changed if joint is None else run.changed[:, [run.joint_names.index(joint)]]
+    share = altered.mean(axis=0)
+    if share.max() > LARGEST_SHARE:
+        worst = joint or run.joint_names[int(share.argmax())]
+        text = f"the safety gate altered {100 * share.max():.1f} % of the commands of {worst}"
+        found.append(Finding(kind="changed", joint=worst, run=name, text=text))
+    return found
+
+
+def _flat_current(name: str, run: Recording, joint: str) -> list[Finding]:
+    """A current that stays at its maximum while the joint shall move: the board gives no more."""
+    index = run.joint_names.index(joint)
+    current, half = run.current[:, index], FLAT_WINDOW // 2
+    if len(np.unique(current)) < MIN_LEVELS or len(current) < FLAT_WINDOW:
+        return []
+    smooth = np.median(np.lib.stride_tricks.sliding_window_view(current, FLAT_WINDOW), axis=1)
+    top = float(smooth.max())
+    moving = np.abs(run.velocity[half : half + len(smooth), index]) > MOVING
+    longest = _longest(moving & (smooth >= top - max(FLAT_TOP[0] * top, FLAT_TOP[1])))
+    seconds = longest * float(np.median(np.diff(run.time)))
+    if seconds < FLAT_TIME:
+        return []
+    text = f"its current stays at {top:.2f} A for {seconds:.1f} s: clipped, the joint cannot follow"
+    return [Finding(kind="current", joint=joint, run=name, text=text)]
+
+
+def _longest(flags: np.ndarray[tuple[int], np.dtype[np.bool_]]) -> int:
+    """Length of the longest run of True."""
+    edges = np.flatnonzero(np.diff(np.concatenate(([False], flags, [False])).astype(np.int8)))
+    lengths = edges[1::2] - edges[::2]
+    return int(lengths.max(initial=0))
+
+
+def _bursts(
+    joint: str, names: Sequence[str], runs: Sequence[Recording], model: JointModel
+) -> list[Finding]:
+    """Runs in which the residual strays far beyond what it does in the others: somebody touched the robot."""
+    window = load_observer_settings().median_window
+    residuals = [np.abs(free_residual(joint, run, model, window)) for run in runs]
+    largest = np.array([residual.max(initial=0.0) for residual in residuals])
+    if len(runs) < 4 or not (largest > 0).all():
+        return []  # too few to say what is usual
+    found = []
+    for number, name in enumerate(names):
+        others = np.delete(largest, number)
+        usual = float(np.median(others))
+        spread = 1.4826 * float(np.median(np.abs(np.log(others / usual))))
+        score = float(np.log(largest[number] / usual)) / max(spread, LEAST_SPREAD)
+        if score > BURST and largest[number] - usual > LEAST_BURST:
+            when = runs[number].time[int(residuals[number].argmax())] - runs[number].time[0]
+            text = (
+                f"looks as if it was touched {when:.0f} s after its start: the residual of {joint} reaches "
+                f"{np.degrees(largest[number]):.1f} deg, {np.degrees(usual):.1f} deg is usual"
+            )
+            found.append(Finding(kind="contact", joint=joint, run=name, text=text))
+    return found

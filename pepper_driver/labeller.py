@@ -1,0 +1,119 @@
+"""Makes labels: from a key, a touch sensor or a bumper to the onset and release of a touch."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Literal, get_args
+
+from pepper_driver.backends import Measurement
+from pepper_driver.config import RobotConfig, UnknownNameError
+from pepper_driver.keys import SpaceBar
+from pepper_driver.labelling import LabelError
+from pepper_driver.log import Label
+from pepper_driver.log.label import LabelPhase
+from pepper_driver.observer.alarms import TRUNK, limb_of
+
+LabelSource = Literal["key", "head", "hand-left", "hand-right", "bumper"]
+
+_TOUCH = {"head": "Head/", "hand-left": "LHand/", "hand-right": "RHand/"}
+"""Beginning of the names of the touch sensors that count."""
+
+Pressed = Callable[[Measurement], bool]
+
+
+class Labeller:
+    """Makes labels of the edges of something that is pressed or not.
+
+    A sensor that is pressed already in the first tick began at an unknown time: it is left out until it is let go.
+
+    Args:
+        source: What is pressed.
+        pressed: Whether it is, given a measurement.
+        link: What is touched then; None where nobody knows.
+        joint: The last joint of its chain that moves the link; None on trunk and base.
+    """
+
+    def __init__(
+        self, source: LabelSource, pressed: Pressed, link: str | None, joint: str | None
+    ) -> None:
+        self._source, self._pressed = source, pressed
+        self._link, self._joint = link, joint
+        self._ready = source == "key"
+        self._touched = False
+
+    @property
+    def touched(self) -> bool:
+        """Whether the last label was an onset."""
+        return self._touched
+
+    def step(self, measurement: Measurement) -> tuple[Label, ...]:
+        """The label of this tick, if there is one."""
+        pressed = self._pressed(measurement)
+        self._ready = self._ready or not pressed
+        if not self._ready or pressed == self._touched:
+            return ()
+        self._touched = pressed
+        phase: LabelPhase = "onset" if pressed else "release"
+        label = Label(
+            time=float(measurement.time),
+            phase=phase,
+            source=self._source,
+            link=self._link,
+            joint=self._joint,
+        )
+        return (label,)
+
+
+def make_labeller(
+    source: str,
+    robot: RobotConfig,
+    space_bar: SpaceBar,
+    *,
+    link: str | None = None,
+    joint: str | None = None,
+) -> Labeller:
+    """A labeller of a source.
+
+    Args:
+        source: One of ``LabelSource``.
+        robot: Its description.
+        space_bar: What the source ``key`` is.
+        link: What is touched; by default the link of the sensor, and nobody knows for a key.
+        joint: The last joint that moves the link; by default the one that carries it.
+
+    Raises:
+        UnknownNameError: No such source, link or joint.
+        LabelError: The robot has no such sensor.
+    """
+    name = next((name for name in get_args(LabelSource) if name == source), None)
+    if name is None:
+        raise UnknownNameError("label", source, get_args(LabelSource))
+    if name == "key":
+        return Labeller(name, lambda _: space_bar.on, *_place(robot, link, joint))
+    sensors = robot.sensors.bumpers if name == "bumper" else robot.sensors.touch
+    beginning = _TOUCH.get(name, "")
+    places = [k for k, sensor in enumerate(sensors) if sensor.startswith(beginning)]
+    if not places:
+        raise LabelError(f"'{robot.name}' has no sensor for the label '{name}'")
+    if link is None and joint is None:
+        link = list(sensors.values())[places[0]].parent
+
+    def pressed(measurement: Measurement) -> bool:
+        values = measurement.bumpers if name == "bumper" else measurement.touch
+        return bool(values[places].any())
+
+    return Labeller(name, pressed, *_place(robot, link, joint))
+
+
+def _place(
+    robot: RobotConfig, link: str | None, joint: str | None
+) -> tuple[str | None, str | None]:
+    """Link and joint of a touch, of which one or both may be given; no joint on trunk and base."""
+    if link is not None and link not in robot.links:
+        raise UnknownNameError("link", link, robot.links)
+    if joint is not None:
+        child = robot.joints[robot.joint_index(joint)].child
+        link = child if link is None else link
+    elif link is not None:
+        joint = next((j.name for j in robot.joints if j.child == link), None)
+    return link, None if limb_of(joint, robot) == TRUNK else joint

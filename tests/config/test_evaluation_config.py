@@ -1,0 +1,203 @@
+"""The evaluation is frozen: what was changed since is refused, and its seeds are its own."""
+
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pepper_driver.config import ConfigError, UnknownNameError, load_robot
+from pepper_driver.config.evaluation import FOLDER, Evaluation, freeze, load_evaluation
+from pepper_driver.config.loading import package_file
+from pepper_driver.config.scenario_contacts import RandomForces, RandomPushes
+from pepper_driver.config.scenario_motion import Setpoints, Sweeps
+
+ROBOT = load_robot()
+SUITES = [
+    *("paper", "free", "collision", "mirror", "types", "drift"),
+    *("worn", "soft-hip", "payload", "cold", "whole-body", "jitter", "fit"),
+]
+
+
+@pytest.fixture(scope="module")
+def evaluation() -> Evaluation:
+    return load_evaluation(ROBOT)
+
+
+@pytest.fixture
+def copy(tmp_path: Path) -> Path:
+    """A copy of the suites that may be changed."""
+    shutil.copytree(package_file(FOLDER), tmp_path / FOLDER)
+    shutil.copy(package_file("evaluation.yaml"), tmp_path)
+    return tmp_path / "evaluation.yaml"
+
+
+def test_the_suites_are_as_they_were_frozen(evaluation: Evaluation) -> None:
+    assert list(evaluation.names) == SUITES
+    assert set(evaluation.scenarios) == {
+        path.stem for path in package_file(FOLDER).glob("*.yaml")
+    }, "a scenario that no suite uses is not frozen"
+
+
+@pytest.mark.parametrize("name", ["free", "collision", "paper-RERoll"])
+def test_a_changed_scenario_is_refused_until_it_is_frozen_anew(copy: Path, name: str) -> None:
+    before = load_evaluation(ROBOT, copy).digest
+    scenario = copy.parent / FOLDER / f"{name}.yaml"
+    scenario.write_text(scenario.read_text().replace("[s] between set-points", "[s] between"))
+    with pytest.raises(
+        ConfigError, match=rf"changed since it was frozen: \w+/{name}\.yaml; .*freeze"
+    ):
+        load_evaluation(ROBOT, copy)
+    freeze(copy)
+    assert load_evaluation(ROBOT, copy).digest != before
+
+
+def test_changed_suites_are_refused_until_they_are_frozen_anew(copy: Path) -> None:
+    copy.write_text(copy.read_text().replace("repetitions: 5", "repetitions: 4"))
+    with pytest.raises(ConfigError, match=r"changed since it was frozen: evaluation\.yaml;"):
+        load_evaluation(ROBOT, copy)
+    freeze(copy)
+    assert len(load_evaluation(ROBOT, copy).runs("collision")) == 18
+
+
+def test_line_ends_of_another_system_are_no_change(copy: Path) -> None:
+    for path in (copy, *(copy.parent / FOLDER).glob("*.yaml")):
+        path.write_bytes(path.read_bytes().replace(b"\n", b"\r\n"))
+    load_evaluation(ROBOT, copy)
+
+
+def test_to_freeze_what_is_frozen_changes_nothing(copy: Path) -> None:
+    text = copy.read_text()
+    freeze(copy)
+    assert copy.read_text() == text
+
+
+def frozen_anew(path: Path) -> Evaluation:
+    freeze(path)
+    return load_evaluation(ROBOT, path)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "reason"),
+    [
+        ("plants: [drift]", "plants: [drifft]", "did you mean drift"),
+        ("scenario: free, plants", "scenario: fre, plants", "fre.yaml: cannot be read"),
+        ("goals: 10}", "gools: 10}", "unknown key"),
+        ("root: 20180827", "root: 0", "greater than or equal to 1"),
+    ],
+)  # fmt: skip
+def test_wrong_suites_are_one_line(copy: Path, old: str, new: str, reason: str) -> None:
+    copy.write_text(copy.read_text().replace(old, new, 1))
+    with pytest.raises(ConfigError) as caught:
+        frozen_anew(copy)
+    assert reason in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_no_two_takes_share_a_seed_and_none_has_one_of_identification(
+    evaluation: Evaluation,
+) -> None:
+    runs = [run for suite in evaluation.names for run in evaluation.runs(suite)]
+    pools = [tuple(np.random.SeedSequence(run.seed).generate_state(4)) for run in runs]
+    assert len({(pool, run.plant) for pool, run in zip(pools, runs, strict=True)}) == len(runs)
+    learned = {
+        tuple(np.random.SeedSequence((root, joint, run)).generate_state(4))
+        for root in (0, 1, evaluation.root)
+        for joint in range(17)
+        for run in range(10)
+    }
+    assert not learned & set(pools)
+    assert all(len(run.seed) > 3 and run.seed[3] for run in runs)
+
+
+def test_table_1_has_the_contacts_of_the_paper(evaluation: Evaluation) -> None:
+    rows = {}
+    for run in evaluation.runs("paper"):
+        motion, (contact,) = run.scenario.motion, run.scenario.contacts
+        assert isinstance(motion, Setpoints)
+        assert isinstance(contact, RandomPushes)
+        assert contact.degrees == (2.5, 12.0)
+        key = (run.experiment, run.plant)
+        rows[key] = (contact.joints, run.task_stiffness, motion.count * len(contact.times))
+    for plant in ("swaying", "swaying-integral"):
+        assert rows[("LSRoll", plant)] == (("LShoulderRoll",), 8.0, 20)
+        assert rows[("RERoll", plant)] == (("RElbowRoll",), 12.0, 22)
+        assert rows[("RSRoll", plant)] == (("RShoulderRoll",), 8.0, 21)
+    assert len(rows) == 6
+
+
+def test_the_free_suite_is_three_hours_of_the_whole_body_on_twenty_robots(
+    evaluation: Evaluation,
+) -> None:
+    runs = evaluation.runs("free")
+    for run in runs:
+        motion = run.scenario.motion
+        assert isinstance(motion, Setpoints)
+        assert set(motion.joints) | set(motion.also_move) == set(ROBOT.joint_names)
+        assert motion.base is not None
+        assert not run.scenario.contacts
+    assert {run.draw for run in runs} == set(range(20))
+    assert {run.task_stiffness for run in runs} == {8.0, 12.0}
+    assert sum(run.seconds - run.scenario.settle for run in runs) == pytest.approx(3 * 3600)
+
+
+def test_the_collision_suite_has_six_hundred_pushes_on_the_nominal_plant(
+    evaluation: Evaluation,
+) -> None:
+    count = 0
+    for run in evaluation.runs("collision"):
+        (contact,) = run.scenario.contacts
+        assert isinstance(contact, RandomPushes)
+        motion = run.scenario.motion
+        assert isinstance(motion, Setpoints)
+        if run.experiment == "collision":
+            assert run.plant == "nominal"
+            assert contact.degrees == (1.0, 12.0)
+            assert len(contact.joints) == 12
+            count += motion.count * len(contact.times)
+    assert count == 600
+
+
+def test_the_whole_body_suite_has_pairs_and_pushes_on_trunk_and_base(
+    evaluation: Evaluation,
+) -> None:
+    runs = {run.experiment: run.scenario for run in evaluation.runs("whole-body")}
+    left, right = runs["pairs"].contacts
+    assert isinstance(left, RandomPushes)
+    assert isinstance(right, RandomPushes)
+    assert left.times == right.times
+    assert not set(left.links) & set(right.links)
+    (force,) = runs["trunk"].contacts
+    assert isinstance(force, RandomForces)
+    assert {"torso", "Hip", "Pelvis", "Tibia"} == set(force.links)
+    motion = runs["driving"].motion
+    assert isinstance(motion, Setpoints)
+    assert motion.base is not None
+
+
+def test_the_fit_suite_moves_every_joint_at_the_stiffness_of_estimation_and_test(
+    evaluation: Evaluation,
+) -> None:
+    done = {(run.experiment, run.task_stiffness) for run in evaluation.runs("fit")}
+    assert done == {(name, k) for name in ROBOT.joint_names for k in (2.0, 3.0, 4.0, 5.0, 9.0)}
+    for run in evaluation.runs("fit"):
+        assert isinstance(run.scenario.motion, Sweeps)
+        assert run.scenario.motion.joints == (run.experiment,)
+        assert run.scenario.stiffness == run.task_stiffness
+
+
+def test_a_share_of_a_suite_is_shorter(evaluation: Evaluation) -> None:
+    for suite in evaluation.names:
+        whole, part = evaluation.runs(suite), evaluation.runs(suite, share=0.1)
+        assert 0.05 < sum(r.seconds for r in part) / sum(r.seconds for r in whole) < 0.25
+        assert {r.seed for r in part} <= {r.seed for r in whole}
+        assert all(run.goals is None or run.goals >= 1 for run in part)
+    assert len(evaluation.runs("free", share=0.1)) == len(evaluation.runs("free"))
+    for share in (0.0, -1.0, 1.1, float("nan")):
+        with pytest.raises(ConfigError, match="share of a suite"):
+            evaluation.runs("free", share=share)
+
+
+def test_an_unknown_suite_lists_those_there_are(evaluation: Evaluation) -> None:
+    with pytest.raises(UnknownNameError, match="did you mean paper"):
+        evaluation.runs("papr")

@@ -1,0 +1,92 @@
+"""Short motions for tests of identification, and a robot in real time."""
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+
+from pepper_driver.backends import Backend, BackendInfo, Command, Measurement
+from pepper_driver.config import RobotConfig, Scenario, load_robot, load_scenario
+from pepper_driver.config.loading import package_file, read_yaml
+from pepper_driver.config.scenario_motion import Setpoints
+from pepper_driver.identification import sweeps_of
+
+from fakes import FakeBackend  # isort: skip
+
+ROBOT = load_robot()
+FULL = load_scenario("identify", ROBOT)
+BODY = load_scenario("calibration_motion", ROBOT)
+
+_SHORT = {"estimation_stiffness": [2.0, 4.0], "sweeps": 1, "setpoints": 2, "dwell": [0.6, 1.2]}
+
+SHORT = replace(
+    FULL,
+    settle=0.6,
+    motion=replace(
+        sweeps_of(FULL), estimation_stiffness=(2.0, 4.0), sweeps=1, setpoints=2, dwell=(0.6, 1.2)
+    ),
+)
+
+
+def short_body() -> Scenario:
+    assert isinstance(BODY.motion, Setpoints)
+    return replace(BODY, settle=0.6, motion=replace(BODY.motion, count=1))
+
+
+def short_files(folder: Path) -> list[str]:
+    """Options of ``pepper identify`` for short motions, with their files in ``folder``."""
+    options = []
+    changes: dict[str, tuple[str, dict[str, Any]]] = {
+        "scenario": ("identify", _SHORT),
+        "calibration": ("calibration_motion", {"count": 1}),
+    }
+    for option, (name, motion) in changes.items():
+        data = read_yaml(package_file("scenarios", f"{name}.yaml"))
+        data["motion"] |= motion
+        data["settle"] = 0.6
+        path = folder / f"{name}.yaml"
+        path.write_text(yaml.safe_dump(data))
+        options += [f"--{option}", str(path)]
+    return options
+
+
+class SlowRobot(FakeBackend):
+    """Claims to be a real robot; its joints are where they were told to be three cycles ago."""
+
+    identity = "body 1"
+
+    def __init__(self) -> None:
+        super().__init__(ROBOT, delay=3)
+
+    @property
+    def info(self) -> BackendInfo:
+        return replace(super().info, real_time=True, response_delay=0, identity=self.identity)
+
+
+class InterruptedRobot(SlowRobot):
+    """The same; somebody presses Ctrl-C in the middle of a run."""
+
+    def step(self, command: Command) -> Measurement:
+        if len(self.commands) == 250:
+            raise KeyboardInterrupt
+        return super().step(command)
+
+
+def use_backends(monkeypatch: pytest.MonkeyPatch, *kinds: type[FakeBackend]) -> list[FakeBackend]:
+    """Whatever the URI says, robots are of these kinds: the first for what is known, then one for each run.
+
+    Returns:
+        The robots that were made, in order.
+    """
+    made: list[FakeBackend] = []
+
+    def make(uri: str, robot: RobotConfig | None = None) -> Backend:
+        made.append(kinds[min(len(made), len(kinds) - 1)]())
+        return made[-1]
+
+    monkeypatch.setattr("pepper_driver.identification.identify.make_backend", make)
+    monkeypatch.setattr("pepper_driver.robot.make_backend", make)
+    monkeypatch.setattr("pepper_driver.identification.driving.rehearse", lambda run: None)
+    return made

@@ -1,0 +1,179 @@
+"""``pepper evaluate`` as a user meets it: one short simulated take, a labelled recording, wrong input."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from pepper_driver.cli import evaluate as command
+from pepper_driver.cli.app import run
+from pepper_driver.config import load_robot
+from pepper_driver.config.evaluation import Evaluation, load_evaluation
+from pepper_driver.controller import Tick
+from pepper_driver.evaluation import takes
+from pepper_driver.log import Label, LogWriter
+from pepper_driver.observer import Observation
+from pepper_driver.robot import Pepper
+
+ROBOT = load_robot()
+
+KEYS = {
+    "fit",
+    "fit_gap_closed",
+    "table1",
+    "free_motion",
+    "recall",
+    "recall_saturated",
+    "delay_ms",
+    "direction",
+    "isolation",
+    "torque",
+    "rebound",
+    "threshold_deg",
+    "threshold_nm",
+}
+
+
+@pytest.fixture
+def short(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The first experiment of Table I with one set-point, in place of all suites."""
+    whole = load_evaluation(ROBOT)
+    first = replace(whole.suites["paper"][0], plants=("swaying",), goals=1)
+
+    def load(_: object) -> Evaluation:
+        return replace(whole, suites={"paper": (first,), "free": whole.suites["free"]})
+
+    monkeypatch.setattr(command, "load_evaluation", load)
+
+
+@pytest.mark.usefixtures("short")
+def test_a_take_from_simulation_to_page(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    figures, page, cache = tmp_path / "f.json", tmp_path / "docs" / "results.md", tmp_path / "takes"
+    arguments = ["evaluate", "--suite", "paper", "--mode", "paper,oracle", "--workers", "1"]
+    arguments += ["--json", str(figures), "--cache", str(cache), "--report", str(page)]
+    assert run(arguments) == 0
+    shown = capsys.readouterr().out
+    assert "in simulation" in shown
+    assert "LSRoll, FP/FN/TP" in shown
+    content = json.loads(figures.read_text())
+    assert set(content["modes"]) == {"paper", "paper-affine", "oracle"}
+    for modes in content["modes"].values():
+        assert set(modes) >= KEYS
+        total = modes["table1"]["total"]
+        assert total == modes["table1"]["LSRoll"]
+        assert (total["fp"], total["fn"] + total["tp"]) == (0, 2)
+    assert page.read_text().startswith("*All figures here are simulated. `pepper evaluate --suite")
+    assert (tmp_path / "docs" / "results" / "figure3.png").exists()
+    # Once more from the cache: nothing is simulated, and the figures are the same.
+    again = tmp_path / "again.json"
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(takes, "_performed", None)
+        assert run([*arguments[:7], "--cache", str(cache), "--json", str(again)]) == 0
+    second = json.loads(again.read_text())
+    for name in ("table1", "recall", "delay_ms", "threshold_deg"):
+        assert second["modes"]["oracle"][name] == content["modes"]["oracle"][name]
+
+
+@pytest.mark.usefixtures("short")
+def test_a_failed_take_is_told_and_is_exit_code_1(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def falls(*_: object) -> None:
+        raise takes.TakeError("it tipped")
+
+    monkeypatch.setattr(takes, "_performed", falls)
+    arguments = ["evaluate", "--suite", "paper", "--mode", "paper", "--workers", "1"]
+    json_file = tmp_path / "f.json"
+    assert run([*arguments, "--cache", str(tmp_path / "c"), "--json", str(json_file)]) == 1
+    assert "failed: paper, LSRoll on swaying" in capsys.readouterr().out
+    assert "it tipped" in json.loads(json_file.read_text())["failures"][0]["reason"]
+
+
+def labelled(path: Path, *, labels: bool = True) -> Path:
+    """A log in which the left arm is pushed from 1.0 to 1.8 s, and somebody says so."""
+    with Pepper("mujoco://?seed=3", observer=None, robot=ROBOT) as pepper:
+        metadata = {"identity": pepper.backend.info.identity}
+        with LogWriter(path, ROBOT, metadata, lossless=True) as log:
+            start = pepper.time
+            pepper.push("LForeArm", [0.0, 35.0, 0.0], duration=0.8, delay=1.0)
+
+            def on_tick(tick: Tick, _: Observation | None) -> None:
+                ends = []
+                for after, phase in ((1.0, "onset"), (1.8, "release")):
+                    late = tick.measurement.time - start - after
+                    if labels and 0 <= late < ROBOT.cycle - 1e-9:
+                        ends.append(
+                            Label(
+                                time=tick.measurement.time,
+                                phase="onset" if phase == "onset" else "release",
+                                source="key",
+                                link="LForeArm",
+                                joint="LShoulderRoll",
+                            )
+                        )
+                log.append(tick, None, None, ends)
+
+            pepper.run(3.0, on_tick=on_tick)
+    return path
+
+
+def test_labelled_recordings(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    log, bare = labelled(tmp_path / "a.mcap"), labelled(tmp_path / "b.mcap", labels=False)
+    figures, page = tmp_path / "f.json", tmp_path / "r.md"
+    arguments = ["evaluate", "--mode", "paper", "--workers", "1", "--json", str(figures)]
+    arguments += ["--report", str(page), "--log", str(log)]
+    assert run(arguments) == 0
+    content = json.loads(figures.read_text())
+    assert content["simulated"] is False
+    assert content["modes"]["paper"]["recall_overall"] == 1.0
+    assert content["modes"]["paper"]["recall_count"]["overall"] == 1
+    assert content["modes"]["paper"]["delay_ms"] is None
+    assert content["modes"]["paper"]["suites"]["log"]["with_pushes"]["fp"] == 0
+    text = page.read_text()
+    assert "simulated" not in text.splitlines()[0]
+    assert "## Labelled recordings" in text
+    assert "in recordings" in capsys.readouterr().out
+    # A second one, without labels, is told; the first still counts.
+    assert run([*arguments, str(bare)]) == 1
+    assert "has no labelled touch" in capsys.readouterr().out
+    assert json.loads(figures.read_text())["modes"]["paper"]["recall_overall"] == 1.0
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["--suite", "pper"], "unknown suite 'pper' (did you mean paper"),
+        (["--suite", "paper,fre"], "unknown suite 'fre' (did you mean free"),
+        (["--suite", "paper", "--mode", "papr"], "unknown mode 'papr' (did you mean paper"),
+        (["--suite", "paper", "--models", "nowhere.json"], "nowhere.json: cannot be read"),
+        (["--suite", "paper", "--report", "page.html"], "ends in .md"),
+        (["--suite", "paper", "--json", "/proc/x.json"], "cannot be written"),
+        (["--suite", "paper", "--cache", "/proc/x"], "cannot be made"),
+        ([], "give either --suite or --log; suites: "),
+        (["--suite", "paper", "--log", "x.mcap"], "give either --suite or --log"),
+        (["paper"], "paper: recordings come after --log"),
+        (["--suite", "paper", "--workers", "0"], "workers"),
+    ],
+)
+def test_wrong_input_is_one_line(
+    arguments: list[str],
+    words: str,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert run(["evaluate", *arguments]) == 2
+    told = capsys.readouterr().err
+    assert told.count("\n") == 1
+    assert words in told
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_log_that_is_none_is_a_failed_take(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    arguments = ["evaluate", "--mode", "paper", "--workers", "1"]
+    assert run([*arguments, "--log", str(tmp_path / "no.mcap")]) == 1
+    assert "no.mcap: cannot be read" in capsys.readouterr().out
