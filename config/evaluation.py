@@ -12,6 +12,7 @@ import sys
 from collections.abc import Iterator
 from dataclasses import replace
 from functools import cached_property
+from math import ceil
 from pathlib import Path
 from typing import Annotated, Literal
 from zlib import crc32
@@ -25,6 +26,7 @@ from pepper_driver.config.parts import Positive
 from pepper_driver.config.plant import plant_names
 from pepper_driver.config.robot import RobotConfig, load_robot
 from pepper_driver.config.scenario import Scenario, load_scenario
+from pepper_driver.config.scenario_contacts import RandomTouch
 from pepper_driver.config.scenario_motion import Count, Holds, Script, Setpoints, Sweeps
 
 FOLDER = "evaluation_scenarios"
@@ -202,12 +204,16 @@ def _each(experiment: Experiment) -> Iterator[tuple[int | None, float, int]]:
 
 
 def _shorter(run: Run, share: float) -> Run | None:
-    """A run with fewer goals; None where the motion has none."""
+    """A run with fewer goals after the free motion it begins with; None where the motion has none."""
     motion = run.scenario.motion
     if not isinstance(motion, Setpoints | Holds):
         return None
     goals = motion.count if run.goals is None else run.goals
-    return replace(run, goals=max(1, round(goals * share)))
+    random = (c.after for c in run.scenario.contacts if isinstance(c, RandomTouch))
+    free = ceil(
+        max(random, default=0.0) / motion.period - 1e-6
+    )  # stay: else nothing would be touched
+    return replace(run, goals=min(goals, free + max(1, round((goals - free) * share))))
 
 
 def load_evaluation(robot: RobotConfig, path: Path | None = None) -> Evaluation:

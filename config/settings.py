@@ -87,11 +87,10 @@ class ObserverSettings:
     """Defaults of the contact observer; times in [s].
 
     Attributes:
-        mode: Which observer is used where none is named.
         tree: Kind of the models of mode ``paper``.
         median_window: Samples of the filter of mode ``paper``.
-        threshold: Of mode ``paper``, for all joints [rad]; None for each joint's own, which identification found in free
-            motion.
+        threshold: Of mode ``paper``, for all joints [rad]; None for each joint's own, which identification found in
+            free motion.
         fusion_window: Samples of the filter of mode ``fusion``.
         adapt: Whether mode ``fusion`` follows the joints as they change.
         collision_factor: A residual beyond so many thresholds is a collision (mode ``fusion``).
@@ -100,7 +99,6 @@ class ObserverSettings:
         update_period: Between two update events of a lasting contact.
     """
 
-    mode: Literal["paper", "fusion"]
     tree: Literal["cart", "affine"]
     median_window: Annotated[int, Field(ge=1, le=101)]
     threshold: Positive | None

@@ -34,6 +34,9 @@ STANDING = 0.005
 MARGIN = 2.0
 """Over the largest residual of the calibration."""
 
+SAME_AXIS = 0.5
+"""Share of the largest residual at which the axis that told before goes on to tell."""
+
 HOLD = 0.3
 """[s] For which a raised bound stays."""
 
@@ -92,6 +95,7 @@ class BaseSignal:
         self._median = RunningMedian(self._window, 3)
         self._count = 0
         self._blind = 0
+        self._axis = 0
 
     def step(self, tick: Tick, late: bool) -> tuple[float, float]:
         """Take in one tick; the residual before and after the filter, NaN while it cannot be judged.
@@ -125,8 +129,11 @@ class BaseSignal:
         if self._blind > 0:
             self._blind -= 1
             return np.nan, np.nan
-        worst = int(np.argmax(np.abs(filtered)))
-        return float(share[worst]), float(filtered[worst])
+        size = np.abs(filtered)
+        # An axis keeps telling while it tells nearly as much as any: its sign is that of the contact.
+        if size[self._axis] < SAME_AXIS * size.max():
+            self._axis = int(np.argmax(size))
+        return float(share[self._axis]), float(filtered[self._axis])
 
 
 def fit_base(robot: RobotConfig, recordings: Sequence[Recording], *, window: int) -> BaseModel:

@@ -210,7 +210,7 @@ class BodyTracker:
         ):
             # What the trunk felt first was the push on this limb.
             limb.touch, trunk.touch, trunk.explained = moved, None, True
-            moved.onset_time = min(moved.onset_time, first)
+            moved.onset_time, moved.fall_time = min(moved.onset_time, first), None
             self._locate(limb, moved, over)
             self._tell(moved, "update", time, events)
             return

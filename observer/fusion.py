@@ -159,7 +159,6 @@ class FusionSignal:
         self._slip = np.zeros(n)
         self._last = np.zeros(n)
         self._count = 0
-        self._integral = np.zeros(n)
 
     def step(self, tick: Tick) -> Signal:
         """Take in one tick."""
@@ -176,7 +175,7 @@ class FusionSignal:
             )
             bad = ~np.isfinite(inputs) | ~(tick.sent.stiffness >= FULL_STIFFNESS)
         late = measurement.age / self._cycle
-        lost = not late < LATEST + 0.5  # NaN is lost too
+        lost = not 0.0 <= late < LATEST + 0.5  # NaN is lost too
         late_ticks = 0 if lost else round(late)
         bad |= lost
         measured = measurement.position
@@ -224,8 +223,7 @@ class FusionSignal:
         here = self._twins.position if self._past else np.zeros(len(bad))
         position = np.where(np.isfinite(position), position, np.nan_to_num(here))
         target = np.where(np.isfinite(target), target, position)
-        load = np.nan_to_num(tick.reference.load_torque, nan=0.0, posinf=0.0, neginf=0.0)
-        return target, load, position
+        return target, _finite(tick.reference.load_torque), position
 
     def _expect(
         self, target: FloatArray, load_torque: FloatArray, tick: Tick, bad: BoolArray
@@ -234,6 +232,8 @@ class FusionSignal:
         twins, reference = self._twins, tick.reference
         position = twins.step(target, load_torque)
         velocity, acceleration = reference.velocity, reference.acceleration
+        if bad.any():
+            velocity, acceleration = _finite(velocity), _finite(acceleration)
         remainder = np.array(
             [
                 np.nan if predict is None else predict(v, a, load)
@@ -344,10 +344,11 @@ class FusionSignal:
         calm = free & ~blind & (np.abs(residual) < self._calm)
         resting = calm & ~then.moves & (self._twins.velocity == 0.0)
         if resting.any():
-            twins, pace = self._twins, np.where(resting, self._correction, 0.0)
-            twins.position = twins.position - pace * residual
-            twins.integral = twins.integral + pace * (
-                self._integral_of(measured, motor) - twins.integral
+            twins, pace = self._twins, self._correction
+            twins.position = np.where(resting, twins.position - pace * residual, twins.position)
+            seen = self._integral_of(measured, motor)
+            twins.integral = np.where(
+                resting, twins.integral + pace * (seen - twins.integral), twins.integral
             )
         if not self._adapt:
             return
@@ -371,6 +372,8 @@ class FusionSignal:
     def _relatch(self, where: BoolArray, measured: FloatArray, motor: FloatArray) -> None:
         """Put the twins where the joints are: those that shall move on their way, the others held there by friction."""
         if where.any():
+            self._median.clear(where)
+            self._derivatives.put(where, self._past[-1].target - measured)
             velocity = self._past[-1].velocity
             self._twins.put(
                 where,
@@ -383,3 +386,8 @@ class FusionSignal:
         """What the boards have summed up, as far as their currents tell [rad]."""
         seen = motor - (self._past[-1].target - measured)
         return np.where(self._integrates, seen, self._twins.integral)
+
+
+def _finite(values: FloatArray) -> FloatArray:
+    """``values`` with 0 where they are not finite."""
+    return np.nan_to_num(values, nan=0.0, posinf=0.0, neginf=0.0)

@@ -97,6 +97,7 @@ def _play(joint: str, recording: Recording, parameters: TwinParameters, cycle: f
 def fit_fusion(
     robot: RobotConfig,
     sweeps: Mapping[str, Sequence[Recording]],
+    mirrors: Mapping[str, str],
     shared: Mapping[str, str],
     calibration: Sequence[Recording],
     *,
@@ -108,13 +109,22 @@ def fit_fusion(
     Args:
         robot: Its description.
         sweeps: By joint, the estimation runs.
+        mirrors: By joint whose runs are another's in the mirror, that joint.
         shared: By joint without a model of its own, whose it gets.
         calibration: Free motion of the whole body that thresholds are chosen on.
         window: Samples of the median.
         workers: Processes; -1 for one per core. The result does not depend on it.
     """
-    fits = Parallel(n_jobs=workers)(
-        delayed(fit_joint_fusion)(joint, recordings, robot.cycle)
+    pool = Parallel(n_jobs=workers)
+    own = [joint for joint in sweeps if joint not in mirrors]
+    twins = dict(
+        zip(own, pool(delayed(fit_joint_twin)(j, sweeps[j], robot) for j in own), strict=True)
+    )
+    for joint, source in mirrors.items():
+        _, sign = robot.mirror[robot.joint_index(joint)]
+        twins[joint] = replace(twins[source], offset=sign * twins[source].offset)
+    fits = pool(
+        delayed(fit_joint_fusion)(joint, recordings, robot, twin=twins[joint])
         for joint, recordings in sweeps.items()
     )
     models = dict(zip(sweeps, fits, strict=True))
@@ -133,15 +143,32 @@ def _joined(parts: Sequence[_Played]) -> _Played:
     )
 
 
-def fit_joint_fusion(joint: str, recordings: Sequence[Recording], cycle: float) -> FusionModel:
+def fit_joint_twin(
+    joint: str, recordings: Sequence[Recording], robot: RobotConfig
+) -> TwinParameters:
+    """The twin of a joint, with what is known of its motor; see :func:`fit_twin`."""
+    torque_constant = robot.motors.of(joint).torque_constant * robot.motors.joints[joint].ratio
+    return fit_twin(joint, recordings, robot.cycle, torque_constant=torque_constant)
+
+
+def fit_joint_fusion(
+    joint: str,
+    recordings: Sequence[Recording],
+    robot: RobotConfig,
+    *,
+    twin: TwinParameters | None = None,
+) -> FusionModel:
     """Everything but the threshold, which takes all joints at once; see :func:`fit_bounds`.
 
     Args:
         joint: Name of the joint.
         recordings: The estimation runs.
-        cycle: Period of the ticks [s].
+        robot: Its description.
+        twin: If it is known already.
     """
-    twin = fit_twin(joint, recordings, cycle)
+    cycle = robot.cycle
+    if twin is None:
+        twin = fit_joint_twin(joint, recordings, robot)
     data = _joined([_play(joint, recording, twin, cycle) for recording in recordings])
     growth = AffineGrowth(data.features, data.twin, max_leaves=REMAINDER_LEAVES)
     remainder = growth.cut(REMAINDER_LEAVES, REMAINDER_SHRINKAGE)

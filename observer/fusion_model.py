@@ -57,8 +57,10 @@ class FusionModel:
             raise FusionModelError(f"'weight' must lie within 0 and 1, got {self.weight}")
         if not all(spread > 0.0 for spread in self.spread):
             raise FusionModelError(f"'spread' must be above 0, got {self.spread}")
-        if self.typical_load < 0.0 or self.median <= 0.0:
-            raise FusionModelError("'typical_load' is negative, or 'median' not above 0")
+        if self.typical_load < 0.0 or not min(self.median, self.momentum_bound) > 0.0:
+            raise FusionModelError(
+                "'typical_load' is negative, or 'median' or 'momentum_bound' not above 0"
+            )
         leaves = [v for v, f in zip(self.bound.value, self.bound.feature, strict=True) if f < 0]
         if min(leaves) <= 0.0:
             raise FusionModelError("'bound' must be above 0 everywhere")

@@ -41,6 +41,10 @@ class RunningMedian:
             median = (sorted_half[middle - 1] + sorted_half[middle]) / 2
         return median
 
+    def clear(self, where: NDArray[np.bool_]) -> None:
+        """Take the samples so far of the signals ``where`` (width,) as zeros."""
+        self._ring[:, where] = 0.0
+
     def reset(self) -> None:
         """Forget all samples."""
         self._count = 0

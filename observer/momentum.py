@@ -70,17 +70,25 @@ class ErrorDerivatives:
 
     def __init__(self, cycle: float) -> None:
         self._gain = 1.0 - float(np.exp(-cycle / SMOOTHING))
+        self._rate = self._gain / cycle
         self._error: FloatArray | None = None
 
     def step(self, error: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Take in one sample [rad]; returns its derivatives [rad/s], [rad/s2]."""
         if self._error is None:
             self._error, self._velocity = error.copy(), np.zeros_like(error)
-        velocity = (error - self._error) / SMOOTHING
-        acceleration = (velocity - self._velocity) / SMOOTHING
+        # Exact on a ramp.
+        velocity = (error - self._error) * self._rate
+        acceleration = (velocity - self._velocity) * self._rate
         self._error = self._error + self._gain * (error - self._error)
         self._velocity = self._velocity + self._gain * (velocity - self._velocity)
         return velocity, acceleration
+
+    def put(self, where: NDArray[np.bool_], error: FloatArray) -> None:
+        """Start anew from ``error`` [rad], for the joints of ``where``."""
+        if self._error is not None:
+            self._error = np.where(where, error, self._error)
+            self._velocity = np.where(where, 0.0, self._velocity)
 
     def reset(self) -> None:
         """Forget all samples."""

@@ -134,21 +134,23 @@ class Twins:
         target = self._delayed(target)
         load = p["load_gain"] * load_torque + p["offset"]
         pull = target - self.position
-        if self._has_dead_band:
-            pull = pull - np.minimum(np.maximum(pull, -p["dead_band"]), p["dead_band"])
-        drive = self._momentum * self.velocity + pull - load
+        push = self._momentum * self.velocity - load
         if self._has_integral:
-            drive += self.integral
+            push = push + self.integral
+        drive = push + self._beyond_dead_band(pull)
         friction = p["friction"] + p["load_friction"] * np.abs(load)
-        size = np.abs(drive)
-        moves = size > np.where(self._sticks, friction * p["breakaway"], friction)
+        moves = np.abs(drive) > np.where(self._sticks, friction * p["breakaway"], friction)
         signed = np.copysign(friction, drive)
         self.friction = np.where(moves, signed, drive)
-        self.velocity = np.where(moves, (drive - signed) * self._gain, 0.0)
+        velocity = (push + pull - signed) * self._gain
+        if self._has_dead_band:
+            velocity = self._within_dead_band(velocity, push - signed, drive)
+        self.velocity = np.where(moves, velocity, 0.0)
         self._sticks = ~moves
         self.position = self.position + dt * self.velocity
         if self._has_integral:
-            self.integral = self.integral + p["integral_rate"] * dt * pull
+            left = self._beyond_dead_band(target - self.position)
+            self.integral = self.integral + p["integral_rate"] * dt * left
         return self.position
 
     def put(
@@ -159,6 +161,23 @@ class Twins:
         self.velocity = np.where(where, velocity, self.velocity)
         self.integral = np.where(where, integral, self.integral)
         self._sticks = np.where(where, velocity == 0.0, self._sticks)
+
+    def _beyond_dead_band(self, error: FloatArray) -> FloatArray:
+        if not self._has_dead_band:
+            return error
+        band = self._p["dead_band"]
+        return error - np.minimum(np.maximum(error, -band), band)
+
+    def _within_dead_band(
+        self, velocity: FloatArray, push: FloatArray, drive: FloatArray
+    ) -> FloatArray:
+        """The velocity where the error that the board ignores is the one after the step."""
+        p = self._p
+        alone = push / np.maximum(self._momentum + p["lag"], 1e-9)
+        band = p["dead_band"] * self._gain
+        pulled = np.maximum(velocity - band - alone, 0.0) + np.minimum(velocity + band - alone, 0.0)
+        velocity = alone + pulled
+        return np.where(velocity * drive > 0.0, velocity, 0.0)
 
     def _delayed(self, target: FloatArray) -> FloatArray:
         """The target as old as the response, between ticks by a line; one that is to come, by the last two."""

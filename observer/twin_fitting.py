@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pepper_driver.observer.recording import Recording
-from pepper_driver.observer.twin import TwinParameters, Twins
+from pepper_driver.observer.twin import PARAMETERS, TwinParameters, Twins
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
@@ -20,7 +20,20 @@ START_UP = 0.6
 ROBUSTNESS = np.radians(0.15)
 """[rad] Errors beyond this count by their size, no longer by its square: no rare slip sets a constant."""
 
+WORTH = 0.05
+"""By which share another constant must make the rest smaller."""
+
+LEAST_LOAD_EFFECT = np.radians(0.05)
+"""[rad] of tracking error: a load that makes less of it tells less of the stiffness than the current does."""
+
+SLOW = 0.03
+"""[rad/s] Desired; below it the error at rest is seen."""
+
 _STEP = 1e-3  # of the scales below, for the differences
+
+
+_EXTRAS = (("integral_rate",), ("dead_band",), ("integral_rate", "dead_band"))
+_LEAN = tuple(name for name in PARAMETERS if name not in ("integral_rate", "dead_band"))
 
 
 @dataclass(frozen=True)
@@ -40,7 +53,7 @@ _RANGES = {
     "load_gain": _Range(1e-4, 5.0, 0.008, 0.005),
     "offset": _Range(-0.03, 0.03, 0.0, 0.002),
     "dead_band": _Range(0.0, 0.02, 0.001, 0.002),
-    "integral_rate": _Range(0.0, 3.0, 0.05, 0.1),
+    "integral_rate": _Range(0.02, 3.0, 0.1, 0.1),
     "transport": _Range(-1.0, 2.0, 0.0, 0.3),
 }
 
@@ -69,6 +82,16 @@ class _Runs:
         for run, (recording, index) in enumerate(columns):
             self.counts[: len(recording), run] = recording.usable(index)
         self.counts[: round(START_UP / cycle)] = False
+        self.current = side_by_side("current")
+        self.slow = self.counts & (np.abs(side_by_side("velocity")) < SLOW)
+
+    def load_gain_at_rest(self, torque_constant: float) -> float | None:
+        """1 / K [rad/(N m)] of a board that makes its current of the error alone; None without current."""
+        current = self.current[self.slow]
+        error = np.abs(self.target - self.position)[self.slow]
+        power = float(current @ current)
+        gain = float(current @ error) / power / torque_constant if power > 0.0 else 0.0
+        return gain if gain > 0.0 else None
 
     def play(self, parameters: dict[str, FloatArray]) -> FloatArray:
         """(n, p, r) positions of twins with p sets of parameters (p, 1) on all r runs [rad]."""
@@ -84,52 +107,98 @@ class _Runs:
         )
 
 
-def fit_twin(joint: str, recordings: Sequence[Recording], cycle: float) -> TwinParameters:
+def fit_twin(
+    joint: str,
+    recordings: Sequence[Recording],
+    cycle: float,
+    *,
+    torque_constant: float | None = None,
+) -> TwinParameters:
     """Least squares of the twin's position against the encoder, over whole runs: its errors feed back on it.
+
+    A dead band looks much like friction, and an integral part like neither droop nor friction: each is taken in only if
+    it makes the rest smaller by WORTH.
 
     Args:
         joint: Name of the joint.
         recordings: Of its free motion.
         cycle: Period of the ticks [s].
+        torque_constant: Kt N, of motor and gear [N m/A]. With it, current over error at rest tells the stiffness of a
+            joint that bears hardly any load.
     """
-    from scipy.optimize import least_squares
+    fit = _Fit(_Runs(joint, recordings, cycle), torque_constant)
+    best, cost = fit.solve(_LEAN, {})
+    for extra in _EXTRAS:
+        trial, its_cost = fit.solve((*_LEAN, *extra), best)
+        if its_cost < (1.0 - WORTH) * cost:
+            best, cost = trial, its_cost
+            break
+    return TwinParameters(**{name: best.get(name, 0.0) for name in PARAMETERS})
 
-    runs = _Runs(joint, recordings, cycle)
-    names = tuple(_RANGES)
-    scale = np.array([_RANGES[name].scale for name in names])
-    measured = runs.position[runs.counts]
 
-    def parameters(points: FloatArray) -> dict[str, FloatArray]:
-        return {
-            name: column[:, None] for name, column in zip(names, (points * scale).T, strict=True)
-        }
+class _Fit:
+    """The least squares problem of one joint."""
 
-    def residual(point: FloatArray) -> FloatArray:
-        errors: FloatArray = runs.play(parameters(point[None]))[:, 0][runs.counts] - measured
-        return np.asarray(errors / ROBUSTNESS)
+    def __init__(self, runs: _Runs, torque_constant: float | None) -> None:
+        self._runs = runs
+        self._measured = runs.position[runs.counts]
+        self._load_gain = None
+        if torque_constant is not None:
+            self._load_gain = runs.load_gain_at_rest(torque_constant)
+        weight = len(self._measured) ** 0.5 * LEAST_LOAD_EFFECT / ROBUSTNESS
+        self._prior_weight = 0.0 if self._load_gain is None else weight
 
-    def slopes(point: FloatArray) -> FloatArray:
-        points = np.concatenate((point[None], point + _STEP * np.eye(len(point))))
-        positions = runs.play(parameters(points))
-        base = positions[:, 0][runs.counts]
-        return np.stack(
+    def solve(
+        self, names: tuple[str, ...], start: dict[str, float]
+    ) -> tuple[dict[str, float], float]:
+        """Values of the constants ``names``, the others 0, and the cost of the rest."""
+        from scipy.optimize import least_squares
+
+        ranges = [_RANGES[name] for name in names]
+        scale = np.array([r.scale for r in ranges])
+        begin = {name: r.start for name, r in zip(names, ranges, strict=True)}
+        if self._load_gain is not None:
+            begin["load_gain"] = self._load_gain
+        begin |= {name: value for name, value in start.items() if name in begin}
+
+        def residual(point: FloatArray) -> FloatArray:
+            errors: FloatArray = self._residual(names, point[None] * scale)[0]
+            return errors
+
+        def slopes(point: FloatArray) -> FloatArray:
+            return self._slopes(names, point, scale)
+
+        solution = least_squares(
+            residual,
             [
-                (positions[:, 1 + i][runs.counts] - base) / (_STEP * ROBUSTNESS)
-                for i in range(len(point))
+                float(np.clip(begin[name], r.lower, r.upper)) / r.scale
+                for name, r in zip(names, ranges, strict=True)
             ],
-            axis=1,
+            slopes,
+            bounds=([r.lower / r.scale for r in ranges], [r.upper / r.scale for r in ranges]),
+            loss="soft_l1",
+            max_nfev=40,
         )
+        values = dict(zip(names, (solution.x * scale).tolist(), strict=True))
+        return values, float(solution.cost)
 
-    solution = least_squares(
-        residual,
-        [_RANGES[name].start / _RANGES[name].scale for name in names],
-        slopes,
-        bounds=(
-            [_RANGES[name].lower / _RANGES[name].scale for name in names],
-            [_RANGES[name].upper / _RANGES[name].scale for name in names],
-        ),
-        loss="soft_l1",
-        max_nfev=40,
-    )
-    values = dict(zip(names, (solution.x * scale).tolist(), strict=True))
-    return TwinParameters(**values)
+    def _residual(self, names: tuple[str, ...], points: FloatArray) -> FloatArray:
+        """(p, m) errors of p sets of constants, as shares of ROBUSTNESS; the last one is the prior's."""
+        nothing = np.zeros((len(points), 1))
+        parameters = {name: nothing for name in PARAMETERS} | {
+            name: column[:, None] for name, column in zip(names, points.T, strict=True)
+        }
+        positions = self._runs.play(parameters)
+        errors = np.array([column[self._runs.counts] for column in positions.swapaxes(0, 1)])
+        scaled = (errors - self._measured) / ROBUSTNESS
+        prior = np.zeros((len(points), 1))
+        if self._load_gain is not None:
+            gain = points[:, names.index("load_gain")]
+            prior[:, 0] = self._prior_weight * np.log(gain / self._load_gain)
+        return np.concatenate((scaled, prior), axis=1)
+
+    def _slopes(self, names: tuple[str, ...], point: FloatArray, scale: FloatArray) -> FloatArray:
+        points = np.concatenate((point[None], point + _STEP * np.eye(len(point))))
+        residuals = self._residual(names, points * scale)
+        slopes: FloatArray = (residuals[1:] - residuals[0]).T / _STEP
+        return slopes

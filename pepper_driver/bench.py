@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from pepper_driver.backends import Command, make_backend
-from pepper_driver.config import load_observer_settings, load_scenario
+from pepper_driver.config import load_scenario
 from pepper_driver.loop import STAGES
 from pepper_driver.observer import shipped
 from pepper_driver.reflexes import Hold
@@ -102,7 +102,7 @@ def _whole(
     plant: str, seconds: float, log: Path
 ) -> tuple[np.ndarray[Any, np.dtype[np.float64]], float]:
     """Stage times (n, stages) [us] and real-time factor of the whole loop."""
-    observer = "paper" if plant in shipped(load_observer_settings().tree) else None
+    observer = "fusion" if plant in shipped("fusion") else None
     pepper = Pepper(f"mujoco://?plant={plant}", observer=observer, log=log, reflexes=[Hold()])
     rng = np.random.default_rng(0)
     joints = load_scenario("demo", pepper.config).touched_joints

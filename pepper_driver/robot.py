@@ -69,7 +69,7 @@ class Pepper:
         self,
         uri: str = "mujoco",
         *,
-        observer: str | Observer | None = "paper",
+        observer: str | Observer | None = "fusion",
         models: Path | str | None = None,
         log: Path | str | None = None,
         reflexes: Sequence[Reflex] = (),

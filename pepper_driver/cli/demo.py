@@ -85,7 +85,7 @@ def demo(
                 scenario_uri("mujoco", chosen),
                 joints,
                 load_scenario("identify", robot),
-                "affine",
+                "fusion",
                 seed=seed,
             )
             print_fits(console, result)

@@ -92,7 +92,7 @@ def fit_models(
         if sources.get(entry.joint, entry.joint) != entry.joint:
             waiting.append(entry)
             continue
-        model = fit_one(kind, entry.joint, entry.estimation)
+        model = fit_one(kind, entry.joint, entry.estimation, robot)
         _add(fitted, entry, model, None, window)
     for entry in waiting:
         source = sources[entry.joint]
@@ -100,10 +100,12 @@ def fit_models(
     return fitted
 
 
-def fit_one(kind: ModelKind, joint: str, recordings: Sequence[Recording]) -> JointModel:
+def fit_one(
+    kind: ModelKind, joint: str, recordings: Sequence[Recording], robot: RobotConfig
+) -> JointModel:
     """A model of one joint; of kind ``fusion``, without its thresholds."""
     if kind == "fusion":
-        return fit_joint_fusion(joint, recordings, recordings[0].cycle)
+        return fit_joint_fusion(joint, recordings, robot)
     return fit_joint(joint, recordings, kind)
 
 
@@ -117,6 +119,11 @@ def _fit_fusion(
     models, base = fit_fusion(
         robot,
         {entry.joint: entry.estimation for entry in own},
+        {
+            entry.joint: mirror_joint(entry.joint, robot)
+            for entry in own
+            if entry.joint not in {swept.joint for swept in recordings.sweeps}
+        },
         {entry.joint: sources[entry.joint] for entry in entries if entry not in own},
         recordings.calibration or [entry.test for entry in entries],
         window=load_observer_settings().fusion_window,

@@ -52,7 +52,7 @@ def shared_fits(
             joint=entry.joint,
             source=sources[entry.joint],
             shared=fits[entry.joint].test,
-            own=_own_fit(kind, entry),
+            own=_own_fit(kind, entry, robot),
             halves=not entry.estimation,
         )
         for entry in recordings.sweeps
@@ -60,16 +60,19 @@ def shared_fits(
     )
 
 
-def _own_fit(kind: ModelKind, entry: JointRecordings) -> float | None:
+def _own_fit(kind: ModelKind, entry: JointRecordings, robot: RobotConfig) -> float | None:
     try:
         if entry.estimation:
-            model = fit_one(kind, entry.joint, entry.estimation)
+            model = fit_one(kind, entry.joint, entry.estimation, robot)
             return mean_fit(entry, (entry.test,), predictor(model, entry.joint))
         # The sequence is played twice, with other postures of the neighbours: one half tells what the other will do.
         half = len(entry.test) // 2
         first, second = part(entry.test, 0, half), part(entry.test, half, len(entry.test))
         predicted = np.concatenate(
-            (_predicted(kind, entry, second, first), _predicted(kind, entry, first, second))
+            (
+                _predicted(kind, entry, second, first, robot),
+                _predicted(kind, entry, first, second, robot),
+            )
         )
         return nrmse_fit(entry.test.tracking_error(entry.index), predicted)
     except FittingError:
@@ -77,9 +80,13 @@ def _own_fit(kind: ModelKind, entry: JointRecordings) -> float | None:
 
 
 def _predicted(
-    kind: ModelKind, entry: JointRecordings, known: Recording, unknown: Recording
+    kind: ModelKind,
+    entry: JointRecordings,
+    known: Recording,
+    unknown: Recording,
+    robot: RobotConfig,
 ) -> FloatArray:
-    return predictor(fit_one(kind, entry.joint, (known,)), entry.joint)(unknown)
+    return predictor(fit_one(kind, entry.joint, (known,), robot), entry.joint)(unknown)
 
 
 def part(recording: Recording, begin: int, end: int) -> Recording:

@@ -10,7 +10,10 @@ import numpy as np
 from observer_cases import CYCLE, JOINTS, ROBOT, SETTINGS, FloatArray, models, tick
 
 from pepper_driver.controller.tick import Tick
+from pepper_driver.observer.alarms import limb_of
 from pepper_driver.observer.base import BaseModel
+from pepper_driver.observer.body import BASE_LINK, TRUNK_LINK
+from pepper_driver.observer.contact import Contact
 from pepper_driver.observer.contact_observer import ContactObserver
 from pepper_driver.observer.fusion import FusionSignal
 from pepper_driver.observer.fusion_model import FusionModel
@@ -23,7 +26,9 @@ from pepper_driver.observer.twin import TwinParameters
 
 ELBOW = ROBOT.joint_index("LElbowRoll")
 BOUND = 0.02
-PER_AMPERE = 0.08
+TORQUE_CONSTANT = (
+    ROBOT.motors.of("LElbowRoll").torque_constant * ROBOT.motors.joints["LElbowRoll"].ratio
+)
 ENCODER = 2 * np.pi / 4096
 
 TWIN = TwinParameters(
@@ -38,6 +43,8 @@ TWIN = TwinParameters(
     integral_rate=0.0,
     transport=0.0,
 )
+
+PER_AMPERE = TWIN.load_gain * TORQUE_CONSTANT
 
 NOTHING = AffineTree(
     feature=(-1,),
@@ -63,8 +70,8 @@ def fusion_model(twin: TwinParameters = TWIN, **changes: Any) -> FusionModel:
             source="current",
             torque_per_ampere=PER_AMPERE,
             inertia=twin.inertia,
-            lag=twin.lag,
-            offset=0.0,
+            lag=0.0,  # back-EMF takes no current
+            offset=twin.offset,
         ),
         "weight": (0.8, 0.6),
         "spread": (0.001, 0.001),
@@ -120,17 +127,16 @@ def swing(
     gravity: float = 0.8,
     shape: float = 0.35,
 ) -> Motion:
-    """A swing of two rates that begins and ends at rest, and rests again for ``rest`` [s]."""
+    """A swing of two rates that comes back to where it began, and rests there for ``rest`` [s]."""
     time = np.arange(round(seconds / CYCLE)) * CYCLE
-    position = velocity = acceleration = np.zeros_like(time)
-    for part, a, w in ((1.0, size, rate), (shape, size, 2.7 * rate)):
-        position = position + part * a * (1 - np.cos(w * time)) / 2
-        velocity = velocity + part * a * w * np.sin(w * time) / 2
-        acceleration = acceleration + part * a * w**2 * np.cos(w * time) / 2
-    still = np.zeros(round(rest / CYCLE))
-    position = np.concatenate((position, np.full(len(still), position[-1])))
-    velocity = np.concatenate((velocity, still))
-    acceleration = np.concatenate((acceleration, still))
+    swung = size * (1 - np.cos(rate * time) + shape * (1 - np.cos(2.7 * rate * time))) / 2
+    home = min(1.2, seconds / 3)
+    part = np.clip((seconds - time) / home, 0.0, 1.0)
+    position = np.concatenate(
+        (swung * part**3 * (10 - 15 * part + 6 * part**2), np.zeros(round(rest / CYCLE)))
+    )
+    velocity = np.gradient(position, CYCLE)
+    acceleration = np.gradient(velocity, CYCLE)
     load = gravity * np.sin(position + 0.4) + 0.03 * acceleration
     return Motion(position=position, velocity=velocity, acceleration=acceleration, load=load)
 
@@ -148,7 +154,7 @@ class Driven:
 
     position: FloatArray
     motor: FloatArray
-    """Torque / K [rad]."""
+    """Torque / K, back-EMF taken off [rad]."""
 
 
 def drive(
@@ -233,7 +239,9 @@ def ticks_of(
     for k in range(len(motion)):
         seen = k if late is None else max(k - late[k], 0)
         one = tick(
-            k, changed=(joint,) if k in changed else (), age=0.0 if late is None else late[k] * CYCLE
+            k,
+            changed=(joint,) if k in changed else (),
+            age=0.0 if late is None else late[k] * CYCLE,
         )
         one.sent.position[joint] = motion.position[k]
         one.reference.position[joint] = motion.position[k]
@@ -300,3 +308,40 @@ def push_profile(
     down = np.clip((begin + seconds - time) / rise, 0.0, 1.0)
     profile: FloatArray = torque * np.minimum(up, down)
     return profile
+
+
+def check_lives(events: list[Contact]) -> None:
+    """Assert what holds for the events of mode ``fusion`` in any run that ends quietly."""
+    lives: dict[int, list[Contact]] = {}
+    open_on: dict[str, int] = {}
+    for event in events:
+        life = lives.setdefault(event.id, [])
+        limb = limb_of(event.joint, ROBOT)
+        if event.phase == "begin":
+            assert life == []
+            assert limb not in open_on
+            assert event.time == event.detection_time
+        else:
+            assert life
+            assert life[-1].phase != "end"
+            assert event.detection_time == life[0].detection_time
+            assert event.time >= life[-1].time
+            # It moves from the trunk to a limb, never back, nor to another limb.
+            before = limb_of(life[-1].joint, ROBOT)
+            assert open_on.pop(before) == event.id
+            assert before in (limb, "trunk")
+        if event.phase != "end":
+            assert limb not in open_on
+            open_on[limb] = event.id
+        assert event.onset_time <= event.detection_time
+        assert event.intensity >= 0
+        if event.joint is None:
+            assert event.link in (TRUNK_LINK, BASE_LINK)
+        else:
+            assert event.link == ROBOT.joints[ROBOT.joint_index(event.joint)].child
+            assert event.intensity > 0
+        if life and life[-1].kind != "contact":
+            assert event.kind == life[-1].kind
+        life.append(event)
+    assert open_on == {}
+    assert list(lives) == list(range(1, len(lives) + 1))

@@ -26,7 +26,6 @@ CYCLE = ROBOT.cycle
 JOINTS = len(ROBOT.joint_names)
 THRESHOLD = 0.04
 SETTINGS = ObserverSettings(
-    mode="paper",
     tree="affine",
     median_window=11,
     threshold=THRESHOLD,

@@ -7,7 +7,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 from observer_cases import CYCLE, SETTINGS, THRESHOLD
 
-from pepper_driver.observer.events import JointMonitor
+from pepper_driver.observer.events import (
+    SETTLING_FACTOR,
+    SETTLING_TIME,
+    STUCK_LONGEST,
+    STUCK_TIME,
+    JointMonitor,
+)
 from pepper_driver.observer.interface import JointState
 
 FREE, CONTACT, RELEASE, REBOUND, BLIND = (
@@ -155,3 +161,104 @@ def test_values_under_the_threshold_change_nothing(rows: list[tuple[bool, float,
         b = other.step(k * CYCLE, (push or second) * THRESHOLD, THRESHOLD)
         assert a == b
         assert one.excursion == other.excursion
+
+
+SETTLING = JointState.SETTLING
+BAND = 2.5 * THRESHOLD
+
+
+class Settler:
+    """A monitor with a state SETTLING, and residuals and bands as multiples of the threshold."""
+
+    def __init__(self) -> None:
+        self.joint = JointMonitor(3, SETTINGS, lambda joint, sign, threshold: -1.0, settles=True)
+        self.k = 0
+        self.settled: list[int] = []
+
+    def play(self, value: float, ticks: int, band: float = BAND) -> list[JointState]:
+        states = []
+        for _ in range(ticks):
+            states.append(self.joint.step(self.k * CYCLE, value * THRESHOLD, THRESHOLD, band))
+            if self.joint.settled:
+                self.settled.append(self.k)
+            self.k += 1
+        return states
+
+
+STUCK = math.ceil(STUCK_TIME / CYCLE)
+LONGEST = math.ceil(STUCK_LONGEST / CYCLE)
+
+
+def test_a_joint_that_friction_holds_off_its_place_is_let_go() -> None:
+    player = Settler()
+    player.play(4.0, 20)
+    states = player.play(2.0, STUCK + 5)
+    first = states.index(SETTLING)
+    assert first == pytest.approx(STUCK, abs=1)
+    assert player.settled == [20 + first]
+    assert states[:first] == [CONTACT] * first
+
+
+def test_a_hand_that_still_pulls_is_no_friction() -> None:
+    # Beyond what friction can hold, moving, or never fallen from its peak within a second.
+    for band, value in ((1.9 * THRESHOLD, 2.0), (0.0, 2.0)):
+        player = Settler()
+        player.play(4.0, 20, band)
+        assert SETTLING not in player.play(value, 3 * LONGEST, band)
+    player = Settler()
+    player.play(4.0, 20)
+    for k in range(3 * LONGEST):
+        assert player.play(2.0 + 0.4 * math.sin(k / 3), 1) == [CONTACT]
+    player = Settler()
+    assert SETTLING not in player.play(2.0, LONGEST - 1)
+
+
+def test_one_that_never_fell_is_let_go_later() -> None:
+    player = Settler()
+    states = player.play(2.0, LONGEST + 3)
+    assert states.index(SETTLING) == pytest.approx(LONGEST, abs=1)
+
+
+def test_after_a_contact_more_is_needed_for_a_while() -> None:
+    player = Settler()
+    player.play(4.0, 20)
+    player.play(0.2, GAP + 1)
+    assert player.play(0.2, 1) == [SETTLING]
+    assert player.settled == [20 + GAP + 1]
+    wait = math.floor(SETTLING_TIME / CYCLE)
+    value = 0.5 * (1.0 + SETTLING_FACTOR)
+    assert set(player.play(value, wait)) == {SETTLING}
+    assert not player.joint.idle(player.k * CYCLE - 2 * CYCLE)
+    assert player.play(value, 3)[-1] is CONTACT
+
+
+def test_a_new_touch_while_settling_is_a_contact() -> None:
+    player = Settler()
+    player.play(4.0, 20)
+    player.play(0.2, GAP + 3)
+    assert player.play(1.1 * SETTLING_FACTOR, 1) == [CONTACT]
+
+
+def test_without_settling_nothing_is_ever_stuck() -> None:
+    joint = monitor()
+    states = [joint.step(k * CYCLE, 2.0 * THRESHOLD, THRESHOLD, BAND) for k in range(3 * LONGEST)]
+    assert set(states) == {CONTACT}
+
+
+@given(st.lists(st.floats(-3, 3) | st.just(math.nan), max_size=200), st.floats(0.0, 4.0))
+def test_whoever_settles_has_ended_an_excursion(values: list[float], band: float) -> None:
+    player = Settler()
+    before = None
+    for value in values:
+        player.settled.clear()
+        [state] = player.play(value, 1, band * THRESHOLD)
+        now = player.joint.excursion
+        if player.settled:
+            assert before is not None
+            assert now is not before
+        assert (state is BLIND) == math.isnan(value)
+        assert (now is None) == (state in (FREE, BLIND, SETTLING))
+        before = now
+    player.play(0.0, 3 * GAP)
+    assert player.joint.excursion is None
+    assert player.joint.idle(player.k * CYCLE)

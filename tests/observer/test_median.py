@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from observer_cases import CYCLE
 from scipy.ndimage import median_filter
 
-from pepper_driver.observer.median import RunningMedian
+from pepper_driver.observer.median import RecentLargest, RunningMedian
 
 
 @given(st.integers(1, 12), st.integers(1, 40), st.integers(0, 2**32 - 1))
@@ -51,3 +52,19 @@ def test_nan_is_gone_after_one_window() -> None:
 def test_refuses_empty_windows(window: int, width: int) -> None:
     with pytest.raises(ValueError, match="1 or more"):
         RunningMedian(window, width)
+
+
+@given(st.integers(1, 12), st.integers(1, 40), st.integers(0, 2**32 - 1))
+def test_the_largest_is_that_of_the_samples_in_the_memory(kept: int, n: int, seed: int) -> None:
+    samples = np.random.default_rng(seed).uniform(size=(n, 3))
+    largest = RecentLargest(kept * CYCLE, CYCLE, 3)
+    for k in range(n):
+        expected = samples[max(0, k + 1 - kept) : k + 1].max(axis=0)
+        np.testing.assert_array_equal(largest.push(samples[k]), expected)
+
+
+def test_the_largest_keeps_at_least_this_sample_and_is_not_overwritten() -> None:
+    largest = RecentLargest(0.0, CYCLE, 1)
+    first = largest.push(np.array([5.0]))
+    assert largest.push(np.array([2.0]))[0] == 2.0
+    assert first[0] == 5.0

@@ -11,12 +11,15 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from fusion_cases import MODEL, fusion_set
 from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 from observer_cases import AFFINE, CYCLE, ROBOT, SILENT, free_run, models
 
 from pepper_driver.config import PepperError
+from pepper_driver.observer.base import TAPS, BaseModel
 from pepper_driver.observer.fitting import fit_joint
+from pepper_driver.observer.fusion_model import FusionModel
 from pepper_driver.observer.model_file import ModelFileError, ModelSet, shipped
 from pepper_driver.observer.prediction import predict_recording
 from pepper_driver.observer.tree import TREE_TYPES, AffineTree
@@ -127,7 +130,7 @@ def set_in(*keys: str | int, value: object) -> Callable[[dict[str, Any]], None]:
     return edit
 
 
-MODEL = ("models", "HeadYaw")
+MODEL_OF = ("models", "HeadYaw")
 
 
 @pytest.mark.parametrize(
@@ -150,22 +153,22 @@ MODEL = ("models", "HeadYaw")
         (set_in("joint_names", 0, value="HeadYaw"), "named twice"),
         (set_in("models", "Tail", value={}), "model of Tail"),
         (lambda data: data["models"].pop("LHand"), "not of the joints"),
-        (set_in(*MODEL, value=[1.0]), "the model of HeadYaw is no mapping"),
-        (set_in(*MODEL, "left", 0, value=0), "node 0 of 5 has child 0"),
-        (set_in(*MODEL, "left", 2, value=1), "node 2 of 5 has child 1"),
-        (set_in(*MODEL, "right", 0, value=9), "node 0 of 5 has child 9"),
-        (set_in(*MODEL, "right", 0, value=10**30), "has child 1000"),
-        (set_in(*MODEL, "right", 0, value=2.0), "right.0"),
-        (set_in(*MODEL, "right", 0, value=True), "right.0"),
-        (set_in(*MODEL, "feature", 0, value=3), "splits on feature 3"),
-        (set_in(*MODEL, "threshold", value=[0.0]), "'threshold' has 1 entries"),
-        (set_in(*MODEL, "threshold", 0, value=float("nan")), "NaN is not finite"),
-        (set_in(*MODEL, "threshold", 0, value=float("inf")), "Infinity is not finite"),
-        (set_in(*MODEL, "threshold", 0, value=10**400), "threshold.0"),
-        (set_in(*MODEL, "coefficients", 1, value=[0.0, 1.0]), "coefficients"),
-        (set_in(*MODEL, "coefficients", 1, 0, value="0.0"), "coefficients"),
-        (set_in(*MODEL, "lower", value=[9.0, 9.0, 9.0]), "above upper"),
-        (set_in(*MODEL, "surprise", value=1), "unknown key 'surprise'"),
+        (set_in(*MODEL_OF, value=[1.0]), "the model of HeadYaw is no mapping"),
+        (set_in(*MODEL_OF, "left", 0, value=0), "node 0 of 5 has child 0"),
+        (set_in(*MODEL_OF, "left", 2, value=1), "node 2 of 5 has child 1"),
+        (set_in(*MODEL_OF, "right", 0, value=9), "node 0 of 5 has child 9"),
+        (set_in(*MODEL_OF, "right", 0, value=10**30), "has child 1000"),
+        (set_in(*MODEL_OF, "right", 0, value=2.0), "right.0"),
+        (set_in(*MODEL_OF, "right", 0, value=True), "right.0"),
+        (set_in(*MODEL_OF, "feature", 0, value=3), "splits on feature 3"),
+        (set_in(*MODEL_OF, "threshold", value=[0.0]), "'threshold' has 1 entries"),
+        (set_in(*MODEL_OF, "threshold", 0, value=float("nan")), "NaN is not finite"),
+        (set_in(*MODEL_OF, "threshold", 0, value=float("inf")), "Infinity is not finite"),
+        (set_in(*MODEL_OF, "threshold", 0, value=10**400), "threshold.0"),
+        (set_in(*MODEL_OF, "coefficients", 1, value=[0.0, 1.0]), "coefficients"),
+        (set_in(*MODEL_OF, "coefficients", 1, 0, value="0.0"), "coefficients"),
+        (set_in(*MODEL_OF, "lower", value=[9.0, 9.0, 9.0]), "above upper"),
+        (set_in(*MODEL_OF, "surprise", value=1), "unknown key 'surprise'"),
         (lambda data: data["models"]["HeadYaw"].pop("upper"), "'upper' is missing"),
     ],
 )
@@ -295,3 +298,98 @@ def test_sets_that_make_no_sense_are_refused() -> None:
         replace(AFFINE_SET, test_fit={"HeadYaw": float("nan"), "LHand": 1.0})
     assert issubclass(ModelFileError, PepperError)
     assert issubclass(ModelFileError, ValueError)
+
+
+# -- fusion ---------------------------------------------------------------------------------------------------------
+
+BASE = BaseModel(
+    coefficients=tuple((0.1 * k, -1e-7 * k, 1.0 / 3.0) for k in range(2 * TAPS)),
+    standing=(0.01, 0.02, 0.03),
+    driving=(0.04, 0.05, 0.06),
+)
+ODD = replace(
+    MODEL, median=math.pi / 1e4, twin=replace(MODEL.twin, lag=0.1 + 0.2, integral_rate=1e-300)
+)
+FUSION_SET = fusion_set({"HeadYaw": MODEL, "LHand": ODD}, BASE)
+
+
+@pytest.fixture
+def fusion_file(tmp_path: Path) -> Path:
+    path = tmp_path / "fusion.json"
+    FUSION_SET.save(path)
+    return path
+
+
+def test_fusion_models_are_loaded_bit_for_bit(fusion_file: Path) -> None:
+    assert ModelSet.load(fusion_file, ROBOT) == FUSION_SET
+    without = replace(FUSION_SET, base=None)
+    without.save(fusion_file)
+    assert ModelSet.load(fusion_file, ROBOT) == without
+
+
+@pytest.mark.parametrize(
+    ("edit", "message"),
+    [
+        (set_in(*MODEL_OF, "twin", "lag", value=-0.1), "'lag' is negative"),
+        (set_in(*MODEL_OF, "twin", "load_gain", value=0.0), "load_gain above 0"),
+        (set_in(*MODEL_OF, "twin", "breakaway", value="1.0"), "breakaway"),
+        (set_in(*MODEL_OF, "twin", "spin", value=1.0), "spin"),
+        (lambda data: data["models"]["HeadYaw"]["twin"].pop("friction"), "friction"),
+        (lambda data: data["models"]["HeadYaw"].pop("twin"), "'twin' is missing"),
+        (set_in(*MODEL_OF, "twin", value=3.0), "twin"),
+        (set_in(*MODEL_OF, "momentum", "source", value="guess"), "source"),
+        (set_in(*MODEL_OF, "momentum", "torque_per_ampere", value=0.0), "torque_per_ampere"),
+        (set_in(*MODEL_OF, "weight", value=[0.5, 1.5]), "'weight' must lie within 0 and 1"),
+        (set_in(*MODEL_OF, "weight", value=[0.5]), "weight"),
+        (set_in(*MODEL_OF, "spread", 0, value=0.0), "'spread' must be above 0"),
+        (set_in(*MODEL_OF, "median", value=0.0), "'median' not above 0"),
+        (set_in(*MODEL_OF, "bound", "value", 0, value=-0.01), "'bound' must be above 0"),
+        (set_in(*MODEL_OF, "bound", "left", 0, value=0), "has children"),
+        (set_in(*MODEL_OF, "remainder", "coefficients", 0, value=[0.0]), "remainder"),
+        (set_in("base", "standing", value=[0.1, 0.1]), "base.standing"),
+        (set_in("base", "driving", 1, value=0.0), "a bound must be above 0"),
+        (set_in("base", "coefficients", value=[]), "base.coefficients"),
+        (lambda data: data["base"]["coefficients"].pop(), "multiple of 25"),
+        (set_in("base", value=[]), "base"),
+        (set_in("kind", value="affine"), "unknown key"),
+    ],
+)
+def test_what_is_wrong_with_a_fusion_file_is_said_in_one_line(
+    edit: Callable[[dict[str, Any]], object], message: str, fusion_file: Path
+) -> None:
+    edited(fusion_file, edit)
+    with pytest.raises(ModelFileError) as caught:
+        ModelSet.load(fusion_file)
+    text = str(caught.value)
+    assert message in text
+    assert text.startswith(f"{fusion_file}: ")
+    assert text.endswith("'pepper identify'")
+    assert "\n" not in text
+    assert len(text) < 600
+
+
+@settings(
+    max_examples=150, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
+)
+@given(st.randoms(use_true_random=False), st.integers(1, 3))
+def test_a_fusion_file_with_bytes_altered_is_refused_or_makes_a_valid_model(
+    fusion_file: Path, rng: random.Random, times: int
+) -> None:
+    FUSION_SET.save(fusion_file)
+    content = bytearray(fusion_file.read_bytes())
+    for _ in range(times):
+        content[rng.randrange(len(content))] = rng.choice(b'0123456789-+.eE,:[]{}" ntfNI')
+    fusion_file.write_bytes(bytes(content))
+    try:
+        loaded = ModelSet.load(fusion_file, ROBOT)
+    except ModelFileError as error:
+        assert "\n" not in str(error)
+        return
+    assert all(isinstance(model, FusionModel) for model in loaded.models.values())
+
+
+def test_sets_that_mix_kinds_are_refused() -> None:
+    with pytest.raises(ModelFileError, match="is a CartTree, not of kind 'fusion'"):
+        models({"HeadYaw": SILENT}, kind="fusion")
+    with pytest.raises(ModelFileError, match="is a FusionModel, not of kind 'cart'"):
+        models({"HeadYaw": MODEL})

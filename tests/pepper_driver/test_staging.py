@@ -597,3 +597,13 @@ def test_two_pushes_at_once_stay_within_what_the_robot_can_take() -> None:
             together.append(one.planned.tipping + other.planned.tipping)
     assert max(together) <= 0.6
     assert max(together) > 0.5, "else nothing was refused"
+
+
+def test_the_robot_moves_freely_first_if_that_is_wanted() -> None:
+    pepper = make_pepper()
+    scenario = setpoints(after=2 * 7.968)
+    motion = scenario.motion
+    assert isinstance(motion, Setpoints)
+    scenario = replace(scenario, motion=replace(motion, count=4))
+    scenes = plan_scenes(scenario, ROBOT, pepper.backend, np.random.default_rng(0))
+    assert [len(scene.touches) for scene in scenes] == [0, 0, 0, 2, 2]
