@@ -22,10 +22,13 @@ from pepper_driver.observer.model_file import ModelSet
 from pepper_driver.observer.momentum_signal import MomentumSignal
 from pepper_driver.observer.onset import ResidualHistory
 from pepper_driver.observer.paper import PaperSignal
+from pepper_driver.observer.prediction import predict_recording
+from pepper_driver.observer.recording import Recording
 from pepper_driver.observer.signal import ResidualSignal, Signal
 from pepper_driver.observer.tree import AffineTree, CartTree
 
 BoolArray = NDArray[np.bool_]
+FloatArray = NDArray[np.float64]
 
 ONSET_LOOKBACK = 0.5
 """[s] before the median window; a touch that grows more slowly is dated too late."""
@@ -113,6 +116,16 @@ class ContactObserver(Observer):
             f"{self._models.identity}; median of {self._window}, "
             f"threshold {known.min():.2f} to {known.max():.2f} deg"
         )
+
+    def predict(self, joint: str, recording: Recording) -> FloatArray:
+        """(n,) expected tracking error of a joint over a run [rad], with no look at what was measured; NaN if unknown.
+
+        In mode ``fusion`` that is less than ``Observation.expected`` knows, which follows where joints come to rest.
+        """
+        model = self._models.models.get(joint)
+        if model is None or self._mode == "momentum":
+            return np.full(len(recording), np.nan)
+        return predict_recording(model, joint, recording)
 
     def step(self, tick: Tick) -> Observation:
         """Take in one tick; never raises for bad sensor values."""

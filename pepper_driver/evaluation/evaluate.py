@@ -90,12 +90,14 @@ def run_job(job: Job, contestants: Contestants) -> Outcome:
         return Outcome(
             suite=job.suite, take=None, scores={}, traces=(), failures=(_failure(job.title, error),)
         )
+    swept = take.experiment in robot.joint_names and not take.pushes
+    tested = take.experiment if swept else None
     scores: dict[str, TakeScore] = {}
     traces: list[Trace] = []
     failures: list[Failure] = []
     for mode in contestants.of_suite(take.suite):
         try:
-            watched = watch(contestants.observer(mode, take, robot), take.recording)
+            watched = watch(contestants.observer(mode, take, robot), take.recording, tested)
             scores[mode] = score_take(take, watched, robot)
             if job.pictured is not None:
                 traces.append(trace_of(mode, take, watched, job.pictured))

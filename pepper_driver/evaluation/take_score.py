@@ -248,11 +248,10 @@ def _swings_and_touches(
 
 def _fit(take: Take, watched: Watched) -> dict[str, float]:
     """NRMSE of the expected error of the joint that the take is about, if it is about one and nobody pushes."""
-    recording = take.recording
-    if take.pushes or take.experiment not in recording.joint_names:
+    recording, expected = take.recording, watched.predicted
+    if expected is None:
         return {}
     index = recording.joint_names.index(take.experiment)
-    expected = watched.expected[:, index]
     usable = recording.usable(index) & np.isfinite(expected)
     if not usable.any():
         return {}

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pepper_driver.config.parts import FloatArray
-from pepper_driver.observer import Contact, Observer, Recording
+from pepper_driver.observer import Contact, ContactObserver, Observer, Recording
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -19,6 +19,7 @@ class Watched:
     Attributes:
         contacts: Its events, in their order.
         expected: (n, N) expected tracking error [rad].
+        predicted: (n,) the same of the joint that was asked for, without a look at what was measured; None for none.
         residual: (n, N) contact observer signal r [rad].
         threshold: (n, N) [rad].
         torque: (n, N) external torque estimate [N m].
@@ -28,6 +29,7 @@ class Watched:
 
     contacts: tuple[Contact, ...]
     expected: FloatArray
+    predicted: FloatArray | None
     residual: FloatArray
     threshold: FloatArray
     torque: FloatArray
@@ -35,8 +37,8 @@ class Watched:
     step_us: FloatArray
 
 
-def watch(observer: Observer, recording: Recording) -> Watched:
-    """Reset the observer and show it every tick of the recording."""
+def watch(observer: Observer, recording: Recording, joint: str | None = None) -> Watched:
+    """Reset the observer and show it every tick of the recording; ``joint`` is the one to predict."""
     shape = recording.position.shape
     expected, residual, threshold, torque = (np.empty(shape) for _ in range(4))
     state = np.empty(shape, dtype=np.int8)
@@ -56,9 +58,18 @@ def watch(observer: Observer, recording: Recording) -> Watched:
     return Watched(
         contacts=tuple(contacts),
         expected=expected,
+        predicted=None if joint is None else _predicted(observer, recording, joint, expected),
         residual=residual,
         threshold=threshold,
         torque=torque,
         state=state,
         step_us=step_us,
     )
+
+
+def _predicted(
+    observer: Observer, recording: Recording, joint: str, expected: FloatArray
+) -> FloatArray:
+    if isinstance(observer, ContactObserver):
+        return observer.predict(joint, recording)
+    return expected[:, recording.joint_names.index(joint)]

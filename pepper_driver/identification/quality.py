@@ -57,6 +57,9 @@ MOVING = 0.1
 FLAT_TOP = (0.02, 0.02)
 """Share of the maximum, and [A]: what still counts as at the maximum."""
 
+LEAST_DRIFT = np.radians(0.3)
+"""[rad] by which the tracking error changes while a current is clipped."""
+
 FLAT_WINDOW = 5
 """Samples of the running median that takes the noise off a current first."""
 
@@ -166,19 +169,27 @@ def _flat_current(name: str, run: Recording, joint: str) -> list[Finding]:
     smooth = np.median(np.lib.stride_tricks.sliding_window_view(current, FLAT_WINDOW), axis=1)
     top = float(smooth.max())
     moving = np.abs(run.velocity[half : half + len(smooth), index]) > MOVING
-    longest = _longest(moving & (smooth >= top - max(FLAT_TOP[0] * top, FLAT_TOP[1])))
-    seconds = longest * float(np.median(np.diff(run.time)))
+    flat = moving & (smooth >= top - max(FLAT_TOP[0] * top, FLAT_TOP[1]))
+    begin, end = _longest(flat)
+    seconds = (end - begin) * float(np.median(np.diff(run.time)))
     if seconds < FLAT_TIME:
+        return []
+    # At a constant velocity current and error are both constant; a board at its limit lets the error go.
+    error = run.tracking_error(index)
+    settled = np.median(np.lib.stride_tricks.sliding_window_view(error, FLAT_WINDOW), axis=1)
+    if np.ptp(settled[begin:end]) < LEAST_DRIFT:
         return []
     text = f"its current stays at {top:.2f} A for {seconds:.1f} s: clipped, the joint cannot follow"
     return [Finding(kind="current", joint=joint, run=name, text=text)]
 
 
-def _longest(flags: np.ndarray[tuple[int], np.dtype[np.bool_]]) -> int:
-    """Length of the longest run of True."""
+def _longest(flags: np.ndarray[tuple[int], np.dtype[np.bool_]]) -> tuple[int, int]:
+    """Begin and end of the longest run of True; equal where there is none."""
     edges = np.flatnonzero(np.diff(np.concatenate(([False], flags, [False])).astype(np.int8)))
-    lengths = edges[1::2] - edges[::2]
-    return int(lengths.max(initial=0))
+    if not len(edges):
+        return 0, 0
+    longest = int(np.argmax(edges[1::2] - edges[::2]))
+    return int(edges[2 * longest]), int(edges[2 * longest + 1])
 
 
 def _bursts(

@@ -28,7 +28,8 @@ from pepper_driver.observer import Contact
 
 
 def scored(take: Take, contacts: Sequence[Contact] = (), **script: Any) -> TakeScore:
-    return score_take(take, watch(Script(contacts, **script), take.recording), ROBOT)
+    joint = take.experiment if take.experiment in ROBOT.joint_names else None
+    return score_take(take, watch(Script(contacts, **script), take.recording, joint), ROBOT)
 
 
 def figures(take: Take, contacts: Sequence[Contact] = (), **script: Any) -> Metrics:
