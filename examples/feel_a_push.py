@@ -5,7 +5,7 @@ from pepper_driver import Contact, Hold, Pepper
 pepper = Pepper("mujoco://?plant=integral", reflexes=[Hold()])  # Hold: stand still while touched
 
 
-@pepper.on_contact(min_intensity=2.5)
+@pepper.on_contact()
 def touched(contact: Contact) -> None:
     """Called on a thread of its own when a contact begins."""
     print(

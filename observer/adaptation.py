@@ -28,6 +28,12 @@ OFFSET_UNIT = np.radians(0.1)
 NOISE = 3.0
 """Times the spread of the free residual: its errors last for many samples, and count once."""
 
+USUAL = 0.2
+"""Share by which friction differs from day to day."""
+
+STRAY = 2.0
+"""Of the threshold, per share of friction beyond that: changed gears have changed in more ways than that."""
+
 WORN = 0.4
 """Friction or lag beyond this share of what was identified: the joint is worn, and should be identified anew."""
 
@@ -101,6 +107,12 @@ class Adaptation:
         known = np.einsum("nii->ni", self._covariance)
         shrink = np.sqrt(np.minimum(1.0, self._prior**2 / np.maximum(known, 1e-12)))
         self._covariance *= shrink[:, :, None] * shrink[:, None, :]
+
+    @property
+    def strangeness(self) -> FloatArray:
+        """(n,) 1 or more: by which factor a joint strays further, because its friction is not what was identified."""
+        strange: FloatArray = 1.0 + STRAY * np.maximum(np.abs(self.share[:, 0]) - USUAL, 0.0)
+        return strange
 
     @property
     def worn(self) -> BoolArray:

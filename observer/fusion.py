@@ -128,7 +128,6 @@ class FusionSignal:
         self._scale = BoundScale(
             np.array([np.nan if m is None else m.median for m in models]),
             np.fmax(START, burden),
-            cycle,
         )
         self._stiffness = 1.0 / self._identified["load_gain"]
         self._integrates = np.array(
@@ -296,7 +295,7 @@ class FusionSignal:
         )
         self._calm = 0.5 * bound
         if self._adapt:
-            bound = bound * self._scale.factor
+            bound = bound * np.maximum(self._scale.factor, self._adaptation.strangeness)
         if tick.changed.any():
             bound = np.where(tick.changed, CHANGED_FACTOR * bound, bound)
         effects = self._adaptation.effects(then.friction, self._twins.velocity, then.load)

@@ -33,8 +33,8 @@ REMAINDER_SHRINKAGE = 1000.0
 MARGIN = 1.5
 """Over the largest residual of the calibration."""
 
-FLOOR = np.radians(0.5)
-"""No threshold lies below this, however quiet the recordings: six steps of the encoder."""
+FLOOR = np.radians(0.6)
+"""No threshold lies below this, however quiet the recordings: seven steps of the encoder."""
 
 FLATNESS = 0.75
 """No leaf of a threshold lies below this share of the highest one: the largest of few samples is no bound."""
