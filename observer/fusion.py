@@ -30,6 +30,12 @@ MOVING = 0.02
 RESTING = 0.05
 """[rad/s] Desired; a joint that shall move no faster can be held by its friction."""
 
+SETTLING_TICKS = 40
+"""After a contact has ended, within which its joint must have come to rest for its twin to start anew there."""
+
+BOARD_TIME = 0.3
+"""[s] Within which the current corrects what a board is thought to have summed up."""
+
 SPEED_MEMORY = 0.5
 """[s] For which the largest desired speed is kept for the threshold."""
 
@@ -107,7 +113,15 @@ class FusionSignal:
             for name in PARAMETERS
         }
         self._twins = Twins(self._identified, cycle)
-        self._momentum = MomentumChannel([None if m is None else m.momentum for m in models])
+        self._integrates = np.array(
+            [
+                m is not None and m.twin.integral_rate > 0.0 and m.momentum.source == "current"
+                for m in models
+            ]
+        )
+        self._momentum = MomentumChannel(
+            [None if m is None else m.momentum for m in models], self._integrates
+        )
         self._derivatives = ErrorDerivatives(cycle)
         self._remainders = [None if m is None else m.remainder.predict_one for m in models]
         self._bounds = [None if m is None else m.bound.predict_one for m in models]
@@ -130,12 +144,6 @@ class FusionSignal:
             np.fmax(START, burden),
         )
         self._stiffness = 1.0 / self._identified["load_gain"]
-        self._integrates = np.array(
-            [
-                m is not None and m.twin.integral_rate > 0.0 and m.momentum.source == "current"
-                for m in models
-            ]
-        )
         self._correction = cycle / REST_CORRECTION
         self._median = RunningMedian(window, len(models))
         self.reset()
@@ -156,6 +164,9 @@ class FusionSignal:
         self._speed = np.zeros(n)
         self._blind_ticks = np.zeros(n, dtype=np.int64)
         self._slip = np.zeros(n)
+        self._board = np.zeros(n)
+        self._change = np.zeros(n)
+        self._due = np.zeros(n, dtype=np.int64)
         self._last = np.zeros(n)
         self._count = 0
 
@@ -181,23 +192,23 @@ class FusionSignal:
         if bad.any():
             target, load_torque, measured = self._mended(tick, bad)
         if not self._past:
-            self._twins.start(measured, target)
+            self._start(measured, target, load_torque)
         expected = self._expect(target, load_torque, tick, bad)
         self._past.append(expected)
         # A late sample answers an older command.
         then = self._past[max(-1 - late_ticks, -len(self._past))]
-        residual, motor = self._residual(then, measured, measurement.current, bad)
+        residual = self._residual(then, measured, measurement.current, bad)
         raw = residual.copy()
         raw[bad] = np.nan
         filtered = self._median.push(np.where(bad, 0.0, residual))
         self._blind_ticks = np.where(bad, self._window, np.maximum(self._blind_ticks - 1, 0))
         blind = (self._blind_ticks > 0) | self.no_model
         waking = blind & ~bad & ~self.no_model
-        self._relatch(bad | waking, measured, motor)
+        self._relatch(bad | waking, measured)
         threshold, effects = self._threshold(tick, then)
         torque, torque_std = self._torque(filtered, then, threshold)
         expected_error = then.target - then.position + then.remainder
-        self._now = (filtered, then, measured, motor, effects, blind)
+        self._now = (filtered, then, measured, effects, blind)
         for values in (expected_error, filtered, threshold, torque, torque_std):
             values[blind] = np.nan
         base = (np.nan, np.nan)
@@ -215,6 +226,13 @@ class FusionSignal:
             base_raw=base[0],
             base_residual=base[1],
         )
+
+    def _start(self, measured: FloatArray, target: FloatArray, load_torque: FloatArray) -> None:
+        """Put the twins where the joints are; boards with an integral part have taken up the load."""
+        self._twins.start(measured, target)
+        load = self._identified["load_gain"] * load_torque + self._identified["offset"]
+        self._board = np.where(self._integrates, load - (target - measured), 0.0)
+        self._twins.integral = np.where(self._integrates, self._board, self._twins.integral)
 
     def _mended(self, tick: Tick, bad: BoolArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Target, load torque and position with something harmless where they are not finite."""
@@ -258,24 +276,34 @@ class FusionSignal:
 
     def _residual(
         self, then: _Expected, measured: FloatArray, current: FloatArray, bad: BoolArray
-    ) -> tuple[FloatArray, FloatArray]:
-        """Fused residual and the motor's torque over K [rad]."""
+    ) -> FloatArray:
+        """Fused residual [rad]."""
         error = then.target - measured
         twin = then.position - measured - then.remainder
         change, curvature = self._derivatives.step(error)
+        self._change = change
         velocity = then.velocity - change
         share = self._adaptation.share
         load = then.load * (1.0 + share[:, 2]) + share[:, 3] * OFFSET_UNIT
         momentum, motor = self._momentum.residual(
             current=np.where(bad, 0.0, current),
-            drive=error + self._twins.integral,
+            drive=error + self._board,
             velocity=velocity,
             acceleration=then.acceleration - curvature,
             resistance=then.friction + load,
             expected=twin,
         )
+        self._follow_boards(error, motor)
         weight = np.where(then.moves, self._weight[1], self._weight[0])
-        return weight * twin + (1.0 - weight) * momentum, motor
+        return weight * twin + (1.0 - weight) * momentum
+
+    def _follow_boards(self, error: FloatArray, motor: FloatArray) -> None:
+        """What the boards have summed up of the measured error, held by their currents [rad]."""
+        if not self._integrates.any():
+            return
+        summed = self._board + self._identified["integral_rate"] * self._cycle * error
+        summed += self._cycle / BOARD_TIME * (motor - error - summed)
+        self._board = np.where(self._integrates, summed, 0.0)
 
     def _threshold(self, tick: Tick, then: _Expected) -> tuple[FloatArray, FloatArray]:
         """Threshold [rad], and the effects of the adapted quantities."""
@@ -338,16 +366,21 @@ class FusionSignal:
             free: (n,) joints that nothing touches, nor has shortly before.
             settled: (n,) joints whose contact ended in this tick, and rest where friction holds them.
         """
-        residual, then, measured, motor, effects, blind = self._now
-        self._relatch(settled & ~blind & (self._speed <= RESTING), measured, motor)
+        residual, then, measured, effects, blind = self._now
+        self._due = np.where(settled, SETTLING_TICKS, np.maximum(self._due - 1, 0))
+        rests = (self._speed <= RESTING) & (np.abs(self._change) <= RESTING)
+        settles = (self._due > 0) & rests & ~blind
+        self._due[settles] = 0
+        self._relatch(settles, measured)
         calm = free & ~blind & (np.abs(residual) < self._calm)
         resting = calm & ~then.moves & (self._twins.velocity == 0.0)
         if resting.any():
             twins, pace = self._twins, self._correction
             twins.position = np.where(resting, twins.position - pace * residual, twins.position)
-            seen = self._integral_of(measured, motor)
             twins.integral = np.where(
-                resting, twins.integral + pace * (seen - twins.integral), twins.integral
+                resting & self._integrates,
+                twins.integral + pace * (self._board - twins.integral),
+                twins.integral,
             )
         if not self._adapt:
             return
@@ -368,7 +401,7 @@ class FusionSignal:
             }
         )
 
-    def _relatch(self, where: BoolArray, measured: FloatArray, motor: FloatArray) -> None:
+    def _relatch(self, where: BoolArray, measured: FloatArray) -> None:
         """Put the twins where the joints are: those that shall move on their way, the others held there by friction."""
         if where.any():
             self._median.clear(where)
@@ -378,13 +411,8 @@ class FusionSignal:
                 where,
                 measured,
                 np.where(np.abs(velocity) > RESTING, velocity, 0.0),
-                self._integral_of(measured, motor),
+                np.where(self._integrates, self._board, self._twins.integral),
             )
-
-    def _integral_of(self, measured: FloatArray, motor: FloatArray) -> FloatArray:
-        """What the boards have summed up, as far as their currents tell [rad]."""
-        seen = motor - (self._past[-1].target - measured)
-        return np.where(self._integrates, seen, self._twins.integral)
 
 
 def _finite(values: FloatArray) -> FloatArray:

@@ -100,14 +100,19 @@ class MomentumChannel:
 
     Args:
         models: By joint.
+        integrates: (n,) joints whose boards have an integral part: the sign of their torque is that of what the board
+            has summed up.
     """
 
-    def __init__(self, models: list[MomentumParameters | None]) -> None:
+    def __init__(
+        self, models: list[MomentumParameters | None], integrates: NDArray[np.bool_]
+    ) -> None:
         def each(name: str) -> FloatArray:
             return np.array([np.nan if m is None else getattr(m, name) for m in models])
 
         self._inertia, self._lag, self._offset = each("inertia"), each("lag"), each("offset")
         self._per_ampere = each("torque_per_ampere")
+        self._integrates = integrates
         self._by_current = np.array([m is not None and m.source == "current" for m in models])
 
     def residual(
@@ -128,7 +133,7 @@ class MomentumChannel:
             velocity: Of the joint, as measured [rad/s].
             acceleration: [rad/s2]
             resistance: Friction and load / K [rad].
-            expected: r as the twin sees it [rad], for the sign of the current.
+            expected: r as the twin sees it [rad], for the sign of the current of a board without integral part.
 
         Returns:
             The residual [rad]; the motor's torque / K [rad].
@@ -136,5 +141,6 @@ class MomentumChannel:
         needed = self._inertia * acceleration + self._lag * velocity + resistance + self._offset
         size = self._per_ampere * current
         # The board tells no sign: the one that is nearer to what the motor should be doing.
-        motor = np.where(self._by_current, np.copysign(size, needed + expected), drive)
+        likely = np.where(self._integrates, drive, needed + expected)
+        motor = np.where(self._by_current, np.copysign(size, likely), drive)
         return motor - needed, motor

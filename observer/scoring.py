@@ -13,6 +13,9 @@ from pepper_driver.observer.contact import Contact
 RELEASE_GRACE = 0.15
 """[s] A contact detected this long after the release still counts as felt."""
 
+SETTLED = 0.17
+"""[s] After the alarm; observers may name the joint anew until 150 ms after it, and tell so in the next tick."""
+
 REBOUND_TIME = 0.8
 """[s] After a release the joint swings back; alarms in this time are neither felt pushes nor false contacts."""
 
@@ -64,6 +67,11 @@ class Felt:
     def delay(self) -> float:
         """From the onset of the force to the detection [s]."""
         return self.contact.detection_time - self.push.onset
+
+    @property
+    def settled(self) -> Contact:
+        """The contact once its joint has been named for the last time, SETTLED after its detection."""
+        return self.alarm.at(self.contact.detection_time + SETTLED)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -65,8 +65,8 @@ class DemoResult:
             "saturated": sum(push.saturated for push in self.pushes),
             "force_n": _extent([push.force for push in self.pushes]),
             "degrees": _extent([push.degrees for push in self.pushes]),
-            "direction_right": sum(f.contact.direction == f.push.direction for f in felt),
-            "joint_right": sum(f.contact.joint == f.push.joint for f in felt),
+            "direction_right": sum(f.settled.direction == f.push.direction for f in felt),
+            "joint_right": sum(f.settled.joint == f.push.joint for f in felt),
             "delay_ms": {
                 "median": float(np.median(delays)) if delays else None,
                 "p90": float(np.percentile(delays, 90)) if delays else None,

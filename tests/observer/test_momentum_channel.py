@@ -30,7 +30,7 @@ NUMBERS = st.floats(-1.0, 1.0)
 
 def residual(parameters: MomentumParameters | None, **values: float) -> tuple[float, float]:
     arrays: dict[str, Any] = {name: np.array([value]) for name, value in values.items()}
-    found, motor = MomentumChannel([parameters]).residual(**arrays)
+    found, motor = MomentumChannel([parameters], np.zeros(1, dtype=bool)).residual(**arrays)
     return float(found[0]), float(motor[0])
 
 
@@ -95,7 +95,7 @@ def test_of_a_voltage_the_motor_is_what_the_board_makes_of_the_error(
 
 
 def test_joints_keep_to_their_own_source() -> None:
-    channel = MomentumChannel([CURRENT, None, VOLTAGE])
+    channel = MomentumChannel([CURRENT, None, VOLTAGE], np.zeros(3, dtype=bool))
     zero = np.zeros(3)
     found, _ = channel.residual(
         current=np.full(3, 2.0),

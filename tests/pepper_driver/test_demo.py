@@ -45,8 +45,8 @@ def test_every_push_of_five_equivalent_degrees_is_felt(tmp_path: Path) -> None:
     assert all(push.degrees < 5.0 for push in result.score.missed)
     assert not result.score.false
     for felt in result.score.felt:
-        assert felt.contact.direction == felt.push.direction
-        assert felt.contact.joint == felt.push.joint
+        assert felt.settled.direction == felt.push.direction
+        assert felt.settled.joint == felt.push.joint
         assert 0.0 < felt.delay < felt.push.release - felt.push.onset + 0.15
     assert len(heard) >= len(result.score.felt)
 

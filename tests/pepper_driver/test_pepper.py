@@ -217,7 +217,8 @@ def test_models_of_another_robot_are_refused(tmp_path: Path) -> None:
 
 def test_paths_may_be_text(tmp_path: Path) -> None:
     path = tmp_path / "run.mcap"
-    with Pepper("mujoco", models=str(shipped("cart")["nominal"]), log=str(path)) as pepper:
+    models = str(shipped("cart")["nominal"])
+    with Pepper("mujoco", observer="paper", models=models, log=str(path)) as pepper:
         pepper.run(0.1)
     assert read_log(path).complete
 
