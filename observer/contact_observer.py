@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import math
 from collections.abc import Sequence
 from typing import Protocol
@@ -32,6 +33,12 @@ FloatArray = NDArray[np.float64]
 
 ONSET_LOOKBACK = 0.5
 """[s] before the median window; a touch that grows more slowly is dated too late."""
+
+
+WEAR_PERIOD = 2500
+"""Ticks between two looks at whether joints have worn: half a minute."""
+
+LOG = logging.getLogger(__name__)
 
 
 class Tracker(Protocol):
@@ -83,7 +90,7 @@ class ContactObserver(Observer):
         momentum: bool = False,
     ) -> None:
         models.check_robot(robot)
-        self._models = models
+        self._models, self._robot = models, robot
         self._mode = "paper" if models.kind != "fusion" else "momentum" if momentum else "fusion"
         self._signal, window = _signal(self._mode, robot, models, settings)
         lookback = math.ceil(ONSET_LOOKBACK / robot.cycle)
@@ -103,6 +110,8 @@ class ContactObserver(Observer):
     def reset(self) -> None:
         """Forget everything but the models; contacts are counted from 1 again."""
         self._time = 0.0
+        self._ticks = 0
+        self._worn: tuple[str, ...] = ()
         self._signal.reset()
         self._history.reset()
         self._tracker.reset()
@@ -116,6 +125,24 @@ class ContactObserver(Observer):
             f"{self._models.identity}; median of {self._window}, "
             f"threshold {known.min():.2f} to {known.max():.2f} deg"
         )
+
+    @property
+    def worn(self) -> tuple[str, ...]:
+        """Joints that have worn since they were identified, as far as the session tells; mode ``fusion`` only."""
+        return self._worn
+
+    def _look_for_wear(self) -> None:
+        """Warn once a session of each joint that has worn."""
+        names = self._robot.joint_names
+        found = (names[joint] for joint in np.flatnonzero(self._signal.worn))
+        fresh = tuple(name for name in found if name not in self._worn)
+        self._worn += fresh
+        for name in fresh:
+            LOG.warning(
+                "%s has worn since its model was identified: it turns much harder. Its thresholds are wider; "
+                "identify it again with 'pepper identify'",
+                name,
+            )
 
     def predict(self, joint: str, recording: Recording) -> FloatArray:
         """(n,) expected tracking error of a joint over a run [rad], with no look at what was measured; NaN if unknown.
@@ -136,6 +163,9 @@ class ContactObserver(Observer):
         self._history.append(self._time, np.append(signal.raw, signal.base_raw))
         contacts, state, free, settled = self._events(signal)
         self._signal.learn(free, settled)
+        self._ticks += 1
+        if self._ticks % WEAR_PERIOD == 0:
+            self._look_for_wear()
         return Observation(
             contacts=tuple(contacts),
             expected=signal.expected,

@@ -1,4 +1,4 @@
-"""The residual of mode ``fusion``: twin and momentum channel together, their threshold, the torque behind it."""
+"""The residual of mode ``fusion``: twin and momentum channel together."""
 
 from __future__ import annotations
 
@@ -9,13 +9,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pepper_driver.controller.tick import Tick
-from pepper_driver.observer.adaptation import OFFSET_UNIT, UNKNOWN_LOAD, Adaptation
+from pepper_driver.observer.adaptation import OFFSET_UNIT, Adaptation
 from pepper_driver.observer.base import BaseSignal
 from pepper_driver.observer.fusion_model import FusionModel
-from pepper_driver.observer.median import RecentLargest, RunningMedian
+from pepper_driver.observer.fusion_threshold import RESTING, FusionThreshold
+from pepper_driver.observer.median import RunningMedian
 from pepper_driver.observer.momentum import ErrorDerivatives, MomentumChannel
-from pepper_driver.observer.scale import START, BoundScale
 from pepper_driver.observer.signal import FULL_STIFFNESS, Signal
+from pepper_driver.observer.torque import TorqueEstimate
 from pepper_driver.observer.twin import PARAMETERS, Twins
 
 FloatArray = NDArray[np.float64]
@@ -27,38 +28,17 @@ LATEST = 3
 MOVING = 0.02
 """[rad/s] Of the twin: a joint that is faster moves."""
 
-RESTING = 0.05
-"""[rad/s] Desired; a joint that shall move no faster can be held by its friction."""
-
 SETTLING_TICKS = 40
 """After a contact has ended, within which its joint must have come to rest for its twin to start anew there."""
 
 BOARD_TIME = 0.3
 """[s] Within which the current corrects what a board is thought to have summed up."""
 
-SPEED_MEMORY = 0.5
-"""[s] For which the largest desired speed is kept for the threshold."""
-
-THRESHOLD_MEMORY = 0.25
-"""[s] For which a raised threshold stays."""
-
-CHANGED_FACTOR = 2.0
-"""On the threshold while the safety gate alters a command: the load torque belongs to the command that was wanted."""
-
 REST_CORRECTION = 1.5
 """[s] Within which the twin of a free joint at rest moves to where the joint rests."""
 
-UNCERTAINTY_FACTOR = 2.0
-"""Standard deviations, of not knowing the constants better, that a threshold rises by."""
-
 LEARN_PERIOD = 10
 """Ticks between two updates of the constants."""
-
-FRICTION_SHARE = 0.5
-"""Of the friction that a push has turned round: gears hold some of it back."""
-
-DAHL = 0.003
-"""[rad] of motion within which friction turns round."""
 
 
 @dataclass(slots=True)
@@ -124,9 +104,9 @@ class FusionSignal:
         )
         self._derivatives = ErrorDerivatives(cycle)
         self._remainders = [None if m is None else m.remainder.predict_one for m in models]
-        self._bounds = [None if m is None else m.bound.predict_one for m in models]
         self.no_model = np.array([m is None for m in models])
-        self.bounds = np.array([np.nan if m is None else m.largest_bound for m in models])
+        self._threshold = FusionThreshold(models, cycle, adapt=adapt)
+        self.bounds = self._threshold.bounds
 
         def pairs(name: str) -> tuple[FloatArray, FloatArray]:
             both = np.array([(np.nan, np.nan) if m is None else getattr(m, name) for m in models])
@@ -137,13 +117,11 @@ class FusionSignal:
         self._adaptation = Adaptation(
             twins, np.maximum(*self._spread), typical, LEARN_PERIOD * cycle
         )
-        # A light joint may bear something in its hand that strays it far.
-        burden = UNKNOWN_LOAD * self._identified["load_gain"] / self.bounds
-        self._scale = BoundScale(
-            np.array([np.nan if m is None else m.median for m in models]),
-            np.fmax(START, burden),
+        self._torque = TorqueEstimate(
+            1.0 / self._identified["load_gain"],
+            self._identified["friction"],
+            np.maximum(*self._spread),
         )
-        self._stiffness = 1.0 / self._identified["load_gain"]
         self._correction = cycle / REST_CORRECTION
         self._median = RunningMedian(window, len(models))
         self.reset()
@@ -152,22 +130,18 @@ class FusionSignal:
         """Forget everything but the models."""
         n = len(self._models)
         self._adaptation.reset()
-        self._scale.reset()
+        self._threshold.reset()
+        self._torque.reset()
         self._twins.set(self._identified)
         self._derivatives.reset()
         self._median.reset()
         if self._base is not None:
             self._base.reset()
         self._past: deque[_Expected] = deque(maxlen=LATEST + 1)
-        self._speeds = RecentLargest(SPEED_MEMORY, self._cycle, n)
-        self._bounds_of_late = RecentLargest(THRESHOLD_MEMORY, self._cycle, n)
-        self._speed = np.zeros(n)
         self._blind_ticks = np.zeros(n, dtype=np.int64)
-        self._slip = np.zeros(n)
         self._board = np.zeros(n)
         self._change = np.zeros(n)
         self._due = np.zeros(n, dtype=np.int64)
-        self._last = np.zeros(n)
         self._count = 0
 
     def step(self, tick: Tick) -> Signal:
@@ -205,8 +179,15 @@ class FusionSignal:
         blind = (self._blind_ticks > 0) | self.no_model
         waking = blind & ~bad & ~self.no_model
         self._relatch(bad | waking, measured)
-        threshold, effects = self._threshold(tick, then)
-        torque, torque_std = self._torque(filtered, then, threshold)
+        effects = self._adaptation.effects(then.friction, self._twins.velocity, then.load)
+        threshold = self._threshold.step(
+            reference.velocity,
+            reference.acceleration,
+            tick.changed,
+            self._adaptation.strangeness,
+            self._adaptation.uncertainty(effects),
+        )
+        torque, torque_std = self._torque.step(filtered, then.friction, threshold)
         expected_error = then.target - then.position + then.remainder
         self._now = (filtered, then, measured, effects, blind)
         for values in (expected_error, filtered, threshold, torque, torque_std):
@@ -305,59 +286,16 @@ class FusionSignal:
         summed += self._cycle / BOARD_TIME * (motor - error - summed)
         self._board = np.where(self._integrates, summed, 0.0)
 
-    def _threshold(self, tick: Tick, then: _Expected) -> tuple[FloatArray, FloatArray]:
-        """Threshold [rad], and the effects of the adapted quantities."""
-        speed = self._speed = np.abs(tick.reference.velocity)
-        largest = self._speeds.push(speed)
-        bound = np.array(
-            [
-                np.nan if predict is None else predict(s, a, m)
-                for predict, s, a, m in zip(
-                    self._bounds,
-                    speed.tolist(),
-                    np.abs(tick.reference.acceleration).tolist(),
-                    largest.tolist(),
-                    strict=True,
-                )
-            ]
-        )
-        self._calm = 0.5 * bound
-        if self._adapt:
-            bound = bound * np.maximum(self._scale.factor, self._adaptation.strangeness)
-        if tick.changed.any():
-            bound = np.where(tick.changed, CHANGED_FACTOR * bound, bound)
-        effects = self._adaptation.effects(then.friction, self._twins.velocity, then.load)
-        if self._adapt:
-            doubt = UNCERTAINTY_FACTOR * self._adaptation.uncertainty(effects)
-            bound, self._calm = bound + doubt, self._calm + 0.5 * doubt
-        return self._bounds_of_late.push(bound), effects
-
-    def _torque(
-        self, residual: FloatArray, then: _Expected, threshold: FloatArray
-    ) -> tuple[FloatArray, FloatArray]:
-        """External torque and its standard deviation [N m].
-
-        What the hand gives is the motor's answer and some of the friction that it turned round, which turns with the
-        motion that the residual shows (Dahl's model).
-        """
-        size = self._identified["friction"]
-        motion = self._last - residual  # of the joint, away from its twin
-        self._last = residual.copy()
-        touched = np.abs(residual) > 0.5 * threshold
-        slip = np.clip(self._slip + motion * (size / DAHL), -size, size)
-        self._slip = np.where(touched, slip, then.friction)
-        turned = np.where(touched, FRICTION_SHARE * (self._slip - then.friction), 0.0)
-        torque = self._stiffness * (turned - residual)
-        std = self._stiffness * np.hypot(
-            np.maximum(*self._spread), np.where(touched, 0.5 * size, 0.0)
-        )
-        return torque, std
-
     def _band(self, load: FloatArray) -> FloatArray:
         """From friction at rest in one direction to that in the other [rad]; 0 for a joint that shall move."""
         p = self._identified
         band = (p["friction"] + p["load_friction"] * np.abs(load)) * (1.0 + p["breakaway"])
-        return np.where(self._speed > RESTING, 0.0, band)
+        return np.where(self._threshold.speed > RESTING, 0.0, band)
+
+    @property
+    def worn(self) -> BoolArray:
+        """(n,) joints whose friction or lag has grown far beyond what was identified."""
+        return self._adaptation.worn
 
     def learn(self, free: BoolArray, settled: BoolArray) -> None:
         """Take in what the events make of the last tick.
@@ -368,11 +306,11 @@ class FusionSignal:
         """
         residual, then, measured, effects, blind = self._now
         self._due = np.where(settled, SETTLING_TICKS, np.maximum(self._due - 1, 0))
-        rests = (self._speed <= RESTING) & (np.abs(self._change) <= RESTING)
+        rests = (self._threshold.speed <= RESTING) & (np.abs(self._change) <= RESTING)
         settles = (self._due > 0) & rests & ~blind
         self._due[settles] = 0
         self._relatch(settles, measured)
-        calm = free & ~blind & (np.abs(residual) < self._calm)
+        calm = free & ~blind & (np.abs(residual) < self._threshold.calm)
         resting = calm & ~then.moves & (self._twins.velocity == 0.0)
         if resting.any():
             twins, pace = self._twins, self._correction
@@ -384,7 +322,7 @@ class FusionSignal:
             )
         if not self._adapt:
             return
-        self._scale.learn(residual, free & ~blind & (self._speed > RESTING))
+        self._threshold.learn(residual, free & ~blind)
         self._count += 1
         if self._count % LEARN_PERIOD:
             return

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -12,14 +11,13 @@ from numpy.typing import NDArray
 
 from pepper_driver.config import RobotConfig
 from pepper_driver.observer.base import BaseModel, fit_base
-from pepper_driver.observer.fusion import MOVING, RESTING, SPEED_MEMORY, FusionSignal
+from pepper_driver.observer.bound_fitting import fit_bounds
+from pepper_driver.observer.fusion import MOVING
 from pepper_driver.observer.fusion_model import FusionModel
-from pepper_driver.observer.median import RecentLargest
 from pepper_driver.observer.momentum import ErrorDerivatives, MomentumParameters
-from pepper_driver.observer.momentum_signal import MomentumSignal
 from pepper_driver.observer.recording import Recording
 from pepper_driver.observer.tree import LEAF, CartTree
-from pepper_driver.observer.tree_fitting import AffineGrowth, fit_cart
+from pepper_driver.observer.tree_fitting import AffineGrowth
 from pepper_driver.observer.twin import TwinParameters, Twins
 from pepper_driver.observer.twin_fitting import START_UP, fit_twin
 
@@ -29,21 +27,6 @@ BoolArray = NDArray[np.bool_]
 REMAINDER_LEAVES = 8
 REMAINDER_SHRINKAGE = 1000.0
 """Strong: what the twin leaves is small, and the tree must not invent anything on faster motions."""
-
-MARGIN = 1.5
-"""Over the largest residual of the calibration."""
-
-FLOOR = np.radians(0.6)
-"""No threshold lies below this, however quiet the recordings: seven steps of the encoder."""
-
-FLATNESS = 0.75
-"""No leaf of a threshold lies below this share of the highest one: the largest of few samples is no bound."""
-
-MOMENTUM_WINDOW = 11
-"""Samples of the median of the baseline ``momentum``, as in the paper."""
-
-BOUND_LEAVES = 5
-"""At most: each is to have seen many motions."""
 
 
 @dataclass(frozen=True)
@@ -255,93 +238,3 @@ def _momentum_residual(data: _Played, parameters: MomentumParameters) -> FloatAr
 
 def _constant(value: float) -> CartTree:
     return CartTree(feature=(LEAF,), threshold=(0.0,), left=(LEAF,), right=(LEAF,), value=(value,))
-
-
-def fit_bounds(
-    models: Mapping[str, FusionModel],
-    calibration: Sequence[Recording],
-    cycle: float,
-    *,
-    window: int,
-) -> dict[str, FusionModel]:
-    """The models with thresholds: MARGIN times the largest residual of calibration runs, by phase of the motion.
-
-    The residual is that of use: with adaptation, filter, and all joints moving at once. The runs must be free motion
-    that no model was fitted to.
-
-    Args:
-        models: By joint.
-        calibration: Recordings of free whole-body motion.
-        cycle: Period of the ticks [s].
-        window: Samples of the median.
-    """
-    names = calibration[0].joint_names
-    ordered = [models.get(name) for name in names]
-    residuals, phases, medians = [], [], []
-    for recording in calibration:
-        signal = FusionSignal(ordered, cycle, window=window, adapt=True)
-        everything, nothing = np.ones(len(names), dtype=bool), np.zeros(len(names), dtype=bool)
-        rows = []
-        for tick in recording.ticks():
-            rows.append(signal.step(tick).residual)
-            signal.learn(everything, nothing)
-        residual = np.abs(np.array(rows))
-        residual[: round(START_UP / cycle)] = np.nan
-        speed = np.abs(recording.velocity)
-        largest = RecentLargest(SPEED_MEMORY, cycle, len(names))
-        held = np.array([largest.push(row) for row in speed])
-        residuals.append(residual)
-        moving = np.where(speed > RESTING, residual, np.nan)
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", RuntimeWarning)  # a joint that never moves has none
-            medians.append(np.nanmedian(moving, axis=0))
-        phases.append(np.stack((speed, np.abs(recording.acceleration), held), axis=2))
-    highest = np.fmax.reduce(medians)
-    strays = _momentum_strays(ordered, calibration, cycle)
-    residual, phase = np.concatenate(residuals), np.concatenate(phases)
-    result = dict(models)
-    for index, name in enumerate(names):
-        if name in models:
-            seen = np.isfinite(residual[:, index])
-            sizes, phases_seen = residual[seen, index], phase[seen, index]
-            result[name] = replace(
-                models[name],
-                bound=_bound(phases_seen, sizes),
-                momentum_bound=float(MARGIN * strays[index]) or models[name].momentum_bound,
-                # Of the run that strays most: it is the fastest.
-                median=float(highest[index]) if highest[index] > 0.0 else models[name].median,
-            )
-    return result
-
-
-def _bound(phase: FloatArray, residual: FloatArray) -> CartTree:
-    samples = max(len(residual) // BOUND_LEAVES, 1)
-    tree = fit_cart(phase, residual, min_samples_leaf=samples)
-    leaf = tree.leaf_of(phase)
-    highest = residual.max()
-    value = [
-        max(FLOOR, MARGIN * max(residual[leaf == node].max(), FLATNESS * highest))
-        if feature == LEAF
-        else 0.0
-        for node, feature in enumerate(tree.feature)
-    ]
-    return CartTree(
-        feature=tree.feature,
-        threshold=tree.threshold,
-        left=tree.left,
-        right=tree.right,
-        value=tuple(map(float, value)),
-    )
-
-
-def _momentum_strays(
-    models: list[FusionModel | None], calibration: Sequence[Recording], cycle: float
-) -> FloatArray:
-    """(n,) largest residual of the baseline ``momentum`` in free motion [rad]."""
-    unbounded = np.full(len(models), np.inf)
-    largest = np.zeros(len(models))
-    for recording in calibration:
-        signal = MomentumSignal(models, cycle, unbounded, MOMENTUM_WINDOW)
-        rows = np.abs([signal.step(tick).residual for tick in recording.ticks()])
-        largest = np.fmax(largest, np.fmax.reduce(rows[round(START_UP / cycle) :]))
-    return largest

@@ -100,5 +100,10 @@ class MomentumSignal:
             blind=blind,
         )
 
+    @property
+    def worn(self) -> BoolArray:
+        """(n,) none: this mode does not follow the joints."""
+        return np.zeros(len(self.no_model), dtype=np.bool_)
+
     def learn(self, free: BoolArray, settled: BoolArray) -> None:
         """Nothing: its constants stay as they are."""

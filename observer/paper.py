@@ -80,6 +80,11 @@ class PaperSignal:
             blind=blind,
         )
 
+    @property
+    def worn(self) -> BoolArray:
+        """(n,) none: this mode does not follow the joints."""
+        return np.zeros(len(self.no_model), dtype=np.bool_)
+
     def learn(self, free: BoolArray, settled: BoolArray) -> None:
         """Nothing: the models of the paper stay as they are."""
 

@@ -61,6 +61,11 @@ class ResidualSignal(Protocol):
         """Take in one tick; never raises for bad sensor values."""
         ...
 
+    @property
+    def worn(self) -> BoolArray:
+        """(n,) joints that have worn since they were identified, as far as the session tells."""
+        ...
+
     def learn(self, free: BoolArray, settled: BoolArray) -> None:
         """Take in what the events make of the last tick: joints (n,) that nothing touches; joints just let go."""
         ...

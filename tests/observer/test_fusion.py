@@ -38,7 +38,8 @@ from pepper_driver.controller.tick import Tick
 from pepper_driver.observer.contact import Contact
 from pepper_driver.observer.contact_observer import ContactObserver
 from pepper_driver.observer.events import SETTLING_FACTOR
-from pepper_driver.observer.fusion import CHANGED_FACTOR, LATEST, THRESHOLD_MEMORY
+from pepper_driver.observer.fusion import LATEST
+from pepper_driver.observer.fusion_threshold import CHANGED_FACTOR, THRESHOLD_MEMORY
 from pepper_driver.observer.interface import JointState, Observation
 from pepper_driver.observer.scale import START
 from pepper_driver.observer.signal import FULL_STIFFNESS

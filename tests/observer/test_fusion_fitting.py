@@ -19,16 +19,10 @@ from fusion_cases import (
 )
 from observer_cases import CYCLE, JOINTS, ROBOT, SETTINGS, models
 
+from pepper_driver.observer.bound_fitting import FLATNESS, FLOOR, MARGIN, fit_bounds
 from pepper_driver.observer.contact_observer import ContactObserver
 from pepper_driver.observer.fusion import FusionSignal
-from pepper_driver.observer.fusion_fitting import (
-    FLATNESS,
-    FLOOR,
-    MARGIN,
-    fit_bounds,
-    fit_fusion,
-    fit_joint_fusion,
-)
+from pepper_driver.observer.fusion_fitting import fit_fusion, fit_joint_fusion
 from pepper_driver.observer.fusion_model import FusionModel
 from pepper_driver.observer.interface import JointState
 from pepper_driver.observer.prediction import predict_recording

@@ -18,7 +18,7 @@ from pepper_driver.observer.tree import CartTree
         ({"weight": (float("nan"), 0.5)}, "not finite"),
         ({"spread": (0.0, 0.001)}, "'spread' must be above 0"),
         ({"spread": (0.001, float("inf"))}, "not finite"),
-        ({"median": 0.0}, "'median' not above 0"),
+        ({"median": 0.0}, "'momentum_bound' not above 0"),
         ({"typical_load": -1.0}, "'typical_load' is negative"),
         ({"bound": constant_tree(0.0)}, "'bound' must be above 0"),
         ({"bound": constant_tree(-0.01)}, "'bound' must be above 0"),

@@ -342,7 +342,7 @@ def test_fusion_models_are_loaded_bit_for_bit(fusion_file: Path) -> None:
         (set_in(*MODEL_OF, "weight", value=[0.5, 1.5]), "'weight' must lie within 0 and 1"),
         (set_in(*MODEL_OF, "weight", value=[0.5]), "weight"),
         (set_in(*MODEL_OF, "spread", 0, value=0.0), "'spread' must be above 0"),
-        (set_in(*MODEL_OF, "median", value=0.0), "'median' not above 0"),
+        (set_in(*MODEL_OF, "median", value=0.0), "'momentum_bound' not above 0"),
         (set_in(*MODEL_OF, "bound", "value", 0, value=-0.01), "'bound' must be above 0"),
         (set_in(*MODEL_OF, "bound", "left", 0, value=0), "has children"),
         (set_in(*MODEL_OF, "remainder", "coefficients", 0, value=[0.0]), "remainder"),

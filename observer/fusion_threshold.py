@@ -1,0 +1,111 @@
+"""The threshold of mode ``fusion``: by phase of the motion, wider by all that is not known of the joint today."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pepper_driver.observer.adaptation import UNKNOWN_LOAD
+from pepper_driver.observer.fusion_model import FusionModel
+from pepper_driver.observer.median import RecentLargest
+from pepper_driver.observer.scale import START, BoundScale
+
+FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
+
+RESTING = 0.05
+"""[rad/s] Desired; a joint that shall move no faster can be held by its friction."""
+
+SPEED_MEMORY = 0.5
+"""[s] For which the largest desired speed is kept."""
+
+THRESHOLD_MEMORY = 0.25
+"""[s] For which a raised threshold stays."""
+
+CHANGED_FACTOR = 2.0
+"""While the safety gate alters a command: the load torque belongs to the command that was wanted."""
+
+UNCERTAINTY_FACTOR = 2.0
+"""Standard deviations, of not knowing the constants better, that a threshold rises by."""
+
+CALM = 0.5
+"""Share of the bound, without what widens it for the day, below which a residual may teach something."""
+
+
+class FusionThreshold:
+    """Bounds of the models, times what the session so far says, plus the uncertainty of the constants.
+
+    Args:
+        models: By joint, None for those without.
+        cycle: Period of the ticks [s].
+        adapt: Whether anything but the bounds of the models counts.
+
+    Attributes:
+        bounds: (n,) largest bound of each model [rad].
+        speed: (n,) desired, of the last tick [rad/s].
+        calm: (n,) size of a residual that may teach something [rad].
+    """
+
+    def __init__(self, models: list[FusionModel | None], cycle: float, *, adapt: bool) -> None:
+        self._cycle, self._adapt = cycle, adapt
+        self._bounds = [None if m is None else m.bound.predict_one for m in models]
+        self.bounds = np.array([np.nan if m is None else m.largest_bound for m in models])
+        gain = np.array([np.nan if m is None else m.twin.load_gain for m in models])
+        # A light joint may bear something in its hand that strays it far.
+        burden = UNKNOWN_LOAD * gain / self.bounds
+        median = np.array([np.nan if m is None else m.median for m in models])
+        self._scale = BoundScale(median, np.fmax(START, burden))
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget the session."""
+        n = len(self.bounds)
+        self._scale.reset()
+        self._speeds = RecentLargest(SPEED_MEMORY, self._cycle, n)
+        self._recent = RecentLargest(THRESHOLD_MEMORY, self._cycle, n)
+        self.speed, self.calm = np.zeros(n), np.zeros(n)
+
+    def step(
+        self,
+        velocity: FloatArray,
+        acceleration: FloatArray,
+        changed: BoolArray,
+        strangeness: FloatArray,
+        uncertainty: FloatArray,
+    ) -> FloatArray:
+        """Take in one tick; returns (n,) thresholds [rad].
+
+        Args:
+            velocity: (n,) desired [rad/s].
+            acceleration: (n,) desired [rad/s2].
+            changed: (n,) where the safety gate altered the command.
+            strangeness: (n,) factor for friction that is not what was identified.
+            uncertainty: (n,) standard deviation of the expected error [rad].
+        """
+        speed = self.speed = np.abs(velocity)
+        largest = self._speeds.push(speed)
+        bound = np.array(
+            [
+                np.nan if predict is None else predict(s, a, m)
+                for predict, s, a, m in zip(
+                    self._bounds,
+                    speed.tolist(),
+                    np.abs(acceleration).tolist(),
+                    largest.tolist(),
+                    strict=True,
+                )
+            ]
+        )
+        self.calm = CALM * bound
+        if self._adapt:
+            doubt = UNCERTAINTY_FACTOR * uncertainty
+            self.calm = self.calm + CALM * doubt
+            bound = bound * np.maximum(self._scale.factor, strangeness) + doubt
+        if changed.any():
+            bound = np.where(changed, CHANGED_FACTOR * bound, bound)
+        return self._recent.push(bound)
+
+    def learn(self, residual: FloatArray, free: BoolArray) -> None:
+        """Take in the residual (n,) [rad] of the joints ``free`` (n,) that nothing touches."""
+        if self._adapt:
+            self._scale.learn(residual, free & (self.speed > RESTING))
