@@ -28,7 +28,7 @@ SHOWN = {"paper-affine": ORANGE, "fusion": BLUE}
 """Observers in the pictures of single takes."""
 _BARS = (BLUE, ORANGE, "#F5CE8B", GREEN, BLACK, GREY, RED)
 _DPI = 80
-_COLOURS = 64
+_COLOURS = 96
 """Of the palette of a file: a third of the bytes of full colour, and no difference to the eye."""
 _NAMES = ("figure2.png", "figure3.png", "figure4.png", "recall.png")
 
