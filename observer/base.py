@@ -116,7 +116,8 @@ class BaseSignal:
         if not np.isfinite(inputs[0]).all():
             inputs[0] = inputs[1]
         twist = self._inverse @ tick.measurement.wheel_speed
-        if late or self._count < TAPS or not np.isfinite(twist).all():
+        seen = bool(np.isfinite(twist).all())
+        if late or self._count < TAPS or not seen:
             self._blind = self._window
         # The load enters by its change: the base feels accelerations, not weight.
         known = inputs.copy()
@@ -125,7 +126,7 @@ class BaseSignal:
         stands = float(np.abs(inputs[:, :3]).max()) < STANDING
         bound = self._bound.push(self._standing if stands else self._driving)
         share = error / bound
-        filtered = self._median.push(np.nan_to_num(share))
+        filtered = self._median.push(share if seen else np.zeros(3))
         if self._blind > 0:
             self._blind -= 1
             return np.nan, np.nan

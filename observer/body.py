@@ -83,7 +83,6 @@ class BodyTracker:
         self._names = robot.joint_names
         self._collision = settings.collision_factor
         self._update_period = settings.update_period - TIME_TOLERANCE
-        self._onset = onset
         self._limbs: dict[str, _Limb] = {}
         for name, chain in robot.chains.items():
             joints = [robot.joint_index(joint) for joint in chain]

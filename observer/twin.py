@@ -97,7 +97,6 @@ class Twins:
     def __init__(self, parameters: dict[str, FloatArray], cycle: float) -> None:
         self._cycle = cycle
         self.set(parameters)
-        self._started = False
 
     @classmethod
     def of(cls, models: list[TwinParameters | None], cycle: float) -> Self:
@@ -126,7 +125,6 @@ class Twins:
         self.friction = np.zeros_like(self.position)
         self._sticks = np.ones(self.position.shape, dtype=np.bool_)
         self._targets = (target, target, target)
-        self._started = True
 
     def step(self, target: FloatArray, load_torque: FloatArray) -> FloatArray:
         """One tick: the position sent [rad], the desired load torque [N m]. Returns where the twins are [rad]."""

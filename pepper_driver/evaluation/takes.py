@@ -7,6 +7,7 @@ import json
 import os
 import warnings
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
 from importlib.metadata import version
 from pathlib import Path
@@ -165,10 +166,9 @@ def perform(run: Run, cache: Path | None = None) -> Take:
     pepper = Pepper(take_uri(run), observer=None, robot=robot)
     folder = None if cache is None else cache / _key(run, pepper.backend.info.identity)
     if folder is not None and (folder / _LABELS).is_file():
-        try:
+        # One that is damaged is performed again, and written anew.
+        with suppress(TakeError):
             return Take.load(folder, robot)
-        except TakeError:
-            pass  # damaged: performed again, and written anew
     take = _performed(run, pepper)
     if folder is not None:
         take.save(folder)
