@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -227,7 +228,42 @@ class RobotModel:
         q = self.configuration(joint_position)
         return self.load_torque(q, self._zero, self._zero)
 
+    def payload_regressor(
+        self,
+        carriers: Sequence[int],
+        position: FloatArray,
+        velocity: FloatArray,
+        acceleration: FloatArray,
+    ) -> FloatArray:
+        """(17, 4 n) load torque that payloads add, per mass m [kg] and first moment m c [kg m].
+
+        The torque of a payload is linear in (m, m c_x, m c_y, m c_z), c in the frame of the link it is on, but for its
+        inertia about the frame's origin, which is left out.
+
+        Args:
+            carriers: n joints that move the links with the payloads, as ``joint_id`` numbers them.
+            position: (17,) [rad]; the base stands at the origin.
+            velocity: (17,) [rad/s]
+            acceleration: (17,) [rad/s2]
+        """
+        model, data, q = self.pin, self._elsewhere, self.configuration(position)
+        v, a = np.zeros(self.nv), np.zeros(self.nv)
+        v[self._velocity_columns], a[self._velocity_columns] = velocity, acceleration
+        pin.rnea(model, data, q, v, a)
+        pin.computeJointJacobians(model, data, q)
+        columns = [
+            pin.getJointJacobian(model, data, carrier, pin.LOCAL).T
+            @ pin.jointBodyRegressor(model, data, carrier)[:, :4]
+            for carrier in carriers
+        ]
+        return self.joints_of(np.concatenate(columns, axis=1))
+
     # -- other states -------------------------------------------------------------------------------------------
+
+    def joint_id(self, joint: str) -> int:
+        """Pinocchio's number of a joint."""
+        number: int = self.pin.getJointId(joint)
+        return number
 
     def frame_id(self, link: str) -> int:
         """Pinocchio's number of a link.

@@ -7,6 +7,7 @@ from pepper_driver.observer.contact_observer import ContactObserver
 from pepper_driver.observer.fitting import FittingError, fit_joint, nrmse_fit
 from pepper_driver.observer.fusion_fitting import fit_fusion, fit_joint_fusion
 from pepper_driver.observer.fusion_model import FusionModel
+from pepper_driver.observer.hand_load import HandLoad
 from pepper_driver.observer.interface import JointState, Observation, Observer
 from pepper_driver.observer.model_file import (
     MODEL_TYPES,
@@ -41,6 +42,7 @@ __all__ = [
     "Felt",
     "FittingError",
     "FusionModel",
+    "HandLoad",
     "JointModel",
     "JointState",
     "ModelFileError",

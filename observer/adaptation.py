@@ -12,27 +12,18 @@ BoolArray = NDArray[np.bool_]
 
 QUANTITIES = ("friction", "lag", "load", "offset")
 
-PRIOR = np.array([0.25, 0.25, 0.5, 1.0])
+PRIOR = np.array([0.25, 0.25, 0.1, 1.0])
 """Standard deviation before anything is known, as shares of the identified values; the offset in OFFSET_UNIT."""
 
-UNKNOWN_LOAD = 0.15
-"""[N m] A load that no model knows may be on any joint: where the known one is smaller, its share may be larger."""
+LEARN_PERIOD = 10
+"""Ticks between two updates."""
 
-LEAST_LOAD = 0.005
-"""[N m] A joint that bears less tells nothing by the share of its load."""
-
-WANDER = np.array([0.04, 0.02, 0.05, 0.1])
+WANDER = np.array([0.04, 0.02, 0.02, 0.1])
 """By how much each may change in a minute."""
 
 OFFSET_UNIT = np.radians(0.1)
 NOISE = 3.0
 """Times the spread of the free residual: its errors last for many samples, and count once."""
-
-USUAL = 0.2
-"""Share by which friction differs from day to day."""
-
-STRAY = 2.0
-"""Of the threshold, per share of friction beyond that: changed gears have changed in more ways than that."""
 
 WORN = 0.4
 """Friction or lag beyond this share of what was identified: the joint is worn, and should be identified anew."""
@@ -44,26 +35,23 @@ class Adaptation:
     Args:
         models: Of the joints; None where there is none.
         spread: (n,) standard deviation of the residual in free motion [rad].
-        typical_load: (n,) root mean square of the desired load torque in free motion [N m].
-        period: Time between two updates [s].
+        cycle: Period of the ticks [s].
 
     Attributes:
         share: (n, 4) deviation from the identified values, in the units of PRIOR.
+        noise: (n,) variance of a residual that counts as one sample [rad2].
     """
 
     def __init__(
         self,
         models: list[TwinParameters | None],
         spread: FloatArray,
-        typical_load: FloatArray,
-        period: float,
+        cycle: float,
     ) -> None:
         self._prior = np.tile(PRIOR, (len(models), 1))
-        unknown = UNKNOWN_LOAD / np.maximum(typical_load, LEAST_LOAD)
-        self._prior[:, 2] = np.fmax(self._prior[:, 2], unknown)
         self._lag = np.array([np.nan if m is None else m.lag for m in models])
-        self._noise = (NOISE * spread) ** 2
-        self._wander = np.diag(WANDER**2 * period / 60.0)
+        self.noise = (NOISE * spread) ** 2
+        self._wander = np.diag(WANDER**2 * LEARN_PERIOD * cycle / 60.0)
         self._count = len(models)
         self.reset()
 
@@ -87,17 +75,26 @@ class Adaptation:
         effects[:, 3] = OFFSET_UNIT
         return effects
 
-    def uncertainty(self, effects: FloatArray) -> FloatArray:
-        """(n,) standard deviation of the expected tracking error for not knowing the shares better [rad]."""
+    def variance(self, effects: FloatArray) -> FloatArray:
+        """(n,) of the expected tracking error, for not knowing the shares better [rad2]."""
         seen = (self._covariance @ effects[:, :, None])[:, :, 0]
-        variance = (seen * effects).sum(axis=1)
-        deviation: FloatArray = np.sqrt(np.maximum(variance, 0.0))
-        return deviation
+        variance: FloatArray = (seen * effects).sum(axis=1)
+        return variance
 
-    def update(self, residual: FloatArray, effects: FloatArray, free: BoolArray) -> None:
-        """Learn from the residual (n,) [rad] of the joints of ``free`` (n,) that nothing touches."""
+    def update(
+        self, residual: FloatArray, effects: FloatArray, other: FloatArray | float, free: BoolArray
+    ) -> None:
+        """Learn from the last tick.
+
+        Args:
+            residual: (n,) [rad].
+            effects: (n, 4) of each quantity.
+            other: (n,) variance of the residual for what else is not known [rad2].
+            free: (n,) joints that nothing touches.
+        """
+        effects = np.where(free[:, None], effects, 0.0)
         seen = np.einsum("nij,nj->ni", self._covariance, effects)
-        scale = self._noise + np.einsum("ni,ni->n", effects, seen)
+        scale = self.noise + other + np.einsum("ni,ni->n", effects, seen)
         gain = np.where(free[:, None], seen / scale[:, None], 0.0)
         self.share += gain * np.where(free, residual, 0.0)[:, None]
         np.clip(self.share, -3.0 * self._prior, 3.0 * self._prior, out=self.share)
@@ -107,12 +104,6 @@ class Adaptation:
         known = np.einsum("nii->ni", self._covariance)
         shrink = np.sqrt(np.minimum(1.0, self._prior**2 / np.maximum(known, 1e-12)))
         self._covariance *= shrink[:, :, None] * shrink[:, None, :]
-
-    @property
-    def strangeness(self) -> FloatArray:
-        """(n,) 1 or more: by which factor a joint strays further, because its friction is not what was identified."""
-        strange: FloatArray = 1.0 + STRAY * np.maximum(np.abs(self.share[:, 0]) - USUAL, 0.0)
-        return strange
 
     @property
     def worn(self) -> BoolArray:

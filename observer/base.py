@@ -6,6 +6,7 @@ throws about: a finite impulse response from what was sent, and from the load on
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Annotated, ClassVar
@@ -17,8 +18,9 @@ from pydantic import ConfigDict, Field
 from pepper_driver.config import PepperError, RobotConfig
 from pepper_driver.config.loading import STRICT
 from pepper_driver.controller.tick import Tick
-from pepper_driver.observer.median import RecentLargest, RunningMedian
+from pepper_driver.observer.median import RunningMedian
 from pepper_driver.observer.recording import Recording
+from pepper_driver.observer.strays import START, Strays
 
 FloatArray = NDArray[np.float64]
 Triple = tuple[float, float, float]
@@ -26,19 +28,22 @@ Triple = tuple[float, float, float]
 TAPS = 25
 """Ticks of the impulse response: 0.3 s, by which the wheels have settled."""
 
+ROWS = 10 * TAPS
+"""Of the memory of inputs: it is moved once in nine responses."""
+
 RIDGE = 1e-3  # of the mean square of the inputs
 
 STANDING = 0.005
 """[m/s], [rad/s] A base that has been sent no faster for the length of the response stands."""
 
-MARGIN = 2.5
+MARGIN = 1.5
 """Over the largest residual of the calibration."""
 
 SAME_AXIS = 0.5
 """Share of the largest residual at which the axis that told before goes on to tell."""
 
 HOLD = 0.3
-"""[s] For which a raised bound stays."""
+"""[s] After the response to a drive, for which its bound stays."""
 
 
 class BaseModelError(PepperError, ValueError):
@@ -81,21 +86,30 @@ class BaseSignal:
     """
 
     def __init__(self, model: BaseModel, robot: RobotConfig, window: int) -> None:
-        self._coefficients = np.array(model.coefficients)
+        response = np.array(model.coefficients).reshape(TAPS, -1, 3)
+        # The load enters by its change over the response: the base feels accelerations, not weight.
+        response[-1, 3:] -= response[:, 3:].sum(axis=0)
+        self._response = response.reshape(-1, 3)
+        self._inputs_per_tick = response.shape[1]
         self._standing, self._driving = np.array(model.standing), np.array(model.driving)
         self._legs = _legs(robot)
         self._inverse = np.asarray(robot.wheels.inverse)
-        self._cycle, self._window = robot.cycle, window
+        self._window, self._still = window, TAPS + round(HOLD / robot.cycle)
+        self._strays = Strays(3)
+        self._everything = np.ones(3, dtype=np.bool_)
         self.reset()
 
     def reset(self) -> None:
         """Forget everything but the model."""
-        self._inputs = np.zeros((TAPS, len(self._coefficients) // TAPS))
-        self._bound = RecentLargest(HOLD, self._cycle, 3)
+        # The newest TAPS rows stand at `_newest`; it moves up, and back to the end when it has come to the top.
+        self._inputs = np.zeros((ROWS, self._inputs_per_tick))
+        self._newest = ROWS - TAPS
         self._median = RunningMedian(self._window, 3)
         self._count = 0
+        self._standing_ticks = self._still
         self._blind = 0
         self._axis = 0
+        self._strays.reset()
 
     def step(self, tick: Tick, late: bool) -> tuple[float, float]:
         """Take in one tick; the residual before and after the filter, NaN while it cannot be judged.
@@ -104,37 +118,54 @@ class BaseSignal:
             tick: The cycle.
             late: Whether its sample is late: wheels tell their speed of now only.
         """
-        inputs = self._inputs
-        inputs[1:] = inputs[:-1]
-        sent = self._inverse @ tick.sent.wheel_speed
-        load = tick.reference.load_torque[self._legs]
-        inputs[0, :3] = sent
-        inputs[0, 3:] = load
-        if self._count == 0:
-            inputs[:, 3:] = load
-        self._count += 1
-        if not np.isfinite(inputs[0]).all():
-            inputs[0] = inputs[1]
+        inputs = self._remember(tick.sent.wheel_speed, tick.reference.load_torque)
         twist = self._inverse @ tick.measurement.wheel_speed
-        seen = bool(np.isfinite(twist).all())
+        seen = math.isfinite(twist[0] + twist[1] + twist[2])
         if late or self._count < TAPS or not seen:
             self._blind = self._window
-        # The load enters by its change: the base feels accelerations, not weight.
-        known = inputs.copy()
-        known[:, 3:] -= known[-1, 3:]
-        error = known.ravel() @ self._coefficients - twist
-        stands = float(np.abs(inputs[:, :3]).max()) < STANDING
-        bound = self._bound.push(self._standing if stands else self._driving)
+        error = inputs.ravel() @ self._response - twist
+        stands = self._standing_ticks >= self._still
+        bound = self._standing if stands else self._driving
+        today = np.maximum(START * (1.0 - self._strays.known), self._strays.bound)
         share = error / bound
-        filtered = self._median.push(share if seen else np.zeros(3))
+        self._filtered = self._median.push(share if seen else np.zeros(3))
         if self._blind > 0:
             self._blind -= 1
             return np.nan, np.nan
+        wider = np.maximum(today, 1.0)
+        share, filtered = share / wider, self._filtered / wider
         size = np.abs(filtered)
         # An axis keeps telling while it tells nearly as much as any: its sign is that of the contact.
         if size[self._axis] < SAME_AXIS * size.max():
             self._axis = int(np.argmax(size))
         return float(share[self._axis]), float(filtered[self._axis])
+
+    def learn(self, free: bool, moving: bool) -> None:
+        """Take in what the last tick was: whether nothing touched the robot, and whether anything of it was to move."""
+        if not free:
+            self._strays.touched()
+        elif self._blind == 0:
+            self._strays.learn(self._filtered, self._everything, self._everything & moving)
+
+    def _remember(self, wheel_speed: FloatArray, load_torque: FloatArray) -> FloatArray:
+        """Take in what was sent and what the legs bear; the inputs of the response, newest first."""
+        if self._newest == 0:
+            self._newest = ROWS - TAPS
+            self._inputs[self._newest + 1 :] = self._inputs[: TAPS - 1]
+        else:
+            self._newest -= 1
+        inputs = self._inputs[self._newest : self._newest + TAPS]
+        now = inputs[0]
+        now[:3] = self._inverse @ wheel_speed
+        now[3:] = load_torque.take(self._legs)
+        if not math.isfinite(now.sum()):
+            now[:] = inputs[1]
+        if self._count == 0:
+            inputs[:, 3:] = now[3:]
+        self._count += 1
+        fastest = max(abs(sent) for sent in now[:3].tolist())
+        self._standing_ticks = self._standing_ticks + 1 if fastest < STANDING else 0
+        return inputs
 
 
 def fit_base(robot: RobotConfig, recordings: Sequence[Recording], *, window: int) -> BaseModel:

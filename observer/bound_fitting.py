@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
@@ -11,7 +10,8 @@ from numpy.typing import NDArray
 
 from pepper_driver.observer.fusion import FusionSignal
 from pepper_driver.observer.fusion_model import FusionModel
-from pepper_driver.observer.fusion_threshold import RESTING, SPEED_MEMORY
+from pepper_driver.observer.fusion_threshold import SPEED_MEMORY
+from pepper_driver.observer.hand_load import HandLoads
 from pepper_driver.observer.median import RecentLargest
 from pepper_driver.observer.momentum_signal import MomentumSignal
 from pepper_driver.observer.recording import Recording
@@ -43,6 +43,7 @@ def fit_bounds(
     cycle: float,
     *,
     window: int,
+    hands: HandLoads | None = None,
 ) -> dict[str, FusionModel]:
     """The models with thresholds: MARGIN times the largest residual of calibration runs, by phase of the motion.
 
@@ -54,12 +55,13 @@ def fit_bounds(
         calibration: Recordings of free whole-body motion.
         cycle: Period of the ticks [s].
         window: Samples of the median.
+        hands: To follow what the hands hold, as in use.
     """
     names = calibration[0].joint_names
     ordered = [models.get(name) for name in names]
-    residuals, phases, medians = [], [], []
+    residuals, phases = [], []
     for recording in calibration:
-        signal = FusionSignal(ordered, cycle, window=window, adapt=True)
+        signal = FusionSignal(ordered, cycle, window=window, adapt=True, hands=hands)
         everything, nothing = np.ones(len(names), dtype=bool), np.zeros(len(names), dtype=bool)
         rows = []
         for tick in recording.ticks():
@@ -71,12 +73,7 @@ def fit_bounds(
         largest = RecentLargest(SPEED_MEMORY, cycle, len(names))
         held = np.array([largest.push(row) for row in speed])
         residuals.append(residual)
-        moving = np.where(speed > RESTING, residual, np.nan)
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", RuntimeWarning)  # a joint that never moves has none
-            medians.append(np.nanmedian(moving, axis=0))
         phases.append(np.stack((speed, np.abs(recording.acceleration), held), axis=2))
-    highest = np.fmax.reduce(medians)
     strays = _momentum_strays(ordered, calibration, cycle)
     residual, phase = np.concatenate(residuals), np.concatenate(phases)
     result = dict(models)
@@ -88,8 +85,6 @@ def fit_bounds(
                 models[name],
                 bound=_bound(phases_seen, sizes),
                 momentum_bound=float(MARGIN * strays[index]) or models[name].momentum_bound,
-                # Of the run that strays most: it is the fastest.
-                median=float(highest[index]) if highest[index] > 0.0 else models[name].median,
             )
     return result
 

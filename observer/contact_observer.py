@@ -17,6 +17,7 @@ from pepper_driver.observer.body import BodyTracker
 from pepper_driver.observer.contact import Contact
 from pepper_driver.observer.fusion import FusionSignal
 from pepper_driver.observer.fusion_model import FusionModel
+from pepper_driver.observer.hand_load import HandLoad, HandLoads
 from pepper_driver.observer.interface import JointState, Observation, Observer
 from pepper_driver.observer.isolation import ChainTrackers
 from pepper_driver.observer.model_file import ModelSet
@@ -94,8 +95,7 @@ class ContactObserver(Observer):
         self._mode = "paper" if models.kind != "fusion" else "momentum" if momentum else "fusion"
         self._signal, window = _signal(self._mode, robot, models, settings)
         lookback = math.ceil(ONSET_LOOKBACK / robot.cycle)
-        # One column more, for the base.
-        self._history = ResidualHistory(window, lookback, len(robot.joint_names) + 1)
+        self._history = ResidualHistory(window, lookback, len(robot.joint_names))
         self._tracker: Tracker
         if self._mode == "fusion":
             self._tracker = BodyTracker(robot, settings, self._history.onset)
@@ -103,6 +103,7 @@ class ContactObserver(Observer):
             self._tracker = ChainTrackers(robot, settings, self._history.onset)
         no_model = self._signal.no_model
         self._resting_state = np.where(no_model, JointState.BLIND, JointState.FREE).astype(np.int8)
+        self._known = ~no_model
         self._nowhere = np.zeros(len(no_model), dtype=np.bool_)
         self._window = window
         self.reset()
@@ -130,6 +131,11 @@ class ContactObserver(Observer):
     def worn(self) -> tuple[str, ...]:
         """Joints that have worn since they were identified, as far as the session tells; mode ``fusion`` only."""
         return self._worn
+
+    @property
+    def held(self) -> dict[str, HandLoad]:
+        """What each hand holds that the robot's description does not know of, by arm; mode ``fusion`` only."""
+        return self._signal.held
 
     def _look_for_wear(self) -> None:
         """Warn once a session of each joint that has worn."""
@@ -160,7 +166,7 @@ class ContactObserver(Observer):
         if tick.measurement.time > self._time:
             self._time = tick.measurement.time
         signal = self._signal.step(tick)
-        self._history.append(self._time, np.append(signal.raw, signal.base_raw))
+        self._history.append(self._time, signal.raw, signal.base_raw)
         contacts, state, free, settled = self._events(signal)
         self._signal.learn(free, settled)
         self._ticks += 1
@@ -181,10 +187,10 @@ class ContactObserver(Observer):
     ) -> tuple[Sequence[Contact], NDArray[np.int8], BoolArray, BoolArray]:
         """Events of this tick; (n,) states; joints that nothing touches; joints just let go."""
         no_model = self._signal.no_model
-        quiet = not (np.abs(signal.residual) > signal.threshold).any()
+        quiet = not np.count_nonzero(np.abs(signal.residual) > signal.threshold)
         quiet = quiet and not abs(signal.base_residual) > 1.0
-        if quiet and self._tracker.idle and not (signal.blind > no_model).any():
-            return (), self._resting_state.copy(), ~no_model, self._nowhere
+        if quiet and self._tracker.idle and not np.count_nonzero(signal.blind > no_model):
+            return (), self._resting_state.copy(), self._known, self._nowhere
         n = len(no_model)
         states, settled = [JointState.BLIND] * n, [False] * n
         contacts = self._tracker.step(self._time, signal, states, settled)
@@ -205,7 +211,14 @@ def _signal(
     if mode == "fusion":
         window = settings.fusion_window
         base = None if models.base is None else BaseSignal(models.base, robot, window)
-        signal = FusionSignal(fusion, robot.cycle, window=window, adapt=settings.adapt, base=base)
+        signal = FusionSignal(
+            fusion,
+            robot.cycle,
+            window=window,
+            adapt=settings.adapt,
+            hands=HandLoads(robot, fusion),
+            base=base,
+        )
         return signal, window
     trees = [model if isinstance(model, CartTree | AffineTree) else None for model in of_joint]
     threshold = np.array(

@@ -12,8 +12,9 @@ from numpy.typing import NDArray
 from pepper_driver.config import RobotConfig
 from pepper_driver.observer.base import BaseModel, fit_base
 from pepper_driver.observer.bound_fitting import fit_bounds
-from pepper_driver.observer.fusion import MOVING
+from pepper_driver.observer.expectation import MOVING
 from pepper_driver.observer.fusion_model import FusionModel
+from pepper_driver.observer.hand_load import HandLoads
 from pepper_driver.observer.momentum import ErrorDerivatives, MomentumParameters
 from pepper_driver.observer.recording import Recording
 from pepper_driver.observer.tree import LEAF, CartTree
@@ -114,7 +115,8 @@ def fit_fusion(
     models |= {joint: models[source] for joint, source in shared.items()}
     drives = [recording for recording in calibration if np.any(recording.sent_wheel_speed)]
     base = fit_base(robot, drives, window=window) if drives else None
-    return fit_bounds(models, calibration, robot.cycle, window=window), base
+    hands = HandLoads(robot, [models.get(name) for name in robot.joint_names])
+    return fit_bounds(models, calibration, robot.cycle, window=window, hands=hands), base
 
 
 def _joined(parts: Sequence[_Played]) -> _Played:
@@ -171,8 +173,6 @@ def fit_joint_fusion(
         momentum=candidates[best],
         weight=(weight[0], weight[1]),
         spread=(spread[0], spread[1]),
-        median=spread[1],
-        typical_load=float(np.sqrt(np.mean(data.features[:, 2] ** 2))),
         bound=_constant(np.radians(2.5)),
         momentum_bound=np.radians(2.5),
     )

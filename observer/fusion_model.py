@@ -31,8 +31,6 @@ class FusionModel:
         momentum: Its momentum channel.
         weight: Of the twin beside the momentum channel, 0..1, at rest and in motion: by inverse covariance.
         spread: Standard deviation of the fused residual in free motion, at rest and in motion [rad].
-        median: Of the size of the fused and filtered residual in free motion, the joint moving [rad].
-        typical_load: Root mean square of the desired load torque in free motion [N m].
         bound: Threshold of a contact, margin included, as a tree on desired speed [rad/s], size of the desired
             acceleration [rad/s2], and largest desired speed of the last half second [rad/s].
         momentum_bound: Threshold of the baseline ``momentum``: the largest residual of the calibration [rad].
@@ -45,22 +43,18 @@ class FusionModel:
     momentum: MomentumParameters
     weight: Pair
     spread: Pair
-    median: float
-    typical_load: float
     bound: CartTree
     momentum_bound: float
 
     def __post_init__(self) -> None:
-        if not np.isfinite((*self.weight, *self.spread, self.median, self.typical_load)).all():
+        if not np.isfinite((*self.weight, *self.spread)).all():
             raise FusionModelError("a value is not finite")
         if not all(0.0 <= weight <= 1.0 for weight in self.weight):
             raise FusionModelError(f"'weight' must lie within 0 and 1, got {self.weight}")
         if not all(spread > 0.0 for spread in self.spread):
             raise FusionModelError(f"'spread' must be above 0, got {self.spread}")
-        if self.typical_load < 0.0 or not min(self.median, self.momentum_bound) > 0.0:
-            raise FusionModelError(
-                "'typical_load' is negative, or 'median' or 'momentum_bound' not above 0"
-            )
+        if not self.momentum_bound > 0.0:
+            raise FusionModelError("'momentum_bound' must be above 0")
         leaves = [v for v, f in zip(self.bound.value, self.bound.feature, strict=True) if f < 0]
         if min(leaves) <= 0.0:
             raise FusionModelError("'bound' must be above 0 everywhere")

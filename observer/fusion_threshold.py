@@ -5,10 +5,11 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from pepper_driver.observer.adaptation import UNKNOWN_LOAD
+from pepper_driver.observer.forest import Forest
 from pepper_driver.observer.fusion_model import FusionModel
 from pepper_driver.observer.median import RecentLargest
-from pepper_driver.observer.scale import START, BoundScale
+from pepper_driver.observer.strays import START, Strays
+from pepper_driver.observer.tree import FEATURES
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
@@ -48,19 +49,16 @@ class FusionThreshold:
 
     def __init__(self, models: list[FusionModel | None], cycle: float, *, adapt: bool) -> None:
         self._cycle, self._adapt = cycle, adapt
-        self._bounds = [None if m is None else m.bound.predict_one for m in models]
+        self._bounds = Forest([None if m is None else m.bound for m in models])
+        self._phase = np.zeros((FEATURES, len(models)))
         self.bounds = np.array([np.nan if m is None else m.largest_bound for m in models])
-        gain = np.array([np.nan if m is None else m.twin.load_gain for m in models])
-        # A light joint may bear something in its hand that strays it far.
-        burden = UNKNOWN_LOAD * gain / self.bounds
-        median = np.array([np.nan if m is None else m.median for m in models])
-        self._scale = BoundScale(median, np.fmax(START, burden))
+        self._strays = Strays(len(models))
         self.reset()
 
     def reset(self) -> None:
         """Forget the session."""
         n = len(self.bounds)
-        self._scale.reset()
+        self._strays.reset()
         self._speeds = RecentLargest(SPEED_MEMORY, self._cycle, n)
         self._recent = RecentLargest(THRESHOLD_MEMORY, self._cycle, n)
         self.speed, self.calm = np.zeros(n), np.zeros(n)
@@ -70,7 +68,6 @@ class FusionThreshold:
         velocity: FloatArray,
         acceleration: FloatArray,
         changed: BoolArray,
-        strangeness: FloatArray,
         uncertainty: FloatArray,
     ) -> FloatArray:
         """Take in one tick; returns (n,) thresholds [rad].
@@ -79,33 +76,28 @@ class FusionThreshold:
             velocity: (n,) desired [rad/s].
             acceleration: (n,) desired [rad/s2].
             changed: (n,) where the safety gate altered the command.
-            strangeness: (n,) factor for friction that is not what was identified.
             uncertainty: (n,) standard deviation of the expected error [rad].
         """
-        speed = self.speed = np.abs(velocity)
-        largest = self._speeds.push(speed)
-        bound = np.array(
-            [
-                np.nan if predict is None else predict(s, a, m)
-                for predict, s, a, m in zip(
-                    self._bounds,
-                    speed.tolist(),
-                    np.abs(acceleration).tolist(),
-                    largest.tolist(),
-                    strict=True,
-                )
-            ]
-        )
-        self.calm = CALM * bound
+        speed, size, largest = self._phase
+        np.abs(velocity, out=speed)
+        np.abs(acceleration, out=size)
+        largest[:] = self._speeds.push(speed)
+        self.speed = speed
+        bound = self._bounds.predict(self._phase)
         if self._adapt:
             doubt = UNCERTAINTY_FACTOR * uncertainty
-            self.calm = self.calm + CALM * doubt
-            bound = bound * np.maximum(self._scale.factor, strangeness) + doubt
-        if changed.any():
+            today = np.maximum(START * (1.0 - self._strays.known), self._strays.bound / self.bounds)
+            bound = bound * np.maximum(1.0, today) + doubt
+        self.calm = CALM * bound
+        if np.count_nonzero(changed):
             bound = np.where(changed, CHANGED_FACTOR * bound, bound)
         return self._recent.push(bound)
 
-    def learn(self, residual: FloatArray, free: BoolArray) -> None:
-        """Take in the residual (n,) [rad] of the joints ``free`` (n,) that nothing touches."""
-        if self._adapt:
-            self._scale.learn(residual, free & (self.speed > RESTING))
+    def learn(self, residual: FloatArray, seen: BoolArray | None) -> None:
+        """Take in the residual (n,) [rad] of joints that can be judged (n,); None while something touches the robot."""
+        if not self._adapt:
+            return
+        if seen is None:
+            self._strays.touched()
+        else:
+            self._strays.learn(residual, seen, self.speed > RESTING)

@@ -60,12 +60,25 @@ class RecentLargest:
     """
 
     def __init__(self, memory: float, cycle: float, width: int) -> None:
-        self._ring = np.zeros((max(1, round(memory / cycle)), width))
+        # Van Herk's way: the window ends in this block of samples and begins in the one before.
+        self._block = np.zeros((max(1, round(memory / cycle)), width))
         self._count = 0
+        self._largest_now = np.zeros(width)
+        self._largest_from = np.zeros_like(self._block)
 
     def push(self, sample: FloatArray) -> FloatArray:
         """Take in (width,) one sample of each signal; returns (width,) the largest, a new array."""
-        self._ring[self._count % len(self._ring)] = sample
+        row = self._count % len(self._block)
         self._count += 1
-        largest: FloatArray = self._ring.max(axis=0)
+        if row == 0:
+            # Of the block that has just ended, the largest from each of its samples on.
+            np.maximum.accumulate(self._block[::-1], axis=0, out=self._largest_from)
+            self._largest_now = sample
+        else:
+            self._largest_now = np.maximum(self._largest_now, sample)
+        self._block[row] = sample
+        left = len(self._block) - 1 - row
+        if left == 0:
+            return self._largest_now.copy()
+        largest: FloatArray = np.maximum(self._largest_now, self._largest_from[left - 1])
         return largest

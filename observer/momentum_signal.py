@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from pepper_driver.controller.tick import Tick
 from pepper_driver.observer.fusion_model import FusionModel
+from pepper_driver.observer.hand_load import HandLoad
 from pepper_driver.observer.median import RunningMedian
 from pepper_driver.observer.momentum import ErrorDerivatives
 from pepper_driver.observer.recording import STALE_AGE
@@ -104,6 +105,11 @@ class MomentumSignal:
     def worn(self) -> BoolArray:
         """(n,) none: this mode does not follow the joints."""
         return np.zeros(len(self.no_model), dtype=np.bool_)
+
+    @property
+    def held(self) -> dict[str, HandLoad]:
+        """Nothing: this mode does not follow what the hands hold."""
+        return {}
 
     def learn(self, free: BoolArray, settled: BoolArray) -> None:
         """Nothing: its constants stay as they are."""

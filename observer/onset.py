@@ -19,20 +19,27 @@ class ResidualHistory:
     Args:
         window: Samples of the median filter.
         lookback: Samples before that window in which the onset may lie.
-        width: Number of joints.
+        width: Number of joints; the base is one column more.
     """
 
     def __init__(self, window: int, lookback: int, width: int) -> None:
         self._window = window
-        self._residual = np.zeros((window + lookback, width))
+        self._residual = np.zeros((window + lookback, width + 1))
         self._time = np.zeros(window + lookback)
         self._count = 0
 
-    def append(self, time: float, residual: FloatArray) -> None:
-        """Take in one tick: clock [s], (width,) unfiltered residuals [rad], NaN where there is none."""
+    def append(self, time: float, residual: FloatArray, base: float) -> None:
+        """Take in one tick.
+
+        Args:
+            time: Clock [s].
+            residual: (width,) unfiltered [rad], NaN where there is none.
+            base: That of the base, likewise.
+        """
         row = self._count % len(self._time)
         self._time[row] = time
-        self._residual[row] = residual
+        self._residual[row, :-1] = residual
+        self._residual[row, -1] = base
         self._count += 1
 
     def onset(self, joint: int, sign: int, threshold: float) -> float:

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pepper_driver.controller.tick import Tick
+from pepper_driver.observer.hand_load import HandLoad
 from pepper_driver.observer.median import RunningMedian
 from pepper_driver.observer.recording import STALE_AGE
 from pepper_driver.observer.signal import FULL_STIFFNESS, Signal
@@ -84,6 +85,11 @@ class PaperSignal:
     def worn(self) -> BoolArray:
         """(n,) none: this mode does not follow the joints."""
         return np.zeros(len(self.no_model), dtype=np.bool_)
+
+    @property
+    def held(self) -> dict[str, HandLoad]:
+        """Nothing: this mode does not follow what the hands hold."""
+        return {}
 
     def learn(self, free: BoolArray, settled: BoolArray) -> None:
         """Nothing: the models of the paper stay as they are."""

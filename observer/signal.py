@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pepper_driver.controller.tick import Tick
+from pepper_driver.observer.hand_load import HandLoad
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
@@ -64,6 +65,11 @@ class ResidualSignal(Protocol):
     @property
     def worn(self) -> BoolArray:
         """(n,) joints that have worn since they were identified, as far as the session tells."""
+        ...
+
+    @property
+    def held(self) -> dict[str, HandLoad]:
+        """What is known of what the hands hold, by arm; empty in modes that do not follow it."""
         ...
 
     def learn(self, free: BoolArray, settled: BoolArray) -> None:

@@ -31,6 +31,7 @@ class TorqueEstimate:
 
     def __init__(self, stiffness: FloatArray, friction: FloatArray, spread: FloatArray) -> None:
         self._stiffness, self._friction, self._spread = stiffness, friction, spread
+        self._push, self._certain = -stiffness, stiffness * spread
         self.reset()
 
     def reset(self) -> None:
@@ -52,9 +53,12 @@ class TorqueEstimate:
             (n,) external torque and its standard deviation [N m].
         """
         size = self._friction
-        motion = self._last - residual  # of the joint, away from where it would be
-        self._last = residual.copy()
+        last, self._last = self._last, residual.copy()
         touched = np.abs(residual) > TOUCHED * threshold
+        if not np.count_nonzero(touched):
+            self._slip = friction
+            return self._push * residual, self._certain.copy()
+        motion = last - residual  # of the joint, away from where it would be
         slip = np.clip(self._slip + motion * (size / DAHL), -size, size)
         self._slip = np.where(touched, slip, friction)
         turned = np.where(touched, FRICTION_SHARE * (self._slip - friction), 0.0)

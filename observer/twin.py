@@ -114,6 +114,8 @@ class Twins:
         self._p = parameters
         self._momentum = parameters["inertia"] / self._cycle
         self._gain = 1.0 / (self._momentum + parameters["lag"] + self._cycle)
+        late = parameters["transport"]
+        self._first, self._second = np.minimum(late, 1.0), np.maximum(late - 1.0, 0.0)
         self._has_dead_band = bool((parameters["dead_band"] > 0.0).any())
         self._has_integral = bool((parameters["integral_rate"] > 0.0).any())
 
@@ -181,7 +183,5 @@ class Twins:
         """The target as old as the response, between ticks by a line; one that is to come, by the last two."""
         _, before, now = self._targets = (*self._targets[1:], target)
         older = self._targets[0]
-        late = self._p["transport"]
-        first, second = np.minimum(late, 1.0), np.maximum(late - 1.0, 0.0)
-        delayed: FloatArray = now + first * (before - now) + second * (older - before)
+        delayed: FloatArray = now + self._first * (before - now) + self._second * (older - before)
         return delayed

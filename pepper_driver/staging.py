@@ -13,7 +13,8 @@ from pepper_driver.config import Scenario
 from pepper_driver.controller import Tick
 from pepper_driver.observer import Observation, Push
 from pepper_driver.robot import Pepper
-from pepper_driver.scenes import PlannedTouch, Scene, plan_scenes
+from pepper_driver.scene import PlannedTouch, Scene
+from pepper_driver.scenes import plan_scenes
 
 OnTick = Callable[[Tick, Observation | None], None]
 

@@ -150,4 +150,5 @@ def _change_body(spec: mujoco.MjSpec, body: Body) -> None:
     for payload in body.payloads:
         ball = spec.body(payload.link).add_body(pos=payload.xyz)
         ball.mass, ball.explicitinertial = payload.mass, True
+        ball.ipos = [0.0, 0.0, 0.0]  # otherwise the offset counts twice
         ball.inertia = [0.4 * payload.mass * payload.radius**2] * 3

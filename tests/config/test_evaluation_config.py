@@ -83,7 +83,7 @@ def frozen_anew(path: Path) -> Evaluation:
         ("plants: [drift]", "plants: [drifft]", "did you mean drift"),
         ("scenario: free, plants", "scenario: fre, plants", "fre.yaml: cannot be read"),
         ("goals: 10}", "gools: 10}", "unknown key"),
-        ("root: 20180827", "root: 0", "greater than or equal to 1"),
+        ("root: 20261121", "root: 0", "greater than or equal to 1"),
     ],
 )  # fmt: skip
 def test_wrong_suites_are_one_line(copy: Path, old: str, new: str, reason: str) -> None:

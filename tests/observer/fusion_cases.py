@@ -17,6 +17,7 @@ from pepper_driver.observer.contact import Contact
 from pepper_driver.observer.contact_observer import ContactObserver
 from pepper_driver.observer.fusion import FusionSignal
 from pepper_driver.observer.fusion_model import FusionModel
+from pepper_driver.observer.hand_load import HandLoads
 from pepper_driver.observer.model_file import ModelSet
 from pepper_driver.observer.momentum import MomentumParameters
 from pepper_driver.observer.recording import Recording
@@ -75,8 +76,6 @@ def fusion_model(twin: TwinParameters = TWIN, **changes: Any) -> FusionModel:
         ),
         "weight": (0.8, 0.6),
         "spread": (0.001, 0.001),
-        "median": 5e-4,
-        "typical_load": 0.5,
         "bound": constant_tree(BOUND),
         "momentum_bound": 0.04,
     }
@@ -99,9 +98,11 @@ def fusion_observer(
     return ContactObserver(ROBOT, fusion_set(model, base), replace(SETTINGS, adapt=adapt))
 
 
-def fusion_signal(model: FusionModel = MODEL, *, adapt: bool = False) -> FusionSignal:
+def fusion_signal(
+    model: FusionModel = MODEL, *, adapt: bool = False, hands: HandLoads | None = None
+) -> FusionSignal:
     return FusionSignal(
-        [model] * JOINTS, CYCLE, window=SETTINGS.fusion_window, adapt=adapt, base=None
+        [model] * JOINTS, CYCLE, window=SETTINGS.fusion_window, adapt=adapt, hands=hands
     )
 
 

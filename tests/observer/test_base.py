@@ -15,6 +15,7 @@ from pepper_driver.controller.tick import Tick
 from pepper_driver.observer.base import (
     HOLD,
     MARGIN,
+    ROWS,
     TAPS,
     BaseModel,
     BaseModelError,
@@ -22,6 +23,7 @@ from pepper_driver.observer.base import (
     fit_base,
 )
 from pepper_driver.observer.recording import Recording, RecordingBuilder
+from pepper_driver.observer.strays import BLOCK, FIRST_BLOCKS, START
 
 WINDOW = 5
 LEGS = [ROBOT.joint_index(name) for name in ROBOT.chains["legs"]]
@@ -96,13 +98,99 @@ def residuals(signal: BaseSignal, made: Sequence[Tick], late: Sequence[int] = ()
     return np.array([signal.step(one, k in late) for k, one in enumerate(made)])
 
 
+def settled(model: BaseModel, made: Sequence[Tick]) -> BaseSignal:
+    """After a first motion in which nothing strayed; the legs bear what they do at the start of ``made``."""
+    signal, first = BaseSignal(model, ROBOT, WINDOW), made[0]
+    still = replace(
+        first,
+        sent=replace(first.sent, wheel_speed=np.zeros(3)),
+        measurement=replace(first.measurement, wheel_speed=np.zeros(3)),
+    )
+    for _ in range(TAPS + WINDOW + (FIRST_BLOCKS + 1) * BLOCK):
+        signal.step(still, False)
+        signal.learn(True, True)
+    return signal
+
+
+@pytest.mark.parametrize("axis", [0, 1, 2])
+def test_residual_is_that_of_the_impulse_response(axis: int) -> None:
+    """Every tap, written out; for many times the memory of inputs."""
+    rng = np.random.default_rng(axis)
+    n, legs = 4 * ROWS, len(LEGS)
+    taps = rng.normal(size=(TAPS, 3 + legs, 3))
+    bound, far = 0.02, 1e12  # the other axes tell nothing
+    bounds = tuple(bound if k == axis else far for k in range(3))
+    made_of = BaseModel(
+        coefficients=tuple((float(a), float(b), float(c)) for a, b, c in taps.reshape(-1, 3)),
+        standing=(far,) * 3,
+        driving=(bounds[0], bounds[1], bounds[2]),
+    )
+    sent, load, twist = (rng.normal(size=(n, 3)) for _ in range(3))
+    seen = residuals(BaseSignal(made_of, ROBOT, WINDOW), ticks(sent, load, twist))
+    error = np.full(n, np.nan)
+    for k in range(TAPS - 1, n):
+        expected = 0.0
+        for age in range(TAPS):
+            change = load[k - age] - load[k - TAPS + 1]
+            expected += sent[k - age] @ taps[age, :3, axis] + change @ taps[age, 3:, axis]
+        error[k] = expected - twist[k, axis]
+    judged = slice(TAPS + WINDOW, None)
+    share = error / (START * bound)
+    np.testing.assert_allclose(seen[judged, 0], share[judged], rtol=1e-9, atol=1e-6)
+    median = [np.median(share[k + 1 - WINDOW : k + 1]) for k in range(TAPS + WINDOW, n)]
+    np.testing.assert_allclose(seen[judged, 1], median, rtol=1e-9, atol=1e-6)
+
+
+def test_bounds_are_wide_until_the_first_motion_has_been_seen(model: BaseModel) -> None:
+    n = TAPS + WINDOW + (FIRST_BLOCKS + 3) * BLOCK
+    quiet = ticks(np.zeros((n, 3)), np.zeros((n, 3)), np.zeros((n, 3)))
+    pushed = 1.5 * np.array([model.standing[0], 0.0, 0.0])
+    [push] = ticks(np.zeros((1, 3)), np.zeros((1, 3)), pushed[None])
+    signal = BaseSignal(model, ROBOT, WINDOW)
+    for k, one in enumerate(quiet):
+        if k % (4 * BLOCK) == TAPS + WINDOW + 1:
+            known = max(k // BLOCK - 1, 0) / FIRST_BLOCKS
+            expected = 1.5 / max(START * (1.0 - known), 1.0)
+            # One sample that the filter takes out again.
+            assert abs(signal.step(push, False)[0]) == pytest.approx(expected, rel=0.15)
+        signal.step(one, False)
+        signal.learn(True, True)
+    assert abs(signal.step(push, False)[0]) == pytest.approx(1.5, rel=1e-6)
+
+
+@pytest.mark.parametrize("moving", [False, True])
+def test_a_base_that_strays_more_today_gets_wider_bounds(model: BaseModel, moving: bool) -> None:
+    """It creeps to and fro by twice its bound; only motion proves that it does so untouched."""
+    seconds = 20.0
+    n = round(seconds / CYCLE)
+    twist = np.zeros((n, 3))
+    twist[:, 1] = 2.0 * model.standing[1] * np.sin(np.arange(n) * CYCLE * 2 * np.pi / 0.4)
+    made = ticks(np.zeros((n, 3)), np.zeros((n, 3)), twist)
+    signal = BaseSignal(model, ROBOT, WINDOW)
+    sizes = []
+    for one in made:
+        sizes.append(abs(signal.step(one, False)[1]))
+        signal.learn(True, moving)
+    # In no moment a contact, and of the widened bound it is 1 / Strays' margin.
+    assert np.nanmax(sizes) < 1.0
+    last = np.max(sizes[-100:])
+    assert last == pytest.approx(1.0 / 3.0 if moving else 2.0 / START, rel=0.02)
+    # The other axes are as sensitive as ever, if it is known that they are quiet.
+    push = np.zeros((WINDOW, 3))
+    push[:, 0] = 1.5 * model.standing[0]
+    seen = residuals(signal, ticks(np.zeros((WINDOW, 3)), np.zeros((WINDOW, 3)), push))
+    assert abs(seen[-1, 1]) == pytest.approx(1.5 if moving else 1.5 / START, rel=1e-6)
+
+
 def test_bounds_hold_on_motion_like_that_of_the_calibration(model: BaseModel) -> None:
     assert min(*model.standing, *model.driving) > 0
     assert (np.array(model.driving) >= np.array(model.standing)).all()
     for seed in (1, 2):
-        seen = residuals(BaseSignal(model, ROBOT, WINDOW), drive(30.0, seed, stand=5.0))
+        made = drive(30.0, seed, stand=5.0)
+        seen = residuals(settled(model, made), made)
         assert np.nanmax(np.abs(seen[:, 1])) <= 1.0 / MARGIN + 1e-6
-    seen = residuals(BaseSignal(model, ROBOT, WINDOW), drive(20.0, 77, stand=5.0))
+    made = drive(20.0, 77, stand=5.0)
+    seen = residuals(settled(model, made), made)
     assert np.nanmax(np.abs(seen[:, 1])) < 1.0
     assert np.isfinite(seen[TAPS + WINDOW :]).all()
 
@@ -114,9 +202,8 @@ def test_feels_a_push_on_a_base_that_stands(model: BaseModel, axis: int, side: f
     twist = np.zeros((n, 3))
     pushed = range(100, 130)
     twist[pushed, axis] = side * 2.0 * model.standing[axis]
-    seen = residuals(
-        BaseSignal(model, ROBOT, WINDOW), ticks(np.zeros((n, 3)), np.zeros((n, 3)), twist)
-    )
+    made = ticks(np.zeros((n, 3)), np.zeros((n, 3)), twist)
+    seen = residuals(settled(model, made), made)
     # Expected minus measured: a base that is moved on has a negative residual.
     late = pushed[WINDOW // 2 :]  # before, the filter shows another axis
     np.testing.assert_allclose(seen[late, 0], -2.0 * side, rtol=1e-6)
@@ -131,7 +218,7 @@ def test_a_push_that_moves_two_axes_keeps_its_sign(model: BaseModel) -> None:
     twist[100:, 0] = model.standing[0] * (2.0 + 0.5 * noise.standard_normal(100))
     twist[100:, 2] = -model.standing[2] * (2.0 + 0.5 * noise.standard_normal(100))
     made = ticks(np.zeros((n, 3)), np.zeros((n, 3)), twist)
-    seen = residuals(BaseSignal(model, ROBOT, WINDOW), made)[110:, 1]
+    seen = residuals(settled(model, made), made)[110:, 1]
     assert np.abs(seen).min() > 1.0
     assert (np.sign(seen) == np.sign(seen[0])).all()
 
@@ -144,7 +231,8 @@ def test_the_bound_of_a_base_that_drives_stays_until_it_stands(model: BaseModel)
     sent, twist = np.zeros((n, 3)), np.zeros((n, 3))
     sent[:stop, 0] = 0.05
     twist[:, 1] = -0.005
-    seen = residuals(BaseSignal(wide, ROBOT, WINDOW), ticks(sent, np.zeros((n, 3)), twist))
+    made = ticks(sent, np.zeros((n, 3)), twist)
+    seen = residuals(settled(wide, made), made)
     after = stop + TAPS + round(HOLD / CYCLE)
     assert seen[after - 3, 0] == pytest.approx(0.5)
     assert seen[after + 2, 0] == pytest.approx(5.0)
@@ -172,8 +260,8 @@ def test_values_that_are_not_finite_do_no_lasting_harm(
     changes: dict[str, Any] = {part: replace(spoilt, wheel_speed=np.full(3, value))}
     made[100] = replace(made[100], **changes)
     with np.errstate(invalid="ignore"):
-        seen = residuals(BaseSignal(model, ROBOT, WINDOW), made)
-    expected = residuals(BaseSignal(model, ROBOT, WINDOW), clean)
+        seen = residuals(settled(model, clean), made)
+    expected = residuals(settled(model, clean), clean)
     after = slice(100 + TAPS + round(HOLD / CYCLE), None)
     np.testing.assert_allclose(seen[after], expected[after])
     # What is said meanwhile is no push.
@@ -182,8 +270,10 @@ def test_values_that_are_not_finite_do_no_lasting_harm(
 
 def test_reset_forgets(model: BaseModel) -> None:
     made = drive(2.0, 6)
-    signal = BaseSignal(model, ROBOT, WINDOW)
+    signal = settled(model, made)
+    signal.reset()
     first = residuals(signal, made)
+    np.testing.assert_array_equal(residuals(BaseSignal(model, ROBOT, WINDOW), made), first)
     signal.reset()
     np.testing.assert_array_equal(residuals(signal, made), first)
 

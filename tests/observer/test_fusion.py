@@ -41,8 +41,8 @@ from pepper_driver.observer.events import SETTLING_FACTOR
 from pepper_driver.observer.fusion import LATEST
 from pepper_driver.observer.fusion_threshold import CHANGED_FACTOR, THRESHOLD_MEMORY
 from pepper_driver.observer.interface import JointState, Observation
-from pepper_driver.observer.scale import START
 from pepper_driver.observer.signal import FULL_STIFFNESS
+from pepper_driver.observer.strays import START
 from pepper_driver.observer.tree import CartTree
 
 WINDOW = SETTINGS.fusion_window
@@ -382,9 +382,8 @@ def test_the_threshold_is_that_of_the_motion() -> None:
 
 
 def test_thresholds_begin_wide_and_come_down_in_free_motion() -> None:
-    model = fusion_model(median=4e-3)
     motion = swing(40.0)
-    signals = play(fusion_signal(model, adapt=True), ticks_of(motion, drive(motion)))
+    signals = play(fusion_signal(adapt=True), ticks_of(motion, drive(motion)))
     threshold = np.array([one.threshold[ELBOW] for one in signals])
     assert threshold[0] >= START * BOUND
     assert threshold[-50:].min() >= BOUND
@@ -401,7 +400,7 @@ def test_thresholds_begin_wide_and_come_down_in_free_motion() -> None:
 def test_twins_follow_a_joint_that_has_changed(changes: dict[str, float]) -> None:
     motion = swing(40.0, 0.5, 1.7, gravity=2.5)
     made = ticks_of(motion, drive(motion, replace(TWIN, **changes)))
-    model = fusion_model(weight=(1.0, 1.0), typical_load=1.5)
+    model = fusion_model(weight=(1.0, 1.0))
 
     def sizes(adapt: bool) -> FloatArray:
         signals = play(fusion_signal(model, adapt=adapt), made)

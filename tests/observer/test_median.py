@@ -68,3 +68,22 @@ def test_the_largest_keeps_at_least_this_sample_and_is_not_overwritten() -> None
     first = largest.push(np.array([5.0]))
     assert largest.push(np.array([2.0]))[0] == 2.0
     assert first[0] == 5.0
+
+
+def test_the_largest_may_be_told_in_a_buffer_that_is_written_to_again() -> None:
+    samples = np.random.default_rng(0).uniform(size=(60, 2))
+    largest, buffer = RecentLargest(5 * CYCLE, CYCLE, 2), np.empty(2)
+    for k in range(60):
+        buffer[:] = samples[k]
+        expected = samples[max(0, k - 4) : k + 1].max(axis=0)
+        np.testing.assert_array_equal(largest.push(buffer), expected)
+
+
+@given(st.integers(1, 9), st.integers(0, 30))
+def test_the_largest_is_nan_as_long_as_one_of_its_samples_is(kept: int, bad: int) -> None:
+    largest = RecentLargest(kept * CYCLE, CYCLE, 2)
+    for k in range(50):
+        value = largest.push(np.array([np.nan if k == bad else float(k), float(k)]))
+        assert np.isnan(value[0]) == (bad <= k < bad + kept)
+        assert value[1] == k
+        value[:] = -1.0  # what it returned is the caller's

@@ -308,7 +308,9 @@ BASE = BaseModel(
     driving=(0.04, 0.05, 0.06),
 )
 ODD = replace(
-    MODEL, median=math.pi / 1e4, twin=replace(MODEL.twin, lag=0.1 + 0.2, integral_rate=1e-300)
+    MODEL,
+    momentum_bound=math.pi / 1e2,
+    twin=replace(MODEL.twin, lag=0.1 + 0.2, integral_rate=1e-300),
 )
 FUSION_SET = fusion_set({"HeadYaw": MODEL, "LHand": ODD}, BASE)
 
@@ -342,7 +344,7 @@ def test_fusion_models_are_loaded_bit_for_bit(fusion_file: Path) -> None:
         (set_in(*MODEL_OF, "weight", value=[0.5, 1.5]), "'weight' must lie within 0 and 1"),
         (set_in(*MODEL_OF, "weight", value=[0.5]), "weight"),
         (set_in(*MODEL_OF, "spread", 0, value=0.0), "'spread' must be above 0"),
-        (set_in(*MODEL_OF, "median", value=0.0), "'momentum_bound' not above 0"),
+        (set_in(*MODEL_OF, "momentum_bound", value=0.0), "'momentum_bound' must be above 0"),
         (set_in(*MODEL_OF, "bound", "value", 0, value=-0.01), "'bound' must be above 0"),
         (set_in(*MODEL_OF, "bound", "left", 0, value=0), "has children"),
         (set_in(*MODEL_OF, "remainder", "coefficients", 0, value=[0.0]), "remainder"),

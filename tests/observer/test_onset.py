@@ -12,7 +12,7 @@ THRESHOLD = 0.03
 def history(signal: list[float], window: int = 11, lookback: int = 40) -> ResidualHistory:
     past = ResidualHistory(window, lookback, 2)
     for k, value in enumerate(signal):
-        past.append(k * CYCLE, np.array([0.0, value]))
+        past.append(k * CYCLE, np.array([0.0, value]), 0.0)
     return past
 
 
@@ -54,5 +54,14 @@ def test_reset_forgets() -> None:
     past = history([0.04] * 30)
     past.reset()
     for k in (5, 6):
-        past.append(float(k), np.array([0.0, 0.04]))
+        past.append(float(k), np.array([0.0, 0.04]), 0.0)
     assert past.onset(1, 1, THRESHOLD) == 5.0
+
+
+def test_the_base_is_the_column_after_the_joints() -> None:
+    past = ResidualHistory(11, 40, 2)
+    for k in range(50):
+        joint, base = (0.04 if k >= 40 else 0.0), (-0.04 if k >= 45 else 0.0)
+        past.append(k * CYCLE, np.array([0.0, joint]), base)
+    assert past.onset(1, 1, THRESHOLD) == pytest.approx(40 * CYCLE)
+    assert past.onset(2, -1, THRESHOLD) == pytest.approx(45 * CYCLE)

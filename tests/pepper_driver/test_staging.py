@@ -502,7 +502,7 @@ def test_a_goal_in_which_nothing_fits_is_drawn_again(monkeypatch: pytest.MonkeyP
         redrawn.append(arguments)
         return random_leg(*arguments)
 
-    monkeypatch.setattr("pepper_driver.scenes.random_leg", counted)
+    monkeypatch.setattr("pepper_driver.touch_planning.random_leg", counted)
     pepper = make_pepper()
     limit = limit_degrees(pepper, "LShoulderRoll")
     size = (0.7 * limit, 0.72 * limit)

@@ -1,0 +1,213 @@
+"""What mode ``fusion`` expects of every joint in a tick: twins, what their boards have summed up, and remainders."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pepper_driver.observer.adaptation import OFFSET_UNIT
+from pepper_driver.observer.forest import Forest
+from pepper_driver.observer.fusion_model import FusionModel
+from pepper_driver.observer.fusion_threshold import RESTING
+from pepper_driver.observer.tree import FEATURES
+from pepper_driver.observer.twin import PARAMETERS, Twins
+
+FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
+
+LATEST = 3
+"""Ticks by which a sample may be late and still be compared with what was expected for its time."""
+
+MOVING = 0.02
+"""[rad/s] Of the twin: a joint that is faster moves."""
+
+BOARD_TIME = 0.3
+"""[s] Within which the current corrects what a board is thought to have summed up."""
+
+REST_CORRECTION = 1.5
+"""[s] Within which the twin of a free joint at rest moves to where the joint rests."""
+
+
+@dataclass(slots=True)
+class Expected:
+    """What is expected of one tick; arrays (n,).
+
+    Attributes:
+        target: Position sent [rad].
+        position: Of the twins [rad].
+        moves: Where the twins move.
+        friction: On the twins / K, positive against positive motion [rad].
+        load: g tau_ld as identified [rad].
+        velocity: Desired [rad/s].
+        acceleration: Desired [rad/s2].
+        remainder: What the twins leave of the tracking error [rad].
+    """
+
+    target: FloatArray
+    position: FloatArray
+    moves: BoolArray
+    friction: FloatArray
+    load: FloatArray
+    velocity: FloatArray
+    acceleration: FloatArray
+    remainder: FloatArray
+
+
+class Expectation:
+    """Lets the twins take every tick, and holds them to what is known of the joints.
+
+    Args:
+        models: By joint, None for those without.
+        cycle: Period of the ticks [s].
+
+    Attributes:
+        identified: By name of ``TwinParameters``, (n,) constants as identified.
+        integrates: (n,) joints whose boards have an integral part that currents tell of.
+        board: (n,) what the boards have summed up of the measured error [rad].
+    """
+
+    def __init__(self, models: Sequence[FusionModel | None], cycle: float) -> None:
+        self._cycle = cycle
+        twins = [None if m is None else m.twin for m in models]
+        self.identified = {
+            name: np.array([np.nan if t is None else getattr(t, name) for t in twins])
+            for name in PARAMETERS
+        }
+        self._twins = Twins(self.identified, cycle)
+        self.integrates = np.array(
+            [
+                m is not None and m.twin.integral_rate > 0.0 and m.momentum.source == "current"
+                for m in models
+            ]
+        )
+        self._any_integrates = bool(self.integrates.any())
+        self._remainders = Forest([None if m is None else m.remainder for m in models])
+        self._features = np.zeros((FEATURES, len(models)))
+        self._correction = cycle / REST_CORRECTION
+        both = 1.0 + self.identified["breakaway"]
+        self._band_unloaded = self.identified["friction"] * both
+        self._band_per_load = self.identified["load_friction"] * both
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget everything but the models."""
+        n = len(self.integrates)
+        self.board = np.zeros(n)
+        self._past: deque[Expected] = deque(maxlen=LATEST + 1)
+        self.adopt(np.zeros((n, 4)))
+
+    @property
+    def position(self) -> FloatArray | None:
+        """(n,) of the twins [rad]; None before the first tick."""
+        return self._twins.position if self._past else None
+
+    @property
+    def velocity(self) -> FloatArray:
+        """(n,) of the twins [rad/s]."""
+        return self._twins.velocity
+
+    def step(
+        self,
+        target: FloatArray,
+        load_torque: FloatArray,
+        velocity: FloatArray,
+        acceleration: FloatArray,
+        measured: FloatArray,
+    ) -> None:
+        """Take in one tick; all values finite.
+
+        Args:
+            target: (n,) sent [rad].
+            load_torque: (n,) desired, with what the hands hold [N m].
+            velocity: (n,) desired [rad/s].
+            acceleration: (n,) desired [rad/s2].
+            measured: (n,) where the joints are [rad]; in the first tick the twins start from there.
+        """
+        twins = self._twins
+        load = self.identified["load_gain"] * load_torque
+        if not self._past:
+            twins.start(measured, target)
+            # Boards with an integral part have taken up the load.
+            summed = load + self.identified["offset"] - (target - measured)
+            self.board = np.where(self.integrates, summed, 0.0)
+            twins.integral = np.where(self.integrates, self.board, twins.integral)
+        position = twins.step(target, load_torque)
+        features = self._features
+        features[0], features[1], features[2] = velocity, acceleration, load_torque
+        self._past.append(
+            Expected(
+                target=target,
+                position=position,
+                moves=np.abs(twins.velocity) > MOVING,
+                friction=twins.friction,
+                load=load,
+                velocity=velocity,
+                acceleration=acceleration,
+                remainder=self._remainders.predict(features),
+            )
+        )
+
+    def before(self, ticks: int) -> Expected:
+        """What was expected so many ticks ago, or of the oldest tick there is."""
+        return self._past[max(-1 - ticks, -len(self._past))]
+
+    def resistance(self, then: Expected) -> FloatArray:
+        """(n,) friction and load of today / K [rad]."""
+        resistance: FloatArray = then.friction + then.load * self._load_factor + self._extra_load
+        return resistance
+
+    def band(self, then: Expected) -> FloatArray:
+        """(n,) from friction at rest in one direction to that in the other [rad]."""
+        band: FloatArray = self._band_unloaded + self._band_per_load * np.abs(then.load)
+        return band
+
+    def follow_boards(self, error: FloatArray, motor: FloatArray) -> None:
+        """Take in what the boards sum up (n,) [rad], and their motors' torques / K (n,) [rad] that correct it."""
+        if not self._any_integrates:
+            return
+        summed = self.board + self.identified["integral_rate"] * self._cycle * error
+        summed += self._cycle / BOARD_TIME * (motor - error - summed)
+        self.board = np.where(self.integrates, summed, 0.0)
+
+    def rest(self, where: BoolArray, residual: FloatArray) -> None:
+        """Let the twins of joints that rest untouched (n,) creep to where these are: residual (n,) [rad]."""
+        resting = where & (self._twins.velocity == 0.0)
+        if not np.count_nonzero(resting):
+            return
+        twins, pace = self._twins, self._correction
+        twins.position = np.where(resting, twins.position - pace * residual, twins.position)
+        if self._any_integrates:
+            summed = twins.integral + pace * (self.board - twins.integral)
+            twins.integral = np.where(resting & self.integrates, summed, twins.integral)
+
+    def put(self, where: BoolArray, measured: FloatArray) -> None:
+        """Put twins where the joints are: those that shall move on their way, the others held there by friction."""
+        velocity = self._past[-1].velocity
+        self._twins.put(
+            where,
+            measured,
+            np.where(np.abs(velocity) > RESTING, velocity, 0.0),
+            np.where(self.integrates, self.board, self._twins.integral),
+        )
+
+    def shift(self, error: FloatArray) -> None:
+        """Let the tracking error of the twins grow by (n,) [rad] at once."""
+        self._twins.position = self._twins.position - error
+
+    def adopt(self, share: FloatArray) -> None:
+        """Give the twins the constants of today: (n, 4) shares of ``Adaptation``."""
+        p = self.identified
+        self._load_factor, self._extra_load = 1.0 + share[:, 2], share[:, 3] * OFFSET_UNIT
+        self._twins.set(
+            {
+                **p,
+                "friction": p["friction"] * np.maximum(1.0 + share[:, 0], 0.2),
+                "lag": p["lag"] * np.maximum(1.0 + share[:, 1], 0.2),
+                "load_gain": p["load_gain"] * self._load_factor,
+                "offset": p["offset"] + self._extra_load,
+            }
+        )

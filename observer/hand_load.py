@@ -1,0 +1,137 @@
+"""What the hands hold, of which nobody has told the robot: its mass and where that is, from what all joints bear.
+
+A body in a hand adds to the load torque of every joint between it and the wheels, in proportion to its mass m and its
+first moment m c: tau = Y (m, m c_x, m c_y, m c_z), with Y from inverse dynamics of the desired motion. One estimate an
+arm says more than a share of the load on each joint would: a wrist that bears nothing by itself needs it, and the
+shoulder learns from the elbow. Inertia about the wrist, m c^2, is left out.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pepper_driver.config import RobotConfig
+from pepper_driver.controller.model import RobotModel
+from pepper_driver.controller.reference import Reference
+from pepper_driver.observer.adaptation import LEARN_PERIOD
+from pepper_driver.observer.fusion_model import FusionModel
+
+FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
+
+PRIOR = np.array([0.3, 0.03, 0.03, 0.03])
+"""Standard deviation of mass [kg] and first moment [kg m] before anything is known."""
+
+WANDER = np.array([0.02, 0.002, 0.002, 0.002])
+"""By how much each may change in a minute, as long as no contact is felt."""
+
+LOOK_PERIOD = 2
+"""Ticks between two looks at where the arms are."""
+
+LEAST_NOISE = np.radians(0.3) ** 2
+"""[rad2] Of a residual: what else is wrong with the models is not noise, and does not average out."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class HandLoad:
+    """What one hand holds.
+
+    Attributes:
+        mass: [kg]
+        mass_std: Standard deviation of it [kg].
+        first_moment: (3,) m c in the axes of the link that carries the hand [kg m].
+    """
+
+    mass: float
+    mass_std: float
+    first_moment: tuple[float, float, float]
+
+
+class HandLoads:
+    """Recursive least squares on a random walk (a Kalman filter), four numbers an arm.
+
+    Args:
+        robot: Its description; every chain that ends in a hand is an arm.
+        models: By joint, None for those without.
+    """
+
+    def __init__(self, robot: RobotConfig, models: Sequence[FusionModel | None]) -> None:
+        self._model = RobotModel(robot)
+        self.arms, self._wrists = [], []
+        for chain, joints in robot.chains.items():
+            if joints[-1] in robot.hands.joints:
+                wrist = next(joint for joint in reversed(joints) if joint not in robot.hands.joints)
+                self.arms.append(chain)
+                self._wrists.append(self._model.joint_id(wrist))
+        self._gain = np.array([0.0 if m is None else m.twin.load_gain for m in models])
+        arms = len(self._wrists)
+        self._prior = np.diag(np.tile(PRIOR, arms) ** 2)
+        self._wander = np.diag(np.tile(WANDER, arms) ** 2) * LEARN_PERIOD * robot.cycle / 60.0
+        self.reset()
+
+    def reset(self) -> None:
+        """Empty hands, as far as anybody knows."""
+        n, quantities = len(self._gain), len(self._prior)
+        self._load = np.zeros(quantities)
+        self._covariance = self._prior.copy()
+        self._regressor = np.zeros((n, quantities))
+        self._ticks = 0
+
+    def step(self, position: FloatArray, reference: Reference) -> FloatArray:
+        """Take in one tick; (n,) load torque of what the hands hold [N m].
+
+        Args:
+            position: (n,) measured [rad]: a weak wrist gives way by tens of degrees.
+            reference: The desired motion.
+        """
+        if self._ticks % LOOK_PERIOD == 0:
+            self._look(position, reference)
+        self._ticks += 1
+        torque: FloatArray = self._regressor @ self._load
+        return torque
+
+    def _look(self, position: FloatArray, reference: Reference) -> None:
+        if not math.isfinite((position + reference.velocity + reference.acceleration).sum()):
+            return
+        model = self._model
+        self._regressor = model.payload_regressor(
+            self._wrists, position, reference.velocity, reference.acceleration
+        )
+
+    def variance(self) -> FloatArray:
+        """(n,) of the expected tracking error, for not knowing better what the hands hold [rad2]."""
+        seen = self._regressor @ self._covariance
+        variance: FloatArray = self._gain**2 * np.einsum("ij,ij->i", seen, self._regressor)
+        return variance
+
+    def update(self, residual: FloatArray, noise: FloatArray, use: BoolArray) -> FloatArray:
+        """Learn from the residual of the last tick; (n,) how much of it that explains [rad].
+
+        Args:
+            residual: (n,) [rad].
+            noise: (n,) variance of what else is in it [rad2].
+            use: (n,) joints to learn from: they move, and nothing touches them.
+        """
+        effect = self._regressor * np.where(use, self._gain, 0.0)[:, None]
+        weighted = effect.T / np.where(use, np.maximum(noise, LEAST_NOISE), 1.0)
+        self._covariance = np.linalg.inv(np.linalg.inv(self._covariance) + weighted @ effect)
+        change = self._covariance @ (weighted @ np.where(use, residual, 0.0))
+        self._load = self._load + change
+        self._covariance += self._wander
+        explained: FloatArray = effect @ change
+        return explained
+
+    def held(self) -> dict[str, HandLoad]:
+        """By arm, as its chain is called."""
+        load, deviation = self._load.reshape(-1, 4), np.sqrt(np.diag(self._covariance))[::4]
+        return {
+            arm: HandLoad(
+                mass=float(mass), mass_std=float(std), first_moment=(float(x), float(y), float(z))
+            )
+            for arm, (mass, x, y, z), std in zip(self.arms, load, deviation, strict=True)
+        }

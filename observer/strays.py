@@ -1,0 +1,99 @@
+"""How large the residual of a joint gets today while nothing touches it."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
+
+BLOCK = 42
+"""Samples in motion, half a second, of which the largest residual is kept."""
+
+BLOCKS = 60
+"""That are remembered: half a minute of a joint's own motion."""
+
+RANK = 3
+"""The largest, second largest... of the blocks that counts: two touches that were not felt leave no trace."""
+
+BLOCKS_PER_RANK = 15
+"""Of few blocks even the largest counts, then the second largest."""
+
+MARGIN = 3.0
+"""Over it: how much larger the residual may still get."""
+
+START = 3.0
+"""Factor on identified thresholds when nothing is known of how the robot is today: a worn one strays so far."""
+
+FIRST_BLOCKS = 24
+"""Until there are so many, next to nothing is known of how the robot is today."""
+
+PAUSE = 170
+"""Ticks after a touch, two seconds, in which friction may still hold a joint where the touch has left it."""
+
+
+class Strays:
+    """MARGIN times the RANK-th largest residual of the last BLOCKS of a joint's motion.
+
+    What a robot strays by when worn or laden differs from joint to joint and from day to day; that it will stray as far
+    in the next minute as in the last is a better guess than any made at its identification. It learns most in the
+    first half minute of a session, when nobody should touch the robot.
+
+    Args:
+        width: Number of joints.
+
+    Attributes:
+        bound: (n,) [rad].
+        known: (n,) 0..1, how much of the first motion has been seen.
+    """
+
+    def __init__(self, width: int) -> None:
+        self._largest = np.zeros((width, BLOCKS))
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget the session."""
+        width = len(self._largest)
+        self._largest[:] = 0.0
+        self._blocks = np.zeros(width, dtype=np.int64)
+        self.bound, self.known = np.zeros(width), np.zeros(width)
+        self._pause = 0
+        self._drop()
+
+    def _drop(self) -> None:
+        """Forget the blocks that may hold the beginning of a touch."""
+        width = len(self._largest)
+        self._now, self._before = np.zeros(width), np.full(width, np.nan)
+        self._samples = np.zeros(width, dtype=np.int64)
+
+    def touched(self) -> None:
+        """Take in one tick in which something touches the robot: what was seen just before may be its beginning."""
+        if self._pause < PAUSE:
+            self._pause = PAUSE
+            self._drop()
+
+    def learn(self, residual: FloatArray, seen: BoolArray, moving: BoolArray) -> None:
+        """Take in one tick without touch: residual (n,) [rad], joints that can be judged, joints that are to move.
+
+        A block takes in all samples, and is full when enough of them were in motion: rest alone proves nothing.
+        """
+        if self._pause:
+            self._pause -= 1
+            return
+        self._now = np.maximum(self._now, np.where(seen, np.abs(residual), 0.0))
+        self._samples += seen & moving
+        over = self._samples >= BLOCK
+        if not np.count_nonzero(over):
+            return
+        for joint in np.flatnonzero(over & ~np.isnan(self._before)).tolist():
+            self._keep(joint)
+        self._before[over], self._now[over], self._samples[over] = self._now[over], 0.0, 0
+
+    def _keep(self, joint: int) -> None:
+        """Remember the block before this one: no touch has followed it."""
+        self._largest[joint, self._blocks[joint] % BLOCKS] = self._before[joint]
+        self._blocks[joint] += 1
+        rank = min(RANK, 1 + int(self._blocks[joint]) // BLOCKS_PER_RANK)
+        self.bound[joint] = MARGIN * np.partition(self._largest[joint], -rank)[-rank]
+        self.known[joint] = min(self._blocks[joint] / FIRST_BLOCKS, 1.0)

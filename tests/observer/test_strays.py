@@ -1,0 +1,188 @@
+"""How far a joint strays, against the definition: sorted block maxima of all samples."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from observer_cases import FloatArray
+
+from pepper_driver.observer.strays import (
+    BLOCK,
+    BLOCKS,
+    BLOCKS_PER_RANK,
+    FIRST_BLOCKS,
+    MARGIN,
+    PAUSE,
+    RANK,
+    BoolArray,
+    Strays,
+)
+
+YES, NO = np.array([True]), np.array([False])
+QUIET = 1e-3
+
+
+def learn_blocks(target: Strays, sizes: list[float]) -> None:
+    """Half a second of motion for each of ``sizes``, the largest somewhere in it and the others less.
+
+    And one more, quiet: a block counts when no touch has come in the next one.
+    """
+    for k, size in enumerate([*sizes, QUIET]):
+        for sample in range(BLOCK):
+            here = sample == (7 * k) % BLOCK
+            target.learn(np.array([-size if here else 0.3 * size]), YES, YES)
+
+
+def of_run(residual: FloatArray, seen: BoolArray, moving: BoolArray) -> list[float]:
+    """Maxima of the blocks of one joint in a run that nothing touches, but for the last one."""
+    maxima, begin = [], 0
+    for end in (np.flatnonzero(seen & moving)[BLOCK - 1 :: BLOCK] + 1).tolist():
+        inside = slice(begin, end)
+        maxima.append(float(np.abs(residual[inside][seen[inside]]).max()))
+        begin = end
+    return maxima[:-1]
+
+
+def defined(
+    residual: FloatArray, seen: BoolArray, moving: BoolArray, touches: list[int]
+) -> tuple[float, float]:
+    """Bound and share known of one joint, from all samples at once."""
+    maxima: list[float] = []
+    for begin, end in zip([-1, *touches], [*touches, len(residual)], strict=True):
+        run = slice(0 if begin < 0 else begin + 1 + PAUSE, end)
+        maxima += of_run(residual[run], seen[run], moving[run])
+    if not maxima:
+        return 0.0, 0.0
+    rank = min(1 + len(maxima) // BLOCKS_PER_RANK, RANK)
+    return MARGIN * sorted(maxima[-BLOCKS:])[-rank], min(len(maxima) / FIRST_BLOCKS, 1.0)
+
+
+@settings(deadline=None, max_examples=25)
+@given(
+    st.integers(1, 5000),
+    st.floats(0.3, 1.0),
+    st.floats(0.3, 1.0),
+    st.lists(st.integers(0, 4999), max_size=4, unique=True),
+    st.integers(0, 2**32 - 1),
+)
+def test_is_the_margin_over_a_high_rank_of_the_blocks(
+    n: int, seen_share: float, moving_share: float, touches: list[int], seed: int
+) -> None:
+    rng = np.random.default_rng(seed)
+    residual = rng.standard_normal((n, 3)) * np.exp(rng.standard_normal((n, 1)))
+    seen, moving = rng.uniform(size=(n, 3)) < seen_share, rng.uniform(size=(n, 3)) < moving_share
+    touches = sorted(k for k in touches if k < n)
+    target = Strays(3)
+    for k, row in enumerate(zip(residual, seen, moving, strict=True)):
+        if k in touches:
+            target.touched()
+        else:
+            target.learn(*row)
+    for joint in range(3):
+        bound, known = defined(residual[:, joint], seen[:, joint], moving[:, joint], touches)
+        assert target.bound[joint] == pytest.approx(bound, rel=1e-12)
+        assert target.known[joint] == pytest.approx(known, rel=1e-12)
+
+
+def test_forgets_what_was_longer_ago_than_it_remembers() -> None:
+    target = Strays(1)
+    learn_blocks(target, [5.0] * RANK + [QUIET] * (BLOCKS - RANK))
+    assert target.bound[0] == pytest.approx(MARGIN * 5.0)
+    learn_blocks(target, [QUIET] * RANK)
+    assert target.bound[0] == pytest.approx(MARGIN * QUIET)
+
+
+def test_two_touches_that_were_not_felt_leave_no_trace() -> None:
+    quiet = [QUIET] * (BLOCKS_PER_RANK * RANK)
+    target = Strays(1)
+    learn_blocks(target, [*quiet, 0.1, *quiet[:5], 0.2])
+    assert target.bound[0] == pytest.approx(MARGIN * QUIET)
+    learn_blocks(target, [0.1])
+    assert target.bound[0] == pytest.approx(MARGIN * 0.1)
+
+
+def test_of_the_first_blocks_the_largest_counts() -> None:
+    target = Strays(1)
+    learn_blocks(target, [0.1, *[QUIET] * (BLOCKS_PER_RANK - 2)])
+    assert target.bound[0] == pytest.approx(MARGIN * 0.1)
+    learn_blocks(target, [QUIET])
+    assert target.bound[0] == pytest.approx(MARGIN * QUIET)
+
+
+def test_all_is_known_after_the_first_blocks_of_motion() -> None:
+    target = Strays(1)
+    learn_blocks(target, [])
+    for k in range(FIRST_BLOCKS):
+        assert target.known[0] == pytest.approx(k / FIRST_BLOCKS)
+        for _ in range(BLOCK):
+            target.learn(np.array([QUIET]), YES, YES)
+    assert target.known[0] == 1.0
+    learn_blocks(target, [QUIET] * BLOCKS)
+    assert target.known[0] == 1.0
+
+
+def test_rest_alone_proves_nothing_but_counts_with_motion() -> None:
+    target = Strays(1)
+    for _ in range(20 * BLOCK):
+        target.learn(np.array([0.4]), YES, NO)
+    assert (target.bound[0], target.known[0]) == (0.0, 0.0)
+    learn_blocks(target, [QUIET])
+    assert target.bound[0] == pytest.approx(MARGIN * 0.4)
+
+
+def test_the_beginning_of_a_touch_teaches_nothing() -> None:
+    """It grows for a while before it is felt, and here the robot was at rest before."""
+    target = Strays(1)
+    learn_blocks(target, [QUIET])
+    for _ in range(BLOCK + BLOCK // 2):
+        target.learn(np.array([0.4]), YES, YES)
+    target.touched()
+    for _ in range(PAUSE):
+        target.learn(np.array([QUIET]), YES, YES)
+    learn_blocks(target, [QUIET] * 3)
+    assert target.bound[0] == pytest.approx(MARGIN * QUIET)
+
+
+def test_after_a_touch_nothing_is_learned_for_a_while() -> None:
+    target = Strays(1)
+    for touch in range(3):
+        for _ in range(50):
+            target.touched()
+        # The last of them counts.
+        for _ in range(PAUSE if touch == 2 else PAUSE // 2):
+            target.learn(np.array([0.4]), YES, YES)
+    learn_blocks(target, [0.1])
+    assert target.bound[0] == pytest.approx(MARGIN * 0.1)
+
+
+def test_a_touch_takes_nothing_of_what_was_learned_before() -> None:
+    target = Strays(1)
+    learn_blocks(target, [0.1] * FIRST_BLOCKS)
+    target.touched()
+    assert (target.bound[0], target.known[0]) == (pytest.approx(MARGIN * 0.1), 1.0)
+
+
+def test_joints_that_cannot_be_judged_disturb_no_other() -> None:
+    target = Strays(2)
+    for _ in range(2 * BLOCK):
+        target.learn(np.array([np.nan, 0.1]), np.array([False, True]), np.array([True, True]))
+    np.testing.assert_allclose(target.bound, [0.0, MARGIN * 0.1])
+    # Nor does it matter later that there was nothing.
+    for _ in range(2 * BLOCK):
+        target.learn(np.array([0.2, 0.1]), np.array([True, True]), np.array([True, True]))
+    np.testing.assert_allclose(target.bound, [MARGIN * 0.2, MARGIN * 0.1])
+
+
+def test_reset_forgets() -> None:
+    target = Strays(1)
+    learn_blocks(target, [9.0] * 30)
+    for _ in range(BLOCK // 2):  # of a block that is not full
+        target.learn(np.array([9.0]), YES, YES)
+    target.touched()
+    target.reset()
+    assert (target.bound[0], target.known[0]) == (0.0, 0.0)
+    learn_blocks(target, [QUIET])
+    assert target.bound[0] == pytest.approx(MARGIN * QUIET)
+    assert target.known[0] == pytest.approx(1 / FIRST_BLOCKS)
