@@ -129,9 +129,15 @@ def _explain(error: ValidationError, cls: type[Any], data: dict[str, Any]) -> st
     location = [part for part in first["loc"] if not str(part).startswith("function-")]
     key = ".".join(str(part) for part in location) or "top level"
     if first["type"] == "unexpected_keyword_argument":
-        missing = [str(p["loc"][-1]) for p in problems if p["type"] == "missing"]
-        known = missing + sorted(_field_names(cls))
-        message = f"unknown key '{key}'{suggestion(str(location[-1]), known)}"
+        name, beside = str(location[-1]), first["loc"][:-1]
+        missing = [
+            str(p["loc"][-1])
+            for p in problems
+            if p["type"] == "missing" and p["loc"][:-1] == beside
+        ]
+        # What another kind of the same thing calls a key is no help here.
+        known = missing or sorted(_field_names(cls) - {name})
+        message = f"unknown key '{key}'{suggestion(name, known)}"
     elif first["type"] == "missing":
         message = f"key '{key}' is missing"
     else:

@@ -30,6 +30,9 @@ FLOOR = np.radians(0.6)
 FLATNESS = 0.75
 """No leaf of a threshold lies below this share of the highest one: the largest of few samples is no bound."""
 
+GETTING_USED = 12.0
+"""[s] After which the observer has learned how the robot is today; until then thresholds are higher in use."""
+
 MOMENTUM_WINDOW = 11
 """Samples of the median of the baseline ``momentum``, as in the paper."""
 
@@ -68,7 +71,7 @@ def fit_bounds(
             rows.append(signal.step(tick).residual)
             signal.learn(everything, nothing)
         residual = np.abs(np.array(rows))
-        residual[: round(START_UP / cycle)] = np.nan
+        residual[: min(round(GETTING_USED / cycle), len(residual) // 2)] = np.nan
         speed = np.abs(recording.velocity)
         largest = RecentLargest(SPEED_MEMORY, cycle, len(names))
         held = np.array([largest.push(row) for row in speed])

@@ -25,8 +25,9 @@ LATEST = 3
 MOVING = 0.02
 """[rad/s] Of the twin: a joint that is faster moves."""
 
-BOARD_TIME = 0.3
-"""[s] Within which the current corrects what a board is thought to have summed up."""
+BOARD_TIME = 1.0
+"""[s] Within which the current corrects what a board is thought to have summed up: it tells no sign, and one that is
+wrong for a moment must not confirm itself."""
 
 REST_CORRECTION = 1.5
 """[s] Within which the twin of a free joint at rest moves to where the joint rests."""

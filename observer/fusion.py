@@ -11,7 +11,7 @@ from pepper_driver.observer.base import BaseSignal
 from pepper_driver.observer.expectation import LATEST, Expectation, Expected
 from pepper_driver.observer.fusion_model import FusionModel
 from pepper_driver.observer.fusion_threshold import RESTING, FusionThreshold
-from pepper_driver.observer.hand_load import HandLoad, HandLoads
+from pepper_driver.observer.hand_load import UNDER_WAY, HandLoad, HandLoads
 from pepper_driver.observer.median import RunningMedian
 from pepper_driver.observer.momentum import ErrorDerivatives, MomentumChannel
 from pepper_driver.observer.signal import FULL_STIFFNESS, Signal
@@ -101,6 +101,7 @@ class FusionSignal:
         self._waking = 0
         self._change = np.zeros(n)
         self._due = np.zeros(n, dtype=np.int64)
+        self._under_way = np.zeros(n, dtype=np.int64)
         self._count = 0
 
     def step(self, tick: Tick) -> Signal:
@@ -230,8 +231,10 @@ class FusionSignal:
         """
         residual, then, measured, blind = self._now
         self._settle(settled, blind, measured)
-        calm = free & ~blind & (np.abs(residual) < self._threshold.calm)
+        seen, size = free & ~blind, np.abs(residual)
+        calm = seen & (size < self._threshold.calm)
         self._expectation.rest(calm & ~then.moves, residual)
+        self._under_way = np.where(seen & then.moves, self._under_way + 1, 0)
         if not self._adapt:
             return
         whole = np.count_nonzero(free | blind) == len(free)
@@ -241,9 +244,10 @@ class FusionSignal:
         self._count += 1
         if self._count % LEARN_PERIOD == LEARN_PERIOD // 2 and self._hands is not None:
             effects = self._effects(then)
-            noise = self._adaptation.noise + self._adaptation.variance(effects)
+            noise = self._adaptation.variance(effects)
             # At once: until the twins had moved there, the same residual would be learned from again.
-            self._expectation.shift(self._hands.update(residual, noise, calm & then.moves))
+            use = seen & (self._under_way >= UNDER_WAY) & (size < self._threshold.bearable)
+            self._expectation.shift(self._hands.update(residual, noise, use))
         if self._count % LEARN_PERIOD == 0:
             other = 0.0 if self._hands is None else self._hands.variance()
             self._adaptation.update(residual, self._effects(then), other, calm)

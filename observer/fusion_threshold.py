@@ -44,7 +44,8 @@ class FusionThreshold:
     Attributes:
         bounds: (n,) largest bound of each model [rad].
         speed: (n,) desired, of the last tick [rad/s].
-        calm: (n,) size of a residual that may teach something [rad].
+        calm: (n,) size of a residual that may teach how a joint is today [rad].
+        bearable: (n,) size of one that may teach what the hands hold: as large as joints stray today [rad].
     """
 
     def __init__(self, models: list[FusionModel | None], cycle: float, *, adapt: bool) -> None:
@@ -61,7 +62,7 @@ class FusionThreshold:
         self._strays.reset()
         self._speeds = RecentLargest(SPEED_MEMORY, self._cycle, n)
         self._recent = RecentLargest(THRESHOLD_MEMORY, self._cycle, n)
-        self.speed, self.calm = np.zeros(n), np.zeros(n)
+        self.speed, self.calm, self.bearable = np.zeros(n), np.zeros(n), np.zeros(n)
 
     def step(
         self,
@@ -84,11 +85,13 @@ class FusionThreshold:
         largest[:] = self._speeds.push(speed)
         self.speed = speed
         bound = self._bounds.predict(self._phase)
+        self.calm = CALM * bound
         if self._adapt:
             doubt = UNCERTAINTY_FACTOR * uncertainty
             today = np.maximum(START * (1.0 - self._strays.known), self._strays.bound / self.bounds)
+            self.calm = CALM * (bound + doubt)
             bound = bound * np.maximum(1.0, today) + doubt
-        self.calm = CALM * bound
+        self.bearable = CALM * bound
         if np.count_nonzero(changed):
             bound = np.where(changed, CHANGED_FACTOR * bound, bound)
         return self._recent.push(bound)

@@ -8,7 +8,6 @@ shoulder learns from the elbow. Inertia about the wrist, m c^2, is left out.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -30,11 +29,20 @@ PRIOR = np.array([0.3, 0.03, 0.03, 0.03])
 WANDER = np.array([0.02, 0.002, 0.002, 0.002])
 """By how much each may change in a minute, as long as no contact is felt."""
 
+LARGEST_EFFECT = 200.0
+"""[N m] per kilogram and per kilogram metre: a metre of arm at ten times gravity, or an arm that is flung."""
+
 LOOK_PERIOD = 2
 """Ticks between two looks at where the arms are."""
 
 LEAST_NOISE = np.radians(0.3) ** 2
 """[rad2] Of a residual: what else is wrong with the models is not noise, and does not average out."""
+
+FRICTION_DOUBT = 0.5
+"""Share of a joint's friction that counts as noise too."""
+
+UNDER_WAY = 20
+"""Ticks for which a joint must have moved: before, nobody knows what its friction holds."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -69,16 +77,18 @@ class HandLoads:
                 self.arms.append(chain)
                 self._wrists.append(self._model.joint_id(wrist))
         self._gain = np.array([0.0 if m is None else m.twin.load_gain for m in models])
+        friction = np.array([0.0 if m is None else m.twin.friction for m in models])
+        self._noise = LEAST_NOISE + (FRICTION_DOUBT * friction) ** 2
         arms = len(self._wrists)
-        self._prior = np.diag(np.tile(PRIOR, arms) ** 2)
-        self._wander = np.diag(np.tile(WANDER, arms) ** 2) * LEARN_PERIOD * robot.cycle / 60.0
+        self._prior = np.tile(PRIOR, arms) ** 2
+        self._wander = np.tile(WANDER, arms) ** 2 * LEARN_PERIOD * robot.cycle / 60.0
         self.reset()
 
     def reset(self) -> None:
         """Empty hands, as far as anybody knows."""
         n, quantities = len(self._gain), len(self._prior)
         self._load = np.zeros(quantities)
-        self._covariance = self._prior.copy()
+        self._covariance = np.diag(self._prior)
         self._regressor = np.zeros((n, quantities))
         self._ticks = 0
 
@@ -96,12 +106,13 @@ class HandLoads:
         return torque
 
     def _look(self, position: FloatArray, reference: Reference) -> None:
-        if not math.isfinite((position + reference.velocity + reference.acceleration).sum()):
-            return
-        model = self._model
-        self._regressor = model.payload_regressor(
-            self._wrists, position, reference.velocity, reference.acceleration
-        )
+        with np.errstate(all="ignore"):
+            regressor = self._model.payload_regressor(
+                self._wrists, position, reference.velocity, reference.acceleration
+            )
+            # Not finite, or beyond what any arm can do: better the last one.
+            if np.abs(regressor).max() < LARGEST_EFFECT:
+                self._regressor = regressor
 
     def variance(self) -> FloatArray:
         """(n,) of the expected tracking error, for not knowing better what the hands hold [rad2]."""
@@ -114,15 +125,18 @@ class HandLoads:
 
         Args:
             residual: (n,) [rad].
-            noise: (n,) variance of what else is in it [rad2].
+            noise: (n,) variance of it for not knowing the joints better [rad2].
             use: (n,) joints to learn from: they move, and nothing touches them.
         """
         effect = self._regressor * np.where(use, self._gain, 0.0)[:, None]
-        weighted = effect.T / np.where(use, np.maximum(noise, LEAST_NOISE), 1.0)
+        weighted = effect.T / np.where(use, self._noise + noise, 1.0)
         self._covariance = np.linalg.inv(np.linalg.inv(self._covariance) + weighted @ effect)
         change = self._covariance @ (weighted @ np.where(use, residual, 0.0))
         self._load = self._load + change
-        self._covariance += self._wander
+        # Nothing gets less certain than at the start.
+        known = self._covariance.diagonal() + self._wander
+        shrink = np.sqrt(np.minimum(1.0, self._prior / known))
+        self._covariance = (self._covariance + np.diag(self._wander)) * shrink * shrink[:, None]
         explained: FloatArray = effect @ change
         return explained
 

@@ -73,7 +73,7 @@ class RecentLargest:
         if row == 0:
             # Of the block that has just ended, the largest from each of its samples on.
             np.maximum.accumulate(self._block[::-1], axis=0, out=self._largest_from)
-            self._largest_now = sample
+            self._largest_now = sample.copy()
         else:
             self._largest_now = np.maximum(self._largest_now, sample)
         self._block[row] = sample

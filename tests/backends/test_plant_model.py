@@ -5,11 +5,14 @@ from pathlib import Path
 
 import mujoco
 import numpy as np
+import pinocchio as pin
 import pytest
-from plant_cases import INDEX, ONE, ROBOT, STAND, hold, plain, standing
+from plant_cases import INDEX, ONE, ROBOT, STAND, Array, hold, plain, standing
 
 from pepper_driver.backends.mujoco_.model import build_model
-from pepper_driver.config import load_plant
+from pepper_driver.config import PlantConfig, load_plant
+from pepper_driver.config.plant_parts import Body, Payload
+from pepper_driver.controller import RobotModel
 
 
 def test_the_dense_jacobian_is_used() -> None:
@@ -73,3 +76,57 @@ def test_a_diverging_simulation_stays_diverged(
     assert simulation.data.time == pytest.approx(10 * ROBOT.cycle)
     simulation.reset(STAND)
     assert not simulation.model.diverged(simulation.data)
+
+
+@pytest.mark.parametrize("link", ["l_wrist", "r_wrist", "torso", "Head"])
+def test_a_payload_weighs_on_the_joints_at_its_place(link: str) -> None:
+    """MuJoCo's gravity torques, against Pinocchio with the same ball on the same link."""
+    mass, radius, xyz = 0.5, 0.035, (0.08, -0.02, -0.03)
+    ball = Payload(link=link, mass=mass, radius=radius, xyz=xyz)
+    laden = replace(plain(), body=Body(masses={}, coms={}, payloads=(ball,)))
+    bare, more = RobotModel(ROBOT), RobotModel(ROBOT)
+    frame = more.pin.frames[more.frame_id(link)]
+    inertia = pin.Inertia(mass, np.array(xyz), 0.4 * mass * radius**2 * np.eye(3))
+    number = frame.parentJoint
+    more.pin.inertias[number] = more.pin.inertias[number] + frame.placement.act(inertia)
+    postures = np.random.default_rng(0).uniform(-1.0, 1.0, (5, len(ROBOT.joints)))
+    expected = [more.gravity_torque(q) - bare.gravity_torque(q) for q in postures]
+    assert np.abs(expected).max() > 0.3
+    np.testing.assert_allclose(
+        _weights(laden, postures) - _weights(plain(), postures), expected, atol=1e-6
+    )
+
+
+def _weights(plant: PlantConfig, postures: Array) -> Array:
+    """(n, 17) torques that hold the links against gravity [N m]."""
+    model = build_model(ROBOT, plant)
+    data = mujoco.MjData(model.mj)
+    rows = []
+    for posture in postures:
+        data.qpos[model.link_qpos] = posture
+        mujoco.mj_forward(model.mj, data)
+        rows.append(data.qfrc_bias[model.link_dof].copy())
+    return np.array(rows)
+
+
+def test_a_payload_has_the_inertia_of_a_ball_about_its_own_middle() -> None:
+    """About the axis of the wrist, one more of m d^2 + 2/5 m r^2."""
+    mass, radius, xyz = 0.5, 0.04, (0.08, 0.05, -0.03)
+    ball = Payload(link="l_wrist", mass=mass, radius=radius, xyz=xyz)
+    laden = replace(plain(), body=Body(masses={}, coms={}, payloads=(ball,)))
+    index = ROBOT.joint_index("LWristYaw")
+    axis = np.array(ROBOT.joints[index].axis)
+    distance = np.linalg.norm(np.cross(axis, xyz))
+    bare, more = (_inertia(plant, index) for plant in (plain(), laden))
+    assert more - bare == pytest.approx(mass * distance**2 + 0.4 * mass * radius**2, rel=1e-6)
+
+
+def _inertia(plant: PlantConfig, joint: int) -> float:
+    """Of the link side of a joint, all others held [kg m2]."""
+    model = build_model(ROBOT, plant)
+    data = mujoco.MjData(model.mj)
+    mujoco.mj_forward(model.mj, data)
+    full = np.zeros((model.mj.nv, model.mj.nv))
+    mujoco.mj_fullM(model.mj, data, full)
+    dof = model.link_dof[joint]
+    return float(full[dof, dof])

@@ -23,7 +23,7 @@ from pepper_driver.observer.base import (
     fit_base,
 )
 from pepper_driver.observer.recording import Recording, RecordingBuilder
-from pepper_driver.observer.strays import BLOCK, FIRST_BLOCKS, START
+from pepper_driver.observer.strays import BLOCK, FIRST_BLOCKS, PAUSE, START
 
 WINDOW = 5
 LEGS = [ROBOT.joint_index(name) for name in ROBOT.chains["legs"]]
@@ -180,6 +180,20 @@ def test_a_base_that_strays_more_today_gets_wider_bounds(model: BaseModel, movin
     push[:, 0] = 1.5 * model.standing[0]
     seen = residuals(signal, ticks(np.zeros((WINDOW, 3)), np.zeros((WINDOW, 3)), push))
     assert abs(seen[-1, 1]) == pytest.approx(1.5 if moving else 1.5 / START, rel=1e-6)
+
+
+def test_a_touch_widens_no_bound(model: BaseModel) -> None:
+    """Neither itself nor how it begins, when it is not felt yet."""
+    still, pushed = np.zeros((1, 3)), 3.0 * np.array([model.standing])
+    [quiet], [push] = (ticks(still, still, twist) for twist in (still, pushed))
+    signal = settled(model, [quiet])
+    for k in range(4 * BLOCK):
+        signal.step(push, False)
+        signal.learn(k < 2 * BLOCK + BLOCK // 2, True)
+    for _ in range(PAUSE + 4 * BLOCK):
+        signal.step(quiet, False)
+        signal.learn(True, True)
+    assert abs(signal.step(push, False)[0]) == pytest.approx(3.0, rel=1e-6)
 
 
 def test_bounds_hold_on_motion_like_that_of_the_calibration(model: BaseModel) -> None:

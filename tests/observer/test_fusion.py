@@ -38,8 +38,13 @@ from pepper_driver.controller.tick import Tick
 from pepper_driver.observer.contact import Contact
 from pepper_driver.observer.contact_observer import ContactObserver
 from pepper_driver.observer.events import SETTLING_FACTOR
-from pepper_driver.observer.fusion import LATEST
-from pepper_driver.observer.fusion_threshold import CHANGED_FACTOR, THRESHOLD_MEMORY
+from pepper_driver.observer.expectation import LATEST
+from pepper_driver.observer.fusion_threshold import (
+    CHANGED_FACTOR,
+    SPEED_MEMORY,
+    THRESHOLD_MEMORY,
+    FusionThreshold,
+)
 from pepper_driver.observer.interface import JointState, Observation
 from pepper_driver.observer.signal import FULL_STIFFNESS
 from pepper_driver.observer.strays import START
@@ -381,6 +386,48 @@ def test_the_threshold_is_that_of_the_motion() -> None:
         assert threshold[k] == pytest.approx(0.03 if recent > 0.3 else 0.01)
 
 
+def test_the_threshold_remembers_the_fastest_motion() -> None:
+    was_fast = CartTree(
+        feature=(2, -1, -1),
+        threshold=(0.3, 0.0, 0.0),
+        left=(1, -1, -1),
+        right=(2, -1, -1),
+        value=(0.0, 0.01, 0.03),
+    )
+    target = FusionThreshold([fusion_model(bound=was_fast)] * JOINTS, CYCLE, adapt=False)
+    memory = round(SPEED_MEMORY / CYCLE) + round(THRESHOLD_MEMORY / CYCLE) - 1
+    # Jolts that last for a tick.
+    fast = np.random.default_rng(0).uniform(size=(2000, JOINTS)) < 0.01
+    speed = np.where(fast, -0.4, 0.2)
+    nothing, never = np.zeros(JOINTS), np.zeros(JOINTS, dtype=np.bool_)
+    for k, velocity in enumerate(speed):
+        recently = fast[max(0, k + 1 - memory) : k + 1].any(axis=0)
+        threshold = target.step(velocity, nothing, never, nothing)
+        np.testing.assert_array_equal(threshold, np.where(recently, 0.03, 0.01))
+
+
+def test_a_joint_that_strays_more_today_gets_a_wider_threshold() -> None:
+    """Three times as far as it strayed at most, when it has moved for long enough."""
+    motion = swing(40.0, rate=1.5)
+    rough = drive(motion, replace(TWIN, friction=0.016))
+    model = fusion_model(weight=(1.0, 1.0), spread=(0.02, 0.02), bound=constant_tree(0.004))
+    free, nothing = np.ones(JOINTS, dtype=np.bool_), np.zeros(JOINTS, dtype=np.bool_)
+    signal = fusion_signal(model, adapt=True)
+    rows = []
+    for one in ticks_of(motion, rough):
+        seen = signal.step(one)
+        rows.append((abs(seen.residual[ELBOW]), seen.threshold[ELBOW], seen.threshold[HEAD]))
+        signal.learn(free, nothing)
+    size, threshold, other = np.array(rows).T
+    assert (size < threshold).all()
+    largest = size[round(5.0 / CYCLE) :].max()
+    assert largest > 0.004
+    last = threshold[-round(10.0 / CYCLE) :]
+    assert last.max() > 2.0 * largest
+    # The head has not moved: of it nothing is known yet.
+    assert other[-1] >= START * 0.004
+
+
 def test_thresholds_begin_wide_and_come_down_in_free_motion() -> None:
     motion = swing(40.0)
     signals = play(fusion_signal(adapt=True), ticks_of(motion, drive(motion)))
@@ -388,6 +435,17 @@ def test_thresholds_begin_wide_and_come_down_in_free_motion() -> None:
     assert threshold[0] >= START * BOUND
     assert threshold[-50:].min() >= BOUND
     assert threshold[-50:].max() < 0.6 * threshold[0]
+
+
+def test_thresholds_stay_wide_while_something_touches_the_robot() -> None:
+    """Even on joints that do not feel it."""
+    motion = swing(20.0)
+    signal = fusion_signal(adapt=True)
+    free, nothing = np.ones(JOINTS, dtype=np.bool_), np.zeros(JOINTS, dtype=np.bool_)
+    free[HEAD] = False
+    for one in ticks_of(motion, drive(motion)):
+        assert signal.step(one).threshold[ELBOW] >= START * BOUND
+        signal.learn(free, nothing)
 
 
 # -- adaptation -----------------------------------------------------------------------------------------------------

@@ -19,7 +19,7 @@ from fusion_cases import (
 )
 from observer_cases import CYCLE, JOINTS, ROBOT, SETTINGS, models
 
-from pepper_driver.observer.bound_fitting import FLATNESS, FLOOR, MARGIN, fit_bounds
+from pepper_driver.observer.bound_fitting import FLATNESS, FLOOR, GETTING_USED, MARGIN, fit_bounds
 from pepper_driver.observer.contact_observer import ContactObserver
 from pepper_driver.observer.fusion import FusionSignal
 from pepper_driver.observer.fusion_fitting import fit_fusion, fit_joint_fusion
@@ -85,10 +85,10 @@ def test_it_predicts_a_motion_that_it_has_not_seen(found: FusionModel) -> None:
 
 def calibration() -> list[Recording]:
     made = []
-    for size, rate in ((0.5, 2.5), (0.6, 1.5)):
-        motion = swing(8.0, size, rate, rest=1.0)
-        # Rougher than the model knows: residuals of some size.
-        made.append(recording_of(motion, drive(motion, replace(TWIN, friction=0.018, lag=0.04))))
+    for seconds, size, rate in ((8.0, 0.5, 2.5), (30.0, 0.6, 1.5)):
+        motion = swing(seconds, size, rate, rest=1.0)
+        # Rougher than the model knows, and than it can get used to: residuals of some size.
+        made.append(recording_of(motion, drive(motion, replace(TWIN, friction=0.03, lag=0.06))))
     return made
 
 
@@ -98,7 +98,7 @@ def bounded() -> FusionModel:
 
 
 def residuals(model: FusionModel, run: Recording) -> list[float]:
-    """In use, the first part of a run left out."""
+    """In use, when the observer has got used to the robot; of short runs the second half."""
     ordered = [model if name == JOINT else None for name in ROBOT.joint_names]
     signal = FusionSignal(ordered, CYCLE, window=WINDOW, adapt=True)
     everything, nothing = np.ones(JOINTS, dtype=np.bool_), np.zeros(JOINTS, dtype=np.bool_)
@@ -106,7 +106,7 @@ def residuals(model: FusionModel, run: Recording) -> list[float]:
     for tick in run.ticks():
         sizes.append(abs(float(signal.step(tick).residual[ELBOW])))
         signal.learn(everything, nothing)
-    return sizes[round(START_UP / CYCLE) :]
+    return sizes[min(round(GETTING_USED / CYCLE), len(sizes) // 2) :]
 
 
 def test_thresholds_keep_their_margin_on_the_calibration(bounded: FusionModel) -> None:
