@@ -100,8 +100,7 @@ class MomentumChannel:
 
     Args:
         models: By joint.
-        integrates: (n,) joints whose boards have an integral part: the sign of their torque is that of what the board
-            has summed up.
+        integrates: (n,) joints whose boards have an integral part: what these have summed up tells of the sign too.
     """
 
     def __init__(
@@ -133,14 +132,15 @@ class MomentumChannel:
             velocity: Of the joint, as measured [rad/s].
             acceleration: [rad/s2]
             resistance: Friction and load / K [rad].
-            expected: r as the twin sees it [rad], for the sign of the current of a board without integral part.
+            expected: r as the twin sees it [rad], for the sign of the current.
 
         Returns:
             The residual [rad]; the motor's torque / K [rad].
         """
         needed = self._inertia * acceleration + self._lag * velocity + resistance + self._offset
         size = self._per_ampere * current
-        # The board tells no sign: the one that is nearer to what the motor should be doing.
-        likely = np.where(self._integrates, drive, needed + expected)
+        # The board tells no sign: the one that is nearer to what the motor should be doing, and, where errors are
+        # summed up, to what the board should be asking of it. Either alone is wrong for seconds at times.
+        likely = needed + expected + np.where(self._integrates, drive, 0.0)
         motor = np.where(self._by_current, np.copysign(size, likely), drive)
         return motor - needed, motor

@@ -162,3 +162,30 @@ def test_a_current_without_torque_is_refused() -> None:
     with pytest.raises(MomentumError, match="torque_per_ampere"):
         replace(CURRENT, torque_per_ampere=0.0)
     assert issubclass(MomentumError, PepperError)
+
+
+@pytest.mark.parametrize(
+    ("motor", "drive", "resistance", "twin"),
+    [
+        # What the board is thought to have summed up errs by a degree just as the joint sets off.
+        (0.023, -0.007, 0.023, 0.0),
+        # A push against the load: the board works against what motion alone would need.
+        (-0.030, -0.026, 0.023, -0.048),
+        # After a long touch the twin, which has felt none, is off by what the board has summed up.
+        (0.040, 0.038, 0.023, -0.035),
+    ],
+)
+def test_boards_that_sum_up_are_asked_for_the_sign_beside_twin_and_load(
+    motor: float, drive: float, resistance: float, twin: float
+) -> None:
+    p = replace(CURRENT, offset=0.0)
+    found, given_motor = MomentumChannel([p], np.ones(1, dtype=bool)).residual(
+        current=np.array([abs(motor) / p.torque_per_ampere]),
+        drive=np.array([drive]),
+        velocity=np.zeros(1),
+        acceleration=np.zeros(1),
+        resistance=np.array([resistance]),
+        expected=np.array([twin]),
+    )
+    assert float(given_motor[0]) == pytest.approx(motor)
+    assert float(found[0]) == pytest.approx(motor - resistance)
