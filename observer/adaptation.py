@@ -10,8 +10,6 @@ from pepper_driver.observer.twin import TwinParameters
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 
-QUANTITIES = ("friction", "lag", "load", "offset")
-
 PRIOR = np.array([0.25, 0.25, 0.1, 1.0])
 """Standard deviation before anything is known, as shares of the identified values; the offset in OFFSET_UNIT."""
 
@@ -39,7 +37,6 @@ class Adaptation:
 
     Attributes:
         share: (n, 4) deviation from the identified values, in the units of PRIOR.
-        noise: (n,) variance of a residual that counts as one sample [rad2].
     """
 
     def __init__(
@@ -50,7 +47,7 @@ class Adaptation:
     ) -> None:
         self._prior = np.tile(PRIOR, (len(models), 1))
         self._lag = np.array([np.nan if m is None else m.lag for m in models])
-        self.noise = (NOISE * spread) ** 2
+        self._noise = (NOISE * spread) ** 2
         self._wander = np.diag(WANDER**2 * LEARN_PERIOD * cycle / 60.0)
         self._count = len(models)
         self.reset()
@@ -94,7 +91,8 @@ class Adaptation:
         """
         effects = np.where(free[:, None], effects, 0.0)
         seen = np.einsum("nij,nj->ni", self._covariance, effects)
-        scale = self.noise + other + np.einsum("ni,ni->n", effects, seen)
+        scale = self._noise + other + np.einsum("ni,ni->n", effects, seen)
+        free = free & np.isfinite(scale)
         gain = np.where(free[:, None], seen / scale[:, None], 0.0)
         self.share += gain * np.where(free, residual, 0.0)[:, None]
         np.clip(self.share, -3.0 * self._prior, 3.0 * self._prior, out=self.share)

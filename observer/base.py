@@ -20,7 +20,7 @@ from pepper_driver.config.loading import STRICT
 from pepper_driver.controller.tick import Tick
 from pepper_driver.observer.median import RunningMedian
 from pepper_driver.observer.recording import Recording
-from pepper_driver.observer.strays import START, Strays
+from pepper_driver.observer.strays import Strays
 
 FloatArray = NDArray[np.float64]
 Triple = tuple[float, float, float]
@@ -83,9 +83,10 @@ class BaseSignal:
         model: Of the base.
         robot: Its description.
         window: Samples of the median.
+        adapt: Whether to follow how far the base strays today, standing and driving.
     """
 
-    def __init__(self, model: BaseModel, robot: RobotConfig, window: int) -> None:
+    def __init__(self, model: BaseModel, robot: RobotConfig, window: int, *, adapt: bool) -> None:
         response = np.array(model.coefficients).reshape(TAPS, -1, 3)
         # The load enters by its change over the response: the base feels accelerations, not weight.
         response[-1, 3:] -= response[:, 3:].sum(axis=0)
@@ -95,7 +96,7 @@ class BaseSignal:
         self._legs = _legs(robot)
         self._inverse = np.asarray(robot.wheels.inverse)
         self._window, self._still = window, TAPS + round(HOLD / robot.cycle)
-        self._strays = Strays(3)
+        self._adapt, self._strays = adapt, (Strays(3), Strays(3))
         self._everything = np.ones(3, dtype=np.bool_)
         self.reset()
 
@@ -109,7 +110,9 @@ class BaseSignal:
         self._standing_ticks = self._still
         self._blind = 0
         self._axis = 0
-        self._strays.reset()
+        for strays in self._strays:
+            strays.reset()
+        self._judged = False
 
     def step(self, tick: Tick, late: bool) -> tuple[float, float]:
         """Take in one tick; the residual before and after the filter, NaN while it cannot be judged.
@@ -125,14 +128,13 @@ class BaseSignal:
             self._blind = self._window
         error = inputs.ravel() @ self._response - twist
         stands = self._standing_ticks >= self._still
-        bound = self._standing if stands else self._driving
-        today = np.maximum(START * (1.0 - self._strays.known), self._strays.bound)
-        share = error / bound
+        share = error / (self._standing if stands else self._driving)
         self._filtered = self._median.push(share if seen else np.zeros(3))
-        if self._blind > 0:
+        self._judged = self._blind == 0
+        if not self._judged:
             self._blind -= 1
             return np.nan, np.nan
-        wider = np.maximum(today, 1.0)
+        wider = self._strays[stands].factor(1.0) if self._adapt else 1.0
         share, filtered = share / wider, self._filtered / wider
         size = np.abs(filtered)
         # An axis keeps telling while it tells nearly as much as any: its sign is that of the contact.
@@ -140,12 +142,15 @@ class BaseSignal:
             self._axis = int(np.argmax(size))
         return float(share[self._axis]), float(filtered[self._axis])
 
-    def learn(self, free: bool, moving: bool) -> None:
-        """Take in what the last tick was: whether nothing touched the robot, and whether anything of it was to move."""
-        if not free:
-            self._strays.touched()
-        elif self._blind == 0:
-            self._strays.learn(self._filtered, self._everything, self._everything & moving)
+    def learn(self, untouched: bool, moving: bool) -> None:
+        """Take in what the last tick was: whether nothing touched the robot, and whether joints of it were to move."""
+        stands = self._standing_ticks >= self._still
+        if not untouched:
+            for strays in self._strays:
+                strays.touched()
+        elif self._judged:
+            moved = self._everything & (moving or not stands)
+            self._strays[stands].learn(self._filtered, self._everything, moved)
 
     def _remember(self, wheel_speed: FloatArray, load_torque: FloatArray) -> FloatArray:
         """Take in what was sent and what the legs bear; the inputs of the response, newest first."""

@@ -69,7 +69,7 @@ def fit_bounds(
         rows = []
         for tick in recording.ticks():
             rows.append(signal.step(tick).residual)
-            signal.learn(everything, nothing)
+            signal.learn(everything, nothing, True)
         residual = np.abs(np.array(rows))
         residual[: min(round(GETTING_USED / cycle), len(residual) // 2)] = np.nan
         speed = np.abs(recording.velocity)

@@ -104,6 +104,7 @@ class ContactObserver(Observer):
         no_model = self._signal.no_model
         self._resting_state = np.where(no_model, JointState.BLIND, JointState.FREE).astype(np.int8)
         self._known = ~no_model
+        self._models_known = np.count_nonzero(self._known)
         self._nowhere = np.zeros(len(no_model), dtype=np.bool_)
         self._window = window
         self.reset()
@@ -168,7 +169,7 @@ class ContactObserver(Observer):
         signal = self._signal.step(tick)
         self._history.append(self._time, signal.raw, signal.base_raw)
         contacts, state, free, settled = self._events(signal)
-        self._signal.learn(free, settled)
+        self._signal.learn(free, settled, self._tracker.idle)
         self._ticks += 1
         if self._ticks % WEAR_PERIOD == 0:
             self._look_for_wear()
@@ -187,9 +188,10 @@ class ContactObserver(Observer):
     ) -> tuple[Sequence[Contact], NDArray[np.int8], BoolArray, BoolArray]:
         """Events of this tick; (n,) states; joints that nothing touches; joints just let go."""
         no_model = self._signal.no_model
-        quiet = not np.count_nonzero(np.abs(signal.residual) > signal.threshold)
-        quiet = quiet and not abs(signal.base_residual) > 1.0
-        if quiet and self._tracker.idle and not np.count_nonzero(signal.blind > no_model):
+        # A joint that cannot be judged is not within anything.
+        within = np.count_nonzero(np.abs(signal.residual) <= signal.threshold)
+        quiet = within == self._models_known and not abs(signal.base_residual) > 1.0
+        if quiet and self._tracker.idle:
             return (), self._resting_state.copy(), self._known, self._nowhere
         n = len(no_model)
         states, settled = [JointState.BLIND] * n, [False] * n
@@ -210,13 +212,16 @@ def _signal(
         return MomentumSignal(fusion, robot.cycle, own, window), window
     if mode == "fusion":
         window = settings.fusion_window
-        base = None if models.base is None else BaseSignal(models.base, robot, window)
+        adapt = settings.adapt
+        base = None
+        if models.base is not None:
+            base = BaseSignal(models.base, robot, window, adapt=adapt)
         signal = FusionSignal(
             fusion,
             robot.cycle,
             window=window,
-            adapt=settings.adapt,
-            hands=HandLoads(robot, fusion),
+            adapt=adapt,
+            hands=HandLoads(robot, fusion) if adapt else None,
             base=base,
         )
         return signal, window

@@ -107,8 +107,8 @@ class Expectation:
         return self._twins.position if self._past else None
 
     @property
-    def velocity(self) -> FloatArray:
-        """(n,) of the twins [rad/s]."""
+    def twin_velocity(self) -> FloatArray:
+        """(n,) speed of the twins [rad/s]."""
         return self._twins.velocity
 
     def step(
@@ -166,13 +166,20 @@ class Expectation:
         band: FloatArray = self._band_unloaded + self._band_per_load * np.abs(then.load)
         return band
 
-    def follow_boards(self, error: FloatArray, motor: FloatArray) -> None:
-        """Take in what the boards sum up (n,) [rad], and their motors' torques / K (n,) [rad] that correct it."""
+    def follow_boards(self, error: FloatArray, motor: FloatArray, bad: BoolArray | None) -> None:
+        """Take in what the boards sum up.
+
+        Args:
+            error: (n,) tracking error [rad].
+            motor: (n,) torques of the motors / K [rad], which correct it.
+            bad: (n,) joints whose values were made up: what their boards had summed up stays.
+        """
         if not self._any_integrates:
             return
         summed = self.board + self.identified["integral_rate"] * self._cycle * error
         summed += self._cycle / BOARD_TIME * (motor - error - summed)
-        self.board = np.where(self.integrates, summed, 0.0)
+        known = self.integrates if bad is None else self.integrates & ~bad
+        self.board = np.where(known, summed, self.board)
 
     def rest(self, where: BoolArray, residual: FloatArray) -> None:
         """Let the twins of joints that rest untouched (n,) creep to where these are: residual (n,) [rad]."""

@@ -15,10 +15,14 @@ from pepper_driver.observer.hand_load import UNDER_WAY, HandLoad, HandLoads
 from pepper_driver.observer.median import RunningMedian
 from pepper_driver.observer.momentum import ErrorDerivatives, MomentumChannel
 from pepper_driver.observer.signal import FULL_STIFFNESS, Signal
+from pepper_driver.observer.strays import PAUSE
 from pepper_driver.observer.torque import TorqueEstimate
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
+
+ABSURD = 1e4
+"""[rad], [rad/s], [rad/s2], [N m] or [A]: no robot is, does, wants or measures so much."""
 
 SETTLING_TICKS = 40
 """After a contact has ended, within which its joint must have come to rest for its twin to start anew there."""
@@ -102,6 +106,8 @@ class FusionSignal:
         self._change = np.zeros(n)
         self._due = np.zeros(n, dtype=np.int64)
         self._under_way = np.zeros(n, dtype=np.int64)
+        self._untouched = PAUSE
+        self._doubt = np.zeros(n)
         self._count = 0
 
     def step(self, tick: Tick) -> Signal:
@@ -117,7 +123,8 @@ class FusionSignal:
                 + measurement.position
                 + measurement.current
             )
-            good = np.isfinite(inputs) & (tick.sent.stiffness >= FULL_STIFFNESS)
+            # NaN is not below anything either.
+            good = (np.abs(inputs) < ABSURD) & (tick.sent.stiffness >= FULL_STIFFNESS)
         late = measurement.age / self._cycle
         lost = not 0.0 <= late < LATEST + 0.5  # NaN is lost too
         late_ticks = 0 if lost else round(late)
@@ -125,35 +132,38 @@ class FusionSignal:
             good[:] = False
         bad = None if np.count_nonzero(good) == len(good) else ~good
         measured = measurement.position
-        if self._hands is not None:
-            load_torque = load_torque + self._hands.step(measurement.position, reference)
         velocity, acceleration = reference.velocity, reference.acceleration
         if bad is not None:
             target, measured = self._mended(target, measured)
-            load_torque = _finite(load_torque)
-            velocity, acceleration = _finite(velocity), _finite(acceleration)
+            load_torque = _harmless(load_torque)
+            velocity, acceleration = _harmless(velocity), _harmless(acceleration)
+        if self._hands is not None:
+            load_torque = load_torque + self._hands.step(measured, velocity, acceleration)
         self._expectation.step(target, load_torque, velocity, acceleration, measured)
         # A late sample answers an older command.
         then = self._expectation.before(late_ticks)
         current = measurement.current if bad is None else np.where(bad, 0.0, measurement.current)
-        residual = self._residual(then, measured, current)
+        residual = self._residual(then, measured, current, bad)
+        lost_track = ~(np.isfinite(residual) | self.no_model)
+        if np.count_nonzero(lost_track):
+            bad = lost_track if bad is None else bad | lost_track
         if bad is None:
             filtered = self._median.push(residual)
         else:
             filtered = self._median.push(np.where(bad, 0.0, residual))
             residual[bad] = np.nan
         blind = self._blind(bad, measured)
-        if self._count % DOUBT_PERIOD == 0:
+        if self._adapt and self._count % DOUBT_PERIOD == 0:
             self._doubt = self._uncertainty(then)
         threshold = self._threshold.step(
-            reference.velocity,
-            reference.acceleration,
+            velocity,
+            acceleration,
             tick.changed,
             self._doubt,
         )
         torque, torque_std = self._torque.step(filtered, then.friction, threshold)
         expected_error = then.target - then.position + then.remainder
-        self._now = (filtered, then, measured, blind)
+        self._now = (filtered, then, measured, blind, tick.changed)
         if np.count_nonzero(blind):
             for values in (expected_error, filtered, threshold, torque, torque_std):
                 values[blind] = np.nan
@@ -191,10 +201,12 @@ class FusionSignal:
         """Both with something harmless where they are not finite."""
         here = self._expectation.position
         harmless = np.zeros(len(measured)) if here is None else np.nan_to_num(here)
-        measured = np.where(np.isfinite(measured), measured, harmless)
-        return np.where(np.isfinite(target), target, measured), measured
+        measured = np.where(np.abs(measured) < ABSURD, measured, harmless)
+        return np.where(np.abs(target) < ABSURD, target, measured), measured
 
-    def _residual(self, then: Expected, measured: FloatArray, current: FloatArray) -> FloatArray:
+    def _residual(
+        self, then: Expected, measured: FloatArray, current: FloatArray, bad: BoolArray | None
+    ) -> FloatArray:
         """Fused residual [rad]."""
         error = then.target - measured
         twin = then.position - measured - then.remainder
@@ -206,9 +218,9 @@ class FusionSignal:
             velocity=then.velocity - change,
             acceleration=then.acceleration - curvature,
             resistance=self._expectation.resistance(then),
-            expected=twin,
+            twin_residual=twin,
         )
-        self._expectation.follow_boards(error, motor)
+        self._expectation.follow_boards(error, motor, bad)
         weight = np.where(then.moves, self._weight[1], self._weight[0])
         return weight * twin + (1.0 - weight) * momentum
 
@@ -222,39 +234,41 @@ class FusionSignal:
         """What each hand holds, by arm."""
         return {} if self._hands is None else self._hands.held()
 
-    def learn(self, free: BoolArray, settled: BoolArray) -> None:
-        """Take in what the events make of the last tick.
-
-        Args:
-            free: (n,) joints that nothing touches, nor has shortly before.
-            settled: (n,) joints whose contact ended in this tick, and rest where friction holds them.
-        """
-        residual, then, measured, blind = self._now
+    def learn(self, free: BoolArray, settled: BoolArray, untouched: bool) -> None:
+        """Take in what the events make of the last tick; see :class:`ResidualSignal`."""
+        residual, then, measured, blind, changed = self._now
         self._settle(settled, blind, measured)
-        seen, size = free & ~blind, np.abs(residual)
+        judged = ~(blind | changed)
+        seen, size = free & judged, np.abs(residual)
         calm = seen & (size < self._threshold.calm)
         self._expectation.rest(calm & ~then.moves, residual)
-        self._under_way = np.where(seen & then.moves, self._under_way + 1, 0)
         if not self._adapt:
             return
-        whole = np.count_nonzero(free | blind) == len(free)
-        self._threshold.learn(residual, ~blind if whole else None)
+        self._under_way = np.where(seen & then.moves, self._under_way + 1, 0)
+        self._untouched = self._untouched + 1 if untouched else 0
+        self._threshold.learn(residual, judged if untouched else None)
         if self._base is not None:
-            self._base.learn(whole, bool(np.count_nonzero(self._threshold.speed > RESTING)))
+            moving = bool(np.count_nonzero(self._threshold.speed > RESTING))
+            self._base.learn(untouched, moving)
         self._count += 1
-        if self._count % LEARN_PERIOD == LEARN_PERIOD // 2 and self._hands is not None:
-            effects = self._effects(then)
-            noise = self._adaptation.variance(effects)
-            # At once: until the twins had moved there, the same residual would be learned from again.
-            use = seen & (self._under_way >= UNDER_WAY) & (size < self._threshold.bearable)
-            self._expectation.shift(self._hands.update(residual, noise, use))
+        if self._count % LEARN_PERIOD == LEARN_PERIOD // 2 and self._untouched > PAUSE:
+            self._learn_hands(seen & (size < self._threshold.bearable), then, residual)
         if self._count % LEARN_PERIOD == 0:
             other = 0.0 if self._hands is None else self._hands.variance()
             self._adaptation.update(residual, self._effects(then), other, calm)
             self._expectation.adopt(self._adaptation.share)
 
+    def _learn_hands(self, use: BoolArray, then: Expected, residual: FloatArray) -> None:
+        """One touch on an arm would be a load to all its joints: only a robot that nothing touches tells."""
+        if self._hands is None:
+            return
+        noise = self._adaptation.variance(self._effects(then))
+        explained = self._hands.update(residual, noise, use & (self._under_way >= UNDER_WAY))
+        # At once: until the twins had moved there, the same residual would be learned from again.
+        self._expectation.shift(explained)
+
     def _effects(self, then: Expected) -> FloatArray:
-        return self._adaptation.effects(then.friction, self._expectation.velocity, then.load)
+        return self._adaptation.effects(then.friction, self._expectation.twin_velocity, then.load)
 
     def _uncertainty(self, then: Expected) -> FloatArray:
         """(n,) standard deviation of the expected tracking error, for not knowing robot and load better [rad]."""
@@ -283,6 +297,6 @@ class FusionSignal:
             self._expectation.put(where, measured)
 
 
-def _finite(values: FloatArray) -> FloatArray:
-    """``values`` with 0 where they are not finite."""
-    return np.nan_to_num(values, nan=0.0, posinf=0.0, neginf=0.0)
+def _harmless(values: FloatArray) -> FloatArray:
+    """``values`` with 0 where they are absurd or not finite."""
+    return np.where(np.abs(values) < ABSURD, values, 0.0)

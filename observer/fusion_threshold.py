@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from pepper_driver.observer.forest import Forest
 from pepper_driver.observer.fusion_model import FusionModel
 from pepper_driver.observer.median import RecentLargest
-from pepper_driver.observer.strays import START, Strays
+from pepper_driver.observer.strays import Strays
 from pepper_driver.observer.tree import FEATURES
 
 FloatArray = NDArray[np.float64]
@@ -88,9 +88,8 @@ class FusionThreshold:
         self.calm = CALM * bound
         if self._adapt:
             doubt = UNCERTAINTY_FACTOR * uncertainty
-            today = np.maximum(START * (1.0 - self._strays.known), self._strays.bound / self.bounds)
             self.calm = CALM * (bound + doubt)
-            bound = bound * np.maximum(1.0, today) + doubt
+            bound = bound * self._strays.factor(self.bounds) + doubt
         self.bearable = CALM * bound
         if np.count_nonzero(changed):
             bound = np.where(changed, CHANGED_FACTOR * bound, bound)

@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 
 from pepper_driver.config import RobotConfig
 from pepper_driver.controller.model import RobotModel
-from pepper_driver.controller.reference import Reference
 from pepper_driver.observer.adaptation import LEARN_PERIOD
 from pepper_driver.observer.fusion_model import FusionModel
 
@@ -50,7 +49,7 @@ class HandLoad:
     """What one hand holds.
 
     Attributes:
-        mass: [kg]
+        mass: [kg]; below 0 where the robot's own masses are less than its description says.
         mass_std: Standard deviation of it [kg].
         first_moment: (3,) m c in the axes of the link that carries the hand [kg m].
     """
@@ -70,11 +69,11 @@ class HandLoads:
 
     def __init__(self, robot: RobotConfig, models: Sequence[FusionModel | None]) -> None:
         self._model = RobotModel(robot)
-        self.arms, self._wrists = [], []
+        self._arms, self._wrists = [], []
         for chain, joints in robot.chains.items():
             if joints[-1] in robot.hands.joints:
                 wrist = next(joint for joint in reversed(joints) if joint not in robot.hands.joints)
-                self.arms.append(chain)
+                self._arms.append(chain)
                 self._wrists.append(self._model.joint_id(wrist))
         self._gain = np.array([0.0 if m is None else m.twin.load_gain for m in models])
         friction = np.array([0.0 if m is None else m.twin.friction for m in models])
@@ -92,27 +91,27 @@ class HandLoads:
         self._regressor = np.zeros((n, quantities))
         self._ticks = 0
 
-    def step(self, position: FloatArray, reference: Reference) -> FloatArray:
+    def step(
+        self, position: FloatArray, velocity: FloatArray, acceleration: FloatArray
+    ) -> FloatArray:
         """Take in one tick; (n,) load torque of what the hands hold [N m].
 
         Args:
             position: (n,) measured [rad]: a weak wrist gives way by tens of degrees.
-            reference: The desired motion.
+            velocity: (n,) desired [rad/s].
+            acceleration: (n,) desired [rad/s2].
         """
         if self._ticks % LOOK_PERIOD == 0:
-            self._look(position, reference)
+            with np.errstate(all="ignore"):
+                regressor = self._model.payload_regressor(
+                    self._wrists, position, velocity, acceleration
+                )
+                # Not finite, or beyond what any arm can do: better the last one.
+                if np.abs(regressor).max() < LARGEST_EFFECT:
+                    self._regressor = regressor
         self._ticks += 1
         torque: FloatArray = self._regressor @ self._load
         return torque
-
-    def _look(self, position: FloatArray, reference: Reference) -> None:
-        with np.errstate(all="ignore"):
-            regressor = self._model.payload_regressor(
-                self._wrists, position, reference.velocity, reference.acceleration
-            )
-            # Not finite, or beyond what any arm can do: better the last one.
-            if np.abs(regressor).max() < LARGEST_EFFECT:
-                self._regressor = regressor
 
     def variance(self) -> FloatArray:
         """(n,) of the expected tracking error, for not knowing better what the hands hold [rad2]."""
@@ -128,6 +127,7 @@ class HandLoads:
             noise: (n,) variance of it for not knowing the joints better [rad2].
             use: (n,) joints to learn from: they move, and nothing touches them.
         """
+        use = use & np.isfinite(noise)
         effect = self._regressor * np.where(use, self._gain, 0.0)[:, None]
         weighted = effect.T / np.where(use, self._noise + noise, 1.0)
         self._covariance = np.linalg.inv(np.linalg.inv(self._covariance) + weighted @ effect)
@@ -147,5 +147,5 @@ class HandLoads:
             arm: HandLoad(
                 mass=float(mass), mass_std=float(std), first_moment=(float(x), float(y), float(z))
             )
-            for arm, (mass, x, y, z), std in zip(self.arms, load, deviation, strict=True)
+            for arm, (mass, x, y, z), std in zip(self._arms, load, deviation, strict=True)
         }

@@ -122,7 +122,7 @@ class MomentumChannel:
         velocity: FloatArray,
         acceleration: FloatArray,
         resistance: FloatArray,
-        expected: FloatArray,
+        twin_residual: FloatArray,
     ) -> tuple[FloatArray, FloatArray]:
         """External torque on the motor over K, with the sign of r.
 
@@ -132,7 +132,7 @@ class MomentumChannel:
             velocity: Of the joint, as measured [rad/s].
             acceleration: [rad/s2]
             resistance: Friction and load / K [rad].
-            expected: r as the twin sees it [rad], for the sign of the current.
+            twin_residual: r as the twin sees it [rad], for the sign of the current.
 
         Returns:
             The residual [rad]; the motor's torque / K [rad].
@@ -141,6 +141,6 @@ class MomentumChannel:
         size = self._per_ampere * current
         # The board tells no sign: the one that is nearer to what the motor should be doing, and, where errors are
         # summed up, to what the board should be asking of it. Either alone is wrong for seconds at times.
-        likely = needed + expected + np.where(self._integrates, drive, 0.0)
+        likely = needed + twin_residual + np.where(self._integrates, drive, 0.0)
         motor = np.where(self._by_current, np.copysign(size, likely), drive)
         return motor - needed, motor

@@ -111,5 +111,5 @@ class MomentumSignal:
         """Nothing: this mode does not follow what the hands hold."""
         return {}
 
-    def learn(self, free: BoolArray, settled: BoolArray) -> None:
+    def learn(self, free: BoolArray, settled: BoolArray, untouched: bool) -> None:
         """Nothing: its constants stay as they are."""

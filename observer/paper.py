@@ -91,7 +91,7 @@ class PaperSignal:
         """Nothing: this mode does not follow what the hands hold."""
         return {}
 
-    def learn(self, free: BoolArray, settled: BoolArray) -> None:
+    def learn(self, free: BoolArray, settled: BoolArray, untouched: bool) -> None:
         """Nothing: the models of the paper stay as they are."""
 
     def _expected(self, tick: Tick) -> FloatArray:

@@ -72,8 +72,14 @@ class ResidualSignal(Protocol):
         """What is known of what the hands hold, by arm; empty in modes that do not follow it."""
         ...
 
-    def learn(self, free: BoolArray, settled: BoolArray) -> None:
-        """Take in what the events make of the last tick: joints (n,) that nothing touches; joints just let go."""
+    def learn(self, free: BoolArray, settled: BoolArray, untouched: bool) -> None:
+        """Take in what the events make of the last tick.
+
+        Args:
+            free: (n,) joints that nothing touches, nor has shortly before.
+            settled: (n,) joints whose contact ended in this tick.
+            untouched: Whether nothing touches the robot anywhere, nor has shortly before.
+        """
         ...
 
     def reset(self) -> None:

@@ -29,6 +29,9 @@ START = 3.0
 FIRST_BLOCKS = 24
 """Until there are so many, next to nothing is known of how the robot is today."""
 
+LARGEST = 10.0
+"""Factor that no stray raises a threshold beyond: a push that grows slowly enough looks like one."""
+
 PAUSE = 170
 """Ticks after a touch, two seconds, in which friction may still hold a joint where the touch has left it."""
 
@@ -60,6 +63,12 @@ class Strays:
         self.bound, self.known = np.zeros(width), np.zeros(width)
         self._pause = 0
         self._drop()
+
+    def factor(self, identified: FloatArray | float) -> FloatArray:
+        """(n,) 1 or more, on the identified thresholds [rad] as things stand."""
+        today = np.maximum(START * (1.0 - self.known), self.bound / identified)
+        factor: FloatArray = np.minimum(np.maximum(today, 1.0), LARGEST)
+        return factor
 
     def _drop(self) -> None:
         """Forget the blocks that may hold the beginning of a touch."""

@@ -16,6 +16,7 @@ from pepper_driver.observer.base import (
     HOLD,
     MARGIN,
     ROWS,
+    STANDING,
     TAPS,
     BaseModel,
     BaseModelError,
@@ -99,16 +100,19 @@ def residuals(signal: BaseSignal, made: Sequence[Tick], late: Sequence[int] = ()
 
 
 def settled(model: BaseModel, made: Sequence[Tick]) -> BaseSignal:
-    """After a first motion in which nothing strayed; the legs bear what they do at the start of ``made``."""
-    signal, first = BaseSignal(model, ROBOT, WINDOW), made[0]
-    still = replace(
-        first,
-        sent=replace(first.sent, wheel_speed=np.zeros(3)),
-        measurement=replace(first.measurement, wheel_speed=np.zeros(3)),
-    )
-    for _ in range(TAPS + WINDOW + (FIRST_BLOCKS + 1) * BLOCK):
-        signal.step(still, False)
-        signal.learn(True, True)
+    """After a first motion, driving and standing, in which nothing strayed; with the legs' load of ``made``."""
+    signal, first = BaseSignal(model, ROBOT, WINDOW, adapt=True), made[0]
+    gain = np.array(model.coefficients).reshape(TAPS, -1, 3)[:, :3].sum(axis=0)
+    for sent in (np.array([2.0 * STANDING, 0.0, 0.0]), np.zeros(3)):
+        steady = replace(
+            first,
+            sent=replace(first.sent, wheel_speed=MATRIX @ sent),
+            measurement=replace(first.measurement, wheel_speed=MATRIX @ (sent @ gain)),
+        )
+        for k in range(2 * TAPS + round(HOLD / CYCLE) + WINDOW + (FIRST_BLOCKS + 1) * BLOCK):
+            signal.step(steady, False)
+            if k >= TAPS + WINDOW:
+                signal.learn(True, True)
     return signal
 
 
@@ -126,7 +130,7 @@ def test_residual_is_that_of_the_impulse_response(axis: int) -> None:
         driving=(bounds[0], bounds[1], bounds[2]),
     )
     sent, load, twist = (rng.normal(size=(n, 3)) for _ in range(3))
-    seen = residuals(BaseSignal(made_of, ROBOT, WINDOW), ticks(sent, load, twist))
+    seen = residuals(BaseSignal(made_of, ROBOT, WINDOW, adapt=True), ticks(sent, load, twist))
     error = np.full(n, np.nan)
     for k in range(TAPS - 1, n):
         expected = 0.0
@@ -146,7 +150,7 @@ def test_bounds_are_wide_until_the_first_motion_has_been_seen(model: BaseModel) 
     quiet = ticks(np.zeros((n, 3)), np.zeros((n, 3)), np.zeros((n, 3)))
     pushed = 1.5 * np.array([model.standing[0], 0.0, 0.0])
     [push] = ticks(np.zeros((1, 3)), np.zeros((1, 3)), pushed[None])
-    signal = BaseSignal(model, ROBOT, WINDOW)
+    signal = BaseSignal(model, ROBOT, WINDOW, adapt=True)
     for k, one in enumerate(quiet):
         if k % (4 * BLOCK) == TAPS + WINDOW + 1:
             known = max(k // BLOCK - 1, 0) / FIRST_BLOCKS
@@ -166,7 +170,7 @@ def test_a_base_that_strays_more_today_gets_wider_bounds(model: BaseModel, movin
     twist = np.zeros((n, 3))
     twist[:, 1] = 2.0 * model.standing[1] * np.sin(np.arange(n) * CYCLE * 2 * np.pi / 0.4)
     made = ticks(np.zeros((n, 3)), np.zeros((n, 3)), twist)
-    signal = BaseSignal(model, ROBOT, WINDOW)
+    signal = BaseSignal(model, ROBOT, WINDOW, adapt=True)
     sizes = []
     for one in made:
         sizes.append(abs(signal.step(one, False)[1]))
@@ -254,7 +258,7 @@ def test_the_bound_of_a_base_that_drives_stays_until_it_stands(model: BaseModel)
 
 def test_late_samples_and_the_start_are_not_judged(model: BaseModel) -> None:
     made = drive(3.0, 5)
-    seen = residuals(BaseSignal(model, ROBOT, WINDOW), made, late=(100,))
+    seen = residuals(BaseSignal(model, ROBOT, WINDOW, adapt=True), made, late=(100,))
     judged = np.asarray(np.isfinite(seen).all(axis=1))
     np.testing.assert_array_equal(np.isfinite(seen).any(axis=1), judged)
     assert not judged[: TAPS - 1].any()
@@ -287,7 +291,9 @@ def test_reset_forgets(model: BaseModel) -> None:
     signal = settled(model, made)
     signal.reset()
     first = residuals(signal, made)
-    np.testing.assert_array_equal(residuals(BaseSignal(model, ROBOT, WINDOW), made), first)
+    np.testing.assert_array_equal(
+        residuals(BaseSignal(model, ROBOT, WINDOW, adapt=True), made), first
+    )
     signal.reset()
     np.testing.assert_array_equal(residuals(signal, made), first)
 
@@ -310,6 +316,6 @@ def test_other_joints_are_nothing_to_the_base(model: BaseModel) -> None:
     for one in other:
         one.reference.load_torque[[j for j in range(JOINTS) if j not in LEGS]] = 50.0
     np.testing.assert_array_equal(
-        residuals(BaseSignal(model, ROBOT, WINDOW), made),
-        residuals(BaseSignal(model, ROBOT, WINDOW), other),
+        residuals(BaseSignal(model, ROBOT, WINDOW, adapt=True), made),
+        residuals(BaseSignal(model, ROBOT, WINDOW, adapt=True), other),
     )

@@ -105,7 +105,7 @@ def residuals(model: FusionModel, run: Recording) -> list[float]:
     sizes = []
     for tick in run.ticks():
         sizes.append(abs(float(signal.step(tick).residual[ELBOW])))
-        signal.learn(everything, nothing)
+        signal.learn(everything, nothing, True)
     return sizes[min(round(GETTING_USED / CYCLE), len(sizes) // 2) :]
 
 

@@ -177,7 +177,7 @@ def reference(velocity: FloatArray, acceleration: FloatArray) -> Reference:
     )
 
 
-STILL = reference(np.zeros(JOINTS), np.zeros(JOINTS))
+ZERO = np.zeros(JOINTS)
 
 
 def follow(
@@ -189,7 +189,7 @@ def follow(
     """The residual is what the arm bears and the twins do not yet: they follow the estimate."""
     rng = np.random.default_rng(seed)
     for k, (q, v, a) in enumerate(zip(*arm_motion(seconds), strict=True)):
-        known = target.step(q, reference(v, a))
+        known = target.step(q, v, a)
         if k % LEARN_PERIOD == 0:
             residual = GAIN * (added(load, q, v, a) - known)
             residual += 0.5 * np.sqrt(NOISE) * rng.standard_normal(JOINTS)
@@ -211,7 +211,7 @@ def test_finds_the_load_of_an_arm_that_moves(arm: str, joint: str) -> None:
     rng = np.random.default_rng(1)
     deviations = []
     for k, (q, v, a) in enumerate(zip(*arm_motion(40.0, moving), strict=True)):
-        known = target.step(q, reference(v, a))
+        known = target.step(q, v, a)
         if k % LEARN_PERIOD == 0:
             deviations.append(target.held()[arm].mass_std)
             residual = GAIN * (added(load, q, v, a) - known)
@@ -246,7 +246,7 @@ def test_without_wandering_it_is_ridge_regression(monkeypatch: pytest.MonkeyPatc
     for _ in range(40):
         q, v, a = rng.uniform(-1.0, 1.0, (3, JOINTS))
         for _ in range(2):  # it looks every other tick
-            known = target.step(q, reference(v, a))
+            known = target.step(q, v, a)
         use = rng.uniform(size=JOINTS) < 0.7
         use[3] = False
         noise = LEAST_NOISE * rng.uniform(0.2, 20.0, JOINTS)
@@ -271,7 +271,7 @@ def test_it_knows_less_with_time_but_never_less_than_at_the_start(rng: np.random
     """By WANDER in a minute, from which nothing has been learned."""
     target = hands()
     nobody = np.zeros(JOINTS, dtype=np.bool_)
-    target.step(MIDDLE, STILL)
+    target.step(MIDDLE, ZERO, ZERO)
     target.update(rng.normal(size=JOINTS), NOISE, nobody)
     assert target.held()["left_arm"].mass_std == pytest.approx(PRIOR[0], rel=1e-9)
     for _ in range(100):
@@ -293,18 +293,18 @@ def test_joints_that_are_not_used_teach_nothing() -> None:
     spoilt[ARM[1:3]] = 9.0
     learned, spared = hands(), hands()
     for target, seen in ((learned, residual), (spared, spoilt)):
-        target.step(q, reference(v, a))
+        target.step(q, v, a)
         explained = target.update(seen, NOISE, use)
         np.testing.assert_array_equal(explained[~use], 0.0)
     assert learned.held() == spared.held()
     assert learned.held()["left_arm"].mass > 0.1
     # And none at all teach nothing at all.
     idle = hands()
-    idle.step(q, reference(v, a))
+    idle.step(q, v, a)
     explained = idle.update(residual, NOISE, np.zeros(JOINTS, dtype=np.bool_))
     np.testing.assert_array_equal(explained, 0.0)
     assert idle.held()["left_arm"].mass == 0.0
-    assert (idle.step(q, reference(v, a)) == 0.0).all()
+    assert (idle.step(q, v, a) == 0.0).all()
 
 
 def test_what_an_update_explains_is_what_the_twins_will_bear_more() -> None:
@@ -312,10 +312,10 @@ def test_what_an_update_explains_is_what_the_twins_will_bear_more() -> None:
     q, v, a = (rows[100] for rows in arm_motion(2.0))
     follow(target, loaded({"LWristYaw": point(MASS, PLACE)}), 1.0)
     for _ in range(2):
-        before = target.step(q, reference(v, a))
+        before = target.step(q, v, a)
     explained = target.update(np.full(JOINTS, 0.01), NOISE, EVERYTHING)
     for _ in range(2):
-        after = target.step(q, reference(v, a))
+        after = target.step(q, v, a)
     np.testing.assert_allclose(explained, GAIN * (after - before), rtol=1e-9, atol=1e-12)
     assert np.abs(explained).max() > 1e-4
 
@@ -326,7 +326,7 @@ def test_torque_is_that_of_the_load_where_the_arm_is() -> None:
     follow(target, load, 30.0)
     for q, v, a in zip(*(rows[::50] for rows in arm_motion(30.0)), strict=True):
         for _ in range(2):
-            torque = target.step(q, reference(v, a))
+            torque = target.step(q, v, a)
         np.testing.assert_allclose(torque, added(load, q, v, a), atol=0.12)
 
 
@@ -337,23 +337,23 @@ def test_what_is_not_finite_leaves_the_load_as_it_was(part: str, value: float) -
     q, v, a = (rows[-1] for rows in arm_motion(2.0))
     follow(target, loaded({"LWristYaw": point(MASS, PLACE)}), 2.0)
     for _ in range(2):
-        before = target.step(q, reference(v, a))
+        before = target.step(q, v, a)
     bad = {"position": 0.5 * q, "velocity": v, "acceleration": a}
     bad[part] = bad[part].copy()
     bad[part][ARM[0]] = value
     for _ in range(3):
-        seen = target.step(bad["position"], reference(bad["velocity"], bad["acceleration"]))
+        seen = target.step(bad["position"], bad["velocity"], bad["acceleration"])
         np.testing.assert_array_equal(seen, before)
         assert np.isfinite(target.variance()).all()
     # Then it goes on.
     for _ in range(2):
-        after = target.step(0.5 * q, reference(v, a))
+        after = target.step(0.5 * q, v, a)
     assert np.abs(after - before).max() > 0.1
 
 
 def test_before_anything_is_finite_the_hands_bear_nothing() -> None:
     target = hands()
-    np.testing.assert_array_equal(target.step(np.full(JOINTS, np.nan), STILL), 0.0)
+    np.testing.assert_array_equal(target.step(np.full(JOINTS, np.nan), ZERO, ZERO), 0.0)
     np.testing.assert_array_equal(target.variance(), 0.0)
 
 

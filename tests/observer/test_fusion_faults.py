@@ -1,0 +1,136 @@
+"""Mode ``fusion`` under values that no robot has, long touches and slow pushes: it goes blind, and comes back."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from fusion_cases import (
+    ELBOW,
+    MODEL,
+    TWIN,
+    drive,
+    fusion_model,
+    fusion_observer,
+    fusion_signal,
+    standing,
+    swing,
+    ticks_of,
+)
+from observer_cases import CYCLE, JOINTS, ROBOT
+
+from pepper_driver.controller.tick import Tick
+from pepper_driver.observer.base import TAPS, BaseModel
+from pepper_driver.observer.contact import Contact
+from pepper_driver.observer.contact_observer import ContactObserver
+from pepper_driver.observer.interface import JointState
+
+MATRIX = np.asarray(ROBOT.wheels.matrix)
+STILL_BASE = BaseModel(
+    coefficients=((0.0, 0.0, 0.0),) * (6 * TAPS), standing=(0.05,) * 3, driving=(0.05,) * 3
+)
+
+
+def feel(observer: ContactObserver, made: list[Tick]) -> list[Contact]:
+    return [contact for one in made for contact in observer.step(one).contacts]
+
+
+@pytest.mark.parametrize("value", [1e6, 1e100, 1e160, -1e160, 1e307, 1.7e308, np.nan, -np.inf])
+@pytest.mark.parametrize(
+    ("part", "field"),
+    [
+        ("reference", "load_torque"),
+        ("reference", "velocity"),
+        ("reference", "acceleration"),
+        ("measurement", "position"),
+        ("measurement", "current"),
+        ("sent", "position"),
+    ],
+)
+def test_an_absurd_value_blinds_its_joint_for_a_moment_and_teaches_nothing(
+    part: str, field: str, value: float
+) -> None:
+    motion = swing(5.0, rate=1.5)
+    made = ticks_of(motion, drive(motion, steps=20))
+    observer = fusion_observer(adapt=True)
+    # Two ticks in a row: one of them is a tick in which constants are learned.
+    for k in (204, 205, 209, 210):
+        getattr(getattr(made[k], part), field)[ELBOW] = value
+    for k, one in enumerate(made):
+        seen = observer.step(one)
+        assert not seen.contacts
+        blind = seen.state == JointState.BLIND
+        assert np.isfinite(seen.residual[~blind]).all() and np.isfinite(seen.threshold[~blind]).all()
+        assert blind[ELBOW] or k not in (204, 205, 209, 210)
+    assert not blind.any()
+    assert abs(seen.residual[ELBOW]) < 0.3 * MODEL.largest_bound
+    assert all(abs(load.mass) < 0.1 for load in observer.held.values())
+
+
+def test_a_board_keeps_what_it_has_summed_up_while_its_joint_cannot_be_judged() -> None:
+    model = fusion_model(replace(TWIN, integral_rate=2.0))
+    motion = standing(6.0, load=4.0)
+    made = ticks_of(motion, drive(motion, model.twin, start=0.0))
+    signal = fusion_signal(model, adapt=True)
+    free, nothing = np.ones(JOINTS, dtype=np.bool_), np.zeros(JOINTS, dtype=np.bool_)
+    after = []
+    for k, one in enumerate(made):
+        lost = 1.0 <= k * CYCLE < 3.0
+        measurement = replace(one.measurement, age=1.0) if lost else one.measurement
+        seen = signal.step(replace(one, measurement=measurement))
+        signal.learn(free, nothing, True)
+        if k * CYCLE > 3.2:
+            after.append(abs(float(seen.residual[ELBOW])))
+    assert max(after) < 0.1 * model.largest_bound
+
+
+def pushed_base(adapt: bool, bounds: float) -> tuple[list[Contact], ContactObserver]:
+    """The elbow swings; the base is pushed from 30 to 40 s and from 45 to 46 s."""
+    motion = swing(48.0, rate=1.5)
+    made = ticks_of(motion, drive(motion, steps=20))
+    for k, one in enumerate(made):
+        if 30.0 <= k * CYCLE < 40.0 or 45.0 <= k * CYCLE < 46.0:
+            one.measurement.wheel_speed[:] = MATRIX @ np.array([bounds * 0.05, 0.0, 0.0])
+    observer = fusion_observer(adapt=adapt, base=STILL_BASE)
+    return feel(observer, made), observer
+
+
+@pytest.mark.parametrize("adapt", [True, False])
+def test_a_long_push_on_the_base_does_not_make_it_deaf(adapt: bool) -> None:
+    contacts, _ = pushed_base(adapt, 1.6)
+    told = [(c.phase, round(c.time)) for c in contacts if c.phase != "update"]
+    assert told == [("begin", 30), ("end", 40), ("begin", 45), ("end", 46)]
+    assert {c.link for c in contacts} == {"base_link"}
+
+
+def test_a_push_that_grows_for_long_is_felt_in_the_end() -> None:
+    """However slowly: strays raise no threshold beyond LARGEST."""
+    motion = swing(60.0, rate=1.5)
+    growth = 1.2 ** (np.arange(len(motion)) * CYCLE)  # of torque, 20 % a second
+    made = ticks_of(motion, drive(motion, steps=20))
+    observer = fusion_observer(adapt=True)
+    contacts = []
+    for k, one in enumerate(made):
+        one.measurement.position[ELBOW] -= np.radians(0.05) * growth[k]
+        contacts += observer.step(one).contacts
+    assert contacts and contacts[0].joint == ROBOT.joint_names[ELBOW]
+    assert contacts[0].intensity < 12.0 * np.degrees(MODEL.largest_bound)
+
+
+def test_what_touches_one_joint_of_an_arm_is_no_load_to_the_others() -> None:
+    """The elbow is held for long; the shoulders, which feel it below their thresholds, learn no load."""
+    motion = swing(20.0, rate=1.5)
+    made = ticks_of(motion, drive(motion, steps=20))
+    observer = fusion_observer(adapt=True)
+    shoulder = ROBOT.joint_index("LShoulderRoll"), ROBOT.joint_index("RShoulderRoll")
+    for k, one in enumerate(made):
+        if 10.0 <= k * CYCLE < 16.0:
+            one.measurement.position[ELBOW] -= 2.0 * MODEL.largest_bound
+            one.measurement.position[list(shoulder)] -= 0.4 * MODEL.largest_bound
+        observer.step(one)
+        if k == round(9.9 / CYCLE):
+            before = observer.held
+    for arm, load in observer.held.items():
+        assert load.mass == pytest.approx(before[arm].mass, abs=0.02)
+        assert load.first_moment == pytest.approx(before[arm].first_moment, abs=0.003)
