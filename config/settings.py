@@ -92,7 +92,7 @@ class ObserverSettings:
         threshold: Of mode ``paper``, for all joints [rad]; None for each joint's own, which identification found in
             free motion.
         fusion_window: Samples of the filter of mode ``fusion``.
-        adapt: Whether mode ``fusion`` follows the joints as they change.
+        adapt: Whether mode ``fusion`` follows the joints as they change, what the hands hold, and how far joints stray.
         collision_factor: A residual beyond so many thresholds is a collision (mode ``fusion``).
         merge_gap: A residual that returns with the same sign within this time continues the contact.
         rebound_window: After a contact, a residual of the other sign is the joint swinging back.

@@ -30,7 +30,7 @@ UNCERTAINTY_FACTOR = 2.0
 """Standard deviations, of not knowing the constants better, that a threshold rises by."""
 
 CALM = 0.5
-"""Share of the bound, without what widens it for the day, below which a residual may teach something."""
+"""Share of a threshold below which a residual may teach something."""
 
 
 class FusionThreshold:

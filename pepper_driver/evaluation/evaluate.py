@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import logging
 import warnings
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from importlib.metadata import version
@@ -12,7 +14,7 @@ from joblib import Parallel, delayed
 
 from pepper_driver.config import PepperError, RobotConfig, load_robot
 from pepper_driver.evaluation.contestants import ORACLE, Contestants
-from pepper_driver.evaluation.jobs import Job
+from pepper_driver.evaluation.jobs import LOG_SUITE, Job
 from pepper_driver.evaluation.metrics import Metrics
 from pepper_driver.evaluation.results import Evaluation, Failure, TakeInfo
 from pepper_driver.evaluation.summary import summarise, with_gap_closed
@@ -97,7 +99,8 @@ def run_job(job: Job, contestants: Contestants) -> Outcome:
     failures: list[Failure] = []
     for mode in contestants.of_suite(take.suite):
         try:
-            watched = watch(contestants.observer(mode, take, robot), take.recording, tested)
+            with _unwarned(job):
+                watched = watch(contestants.observer(mode, take, robot), take.recording, tested)
             scores[mode] = score_take(take, watched, robot)
             if job.pictured is not None:
                 traces.append(trace_of(mode, take, watched, job.pictured))
@@ -113,6 +116,19 @@ def run_job(job: Job, contestants: Contestants) -> Outcome:
     return Outcome(
         suite=job.suite, take=info, scores=scores, traces=tuple(traces), failures=tuple(failures)
     )
+
+
+@contextmanager
+def _unwarned(job: Job) -> Iterator[None]:
+    """Simulated robots are worn on purpose: nobody needs to be told to identify them anew."""
+    log = logging.getLogger("pepper_driver.observer")
+    level = log.level
+    if job.suite != LOG_SUITE:
+        log.setLevel(logging.ERROR)
+    try:
+        yield
+    finally:
+        log.setLevel(level)
 
 
 def _failure(title: str, error: Exception) -> Failure:

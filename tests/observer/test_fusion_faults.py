@@ -110,7 +110,7 @@ def test_a_push_that_grows_for_long_is_felt_in_the_end() -> None:
     growth = 1.2 ** (np.arange(len(motion)) * CYCLE)  # of torque, 20 % a second
     made = ticks_of(motion, drive(motion, steps=20))
     observer = fusion_observer(adapt=True)
-    contacts = []
+    contacts: list[Contact] = []
     for k, one in enumerate(made):
         one.measurement.position[ELBOW] -= np.radians(0.05) * growth[k]
         contacts += observer.step(one).contacts
