@@ -488,3 +488,20 @@ def test_the_observer_tells_what_the_hands_hold() -> None:
     assert observer.held == empty
     # Nothing is followed if nothing is to be.
     assert fusion_observer(adapt=False).held == {}
+
+
+def test_what_touches_one_joint_of_an_arm_is_no_load_to_the_others() -> None:
+    """The elbow is held for long; the shoulder feels it below its thresholds, as residuals of a load would be."""
+    bound = MODEL.largest_bound
+    held = []
+    for touched in (False, True):
+        made = waved(0.0, 24.0)
+        observer = fusion_observer(fusion_model(weight=(1.0, 1.0)), adapt=True)
+        for k, one in enumerate(made):
+            if touched and 16.0 <= k * CYCLE < 22.0:
+                one.measurement.position[MOVED] -= np.array([0.3, 0.3, 3.0]) * bound
+            observer.step(one)
+        held.append(observer.held["left_arm"])
+    free, after = held
+    assert after.mass == pytest.approx(free.mass, abs=0.01)
+    assert after.first_moment == pytest.approx(free.first_moment, abs=0.002)
