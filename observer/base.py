@@ -150,7 +150,7 @@ class BaseSignal:
                 strays.touched()
         elif self._judged:
             moved = self._everything & (moving or not stands)
-            self._strays[stands].learn(self._filtered, self._everything, moved)
+            self._strays[stands].learn(self._filtered, self._everything, moved, 1.0)
 
     def _remember(self, wheel_speed: FloatArray, load_torque: FloatArray) -> FloatArray:
         """Take in what was sent and what the legs bear; the inputs of the response, newest first."""

@@ -158,9 +158,8 @@ def fit_joint_fusion(
     growth = AffineGrowth(data.features, data.twin, max_leaves=REMAINDER_LEAVES)
     remainder = growth.cut(REMAINDER_LEAVES, REMAINDER_SHRINKAGE)
     by_twin = data.twin - remainder.predict(data.features)
-    integrates = twin.integral_rate > 0.0
     candidates = [_fit_voltage(data), _fit_current(data)]
-    errors = [_momentum_residual(data, parameters, integrates) for parameters in candidates]
+    errors = [_momentum_residual(data, parameters) for parameters in candidates]
     best = int(np.argmin([error.std() for error in errors]))
     weight, spread = [], []
     for phase in (~data.moves, data.moves):
@@ -224,9 +223,7 @@ def _bounded(columns: FloatArray, target: FloatArray, positive: tuple[int, ...])
     return values
 
 
-def _momentum_residual(
-    data: _Played, parameters: MomentumParameters, integrates: bool
-) -> FloatArray:
+def _momentum_residual(data: _Played, parameters: MomentumParameters) -> FloatArray:
     needed = (
         parameters.inertia * data.acceleration
         + parameters.lag * data.velocity
@@ -236,8 +233,8 @@ def _momentum_residual(
     )
     if parameters.source == "voltage":
         return data.drive - needed
-    likely = needed + data.twin + (data.drive if integrates else 0.0)
-    return np.copysign(parameters.torque_per_ampere * data.current, likely) - needed
+    # In use, what a board has summed up has a say too: here the twin's sum is all there is, and it is no help.
+    return np.copysign(parameters.torque_per_ampere * data.current, needed + data.twin) - needed
 
 
 def _constant(value: float) -> CartTree:

@@ -102,4 +102,4 @@ class FusionThreshold:
         if seen is None:
             self._strays.touched()
         else:
-            self._strays.learn(residual, seen, self.speed > RESTING)
+            self._strays.learn(residual, seen, self.speed > RESTING, self.bounds)

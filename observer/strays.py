@@ -32,6 +32,9 @@ FIRST_BLOCKS = 24
 LARGEST = 10.0
 """Factor that no stray raises a threshold beyond: a push that grows slowly enough looks like one."""
 
+TOUCH_SHARE = 0.6
+"""Of the threshold of today: once that is known, a block with more may well be a touch that was too light to be felt."""
+
 PAUSE = 170
 """Ticks after a touch, two seconds, in which friction may still hold a joint where the touch has left it."""
 
@@ -82,10 +85,22 @@ class Strays:
             self._pause = PAUSE
             self._drop()
 
-    def learn(self, residual: FloatArray, seen: BoolArray, moving: BoolArray) -> None:
-        """Take in one tick without touch: residual (n,) [rad], joints that can be judged, joints that are to move.
+    def learn(
+        self,
+        residual: FloatArray,
+        seen: BoolArray,
+        moving: BoolArray,
+        identified: FloatArray | float,
+    ) -> None:
+        """Take in one tick without touch.
 
         A block takes in all samples, and is full when enough of them were in motion: rest alone proves nothing.
+
+        Args:
+            residual: (n,) [rad].
+            seen: (n,) joints that can be judged.
+            moving: (n,) joints that are to move.
+            identified: (n,) identified thresholds [rad].
         """
         if self._pause:
             self._pause -= 1
@@ -95,7 +110,9 @@ class Strays:
         over = self._samples >= BLOCK
         if not np.count_nonzero(over):
             return
-        for joint in np.flatnonzero(over & ~np.isnan(self._before)).tolist():
+        suspect = self._before > TOUCH_SHARE * self.factor(identified) * identified
+        keep = over & ~np.isnan(self._before) & ~(suspect & (self.known == 1.0))
+        for joint in np.flatnonzero(keep).tolist():
             self._keep(joint)
         self._before[over], self._now[over], self._samples[over] = self._now[over], 0.0, 0
 

@@ -35,6 +35,12 @@ DEFAULT_CACHE = Path("runs/evaluation/takes")
 TIPPED = 0.1
 """[rad] of tilt: a robot that stands stays far below it, one that reaches it falls or nearly did."""
 
+REDRAWS = 2
+"""How often a run is drawn anew in which the robot fell or was stopped."""
+
+REDRAWN = 1000
+"""Added to the number of a run that is drawn anew."""
+
 FORMAT = 1
 """Of the files in the cache; part of their key."""
 
@@ -54,6 +60,10 @@ _RECORDING, _TRUTH, _LABELS = "recording.npz", "truth.npz", "take.json"
 
 class TakeError(PepperError, RuntimeError):
     """A take that is worth nothing: the robot fell, was stopped, or could not be pushed as planned."""
+
+
+class StoppedTakeError(TakeError):
+    """The robot fell or was stopped on the way."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -154,14 +164,25 @@ def take_uri(run: Run) -> str:
 def perform(run: Run, cache: Path | None = None) -> Take:
     """Perform a run, or load it where it was performed before.
 
+    Chance may put two pushes such that the robot tips, or is stopped: as in a laboratory, the run is then drawn anew.
+
     Args:
         run: Of a suite.
         cache: Folder of takes; None to perform it anyway, and keep nothing.
 
     Raises:
-        TakeError: The robot fell, was stopped, or could not be pushed as planned.
+        TakeError: The robot fell or was stopped, REDRAWS times again, or could not be pushed as planned.
         PepperError: Plant or cache are not usable.
     """
+    for _ in range(REDRAWS):
+        try:
+            return _perform_once(run, cache)
+        except StoppedTakeError:
+            run = replace(run, seed=(*run.seed[:-1], run.seed[-1] + REDRAWN))
+    return _perform_once(run, cache)
+
+
+def _perform_once(run: Run, cache: Path | None) -> Take:
     robot = load_robot()
     pepper = Pepper(take_uri(run), observer=None, robot=robot)
     folder = None if cache is None else cache / _key(run, pepper.backend.info.identity)
@@ -222,18 +243,19 @@ def _performed(run: Run, pepper: Pepper) -> Take:
         saturated.append(truth.saturated)
         tilt = max(tilt, float(np.abs(truth.tilt).max()))
 
-    reason = ""
+    reason, stopped = "", False
     try:
         stage = Stage(pepper, run.scenario, run.seed, count=run.goals)
         with pepper:
             stage.perform(on_tick=on_tick)
     except (FaultError, BackendError, ConfigError) as error:
-        reason = str(error)
+        reason, stopped = str(error), isinstance(error, FaultError)
     if tilt > TIPPED:
+        stopped = True
         fell = f"it tipped by {np.degrees(tilt):.0f} deg"
         reason = f"{fell}; {reason}" if reason else fell
     if reason:
-        raise TakeError(f"{run.label}: {reason}")
+        raise (StoppedTakeError if stopped else TakeError)(f"{run.label}: {reason}")
     recording = builder.finish()
     contact_torque = np.array(torque)
     return Take(

@@ -61,9 +61,8 @@ def test_an_absurd_value_blinds_its_joint_for_a_moment_and_teaches_nothing(
         seen = observer.step(one)
         assert not seen.contacts
         blind = seen.state == JointState.BLIND
-        assert (
-            np.isfinite(seen.residual[~blind]).all() and np.isfinite(seen.threshold[~blind]).all()
-        )
+        assert np.isfinite(seen.residual[~blind]).all()
+        assert np.isfinite(seen.threshold[~blind]).all()
         assert blind[ELBOW] or k not in (204, 205, 209, 210)
     assert not blind.any()
     assert abs(seen.residual[ELBOW]) < 0.3 * MODEL.largest_bound
@@ -116,5 +115,6 @@ def test_a_push_that_grows_for_long_is_felt_in_the_end() -> None:
     for k, one in enumerate(made):
         one.measurement.position[ELBOW] -= np.radians(0.05) * growth[k]
         contacts += observer.step(one).contacts
-    assert contacts and contacts[0].joint == ROBOT.joint_names[ELBOW]
+    assert contacts
+    assert contacts[0].joint == ROBOT.joint_names[ELBOW]
     assert contacts[0].intensity < 12.0 * np.degrees(MODEL.largest_bound)
