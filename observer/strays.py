@@ -33,7 +33,7 @@ LARGEST = 10.0
 """Factor that no stray raises a threshold beyond: a push that grows slowly enough looks like one."""
 
 TOUCH_SHARE = 0.6
-"""Of the threshold of today: once that is known, a block with more may well be a touch that was too light to be felt."""
+"""Of the threshold of today: once that is known, a block with more may well be a touch too light to be felt."""
 
 PAUSE = 170
 """Ticks after a touch, two seconds, in which friction may still hold a joint where the touch has left it."""

@@ -10,7 +10,16 @@ from pepper_driver.config import load_robot
 from pepper_driver.config.evaluation import Run, load_evaluation
 from pepper_driver.config.scenario_contacts import Push
 from pepper_driver.config.scenario_motion import Script, Step
-from pepper_driver.evaluation.takes import FailedTake, Take, TakeError, perform, take_uri, takes
+from pepper_driver.evaluation.takes import (
+    REDRAWN,
+    FailedTake,
+    StoppedTakeError,
+    Take,
+    TakeError,
+    perform,
+    take_uri,
+    takes,
+)
 
 ROBOT = load_robot()
 EVALUATION = load_evaluation(ROBOT)
@@ -135,6 +144,27 @@ def test_plants_and_draws_are_in_the_uri() -> None:
 def test_a_robot_that_falls_gives_no_take() -> None:
     with pytest.raises(TakeError, match=r"paper, LSRoll on nominal .*: it tipped by \d+ deg"):
         perform(pushed_over())
+
+
+def test_a_run_in_which_the_robot_fell_is_drawn_anew(
+    take: Take, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    drawn: list[int] = []
+
+    def falls_twice(run: Run, _: object) -> Take:
+        drawn.append(run.seed[-1])
+        if len(drawn) <= falls:
+            raise StoppedTakeError("it tipped by 12 deg")
+        return take
+
+    monkeypatch.setattr("pepper_driver.evaluation.takes._performed", falls_twice)
+    falls, number = 2, RUN.seed[-1]
+    assert perform(RUN, tmp_path) is take
+    assert drawn == [number, number + REDRAWN, number + 2 * REDRAWN]
+    falls = 9
+    with pytest.raises(TakeError, match="tipped"):
+        perform(replace(RUN, plant="cold"), tmp_path)
+    assert len(drawn) == 6
 
 
 def test_a_push_that_does_not_fit_gives_no_take() -> None:
