@@ -33,7 +33,10 @@ LARGEST = 10.0
 """Factor that no stray raises a threshold beyond: a push that grows slowly enough looks like one."""
 
 TOUCH_SHARE = 0.6
-"""Of the threshold of today: once that is known, a block with more may well be a touch too light to be felt."""
+"""Of the threshold of today: a block with more may well be a touch too light to be felt, among others that were felt."""
+
+TOUCHED_LATELY = 5000
+"""Ticks, a minute, for which that is suspected after a touch."""
 
 PAUSE = 170
 """Ticks after a touch, two seconds, in which friction may still hold a joint where the touch has left it."""
@@ -64,7 +67,7 @@ class Strays:
         self._largest[:] = 0.0
         self._blocks = np.zeros(width, dtype=np.int64)
         self.bound, self.known = np.zeros(width), np.zeros(width)
-        self._pause = 0
+        self._pause, self._untouched = 0, TOUCHED_LATELY
         self._drop()
 
     def factor(self, identified: FloatArray | float) -> FloatArray:
@@ -81,6 +84,7 @@ class Strays:
 
     def touched(self) -> None:
         """Take in one tick in which something touches the robot: what was seen just before may be its beginning."""
+        self._untouched = 0
         if self._pause < PAUSE:
             self._pause = PAUSE
             self._drop()
@@ -102,6 +106,7 @@ class Strays:
             moving: (n,) joints that are to move.
             identified: (n,) identified thresholds [rad].
         """
+        self._untouched += 1
         if self._pause:
             self._pause -= 1
             return
@@ -110,8 +115,10 @@ class Strays:
         over = self._samples >= BLOCK
         if not np.count_nonzero(over):
             return
-        suspect = self._before > TOUCH_SHARE * self.factor(identified) * identified
-        keep = over & ~np.isnan(self._before) & ~(suspect & (self.known == 1.0))
+        keep = over & ~np.isnan(self._before)
+        if self._untouched < TOUCHED_LATELY:
+            suspect = self._before > TOUCH_SHARE * self.factor(identified) * identified
+            keep &= ~(suspect & (self.known == 1.0))
         for joint in np.flatnonzero(keep).tolist():
             self._keep(joint)
         self._before[over], self._now[over], self._samples[over] = self._now[over], 0.0, 0

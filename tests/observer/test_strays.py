@@ -192,15 +192,24 @@ def test_reset_forgets() -> None:
     assert target.known[0] == pytest.approx(1 / FIRST_BLOCKS)
 
 
-@pytest.mark.parametrize(("share", "counts"), [(0.9, False), (0.7, False), (0.5, True)])
-def test_what_is_nearly_felt_may_be_a_touch_and_widens_nothing(share: float, counts: bool) -> None:
-    """Once today's strays are known; before, a worn joint could not be told from a touched one."""
+@pytest.mark.parametrize(
+    ("share", "touched", "counts"),
+    [(0.9, True, False), (0.7, True, False), (0.5, True, True), (0.9, False, True)],
+)
+def test_what_is_nearly_felt_among_touches_widens_nothing(
+    share: float, touched: bool, counts: bool
+) -> None:
+    """Once today's strays are known; of a robot that nobody touches, all of it is what it strays by."""
     identified = 3.0 * MARGIN * QUIET
     target = Strays(1)
     for _ in range((FIRST_BLOCKS + 2) * BLOCK):
         target.learn(np.array([QUIET]), YES, YES, identified)
     before = float(target.bound[0])
     assert target.known[0] == 1.0
+    if touched:
+        target.touched()
+        for _ in range(PAUSE):
+            target.learn(np.array([share * identified]), YES, YES, identified)
     for _ in range(10 * BLOCK):
         target.learn(np.array([share * identified]), YES, YES, identified)
     assert (float(target.bound[0]) > before) == counts
