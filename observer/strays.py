@@ -33,7 +33,7 @@ LARGEST = 10.0
 """Factor that no stray raises a threshold beyond: a push that grows slowly enough looks like one."""
 
 TOUCH_SHARE = 0.6
-"""Of the threshold of today: a block with more may well be a touch too light to be felt, among others that were felt."""
+"""Of the threshold of today: among touches, a block with more may well be one that was too light to be felt."""
 
 TOUCHED_LATELY = 5000
 """Ticks, a minute, for which that is suspected after a touch."""
