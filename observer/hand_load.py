@@ -64,7 +64,7 @@ class HandLoads:
 
     Args:
         robot: Its description; every chain that ends in a hand is an arm.
-        models: By joint, None for those without.
+        models: By joint, None for those without. Joints whose boards have an integral part tell nothing of loads.
     """
 
     def __init__(self, robot: RobotConfig, models: Sequence[FusionModel | None]) -> None:
@@ -75,7 +75,10 @@ class HandLoads:
                 wrist = next(joint for joint in reversed(joints) if joint not in robot.hands.joints)
                 self._arms.append(chain)
                 self._wrists.append(self._model.joint_id(wrist))
-        self._gain = np.array([0.0 if m is None else m.twin.load_gain for m in models])
+        # A board that sums errors up takes a load up, and nobody knows how far it had come at the start.
+        tells = [m is not None and m.twin.integral_rate == 0.0 for m in models]
+        gain = np.array([0.0 if m is None else m.twin.load_gain for m in models])
+        self._gain = np.where(tells, gain, 0.0)
         friction = np.array([0.0 if m is None else m.twin.friction for m in models])
         self._noise = LEAST_NOISE + (FRICTION_DOUBT * friction) ** 2
         arms = len(self._wrists)

@@ -17,17 +17,20 @@ BLOCKS = 60
 RANK = 3
 """The largest, second largest... of the blocks that counts: two touches that were not felt leave no trace."""
 
-BLOCKS_PER_RANK = 15
-"""Of few blocks even the largest counts, then the second largest."""
+FIRST_BLOCKS = 15
+"""Of so many the largest counts, of twice as many the second largest; fewer raise no threshold beyond START."""
 
 MARGIN = 3.0
 """Over it: how much larger the residual may still get."""
 
+MEDIAN_MARGIN = 8.0
+"""Over the median of the blocks, and no more: where every fourth one holds a touch, the largest are all touches."""
+
 START = 3.0
 """Factor on identified thresholds when nothing is known of how the robot is today: a worn one strays so far."""
 
-FIRST_BLOCKS = 24
-"""Until there are so many, next to nothing is known of how the robot is today."""
+FIRST_MOTION = FIRST_BLOCKS * BLOCK
+"""Samples in motion until something is known of how the robot is today. Touches do not make it longer."""
 
 LARGEST = 10.0
 """Factor that no stray raises a threshold beyond: a push that grows slowly enough looks like one."""
@@ -43,7 +46,7 @@ PAUSE = 170
 
 
 class Strays:
-    """MARGIN times the RANK-th largest residual of the last BLOCKS of a joint's motion.
+    """MARGIN times the RANK-th largest residual of the last BLOCKS of a joint's motion, within MEDIAN_MARGIN medians.
 
     What a robot strays by when worn or laden differs from joint to joint and from day to day; that it will stray as far
     in the next minute as in the last is a better guess than any made at its identification. It learns most in the
@@ -65,7 +68,10 @@ class Strays:
         """Forget the session."""
         width = len(self._largest)
         self._largest[:] = 0.0
-        self._blocks = np.zeros(width, dtype=np.int64)
+        self._blocks, self._motion = (
+            np.zeros(width, dtype=np.int64),
+            np.zeros(width, dtype=np.int64),
+        )
         self.bound, self.known = np.zeros(width), np.zeros(width)
         self._pause, self._untouched = 0, TOUCHED_LATELY
         self._drop()
@@ -73,7 +79,9 @@ class Strays:
     def factor(self, identified: FloatArray | float) -> FloatArray:
         """(n,) 1 or more, on the identified thresholds [rad] as things stand."""
         today = np.maximum(START * (1.0 - self.known), self.bound / identified)
-        factor: FloatArray = np.minimum(np.maximum(today, 1.0), LARGEST)
+        # The largest of few blocks may be a touch, or how a joint set off: no reason to be more than unsure.
+        most = np.where(self._blocks < FIRST_BLOCKS, START, LARGEST)
+        factor: FloatArray = np.minimum(np.maximum(today, 1.0), most)
         return factor
 
     def _drop(self) -> None:
@@ -107,6 +115,8 @@ class Strays:
             identified: (n,) identified thresholds [rad].
         """
         self._untouched += 1
+        self._motion += seen & moving
+        self.known = np.minimum(self._motion / FIRST_MOTION, 1.0)
         if self._pause:
             self._pause -= 1
             return
@@ -127,6 +137,7 @@ class Strays:
         """Remember the block before this one: no touch has followed it."""
         self._largest[joint, self._blocks[joint] % BLOCKS] = self._before[joint]
         self._blocks[joint] += 1
-        rank = min(RANK, 1 + int(self._blocks[joint]) // BLOCKS_PER_RANK)
-        self.bound[joint] = MARGIN * np.partition(self._largest[joint], -rank)[-rank]
-        self.known[joint] = min(self._blocks[joint] / FIRST_BLOCKS, 1.0)
+        blocks = min(int(self._blocks[joint]), BLOCKS)
+        seen = np.sort(self._largest[joint, :blocks])
+        rank = min(RANK, max(blocks // FIRST_BLOCKS, 1))
+        self.bound[joint] = min(MARGIN * seen[-rank], MEDIAN_MARGIN * seen[blocks // 2])

@@ -24,7 +24,7 @@ from pepper_driver.observer.base import (
     fit_base,
 )
 from pepper_driver.observer.recording import Recording, RecordingBuilder
-from pepper_driver.observer.strays import BLOCK, FIRST_BLOCKS, PAUSE, START
+from pepper_driver.observer.strays import BLOCK, FIRST_BLOCKS, FIRST_MOTION, PAUSE, START
 
 WINDOW = 5
 LEGS = [ROBOT.joint_index(name) for name in ROBOT.chains["legs"]]
@@ -153,7 +153,7 @@ def test_bounds_are_wide_until_the_first_motion_has_been_seen(model: BaseModel) 
     signal = BaseSignal(model, ROBOT, WINDOW, adapt=True)
     for k, one in enumerate(quiet):
         if k % (4 * BLOCK) == TAPS + WINDOW + 1:
-            known = max(k // BLOCK - 1, 0) / FIRST_BLOCKS
+            known = max(k - TAPS - WINDOW, 0) / FIRST_MOTION
             expected = 1.5 / max(START * (1.0 - known), 1.0)
             # One sample that the filter takes out again.
             assert abs(signal.step(push, False)[0]) == pytest.approx(expected, rel=0.15)

@@ -11,11 +11,14 @@ from observer_cases import FloatArray
 from pepper_driver.observer.strays import (
     BLOCK,
     BLOCKS,
-    BLOCKS_PER_RANK,
     FIRST_BLOCKS,
+    FIRST_MOTION,
+    LARGEST,
     MARGIN,
+    MEDIAN_MARGIN,
     PAUSE,
     RANK,
+    START,
     BoolArray,
     Strays,
 )
@@ -57,10 +60,14 @@ def defined(
     for begin, end in zip([-1, *touches], [*touches, len(residual)], strict=True):
         run = slice(0 if begin < 0 else begin + 1 + PAUSE, end)
         maxima += of_run(residual[run], seen[run], moving[run])
-    if not maxima:
-        return 0.0, 0.0
-    rank = min(1 + len(maxima) // BLOCKS_PER_RANK, RANK)
-    return MARGIN * sorted(maxima[-BLOCKS:])[-rank], min(len(maxima) / FIRST_BLOCKS, 1.0)
+    untouched = np.ones(len(residual), dtype=np.bool_)
+    untouched[touches] = False
+    known = min((seen & moving & untouched).sum() / FIRST_MOTION, 1.0)
+    kept = sorted(maxima[-BLOCKS:])
+    if not kept:
+        return 0.0, known
+    largest = kept[-min(max(len(kept) // FIRST_BLOCKS, 1), RANK)]
+    return min(MARGIN * largest, MEDIAN_MARGIN * kept[len(kept) // 2]), known
 
 
 @settings(deadline=None, max_examples=25)
@@ -92,34 +99,46 @@ def test_is_the_margin_over_a_high_rank_of_the_blocks(
 
 def test_forgets_what_was_longer_ago_than_it_remembers() -> None:
     target = Strays(1)
-    learn_blocks(target, [5.0] * RANK + [QUIET] * (BLOCKS - RANK))
-    assert target.bound[0] == pytest.approx(MARGIN * 5.0)
-    learn_blocks(target, [QUIET] * RANK)
-    assert target.bound[0] == pytest.approx(MARGIN * QUIET)
+    learn_blocks(target, [0.2] * RANK + [0.1] * (BLOCKS - RANK))
+    assert target.bound[0] == pytest.approx(MARGIN * 0.2)
+    learn_blocks(target, [0.1] * RANK)
+    assert target.bound[0] == pytest.approx(MARGIN * 0.1)
 
 
 def test_two_touches_that_were_not_felt_leave_no_trace() -> None:
-    quiet = [QUIET] * (BLOCKS_PER_RANK * RANK)
+    quiet = [0.1] * (FIRST_BLOCKS * RANK)
     target = Strays(1)
-    learn_blocks(target, [*quiet, 0.1, *quiet[:5], 0.2])
-    assert target.bound[0] == pytest.approx(MARGIN * QUIET)
-    learn_blocks(target, [0.1])
+    learn_blocks(target, [*quiet, 0.2, *quiet[:5], 0.3])
     assert target.bound[0] == pytest.approx(MARGIN * 0.1)
+    learn_blocks(target, [0.2])
+    assert target.bound[0] == pytest.approx(MARGIN * 0.2)
+
+
+def test_touches_in_every_fourth_block_do_not_make_it_deaf() -> None:
+    target = Strays(1)
+    learn_blocks(target, [9.0, 0.1, 0.1, 0.1] * 12)
+    assert target.bound[0] == pytest.approx(MEDIAN_MARGIN * 0.1)
 
 
 def test_of_the_first_blocks_the_largest_counts() -> None:
+    """As long as they are too few, no threshold rises beyond what it is at the start."""
     target = Strays(1)
-    learn_blocks(target, [0.1, *[QUIET] * (BLOCKS_PER_RANK - 2)])
+    learn_blocks(target, [0.2, *[0.1] * (FIRST_BLOCKS - 2)])
+    assert target.bound[0] == pytest.approx(MARGIN * 0.2)
+    assert target.factor(0.001)[0] == START
+    learn_blocks(target, [0.1])
+    assert target.bound[0] == pytest.approx(MARGIN * 0.2)
+    assert target.factor(0.001)[0] == LARGEST
+    assert target.factor(0.1)[0] == pytest.approx(MARGIN * 2.0)
+    learn_blocks(target, [0.1] * FIRST_BLOCKS)
     assert target.bound[0] == pytest.approx(MARGIN * 0.1)
-    learn_blocks(target, [QUIET])
-    assert target.bound[0] == pytest.approx(MARGIN * QUIET)
 
 
 def test_all_is_known_after_the_first_blocks_of_motion() -> None:
     target = Strays(1)
-    learn_blocks(target, [])
     for k in range(FIRST_BLOCKS):
         assert target.known[0] == pytest.approx(k / FIRST_BLOCKS)
+        target.touched()  # takes nothing of it away
         for _ in range(BLOCK):
             target.learn(np.array([QUIET]), YES, YES, OPEN)
     assert target.known[0] == 1.0
@@ -130,23 +149,23 @@ def test_all_is_known_after_the_first_blocks_of_motion() -> None:
 def test_rest_alone_proves_nothing_but_counts_with_motion() -> None:
     target = Strays(1)
     for _ in range(20 * BLOCK):
-        target.learn(np.array([0.4]), YES, NO, OPEN)
+        target.learn(np.array([0.2]), YES, NO, OPEN)
     assert (target.bound[0], target.known[0]) == (0.0, 0.0)
-    learn_blocks(target, [QUIET])
-    assert target.bound[0] == pytest.approx(MARGIN * 0.4)
+    learn_blocks(target, [0.1] * FIRST_BLOCKS)
+    assert target.bound[0] == pytest.approx(MARGIN * 0.2)
 
 
 def test_the_beginning_of_a_touch_teaches_nothing() -> None:
     """It grows for a while before it is felt, and here the robot was at rest before."""
     target = Strays(1)
-    learn_blocks(target, [QUIET])
+    learn_blocks(target, [0.1] * FIRST_BLOCKS)
     for _ in range(BLOCK + BLOCK // 2):
-        target.learn(np.array([0.4]), YES, YES, OPEN)
+        target.learn(np.array([0.2]), YES, YES, OPEN)
     target.touched()
     for _ in range(PAUSE):
-        target.learn(np.array([QUIET]), YES, YES, OPEN)
-    learn_blocks(target, [QUIET] * 3)
-    assert target.bound[0] == pytest.approx(MARGIN * QUIET)
+        target.learn(np.array([0.1]), YES, YES, OPEN)
+    learn_blocks(target, [0.1] * 3)
+    assert target.bound[0] == pytest.approx(MARGIN * 0.1)
 
 
 def test_after_a_touch_nothing_is_learned_for_a_while() -> None:
@@ -170,7 +189,7 @@ def test_a_touch_takes_nothing_of_what_was_learned_before() -> None:
 
 def test_joints_that_cannot_be_judged_disturb_no_other() -> None:
     target = Strays(2)
-    for _ in range(2 * BLOCK):
+    for _ in range((FIRST_BLOCKS + 1) * BLOCK):
         target.learn(np.array([np.nan, 0.1]), np.array([False, True]), np.array([True, True]), OPEN)
     np.testing.assert_allclose(target.bound, [0.0, MARGIN * 0.1])
     # Nor does it matter later that there was nothing.
@@ -187,9 +206,8 @@ def test_reset_forgets() -> None:
     target.touched()
     target.reset()
     assert (target.bound[0], target.known[0]) == (0.0, 0.0)
-    learn_blocks(target, [QUIET])
-    assert target.bound[0] == pytest.approx(MARGIN * QUIET)
-    assert target.known[0] == pytest.approx(1 / FIRST_BLOCKS)
+    learn_blocks(target, [0.1] * FIRST_BLOCKS)
+    assert target.bound[0] == pytest.approx(MARGIN * 0.1)
 
 
 @pytest.mark.parametrize(
