@@ -26,7 +26,7 @@ MARGIN = 3.0
 MEDIAN_MARGIN = 8.0
 """Over the median of the blocks, and no more: where every fourth one holds a touch, the largest are all touches."""
 
-START = 3.0
+START = 2.0
 """Factor on identified thresholds when nothing is known of how the robot is today: a worn one strays so far."""
 
 FIRST_MOTION = FIRST_BLOCKS * BLOCK

@@ -174,26 +174,32 @@ def perform(run: Run, cache: Path | None = None) -> Take:
         TakeError: The robot fell or was stopped, REDRAWS times again, or could not be pushed as planned.
         PepperError: Plant or cache are not usable.
     """
-    for _ in range(REDRAWS):
-        try:
-            return _perform_once(run, cache)
-        except StoppedTakeError:
-            run = replace(run, seed=(*run.seed[:-1], run.seed[-1] + REDRAWN))
-    return _perform_once(run, cache)
-
-
-def _perform_once(run: Run, cache: Path | None) -> Take:
     robot = load_robot()
-    pepper = Pepper(take_uri(run), observer=None, robot=robot)
-    folder = None if cache is None else cache / _key(run, pepper.backend.info.identity)
-    if folder is not None and (folder / _LABELS).is_file():
-        # One that is damaged is performed again, and written anew.
-        with suppress(TakeError):
-            return Take.load(folder, robot)
-    take = _performed(run, pepper)
-    if folder is not None:
-        take.save(folder)
-    return take
+    drawn = [
+        replace(run, seed=(*run.seed[:-1], run.seed[-1] + again * REDRAWN))
+        for again in range(REDRAWS + 1)
+    ]
+    peppers = [Pepper(take_uri(one), observer=None, robot=robot) for one in drawn]
+    folders = [
+        None if cache is None else cache / _key(one, pepper.backend.info.identity)
+        for one, pepper in zip(drawn, peppers, strict=True)
+    ]
+    for folder in folders:
+        if folder is not None and (folder / _LABELS).is_file():
+            # One that is damaged is performed again, and written anew.
+            with suppress(TakeError):
+                return Take.load(folder, robot)
+    reasons = []
+    for one, pepper, folder in zip(drawn, peppers, folders, strict=True):
+        try:
+            take = _performed(one, pepper)
+        except StoppedTakeError as error:
+            reasons.append(error)
+            continue
+        if folder is not None:
+            take.save(folder)
+        return take
+    raise reasons[0]
 
 
 def takes(
