@@ -23,11 +23,14 @@ FIRST_BLOCKS = 15
 MARGIN = 3.0
 """Over it: how much larger the residual may still get."""
 
-MEDIAN_MARGIN = 8.0
+MEDIAN_MARGIN = 16.0
 """Over the median of the blocks, and no more: where every fourth one holds a touch, the largest are all touches."""
 
 START = 2.0
-"""Factor on identified thresholds when nothing is known of how the robot is today: a worn one strays so far."""
+"""Factor on identified thresholds when nothing is known of how the robot is today."""
+
+START_LEAST = np.radians(1.8)
+"""[rad] Where that is less: a worn joint strays so far, however quiet it was when it was identified."""
 
 FIRST_MOTION = FIRST_BLOCKS * BLOCK
 """Samples in motion until something is known of how the robot is today. Touches do not make it longer."""
@@ -78,9 +81,10 @@ class Strays:
 
     def factor(self, identified: FloatArray | float) -> FloatArray:
         """(n,) 1 or more, on the identified thresholds [rad] as things stand."""
-        today = np.maximum(START * (1.0 - self.known), self.bound / identified)
+        start = np.maximum(START, START_LEAST / identified)
+        today = np.maximum(start * (1.0 - self.known), self.bound / identified)
         # The largest of few blocks may be a touch, or how a joint set off: no reason to be more than unsure.
-        most = np.where(self._blocks < FIRST_BLOCKS, START, LARGEST)
+        most = np.where(self._blocks < FIRST_BLOCKS, start, LARGEST)
         factor: FloatArray = np.minimum(np.maximum(today, 1.0), most)
         return factor
 

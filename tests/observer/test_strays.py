@@ -19,6 +19,7 @@ from pepper_driver.observer.strays import (
     PAUSE,
     RANK,
     START,
+    START_LEAST,
     BoolArray,
     Strays,
 )
@@ -125,10 +126,12 @@ def test_of_the_first_blocks_the_largest_counts() -> None:
     target = Strays(1)
     learn_blocks(target, [0.2, *[0.1] * (FIRST_BLOCKS - 2)])
     assert target.bound[0] == pytest.approx(MARGIN * 0.2)
-    assert target.factor(0.001)[0] == START
+    assert target.factor(0.05)[0] == START
+    # A joint that was quiet when it was identified may stray as far as others.
+    assert target.factor(0.01)[0] == pytest.approx(START_LEAST / 0.01)
     learn_blocks(target, [0.1])
     assert target.bound[0] == pytest.approx(MARGIN * 0.2)
-    assert target.factor(0.001)[0] == LARGEST
+    assert target.factor(0.05)[0] == LARGEST
     assert target.factor(0.1)[0] == pytest.approx(MARGIN * 2.0)
     learn_blocks(target, [0.1] * FIRST_BLOCKS)
     assert target.bound[0] == pytest.approx(MARGIN * 0.1)
