@@ -20,7 +20,7 @@ from pepper_driver.config.loading import STRICT
 from pepper_driver.controller.tick import Tick
 from pepper_driver.observer.median import RunningMedian
 from pepper_driver.observer.recording import Recording
-from pepper_driver.observer.strays import Strays
+from pepper_driver.observer.strays import START, Strays
 
 FloatArray = NDArray[np.float64]
 Triple = tuple[float, float, float]
@@ -96,7 +96,10 @@ class BaseSignal:
         self._legs = _legs(robot)
         self._inverse = np.asarray(robot.wheels.inverse)
         self._window, self._still = window, TAPS + round(HOLD / robot.cycle)
-        self._adapt, self._strays = adapt, (Strays(3), Strays(3))
+        self._adapt = adapt
+        # Of the residual as a share of its bound: standing is the second.
+        bound, start = np.ones(3), np.full(3, START)
+        self._strays = (Strays(bound, start), Strays(bound, start))
         self._everything = np.ones(3, dtype=np.bool_)
         self.reset()
 
@@ -134,7 +137,7 @@ class BaseSignal:
         if not self._judged:
             self._blind -= 1
             return np.nan, np.nan
-        wider = self._strays[stands].factor(1.0) if self._adapt else 1.0
+        wider = self._strays[stands].factor if self._adapt else 1.0
         share, filtered = share / wider, self._filtered / wider
         size = np.abs(filtered)
         # An axis keeps telling while it tells nearly as much as any: its sign is that of the contact.
@@ -150,7 +153,7 @@ class BaseSignal:
                 strays.touched()
         elif self._judged:
             moved = self._everything & (moving or not stands)
-            self._strays[stands].learn(self._filtered, self._everything, moved, 1.0)
+            self._strays[stands].learn(self._filtered, self._everything, moved)
 
     def _remember(self, wheel_speed: FloatArray, load_torque: FloatArray) -> FloatArray:
         """Take in what was sent and what the legs bear; the inputs of the response, newest first."""

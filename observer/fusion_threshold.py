@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from pepper_driver.observer.forest import Forest
 from pepper_driver.observer.fusion_model import FusionModel
 from pepper_driver.observer.median import RecentLargest
-from pepper_driver.observer.strays import Strays
+from pepper_driver.observer.strays import START, Strays
 from pepper_driver.observer.tree import FEATURES
 
 FloatArray = NDArray[np.float64]
@@ -28,6 +28,9 @@ CHANGED_FACTOR = 2.0
 
 UNCERTAINTY_FACTOR = 2.0
 """Standard deviations, of not knowing the constants better, that a threshold rises by."""
+
+START_LEAST = np.radians(1.8)
+"""[rad] Thresholds begin here at least: a worn joint strays so far, however quiet it was when it was identified."""
 
 CALM = 0.5
 """Share of a threshold below which a residual may teach something."""
@@ -53,7 +56,8 @@ class FusionThreshold:
         self._bounds = Forest([None if m is None else m.bound for m in models])
         self._phase = np.zeros((FEATURES, len(models)))
         self.bounds = np.array([np.nan if m is None else m.largest_bound for m in models])
-        self._strays = Strays(len(models))
+        start = np.fmax(START, START_LEAST / self.bounds)
+        self._strays = Strays(self.bounds, start)
         self.reset()
 
     def reset(self) -> None:
@@ -89,7 +93,7 @@ class FusionThreshold:
         if self._adapt:
             doubt = UNCERTAINTY_FACTOR * uncertainty
             self.calm = CALM * (bound + doubt)
-            bound = bound * self._strays.factor(self.bounds) + doubt
+            bound = bound * self._strays.factor + doubt
         self.bearable = CALM * bound
         if np.count_nonzero(changed):
             bound = np.where(changed, CHANGED_FACTOR * bound, bound)
@@ -102,4 +106,4 @@ class FusionThreshold:
         if seen is None:
             self._strays.touched()
         else:
-            self._strays.learn(residual, seen, self.speed > RESTING, self.bounds)
+            self._strays.learn(residual, seen, self.speed > RESTING)

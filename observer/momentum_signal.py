@@ -7,11 +7,10 @@ from numpy.typing import NDArray
 
 from pepper_driver.controller.tick import Tick
 from pepper_driver.observer.fusion_model import FusionModel
-from pepper_driver.observer.hand_load import HandLoad
 from pepper_driver.observer.median import RunningMedian
 from pepper_driver.observer.momentum import ErrorDerivatives
 from pepper_driver.observer.recording import STALE_AGE
-from pepper_driver.observer.signal import FULL_STIFFNESS, Signal
+from pepper_driver.observer.signal import FULL_STIFFNESS, Signal, Unchanging
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
@@ -20,7 +19,7 @@ SIGN_VELOCITY = 0.03
 """[rad/s] Below which the sign of the friction is smoothed."""
 
 
-class MomentumSignal:
+class MomentumSignal(Unchanging):
     """What a momentum observer without memory makes of the same sensors and constants.
 
     r = eps - (J a + d v + F sign(v) + g tau_ld + offset), as in Eq. 10 over the stiffness, with measured velocity and
@@ -100,16 +99,3 @@ class MomentumSignal:
             band=self._nothing,
             blind=blind,
         )
-
-    @property
-    def worn(self) -> BoolArray:
-        """(n,) none: this mode does not follow the joints."""
-        return np.zeros(len(self.no_model), dtype=np.bool_)
-
-    @property
-    def held(self) -> dict[str, HandLoad]:
-        """Nothing: this mode does not follow what the hands hold."""
-        return {}
-
-    def learn(self, free: BoolArray, settled: BoolArray, untouched: bool) -> None:
-        """Nothing: its constants stay as they are."""

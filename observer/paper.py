@@ -8,17 +8,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pepper_driver.controller.tick import Tick
-from pepper_driver.observer.hand_load import HandLoad
 from pepper_driver.observer.median import RunningMedian
 from pepper_driver.observer.recording import STALE_AGE
-from pepper_driver.observer.signal import FULL_STIFFNESS, Signal
+from pepper_driver.observer.signal import FULL_STIFFNESS, Signal, Unchanging
 from pepper_driver.observer.tree import Tree
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 
 
-class PaperSignal:
+class PaperSignal(Unchanging):
     """Sec. III to V of the paper.
 
     A joint is blind
@@ -80,19 +79,6 @@ class PaperSignal:
             band=self._no_band,
             blind=blind,
         )
-
-    @property
-    def worn(self) -> BoolArray:
-        """(n,) none: this mode does not follow the joints."""
-        return np.zeros(len(self.no_model), dtype=np.bool_)
-
-    @property
-    def held(self) -> dict[str, HandLoad]:
-        """Nothing: this mode does not follow what the hands hold."""
-        return {}
-
-    def learn(self, free: BoolArray, settled: BoolArray, untouched: bool) -> None:
-        """Nothing: the models of the paper stay as they are."""
 
     def _expected(self, tick: Tick) -> FloatArray:
         """(n,) Eq. 12 of all joints [rad], NaN where there is no model."""

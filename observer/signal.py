@@ -47,6 +47,25 @@ class Signal:
     base_residual: float = np.nan
 
 
+class Unchanging:
+    """What a signal has to say that follows neither joints nor loads: the second half of :class:`ResidualSignal`."""
+
+    no_model: BoolArray
+
+    @property
+    def worn(self) -> BoolArray:
+        """(n,) none."""
+        return np.zeros(len(self.no_model), dtype=np.bool_)
+
+    @property
+    def held(self) -> dict[str, HandLoad]:
+        """Nothing."""
+        return {}
+
+    def learn(self, free: BoolArray, settled: BoolArray, untouched: bool) -> None:
+        """Nothing: its constants stay as they are."""
+
+
 class ResidualSignal(Protocol):
     """Makes residuals of ticks.
 

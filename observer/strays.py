@@ -29,9 +29,6 @@ MEDIAN_MARGIN = 16.0
 START = 2.0
 """Factor on identified thresholds when nothing is known of how the robot is today."""
 
-START_LEAST = np.radians(1.8)
-"""[rad] Where that is less: a worn joint strays so far, however quiet it was when it was identified."""
-
 FIRST_MOTION = FIRST_BLOCKS * BLOCK
 """Samples in motion until something is known of how the robot is today. Touches do not make it longer."""
 
@@ -56,37 +53,30 @@ class Strays:
     first half minute of a session, when nobody should touch the robot.
 
     Args:
-        width: Number of joints.
+        identified: (n,) thresholds [rad].
+        start: (n,) factor on them at the start, 1 or more.
 
     Attributes:
         bound: (n,) [rad].
         known: (n,) 0..1, how much of the first motion has been seen.
+        factor: (n,) 1 or more, on the identified thresholds as things stand.
     """
 
-    def __init__(self, width: int) -> None:
-        self._largest = np.zeros((width, BLOCKS))
+    def __init__(self, identified: FloatArray, start: FloatArray) -> None:
+        self._identified, self._start = identified, start
+        self._largest = np.zeros((len(identified), BLOCKS))
         self.reset()
 
     def reset(self) -> None:
         """Forget the session."""
-        width = len(self._largest)
+        width = len(self._identified)
         self._largest[:] = 0.0
-        self._blocks, self._motion = (
-            np.zeros(width, dtype=np.int64),
-            np.zeros(width, dtype=np.int64),
-        )
+        self._blocks = np.zeros(width, dtype=np.int64)
+        self._motion = np.zeros(width, dtype=np.int64)
         self.bound, self.known = np.zeros(width), np.zeros(width)
+        self.factor = self._start
         self._pause, self._untouched = 0, TOUCHED_LATELY
         self._drop()
-
-    def factor(self, identified: FloatArray | float) -> FloatArray:
-        """(n,) 1 or more, on the identified thresholds [rad] as things stand."""
-        start = np.maximum(START, START_LEAST / identified)
-        today = np.maximum(start * (1.0 - self.known), self.bound / identified)
-        # The largest of few blocks may be a touch, or how a joint set off: no reason to be more than unsure.
-        most = np.where(self._blocks < FIRST_BLOCKS, start, LARGEST)
-        factor: FloatArray = np.minimum(np.maximum(today, 1.0), most)
-        return factor
 
     def _drop(self) -> None:
         """Forget the blocks that may hold the beginning of a touch."""
@@ -101,13 +91,7 @@ class Strays:
             self._pause = PAUSE
             self._drop()
 
-    def learn(
-        self,
-        residual: FloatArray,
-        seen: BoolArray,
-        moving: BoolArray,
-        identified: FloatArray | float,
-    ) -> None:
+    def learn(self, residual: FloatArray, seen: BoolArray, moving: BoolArray) -> None:
         """Take in one tick without touch.
 
         A block takes in all samples, and is full when enough of them were in motion: rest alone proves nothing.
@@ -116,26 +100,36 @@ class Strays:
             residual: (n,) [rad].
             seen: (n,) joints that can be judged.
             moving: (n,) joints that are to move.
-            identified: (n,) identified thresholds [rad].
         """
         self._untouched += 1
-        self._motion += seen & moving
-        self.known = np.minimum(self._motion / FIRST_MOTION, 1.0)
+        counts = seen & moving
+        if not (self.known == 1.0).all():
+            self._motion += counts
+            self.known = np.minimum(self._motion / FIRST_MOTION, 1.0)
+            self._widen()
         if self._pause:
             self._pause -= 1
             return
         self._now = np.maximum(self._now, np.where(seen, np.abs(residual), 0.0))
-        self._samples += seen & moving
+        self._samples += counts
         over = self._samples >= BLOCK
         if not np.count_nonzero(over):
             return
         keep = over & ~np.isnan(self._before)
         if self._untouched < TOUCHED_LATELY:
-            suspect = self._before > TOUCH_SHARE * self.factor(identified) * identified
+            suspect = self._before > TOUCH_SHARE * self.factor * self._identified
             keep &= ~(suspect & (self.known == 1.0))
         for joint in np.flatnonzero(keep).tolist():
             self._keep(joint)
         self._before[over], self._now[over], self._samples[over] = self._now[over], 0.0, 0
+        self._widen()
+
+    def _widen(self) -> None:
+        """Bring the factor up to date."""
+        today = np.maximum(self._start * (1.0 - self.known), self.bound / self._identified)
+        # The largest of few blocks may be a touch, or how a joint set off: no reason to be more than unsure.
+        most = np.where(self._blocks < FIRST_BLOCKS, self._start, LARGEST)
+        self.factor = np.minimum(np.maximum(today, 1.0), most)
 
     def _keep(self, joint: int) -> None:
         """Remember the block before this one: no touch has followed it."""

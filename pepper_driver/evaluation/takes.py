@@ -179,27 +179,34 @@ def perform(run: Run, cache: Path | None = None) -> Take:
         replace(run, seed=(*run.seed[:-1], run.seed[-1] + again * REDRAWN))
         for again in range(REDRAWS + 1)
     ]
-    peppers = [Pepper(take_uri(one), observer=None, robot=robot) for one in drawn]
-    folders = [
-        None if cache is None else cache / _key(one, pepper.backend.info.identity)
-        for one, pepper in zip(drawn, peppers, strict=True)
-    ]
-    for folder in folders:
-        if folder is not None and (folder / _LABELS).is_file():
-            # One that is damaged is performed again, and written anew.
-            with suppress(TakeError):
-                return Take.load(folder, robot)
+    if cache is not None:
+        # A run that was drawn anew is kept under its new number only.
+        for one in drawn:
+            folder = _folder(one, _pepper(one, robot), cache)
+            if (folder / _LABELS).is_file():
+                # One that is damaged is performed again, and written anew.
+                with suppress(TakeError):
+                    return Take.load(folder, robot)
     reasons = []
-    for one, pepper, folder in zip(drawn, peppers, folders, strict=True):
+    for one in drawn:
+        pepper = _pepper(one, robot)
         try:
             take = _performed(one, pepper)
         except StoppedTakeError as error:
             reasons.append(error)
             continue
-        if folder is not None:
-            take.save(folder)
+        if cache is not None:
+            take.save(_folder(one, pepper, cache))
         return take
     raise reasons[0]
+
+
+def _pepper(run: Run, robot: RobotConfig) -> Pepper:
+    return Pepper(take_uri(run), observer=None, robot=robot)
+
+
+def _folder(run: Run, pepper: Pepper, cache: Path) -> Path:
+    return cache / _key(run, pepper.backend.info.identity)
 
 
 def takes(

@@ -19,7 +19,6 @@ from pepper_driver.observer.strays import (
     PAUSE,
     RANK,
     START,
-    START_LEAST,
     BoolArray,
     Strays,
 )
@@ -28,8 +27,9 @@ YES, NO = np.array([True]), np.array([False])
 QUIET = 1e-3
 
 
-OPEN = np.inf
-"""Identified threshold under which nothing is suspected to be a touch."""
+def strays(width: int = 1, identified: float = np.inf) -> Strays:
+    """With thresholds so high, if nothing else is said, that nothing is suspected to be a touch."""
+    return Strays(np.full(width, identified), np.full(width, START))
 
 
 def learn_blocks(target: Strays, sizes: list[float]) -> None:
@@ -40,7 +40,7 @@ def learn_blocks(target: Strays, sizes: list[float]) -> None:
     for k, size in enumerate([*sizes, QUIET]):
         for sample in range(BLOCK):
             here = sample == (7 * k) % BLOCK
-            target.learn(np.array([-size if here else 0.3 * size]), YES, YES, OPEN)
+            target.learn(np.array([-size if here else 0.3 * size]), YES, YES)
 
 
 def of_run(residual: FloatArray, seen: BoolArray, moving: BoolArray) -> list[float]:
@@ -86,12 +86,12 @@ def test_is_the_margin_over_a_high_rank_of_the_blocks(
     residual = rng.standard_normal((n, 3)) * np.exp(rng.standard_normal((n, 1)))
     seen, moving = rng.uniform(size=(n, 3)) < seen_share, rng.uniform(size=(n, 3)) < moving_share
     touches = sorted(k for k in touches if k < n)
-    target = Strays(3)
+    target = strays(3)
     for k, row in enumerate(zip(residual, seen, moving, strict=True)):
         if k in touches:
             target.touched()
         else:
-            target.learn(*row, OPEN)
+            target.learn(*row)
     for joint in range(3):
         bound, known = defined(residual[:, joint], seen[:, joint], moving[:, joint], touches)
         assert target.bound[joint] == pytest.approx(bound, rel=1e-12)
@@ -99,7 +99,7 @@ def test_is_the_margin_over_a_high_rank_of_the_blocks(
 
 
 def test_forgets_what_was_longer_ago_than_it_remembers() -> None:
-    target = Strays(1)
+    target = strays()
     learn_blocks(target, [0.2] * RANK + [0.1] * (BLOCKS - RANK))
     assert target.bound[0] == pytest.approx(MARGIN * 0.2)
     learn_blocks(target, [0.1] * RANK)
@@ -108,7 +108,7 @@ def test_forgets_what_was_longer_ago_than_it_remembers() -> None:
 
 def test_two_touches_that_were_not_felt_leave_no_trace() -> None:
     quiet = [0.1] * (FIRST_BLOCKS * RANK)
-    target = Strays(1)
+    target = strays()
     learn_blocks(target, [*quiet, 0.2, *quiet[:5], 0.3])
     assert target.bound[0] == pytest.approx(MARGIN * 0.1)
     learn_blocks(target, [0.2])
@@ -116,43 +116,43 @@ def test_two_touches_that_were_not_felt_leave_no_trace() -> None:
 
 
 def test_touches_in_every_fourth_block_do_not_make_it_deaf() -> None:
-    target = Strays(1)
+    target = strays()
     learn_blocks(target, [9.0, 0.1, 0.1, 0.1] * 12)
     assert target.bound[0] == pytest.approx(MEDIAN_MARGIN * 0.1)
 
 
 def test_of_the_first_blocks_the_largest_counts() -> None:
     """As long as they are too few, no threshold rises beyond what it is at the start."""
-    target = Strays(1)
-    learn_blocks(target, [0.2, *[0.1] * (FIRST_BLOCKS - 2)])
-    assert target.bound[0] == pytest.approx(MARGIN * 0.2)
-    assert target.factor(0.05)[0] == START
-    # A joint that was quiet when it was identified may stray as far as others.
-    assert target.factor(0.01)[0] == pytest.approx(START_LEAST / 0.01)
-    learn_blocks(target, [0.1])
-    assert target.bound[0] == pytest.approx(MARGIN * 0.2)
-    assert target.factor(0.05)[0] == LARGEST
-    assert target.factor(0.1)[0] == pytest.approx(MARGIN * 2.0)
+    target, low = strays(identified=0.1), strays(identified=0.05)
+    for some in target, low:
+        learn_blocks(some, [0.2, *[0.1] * (FIRST_BLOCKS - 2)])
+        assert some.bound[0] == pytest.approx(MARGIN * 0.2)
+        assert some.factor[0] == START
+        learn_blocks(some, [0.1])
+        assert some.bound[0] == pytest.approx(MARGIN * 0.2)
+    assert low.factor[0] == LARGEST
+    assert target.factor[0] == pytest.approx(MARGIN * 2.0)
     learn_blocks(target, [0.1] * FIRST_BLOCKS)
     assert target.bound[0] == pytest.approx(MARGIN * 0.1)
+    assert target.factor[0] == pytest.approx(MARGIN)
 
 
 def test_all_is_known_after_the_first_blocks_of_motion() -> None:
-    target = Strays(1)
+    target = strays()
     for k in range(FIRST_BLOCKS):
         assert target.known[0] == pytest.approx(k / FIRST_BLOCKS)
         target.touched()  # takes nothing of it away
         for _ in range(BLOCK):
-            target.learn(np.array([QUIET]), YES, YES, OPEN)
+            target.learn(np.array([QUIET]), YES, YES)
     assert target.known[0] == 1.0
     learn_blocks(target, [QUIET] * BLOCKS)
     assert target.known[0] == 1.0
 
 
 def test_rest_alone_proves_nothing_but_counts_with_motion() -> None:
-    target = Strays(1)
+    target = strays()
     for _ in range(20 * BLOCK):
-        target.learn(np.array([0.2]), YES, NO, OPEN)
+        target.learn(np.array([0.2]), YES, NO)
     assert (target.bound[0], target.known[0]) == (0.0, 0.0)
     learn_blocks(target, [0.1] * FIRST_BLOCKS)
     assert target.bound[0] == pytest.approx(MARGIN * 0.2)
@@ -160,52 +160,52 @@ def test_rest_alone_proves_nothing_but_counts_with_motion() -> None:
 
 def test_the_beginning_of_a_touch_teaches_nothing() -> None:
     """It grows for a while before it is felt, and here the robot was at rest before."""
-    target = Strays(1)
+    target = strays()
     learn_blocks(target, [0.1] * FIRST_BLOCKS)
     for _ in range(BLOCK + BLOCK // 2):
-        target.learn(np.array([0.2]), YES, YES, OPEN)
+        target.learn(np.array([0.2]), YES, YES)
     target.touched()
     for _ in range(PAUSE):
-        target.learn(np.array([0.1]), YES, YES, OPEN)
+        target.learn(np.array([0.1]), YES, YES)
     learn_blocks(target, [0.1] * 3)
     assert target.bound[0] == pytest.approx(MARGIN * 0.1)
 
 
 def test_after_a_touch_nothing_is_learned_for_a_while() -> None:
-    target = Strays(1)
+    target = strays()
     for touch in range(3):
         for _ in range(50):
             target.touched()
         # The last of them counts.
         for _ in range(PAUSE if touch == 2 else PAUSE // 2):
-            target.learn(np.array([0.4]), YES, YES, OPEN)
+            target.learn(np.array([0.4]), YES, YES)
     learn_blocks(target, [0.1])
     assert target.bound[0] == pytest.approx(MARGIN * 0.1)
 
 
 def test_a_touch_takes_nothing_of_what_was_learned_before() -> None:
-    target = Strays(1)
+    target = strays()
     learn_blocks(target, [0.1] * FIRST_BLOCKS)
     target.touched()
     assert (target.bound[0], target.known[0]) == (pytest.approx(MARGIN * 0.1), 1.0)
 
 
 def test_joints_that_cannot_be_judged_disturb_no_other() -> None:
-    target = Strays(2)
+    target = strays(2)
     for _ in range((FIRST_BLOCKS + 1) * BLOCK):
-        target.learn(np.array([np.nan, 0.1]), np.array([False, True]), np.array([True, True]), OPEN)
+        target.learn(np.array([np.nan, 0.1]), np.array([False, True]), np.array([True, True]))
     np.testing.assert_allclose(target.bound, [0.0, MARGIN * 0.1])
     # Nor does it matter later that there was nothing.
     for _ in range(2 * BLOCK):
-        target.learn(np.array([0.2, 0.1]), np.array([True, True]), np.array([True, True]), OPEN)
+        target.learn(np.array([0.2, 0.1]), np.array([True, True]), np.array([True, True]))
     np.testing.assert_allclose(target.bound, [MARGIN * 0.2, MARGIN * 0.1])
 
 
 def test_reset_forgets() -> None:
-    target = Strays(1)
+    target = strays()
     learn_blocks(target, [9.0] * 30)
     for _ in range(BLOCK // 2):  # of a block that is not full
-        target.learn(np.array([9.0]), YES, YES, OPEN)
+        target.learn(np.array([9.0]), YES, YES)
     target.touched()
     target.reset()
     assert (target.bound[0], target.known[0]) == (0.0, 0.0)
@@ -222,15 +222,15 @@ def test_what_is_nearly_felt_among_touches_widens_nothing(
 ) -> None:
     """Once today's strays are known; of a robot that nobody touches, all of it is what it strays by."""
     identified = 3.0 * MARGIN * QUIET
-    target = Strays(1)
+    target = strays(identified=identified)
     for _ in range((FIRST_BLOCKS + 2) * BLOCK):
-        target.learn(np.array([QUIET]), YES, YES, identified)
+        target.learn(np.array([QUIET]), YES, YES)
     before = float(target.bound[0])
     assert target.known[0] == 1.0
     if touched:
         target.touched()
         for _ in range(PAUSE):
-            target.learn(np.array([share * identified]), YES, YES, identified)
+            target.learn(np.array([share * identified]), YES, YES)
     for _ in range(10 * BLOCK):
-        target.learn(np.array([share * identified]), YES, YES, identified)
+        target.learn(np.array([share * identified]), YES, YES)
     assert (float(target.bound[0]) > before) == counts
