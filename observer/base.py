@@ -36,7 +36,7 @@ RIDGE = 1e-3  # of the mean square of the inputs
 STANDING = 0.005
 """[m/s], [rad/s] A base that has been sent no faster for the length of the response stands."""
 
-MARGIN = 2.0
+MARGIN = 2.6
 """Over the largest residual of the calibration."""
 
 SAME_AXIS = 0.5

@@ -156,10 +156,7 @@ class FusionSignal:
         if self._adapt and self._count % DOUBT_PERIOD == 0:
             self._doubt = self._uncertainty(then)
         threshold = self._threshold.step(
-            velocity,
-            acceleration,
-            tick.changed,
-            self._doubt,
+            velocity, acceleration, tick.changed, self._doubt, self._unsettled()
         )
         torque, torque_std = self._torque.step(filtered, then.friction, threshold)
         expected_error = then.target - then.position + then.remainder
@@ -182,6 +179,12 @@ class FusionSignal:
             base_raw=base[0],
             base_residual=base[1],
         )
+
+    def _unsettled(self) -> FloatArray | None:
+        """(n,) 0..1, how lately joints were let go whose boards sum errors up; None where all have settled."""
+        if not 0 < self._untouched < PAUSE:
+            return None
+        return self._expectation.integrates * (1.0 - self._untouched / PAUSE)
 
     def _blind(self, bad: BoolArray | None, measured: FloatArray) -> BoolArray:
         """(n,) joints that cannot be judged; their twins stay where they are."""

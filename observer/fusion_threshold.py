@@ -26,6 +26,9 @@ THRESHOLD_MEMORY = 0.25
 CHANGED_FACTOR = 2.0
 """While the safety gate alters a command: the load torque belongs to the command that was wanted."""
 
+UNSETTLED = 0.5
+"""By this share a threshold is higher just after a touch where a board sums errors up: it lets go of them later."""
+
 UNCERTAINTY_FACTOR = 2.0
 """Standard deviations, of not knowing the constants better, that a threshold rises by."""
 
@@ -74,6 +77,7 @@ class FusionThreshold:
         acceleration: FloatArray,
         changed: BoolArray,
         uncertainty: FloatArray,
+        unsettled: FloatArray | None = None,
     ) -> FloatArray:
         """Take in one tick; returns (n,) thresholds [rad].
 
@@ -82,6 +86,7 @@ class FusionThreshold:
             acceleration: (n,) desired [rad/s2].
             changed: (n,) where the safety gate altered the command.
             uncertainty: (n,) standard deviation of the expected error [rad].
+            unsettled: (n,) 0..1, how lately the robot was let go; None for nowhere.
         """
         speed, size, largest = self._phase
         np.abs(velocity, out=speed)
@@ -97,6 +102,8 @@ class FusionThreshold:
         self.bearable = CALM * bound
         if np.count_nonzero(changed):
             bound = np.where(changed, CHANGED_FACTOR * bound, bound)
+        if unsettled is not None:
+            bound = bound * (1.0 + UNSETTLED * unsettled)
         return self._recent.push(bound)
 
     def learn(self, residual: FloatArray, seen: BoolArray | None) -> None:

@@ -40,6 +40,9 @@ LEAST_NOISE = np.radians(0.3) ** 2
 FRICTION_DOUBT = 0.5
 """Share of a joint's friction that counts as noise too."""
 
+LOAD_DOUBT = 0.15
+"""Share of what the hands' load does to a joint that nobody foresees: gears rub harder under load."""
+
 UNDER_WAY = 20
 """Ticks for which a joint must have moved: before, nobody knows what its friction holds."""
 
@@ -117,10 +120,16 @@ class HandLoads:
         return torque
 
     def variance(self) -> FloatArray:
-        """(n,) of the expected tracking error, for not knowing better what the hands hold [rad2]."""
+        """(n,) of the expected tracking error, for not knowing better what the hands' load does [rad2]."""
         seen = self._regressor @ self._covariance
-        variance: FloatArray = self._gain**2 * np.einsum("ij,ij->i", seen, self._regressor)
+        unknown = np.einsum("ij,ij->i", seen, self._regressor)
+        variance: FloatArray = self._gain**2 * (unknown + self._unforeseen())
         return variance
+
+    def _unforeseen(self) -> FloatArray:
+        """(n,) variance of the load torque that no estimate of the hands explains [(N m)2]."""
+        torque: FloatArray = LOAD_DOUBT * (self._regressor @ self._load)
+        return torque**2
 
     def update(self, residual: FloatArray, noise: FloatArray, use: BoolArray) -> FloatArray:
         """Learn from the residual of the last tick; (n,) how much of it that explains [rad].
@@ -130,6 +139,7 @@ class HandLoads:
             noise: (n,) variance of it for not knowing the joints better [rad2].
             use: (n,) joints to learn from: they move, and nothing touches them.
         """
+        noise = noise + self._gain**2 * self._unforeseen()
         use = use & np.isfinite(noise)
         effect = self._regressor * np.where(use, self._gain, 0.0)[:, None]
         weighted = effect.T / np.where(use, self._noise + noise, 1.0)

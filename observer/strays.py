@@ -18,7 +18,10 @@ RANK = 3
 """The largest, second largest... of the blocks that counts: two touches that were not felt leave no trace."""
 
 FIRST_BLOCKS = 15
-"""Of so many the largest counts, of twice as many the second largest; fewer raise no threshold beyond START."""
+"""Of so many the largest counts, of twice as many the second largest."""
+
+FEW_MARGIN = 4.0
+"""Over the median of fewer blocks, and no more: the largest of them may be a touch, or how a joint set off."""
 
 MARGIN = 3.0
 """Over it: how much larger the residual may still get."""
@@ -74,6 +77,7 @@ class Strays:
         self._blocks = np.zeros(width, dtype=np.int64)
         self._motion = np.zeros(width, dtype=np.int64)
         self.bound, self.known = np.zeros(width), np.zeros(width)
+        self._usual = np.zeros(width)
         self.factor = self._start
         self._pause, self._untouched = 0, TOUCHED_LATELY
         self._drop()
@@ -126,9 +130,9 @@ class Strays:
 
     def _widen(self) -> None:
         """Bring the factor up to date."""
+        few = np.maximum(self._start, FEW_MARGIN * self._usual / self._identified)
+        most = np.where(self._blocks < FIRST_BLOCKS, np.minimum(few, LARGEST), LARGEST)
         today = np.maximum(self._start * (1.0 - self.known), self.bound / self._identified)
-        # The largest of few blocks may be a touch, or how a joint set off: no reason to be more than unsure.
-        most = np.where(self._blocks < FIRST_BLOCKS, self._start, LARGEST)
         self.factor = np.minimum(np.maximum(today, 1.0), most)
 
     def _keep(self, joint: int) -> None:
@@ -138,4 +142,5 @@ class Strays:
         blocks = min(int(self._blocks[joint]), BLOCKS)
         seen = np.sort(self._largest[joint, :blocks])
         rank = min(RANK, max(blocks // FIRST_BLOCKS, 1))
-        self.bound[joint] = min(MARGIN * seen[-rank], MEDIAN_MARGIN * seen[blocks // 2])
+        self._usual[joint] = seen[blocks // 2]
+        self.bound[joint] = min(MARGIN * seen[-rank], MEDIAN_MARGIN * self._usual[joint])

@@ -86,6 +86,26 @@ def test_a_board_keeps_what_it_has_summed_up_while_its_joint_cannot_be_judged() 
     assert max(after) < 0.1 * model.largest_bound
 
 
+@pytest.mark.parametrize("integral_rate", [0.0, 2.0])
+def test_boards_that_sum_up_are_given_time_to_let_go(integral_rate: float) -> None:
+    """Of a touch they push against for a while after it has gone; their thresholds come down in two seconds."""
+    model = fusion_model(replace(TWIN, integral_rate=integral_rate))
+    motion = standing(8.0)
+    signal = fusion_signal(model, adapt=True)
+    free, nothing = np.ones(JOINTS, dtype=np.bool_), np.zeros(JOINTS, dtype=np.bool_)
+    thresholds = []
+    for k, one in enumerate(ticks_of(motion, drive(motion, model.twin))):
+        thresholds.append(float(signal.step(one).threshold[ELBOW]))
+        signal.learn(free, nothing, not 3.0 <= k * CYCLE < 4.0)
+    before, after = thresholds[round(3.9 / CYCLE)], thresholds[round(4.1 / CYCLE)]
+    later = thresholds[round(6.5 / CYCLE)]
+    if integral_rate:
+        assert after > 1.4 * before
+    else:
+        assert after == pytest.approx(before, rel=1e-2)
+    assert later == pytest.approx(before, rel=1e-2)
+
+
 def pushed_base(adapt: bool, bounds: float) -> tuple[list[Contact], ContactObserver]:
     """The elbow swings; the base is pushed from 30 to 40 s and from 45 to 46 s."""
     motion = swing(48.0, rate=1.5)

@@ -232,6 +232,7 @@ def test_finds_the_load_of_an_arm_that_moves(arm: str, joint: str) -> None:
 def test_without_wandering_it_is_ridge_regression(monkeypatch: pytest.MonkeyPatch) -> None:
     """All samples at once, each with its noise, and the prior as penalty."""
     monkeypatch.setattr(hand_load, "WANDER", np.zeros(4))
+    monkeypatch.setattr(hand_load, "LOAD_DOUBT", 0.0)
     gains = np.linspace(0.005, 0.02, JOINTS)
     gains[3] = 0.0
     of_joint: list[FusionModel | None] = [
@@ -282,6 +283,18 @@ def test_it_knows_less_with_time_but_never_less_than_at_the_start(rng: np.random
         target.update(rng.normal(size=JOINTS), NOISE, nobody)
     expected = np.hypot(before, hand_load.WANDER[0])
     assert target.held()["left_arm"].mass_std == pytest.approx(expected, rel=1e-2)
+
+
+def test_a_share_of_what_the_load_does_stays_doubtful(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Gears rub harder under load: however well a load is known, joints stray more that bear much of it."""
+    target = hands()
+    follow(target, loaded({"LWristYaw": point(MASS, PLACE)}), 10.0)
+    torque = target.step(MIDDLE, ZERO, ZERO)
+    variance = target.variance()
+    monkeypatch.setattr(hand_load, "LOAD_DOUBT", 0.0)
+    unforeseen = variance - target.variance()
+    np.testing.assert_allclose(unforeseen, (0.15 * GAIN * torque) ** 2, rtol=1e-6, atol=1e-15)
+    assert unforeseen.max() > 1e-7
 
 
 def test_joints_that_are_not_used_teach_nothing() -> None:

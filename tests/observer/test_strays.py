@@ -11,6 +11,7 @@ from observer_cases import FloatArray
 from pepper_driver.observer.strays import (
     BLOCK,
     BLOCKS,
+    FEW_MARGIN,
     FIRST_BLOCKS,
     FIRST_MOTION,
     LARGEST,
@@ -19,6 +20,7 @@ from pepper_driver.observer.strays import (
     PAUSE,
     RANK,
     START,
+    TOUCHED_LATELY,
     BoolArray,
     Strays,
 )
@@ -122,16 +124,17 @@ def test_touches_in_every_fourth_block_do_not_make_it_deaf() -> None:
 
 
 def test_of_the_first_blocks_the_largest_counts() -> None:
-    """As long as they are too few, no threshold rises beyond what it is at the start."""
-    target, low = strays(identified=0.1), strays(identified=0.05)
-    for some in target, low:
-        learn_blocks(some, [0.2, *[0.1] * (FIRST_BLOCKS - 2)])
-        assert some.bound[0] == pytest.approx(MARGIN * 0.2)
-        assert some.factor[0] == START
-        learn_blocks(some, [0.1])
-        assert some.bound[0] == pytest.approx(MARGIN * 0.2)
-    assert low.factor[0] == LARGEST
-    assert target.factor[0] == pytest.approx(MARGIN * 2.0)
+    """As long as they are too few, within FEW_MARGIN medians: a touch is in few of them."""
+    for identified, few in (0.1, FEW_MARGIN), (0.05, 2 * FEW_MARGIN), (0.5, START):
+        target = strays(identified=identified)
+        learn_blocks(target, [0.9, *[0.1] * (FIRST_BLOCKS - 2)])
+        assert target.bound[0] == pytest.approx(MEDIAN_MARGIN * 0.1)
+        assert target.factor[0] == pytest.approx(few)
+        learn_blocks(target, [0.1])
+        assert target.factor[0] == pytest.approx(min(MEDIAN_MARGIN * 0.1 / identified, LARGEST))
+    target = strays(identified=0.1)
+    learn_blocks(target, [0.2, *[0.1] * (FIRST_BLOCKS - 1)])
+    assert target.bound[0] == pytest.approx(MARGIN * 0.2)
     learn_blocks(target, [0.1] * FIRST_BLOCKS)
     assert target.bound[0] == pytest.approx(MARGIN * 0.1)
     assert target.factor[0] == pytest.approx(MARGIN)
@@ -211,6 +214,19 @@ def test_reset_forgets() -> None:
     assert (target.bound[0], target.known[0]) == (0.0, 0.0)
     learn_blocks(target, [0.1] * FIRST_BLOCKS)
     assert target.bound[0] == pytest.approx(MARGIN * 0.1)
+
+
+def test_long_after_a_touch_what_is_nearly_felt_counts_again() -> None:
+    identified = 3.0 * MARGIN * QUIET
+    target = strays(identified=identified)
+    learn_blocks(target, [QUIET] * (FIRST_BLOCKS + 2))
+    target.touched()
+    for _ in range(TOUCHED_LATELY + PAUSE):
+        target.learn(np.array([QUIET]), YES, NO)
+    before = float(target.bound[0])
+    for _ in range(3 * BLOCK):
+        target.learn(np.array([0.9 * identified]), YES, YES)
+    assert float(target.bound[0]) > before
 
 
 @pytest.mark.parametrize(
