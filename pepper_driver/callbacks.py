@@ -186,13 +186,13 @@ class Dispatcher:
                 receiver.end()
             if self._distributor is not None:
                 self._distributor.close()
-        if self._distributor is not None:  # the user's code does not run there: it ends soon
-            self._distributor.join(deadline)
+        # No user's code runs there: it ends soon.
+        handed_out = self._distributor is None or self._distributor.join(deadline)
         for thread in self._threads:
             thread.close()
         if self._inside():
             return False
-        return all([thread.join(deadline) for thread in self._threads])
+        return all([handed_out, *[thread.join(deadline) for thread in self._threads]])
 
     def statistics(self) -> tuple[CallbackStatistics, ...]:
         """Counts and times of every callback, in the order they were first subscribed."""

@@ -80,7 +80,7 @@ def test_it_takes_what_is_asked_for_and_nothing_from_before() -> None:
 
 
 def test_another_thread_waits_for_the_one_that_runs() -> None:
-    pepper = make_pepper({5: (contact(1),), 50: (contact(2),)})
+    pepper = make_pepper({5: (contact(1),), 17: (contact(2),), 27: (contact(3),)})
     with pepper:
         waiting = Waiting(pepper, timeout=1.0)
         pepper.run(3 * CYCLE)
@@ -89,8 +89,11 @@ def test_another_thread_waits_for_the_one_that_runs() -> None:
         assert waiting.join() == contact(1)
         assert pepper.time == pytest.approx(6 * CYCLE)  # it has run nothing itself
         waiting = Waiting(pepper, timeout=10 * CYCLE)
-        pepper.run(100 * CYCLE)
-        assert waiting.join() is None  # the second contact came too late
+        pepper.run(11 * CYCLE)
+        assert waiting.join() is None  # the second contact came a tick too late
+        waiting = Waiting(pepper, timeout=10 * CYCLE)
+        pepper.run(20 * CYCLE)
+        assert waiting.join() == contact(3)  # in the last tick
 
 
 def until_somebody_waits(pepper: Pepper) -> None:
