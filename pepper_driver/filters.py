@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from itertools import count
 from numbers import Real
 from typing import TypedDict, get_args
 
@@ -73,14 +72,23 @@ def contact_filter(
 
 
 def tick_filter(every: int) -> Callable[[TickEvent], bool]:
-    """Picks one tick in ``every``, the first one first.
+    """Picks the first tick of each run, and each that is ``every`` cycles or more behind the last one picked.
 
     Raises:
         ListeningError: That is no number of ticks.
     """
     check_count("every", every)
-    ticks = count()  # not the number of the measurement: a tick that was missed would lose a call
-    return lambda _: next(ticks) % every == 0
+    last = due = 0
+
+    def wanted(event: TickEvent) -> bool:
+        nonlocal last, due
+        before, last = last, event.tick.measurement.tick
+        if before < last < due:
+            return False
+        due = last + every
+        return True
+
+    return wanted
 
 
 def sensor_filter(

@@ -1,7 +1,9 @@
 """Filters pick the events wanted, and refuse names and numbers that would never be heard."""
 
 from collections.abc import Callable
-from typing import Any
+from itertools import accumulate
+from types import SimpleNamespace
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -69,12 +71,28 @@ def test_intensities_are_checked(intensity: Any) -> None:
     assert isinstance(caught.value, PepperError)
 
 
-@given(st.integers(1, 20), st.integers(0, 100))
-def test_one_tick_in_so_many(every: int, ticks: int) -> None:
+def after(number: int) -> TickEvent:
+    tick = SimpleNamespace(measurement=SimpleNamespace(tick=number))
+    return TickEvent(tick=cast("Tick", tick), observation=None)
+
+
+@given(st.integers(1, 20), st.integers(1, 50), st.integers(0, 100))
+def test_one_tick_in_so_many(every: int, first: int, ticks: int) -> None:
     wanted = tick_filter(every)
-    event = TickEvent(tick=Tick.__new__(Tick), observation=None)
-    picked = [number for number in range(ticks) if wanted(event)]
-    assert picked == list(range(0, ticks, every))
+    for _ in range(2):  # a new run counts from the beginning
+        numbers = range(first, first + ticks)
+        picked = [number for number in numbers if wanted(after(number))]
+        assert picked == list(numbers)[::every]
+
+
+@given(st.integers(1, 10), st.lists(st.integers(1, 30), min_size=1))
+def test_ticks_that_were_missed_delay_no_call(every: int, steps: list[int]) -> None:
+    wanted = tick_filter(every)
+    picked = 0
+    for number in accumulate(steps):
+        assert wanted(after(number)) == (picked == 0 or number - picked >= every)
+        if picked == 0 or number - picked >= every:
+            picked = number
 
 
 @pytest.mark.parametrize("every", [0, -1, 1.5, True, "2", None])
