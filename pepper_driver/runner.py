@@ -15,6 +15,8 @@ class Runner:
         self._home = threading.current_thread()
         self._running: threading.Thread | None = None
         self._lock = threading.RLock()
+        self._free = threading.Event()
+        self._free.set()
 
     def check_free(self) -> None:
         """Refuse to run a robot that runs.
@@ -41,10 +43,16 @@ class Runner:
             self.check_free()
         return running is None and self._home is threading.current_thread()
 
+    def wait_until_free(self, timeout: float) -> None:
+        """Wait up to ``timeout`` [s] for another thread that runs the robot."""
+        if self._running is not threading.current_thread():
+            self._free.wait(timeout)
+
     def __enter__(self) -> None:
         with self._lock:
             self.check_free()
             self._running = threading.current_thread()
+            self._free.clear()
 
     def __exit__(
         self,
@@ -53,3 +61,4 @@ class Runner:
         traceback: TracebackType | None,
     ) -> None:
         self._running = None
+        self._free.set()

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from pepper_driver.backends import Backend
+from pepper_driver.backends import Backend, BackendError
 from pepper_driver.callbacks import Dispatcher, Subscription
 from pepper_driver.config import ControllerSettings, RobotConfig
 from pepper_driver.controller import Tick, WholeBodyController
@@ -25,6 +25,8 @@ from pepper_driver.sensor_edges import SensorEdges
 
 CALLBACK_TIME = 2.0
 """[s] that the end of a run waits for all callbacks that are still busy."""
+LONGEST_TICK = 1.0
+"""[s] that closing waits for a tick under way in another thread."""
 
 
 class Session:
@@ -71,6 +73,7 @@ class Session:
         self.cycle = robot.cycle
         self._paced = paced
         self.runner = Runner()
+        self._closing = threading.RLock()  # re-entrant, for signal handlers
         self.feels = observer is not None
         self._fault_told = threading.Lock()  # taken by the first who tells, and never given back
         self._listeners: list[Callable[[Tick, Observation | None], None]] = []
@@ -127,11 +130,13 @@ class Session:
         )
 
     def close(self) -> None:
-        """End the robot's part, then the log, then the callbacks. Does nothing when closed."""
+        """End the robot's part, then the log, then the callbacks. Does nothing when closed. From any thread."""
         self.active = False
-        self._gate.deactivate()
-        with self._after_backend:  # each is done even if the one before fails
-            self._backend.close()
+        with self._closing:  # by one thread at a time, and not into another's tick
+            self.runner.wait_until_free(LONGEST_TICK)
+            self._gate.deactivate()
+            with self._after_backend:  # each is done even if the one before fails
+                self._backend.close()
 
     def run(
         self,
@@ -146,7 +151,7 @@ class Session:
 
         Raises:
             FaultError: The safety gate stopped the robot.
-            BackendError: Another thread runs it, or it is called inside a tick.
+            BackendError: Another thread runs it or has closed it, or it is called inside a tick.
         """
         ended = False
         with self.runner:
@@ -155,6 +160,8 @@ class Session:
             deadline = time.perf_counter()
             try:
                 for _ in ticks:
+                    if not self.active:
+                        raise BackendError("the robot was closed while it ran")
                     tick = self.loop.tick()
                     ended = until is not None and until(tick)
                     if ended:

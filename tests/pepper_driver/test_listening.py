@@ -19,6 +19,7 @@ from pepper_driver import (
     Hold,
     PepperError,
     ReflexEvent,
+    RobotState,
     SensorEvent,
     TickEvent,
 )
@@ -324,6 +325,43 @@ def test_only_one_thread_runs_the_robot_and_no_tick_runs_ticks(
         go.set()
         runner.join(LONG)
         pepper.run(CYCLE)
+
+
+class Noting(FakeBackend):
+    """Notes when it is closed."""
+
+    def __init__(self, order: list[str]) -> None:
+        super().__init__()
+        self.order = order
+
+    def close(self) -> None:
+        self.order.append("close")
+
+
+def test_a_callback_may_close_the_robot() -> None:
+    """The tick under way ends first, and who runs it is told."""
+    pepper = make_pepper({3: (contact(1),)})
+    order: list[str] = []
+    closed = threading.Event()
+
+    @pepper.on_contact()
+    def enough(event: Contact) -> None:
+        pepper.close()
+        closed.set()
+
+    def slow(tick: Tick, observation: Observation | None) -> None:
+        order.append("tick begins")
+        time.sleep(0.02)
+        order.append("tick ends")
+
+    pepper.backend = Noting(order)
+    with pepper:
+        with pytest.raises(BackendError, match="closed while it ran"):
+            pepper.run(1e4 * CYCLE, on_tick=slow)
+        assert closed.wait(LONG)
+    assert pepper.state is RobotState.INACTIVE
+    assert order.index("close") == len(order) - order.count("close")
+    assert order[order.index("close") - 1] == "tick ends"
 
 
 def test_real_time_does_not_wait_for_callbacks_between_runs() -> None:
