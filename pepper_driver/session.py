@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import ExitStack
 from pathlib import Path
@@ -16,6 +15,7 @@ from pepper_driver.controller import Tick, WholeBodyController
 from pepper_driver.log import LogWriter, run_metadata
 from pepper_driver.loop import Loop
 from pepper_driver.observer import Contact, Observation, Observer
+from pepper_driver.pacing import Pacer
 from pepper_driver.reflexes import Reflex
 from pepper_driver.safety import SafetyGate
 
@@ -35,7 +35,7 @@ class Session:
         reflexes: Called in this order in every tick.
         log: Where to write the MCAP log; None for no log.
         subscriptions: Callbacks from the first tick on, with what each wants.
-        paced: Whether ticks wait for the wall clock.
+        pacer: Says when ticks begin.
 
     Attributes:
         active: Until it is closed.
@@ -58,11 +58,10 @@ class Session:
         reflexes: Sequence[Reflex],
         log: Path | None,
         subscriptions: Sequence[tuple[ContactCallback, ContactPredicate]],
-        paced: bool,
+        pacer: Pacer,
     ) -> None:
         self._backend = backend
-        self._cycle = robot.cycle
-        self._paced = paced
+        self._pacer = pacer
         self._listeners: list[Callable[[Tick, Observation | None], None]] = []
         self.active = False
         self.contacts: list[Contact] = []
@@ -129,31 +128,37 @@ class Session:
         on_tick: Callable[[Tick, Observation | None], None] | None,
         until: Callable[[Tick], bool] | None,
     ) -> bool:
-        """Tick, paced if need be, then wait until the callbacks so far have been handled.
+        """Tick when the pacer says so. In simulated time, then wait until the callbacks so far have been handled.
+
+        A tick that is missed is made up for at the end: motions count ticks and must not jump.
 
         Returns:
-            Whether ``until``, asked after every tick, ended it.
+            Whether ``until``, asked at the end of every tick, ended it.
 
         Raises:
             FaultError: The safety gate stopped the robot.
         """
         ended = False
-        if on_tick is not None:
-            self._listeners.append(on_tick)
-        deadline = time.perf_counter()
-        try:
-            for _ in ticks:
-                tick = self.loop.tick()
-                ended = until is not None and until(tick)
-                if ended:
-                    break
-                if self._paced:
-                    deadline += self._cycle
-                    time.sleep(max(0.0, deadline - time.perf_counter()))
-        finally:
+
+        def listener(tick: Tick, observation: Observation | None) -> None:
+            nonlocal ended
             if on_tick is not None:
-                self._listeners.remove(on_tick)
-        self.dispatcher.flush(timeout=CALLBACK_TIME)
+                on_tick(tick, observation)
+            ended = until is not None and not self._gate.fault and until(tick)
+
+        self._listeners.append(listener)
+        pacer = self._pacer
+        try:
+            with pacer.running():
+                for _ in ticks:
+                    missed = pacer.wait()
+                    self.loop.tick(pacer.due, missed)
+                    if ended:
+                        break
+        finally:
+            self._listeners.remove(listener)
+        if pacer.due is None:  # a real robot would stand without ticks meanwhile
+            self.dispatcher.flush(timeout=CALLBACK_TIME)
         return ended
 
     def _deliver(self, tick: Tick, observation: Observation | None) -> None:

@@ -18,11 +18,13 @@ from pepper_driver.cli.console import (
     save_json,
 )
 from pepper_driver.soak import run_soak
+from pepper_driver.tick_bench import run_tick_bench
+from pepper_driver.timing import Statistics
 
 
 def bench(
     seconds: Annotated[
-        float, typer.Option(help="Simulated time for each plant.", min=2.0, max=600.0)
+        float, typer.Option(help="Simulated time for each plant, or of --tick.", min=2.0, max=600.0)
     ] = 20.0,
     plants: Annotated[
         list[str] | None,
@@ -32,6 +34,13 @@ def bench(
             help="Plant to simulate, by default nominal; may be given again.",
         ),
     ] = None,
+    tick: Annotated[
+        bool,
+        typer.Option(
+            "--tick",
+            help="Instead, time whole ticks in real time: five tasks, observer, reflex, gate and log.",
+        ),
+    ] = False,
     soak: Annotated[
         float | None,
         typer.Option(
@@ -50,6 +59,9 @@ def bench(
     if soak is not None:
         _soak(console, plants[0], soak, json_file)
         return
+    if tick:
+        _tick(console, seconds, json_file)
+        return
     with make_progress(console) as progress:
         bar = progress.add_task("measuring", total=1.0)
         result = run_bench(
@@ -57,20 +69,35 @@ def bench(
             plants=plants,
             on_progress=lambda share: progress.update(bar, completed=share),
         )
-    table = Table(title="one tick of 12 ms, microseconds", title_justify="left")
-    for name in ("stage", "median", "p99"):
-        table.add_column(name, justify="left" if name == "stage" else "right")
-    for stage, duration in result.stages.items():
-        table.add_row(stage, f"{duration.median:.1f}", f"{duration.p99:.1f}")
-    table.add_section()
-    table.add_row("all but backend", f"{result.tick.median:.1f}", f"{result.tick.p99:.1f}")
-    console.print(table)
+    console.print(_stages(result.ticks))
     for plant, factor in result.real_time_factor.items():
         console.print(
             f"simulation of {plant}: {factor:.1f} times real time with controller, observer and log; "
             f"{result.plant_alone[plant]:.1f} times alone"
         )
     save_json(json_file, result.as_json(), console)
+
+
+def _stages(ticks: Statistics) -> Table:
+    """Median and p99 of each stage, and of the tick without the physics."""
+    table = Table(title="one tick of 12 ms, microseconds", title_justify="left")
+    for name in ("stage", "median", "p99"):
+        table.add_column(name, justify="left" if name == "stage" else "right")
+    for stage, spread in ticks.stages.items():
+        table.add_row(stage, f"{spread.median:.1f}", f"{spread.p99:.1f}")
+    table.add_section()
+    table.add_row("all but backend", f"{ticks.tick.median:.1f}", f"{ticks.tick.p99:.1f}")
+    return table
+
+
+def _tick(console: Console, seconds: float, json_file: Path | None) -> None:
+    with make_progress(console) as progress:
+        bar = progress.add_task("measuring", total=1.0)
+        ticks = run_tick_bench(
+            seconds, on_progress=lambda share: progress.update(bar, completed=share)
+        )
+    console.print(str(ticks))
+    save_json(json_file, {"ticks": ticks.as_json()}, console)
 
 
 def _soak(console: Console, plant: str, seconds: float, json_file: Path | None) -> None:

@@ -179,3 +179,15 @@ def test_bench_writes_its_figures(tmp_path: Path, capsys: pytest.CaptureFixture[
         assert figures["stage_us"][stage]["p99"] >= figures["stage_us"][stage]["median"] > 0
     assert figures["tick_us"]["median"] < 12_000
     assert figures["simulation"]["nominal"]["real_time_factor"] > 0
+
+
+def test_bench_of_whole_ticks(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / "bench.json"
+    assert run(["bench", "--tick", "--seconds", "2", "--json", str(path)]) == 0
+    assert "all but backend" in capsys.readouterr().out
+    ticks = json.loads(path.read_text())["ticks"]
+    assert ticks["ticks"] == 200
+    assert 0 < ticks["tick"]["median"] <= ticks["tick"]["p99"] <= ticks["tick"]["largest"]
+    assert ticks["stages"]["observer"]["median"] > 0
+    assert ticks["stages"]["log"]["median"] > 0
+    assert ticks["end"]["median"] > 0
