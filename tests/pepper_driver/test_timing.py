@@ -53,11 +53,12 @@ def test_the_longest_part_of_each_late_tick_is_named() -> None:
     times.add(marks(6 * CYCLE + 11 * MS, backend=2), age=0.0, due=6 * CYCLE, missed=1)
     times.add(marks(8 * CYCLE), age=0.0, due=8 * CYCLE, missed=1)
     times.add(marks(10 * CYCLE), age=0.0, due=10 * CYCLE, missed=1)  # overslept a whole cycle
+    times.add(marks(11 * CYCLE + 5 * MS, gate=8), age=0.0, due=11 * CYCLE)
     statistics = times.statistics
     assert statistics.missed == 5
-    assert statistics.late == {"backend": 1, "log": 1, WAKING: 2}
-    assert statistics.summary.startswith("6 ticks of 12 ms in real time, 5 missed; longest in late")
-    assert "waking up (2), backend (1), log (1)" in statistics.summary
+    assert statistics.late == {"backend": 1, "log": 1, "gate": 1, WAKING: 2}
+    assert statistics.summary.startswith("7 ticks of 12 ms in real time, 5 missed; longest in late")
+    assert "waking up (2), backend (1), log (1), gate (1)" in statistics.summary
 
 
 def test_the_report_shows_every_stage() -> None:
