@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import ExitStack
 from pathlib import Path
@@ -9,18 +10,21 @@ from pathlib import Path
 import numpy as np
 
 from pepper_driver.backends import Backend
-from pepper_driver.callbacks import ContactCallback, ContactPredicate, Dispatcher
+from pepper_driver.callbacks import Dispatcher, Subscription
 from pepper_driver.config import ControllerSettings, RobotConfig
 from pepper_driver.controller import Tick, WholeBodyController
+from pepper_driver.events import FaultEvent, ReflexEvent, TickEvent
 from pepper_driver.log import LogWriter, run_metadata
 from pepper_driver.loop import Loop
 from pepper_driver.observer import Contact, Observation, Observer
 from pepper_driver.pacing import Pacer
 from pepper_driver.reflexes import Reflex
-from pepper_driver.safety import SafetyGate
+from pepper_driver.runner import Runner
+from pepper_driver.safety import FaultError, SafetyGate
+from pepper_driver.sensor_edges import SensorEdges
 
 CALLBACK_TIME = 2.0
-"""[s] that the end of a run waits for callbacks that are still busy."""
+"""[s] that the end of a run waits for all callbacks that are still busy."""
 
 
 class Session:
@@ -34,14 +38,17 @@ class Session:
         observer: Or None to feel nothing.
         reflexes: Called in this order in every tick.
         log: Where to write the MCAP log; None for no log.
-        subscriptions: Callbacks from the first tick on, with what each wants.
+        subscriptions: Callbacks from the first tick on.
         pacer: Says when ticks begin.
 
     Attributes:
         active: Until it is closed.
         loop: Runs the ticks.
         dispatcher: Calls the callbacks.
-        contacts: All contact events so far, oldest first.
+        runner: Who runs it now.
+        feels: Whether there is an observer.
+        cycle: Period of the ticks [s].
+        contact_history: All contact events so far, oldest first.
 
     Raises:
         PepperError: The robot or the log cannot be opened. What was open is closed again.
@@ -57,23 +64,26 @@ class Session:
         observer: Observer | None,
         reflexes: Sequence[Reflex],
         log: Path | None,
-        subscriptions: Sequence[tuple[ContactCallback, ContactPredicate]],
+        subscriptions: Sequence[Subscription],
         pacer: Pacer,
     ) -> None:
         self._backend = backend
         self._pacer = pacer
+        self.cycle = robot.cycle
+        self.runner = Runner()
+        self.feels = observer is not None
+        self._fault_told = threading.Lock()  # taken by the first who tells, and never given back
         self._listeners: list[Callable[[Tick, Observation | None], None]] = []
         self.active = False
-        self.contacts: list[Contact] = []
+        self.contact_history: list[Contact] = []
         self._gate = gate
         self.dispatcher = Dispatcher()
         self._after_backend = ExitStack()  # closed when the robot is, the last first
         self._after_backend.callback(self.dispatcher.close, timeout=CALLBACK_TIME)
-        self._after_backend.callback(self.dispatcher.flush, timeout=CALLBACK_TIME)
         try:
             self.loop = self._start(robot, controller, observer, reflexes, log)
-            for callback, wanted in subscriptions:
-                self.dispatcher.subscribe(callback, wanted)
+            for subscription in subscriptions:
+                self.dispatcher.subscribe(subscription)
             self.active = True
         except BaseException:
             self.close()
@@ -103,6 +113,7 @@ class Session:
             observer.reset()
         for reflex in reflexes:
             reflex.reset()
+        self._sensors = SensorEdges(robot, measurement)
         return Loop(
             backend,
             robot,
@@ -112,7 +123,7 @@ class Session:
             observer=observer,
             reflexes=reflexes,
             log=log,
-            deliver=self._deliver,
+            deliver=self.deliver,
         )
 
     def close(self) -> None:
@@ -128,7 +139,7 @@ class Session:
         on_tick: Callable[[Tick, Observation | None], None] | None,
         until: Callable[[Tick], bool] | None,
     ) -> bool:
-        """Tick when the pacer says so. In simulated time, then wait until the callbacks so far have been handled.
+        """Tick when the pacer says so; where time stands still afterwards, wait until the callbacks have caught up.
 
         A tick that is missed is made up for at the end: motions count ticks and must not jump.
 
@@ -137,6 +148,7 @@ class Session:
 
         Raises:
             FaultError: The safety gate stopped the robot.
+            BackendError: Another thread runs it, or it is called inside a tick.
         """
         ended = False
 
@@ -146,25 +158,56 @@ class Session:
                 on_tick(tick, observation)
             ended = until is not None and not self._gate.fault and until(tick)
 
-        self._listeners.append(listener)
         pacer = self._pacer
-        try:
-            with pacer.running():
-                for _ in ticks:
-                    missed = pacer.wait()
-                    self.loop.tick(pacer.due, missed)
-                    if ended:
-                        break
-        finally:
-            self._listeners.remove(listener)
+        with self.runner:
+            self._listeners.append(listener)
+            try:
+                with pacer.running():
+                    for _ in ticks:
+                        missed = pacer.wait()
+                        self.loop.tick(pacer.due, missed)
+                        if ended:
+                            break
+            except FaultError:
+                self.tell_fault()
+                raise
+            finally:
+                self._listeners.remove(listener)
         if pacer.due is None:  # a real robot would stand without ticks meanwhile
             self.dispatcher.flush(timeout=CALLBACK_TIME)
         return ended
 
-    def _deliver(self, tick: Tick, observation: Observation | None) -> None:
+    def deliver(
+        self,
+        tick: Tick,
+        observation: Observation | None,
+        reflexes: Sequence[ReflexEvent] = (),
+    ) -> None:
+        """Take over what happened in a tick, inside it: contacts, sensors, reflexes, then the tick itself."""
+        publish = self.dispatcher.publish
         if observation is not None:
             for contact in observation.contacts:
-                self.contacts.append(contact)
-                self.dispatcher.publish(contact)
+                self.contact_history.append(contact)
+                publish(contact)
+        for edge in self._sensors.step(tick.measurement):
+            publish(edge)
+        for event in reflexes:
+            publish(event)
+        if self.dispatcher.wants(TickEvent):
+            publish(TickEvent(tick=tick, observation=observation))
         for listener in self._listeners:
             listener(tick, observation)
+
+    def tell_fault(self) -> None:
+        """Tell the callbacks that the robot was stopped, once, if it was. From any thread."""
+        if self._gate.fault and self._fault_told.acquire(blocking=False):
+            self.dispatcher.publish(FaultEvent(reason=self._gate.fault, time=self.loop.time))
+
+    def check_fault(self) -> None:
+        """Refuse to go on with a robot that was stopped.
+
+        Raises:
+            FaultError: It was.
+        """
+        if self._gate.fault:
+            raise FaultError(self._gate.fault)

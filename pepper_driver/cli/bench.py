@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated
 
@@ -10,6 +11,7 @@ from rich.console import Console
 from rich.table import Table
 
 from pepper_driver.bench import run_bench
+from pepper_driver.callback_bench import run_callback_bench
 from pepper_driver.cli.console import (
     JsonOption,
     check_outputs,
@@ -24,7 +26,12 @@ from pepper_driver.timing import Statistics
 
 def bench(
     seconds: Annotated[
-        float, typer.Option(help="Simulated time for each plant, or of --tick.", min=2.0, max=600.0)
+        float,
+        typer.Option(
+            help="Simulated time for each plant, of --tick, or for each kind of --callbacks.",
+            min=2.0,
+            max=600.0,
+        ),
     ] = 20.0,
     plants: Annotated[
         list[str] | None,
@@ -39,6 +46,13 @@ def bench(
         typer.Option(
             "--tick",
             help="Instead, time whole ticks in real time: five tasks, observer, reflex, gate and log.",
+        ),
+    ] = False,
+    callbacks: Annotated[
+        bool,
+        typer.Option(
+            "--callbacks",
+            help="Instead, time ticks in real time beside callbacks that sleep, raise, flood or compute.",
         ),
     ] = False,
     soak: Annotated[
@@ -61,6 +75,9 @@ def bench(
         return
     if tick:
         _tick(console, seconds, json_file)
+        return
+    if callbacks:
+        _callbacks(console, seconds, json_file)
         return
     with make_progress(console) as progress:
         bar = progress.add_task("measuring", total=1.0)
@@ -98,6 +115,23 @@ def _tick(console: Console, seconds: float, json_file: Path | None) -> None:
         )
     console.print(str(ticks))
     save_json(json_file, {"ticks": ticks.as_json()}, console)
+
+
+def _callbacks(console: Console, seconds: float, json_file: Path | None) -> None:
+    with make_progress(console) as progress:
+        bar = progress.add_task("measuring", total=1.0)
+        costs = run_callback_bench(
+            seconds, on_progress=lambda share: progress.update(bar, completed=share)
+        )
+    table = Table(title="ticks in real time beside one callback", title_justify="left")
+    table.add_column("callback")
+    for name in ("tick, median us", "ratio", "end, p99 ms", "missed"):
+        table.add_column(name, justify="right")
+    for kind, cost in costs.items():
+        missed = f"{cost.missed} of {cost.ticks + cost.missed}"
+        table.add_row(kind, f"{cost.tick:.1f}", f"{cost.ratio:.2f}", f"{cost.end:.2f}", missed)
+    console.print(table)
+    save_json(json_file, {"callbacks": {k: asdict(cost) for k, cost in costs.items()}}, console)
 
 
 def _soak(console: Console, plant: str, seconds: float, json_file: Path | None) -> None:

@@ -191,3 +191,17 @@ def test_bench_of_whole_ticks(tmp_path: Path, capsys: pytest.CaptureFixture[str]
     assert ticks["stages"]["observer"]["median"] > 0
     assert ticks["stages"]["log"]["median"] > 0
     assert ticks["end"]["median"] > 0
+
+
+def test_bench_beside_callbacks(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / "bench.json"
+    assert run(["bench", "--callbacks", "--seconds", "2", "--json", str(path)]) == 0
+    shown = capfd.readouterr()
+    assert "Traceback" not in shown.err
+    costs = json.loads(path.read_text())["callbacks"]
+    assert len(costs) == 5
+    assert costs["none"]["ratio"] == 1.0
+    for kind, cost in costs.items():
+        assert kind in shown.out
+        assert cost["ticks"] == 200
+        assert cost["tick"] > 0

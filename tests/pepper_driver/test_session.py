@@ -2,7 +2,6 @@
 
 import gc
 import sys
-import threading
 import time
 from collections.abc import Callable
 from dataclasses import replace
@@ -12,18 +11,17 @@ import numpy as np
 import pytest
 
 from pepper_driver.backends import BackendError, BackendInfo, Command, Measurement
-from pepper_driver.callbacks import Dispatcher
+from pepper_driver.callbacks import Dispatcher, Subscription
 from pepper_driver.config import load_controller_settings, load_robot, load_safety_settings
 from pepper_driver.controller import Tick
 from pepper_driver.log import LogWriter, read_log
-from pepper_driver.observer import Observation, Observer
+from pepper_driver.observer import Contact, Observation, Observer
 from pepper_driver.pacing import Pacer, RealTimePacer
 from pepper_driver.reflexes import Control, Reflex
 from pepper_driver.robot import Pepper
 from pepper_driver.safety import FaultError, RobotState, SafetyGate
-from pepper_driver.session import CALLBACK_TIME, Session
+from pepper_driver.session import Session
 
-from evaluation_cases import CONTACT  # isort: skip
 from fakes import FakeBackend  # isort: skip
 
 ROBOT = load_robot()
@@ -47,7 +45,7 @@ def make_session(
         observer=None,
         reflexes=reflexes,
         log=log,
-        subscriptions=[(lambda _: None, lambda _: True)],
+        subscriptions=[Subscription(callback=lambda _: None, event=Contact, wanted=lambda _: True)],
         pacer=Pacer(),
     )
 
@@ -284,25 +282,6 @@ def test_a_run_in_real_time_leaves_the_process_as_it_was(monkeypatch: pytest.Mon
     assert gc.isenabled()
     assert gc.get_freeze_count() == 0
     assert sys.getswitchinterval() == interval
-
-
-class Touchy(Noting):
-    """Feels a contact in every tick."""
-
-    def step(self, tick: Tick) -> Observation:
-        return replace(super().step(tick), contacts=(CONTACT,))
-
-
-def test_a_run_in_real_time_does_not_wait_for_callbacks(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Nobody would tick meanwhile: the next run begins in time."""
-    busy = threading.Event()
-    monkeypatch.setattr("pepper_driver.robot.make_backend", lambda *_: Recorder(True, []))
-    with Pepper("any", observer=Touchy([])) as pepper:
-        pepper.on_contact(kind="contact")(lambda _: busy.wait(30))
-        begin = time.monotonic()
-        pepper.run(0.06)
-        assert time.monotonic() - begin < CALLBACK_TIME / 2
-        busy.set()
 
 
 def test_a_slow_tick_is_missed_counted_and_told(monkeypatch: pytest.MonkeyPatch) -> None:
