@@ -95,7 +95,8 @@ class BackendInfo:
         uri: How it was asked for.
         joint_names: Order of every joint vector.
         cycle: Period of ``step`` [s].
-        real_time: True where ``step`` takes as long as the cycle, False where time is simulated.
+        real_time: True where time passes by itself: ``step`` does not wait, whoever calls it does, once a cycle. False
+            where each ``step`` lets a simulated cycle pass.
         response_delay: Whole ticks from a command to the sample that shows the joint at the time the command was to
             be reached. A measurement answers the command sent this many ticks before the last one.
         capabilities: What this backend can do beyond the interface.
@@ -251,7 +252,10 @@ class Backend(ABC):
 
     @abstractmethod
     def step(self, command: Command) -> Measurement:
-        """Send a command and let exactly one cycle pass.
+        """Send a command and return the newest sample.
+
+        In simulated time exactly one cycle passes. In real time this returns at once, whether the sample is new or not:
+        its ``age`` tells. The loop calls it once every cycle, and now and then misses one.
 
         While the backend is not active the command is checked, but moves nothing.
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from time import perf_counter
@@ -15,18 +15,10 @@ import numpy as np
 
 from pepper_driver.backends import Command, make_backend
 from pepper_driver.config import load_scenario
-from pepper_driver.loop import STAGES
 from pepper_driver.observer import shipped
 from pepper_driver.reflexes import Hold
 from pepper_driver.robot import Pepper
-
-
-@dataclass(frozen=True, kw_only=True)
-class Duration:
-    """Median and 99th percentile of a duration [us]."""
-
-    median: float
-    p99: float
+from pepper_driver.timing import Statistics
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -34,22 +26,20 @@ class Bench:
     """Figures of one run.
 
     Attributes:
-        stages: By stage of the tick; ``backend`` is the physics.
-        tick: The whole tick without the physics.
+        ticks: How the ticks went on the first plant; their stage ``backend`` is the physics.
         real_time_factor: By plant: simulated time over wall-clock time, whole tick with log, on one core.
         plant_alone: The same for the plant without the layers above it.
     """
 
-    stages: dict[str, Duration]
-    tick: Duration
+    ticks: Statistics
     real_time_factor: dict[str, float]
     plant_alone: dict[str, float]
 
     def as_json(self) -> dict[str, Any]:
         """``stage_us``, ``tick_us``, ``simulation``."""
         return {
-            "stage_us": {k: {"median": d.median, "p99": d.p99} for k, d in self.stages.items()},
-            "tick_us": {"median": self.tick.median, "p99": self.tick.p99},
+            "stage_us": {stage: asdict(spread) for stage, spread in self.ticks.stages.items()},
+            "tick_us": asdict(self.ticks.tick),
             "simulation": {
                 plant: {
                     "real_time_factor": self.real_time_factor[plant],
@@ -74,41 +64,27 @@ def run_bench(
         on_progress: Told the share done, 0..1.
     """
     tell = on_progress or (lambda share: None)
-    samples = []
+    statistics: list[Statistics] = []
     factor, alone = {}, {}
     with _one_core(), TemporaryDirectory() as folder:
         for number, plant in enumerate(plants):
-            microseconds, factor[plant] = _whole(plant, seconds, Path(folder) / f"{number}.mcap")
-            samples.append(microseconds)
+            ticks, factor[plant] = _whole(plant, seconds, Path(folder) / f"{number}.mcap")
+            statistics.append(ticks)
             tell((number + 0.6) / len(plants))
             alone[plant] = _alone(plant, seconds)
             tell((number + 1) / len(plants))
-    times = samples[0]
-    without_physics = times[:, [i for i, stage in enumerate(STAGES) if stage != "backend"]].sum(1)
-    return Bench(
-        stages={stage: _duration(times[:, i]) for i, stage in enumerate(STAGES)},
-        tick=_duration(without_physics),
-        real_time_factor=factor,
-        plant_alone=alone,
-    )
+    return Bench(ticks=statistics[0], real_time_factor=factor, plant_alone=alone)
 
 
-def _duration(microseconds: np.ndarray[Any, np.dtype[np.float64]]) -> Duration:
-    median, p99 = np.percentile(microseconds, [50, 99])
-    return Duration(median=float(median), p99=float(p99))
-
-
-def _whole(
-    plant: str, seconds: float, log: Path
-) -> tuple[np.ndarray[Any, np.dtype[np.float64]], float]:
-    """Stage times (n, stages) [us] and real-time factor of the whole loop."""
+def _whole(plant: str, seconds: float, log: Path) -> tuple[Statistics, float]:
+    """Times of the stages, and real-time factor of the whole loop."""
     observer = "fusion" if plant in shipped("fusion") else None
     pepper = Pepper(f"mujoco://?plant={plant}", observer=observer, log=log, reflexes=[Hold()])
     rng = np.random.default_rng(0)
     joints = load_scenario("demo", pepper.config).touched_joints
     with pepper:
         pepper.run(1.0)
-        pepper.stage_times.clear()
+        pepper.clear_statistics()
         begin, start = perf_counter(), pepper.time
         while pepper.time - start < seconds:
             middle = (pepper.config.lower + pepper.config.upper) / 2
@@ -120,7 +96,7 @@ def _whole(
             )
             pepper.run(2.0)
         factor = (pepper.time - start) / (perf_counter() - begin)
-        return pepper.stage_times.microseconds.copy(), factor
+        return pepper.statistics, factor
 
 
 def _alone(plant: str, seconds: float) -> float:

@@ -16,13 +16,14 @@ from pepper_driver.output import check_writable, make_folder, write_json
 from pepper_driver.reflexes import Hold
 from pepper_driver.robot import Pepper
 from pepper_driver.staging import Stage, scenario_uri
+from pepper_driver.timing import Statistics
 
 LOG_NAME, CONTACTS_NAME, FIGURE_NAME = "demo.mcap", "contacts.json", "contacts.png"
 
 
 @dataclass(frozen=True, kw_only=True)
 class DemoResult:
-    """What happened: the pushes, all contact events, and how they match."""
+    """What happened: the pushes, all contact events, how they match, and how the ticks went."""
 
     uri: str
     scenario: str
@@ -30,6 +31,7 @@ class DemoResult:
     contacts: tuple[Contact, ...]
     score: Score
     simulated_seconds: float
+    timing: Statistics
 
     def as_json(self) -> dict[str, Any]:
         """Everything, for ``contacts.json``."""
@@ -103,6 +105,7 @@ def run_demo(
     seed: int | None = None,
     models: Path | None = None,
     show: bool = False,
+    real_time: bool = False,
     on_contact: Callable[[Contact, tuple[Push, ...]], None] | None = None,
     on_progress: Callable[[float], None] | None = None,
 ) -> DemoResult:
@@ -115,6 +118,7 @@ def run_demo(
         seed: Of motion, pushes and noise; None for the scenario's.
         models: Model file of the observer; None for the shipped one.
         show: Show the robot in a window, in real time.
+        real_time: Pace the simulation to the wall clock without a window too.
         on_contact: Told each contact that begins, with the pushes so far; on the callback thread.
         on_progress: Told the share done, 0..1.
 
@@ -127,7 +131,12 @@ def run_demo(
     seed = chosen.seed if seed is None else seed
     uri = scenario_uri(f"mujoco://?seed={seed}" + ("&window=1" if show else ""), chosen)
     pepper = Pepper(
-        uri, models=models, log=out / LOG_NAME, reflexes=[Hold()], real_time=show, robot=robot
+        uri,
+        models=models,
+        log=out / LOG_NAME,
+        reflexes=[Hold()],
+        real_time=show or real_time,
+        robot=robot,
     )
     stage = Stage(pepper, chosen, [seed, 1], count=count)
     make_folder(out)
@@ -156,6 +165,7 @@ def run_demo(
         contacts=pepper.contact_history,
         score=score(stage.pushes, pepper.contact_history, robot),
         simulated_seconds=simulated,
+        timing=pepper.statistics,
     )
     write_json(out / CONTACTS_NAME, result.as_json())
     return result

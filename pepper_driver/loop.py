@@ -26,33 +26,7 @@ from pepper_driver.log import LogWriter
 from pepper_driver.observer import Observation, Observer
 from pepper_driver.reflexes import Control, Reflex
 from pepper_driver.safety import FaultError, SafetyGate
-
-STAGES = ("backend", "observer", "reflexes", "controller", "gate", "log")
-"""What a tick consists of, in order; the backend's part is the robot, or the physics."""
-
-
-class StageTimes:
-    """How long each stage of the last ticks took; the newest ``capacity`` ticks are kept."""
-
-    def __init__(self, capacity: int = 10_000) -> None:
-        self._microseconds = np.zeros((capacity, len(STAGES)))
-        self._count = 0
-
-    def add(self, marks_ns: Sequence[int]) -> None:
-        """Take in one tick: the clock before the first and after each stage [ns]."""
-        row = self._microseconds[self._count % len(self._microseconds)]
-        for stage in range(len(STAGES)):
-            row[stage] = (marks_ns[stage + 1] - marks_ns[stage]) * 1e-3
-        self._count += 1
-
-    def clear(self) -> None:
-        """Forget all ticks."""
-        self._count = 0
-
-    @property
-    def microseconds(self) -> FloatArray:
-        """(n, stages) the ticks kept, not in order of time [us]."""
-        return self._microseconds[: min(self._count, len(self._microseconds))]
+from pepper_driver.timing import StageTimes
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -109,7 +83,7 @@ class Loop:
         self._deliver = deliver
         self._truth: Truth | None = backend.truth if "truth" in backend.info.capabilities else None
         self.control = Control(controller)
-        self.times = StageTimes()
+        self.times = StageTimes(robot.cycle)
         self.target = controller.position
         self.time = time
         self.posture_stiffness = controller.posture.stiffness
@@ -136,11 +110,15 @@ class Loop:
         self.target, self._duration = target, duration
         self._wanted = None
 
-    def tick(self) -> Tick:
+    def tick(self, due: int | None = None, missed: int = 0) -> Tick:
         """One cycle.
 
         Whatever fails inside a cycle puts the gate into FAULT. The robot is then told to stand still before the error
         is raised, and the cycle is logged all the same.
+
+        Args:
+            due: When it was to begin, by ``perf_counter_ns``; None where ticks do not wait.
+            missed: Ticks before it that never began.
 
         Raises:
             FaultError: The safety gate stopped the robot, in this cycle or before.
@@ -182,6 +160,7 @@ class Loop:
         try:
             if self._log is not None:
                 self._log.append(tick, observation, self._truth)
+            marks.append(perf_counter_ns())
             self._deliver(tick, observation)
         finally:  # whatever a listener does: a fault reaches the robot
             if self._gate.fault:
@@ -189,7 +168,7 @@ class Loop:
         if self._gate.fault:
             raise FaultError(self._gate.fault) from cause
         marks.append(perf_counter_ns())
-        self.times.add(marks)
+        self.times.add(marks, age=measurement.age, due=due, missed=missed)
         return tick
 
     def _reference(self, measurement: Measurement, answered: Command) -> Reference:

@@ -27,14 +27,15 @@ from pepper_driver.config.parts import FloatArray
 from pepper_driver.controller import GainError, TargetError, Tick, WholeBodyController
 from pepper_driver.controller.tasks import checked_stiffness
 from pepper_driver.listening import Listening
-from pepper_driver.loop import StageTimes
 from pepper_driver.motion import OnStep, Player
 from pepper_driver.motion_report import MotionReport
 from pepper_driver.observer import Observation, Observer
+from pepper_driver.pacing import Pacer, RealTimePacer
 from pepper_driver.reflexes import Reflex
 from pepper_driver.safety import RobotState, SafetyGate
 from pepper_driver.selection import make_observer
 from pepper_driver.session import Session
+from pepper_driver.timing import Statistics
 
 Posture = str | Mapping[str, float] | ArrayLike
 """A posture by name, joints by name with their angles [rad] (the others stay), or all 17 angles [rad]."""
@@ -60,6 +61,9 @@ class Pepper(Listening):
         robot: Description of the robot, by default the shipped Pepper.
         controller: Gains, limits, feedback and solver, by default those of ``controller.yaml``.
 
+    Attributes:
+        paced: Whether ticks wait for the wall clock: on a real robot, or with ``real_time``.
+
     Raises:
         PepperError: Anything that is wrong with the arguments, before anything moves.
     """
@@ -84,7 +88,8 @@ class Pepper(Listening):
         self._observer = observer
         self._reflexes = tuple(reflexes)
         self._log_path = None if log is None else Path(log)
-        self._paced = real_time and not self.backend.info.real_time
+        self.paced = real_time or self.backend.info.real_time
+        self._pacer = RealTimePacer(self.config.cycle) if self.paced else Pacer()
         self._controller_settings = controller or load_controller_settings(self.config)
         self._safety_settings = load_safety_settings()
         self._gate: SafetyGate | None = (
@@ -123,7 +128,7 @@ class Pepper(Listening):
             reflexes=self._reflexes,
             log=self._log_path,
             subscriptions=self._subscriptions,
-            paced=self._paced,
+            pacer=self._pacer,
         )
 
     def close(self) -> None:
@@ -196,7 +201,7 @@ class Pepper(Listening):
         In a simulation that is not paced, callbacks then get up to 2 s to catch up before the robot's time goes on.
 
         Args:
-            seconds: How long [s]; as fast as it goes in a simulation that is not paced.
+            seconds: How long [s]; as fast as it goes in a simulation that is not paced. Each missed tick adds a cycle.
             on_tick: Called inside every tick: must be quick.
             until: Asked after every tick, such as ``lambda: task.reached(0.005)``; True ends the run early.
 
@@ -289,9 +294,14 @@ class Pepper(Listening):
         return self._observer
 
     @property
-    def stage_times(self) -> StageTimes:
-        """How long the stages of the last ticks took."""
-        return self._active().loop.times
+    def statistics(self) -> Statistics:
+        """How long the stages of the ticks took, and how many ticks were late or missed, since the start."""
+        session = self._session if self._session is not None else self._active()
+        return session.loop.times.statistics
+
+    def clear_statistics(self) -> None:
+        """Let the statistics begin anew with the next tick."""
+        self._active().loop.times.clear()
 
     @property
     def controller(self) -> WholeBodyController:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import threading
-import time
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import ExitStack
 from pathlib import Path
@@ -18,6 +17,7 @@ from pepper_driver.events import FaultEvent, ReflexEvent, TickEvent
 from pepper_driver.log import LogWriter, run_metadata
 from pepper_driver.loop import Loop
 from pepper_driver.observer import Contact, Observation, Observer
+from pepper_driver.pacing import Pacer
 from pepper_driver.reflexes import Reflex
 from pepper_driver.runner import Runner
 from pepper_driver.safety import FaultError, SafetyGate
@@ -41,7 +41,7 @@ class Session:
         reflexes: Called in this order in every tick.
         log: Where to write the MCAP log; None for no log.
         subscriptions: Callbacks from the first tick on.
-        paced: Whether ticks wait for the wall clock.
+        pacer: Says when ticks begin.
 
     Attributes:
         active: Until it is closed.
@@ -67,11 +67,11 @@ class Session:
         reflexes: Sequence[Reflex],
         log: Path | None,
         subscriptions: Sequence[Subscription],
-        paced: bool,
+        pacer: Pacer,
     ) -> None:
         self._backend = backend
+        self._pacer = pacer
         self.cycle = robot.cycle
-        self._paced = paced
         self.runner = Runner()
         self._closing = threading.RLock()  # re-entrant, for signal handlers
         self.feels = observer is not None
@@ -144,38 +144,43 @@ class Session:
         on_tick: Callable[[Tick, Observation | None], None] | None,
         until: Callable[[Tick], bool] | None,
     ) -> bool:
-        """Tick, paced if need be; where time stands still afterwards, wait until the callbacks have caught up.
+        """Tick when the pacer says so; where time stands still afterwards, wait until the callbacks have caught up.
+
+        A tick that is missed is made up for at the end: motions count ticks and must not jump.
 
         Returns:
-            Whether ``until``, asked after every tick, ended it.
+            Whether ``until``, asked at the end of every tick, ended it.
 
         Raises:
             FaultError: The safety gate stopped the robot.
             BackendError: Another thread runs it or has closed it, or it is called inside a tick.
         """
         ended = False
-        with self.runner:
+
+        def listener(tick: Tick, observation: Observation | None) -> None:
+            nonlocal ended
             if on_tick is not None:
-                self._listeners.append(on_tick)
-            deadline = time.perf_counter()
+                on_tick(tick, observation)
+            ended = until is not None and not self._gate.fault and until(tick)
+
+        pacer = self._pacer
+        with self.runner:
+            self._listeners.append(listener)
             try:
-                for _ in ticks:
-                    if not self.active:
-                        raise BackendError("the robot was closed while it ran")
-                    tick = self.loop.tick()
-                    ended = until is not None and until(tick)
-                    if ended:
-                        break
-                    if self._paced:
-                        deadline += self.cycle
-                        time.sleep(max(0.0, deadline - time.perf_counter()))
+                with pacer.running():
+                    for _ in ticks:
+                        if not self.active:
+                            raise BackendError("the robot was closed while it ran")
+                        missed = pacer.wait()
+                        self.loop.tick(pacer.due, missed)
+                        if ended:
+                            break
             except FaultError:
                 self.tell_fault()
                 raise
             finally:
-                if on_tick is not None:
-                    self._listeners.remove(on_tick)
-        if not (self._paced or self._backend.info.real_time):
+                self._listeners.remove(listener)
+        if pacer.due is None:  # a real robot would stand without ticks meanwhile
             self.dispatcher.flush(timeout=CALLBACK_TIME)
         return ended
 

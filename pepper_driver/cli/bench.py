@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated
 
@@ -10,6 +11,7 @@ from rich.console import Console
 from rich.table import Table
 
 from pepper_driver.bench import run_bench
+from pepper_driver.callback_bench import run_callback_bench
 from pepper_driver.cli.console import (
     JsonOption,
     check_outputs,
@@ -18,11 +20,18 @@ from pepper_driver.cli.console import (
     save_json,
 )
 from pepper_driver.soak import run_soak
+from pepper_driver.tick_bench import run_tick_bench
+from pepper_driver.timing import Statistics
 
 
 def bench(
     seconds: Annotated[
-        float, typer.Option(help="Simulated time for each plant.", min=2.0, max=600.0)
+        float,
+        typer.Option(
+            help="Simulated time for each plant, of --tick, or for each kind of --callbacks.",
+            min=2.0,
+            max=600.0,
+        ),
     ] = 20.0,
     plants: Annotated[
         list[str] | None,
@@ -32,6 +41,20 @@ def bench(
             help="Plant to simulate, by default nominal; may be given again.",
         ),
     ] = None,
+    tick: Annotated[
+        bool,
+        typer.Option(
+            "--tick",
+            help="Instead, time whole ticks in real time: five tasks, observer, reflex, gate and log.",
+        ),
+    ] = False,
+    callbacks: Annotated[
+        bool,
+        typer.Option(
+            "--callbacks",
+            help="Instead, time ticks in real time beside callbacks that sleep, raise, flood or compute.",
+        ),
+    ] = False,
     soak: Annotated[
         float | None,
         typer.Option(
@@ -50,6 +73,12 @@ def bench(
     if soak is not None:
         _soak(console, plants[0], soak, json_file)
         return
+    if tick:
+        _tick(console, seconds, json_file)
+        return
+    if callbacks:
+        _callbacks(console, seconds, json_file)
+        return
     with make_progress(console) as progress:
         bar = progress.add_task("measuring", total=1.0)
         result = run_bench(
@@ -57,20 +86,52 @@ def bench(
             plants=plants,
             on_progress=lambda share: progress.update(bar, completed=share),
         )
-    table = Table(title="one tick of 12 ms, microseconds", title_justify="left")
-    for name in ("stage", "median", "p99"):
-        table.add_column(name, justify="left" if name == "stage" else "right")
-    for stage, duration in result.stages.items():
-        table.add_row(stage, f"{duration.median:.1f}", f"{duration.p99:.1f}")
-    table.add_section()
-    table.add_row("all but backend", f"{result.tick.median:.1f}", f"{result.tick.p99:.1f}")
-    console.print(table)
+    console.print(_stages(result.ticks))
     for plant, factor in result.real_time_factor.items():
         console.print(
             f"simulation of {plant}: {factor:.1f} times real time with controller, observer and log; "
             f"{result.plant_alone[plant]:.1f} times alone"
         )
     save_json(json_file, result.as_json(), console)
+
+
+def _stages(ticks: Statistics) -> Table:
+    """Median and p99 of each stage, and of the tick without the physics."""
+    table = Table(title="one tick of 12 ms, microseconds", title_justify="left")
+    for name in ("stage", "median", "p99"):
+        table.add_column(name, justify="left" if name == "stage" else "right")
+    for stage, spread in ticks.stages.items():
+        table.add_row(stage, f"{spread.median:.1f}", f"{spread.p99:.1f}")
+    table.add_section()
+    table.add_row("all but backend", f"{ticks.tick.median:.1f}", f"{ticks.tick.p99:.1f}")
+    return table
+
+
+def _tick(console: Console, seconds: float, json_file: Path | None) -> None:
+    with make_progress(console) as progress:
+        bar = progress.add_task("measuring", total=1.0)
+        ticks = run_tick_bench(
+            seconds, on_progress=lambda share: progress.update(bar, completed=share)
+        )
+    console.print(str(ticks))
+    save_json(json_file, {"ticks": ticks.as_json()}, console)
+
+
+def _callbacks(console: Console, seconds: float, json_file: Path | None) -> None:
+    with make_progress(console) as progress:
+        bar = progress.add_task("measuring", total=1.0)
+        costs = run_callback_bench(
+            seconds, on_progress=lambda share: progress.update(bar, completed=share)
+        )
+    table = Table(title="ticks in real time beside one callback", title_justify="left")
+    table.add_column("callback")
+    for name in ("tick, median us", "ratio", "end, p99 ms", "missed"):
+        table.add_column(name, justify="right")
+    for kind, cost in costs.items():
+        missed = f"{cost.missed} of {cost.ticks + cost.missed}"
+        table.add_row(kind, f"{cost.tick:.1f}", f"{cost.ratio:.2f}", f"{cost.end:.2f}", missed)
+    console.print(table)
+    save_json(json_file, {"callbacks": {k: asdict(cost) for k, cost in costs.items()}}, console)
 
 
 def _soak(console: Console, plant: str, seconds: float, json_file: Path | None) -> None:

@@ -1,4 +1,4 @@
-"""What the sub-commands share: progress bars, and the option ``--json``."""
+"""What the sub-commands share: progress bars, the options ``--json`` and ``--real-time``."""
 
 from __future__ import annotations
 
@@ -19,6 +19,11 @@ from rich.progress import (
 )
 
 from pepper_driver.output import check_writable, write_json
+from pepper_driver.timing import Statistics
+
+RealTimeOption = Annotated[
+    bool, typer.Option("--real-time", help="Pace a simulation to the wall clock.")
+]
 
 JsonOption = Annotated[
     Path | None,
@@ -48,6 +53,11 @@ def show_line(console: Console, line: str) -> None:
     """Print from a callback's thread; whoever no longer reads (a closed pipe) stops the printing, not the run."""
     with suppress(BrokenPipeError, SystemExit):  # rich turns the one into the other
         console.print(line)
+
+
+def show_timing(console: Console, statistics: Statistics) -> None:
+    """Say at the end of a run in real time whether ticks were missed; where some were, show what took how long."""
+    console.print(str(statistics) if statistics.missed else statistics.summary)
 
 
 def check_outputs(*paths: Path | None) -> None:

@@ -13,11 +13,13 @@ from rich.table import Table
 
 from pepper_driver.cli.console import (
     JsonOption,
+    RealTimeOption,
     check_outputs,
     make_console,
     make_progress,
     save_json,
     show_line,
+    show_timing,
 )
 from pepper_driver.cli.identify import identify_with_progress
 from pepper_driver.cli.identify_report import print_fits
@@ -68,6 +70,7 @@ def demo(
     show: Annotated[
         bool, typer.Option("--show", help="Show the robot in a window, in real time.")
     ] = False,
+    real_time: RealTimeOption = False,
     json_file: JsonOption = None,
 ) -> None:
     """Move a simulated Pepper's arms, push them, and print each contact as it is felt."""
@@ -99,10 +102,13 @@ def demo(
                 seed=seed,
                 models=models,
                 show=show,
+                real_time=real_time,
                 on_contact=lambda contact, pushes: show_line(console, _line(contact, pushes)),
                 on_progress=lambda done: progress.update(bar, completed=done),
             )
     _table(result_demo, console)
+    if real_time or show:
+        show_timing(console, result_demo.timing)
     console.print(f"results in {out}: {LOG_NAME}, {CONTACTS_NAME}")
     save_json(json_file, result_demo.summary, console)
     _figure(out, joints, console)

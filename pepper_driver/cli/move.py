@@ -10,10 +10,12 @@ import typer
 
 from pepper_driver.cli.console import (
     JsonOption,
+    RealTimeOption,
     check_outputs,
     make_console,
     save_json,
     show_line,
+    show_timing,
 )
 from pepper_driver.config import Motion, MotionStep, RobotConfig, load_motion, load_robot
 from pepper_driver.config.motion_tasks import BaseSpec, LookAtSpec, OrientationSpec, PoseSpec
@@ -29,13 +31,16 @@ def move(
         bool, typer.Option("--dry-run", help="Check the motion and print its steps; move nothing.")
     ] = False,
     log: Annotated[Path | None, typer.Option(metavar="FILE", help="MCAP log to write.")] = None,
+    real_time: RealTimeOption = False,
     json_file: JsonOption = None,
 ) -> int:
     """Play a motion and say what each step reached; code 1 if one that waits for its targets gave up."""
     console = make_console()
     robot = load_robot()
     chosen = load_motion(motion, robot)
-    pepper = Pepper(backend, observer=None, log=None if dry_run else log, robot=robot)
+    pepper = Pepper(
+        backend, observer=None, log=None if dry_run else log, real_time=real_time, robot=robot
+    )
     check_outputs(json_file)
     if dry_run:
         for line in plan(chosen, robot):
@@ -44,6 +49,8 @@ def move(
         return 0
     with pepper:
         report = pepper.play(chosen, on_step=lambda step: show_line(console, str(step)))
+    if pepper.paced:
+        show_timing(console, pepper.statistics)
     if log is not None:
         console.print(f"log: {log}")
     save_json(json_file, report.as_json(), console)

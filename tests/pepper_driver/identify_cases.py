@@ -12,6 +12,7 @@ from pepper_driver.config import RobotConfig, Scenario, load_robot, load_scenari
 from pepper_driver.config.loading import package_file, read_yaml
 from pepper_driver.config.scenario_motion import Setpoints
 from pepper_driver.identification import sweeps_of
+from pepper_driver.pacing import Pacer
 
 from fakes import FakeBackend  # isort: skip
 
@@ -75,7 +76,7 @@ class InterruptedRobot(SlowRobot):
 
 
 def use_backends(monkeypatch: pytest.MonkeyPatch, *kinds: type[FakeBackend]) -> list[FakeBackend]:
-    """Whatever the URI says, robots are of these kinds: the first for what is known, then one for each run.
+    """Whatever the URI says, robots are of these kinds: the first for what is known, then one for each run. None waits.
 
     Returns:
         The robots that were made, in order.
@@ -88,5 +89,6 @@ def use_backends(monkeypatch: pytest.MonkeyPatch, *kinds: type[FakeBackend]) -> 
 
     monkeypatch.setattr("pepper_driver.identification.identify.make_backend", make)
     monkeypatch.setattr("pepper_driver.robot.make_backend", make)
+    monkeypatch.setattr("pepper_driver.robot.RealTimePacer", lambda cycle: Pacer())
     monkeypatch.setattr("pepper_driver.identification.driving.rehearse", lambda run: None)
     return made

@@ -179,3 +179,29 @@ def test_bench_writes_its_figures(tmp_path: Path, capsys: pytest.CaptureFixture[
         assert figures["stage_us"][stage]["p99"] >= figures["stage_us"][stage]["median"] > 0
     assert figures["tick_us"]["median"] < 12_000
     assert figures["simulation"]["nominal"]["real_time_factor"] > 0
+
+
+def test_bench_of_whole_ticks(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / "bench.json"
+    assert run(["bench", "--tick", "--seconds", "2", "--json", str(path)]) == 0
+    assert "all but backend" in capsys.readouterr().out
+    ticks = json.loads(path.read_text())["ticks"]
+    assert ticks["ticks"] == 200
+    assert 0 < ticks["tick"]["median"] <= ticks["tick"]["p99"] <= ticks["tick"]["largest"]
+    assert ticks["stages"]["observer"]["median"] > 0
+    assert ticks["stages"]["log"]["median"] > 0
+    assert ticks["end"]["median"] > 0
+
+
+def test_bench_beside_callbacks(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / "bench.json"
+    assert run(["bench", "--callbacks", "--seconds", "2", "--json", str(path)]) == 0
+    shown = capfd.readouterr()
+    assert "Traceback" not in shown.err
+    costs = json.loads(path.read_text())["callbacks"]
+    assert len(costs) == 5
+    assert costs["none"]["ratio"] == 1.0
+    for kind, cost in costs.items():
+        assert kind in shown.out
+        assert cost["ticks"] == 200
+        assert cost["tick"] > 0

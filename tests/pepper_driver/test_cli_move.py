@@ -1,6 +1,7 @@
 """``pepper move``, as a user meets it."""
 
 import json
+import time
 from pathlib import Path
 
 import pytest
@@ -75,6 +76,17 @@ def test_a_motion_is_played_logged_and_reported(
     assert [step["reached"] for step in content["steps"]] == [None, False, None]
     assert read_log(log).complete
     assert len(read_log(log)) == 130
+
+
+def test_in_real_time_the_ticks_are_accounted_for(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "one.yaml"
+    path.write_text("schema: 1\nname: one\nsteps: [{duration: 0.3, joints: {HeadYaw: 0.1}}]\n")
+    begin = time.monotonic()
+    assert run(["move", str(path), "--real-time"]) == 0
+    assert time.monotonic() - begin >= 0.28
+    assert "25 ticks of 12 ms in real time, " in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(

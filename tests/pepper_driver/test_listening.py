@@ -29,6 +29,7 @@ from pepper_driver.controller import Tick
 from pepper_driver.events import ReflexPhase
 from pepper_driver.filters import ListeningError
 from pepper_driver.observer import Observation
+from pepper_driver.pacing import RealTimePacer
 from pepper_driver.sensor_edges import SensorEdges
 
 from event_cases import LONG, ROBOT, Blocker, contact, make_pepper, pressed  # isort: skip
@@ -366,7 +367,7 @@ def test_a_callback_may_close_the_robot() -> None:
 
 def test_real_time_does_not_wait_for_callbacks_between_runs() -> None:
     pepper = make_pepper({1: (contact(1),)})
-    pepper._paced = True
+    pepper._pacer = RealTimePacer(CYCLE)
     blocker = Blocker()
     pepper.on_contact()(blocker)
     with pepper:

@@ -1,15 +1,22 @@
 """One active run: what is started is ended, in the right order, whatever fails."""
 
+import gc
+import sys
+import time
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
-from pepper_driver.backends import BackendError, Measurement
+from pepper_driver.backends import BackendError, BackendInfo, Command, Measurement
 from pepper_driver.callbacks import Dispatcher, Subscription
 from pepper_driver.config import load_controller_settings, load_robot, load_safety_settings
+from pepper_driver.controller import Tick
 from pepper_driver.log import LogWriter, read_log
-from pepper_driver.observer import Contact, Observation
+from pepper_driver.observer import Contact, Observation, Observer
+from pepper_driver.pacing import Pacer, RealTimePacer
 from pepper_driver.reflexes import Control, Reflex
 from pepper_driver.robot import Pepper
 from pepper_driver.safety import FaultError, RobotState, SafetyGate
@@ -39,7 +46,7 @@ def make_session(
         reflexes=reflexes,
         log=log,
         subscriptions=[Subscription(callback=lambda _: None, event=Contact, wanted=lambda _: True)],
-        paced=False,
+        pacer=Pacer(),
     )
 
 
@@ -173,3 +180,121 @@ def test_an_emergency_stop_while_the_robot_starts_ends_the_start(ended: list[str
         pepper.activate()
     assert ended == ["open", "activate", "close", "callbacks"]
     assert pepper.state is RobotState.FAULT
+
+
+class Recorder(FakeBackend):
+    """Notes every call, those of a reflex and of listeners too."""
+
+    def __init__(self, real_time: bool, calls: list[str]) -> None:
+        super().__init__()
+        self._real_time, self.calls = real_time, calls
+
+    @property
+    def info(self) -> BackendInfo:
+        return replace(super().info, real_time=self._real_time)
+
+    def step(self, command: Command) -> Measurement:
+        self.calls.append(f"step {command.position[6]:.6f}")
+        return super().step(command)
+
+
+class Noting(Observer):
+    def __init__(self, calls: list[str]) -> None:
+        self.calls = calls
+
+    def step(self, tick: Tick) -> Observation:
+        self.calls.append("observe")
+        nan = np.full(17, np.nan)
+        return Observation(
+            contacts=(),
+            expected=nan,
+            residual=nan,
+            threshold=nan,
+            torque=nan,
+            torque_std=nan,
+            state=np.zeros(17, dtype=np.int8),
+        )
+
+    def reset(self) -> None:
+        self.calls.append("reset")
+
+    def describe(self) -> str:
+        return "notes its calls"
+
+
+class Reacting(Reflex):
+    def __init__(self, calls: list[str]) -> None:
+        self.calls = calls
+
+    def step(self, observation: Observation, measurement: Measurement, control: Control) -> None:
+        self.calls.append("react")
+
+    def reset(self) -> None:
+        pass
+
+
+def calls_of_a_run(monkeypatch: pytest.MonkeyPatch, *, real: bool, paced: bool) -> list[str]:
+    """All that is called in a run of a backend, by a clock that stands still but for sleeping."""
+    calls: list[str] = []
+    now = 0
+
+    def sleep(seconds: float) -> None:
+        nonlocal now
+        now += round(seconds * 1e9)
+
+    monkeypatch.setattr(
+        "pepper_driver.robot.RealTimePacer",
+        lambda cycle: RealTimePacer(cycle, clock=lambda: now, sleep=sleep),
+    )
+    monkeypatch.setattr("pepper_driver.robot.make_backend", lambda *_: Recorder(real, calls))
+    reflex = Reacting(calls)
+    with Pepper("any", observer=Noting(calls), reflexes=[reflex], real_time=paced) as pepper:
+        pepper.set_posture({"LShoulderRoll": 0.5})
+        pepper.run(0.12, on_tick=lambda *_: calls.append("listen"))
+        pepper.run(1.2, until=lambda: calls.append("until?") or len(calls) > 100)  # type: ignore[func-returns-value]
+        assert pepper.statistics.missed == 0
+    assert now == (pepper.statistics.ticks - 1) * 12_000_000 * (real or paced)
+    return calls
+
+
+def test_all_backends_see_the_same_calls_in_the_same_order(monkeypatch: pytest.MonkeyPatch) -> None:
+    simulated = calls_of_a_run(monkeypatch, real=False, paced=False)
+    assert simulated[:3] == ["open", "activate", "reset"]
+    assert [call.split()[0] for call in simulated[3:7]] == ["step", "observe", "react", "listen"]
+    assert len(simulated) > 100
+    assert calls_of_a_run(monkeypatch, real=True, paced=False) == simulated
+    assert calls_of_a_run(monkeypatch, real=False, paced=True) == simulated
+
+
+def broken(measurement: Measurement) -> Measurement:
+    raise ZeroDivisionError("a driver's mistake")
+
+
+def test_a_run_in_real_time_leaves_the_process_as_it_was(monkeypatch: pytest.MonkeyPatch) -> None:
+    seen: list[bool] = []
+    interval = sys.getswitchinterval()
+    backend = Recorder(True, [])
+    backend.faults[5] = broken
+    monkeypatch.setattr("pepper_driver.robot.make_backend", lambda *_: backend)
+    with Pepper("any", observer=None) as pepper, pytest.raises(ZeroDivisionError):
+        pepper.run(1.0, on_tick=lambda *_: seen.append(gc.isenabled()))
+    assert seen == [False] * 4
+    assert gc.isenabled()
+    assert gc.get_freeze_count() == 0
+    assert sys.getswitchinterval() == interval
+
+
+def test_a_slow_tick_is_missed_counted_and_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    """By the real clock: one tick of 100 ms costs at least seven, whatever else the machine does."""
+    backend = Recorder(True, [])
+    monkeypatch.setattr("pepper_driver.robot.make_backend", lambda *_: backend)
+    with Pepper("any", observer=None) as pepper:
+        pepper.run(
+            0.12, on_tick=lambda tick, _: time.sleep(0.1 if tick.measurement.tick == 4 else 0)
+        )
+        statistics = pepper.statistics
+    assert statistics.ticks == 10
+    assert statistics.missed >= 7
+    assert statistics.late["deliver"] >= 1
+    assert statistics.end is not None
+    assert statistics.end.largest >= 100

@@ -1,0 +1,77 @@
+"""When ticks begin: at absolute times, a cycle apart, or as fast as they go."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from contextlib import AbstractContextManager, nullcontext
+
+from pepper_driver.realtime import realtime
+
+
+class Pacer:
+    """No pacing: a tick begins when the one before is over. For simulations.
+
+    Attributes:
+        due: When the tick under way was to begin [ns of the clock]; None where nobody waits for it.
+    """
+
+    due: int | None = None
+
+    def running(self) -> AbstractContextManager[None]:
+        """The ticks of one run are inside this block."""
+        return nullcontext()
+
+    def wait(self) -> int:
+        """Return when the next tick is to begin, with the number of ticks missed before it."""
+        return 0
+
+
+class RealTimePacer(Pacer):
+    """Ticks begin at absolute times, whole cycles apart: a late one shifts no other.
+
+    A tick that is not over when the next is to begin costs that one, and every other until it is over. So does a
+    thread that wakes up a whole cycle late. The times go on from run to run: short runs one after the other keep the
+    beat. Between runs nothing is missed.
+
+    Sleeping ends 0.1 ms late at normal priority. Spinning through the last 0.3 ms would take that away and keep the
+    interpreter from all other threads meanwhile; a robot that samples every 12 ms at a phase of its own gains nothing.
+
+    Args:
+        cycle: Between two ticks [s].
+        clock: Monotonic [ns].
+        sleep: Waits [s].
+    """
+
+    def __init__(
+        self,
+        cycle: float,
+        *,
+        clock: Callable[[], int] = time.perf_counter_ns,
+        sleep: Callable[[float], None] = time.sleep,
+    ) -> None:
+        self._cycle = round(cycle * 1e9)
+        self._clock, self._sleep = clock, sleep
+        self._next = clock()
+        self._fresh = True
+
+    def running(self) -> AbstractContextManager[None]:
+        """The ticks of one run are inside this block; the process is set up for them meanwhile."""
+        self._fresh = True
+        return realtime()
+
+    def wait(self) -> int:
+        """Return when the next tick is to begin, with the number of ticks missed before it."""
+        now = self._clock()
+        if self._fresh:
+            self._fresh = False
+            self._next = max(self._next, now)
+        missed = max(0, -((self._next - now) // self._cycle))  # rounded up: begun is too late
+        due = self._next + missed * self._cycle
+        if due > now:
+            self._sleep((due - now) * 1e-9)
+            overslept = max(0, (self._clock() - due) // self._cycle)
+            missed += overslept
+            due += overslept * self._cycle
+        self.due, self._next = due, due + self._cycle
+        return missed

@@ -1,0 +1,73 @@
+"""Whether a whole tick fits into its cycle: in real time, with all that a run may have."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+
+from pepper_driver.config.parts import FloatArray
+from pepper_driver.controller import ComTask, PositionTask
+from pepper_driver.reflexes import Hold
+from pepper_driver.robot import Pepper
+from pepper_driver.timing import Statistics
+
+TARGET_TIME = 2.4
+"""[s] from one pair of targets of the hands to the next."""
+
+REACH = 0.05
+"""[m] Targets of a hand lie around its place in the posture, this far along each axis at most."""
+
+WRISTS = ("l_wrist", "r_wrist")
+
+# The arms bent before the body: straight ones could not reach their targets.
+POSTURE = {
+    "LShoulderPitch": 0.9,
+    "LShoulderRoll": 0.3,
+    "LElbowYaw": -0.8,
+    "LElbowRoll": -0.9,
+    "RShoulderPitch": 0.9,
+    "RShoulderRoll": -0.3,
+    "RElbowYaw": 0.8,
+    "RElbowRoll": 0.9,
+}
+
+
+def run_tick_bench(
+    seconds: float = 20.0, *, on_progress: Callable[[float], None] | None = None
+) -> Statistics:
+    """Ticks of a simulated robot in real time: controller of five tasks, observer, reflex, gate and log.
+
+    Between two ticks the processor sleeps and caches grow cold, as they do with a robot: a tick takes longer than when
+    ticks follow one another.
+
+    Args:
+        seconds: How long [s].
+        on_progress: Told the share done, 0..1.
+    """
+    tell = on_progress or (lambda share: None)
+    rng = np.random.default_rng(0)
+    with TemporaryDirectory() as folder:
+        log = Path(folder) / "bench.mcap"
+        with Pepper("mujoco", log=log, reflexes=[Hold()], real_time=True) as pepper:
+            pepper.set_posture(POSTURE, duration=1.5)
+            pepper.run(2.0)
+            wrists, homes = _five_tasks(pepper)
+            pepper.clear_statistics()
+            for number in range(rounds := max(1, round(seconds / TARGET_TIME))):
+                for wrist, home in zip(wrists, homes, strict=True):
+                    wrist.target = home + rng.uniform(-REACH, REACH, 3)
+                pepper.run(TARGET_TIME)
+                tell((number + 1) / rounds)
+            return pepper.statistics
+
+
+def _five_tasks(pepper: Pepper) -> tuple[list[PositionTask], list[FloatArray]]:
+    """Both hands and the centre of mass, beside the posture and the base; and where the hands are."""
+    controller = pepper.controller
+    wrists = [PositionTask(pepper.config, link, base=True) for link in WRISTS]
+    for task in (*wrists, ComTask(pepper.config, base=True)):
+        controller.add(task)
+    return wrists, [controller.model.link_pose(link, controller.position)[:3, 3] for link in WRISTS]
