@@ -29,7 +29,7 @@ class JointState(IntEnum):
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Observation:
-    """Result of one tick; arrays in joint order, NaN where the joint is blind.
+    """Result of one tick; arrays in joint order, NaN where the joint is blind, never changed once it was handed over.
 
     Attributes:
         contacts: Events raised in this tick.

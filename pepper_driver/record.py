@@ -98,7 +98,7 @@ def record_labelled(
         def on_tick(tick: Tick, observation: Observation | None) -> None:
             nonlocal ticks, touches
             labels = labeller.step(tick.measurement)
-            log.append(tick, observation, truth, labels)
+            log.append(tick, observation, None if truth is None else truth.sample(), labels)
             ticks += 1
             for label in labels:
                 touches += label.phase == "onset"

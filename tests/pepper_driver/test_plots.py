@@ -55,6 +55,7 @@ def log() -> LogData:
         joint_names=ROBOT.joint_names,
         chains=ROBOT.chains,
         hand_joints=ROBOT.hands.joints,
+        robot=ROBOT.name,
         fields={
             "time": time,
             **{name: random.normal(0.0, 0.01, (TICKS, N)) for name in names},
