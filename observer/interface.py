@@ -64,3 +64,7 @@ class Observer(ABC):
     @abstractmethod
     def describe(self) -> str:
         """One line: kind, models, thresholds."""
+
+    def provenance(self) -> dict[str, str]:
+        """What a log must say of it so that its results can be had again: values by name, as text."""
+        return {}

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import ExitStack
 from pathlib import Path
 
@@ -13,7 +13,7 @@ from pepper_driver.backends import Backend
 from pepper_driver.callbacks import ContactCallback, ContactPredicate, Dispatcher
 from pepper_driver.config import ControllerSettings, RobotConfig
 from pepper_driver.controller import Tick, WholeBodyController
-from pepper_driver.log import LogWriter, run_metadata
+from pepper_driver.log import LogWriter
 from pepper_driver.loop import Loop
 from pepper_driver.observer import Contact, Observation, Observer
 from pepper_driver.reflexes import Reflex
@@ -34,6 +34,7 @@ class Session:
         observer: Or None to feel nothing.
         reflexes: Called in this order in every tick.
         log: Where to write the MCAP log; None for no log.
+        metadata: What the log says of the run.
         subscriptions: Callbacks from the first tick on, with what each wants.
         paced: Whether ticks wait for the wall clock.
 
@@ -57,6 +58,7 @@ class Session:
         observer: Observer | None,
         reflexes: Sequence[Reflex],
         log: Path | None,
+        metadata: Mapping[str, str],
         subscriptions: Sequence[tuple[ContactCallback, ContactPredicate]],
         paced: bool,
     ) -> None:
@@ -72,7 +74,7 @@ class Session:
         self._after_backend.callback(self.dispatcher.close, timeout=CALLBACK_TIME)
         self._after_backend.callback(self.dispatcher.flush, timeout=CALLBACK_TIME)
         try:
-            self.loop = self._start(robot, controller, observer, reflexes, log)
+            self.loop = self._start(robot, controller, observer, reflexes, log, metadata)
             for callback, wanted in subscriptions:
                 self.dispatcher.subscribe(callback, wanted)
             self.active = True
@@ -87,13 +89,13 @@ class Session:
         observer: Observer | None,
         reflexes: Sequence[Reflex],
         path: Path | None,
+        metadata: Mapping[str, str],
     ) -> Loop:
         backend = self._backend
         measurement = backend.open()
         hold = np.clip(measurement.position, robot.lower, robot.upper)
         log: LogWriter | None = None
         if path is not None:  # only now: a robot that is not there costs no earlier log
-            metadata = run_metadata(backend.info, observer)
             log = LogWriter(path, robot, metadata, lossless=not backend.info.real_time)
             self._after_backend.callback(log.close)
         measurement = backend.activate()

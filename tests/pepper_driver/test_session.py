@@ -38,6 +38,7 @@ def make_session(
         observer=None,
         reflexes=reflexes,
         log=log,
+        metadata={},
         subscriptions=[(lambda _: None, lambda _: True)],
         paced=False,
     )
