@@ -19,6 +19,9 @@ T = TypeVar("T")
 class JsonTopic(Generic[T]):
     """Messages of one dataclass. A value of None or not finite is left out: JSON in a browser knows no NaN.
 
+    Attributes:
+        types: ``string``, ``number``, ``integer`` or ``array`` (of text) by field.
+
     Args:
         topic: Name of the topic.
         kind: The dataclass; its values are text, numbers, or tuples of text.
@@ -36,6 +39,7 @@ class JsonTopic(Generic[T]):
     ) -> None:
         self.topic = topic
         self.name = kind.__name__
+        self.types = {name: str(schema["type"]) for name, schema in properties.items()}
         self._kind = kind
         self._names = tuple(field.name for field in fields(kind))  # type: ignore[arg-type]
         self._properties = properties
@@ -44,7 +48,7 @@ class JsonTopic(Generic[T]):
     @property
     def schema(self) -> str:
         """JSON schema of a message."""
-        numbers = {name for name, schema in self._properties.items() if schema["type"] == "number"}
+        numbers = {name for name, kind in self.types.items() if kind == "number"}
         return json.dumps(
             {
                 "title": f"pepper_driver.{self.name}",
@@ -76,8 +80,8 @@ class JsonTopic(Generic[T]):
             ValueError: No JSON.
         """
         values: dict[str, Any] = dict.fromkeys(self._optional)
-        for name, schema in self._properties.items():
-            if schema["type"] == "number" and name not in self._optional:
+        for name, kind in self.types.items():
+            if kind == "number" and name not in self._optional:
                 values[name] = math.nan
         for name, value in json.loads(message).items():
             values[name] = tuple(value) if isinstance(value, list) else value

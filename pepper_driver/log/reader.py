@@ -91,6 +91,15 @@ class LogData:
         except KeyError:
             raise UnknownNameError("log field", name, self.fields) from None
 
+    def lasting_contacts(self) -> list[tuple[Contact, float]]:
+        """Each contact as it was last seen, and when it ended [s]: at the last tick where the log does not say.
+
+        Where a contact is felt becomes clearer after it began: its last event knows the joint best.
+        """
+        last = {contact.id: contact for contact in self.contacts}
+        end = float(self["time"][-1]) if len(self) else np.nan
+        return [(c, c.time if c.phase == "end" else end) for c in last.values()]
+
     def __len__(self) -> int:
         """Number of ticks."""
         return len(self.fields["time"])
