@@ -30,8 +30,8 @@ logger = logging.getLogger("pepper_driver")
 
 DRAIN_PERIOD = 0.05
 """[s] Sleep of the writer thread between two looks at the ring."""
-BLOCK = 32
-"""Rows written in one go: below a millisecond, the tick must not wait long for the interpreter."""
+BLOCK = 8
+"""Rows written in one go: a fraction of a millisecond, for the tick must not wait long for the interpreter."""
 PAUSE = 0.001
 """[s] Sleep between blocks of a backlog."""
 
