@@ -43,6 +43,8 @@ class Imu:
 class Measurement:
     """One sample of all sensors. Joint vectors are in the order of ``RobotConfig.joint_names``.
 
+    The log and callbacks read it on threads of their own: its arrays are never changed once it was handed over.
+
     Attributes:
         time: Clock of the robot [s], counted from ``open``.
         tick: Number of the cycle that produced the sample; the one of ``open`` is 0.
@@ -135,8 +137,25 @@ class TrueContact:
     torque: FloatArray
 
 
+@dataclass(frozen=True, kw_only=True, slots=True)
+class TruthSample:
+    """What a simulation knew at the end of one cycle; each value as in :class:`Truth`, copied."""
+
+    contact_torque: FloatArray
+    peak_torque: FloatArray
+    position: FloatArray
+    base: FloatArray
+    tilt: FloatArray
+    wheel_load: FloatArray
+    in_gap: NDArray[np.bool_]
+    saturated: NDArray[np.bool_]
+
+
 class Truth(ABC):
-    """What only a simulation knows. For the log and for evaluation; no estimator may hold a reference to it."""
+    """What only a simulation knows, now. For the log and for evaluation; no estimator may hold a reference to it.
+
+    Arrays are copies.
+    """
 
     @property
     @abstractmethod
@@ -203,6 +222,19 @@ class Truth(ABC):
         Raises:
             UnknownNameError: No such link.
         """
+
+    def sample(self) -> TruthSample:
+        """What of it goes into a log, as it is now."""
+        return TruthSample(
+            contact_torque=self.contact_torque,
+            peak_torque=self.peak_torque,
+            position=self.position,
+            base=self.base,
+            tilt=self.tilt,
+            wheel_load=self.wheel_load,
+            in_gap=self.in_gap,
+            saturated=self.saturated,
+        )
 
     @property
     @abstractmethod

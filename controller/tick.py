@@ -13,7 +13,7 @@ from pepper_driver.controller.reference import Reference
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Tick:
-    """One cycle. Nothing reachable from here leads to the ground truth of a simulation.
+    """One cycle. Nothing reachable from here leads to the ground truth of a simulation, nor is ever changed.
 
     Attributes:
         measurement: What the robot measured.

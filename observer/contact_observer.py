@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import json
 import logging
 import math
 from collections.abc import Sequence
+from dataclasses import asdict
 from typing import Protocol
 
 import numpy as np
@@ -91,7 +93,7 @@ class ContactObserver(Observer):
         momentum: bool = False,
     ) -> None:
         models.check_robot(robot)
-        self._models, self._robot = models, robot
+        self._models, self._robot, self._settings = models, robot, settings
         self._mode = "paper" if models.kind != "fusion" else "momentum" if momentum else "fusion"
         self._signal, window = _signal(self._mode, robot, models, settings)
         lookback = math.ceil(ONSET_LOOKBACK / robot.cycle)
@@ -127,6 +129,15 @@ class ContactObserver(Observer):
             f"{self._models.identity}; median of {self._window}, "
             f"threshold {known.min():.2f} to {known.max():.2f} deg"
         )
+
+    def provenance(self) -> dict[str, str]:
+        """Mode, models and settings: ``models_sha256`` is that of the model file, as ``ModelSet.save`` writes it."""
+        return {
+            "mode": self._mode,
+            "models": f"{self._models.kind}, identified on {self._models.identity}",
+            "models_sha256": self._models.sha256(),
+            "settings": json.dumps(asdict(self._settings), sort_keys=True),
+        }
 
     @property
     def worn(self) -> tuple[str, ...]:

@@ -29,7 +29,7 @@ class JointState(IntEnum):
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Observation:
-    """Result of one tick; arrays in joint order, NaN where the joint is blind.
+    """Result of one tick; arrays in joint order, NaN where the joint is blind, never changed once it was handed over.
 
     Attributes:
         contacts: Events raised in this tick.
@@ -64,3 +64,7 @@ class Observer(ABC):
     @abstractmethod
     def describe(self) -> str:
         """One line: kind, models, thresholds."""
+
+    def provenance(self) -> dict[str, str]:
+        """What a log must say of it so that its results can be had again: values by name, as text."""
+        return {}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import math
 import os
@@ -138,15 +139,7 @@ class ModelSet:
         Raises:
             ModelFileError: The place cannot be written to.
         """
-        header = {f.name: getattr(self, f.name) for f in fields(self) if f.name != "models"}
-        lines = [
-            f"  {json.dumps(joint)}: {self._model_text(joint)}"
-            for joint in self.joint_names
-            if joint in self.models
-        ]
-        head = json.dumps({"format": FORMAT, **header}, indent=1, allow_nan=False, default=_plain)
-        body = ",\n".join(lines)
-        text = head.removesuffix("\n}") + ',\n "models": {\n' + body + "\n }\n}\n"
+        text = self._text()
         temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
         try:
             try:
@@ -162,6 +155,21 @@ class ModelSet:
             raise ModelFileError(
                 f"{path}: cannot be written ({reason}); choose another place"
             ) from error
+
+    def sha256(self) -> str:
+        """Of the file that :meth:`save` writes, in hexadecimal digits."""
+        return hashlib.sha256(self._text().encode()).hexdigest()
+
+    def _text(self) -> str:
+        header = {f.name: getattr(self, f.name) for f in fields(self) if f.name != "models"}
+        lines = [
+            f"  {json.dumps(joint)}: {self._model_text(joint)}"
+            for joint in self.joint_names
+            if joint in self.models
+        ]
+        head = json.dumps({"format": FORMAT, **header}, indent=1, allow_nan=False, default=_plain)
+        body = ",\n".join(lines)
+        return head.removesuffix("\n}") + ',\n "models": {\n' + body + "\n }\n}\n"
 
     def _model_text(self, joint: str) -> str:
         return json.dumps(asdict(self.models[joint]), allow_nan=False)

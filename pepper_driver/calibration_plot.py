@@ -10,7 +10,8 @@ import numpy as np
 
 from pepper_driver.calibrate import CalibrationReport, residual
 from pepper_driver.config import MissingExtraError, UnknownNameError
-from pepper_driver.plots import BLUE, FORMATS, GREEN, ORANGE, RED, PlotError
+from pepper_driver.palette import BLUE, GREEN, ORANGE, RED
+from pepper_driver.plots import FORMATS, PlotError
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

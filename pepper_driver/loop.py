@@ -22,7 +22,7 @@ from pepper_driver.backends import (
 from pepper_driver.config import RobotConfig
 from pepper_driver.config.parts import FloatArray
 from pepper_driver.controller import Reference, Tick, WholeBodyController
-from pepper_driver.log import LogWriter
+from pepper_driver.log import LogEvent, LogWriter
 from pepper_driver.observer import Observation, Observer
 from pepper_driver.reflexes import Control, Reflex
 from pepper_driver.safety import FaultError, SafetyGate
@@ -129,6 +129,9 @@ class Loop:
         marks = [perf_counter_ns()]
         measurement = self._backend.step(self._on_the_way[-1].command)
         self.time = measurement.time
+        truth = None
+        if self._truth is not None and self._log is not None:
+            truth = self._truth.sample()
         marks.append(perf_counter_ns())
 
         answered = self._on_the_way[0]
@@ -159,7 +162,7 @@ class Loop:
 
         try:
             if self._log is not None:
-                self._log.append(tick, observation, self._truth)
+                self._log.append(tick, observation, truth)
             marks.append(perf_counter_ns())
             self._deliver(tick, observation)
         finally:  # whatever a listener does: a fault reaches the robot
@@ -207,5 +210,7 @@ class Loop:
         """Tell the robot once, after a fault, to hold its joints and stop its wheels."""
         if not self._halted:
             self._halted = True
+            if self._log is not None:
+                self._log.note(LogEvent(time=self.time, kind="fault", text=self._gate.fault))
             with suppress(BackendError, NotConnectedError):  # nobody there to be told
                 self._backend.step(self._gate.hold())

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Mapping
-from contextlib import suppress
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -36,7 +36,8 @@ def check_writable(path: Path) -> None:
     Raises:
         OutputError: It cannot be written.
     """
-    _replace(path, "", keep=False)
+    with replacing(path, keep=False) as partial:
+        partial.touch()
 
 
 def write_json(path: Path, content: Mapping[str, Any]) -> None:
@@ -45,7 +46,9 @@ def write_json(path: Path, content: Mapping[str, Any]) -> None:
     Raises:
         OutputError: It cannot be written.
     """
-    _replace(path, json.dumps(content, indent=2, allow_nan=False) + "\n", keep=True)
+    text = json.dumps(content, indent=2, allow_nan=False) + "\n"
+    with replacing(path) as partial:
+        partial.write_text(text, encoding="utf-8")
 
 
 def write_text(path: Path, text: str) -> None:
@@ -55,21 +58,32 @@ def write_text(path: Path, text: str) -> None:
         OutputError: It cannot be written.
     """
     make_folder(path.parent)
-    _replace(path, text, keep=True)
+    with replacing(path) as partial:
+        partial.write_text(text, encoding="utf-8")
 
 
-def _replace(path: Path, text: str, *, keep: bool) -> None:
-    """Write ``text`` beside ``path``, then put it in its place, or only try when not to ``keep`` it."""
+@contextmanager
+def replacing(path: Path, *, keep: bool = True) -> Iterator[Path]:
+    """A file to write beside ``path``, which takes its place when the block ends well, and is gone when it does not.
+
+    Args:
+        path: The file.
+        keep: False only to try: it is gone in any case.
+
+    Raises:
+        OutputError: It cannot be written.
+    """
     partial = path.with_name(path.name + ".part")
     try:
         if path.is_dir():
             raise IsADirectoryError(None, "it is a folder")
-        partial.write_text(text, encoding="utf-8")
+        yield partial
         if keep:
             os.replace(partial, path)
-        else:
-            partial.unlink()
+    except OutputError:  # of another file written meanwhile
+        raise
     except OSError as error:
+        raise OutputError(f"{path}: cannot be written ({error.strerror or error})") from error
+    finally:
         with suppress(OSError):
             partial.unlink()
-        raise OutputError(f"{path}: cannot be written ({error.strerror})") from error

@@ -12,6 +12,14 @@ from numpy.typing import NDArray
 
 from pepper_driver.config import MissingExtraError, PepperError, UnknownNameError
 from pepper_driver.log import LogData, LogError
+from pepper_driver.palette import BLACK, GREEN, ORANGE, RED
+from pepper_driver.plot_marks import (
+    make_room,
+    mark_contacts,
+    mark_faults,
+    mark_pushes,
+    mark_reflexes,
+)
 
 if TYPE_CHECKING:
     from matplotlib.artist import Artist
@@ -24,36 +32,38 @@ COLUMNS = 3
 BLOCK_SIZE = (16.0, 9.0)
 """[inch] One row of joints, at 100 dots per inch."""
 
-# Okabe and Ito's palette, told apart by every kind of colour vision. The red is the paper's; dashes
-# tell it from the other line of its panel.
-BLACK, GREEN, ORANGE, BLUE, RED = "#000000", "#009E73", "#E69F00", "#0072B2", "#CC0000"
-PALE_BLUE, GREY, SHADE = "#7FBBE0", "#7F7F7F", "#E2E2E2"
-PUSHED = 1e-6
-"""[N m] Contact torque that counts as none: rounding of J^T f."""
-
 
 class PlotError(PepperError, OSError):
     """A picture cannot be written."""
 
 
-def plot_contacts(log: LogData, path: Path, joints: Sequence[str] | None = None) -> None:
+def plot_contacts(
+    log: LogData,
+    path: Path,
+    joints: Sequence[str] | None = None,
+    *,
+    start: float | None = None,
+    stop: float | None = None,
+) -> None:
     """Write :func:`contact_figure` to a file.
 
     Args:
         log: What was recorded.
         path: PNG, SVG or PDF by suffix; missing folders are made, an existing file is replaced.
         joints: See :func:`contact_figure`.
+        start: The same.
+        stop: The same.
 
     Raises:
         MissingExtraError: matplotlib is not installed.
         UnknownNameError: No such joint, or no such file format.
-        LogError: The log holds no tick.
+        LogError: The log holds no tick, or none at that time.
         PlotError: The file cannot be written.
     """
     path = Path(path)
     if path.suffix.lower().removeprefix(".") not in FORMATS:
         raise UnknownNameError("picture format", path.suffix.removeprefix("."), FORMATS)
-    figure = contact_figure(log, joints)
+    figure = contact_figure(log, joints, start=start, stop=stop)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         figure.savefig(path)
@@ -61,15 +71,24 @@ def plot_contacts(log: LogData, path: Path, joints: Sequence[str] | None = None)
         raise PlotError(f"{path}: cannot be written ({error.strerror or error})") from error
 
 
-def contact_figure(log: LogData, joints: Sequence[str] | None = None) -> Figure:
+def contact_figure(
+    log: LogData,
+    joints: Sequence[str] | None = None,
+    *,
+    start: float | None = None,
+    stop: float | None = None,
+) -> Figure:
     """Per joint three panels over time: position, tracking error, contact observer signal r.
 
-    Dashed lines mark where contacts begin. Grey areas are the simulation's ground truth, where the
-    log has it. Hands are shown in percent of their aperture, all other joints in degrees.
+    Blue areas are contacts as they were felt, from the onset, a dashed line, to the end; bars at the top are reflexes,
+    bars at the bottom the simulation's ground truth, where the log has it. Hands are shown in percent of their
+    aperture, all other joints in degrees.
 
     Args:
         log: What was recorded.
         joints: Which joints; by default those with most contacts, without any those that move most.
+        start: From when on, on the clock of the robot [s]; None from the first tick.
+        stop: Until when [s]; None to the last tick.
 
     Returns:
         A figure without a display, 1600 x 1000 dots for up to three joints.
@@ -77,14 +96,13 @@ def contact_figure(log: LogData, joints: Sequence[str] | None = None) -> Figure:
     Raises:
         MissingExtraError: matplotlib is not installed.
         UnknownNameError: No such joint.
-        LogError: The log holds no tick.
+        LogError: The log holds no tick, or none at that time.
     """
     try:
         from matplotlib.figure import Figure
     except ImportError as error:
         raise MissingExtraError("plotting", "plot") from error
-    if len(log) == 0:
-        raise LogError("the log holds no tick to plot")
+    rows = _rows(log, start, stop)
     chosen = list(dict.fromkeys(joints)) if joints else _choose(log)
     for joint in chosen:
         if joint not in log.joint_names:
@@ -99,7 +117,7 @@ def contact_figure(log: LogData, joints: Sequence[str] | None = None) -> Figure:
         block, column = divmod(place, columns)
         three = panels[3 * block : 3 * block + 3, column]
         if place < len(chosen):
-            _draw_joint(log, chosen[place], three)
+            _draw_joint(log, rows, chosen[place], three)
         else:
             for axes in three:
                 axes.set_visible(False)
@@ -108,9 +126,28 @@ def contact_figure(log: LogData, joints: Sequence[str] | None = None) -> Figure:
     return figure
 
 
+def _rows(log: LogData, start: float | None, stop: float | None) -> NDArray[np.bool_]:
+    """(n,) which ticks to draw."""
+    if len(log) == 0:
+        raise LogError("the log holds no tick to plot")
+    time = log["time"]
+    first = -np.inf if start is None else start
+    last = np.inf if stop is None else stop
+    if not first < last:
+        raise LogError(
+            f"from {first:g} s to {last:g} s is no stretch of time: give the earlier first"
+        )
+    rows: NDArray[np.bool_] = (time >= first) & (time <= last)
+    if not rows.any():
+        raise LogError(
+            f"the log holds no tick there: it goes from {np.nanmin(time):.2f} s to {np.nanmax(time):.2f} s"
+        )
+    return rows
+
+
 def _choose(log: LogData) -> list[str]:
     """The joints worth a look, at most as many as fit side by side, in joint order."""
-    felt = Counter(c.joint for c in log.contacts if c.phase == "begin" and c.joint is not None)
+    felt = Counter(c.joint for c, _ in log.lasting_contacts() if c.joint is not None)
     best = [joint for joint, _ in felt.most_common(COLUMNS) if joint in log.joint_names]
     if not best:
         travel = np.ptp(log["sent_position"], axis=0)
@@ -118,22 +155,35 @@ def _choose(log: LogData) -> list[str]:
     return sorted(best, key=log.joint_names.index)
 
 
-def _draw_joint(log: LogData, joint: str, panels: NDArray[np.object_]) -> None:
+def _draw_joint(
+    log: LogData, rows: NDArray[np.bool_], joint: str, panels: NDArray[np.object_]
+) -> None:
     index = log.joint_names.index(joint)
     scale, unit = (
         (100.0, "% of aperture") if joint in log.hand_joints else (float(np.rad2deg(1.0)), "deg")
     )
-    time = log["time"]
+    time = log["time"][rows]
 
     def of(name: str) -> NDArray[np.float64]:
-        return np.asarray(log[name][:, index] * scale, dtype=np.float64)
+        return np.asarray(log[name][rows, index] * scale, dtype=np.float64)
 
     top: Axes
     middle: Axes
     bottom: Axes
     top, middle, bottom = panels
     sent, measured = of("sent_position"), of("position")
-    top.plot(time, sent, color=BLACK, linestyle="--", linewidth=1.2, label="desired, as sent")
+    top.plot(
+        time,
+        sent,
+        color=BLACK,
+        linestyle="--",
+        linewidth=1.2,
+        zorder=2.5,
+        label="desired, as sent",
+    )
+    if log["changed"][rows, index].any():
+        wanted = of("reference_position")
+        top.plot(time, wanted, color=ORANGE, linewidth=1.2, label="wanted, before the safety gate")
     top.plot(time, measured, color=GREEN, linewidth=1.5, label="measured")
     middle.plot(time, of("expected"), color=ORANGE, linewidth=2.5, label="expected in free motion")
     middle.plot(time, sent - measured, color=GREEN, linewidth=1.1, label="measured")
@@ -156,54 +206,25 @@ def _draw_joint(log: LogData, joint: str, panels: NDArray[np.object_]) -> None:
     bottom.set_xlabel("time [s]")
     bottom.tick_params(labelbottom=True)
     for axes in (top, middle, bottom):
-        axes.margins(x=0.0)
+        axes.set_xlim(_limits(time))
         axes.grid(visible=True, color="#EEEEEE", linewidth=0.8)
         axes.set_axisbelow(True)
-        _mark_contacts(log, joint, axes)
-        _shade_pushes(log, joint, axes)
+        make_room(log, axes)
+        mark_pushes(log, joint, axes)
+        mark_contacts(log, joint, axes)
+        mark_reflexes(log, joint, axes)
+        mark_faults(log, axes)
 
 
-def _chain(log: LogData, joint: str) -> tuple[str, ...]:
-    return next((chain for chain in log.chains.values() if joint in chain), (joint,))
-
-
-def _mark_contacts(log: LogData, joint: str, axes: Axes) -> None:
-    """Lines where contacts begin; a contact put on another joint of the chain is drawn fainter."""
-    chain = _chain(log, joint)
-    for contact in log.contacts:
-        if contact.phase != "begin" or (contact.joint is not None and contact.joint not in chain):
-            continue
-        here = contact.joint == joint
-        if contact.kind == "rebound":
-            style, color, label = ":", GREY, "rebound begins"
-        elif here:
-            style, color, label = "--", BLUE, "contact begins"
-        else:
-            style, color, label = "--", PALE_BLUE, "contact begins elsewhere on the chain or trunk"
-        axes.axvline(contact.onset_time, color=color, linestyle=style, linewidth=1.3, label=label)
-
-
-def _shade_pushes(log: LogData, joint: str, axes: Axes) -> None:
-    if log.truth is None:
-        return
-    chain = [log.joint_names.index(name) for name in _chain(log, joint)]
-    pushed = (np.abs(log.truth["contact_torque"][:, chain]) > PUSHED).any(axis=1)
-    axes.fill_between(
-        log.truth["time"],
-        0.0,
-        1.0,
-        where=pushed,
-        transform=axes.get_xaxis_transform(),
-        color=SHADE,
-        linewidth=0.0,
-        zorder=0.0,
-        label="true push (simulation only)",
-    )
+def _limits(time: NDArray[np.float64]) -> tuple[float, float]:
+    """Of the axis of time [s]; as wide as a tick where there is but one."""
+    first, last = float(np.nanmin(time)), float(np.nanmax(time))
+    return first, max(last, first + 0.012)
 
 
 def _title(log: LogData) -> str:
     parts = [log.metadata.get("backend", "unknown backend")]
-    if "seed" in log.metadata:
+    if "seed" in log.metadata and "seed=" not in parts[0]:
         parts.append(f"seed {log.metadata['seed']}")
     if not log.complete:
         parts.append("log cut short")

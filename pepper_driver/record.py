@@ -12,7 +12,7 @@ from pepper_driver.controller import Tick
 from pepper_driver.keys import SpaceBar
 from pepper_driver.labeller import make_labeller
 from pepper_driver.labelling import LabelError
-from pepper_driver.log import Label, LogWriter, run_metadata
+from pepper_driver.log import Label, LogWriter
 from pepper_driver.observer import Observation
 from pepper_driver.robot import Pepper
 from pepper_driver.staging import Stage, scenario_uri
@@ -93,12 +93,12 @@ def record_labelled(
     ticks = touches = 0
     interrupted = False
     with space_bar if by_key else nullcontext(), pepper:
-        log = LogWriter(out, robot, run_metadata(info, None), lossless=not info.real_time)
+        log = LogWriter(out, robot, pepper.run_metadata(), lossless=not info.real_time)
 
         def on_tick(tick: Tick, observation: Observation | None) -> None:
             nonlocal ticks, touches
             labels = labeller.step(tick.measurement)
-            log.append(tick, observation, truth, labels)
+            log.append(tick, observation, None if truth is None else truth.sample(), labels)
             ticks += 1
             for label in labels:
                 touches += label.phase == "onset"

@@ -27,6 +27,7 @@ from pepper_driver.config.parts import FloatArray
 from pepper_driver.controller import GainError, TargetError, Tick, WholeBodyController
 from pepper_driver.controller.tasks import checked_stiffness
 from pepper_driver.listening import Listening
+from pepper_driver.log import run_metadata
 from pepper_driver.motion import OnStep, Player
 from pepper_driver.motion_report import MotionReport
 from pepper_driver.observer import Observation, Observer
@@ -127,6 +128,7 @@ class Pepper(Listening):
             observer=self._observer,
             reflexes=self._reflexes,
             log=self._log_path,
+            metadata={} if self._log_path is None else self.run_metadata(),
             subscriptions=self._subscriptions,
             pacer=self._pacer,
         )
@@ -137,6 +139,16 @@ class Pepper(Listening):
             self._session.close()
         else:
             self.backend.close()
+
+    def run_metadata(self) -> dict[str, str]:
+        """What a log says of a run that begins now: robot, observer, settings, versions, as text."""
+        return run_metadata(
+            self.backend.info,
+            self._observer,
+            self.config,
+            self._controller_settings,
+            self._safety_settings,
+        )
 
     @property
     def state(self) -> RobotState:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import ExitStack
 from pathlib import Path
 
@@ -14,7 +14,7 @@ from pepper_driver.callbacks import Dispatcher, Subscription
 from pepper_driver.config import ControllerSettings, RobotConfig
 from pepper_driver.controller import Tick, WholeBodyController
 from pepper_driver.events import FaultEvent, ReflexEvent, TickEvent
-from pepper_driver.log import LogWriter, run_metadata
+from pepper_driver.log import LogWriter
 from pepper_driver.loop import Loop
 from pepper_driver.observer import Contact, Observation, Observer
 from pepper_driver.pacing import Pacer
@@ -40,6 +40,7 @@ class Session:
         observer: Or None to feel nothing.
         reflexes: Called in this order in every tick.
         log: Where to write the MCAP log; None for no log.
+        metadata: What the log says of the run.
         subscriptions: Callbacks from the first tick on.
         pacer: Says when ticks begin.
 
@@ -66,6 +67,7 @@ class Session:
         observer: Observer | None,
         reflexes: Sequence[Reflex],
         log: Path | None,
+        metadata: Mapping[str, str],
         subscriptions: Sequence[Subscription],
         pacer: Pacer,
     ) -> None:
@@ -84,7 +86,7 @@ class Session:
         self._after_backend = ExitStack()  # closed when the robot is, the last first
         self._after_backend.callback(self.dispatcher.close, timeout=CALLBACK_TIME)
         try:
-            self.loop = self._start(robot, controller, observer, reflexes, log)
+            self.loop = self._start(robot, controller, observer, reflexes, log, metadata)
             for subscription in subscriptions:
                 self.dispatcher.subscribe(subscription)
             self.active = True
@@ -99,13 +101,13 @@ class Session:
         observer: Observer | None,
         reflexes: Sequence[Reflex],
         path: Path | None,
+        metadata: Mapping[str, str],
     ) -> Loop:
         backend = self._backend
         measurement = backend.open()
         hold = np.clip(measurement.position, robot.lower, robot.upper)
         log: LogWriter | None = None
         if path is not None:  # only now: a robot that is not there costs no earlier log
-            metadata = run_metadata(backend.info, observer)
             log = LogWriter(path, robot, metadata, lossless=not backend.info.real_time)
             self._after_backend.callback(log.close)
         measurement = backend.activate()

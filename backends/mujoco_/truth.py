@@ -17,7 +17,7 @@ LYING = 0.05
 
 
 class MujocoTruth(Truth):
-    """Ground truth of the simulated robot. Arrays are copies."""
+    """Ground truth of the simulated robot."""
 
     def __init__(self, plant: PlantConfig, simulation: Simulation) -> None:
         self._plant = plant
@@ -74,7 +74,8 @@ class MujocoTruth(Truth):
         """(5,) x, y, yaw, pitch, roll."""
         if self._places is None:
             return np.zeros(5)
-        return np.array(self._simulation.data.qpos[self._places])
+        base: FloatArray = self._simulation.data.qpos[self._places]  # an index array copies
+        return base
 
     @property
     def in_gap(self) -> NDArray[np.bool_]:

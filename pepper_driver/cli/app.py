@@ -14,7 +14,9 @@ from pepper_driver.cli.calibrate import calibrate
 from pepper_driver.cli.demo import demo
 from pepper_driver.cli.evaluate import evaluate_command
 from pepper_driver.cli.identify import identify
+from pepper_driver.cli.log import app as log_app
 from pepper_driver.cli.move import move
+from pepper_driver.cli.plot import plot
 from pepper_driver.cli.record import record
 from pepper_driver.config import PepperError
 
@@ -33,6 +35,8 @@ app.command()(record)
 app.command("evaluate")(evaluate_command)
 app.command()(bench)
 app.command()(calibrate)
+app.command()(plot)
+app.add_typer(log_app, name="log")
 
 
 @app.callback(invoke_without_command=True)

@@ -16,7 +16,8 @@ from pepper_driver.evaluation.metrics import RECALL_BINS
 from pepper_driver.evaluation.results import Evaluation
 from pepper_driver.evaluation.trace import Trace
 from pepper_driver.observer.alarms import TRUNK, limb_of
-from pepper_driver.plots import BLACK, BLUE, GREEN, GREY, ORANGE, RED, SHADE, PlotError
+from pepper_driver.palette import BLACK, BLUE, GREEN, GREY, ORANGE, RED, SHADE
+from pepper_driver.plots import PlotError
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import json
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import Literal, get_args
 
-LabelPhase = Literal["onset", "release"]
+from pepper_driver.log.json_topic import JsonTopic
 
-LABEL_TOPIC = "/label"
+LabelPhase = Literal["onset", "release"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -30,25 +29,15 @@ class Label:
     joint: str | None = None
 
 
-def label_schema() -> str:
-    """JSON schema of ``/label``."""
-    properties: dict[str, dict[str, object]] = {
+LABELS = JsonTopic(
+    "/label",
+    Label,
+    {
         "time": {"type": "number", "description": "[s]"},
         "phase": {"type": "string", "enum": list(get_args(LabelPhase))},
         "source": {"type": "string"},
-        "link": {"type": ["string", "null"]},
-        "joint": {"type": ["string", "null"]},
-    }
-    return json.dumps(
-        {
-            "title": "pepper_driver.Label",
-            "type": "object",
-            "properties": properties,
-            "required": list(properties),
-        }
-    )
-
-
-def label_to_json(label: Label) -> bytes:
-    """A label as JSON; floats keep every bit."""
-    return json.dumps(asdict(label)).encode()
+        "link": {"type": "string"},
+        "joint": {"type": "string"},
+    },
+    optional=frozenset({"link", "joint"}),
+)

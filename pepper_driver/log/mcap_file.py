@@ -5,28 +5,27 @@ from __future__ import annotations
 from collections.abc import Mapping
 from contextlib import suppress
 from pathlib import Path
-from typing import BinaryIO
+from typing import Any, BinaryIO, TypeVar
 
 from mcap.well_known import MessageEncoding, SchemaEncoding
 from mcap.writer import Writer
 
 from pepper_driver.config import RobotConfig
+from pepper_driver.log.contacts import CONTACTS
 from pepper_driver.log.errors import LogError
-from pepper_driver.log.label import LABEL_TOPIC, Label, label_schema, label_to_json
+from pepper_driver.log.event import EVENTS
+from pepper_driver.log.json_topic import JsonTopic
+from pepper_driver.log.label import LABELS
 from pepper_driver.log.schema import (
-    CDR_HEADER,
-    CONTACT_TOPIC,
     TICK_TOPIC,
     TRUTH_TOPIC,
-    FloatArray,
-    contact_schema,
-    contact_to_json,
     layout_metadata,
     message_definition,
     tick_fields,
     truth_fields,
 )
-from pepper_driver.observer.contact import Contact
+
+T = TypeVar("T")
 
 CHUNK_SIZE = 64 * 1024
 """[bytes] A killed process loses the chunk it was filling: at 12 ms, a third of a second."""
@@ -76,8 +75,9 @@ class McapFile:
             self._truth = self._ros_channel(
                 TRUTH_TOPIC, "Truth", message_definition(truth_fields(robot))
             )
-            self._contact = self._json_channel(CONTACT_TOPIC, "Contact", contact_schema())
-            self._label = self._json_channel(LABEL_TOPIC, "Label", label_schema())
+            self._json = {
+                topic.topic: self._json_channel(topic) for topic in (CONTACTS, LABELS, EVENTS)
+            }
             self._stream.flush()
         except BaseException as error:
             self.abandon()
@@ -93,31 +93,27 @@ class McapFile:
         )
         return self._writer.register_channel(topic, MessageEncoding.CDR, schema)
 
-    def _json_channel(self, topic: str, name: str, definition: str) -> int:
+    def _json_channel(self, topic: JsonTopic[Any]) -> int:
         schema = self._writer.register_schema(
-            f"pepper_driver.{name}", SchemaEncoding.JSONSchema, definition.encode()
+            f"pepper_driver.{topic.name}", SchemaEncoding.JSONSchema, topic.schema.encode()
         )
-        return self._writer.register_channel(topic, MessageEncoding.JSON, schema)
+        return self._writer.register_channel(topic.topic, MessageEncoding.JSON, schema)
 
-    def write_tick(self, time: float, row: FloatArray) -> None:
-        """Write a row of ``/tick``, stamped ``time`` [s]."""
-        self._write(self._tick, time, CDR_HEADER + row.tobytes())
+    def write_tick(self, time: float, message: bytes) -> None:
+        """Write a message of ``/tick``, stamped ``time`` [s]."""
+        self._write(self._tick, time, message)
 
-    def write_truth(self, time: float, row: FloatArray) -> None:
-        """Write a row of ``/truth``, stamped ``time`` [s]."""
-        self._write(self._truth, time, CDR_HEADER + row.tobytes())
+    def write_truth(self, time: float, message: bytes) -> None:
+        """Write a message of ``/truth``, stamped ``time`` [s]."""
+        self._write(self._truth, time, message)
 
-    def write_contact(self, time: float, contact: Contact) -> None:
-        """Write a contact, stamped ``time`` [s].
+    def write_item(self, topic: JsonTopic[T], time: float, item: T) -> None:
+        """Write a contact, label or event, stamped ``time`` [s].
 
         Raises:
-            TypeError: A field of the contact is neither text nor number.
+            TypeError: A value of the item is neither text nor number.
         """
-        self._write(self._contact, time, contact_to_json(contact))
-
-    def write_label(self, time: float, label: Label) -> None:
-        """Write a label, stamped ``time`` [s]."""
-        self._write(self._label, time, label_to_json(label))
+        self._write(self._json[topic.topic], time, topic.encode(item))
 
     def _write(self, channel: int, time: float, data: bytes) -> None:
         stamp = nanoseconds(time)

@@ -2,23 +2,84 @@
 
 from __future__ import annotations
 
+import hashlib
+import json
+import os
 import platform
-from importlib.metadata import version
+import re
+from collections.abc import Mapping
+from dataclasses import asdict
+from datetime import UTC, datetime
+from importlib.metadata import PackageNotFoundError, version
 
 from pepper_driver.backends import BackendInfo
+from pepper_driver.backends.selection import parse_uri
+from pepper_driver.config import ControllerSettings, RobotConfig, SafetySettings
 from pepper_driver.observer import Observer
 
+LIBRARIES = ("numpy", "mujoco", "pin", "daqp", "mcap")
+"""Whose versions decide what a run gives, or how it was written."""
 
-def run_metadata(info: BackendInfo, observer: Observer | None) -> dict[str, str]:
-    """Robot, observer and versions, as text; no name of a person or a machine."""
-    return {
-        "pepper_driver": version("pepper-driver"),
-        "backend": info.uri,
+_USER = re.compile(r"//[^?#]*@")
+_SECRET = re.compile(r"(?i)([?&][^=&]*(?:pass|pwd|secret|token|auth|key)[^=&]*=)[^&#]*")
+
+
+def run_metadata(
+    info: BackendInfo,
+    observer: Observer | None,
+    robot: RobotConfig,
+    controller: ControllerSettings,
+    safety: SafetySettings,
+) -> dict[str, str]:
+    """Who runs what on which robot, with which settings and versions, as text; no name of a person or a machine.
+
+    Args:
+        info: Of the backend.
+        observer: Or None.
+        robot: Its description.
+        controller: Settings in force.
+        safety: Settings in force.
+    """
+    settings = {"controller": _text(asdict(controller)), "safety": _text(asdict(safety))}
+    metadata = {
+        "start": datetime.now(UTC).isoformat(timespec="seconds"),
+        "backend": without_secrets(info.uri),
+        "robot": robot.name,
         "identity": info.identity,
-        "observer": observer.describe() if observer is not None else "none",
+        "cycle": str(info.cycle),
         "response_delay": str(info.response_delay),
-        "python": platform.python_version(),
-        "numpy": version("numpy"),
-        "mujoco": version("mujoco"),
-        "machine": f"{platform.system()} {platform.machine()}",
+        "observer": observer.describe() if observer is not None else "none",
     }
+    if (seed := parse_uri(info.uri).query.get("seed")) is not None:
+        metadata["seed"] = seed
+    if observer is not None:
+        for name, text in observer.provenance().items():
+            metadata[f"observer_{name}"] = text
+    for name, text in settings.items():
+        metadata[f"{name}_settings"] = text
+        metadata[f"{name}_settings_sha256"] = hashlib.sha256(text.encode()).hexdigest()
+    return {
+        **metadata,
+        "pepper_driver": _version("pepper-driver"),
+        "python": platform.python_version(),
+        **{name: _version(name) for name in LIBRARIES},
+        "machine": f"{platform.system()} {platform.release()} {platform.machine()}, "
+        f"{os.cpu_count()} processors",
+    }
+
+
+def without_secrets(uri: str) -> str:
+    """A backend URI without user, password and keys: ``naoqis://nao:pw@pepper.local`` is ``naoqis://pepper.local``."""
+    return _SECRET.sub(r"\1...", _USER.sub("//", uri))
+
+
+def _version(package: str) -> str:
+    """Of an installed package; some systems install without saying so, which must stop no run."""
+    try:
+        return version(package)
+    except PackageNotFoundError:
+        return "unknown"
+
+
+def _text(settings: Mapping[str, object]) -> str:
+    return json.dumps(settings, sort_keys=True)

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from io import BytesIO
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from mcap.data_stream import ReadDataStream
@@ -19,22 +19,27 @@ from mcap.writer import MCAP0_MAGIC
 from numpy.typing import NDArray
 
 from pepper_driver.config import UnknownNameError
+from pepper_driver.log.contacts import CONTACTS
 from pepper_driver.log.errors import LogError
-from pepper_driver.log.label import LABEL_TOPIC, Label
+from pepper_driver.log.event import EVENTS, LogEvent
+from pepper_driver.log.json_topic import JsonTopic
+from pepper_driver.log.label import LABELS, Label
 from pepper_driver.log.mcap_file import reason
 from pepper_driver.log.schema import (
     CDR_HEADER,
-    CONTACT_TOPIC,
     LAYOUT_VERSION,
     TICK_TOPIC,
     TRUTH_TOPIC,
     Field,
-    columns,
+    row_type,
 )
 from pepper_driver.observer.contact import Contact
 
 Column = NDArray[Any]
 """float64, int64, int8 or bool, as the field was appended."""
+
+T = TypeVar("T")
+
 
 _RECORD_HEADER = struct.Struct("<BQ")  # opcode, length of what follows
 _CHANNEL_ID = struct.Struct("<H")
@@ -51,12 +56,15 @@ class LogData:
         joint_names: Order of every joint vector.
         chains: Joints of each chain, from the trunk outwards.
         hand_joints: Joints that measure aperture, 0..1, not an angle.
+        robot: Name of the robot.
         fields: Arrays over n ticks, (n,) or (n, width), by name; ``log["position"]`` is short for
             it. Units and meaning are in :func:`pepper_driver.log.schema.tick_fields`.
         contacts: Contact events in the order they were raised.
         truth: Arrays of the simulation's ground truth, with a ``time`` of their own; None where
             there is none. Names are in :func:`pepper_driver.log.schema.truth_fields`.
         labels: Ends of touches that ``pepper record`` was told of, in their order.
+        events: What else happened, in its order.
+        elements: Names of the values of each vector in ``fields``, by its name; in ``truth``, as ``truth.<name>``.
     """
 
     metadata: dict[str, str]
@@ -64,10 +72,13 @@ class LogData:
     joint_names: tuple[str, ...]
     chains: dict[str, tuple[str, ...]]
     hand_joints: tuple[str, ...]
+    robot: str
     fields: dict[str, Column] = field(repr=False)
     contacts: list[Contact] = field(repr=False)
     truth: dict[str, Column] | None = field(repr=False)
     labels: list[Label] = field(repr=False, default_factory=list)
+    events: list[LogEvent] = field(repr=False, default_factory=list)
+    elements: dict[str, tuple[str, ...]] = field(repr=False, default_factory=dict)
 
     def __getitem__(self, name: str) -> Column:
         """The array of one field.
@@ -79,6 +90,15 @@ class LogData:
             return self.fields[name]
         except KeyError:
             raise UnknownNameError("log field", name, self.fields) from None
+
+    def lasting_contacts(self) -> list[tuple[Contact, float]]:
+        """Each contact as it was last seen, and when it ended [s]: at the last tick where the log does not say.
+
+        Where a contact is felt becomes clearer after it began: its last event knows the joint best.
+        """
+        last = {contact.id: contact for contact in self.contacts}
+        end = float(self["time"][-1]) if len(self) else np.nan
+        return [(c, c.time if c.phase == "end" else end) for c in last.values()]
 
     def __len__(self) -> int:
         """Number of ticks."""
@@ -168,39 +188,47 @@ class _Contents:
         if layout["version"] != LAYOUT_VERSION:
             raise LogError(f"has layout {layout['version']}, this version reads {LAYOUT_VERSION}")
         tables = {
-            topic: tuple(Field(**entry) for entry in table)
+            topic: [_field(entry) for entry in table]
             for topic, table in json.loads(layout["fields"]).items()
         }
+        ticks, truth = tables[TICK_TOPIC], tables[TRUTH_TOPIC]
         return LogData(
             metadata=self._metadata["run"],
             complete=self.complete,
             joint_names=tuple(json.loads(layout["joint_names"])),
             chains={k: tuple(v) for k, v in json.loads(layout["chains"]).items()},
             hand_joints=tuple(json.loads(layout["hand_joints"])),
-            fields=self._table(TICK_TOPIC, tables[TICK_TOPIC]),
-            contacts=[Contact(**json.loads(bytes(m))) for m in self._of(CONTACT_TOPIC)],
-            truth=self._table(TRUTH_TOPIC, tables[TRUTH_TOPIC]) if self._of(TRUTH_TOPIC) else None,
-            labels=[Label(**json.loads(bytes(m))) for m in self._of(LABEL_TOPIC)],
+            robot=json.loads(layout["robot"]),
+            fields=self._table(TICK_TOPIC, ticks),
+            contacts=self._items(CONTACTS),
+            truth=self._table(TRUTH_TOPIC, truth) if self._of(TRUTH_TOPIC) else None,
+            labels=self._items(LABELS),
+            events=self._items(EVENTS),
+            elements={
+                **{f.name: f.elements for f in ticks if f.elements is not None},
+                **{f"truth.{f.name}": f.elements for f in truth if f.elements is not None},
+            },
         )
 
     def _of(self, topic: str) -> list[memoryview]:
         return self._messages.get(topic, [])
 
-    def _table(self, topic: str, fields: tuple[Field, ...]) -> dict[str, Column]:
+    def _items(self, topic: JsonTopic[T]) -> list[T]:
+        return [topic.decode(bytes(message)) for message in self._of(topic.topic)]
+
+    def _table(self, topic: str, fields: list[Field]) -> dict[str, Column]:
         messages = self._of(topic)
-        head, width = len(CDR_HEADER), columns(fields)
+        head, kind = len(CDR_HEADER), row_type(fields)
         for message in messages:
-            if len(message) != head + 8 * width or message[:head] != CDR_HEADER:
+            if len(message) != head + kind.itemsize or message[:head] != CDR_HEADER:
                 raise LogError(f"{topic} holds a message of {len(message)} bytes that is not a row")
-        rows = np.frombuffer(b"".join(m[head:] for m in messages), dtype="<f8")
-        rows = rows.reshape(len(messages), width)
-        table: dict[str, Column] = {}
-        start = 0
-        for entry in fields:
-            part = rows[:, start] if entry.width is None else rows[:, start : start + entry.columns]
-            table[entry.name] = part.astype(entry.type)
-            start += entry.columns
-        return table
+        rows = np.frombuffer(b"".join(m[head:] for m in messages), dtype=kind)
+        return {field.name: rows[field.name].astype(field.type) for field in fields}
+
+
+def _field(entry: dict[str, Any]) -> Field:
+    elements = entry.pop("elements")
+    return Field(elements=None if elements is None else tuple(elements), **entry)
 
 
 def _stream(body: memoryview) -> ReadDataStream:

@@ -1,42 +1,52 @@
-"""The log as the tick sees it: copy a row into a ring and go on; a thread takes it to the disk."""
+"""The log as the tick sees it: put the tick into a ring and go on; a thread takes it to the disk as a row.
+
+Nothing is copied: what a tick holds is never changed.
+"""
 
 from __future__ import annotations
 
 import logging
+import math
 import threading
 import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from types import TracebackType
-from typing import Self
+from typing import Any, NamedTuple, Self
 
-import numpy as np
-
-from pepper_driver.backends.interface import Truth
+from pepper_driver.backends.interface import TruthSample
 from pepper_driver.config import RobotConfig
 from pepper_driver.controller.tick import Tick
+from pepper_driver.log.contacts import CONTACTS
 from pepper_driver.log.errors import LogError
-from pepper_driver.log.label import Label
+from pepper_driver.log.event import EVENTS, LogEvent
+from pepper_driver.log.json_topic import JsonTopic
+from pepper_driver.log.label import LABELS, Label
 from pepper_driver.log.mcap_file import McapFile, reason
-from pepper_driver.log.schema import (
-    columns,
-    tick_fields,
-    tick_parts,
-    truth_fields,
-    truth_parts,
-    unobserved,
-)
-from pepper_driver.observer.contact import Contact
+from pepper_driver.log.rows import TickRows, TruthRows
 from pepper_driver.observer.interface import Observation
 
 logger = logging.getLogger("pepper_driver")
 
 DRAIN_PERIOD = 0.05
 """[s] Sleep of the writer thread between two looks at the ring."""
-BLOCK = 32
-"""Rows written in one go: below a millisecond, the tick must not wait long for the interpreter."""
+BLOCK = 8
+"""Rows written in one go: a fraction of a millisecond, for the tick must not wait long for the interpreter."""
 PAUSE = 0.001
 """[s] Sleep between blocks of a backlog."""
+
+
+class _Entry(NamedTuple):
+    """What one tick puts into the log."""
+
+    tick: Tick
+    observation: Observation | None
+    truth: TruthSample | None
+    labels: Sequence[Label]
+    events: Sequence[LogEvent]
+    tick_end: float
+    missed: int
+    withheld_writes: int
 
 
 class LogWriter:
@@ -73,14 +83,9 @@ class LogWriter:
         self._path = Path(path)
         self._lossless = lossless
         self._capacity = capacity
-        self._rows = np.zeros((capacity, columns(tick_fields(robot))))
-        self._truth_rows = np.zeros((capacity, columns(truth_fields(robot))))
-        self._has_truth = [False] * capacity
-        self._contacts: list[tuple[Contact, ...]] = [()] * capacity
-        self._labels: list[tuple[Label, ...]] = [()] * capacity
-        self._times = [0.0] * capacity
-        self._scalars = np.zeros(4)
-        self._unobserved = unobserved(robot)
+        self._ring: list[_Entry | LogEvent | None] = [None] * capacity
+        self._tick_rows = TickRows(robot)
+        self._truth_rows = TruthRows(robot)
         # Rows ever put in and taken out. Each is written by one thread: the ring needs no lock.
         self._head = 0
         self._tail = 0
@@ -109,36 +114,40 @@ class LogWriter:
         self,
         tick: Tick,
         observation: Observation | None,
-        truth: Truth | None = None,
+        truth: TruthSample | None = None,
         labels: Sequence[Label] = (),
+        *,
+        events: Sequence[LogEvent] = (),
+        tick_end: float = math.nan,
+        missed: int = 0,
+        withheld_writes: int = 0,
     ) -> None:
-        """Copy one tick into the ring. Never raises; waits only for room, when ``lossless``.
+        """Put one tick into the ring. Never raises; waits only for room, when ``lossless``.
 
         Args:
             tick: The cycle.
             observation: What the observer made of it. None is logged as NaN, with all joints blind.
-            truth: Ground truth of a simulation, copied at once.
+            truth: Ground truth of a simulation.
             labels: Ends of touches seen in this tick.
+            events: What else happened in this tick.
+            tick_end: From the deadline of the tick until now [s]; NaN where ticks are not paced.
+            missed: Ticks missed since the start.
+            withheld_writes: Commands that the backend has held back since the start.
         """
+        self._put(
+            _Entry(tick, observation, truth, labels, events, tick_end, missed, withheld_writes)
+        )
+
+    def note(self, event: LogEvent) -> None:
+        """Log what happened outside any tick. Never raises; waits only for room, when ``lossless``."""
+        self._put(event)
+
+    def _put(self, entry: _Entry | LogEvent) -> None:
         head = self._head
         if self._closing or (head - self._tail >= self._capacity and not self._wait_for_room()):
             self._dropped += 1
             return
-        slot = head % self._capacity
-        seen = self._unobserved if observation is None else observation
-        try:
-            np.concatenate(tick_parts(tick, seen, self._scalars), out=self._rows[slot])
-            self._has_truth[slot] = truth is not None
-            if truth is not None:
-                parts = truth_parts(tick.measurement.time, truth)
-                np.concatenate(parts, out=self._truth_rows[slot])
-            self._times[slot] = float(tick.measurement.time)
-            self._contacts[slot] = seen.contacts
-            self._labels[slot] = tuple(labels)
-        except Exception as error:  # a row of wrong shape must not stop a robot
-            self._problem = error
-            self._dropped += 1
-            return
+        self._ring[head % self._capacity] = entry
         self._head = head + 1
 
     def _wait_for_room(self) -> bool:
@@ -199,18 +208,41 @@ class LogWriter:
                 time.sleep(pause)
 
     def _write(self, slot: int) -> None:
-        stamp = self._times[slot]
-        self._file.write_tick(stamp, self._rows[slot])
-        if self._has_truth[slot]:
-            self._file.write_truth(stamp, self._truth_rows[slot])
-        for label in self._labels[slot]:
-            self._file.write_label(stamp, label)
-        for contact in self._contacts[slot]:
-            try:
-                self._file.write_contact(stamp, contact)
-            except (TypeError, ValueError) as error:  # an observer's mistake, not the disk's
-                self._problem = error
-                self._lost += 1
+        entry, self._ring[slot] = self._ring[slot], None
+        if isinstance(entry, LogEvent):
+            self._write_item(EVENTS, entry.time, entry)
+        elif entry is not None:
+            self._write_tick(entry)
+
+    def _write_tick(self, entry: _Entry) -> None:
+        tick, observation, truth = entry.tick, entry.observation, entry.truth
+        time = 0.0
+        try:
+            time = float(tick.measurement.time)
+            row = self._tick_rows.message(
+                tick, observation, entry.tick_end, entry.missed, entry.withheld_writes
+            )
+            truth_row = None if truth is None else self._truth_rows.message(time, truth)
+        except Exception as error:  # of whoever made the arrays; not the disk's
+            self._problem = error
+            self._lost += 1
+        else:
+            self._file.write_tick(time, row)
+            if truth_row is not None:
+                self._file.write_truth(time, truth_row)
+        for label in entry.labels:
+            self._write_item(LABELS, time, label)
+        for contact in () if observation is None else observation.contacts:
+            self._write_item(CONTACTS, time, contact)
+        for event in entry.events:
+            self._write_item(EVENTS, time, event)
+
+    def _write_item(self, topic: JsonTopic[Any], time: float, item: object) -> None:
+        try:
+            self._file.write_item(topic, time, item)
+        except (TypeError, ValueError) as error:  # a mistake of who made it, not the disk's
+            self._problem = error
+            self._lost += 1
 
     def _fail(self, error: Exception) -> None:
         self._failure = error

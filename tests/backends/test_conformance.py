@@ -1,6 +1,8 @@
 """What every backend must do, whatever is behind it. A new backend is one more parameter here."""
 
+import copy
 from collections.abc import Iterator
+from dataclasses import fields
 
 import numpy as np
 import pytest
@@ -11,6 +13,7 @@ from pepper_driver.backends import (
     Backend,
     BackendError,
     Command,
+    Imu,
     Measurement,
     NotConnectedError,
     make_backend,
@@ -55,6 +58,28 @@ def test_measurements_have_the_documented_shapes(backend: Backend) -> None:
         assert 0.0 <= measurement.battery <= 1.0
     assert (first.tick, second.tick) == (0, 1)
     assert second.time == pytest.approx(ROBOT.cycle)
+
+
+def test_a_measurement_is_never_changed_afterwards(backend: Backend) -> None:
+    """The log and callbacks read it on threads of their own, later."""
+    backend.open()
+    measurement = backend.activate()
+    target = hold(measurement).position + 0.02
+    kept = []
+    for _ in range(20):
+        kept.append((measurement, copy.deepcopy(measurement)))
+        measurement = backend.step(
+            Command(position=target, stiffness=np.ones(17), wheel_speed=np.full(3, 1.0))
+        )
+    assert not np.array_equal(kept[0][0].current, measurement.current)
+    for later, then in kept:
+        for field in fields(Measurement):
+            if field.name != "imu":
+                np.testing.assert_array_equal(getattr(later, field.name), getattr(then, field.name))
+        for field in fields(Imu):
+            np.testing.assert_array_equal(
+                getattr(later.imu, field.name), getattr(then.imu, field.name)
+            )
 
 
 def test_activation_holds_the_measured_posture(backend: Backend) -> None:

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import hashlib
 import json
 import math
 import os
@@ -20,7 +21,7 @@ from pepper_driver.config import PepperError
 from pepper_driver.observer.base import TAPS, BaseModel
 from pepper_driver.observer.fitting import fit_joint
 from pepper_driver.observer.fusion_model import FusionModel
-from pepper_driver.observer.model_file import ModelFileError, ModelSet, shipped
+from pepper_driver.observer.model_file import MODEL_TYPES, ModelFileError, ModelSet, shipped
 from pepper_driver.observer.prediction import predict_recording
 from pepper_driver.observer.tree import TREE_TYPES, AffineTree
 
@@ -72,6 +73,13 @@ def test_equal_sets_give_equal_bytes_without_times_or_paths(tmp_path: Path) -> N
         "base": None,
         "created_by": "pepper identify",
     }
+
+
+def test_the_hash_is_that_of_the_file(tmp_path: Path) -> None:
+    paths = [path for kind in MODEL_TYPES for path in shipped(kind).values()]
+    AFFINE_SET.save(tmp_path / "a.json")
+    for path in (*paths, tmp_path / "a.json"):
+        assert ModelSet.load(path).sha256() == hashlib.sha256(path.read_bytes()).hexdigest()
 
 
 def test_saving_replaces_the_file_and_leaves_nothing_else(file: Path) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import signal
 import subprocess
 import sys
+from dataclasses import fields
 from pathlib import Path
 
 import numpy as np
@@ -12,14 +13,15 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from mcap.writer import Writer
-from test_log_samples import ROBOT, MadeUpTruth, Samples, flatten, same_bits
+from test_log_samples import ROBOT, Samples, flatten, same_bits
 
+from pepper_driver.backends.interface import TruthSample
 from pepper_driver.config import UnknownNameError
 from pepper_driver.log import LogData, LogError, LogWriter, read_log
 from pepper_driver.log.schema import layout_metadata, tick_fields
 from pepper_driver.observer.contact import Contact
 
-TRUTH_FIELDS = ("contact_torque", "in_gap", "saturated", "position")
+TRUTH_FIELDS = tuple(field.name for field in fields(TruthSample))
 
 
 class Written:
@@ -27,7 +29,6 @@ class Written:
 
     def __init__(self, path: Path, count: int, seed: int = 0) -> None:
         samples = Samples(seed)
-        truth = MadeUpTruth(samples)
         self.path = path
         self.rows: list[dict[str, object]] = []
         self.truths: list[dict[str, object]] = []
@@ -37,8 +38,8 @@ class Written:
                 tick = samples.tick(number)
                 contacts = [samples.contact(100 * number + i) for i in range(number % 3)]
                 observation = samples.observation(*contacts)
-                truth.move()
-                log.append(tick, observation, truth.as_truth)
+                truth = samples.truth()
+                log.append(tick, observation, truth)
                 self.rows.append(flatten(tick, observation))
                 self.truths.append({name: getattr(truth, name) for name in TRUTH_FIELDS})
                 self.contacts += contacts
@@ -108,9 +109,7 @@ def test_truth_of_some_ticks_only(tmp_path: Path) -> None:
     samples = Samples(9)
     with LogWriter(tmp_path / "a.mcap", ROBOT, {}, capacity=3, lossless=True) as log:
         for number in range(9):
-            log.append(
-                samples.tick(number), None, MadeUpTruth(samples).as_truth if number % 2 else None
-            )
+            log.append(samples.tick(number), None, samples.truth() if number % 2 else None)
     read = read_log(tmp_path / "a.mcap")
     assert len(read) == 9
     assert read.truth is not None
@@ -215,6 +214,36 @@ def test_killed_process_loses_less_than_a_second(tmp_path: Path) -> None:
         assert all(same_bits(read[name][row], given[name]) for name in given)
 
 
+PACED = """
+import sys, time
+from pathlib import Path
+sys.path.insert(0, {tests!r})
+from test_log_samples import ROBOT, Samples
+from pepper_driver.log import LogWriter
+samples = Samples(0)
+log = LogWriter(Path({path!r}), ROBOT, {{}})
+start = time.monotonic()
+for number in range(10**6):
+    log.append(samples.tick(number), samples.observation())
+    print(number, flush=True)
+    time.sleep(max(0.0, start + 0.012 * (number + 1) - time.monotonic()))
+"""
+
+
+def test_killed_in_real_time_loses_less_than_a_second(tmp_path: Path) -> None:
+    path = tmp_path / "killed.mcap"
+    code = PACED.format(tests=str(Path(__file__).parent), path=str(path))
+    with subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True) as child:
+        assert child.stdout is not None
+        while int(child.stdout.readline()) < 150:
+            pass
+        child.kill()
+        last = max([150, *(int(line) for line in child.stdout if line.endswith("\n"))])
+    read = read_log(path)
+    assert not read.complete
+    assert last - 83 < len(read) <= last + 2
+
+
 def test_forgotten_close_is_readable(tmp_path: Path) -> None:
     path = tmp_path / "open.mcap"
     code = (
@@ -254,11 +283,11 @@ def test_missing_and_foreign_files(tmp_path: Path) -> None:
 
 def test_later_layout_is_refused(tmp_path: Path) -> None:
     written = Written(tmp_path / "a.mcap", 1)
-    old, new = (b"\x07\x00\x00\x00version\x01\x00\x00\x00" + digit for digit in (b"1", b"9"))
+    old, new = (b"\x07\x00\x00\x00version\x01\x00\x00\x00" + digit for digit in (b"2", b"9"))
     data = written.path.read_bytes()
     assert data.count(old) == 1
     written.path.write_bytes(data.replace(old, new))
-    assert "has layout 9, this version reads 1" in message(written.path)
+    assert "has layout 9, this version reads 2" in message(written.path)
 
 
 def test_flipped_bits_never_pass_for_data(tmp_path: Path) -> None:

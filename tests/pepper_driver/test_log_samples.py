@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import fields
-from typing import cast
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pepper_driver.backends.interface import Command, Imu, Measurement, Truth
+from pepper_driver.backends.interface import Command, Imu, Measurement, TruthSample
 from pepper_driver.config import load_robot
 from pepper_driver.controller.reference import Reference
 from pepper_driver.controller.tick import Tick
@@ -84,6 +83,19 @@ class Samples:
             state=self.random.integers(0, 6, N).astype(np.int8),
         )
 
+    def truth(self) -> TruthSample:
+        """What a simulation might know."""
+        return TruthSample(
+            contact_torque=self.vector(N),
+            peak_torque=self.vector(N),
+            position=self.vector(N),
+            base=self.vector(3),
+            tilt=self.vector(2),
+            wheel_load=self.vector(3),
+            in_gap=self.flags(N),
+            saturated=self.flags(N),
+        )
+
     def contact(self, number: int) -> Contact:
         """Contact ``number``, felt by a random joint or by none."""
         random = self.random
@@ -105,32 +117,8 @@ class Samples:
         )
 
 
-class MadeUpTruth:
-    """What the log reads of a ground truth, of random bits, others at every :meth:`move`."""
-
-    def __init__(self, samples: Samples) -> None:
-        self._samples = samples
-        self.move()
-
-    def move(self) -> None:
-        """What a simulation does in a cycle."""
-        self.contact_torque = self._samples.vector(N)
-        self.in_gap = self._samples.flags(N)
-        self.saturated = self._samples.flags(N)
-        self.position = self._samples.vector(N)
-        self.peak_torque = self._samples.vector(N)
-        self.base = self._samples.vector(3)
-        self.tilt = self._samples.vector(2)
-        self.wheel_load = self._samples.vector(3)
-
-    @property
-    def as_truth(self) -> Truth:
-        """Itself, for the type checker."""
-        return cast(Truth, self)
-
-
 def flatten(tick: Tick, observation: Observation) -> dict[str, object]:
-    """The values of one tick under the names they have in the log."""
+    """The values of one tick, in no real time, under the names they have in the log."""
     m = tick.measurement
     values: dict[str, object] = {
         f.name: getattr(m, f.name) for f in fields(Measurement) if f.name != "imu"
@@ -141,7 +129,8 @@ def flatten(tick: Tick, observation: Observation) -> dict[str, object]:
     values |= {
         f.name: getattr(observation, f.name) for f in fields(Observation) if f.name != "contacts"
     }
-    return {**values, "changed": tick.changed}
+    counters = {"tick_end": np.nan, "missed": 0, "withheld_writes": 0}
+    return {**values, **counters, "changed": tick.changed}
 
 
 def same_bits(read: object, given: object) -> bool:

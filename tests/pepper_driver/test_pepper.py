@@ -1,19 +1,22 @@
 """The facade, as a user meets it, on the simulated robot."""
 
+from collections.abc import Iterator
+from dataclasses import fields, is_dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from test_log_writer import limit_disk
 
 from pepper_driver import Contact, FaultError, Hold, Pepper, PepperError, RobotState
 from pepper_driver.backends import BackendError
 from pepper_driver.config import UnknownNameError
 from pepper_driver.config.motion import SHORTEST
-from pepper_driver.controller import GainError, TargetError
+from pepper_driver.controller import GainError, TargetError, Tick
 from pepper_driver.controller.tasks import task as tasks
-from pepper_driver.log import read_log
-from pepper_driver.observer import shipped
+from pepper_driver.log import LogError, LogEvent, read_log
+from pepper_driver.observer import Observation, shipped
 
 LIGHT = "mujoco://?plant=integral"
 """On this plant a light touch moves the arm by degrees."""
@@ -84,6 +87,61 @@ def test_the_log_holds_what_happened(tmp_path: Path) -> None:
     assert log.metadata["backend"] == f"{LIGHT}&seed=5"
     assert log.truth is not None
     assert np.abs(log.truth["contact_torque"]).max() > 3.0
+
+
+def arrays(thing: object) -> Iterator[np.ndarray[Any, Any]]:
+    """All arrays in a tick or an observation."""
+    if isinstance(thing, np.ndarray):
+        yield thing
+    elif is_dataclass(thing):
+        for field in fields(thing):
+            yield from arrays(getattr(thing, field.name))
+
+
+@pytest.mark.parametrize("observer", ["fusion", "paper", "momentum"])
+def test_nothing_in_a_tick_is_changed_afterwards(observer: str) -> None:
+    """The log and callbacks read ticks on threads of their own, later."""
+    kept: list[tuple[np.ndarray[Any, Any], bytes]] = []
+
+    def keep(tick: Tick, observation: Observation | None) -> None:
+        kept.extend((array, array.tobytes()) for array in (*arrays(tick), *arrays(observation)))
+
+    with Pepper(LIGHT, observer=observer, reflexes=[Hold()]) as pepper:
+        pepper.controller.base_velocity.target = [0.1, 0.0, 0.2]
+        pepper.set_posture({"LShoulderRoll": 0.8, "HeadYaw": 0.5})
+        pepper.run(1.0, on_tick=keep)
+        pepper.push("LBicep", [0.0, 25.0, 0.0], [0.16, 0.0, 0.0], 1.0, frame="link")
+        pepper.run(2.0, on_tick=keep)
+        assert pepper.contact_history
+    assert len(kept) > 20 * 250
+    assert all(array.tobytes() == before for array, before in kept)
+
+
+def test_a_full_disk_does_not_disturb_the_run(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    limit_disk(monkeypatch, 30_000)
+    pepper = Pepper("mujoco", observer=None, log=tmp_path / "run.mcap")
+    pepper.activate()
+    pepper.run(2.0)
+    assert pepper.state is RobotState.ACTIVE
+    with pytest.raises(LogError, match="No space left on device"):
+        pepper.close()
+    assert 0 < len(read_log(tmp_path / "run.mcap")) < 2.0 / 0.012
+
+
+def test_a_stop_between_two_ticks_is_in_the_log(tmp_path: Path) -> None:
+    path = tmp_path / "run.mcap"
+    with Pepper("mujoco", observer=None, log=path) as pepper:
+        pepper.run(0.12)
+        pepper.emergency_stop()
+        for _ in range(2):
+            with pytest.raises(FaultError):
+                pepper.run(0.12)
+        time = pepper.time
+    log = read_log(path)
+    assert len(log) == 10
+    assert log.events == [LogEvent(time=time, kind="fault", text="emergency stop")]
 
 
 def test_an_interrupted_run_leaves_a_log_that_can_be_read(tmp_path: Path) -> None:

@@ -12,10 +12,13 @@ import pytest
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
+from matplotlib.patches import Rectangle
 
 from pepper_driver.config import MissingExtraError, UnknownNameError, load_robot
-from pepper_driver.log import LogData, LogError
+from pepper_driver.log import LogData, LogError, LogEvent
+from pepper_driver.log.event import EventPhase
 from pepper_driver.observer.contact import Contact
+from pepper_driver.plot_marks import BAR
 from pepper_driver.plots import PlotError, contact_figure, plot_contacts
 
 ROBOT = load_robot()
@@ -48,25 +51,28 @@ def log() -> LogData:
     time = np.arange(TICKS) * 0.012
     torque = np.zeros((TICKS, N))
     torque[50:80, ELBOW] = 4.0
-    names = ("position", "sent_position", "expected", "residual")
+    names = ("position", "sent_position", "reference_position", "expected", "residual")
     return LogData(
         metadata={"backend": "mujoco://?plant=$worn$", "seed": "3"},
         complete=True,
         joint_names=ROBOT.joint_names,
         chains=ROBOT.chains,
         hand_joints=ROBOT.hands.joints,
+        robot=ROBOT.name,
         fields={
             "time": time,
+            "changed": np.zeros((TICKS, N), dtype=np.bool_),
             **{name: random.normal(0.0, 0.01, (TICKS, N)) for name in names},
             "threshold": np.full((TICKS, N), np.deg2rad(2.5)),
         },
         contacts=[
-            contact("LShoulderRoll", 0.6),
-            contact("LShoulderRoll", 0.7, phase="update"),
-            contact("LElbowRoll", 1.2, kind="collision"),
-            contact("RElbowRoll", 1.5),
-            contact("LShoulderRoll", 1.8, kind="rebound"),
-            contact(None, 2.0),
+            contact(None, 0.6),
+            contact("LShoulderRoll", 0.6, phase="update", time=0.8),
+            contact("LShoulderRoll", 0.6, phase="end", time=0.9),
+            contact("LElbowRoll", 1.2, id=2, kind="collision"),
+            contact("RElbowRoll", 1.5, id=3),
+            contact("LShoulderRoll", 1.8, id=4, kind="rebound"),
+            contact(None, 2.0, id=5),
         ],
         truth={"time": time, "contact_torque": torque},
     )
@@ -84,8 +90,10 @@ def data(line: Line2D) -> np.ndarray[Any, np.dtype[np.float64]]:
     return np.asarray(line.get_ydata(), dtype=np.float64)
 
 
-def onsets(axes: Axes, label: str) -> list[float]:
-    return [float(np.asarray(line.get_xdata())[0]) for line in lines(axes, label)]
+def spans(axes: Axes, label: str) -> list[tuple[float, float]]:
+    """Begin and end of each area with this label."""
+    areas = [p for p in axes.patches if isinstance(p, Rectangle) and p.get_label() == label]
+    return [(round(a.get_x(), 6), round(a.get_x() + a.get_width(), 6)) for a in areas]
 
 
 def test_panels_show_the_log_in_degrees(log: LogData) -> None:
@@ -120,15 +128,81 @@ def test_hands_are_shown_in_percent(log: LogData) -> None:
 
 
 def test_contacts_of_the_joint_and_of_its_chain(log: LogData) -> None:
+    """Where a contact was felt at last counts; it lasts to its end, or to the end of the log."""
+    end = round(float(log["time"][-1]), 6)
+    elsewhere = "contact elsewhere on the chain or trunk"
     for axes in panels(contact_figure(log, ["LShoulderRoll"])):
-        assert onsets(axes, "contact begins") == [0.6]
-        assert onsets(axes, "contact begins elsewhere on the chain or trunk") == [1.2, 2.0]
-        assert onsets(axes, "rebound begins") == [1.8]
+        assert spans(axes, "contact") == [(0.6, 0.9)]
+        assert spans(axes, elsewhere) == [(1.2, end), (2.0, end)]
+        assert spans(axes, "rebound") == [(1.8, end)]
     for axes in panels(contact_figure(log, ["LElbowRoll"])):
-        assert onsets(axes, "contact begins") == [1.2]
+        assert spans(axes, "contact") == [(1.2, end)]
     for axes in panels(contact_figure(log, ["HeadYaw"])):
-        assert onsets(axes, "contact begins") == []
-        assert onsets(axes, "rebound begins") == []
+        assert spans(axes, "contact") == []
+        assert spans(axes, "rebound") == []
+
+
+def reflex(name: str, phase: EventPhase, time: float, *joints: str) -> LogEvent:
+    return LogEvent(time=time, kind="reflex", name=name, phase=phase, joints=joints)
+
+
+def test_reflexes_and_faults_are_marked(log: LogData) -> None:
+    log = replace(
+        log,
+        events=[
+            reflex("Hold", "begin", 0.7),
+            reflex("Soften", "begin", 0.8, "LElbowRoll"),
+            LogEvent(time=1.0, kind="sensor", name="head", phase="begin"),
+            reflex("Hold", "end", 1.1),
+            reflex("Soften", "end", 1.3, "LElbowRoll"),
+            reflex("Hold", "begin", 1.5),
+            LogEvent(time=2.2, kind="fault", text="stale"),
+        ],
+    )
+    end = round(float(log["time"][-1]), 6)
+    for axes in panels(contact_figure(log, ["LShoulderRoll"])):
+        assert spans(axes, "reflex Hold") == [(0.7, 1.1), (1.5, end)]
+        assert spans(axes, "reflex Soften") == []
+        assert len(lines(axes, "stopped")) == 1
+        drawn = [data(line) for line in axes.lines if len(data(line)) == TICKS]
+        # The bars of the two reflexes stand above all lines.
+        top = axes.transData.inverted().transform(axes.transAxes.transform((0.0, 1 - 2 * BAR)))[1]
+        assert all(np.nanmax(values) < top for values in drawn)
+    for axes in panels(contact_figure(log, ["LElbowRoll"])):
+        assert spans(axes, "reflex Soften") == [(0.8, 1.3)]
+
+
+def test_a_stretch_of_time(log: LogData) -> None:
+    log = replace(log, events=[LogEvent(time=2.2, kind="fault", text="stale")])
+    figure = contact_figure(log, ["LShoulderRoll"], start=0.5, stop=1.0)
+    for axes in panels(figure):
+        assert axes.get_xlim() == pytest.approx((0.504, 0.996))
+        assert spans(axes, "contact") == [(0.6, 0.9)]
+        assert spans(axes, "rebound") == []
+        assert lines(axes, "stopped") == []
+    (line,) = lines(panels(figure)[0], "measured")
+    assert len(data(line)) == 42
+    assert panels(contact_figure(log, start=2.0))[0].get_xlim()[1] == pytest.approx(log["time"][-1])
+    assert panels(contact_figure(log, start=1.2, stop=1.2061))[0].lines
+    for start, stop, why in (
+        (2.0, 1.0, "from 2 s to 1 s is no stretch of time"),
+        (1.0, 1.0, "no stretch of time"),
+        (np.nan, None, "no stretch of time"),
+        (5.0, None, r"it goes from 0\.00 s to 2\.39 s"),
+    ):
+        with pytest.raises(LogError, match=why):
+            contact_figure(log, start=start, stop=stop)
+
+
+def test_what_the_gate_altered_is_shown_as_it_was_wanted(log: LogData) -> None:
+    wanted = "wanted, before the safety gate"
+    assert not lines(panels(contact_figure(log, ["LShoulderRoll"]))[0], wanted)
+    changed = log["changed"].copy()
+    changed[100, ROLL] = True
+    log = replace(log, fields={**log.fields, "changed": changed})
+    (line,) = lines(panels(contact_figure(log, ["LShoulderRoll"]))[0], wanted)
+    np.testing.assert_allclose(data(line), np.rad2deg(log["reference_position"][:, ROLL]))
+    assert not lines(panels(contact_figure(log, ["LElbowRoll"]))[0], wanted)
 
 
 def shaded(axes: Axes) -> tuple[float, float] | None:
@@ -141,7 +215,7 @@ def shaded(axes: Axes) -> tuple[float, float] | None:
     return None
 
 
-def test_true_push_is_shaded_on_its_chain_only(log: LogData) -> None:
+def test_true_push_is_marked_on_its_chain_only(log: LogData) -> None:
     time = log["time"]
     for joint in ("LShoulderRoll", "LElbowRoll"):
         for axes in panels(contact_figure(log, [joint])):
@@ -180,7 +254,7 @@ def test_title_and_legend(log: LogData) -> None:
     (legend,) = figure.legends
     labels = [text.get_text() for text in legend.get_texts()]
     assert len(labels) == len(set(labels))
-    assert {"measured", "threshold", "contact begins", "true push (simulation only)"} <= set(labels)
+    assert {"measured", "threshold", "contact", "true push (simulation only)"} <= set(labels)
 
 
 def test_nothing_observed(log: LogData, tmp_path: Path) -> None:

@@ -45,6 +45,7 @@ def make_session(
         observer=None,
         reflexes=reflexes,
         log=log,
+        metadata={},
         subscriptions=[Subscription(callback=lambda _: None, event=Contact, wanted=lambda _: True)],
         pacer=Pacer(),
     )

@@ -1,0 +1,91 @@
+"""``pepper log``: what a log is about, and its contents for other tools."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.console import Console
+from rich.table import Table
+
+from pepper_driver.cli.console import JsonOption, check_outputs, make_console, save_json
+from pepper_driver.log import read_log
+from pepper_driver.log.export import export_log
+from pepper_driver.log.summary import LogSummary, summarise
+
+LogArgument = Annotated[Path, typer.Argument(metavar="LOG", help="MCAP log of a run.")]
+
+app = typer.Typer(help="Say what a log holds, or export it.", no_args_is_help=True)
+
+SHOWN = ("start", "backend", "seed", "identity", "observer", "pepper_driver", "machine")
+"""Of the metadata; ``--json`` has all of it."""
+
+
+@app.command()
+def info(log: LogArgument, json_file: JsonOption = None) -> None:
+    """Say what a log holds: length, timing, contacts, reflexes, faults, and the run it is of."""
+    console = make_console()
+    check_outputs(json_file)
+    summary = summarise(read_log(log))
+    _print_run(console, log, summary)
+    _print_timing(console, summary)
+    _print_events(console, summary)
+    save_json(json_file, summary.as_json(), console)
+
+
+@app.command()
+def export(
+    log: LogArgument,
+    to: Annotated[str, typer.Option(metavar="FORMAT", help="parquet, csv or npz.")],
+    out: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="File for the ticks; by default beside the log."),
+    ] = None,
+    force: Annotated[bool, typer.Option("--force", help="Replace files that are there.")] = False,
+) -> None:
+    """Write a log in a format for other tools; contacts and events go to files of their own beside it."""
+    console = make_console()
+    for file in export_log(read_log(log), out or log.with_suffix(f".{to}"), to, force=force):
+        console.print(str(file))
+
+
+def _print_run(console: Console, path: Path, summary: LogSummary) -> None:
+    cut = "" if summary.complete else ", cut short"
+    ticks = "1 tick" if summary.ticks == 1 else f"{summary.ticks} ticks"
+    console.print(f"{path}: {summary.robot}, {summary.duration:.1f} s, {ticks}{cut}")
+    for name in SHOWN:
+        if name in summary.metadata:
+            console.print(f"  {name:14s} {summary.metadata[name]}")
+
+
+def _print_timing(console: Console, summary: LogSummary) -> None:
+    console.print(
+        f"missed: {summary.missed} ticks; not in the log: {summary.absent}; "
+        f"withheld writes: {summary.withheld_writes}"
+    )
+    table = Table(title="milliseconds", title_justify="left")
+    for name in ("time", "median", "p99", "max"):
+        table.add_column(name, justify="left" if name == "time" else "right")
+    for name, spread in (("tick end", summary.tick_end), ("sample age", summary.sample_age)):
+        if spread is not None:
+            table.add_row(name, f"{spread.median:.2f}", f"{spread.p99:.2f}", f"{spread.max:.2f}")
+    if table.row_count:
+        console.print(table)
+    if summary.ticks and summary.tick_end is None:
+        console.print("tick end: not known, ticks were not paced")
+
+
+def _print_events(console: Console, summary: LogSummary) -> None:
+    for name, counts in (
+        ("contacts", summary.contacts),
+        ("felt by", summary.joints),
+        ("reflexes", summary.reflexes),
+    ):
+        listed = ", ".join(f"{count} {of}" for of, count in counts.items())
+        if listed or name == "contacts":
+            console.print(f"{name}: {listed or 'none'}")
+    if summary.touches:
+        console.print(f"labelled touches: {summary.touches}")
+    for time, reason in summary.faults:
+        console.print(f"stopped at {time:.2f} s: {reason}")

@@ -1,0 +1,54 @@
+"""Events: what happened in a run besides contacts, and their place in the log."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal, get_args
+
+from pepper_driver.log.json_topic import JsonTopic
+
+EventKind = Literal["reflex", "fault", "sensor", "missed"]
+EventPhase = Literal["begin", "end"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class LogEvent:
+    """One thing that happened.
+
+    Attributes:
+        time: Clock of the robot [s].
+        kind: A ``reflex`` began or ended to act, a ``fault`` stopped the robot, a touch ``sensor``, bumper or button
+            was pressed or let go, ticks were ``missed``.
+        name: Of the reflex or sensor, or the kind of fault; empty for missed ticks.
+        phase: ``begin`` or ``end`` of a reflex, or of a press; None for what has no duration.
+        contact_id: The contact that a reflex answers; None for none.
+        joints: Those a reflex acts on.
+        count: How many ticks were missed; None for other kinds.
+        text: More, for people: why the robot was stopped, for example.
+    """
+
+    time: float
+    kind: EventKind
+    name: str = ""
+    phase: EventPhase | None = None
+    contact_id: int | None = None
+    joints: tuple[str, ...] = ()
+    count: int | None = None
+    text: str = ""
+
+
+EVENTS = JsonTopic(
+    "/event",
+    LogEvent,
+    {
+        "time": {"type": "number", "description": "[s]"},
+        "kind": {"type": "string", "enum": list(get_args(EventKind))},
+        "name": {"type": "string"},
+        "phase": {"type": "string", "enum": list(get_args(EventPhase))},
+        "contact_id": {"type": "integer"},
+        "joints": {"type": "array", "items": {"type": "string"}},
+        "count": {"type": "integer"},
+        "text": {"type": "string"},
+    },
+    optional=frozenset({"phase", "contact_id", "count"}),
+)

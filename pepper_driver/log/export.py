@@ -1,0 +1,157 @@
+"""A log in the formats that other tools take: Parquet, CSV, NumPy's NPZ."""
+
+from __future__ import annotations
+
+import csv
+import json
+from collections.abc import Callable, Mapping
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from pepper_driver.config import MissingExtraError, UnknownNameError
+from pepper_driver.log.json_topic import JsonTopic
+from pepper_driver.log.reader import LogData
+from pepper_driver.log.tables import Table, item_tables, tick_table, truth_table
+from pepper_driver.output import OutputError, make_folder, replacing
+
+FORMATS = ("parquet", "csv", "npz")
+
+Write = Callable[[Path], None]
+
+
+def export_log(log: LogData, path: Path, to: str, *, force: bool = False) -> tuple[Path, ...]:
+    """Write a log in another format: all its files, or none.
+
+    Ticks go to ``path``; ground truth, contacts, events and labels to files beside it, ``run.contacts.csv`` for
+    ``run.csv``. An NPZ file holds everything. Metadata is kept in the schema of Parquet files, beside CSV files in
+    ``run.metadata.json``, in NPZ files as text.
+
+    Args:
+        log: What was recorded.
+        path: File for the ticks; must end in ``.parquet``, ``.csv`` or ``.npz``, as ``to`` says. Its folder is made.
+        to: ``parquet``, ``csv`` or ``npz``.
+        force: Replace files that are there.
+
+    Returns:
+        The files written.
+
+    Raises:
+        UnknownNameError: No such format.
+        MissingExtraError: pyarrow is not installed.
+        OutputError: A file cannot be written, or is there already.
+    """
+    files = _files(log, path, to)
+    for file in files:
+        if file.exists() and not force:
+            raise OutputError(f"{file}: is there already; --force replaces it, --out names another")
+    make_folder(path.parent)
+    with ExitStack() as stack:  # all are put in place at the end, or none
+        for file, write in files.items():
+            write(stack.enter_context(replacing(file)))
+    return tuple(files)
+
+
+def _files(log: LogData, path: Path, to: str) -> dict[Path, Write]:
+    """The files of an export, and what writes each."""
+    if to not in FORMATS:
+        raise UnknownNameError("format", to, FORMATS)
+    if path.suffix.lower() != f".{to}":
+        raise OutputError(f"{path}: a file for --to {to} must end in .{to}")
+    if to == "npz":
+        return {path: lambda part: _write_npz(log, part)}
+    tables: dict[str, tuple[JsonTopic[Any] | None, Table]] = {"": (None, tick_table(log))}
+    if (truth := truth_table(log)) is not None:
+        tables["truth"] = (None, truth)
+    tables |= item_tables(log)
+    write = _parquet_writer(log.metadata) if to == "parquet" else _write_csv
+    files = {
+        _beside(path, name): _bound(write, topic, table) for name, (topic, table) in tables.items()
+    }
+    if to == "csv":
+        files[_beside(path, "metadata").with_suffix(".json")] = lambda part: _write_metadata(
+            log, part
+        )
+    return files
+
+
+def _bound(
+    write: Callable[[Path, JsonTopic[Any] | None, Table], None],
+    topic: JsonTopic[Any] | None,
+    table: Table,
+) -> Write:
+    return lambda part: write(part, topic, table)
+
+
+def _beside(path: Path, name: str) -> Path:
+    return path.with_name(f"{path.stem}.{name}{path.suffix}") if name else path
+
+
+def _parquet_writer(
+    metadata: Mapping[str, str],
+) -> Callable[[Path, JsonTopic[Any] | None, Table], None]:
+    try:
+        import pyarrow as pa
+        from pyarrow import parquet
+    except ImportError as error:
+        raise MissingExtraError("export to Parquet", "export") from error
+    kinds = {
+        "string": pa.string(),
+        "number": pa.float64(),
+        "integer": pa.int64(),
+        "array": pa.list_(pa.string()),
+    }
+
+    def write(part: Path, topic: JsonTopic[Any] | None, table: Table) -> None:
+        schema = None
+        if topic is not None:  # an empty column, or one of None, does not say what it is for
+            schema = pa.schema([(name, kinds[kind]) for name, kind in topic.types.items()])
+        arrow = pa.table(dict(table), schema=schema).replace_schema_metadata(dict(metadata))
+        parquet.write_table(arrow, part, compression="zstd")
+
+    return write
+
+
+def _write_csv(part: Path, topic: JsonTopic[Any] | None, table: Table) -> None:
+    """Floats with all their digits, truth values as 0 and 1, None as nothing, joints with blanks between them."""
+    with part.open("w", newline="", encoding="utf-8") as stream:
+        writer = csv.writer(stream)
+        writer.writerow(table)
+        writer.writerows(zip(*(_cells(column) for column in table.values()), strict=True))
+
+
+def _cells(column: Any) -> list[Any]:  # noqa: ANN401
+    if isinstance(column, np.ndarray):
+        listed: list[Any] = (
+            column.astype(np.int8) if column.dtype == np.bool_ else column
+        ).tolist()
+        return listed
+    return [" ".join(cell) if isinstance(cell, tuple) else cell for cell in column]
+
+
+def _write_metadata(log: LogData, part: Path) -> None:
+    part.write_text(json.dumps(log.metadata, indent=2) + "\n", encoding="utf-8")
+
+
+def _write_npz(log: LogData, part: Path) -> None:
+    """Arrays as they are in ``LogData``; text as text, never as objects, which would have to be unpickled."""
+    arrays: dict[str, Any] = dict(log.fields)
+    if log.truth is not None:
+        arrays |= {f"truth.{name}": array for name, array in log.truth.items()}
+    for name, elements in log.elements.items():
+        arrays[f"names.{name}"] = np.array(elements, dtype=np.str_)
+    for name, (topic, table) in item_tables(log).items():
+        for key, kind in topic.types.items():
+            arrays[f"{name}.{key}"] = _array(table[key], kind)
+    arrays["metadata"] = np.array(json.dumps(log.metadata))
+    with part.open("wb") as stream:
+        np.savez_compressed(stream, **arrays)
+
+
+def _array(column: Any, kind: str) -> Any:  # noqa: ANN401
+    """Text, or numbers as float64; None is no text or NaN."""
+    if kind in ("number", "integer"):
+        return np.array([np.nan if cell is None else cell for cell in column], dtype=np.float64)
+    return np.array(["" if cell is None else cell for cell in _cells(column)], dtype=np.str_)

@@ -1,0 +1,125 @@
+"""What a log is about, in figures."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pepper_driver.log.reader import LogData
+
+
+@dataclass(frozen=True, kw_only=True)
+class Spread:
+    """Median, 99th percentile and largest of a time [ms]."""
+
+    median: float
+    p99: float
+    max: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class LogSummary:
+    """Figures of one log.
+
+    Attributes:
+        robot: Name of the robot.
+        complete: False when the log ends early.
+        duration: From the first tick to the last [s].
+        ticks: Number of rows.
+        absent: Numbers of cycles between the first and the last that have no row.
+        missed: Ticks that were missed, as the run counted them.
+        withheld_writes: Commands that the backend held back.
+        tick_end: From the deadline of a tick to its end; None where ticks were not paced.
+        sample_age: Of the samples that ticks worked with; None without ticks.
+        contacts: How many there were, by kind.
+        joints: The same by the joint that felt them; ``trunk`` for those of none.
+        reflexes: How often each began to act.
+        touches: Labelled ones.
+        faults: When the robot was stopped [s], and why.
+        metadata: Of the run.
+    """
+
+    robot: str
+    complete: bool
+    duration: float
+    ticks: int
+    absent: int
+    missed: int
+    withheld_writes: int
+    tick_end: Spread | None
+    sample_age: Spread | None
+    contacts: dict[str, int]
+    joints: dict[str, int]
+    reflexes: dict[str, int]
+    touches: int
+    faults: tuple[tuple[float, str], ...]
+    metadata: dict[str, str]
+
+    def as_json(self) -> dict[str, Any]:
+        """``ticks``, ``missed``, ``tick_end_ms.median``, and so on; see ``docs/log.md``."""
+        return {
+            "robot": self.robot,
+            "complete": self.complete,
+            "duration": self.duration,
+            "ticks": self.ticks,
+            "absent": self.absent,
+            "missed": self.missed,
+            "withheld_writes": self.withheld_writes,
+            "tick_end_ms": None if self.tick_end is None else asdict(self.tick_end),
+            "sample_age_ms": None if self.sample_age is None else asdict(self.sample_age),
+            "contacts": {"total": sum(self.contacts.values()), **self.contacts},
+            "contacts_of": self.joints,
+            "reflexes": {"total": sum(self.reflexes.values()), **self.reflexes},
+            "touches": self.touches,
+            "faults": len(self.faults),
+            "fault_reasons": [text for _, text in self.faults],
+            "metadata": self.metadata,
+        }
+
+
+def summarise(log: LogData) -> LogSummary:
+    """The figures of a log; one without ticks has none."""
+    felt = [contact for contact, _ in log.lasting_contacts()]
+    reflexes = (e.name for e in log.events if e.kind == "reflex" and e.phase == "begin")
+    time, tick = log["time"], log["tick"]
+    return LogSummary(
+        robot=log.robot,
+        complete=log.complete,
+        duration=float(time[-1] - time[0])
+        if len(log) and np.isfinite(time[[0, -1]]).all()
+        else 0.0,
+        ticks=len(log),
+        absent=int(np.maximum(np.diff(tick) - 1, 0).sum()),
+        missed=int(log["missed"].max(initial=0)),
+        withheld_writes=int(log["withheld_writes"].max(initial=0)),
+        tick_end=_spread(log["tick_end"]),
+        sample_age=_spread(log["age"]),
+        contacts=_counted(contact.kind for contact in felt),
+        joints=_counted(contact.joint or "trunk" for contact in felt),
+        reflexes=_counted(reflexes),
+        touches=sum(label.phase == "onset" for label in log.labels),
+        faults=tuple(
+            (event.time, ": ".join(part for part in (event.name, event.text) if part))
+            for event in log.events
+            if event.kind == "fault"
+        ),
+        metadata=log.metadata,
+    )
+
+
+def _spread(seconds: NDArray[np.float64]) -> Spread | None:
+    known = 1e3 * seconds[np.isfinite(seconds)]
+    if not len(known):
+        return None
+    median, p99 = np.percentile(known, (50, 99))
+    return Spread(median=float(median), p99=float(p99), max=float(known.max()))
+
+
+def _counted(names: Iterable[str]) -> dict[str, int]:
+    """How often each name comes, the most frequent first."""
+    return dict(Counter(names).most_common())
