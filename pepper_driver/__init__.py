@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from pepper_driver.config import PepperError
+    from pepper_driver.events import FaultEvent, ReflexEvent, SensorEvent, TickEvent
     from pepper_driver.observer import Contact, Observation, Observer
     from pepper_driver.reflexes import Hold, Reflex
     from pepper_driver.robot import Pepper
@@ -13,26 +14,34 @@ if TYPE_CHECKING:
 __all__ = [
     "Contact",
     "FaultError",
+    "FaultEvent",
     "Hold",
     "Observation",
     "Observer",
     "Pepper",
     "PepperError",
     "Reflex",
+    "ReflexEvent",
     "RobotState",
+    "SensorEvent",
+    "TickEvent",
 ]
 
 # Looked up when first used: every layer imports this package on its way in, and most need only those below.
 _HOMES = {
     "Contact": "pepper_driver.observer",
     "FaultError": "pepper_driver.safety",
+    "FaultEvent": "pepper_driver.events",
     "Hold": "pepper_driver.reflexes",
     "Observation": "pepper_driver.observer",
     "Observer": "pepper_driver.observer",
     "Pepper": "pepper_driver.robot",
     "PepperError": "pepper_driver.config",
     "Reflex": "pepper_driver.reflexes",
+    "ReflexEvent": "pepper_driver.events",
     "RobotState": "pepper_driver.safety",
+    "SensorEvent": "pepper_driver.events",
+    "TickEvent": "pepper_driver.events",
 }
 
 

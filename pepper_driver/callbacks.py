@@ -1,294 +1,207 @@
-"""User callbacks for contacts: run on a thread of their own, never inside the tick."""
+"""Hands events to user callbacks and to others that wait for them, from inside the tick."""
 
 from __future__ import annotations
 
 import logging
-import math
 import threading
-import time
-from collections import deque
-from collections.abc import Callable
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import get_args
+from typing import Any, NamedTuple
 
-from pepper_driver.config import PepperError, RobotConfig, UnknownNameError
-from pepper_driver.observer.contact import Contact, Kind, Phase
+from pepper_driver.callback_thread import CallbackStatistics, CallbackThread
+from pepper_driver.config import PepperError
+from pepper_driver.events import Event
+from pepper_driver.queue_thread import Deadline, QueueThread
 
 logger = logging.getLogger("pepper_driver")
 
-ContactCallback = Callable[[Contact], object]
-ContactPredicate = Callable[[Contact], bool]
+QUEUE = 1000
+"""Events that may wait for one callback; ticks of 12 s."""
+BACKLOG = 10_000
+"""Events that may wait to be handed out; more only if Python runs no other thread for long."""
 
 
 class DispatcherClosedError(PepperError, RuntimeError):
-    """A callback was registered after ``close``: nothing would ever call it."""
+    """Somebody wants events after ``close``: there will be none."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class CallbackStatistics:
-    """What one callback has cost so far.
+class Subscription:
+    """Which events a callback is called for.
 
     Attributes:
-        name: Its qualified name.
-        calls: How often it was called.
-        failures: How many of these calls raised.
-        total_time: Time spent in it [s].
-        longest_time: Longest single call [s].
+        callback: Takes an event; its result is ignored.
+        event: Type of the events.
+        wanted: Picks among them inside the tick: quick, and without code of the user.
+        queue: How many events may wait for the callback; one that comes then is dropped.
     """
 
-    name: str
-    calls: int
-    failures: int
-    total_time: float
-    longest_time: float
+    callback: Callable[[Any], object]
+    event: type[Event]
+    wanted: Callable[[Any], bool]
+    queue: int = QUEUE
 
 
-class _Subscription:
-    """A callback with its predicate and its counters; only the dispatcher thread counts."""
+class Receiver(ABC):
+    """Takes events inside the tick: in microseconds, without waiting, without raising."""
 
-    def __init__(self, callback: ContactCallback, predicate: ContactPredicate | None) -> None:
-        self.callback = callback
-        self.predicate = predicate
-        self.name = getattr(callback, "__qualname__", None) or type(callback).__name__
-        self.active = True
-        self.calls = 0
-        self.failures = 0
-        self.total_time = 0.0
-        self.longest_time = 0.0
+    @abstractmethod
+    def offer(self, event: Event) -> None:
+        """Take an event."""
 
-    def handle(self, event: Contact) -> None:
-        """Call the callback if it wants the event; what it raises goes to the logging."""
-        try:
-            if not self.active or (self.predicate is not None and not self.predicate(event)):
-                return
-            start = time.perf_counter()
-            self.calls += 1
-            try:
-                self.callback(event)
-            finally:
-                elapsed = time.perf_counter() - start
-                self.total_time += elapsed
-                self.longest_time = max(self.longest_time, elapsed)
-        except BaseException:  # SystemExit too: it would end this thread and silence all others
-            self.failures += 1
-            logger.exception("callback %s failed", self.name)
+    @abstractmethod
+    def end(self) -> None:
+        """No more events will come. Called once, from any thread."""
 
 
-class _Marker:
-    """Travels through the queue behind the events that ``flush`` waits for."""
+class _Route(NamedTuple):
+    """Where events of one type go."""
 
-    def __init__(self) -> None:
-        self.passed = threading.Event()
-        self.handled = False
+    wanted: Callable[[Any], bool]
+    thread: CallbackThread
+    limit: int
 
 
-_Entry = tuple[Contact, tuple[_Subscription, ...]] | _Marker
+_Parcel = tuple[Event, Sequence[_Route]]
+
+
+class _Distributor(QueueThread[_Parcel]):
+    """Puts events into the queues of the callbacks: to wake threads takes time, so the tick wakes only this one."""
+
+    def handle(self, entry: _Parcel) -> None:
+        event, routes = entry
+        for route in routes:
+            route.thread.put(event, route.limit)
+
+    def lose(self, entry: _Parcel) -> None:
+        event, routes = entry
+        for route in routes:
+            route.thread.lose(event)
 
 
 class Dispatcher:
-    """Calls callbacks in the order of events, on one thread that starts when the first comes.
+    """Hands each event to those that want it: receivers at once, callbacks by way of threads.
 
-    Callbacks may be late when others are slow. They may publish, subscribe, flush and close.
-
-    Args:
-        maxsize: Events that may wait; more are dropped and counted.
-
-    Raises:
-        ValueError: A ``maxsize`` below 1.
+    A callback sees its events in order and never runs twice at a time, even when it wants events of several types.
+    Others neither delay it nor cost it an event. Callbacks may publish, subscribe, flush and close.
     """
 
-    def __init__(self, maxsize: int = 1000) -> None:
-        if maxsize < 1:
-            raise ValueError(f"a queue needs room for at least one event, got maxsize {maxsize}")
-        self._maxsize = maxsize
-        self._queue: deque[_Entry] = deque()
-        self._waiting = 0  # events in the queue, markers not counted
-        # Guards all fields, held for single statements only. Re-entrant, for signal handlers.
-        self._condition = threading.Condition(threading.RLock())
-        self._subscriptions: tuple[_Subscription, ...] = ()
-        self._thread: threading.Thread | None = None
-        self._dropped = 0
+    def __init__(self) -> None:
+        self._lock = threading.RLock()  # re-entrant, for signal handlers
+        self._threads: tuple[CallbackThread, ...] = ()
+        self._distributor: _Distributor | None = None  # there once there is a callback
+        # By type; replaced, never changed: a tick that publishes needs no lock.
+        self._routes: dict[type[Event], tuple[_Route, ...]] = {}
+        self._receivers: dict[type[Event], tuple[Receiver, ...]] = {}
         self._closed = False
-        self._abandoned = False
-        self._ended = False
 
-    @property
-    def dropped(self) -> int:
-        """Events that no callback will see: the queue was full, or closed too early."""
-        return self._dropped
-
-    def subscribe(
-        self, callback: ContactCallback, predicate: ContactPredicate | None = None
-    ) -> None:
-        """Call ``callback`` for every event published from now on that ``predicate`` accepts.
-
-        Args:
-            callback: Takes a contact; its result is ignored.
-            predicate: Runs on the dispatcher thread as well. None accepts everything.
+    def subscribe(self, subscription: Subscription) -> None:
+        """Call a callback for every event from now on that the subscription wants.
 
         Raises:
             DispatcherClosedError: The dispatcher is closed.
         """
-        with self._condition:
-            if self._closed:
-                raise DispatcherClosedError("the dispatcher is closed: it calls no more callbacks")
-            self._subscriptions = (*self._subscriptions, _Subscription(callback, predicate))
-            if self._thread is None:
-                self._thread = threading.Thread(
-                    target=self._run, name="pepper_driver.callbacks", daemon=True
-                )
-                self._thread.start()
+        with self._lock:
+            self._check_open()
+            callback, event = subscription.callback, subscription.event
+            thread = next((t for t in self._threads if t.callback == callback), None)
+            if thread is None:
+                thread = CallbackThread(callback)
+                self._threads = (*self._threads, thread)
+            if self._distributor is None:
+                self._distributor = _Distributor("callbacks")
+            route = _Route(subscription.wanted, thread, subscription.queue)
+            self._routes = {**self._routes, event: (*self._routes.get(event, ()), route)}
 
-    def unsubscribe(self, callback: ContactCallback) -> None:
-        """Stop calling ``callback``, also for events that wait. Does nothing for an unknown one."""
-        with self._condition:
-            for subscription in self._subscriptions:
-                if subscription.callback == callback:
-                    subscription.active = False
-            self._subscriptions = tuple(s for s in self._subscriptions if s.active)
+    def attach(self, receiver: Receiver, *events: type[Event]) -> None:
+        """Offer all events of these types to a receiver from now on.
 
-    def publish(self, event: Contact) -> None:
-        """Queue an event for those subscribed now. Never blocks, never raises."""
-        with self._condition:
-            if not self._subscriptions:
-                return
-            if self._closed or self._waiting >= self._maxsize:
-                self._dropped += 1
-                return
-            self._queue.append((event, self._subscriptions))
-            self._waiting += 1
-            self._condition.notify()
+        Raises:
+            DispatcherClosedError: The dispatcher is closed.
+        """
+        with self._lock:
+            self._check_open()
+            added = {event: (*self._receivers.get(event, ()), receiver) for event in events}
+            self._receivers = {**self._receivers, **added}
+
+    def detach(self, receiver: Receiver) -> None:
+        """Offer a receiver nothing more. Does nothing for one that is not attached."""
+        with self._lock:
+            self._receivers = {
+                event: tuple(one for one in receivers if one is not receiver)
+                for event, receivers in self._receivers.items()
+            }
+
+    def wants(self, event: type[Event]) -> bool:
+        """Whether anybody wants events of a type; others need not be made."""
+        return bool(self._routes.get(event) or self._receivers.get(event))
+
+    def publish(self, event: Event) -> None:
+        """Hand an event to all that want it now. Never waits, never raises."""
+        try:
+            for receiver in self._receivers.get(type(event), ()):
+                receiver.offer(event)
+            routes = [r for r in self._routes.get(type(event), ()) if r.wanted(event)]
+        except (
+            Exception
+        ):  # a field of another type than it should be, from a third party's observer
+            logger.exception("an event is lost: %r", event)
+            return
+        if routes and self._distributor is not None:
+            self._distributor.put((event, routes), BACKLOG)
 
     def flush(self, timeout: float | None = None) -> bool:
         """Wait until every event published so far is handled.
 
         Args:
-            timeout: Longest wait [s]; None waits for ever.
+            timeout: Longest wait for all callbacks together [s]; None waits for ever.
 
         Returns:
             Whether all are handled. Inside a callback False at once: it would wait for itself.
         """
-        with self._condition:
-            thread = self._thread
-            if thread is None:
-                return True
-            if thread is threading.current_thread():
-                return False
-            if self._ended or self._abandoned:
-                return not self._abandoned
-            marker = _Marker()
-            self._queue.append(marker)
-            self._condition.notify()
-        marker.passed.wait(timeout)
-        return marker.handled
+        if self._inside():
+            return False
+        deadline = Deadline(timeout)
+        if self._distributor is not None:
+            self._distributor.wait_for(self._distributor.mark(), deadline)
+        marks = [(thread, thread.mark()) for thread in self._threads]
+        return all([thread.wait_for(mark, deadline) for thread, mark in marks])
 
     def close(self, timeout: float | None = None) -> bool:
-        """Take no more events, handle those that wait, end the thread. Does nothing when closed.
+        """Take no more events, handle those that wait, end the threads. Does nothing when closed.
 
         Args:
-            timeout: Longest wait [s]; then the events that still wait are dropped, and the callback
-                that runs is left to itself. None waits for ever.
+            timeout: Longest wait for all callbacks together [s]; then the events that still wait are dropped, and
+                callbacks that run are left to themselves. None waits for ever.
 
         Returns:
-            Whether the thread has ended. Inside a callback False at once: it ends afterwards.
+            Whether all threads have ended. Inside a callback False at once: they end afterwards.
         """
-        with self._condition:
-            self._closed = True
-            thread = self._thread
-            self._condition.notify()
-        if thread is None:
-            return True
-        if thread is threading.current_thread():
+        deadline = Deadline(timeout)
+        with self._lock:
+            first, self._closed = not self._closed, True
+        if first:
+            for receiver in {id(r): r for rs in self._receivers.values() for r in rs}.values():
+                receiver.end()
+            if self._distributor is not None:
+                self._distributor.close()
+        if self._distributor is not None:  # the user's code does not run there: it ends soon
+            self._distributor.join(deadline)
+        for thread in self._threads:
+            thread.close()
+        if self._inside():
             return False
-        thread.join(timeout)
-        if not thread.is_alive():
-            return True
-        with self._condition:
-            self._abandoned = True
-            self._dropped += self._waiting
-            self._waiting = 0
-            for entry in self._queue:
-                if isinstance(entry, _Marker):
-                    entry.passed.set()
-            self._queue.clear()
-            self._condition.notify()
-        return False
+        return all([thread.join(deadline) for thread in self._threads])
 
     def statistics(self) -> tuple[CallbackStatistics, ...]:
-        """Counts and times of every subscription, in the order they were made."""
-        return tuple(
-            CallbackStatistics(
-                name=s.name,
-                calls=s.calls,
-                failures=s.failures,
-                total_time=s.total_time,
-                longest_time=s.longest_time,
-            )
-            for s in self._subscriptions
-        )
+        """Counts and times of every callback, in the order they were first subscribed."""
+        return tuple(thread.statistics() for thread in self._threads)
 
-    def _run(self) -> None:
-        while True:
-            with self._condition:
-                while not self._queue:
-                    if self._closed:
-                        self._ended = True
-                        return
-                    self._condition.wait()
-                entry = self._queue.popleft()
-                if not isinstance(entry, _Marker):
-                    self._waiting -= 1
-            if isinstance(entry, _Marker):
-                entry.handled = True
-                entry.passed.set()
-                continue
-            event, subscriptions = entry
-            for subscription in subscriptions:
-                if not self._abandoned:
-                    subscription.handle(event)
+    def _check_open(self) -> None:
+        if self._closed:
+            raise DispatcherClosedError("the run is over: there will be no more events")
 
-
-def contact_filter(
-    robot: RobotConfig,
-    *,
-    link: str | None = None,
-    joint: str | None = None,
-    kind: Kind | None = None,
-    phase: Phase | None = "begin",
-    min_intensity: float = 0.0,
-) -> ContactPredicate:
-    """A predicate that picks contacts; every name is checked here, not when the contact comes.
-
-    Args:
-        robot: Whose links and joints are meant.
-        link: Only contacts on this link.
-        joint: Only contacts felt by this joint.
-        kind: Only this kind. None takes contacts and collisions: a rebound is no touch.
-        phase: Only this phase. None takes all.
-        min_intensity: Only contacts of at least this intensity [deg].
-
-    Raises:
-        UnknownNameError: No such link, joint, kind or phase.
-        ValueError: An intensity that is negative or not a number.
-    """
-    for what, name, known in (
-        ("link", link, robot.links),
-        ("joint", joint, robot.joint_names),
-        ("kind of contact", kind, get_args(Kind)),
-        ("phase of a contact", phase, get_args(Phase)),
-    ):
-        if name is not None and name not in known:
-            raise UnknownNameError(what, name, known)
-    if math.isnan(min_intensity) or min_intensity < 0:
-        raise ValueError(f"min_intensity must be an angle [deg] of 0 or more, got {min_intensity}")
-
-    def wanted(contact: Contact) -> bool:
-        return (
-            (link is None or contact.link == link)
-            and (joint is None or contact.joint == joint)
-            and (contact.kind == kind if kind is not None else contact.kind != "rebound")
-            and (phase is None or contact.phase == phase)
-            and contact.intensity >= min_intensity
-        )
-
-    return wanted
+    def _inside(self) -> bool:
+        """Whether the caller is a callback."""
+        return any(thread.current for thread in self._threads)

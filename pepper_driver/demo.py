@@ -153,8 +153,8 @@ def run_demo(
         uri=uri,
         scenario=chosen.name,
         pushes=stage.pushes,
-        contacts=pepper.contacts,
-        score=score(stage.pushes, pepper.contacts, robot),
+        contacts=pepper.contact_history,
+        score=score(stage.pushes, pepper.contact_history, robot),
         simulated_seconds=simulated,
     )
     write_json(out / CONTACTS_NAME, result.as_json())

@@ -13,7 +13,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from pepper_driver.backends import Backend, BackendError, make_backend
-from pepper_driver.callbacks import ContactCallback, ContactPredicate, contact_filter
 from pepper_driver.config import (
     ControllerSettings,
     Motion,
@@ -27,11 +26,11 @@ from pepper_driver.config.motion import LONGEST, SHORTEST
 from pepper_driver.config.parts import FloatArray
 from pepper_driver.controller import GainError, TargetError, Tick, WholeBodyController
 from pepper_driver.controller.tasks import checked_stiffness
+from pepper_driver.listening import Listening
 from pepper_driver.loop import StageTimes
 from pepper_driver.motion import OnStep, Player
 from pepper_driver.motion_report import MotionReport
-from pepper_driver.observer import Contact, Observation, Observer
-from pepper_driver.observer.contact import Kind, Phase
+from pepper_driver.observer import Observation, Observer
 from pepper_driver.reflexes import Reflex
 from pepper_driver.safety import RobotState, SafetyGate
 from pepper_driver.selection import make_observer
@@ -41,7 +40,7 @@ Posture = str | Mapping[str, float] | ArrayLike
 """A posture by name, joints by name with their angles [rad] (the others stay), or all 17 angles [rad]."""
 
 
-class Pepper:
+class Pepper(Listening):
     """A Pepper, real or simulated, that feels where it is touched.
 
     >>> with Pepper("mujoco") as pepper:
@@ -77,7 +76,7 @@ class Pepper:
         robot: RobotConfig | None = None,
         controller: ControllerSettings | None = None,
     ) -> None:
-        self.config = robot or load_robot()
+        super().__init__(robot or load_robot(), [reflex.name for reflex in reflexes])
         self.backend: Backend = make_backend(uri, self.config)
         if isinstance(observer, str):
             path = None if models is None else Path(models)
@@ -88,8 +87,6 @@ class Pepper:
         self._paced = real_time and not self.backend.info.real_time
         self._controller_settings = controller or load_controller_settings(self.config)
         self._safety_settings = load_safety_settings()
-        self._subscriptions: list[tuple[ContactCallback, ContactPredicate]] = []
-        self._session: Session | None = None  # the one that runs, or the last one
         self._gate: SafetyGate | None = (
             None  # there before the session, so that a stop finds it while that starts
         )
@@ -194,7 +191,9 @@ class Pepper:
         on_tick: Callable[[Tick, Observation | None], None] | None = None,
         until: Callable[[], bool] | None = None,
     ) -> bool:
-        """Run for a time, then wait until the callbacks so far have been handled.
+        """Run for a time.
+
+        In a simulation that is not paced, callbacks then get up to 2 s to catch up before the robot's time goes on.
 
         Args:
             seconds: How long [s]; as fast as it goes in a simulation that is not paced.
@@ -207,6 +206,7 @@ class Pepper:
         Raises:
             TargetError: That is no time; nothing runs.
             FaultError: The safety gate stopped the robot.
+            BackendError: Another thread runs it, or this is inside a tick.
         """
         if not (isinstance(seconds, Real) and 0 <= seconds < np.inf):
             raise TargetError(f"seconds must be a time that is not negative, got {seconds!r}")
@@ -220,7 +220,7 @@ class Pepper:
         on_step: OnStep | None = None,
         on_tick: Callable[[Tick, Observation | None], None] | None = None,
     ) -> MotionReport:
-        """Play a motion to its end, then wait until the callbacks so far have been handled.
+        """Play a motion to its end; callbacks then catch up as after :meth:`run`.
 
         However it ends, its tasks are gone, the base is at rest, and the posture is where the motion ended or was
         broken off. While a reflex holds the posture, the motion waits.
@@ -234,10 +234,11 @@ class Pepper:
             What each step reached.
 
         Raises:
-            PepperError: The motion is wrong; nothing moves.
+            PepperError: The motion is wrong, or another thread runs the robot; nothing moves.
             FaultError: The safety gate stopped the robot.
         """
         session = self._active()
+        session.runner.check_free()
         if not isinstance(motion, Motion):
             motion = load_motion(motion, self.config)
         player = Player(motion, self.config, session.loop, on_step=on_step)
@@ -255,6 +256,8 @@ class Pepper:
         """
         if self._gate is not None:
             self._gate.stop("emergency stop")
+        if self._session is not None:
+            self._session.tell_fault()
 
     def push(
         self,
@@ -278,50 +281,7 @@ class Pepper:
             rise=rise,
         )
 
-    # -- touch --------------------------------------------------------------------------------------------------
-
-    def on_contact(
-        self,
-        *,
-        link: str | None = None,
-        joint: str | None = None,
-        kind: Kind | None = None,
-        phase: Phase | None = "begin",
-        min_intensity: float = 0.0,
-    ) -> Callable[[ContactCallback], ContactCallback]:
-        """Decorator: call a function when a contact is felt, on a thread of its own.
-
-        Args:
-            link: Only contacts on this link.
-            joint: Only contacts felt by this joint.
-            kind: Only this kind; None for contacts and collisions, but no rebounds.
-            phase: ``begin``, ``update``, ``end``, or None for all.
-            min_intensity: Only contacts of at least this intensity [deg].
-
-        Raises:
-            UnknownNameError: No such link or joint.
-        """
-        wanted = contact_filter(
-            link=link,
-            joint=joint,
-            kind=kind,
-            phase=phase,
-            min_intensity=min_intensity,
-            robot=self.config,
-        )
-
-        def register(callback: ContactCallback) -> ContactCallback:
-            self._subscriptions.append((callback, wanted))
-            if self._session is not None and self._session.active:
-                self._session.dispatcher.subscribe(callback, wanted)
-            return callback
-
-        return register
-
-    @property
-    def contacts(self) -> tuple[Contact, ...]:
-        """All contact events since the start, oldest first."""
-        return tuple(self._session.contacts) if self._session is not None else ()
+    # -- parts --------------------------------------------------------------------------------------------------
 
     @property
     def observer(self) -> Observer | None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 import time
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import ExitStack
@@ -10,17 +11,20 @@ from pathlib import Path
 import numpy as np
 
 from pepper_driver.backends import Backend
-from pepper_driver.callbacks import ContactCallback, ContactPredicate, Dispatcher
+from pepper_driver.callbacks import Dispatcher, Subscription
 from pepper_driver.config import ControllerSettings, RobotConfig
 from pepper_driver.controller import Tick, WholeBodyController
+from pepper_driver.events import FaultEvent, ReflexEvent, TickEvent
 from pepper_driver.log import LogWriter, run_metadata
 from pepper_driver.loop import Loop
 from pepper_driver.observer import Contact, Observation, Observer
 from pepper_driver.reflexes import Reflex
-from pepper_driver.safety import SafetyGate
+from pepper_driver.runner import Runner
+from pepper_driver.safety import FaultError, SafetyGate
+from pepper_driver.sensor_edges import SensorEdges
 
 CALLBACK_TIME = 2.0
-"""[s] that the end of a run waits for callbacks that are still busy."""
+"""[s] that the end of a run waits for all callbacks that are still busy."""
 
 
 class Session:
@@ -34,14 +38,17 @@ class Session:
         observer: Or None to feel nothing.
         reflexes: Called in this order in every tick.
         log: Where to write the MCAP log; None for no log.
-        subscriptions: Callbacks from the first tick on, with what each wants.
+        subscriptions: Callbacks from the first tick on.
         paced: Whether ticks wait for the wall clock.
 
     Attributes:
         active: Until it is closed.
         loop: Runs the ticks.
         dispatcher: Calls the callbacks.
-        contacts: All contact events so far, oldest first.
+        runner: Who runs it now.
+        feels: Whether there is an observer.
+        cycle: Period of the ticks [s].
+        contact_history: All contact events so far, oldest first.
 
     Raises:
         PepperError: The robot or the log cannot be opened. What was open is closed again.
@@ -57,24 +64,26 @@ class Session:
         observer: Observer | None,
         reflexes: Sequence[Reflex],
         log: Path | None,
-        subscriptions: Sequence[tuple[ContactCallback, ContactPredicate]],
+        subscriptions: Sequence[Subscription],
         paced: bool,
     ) -> None:
         self._backend = backend
-        self._cycle = robot.cycle
+        self.cycle = robot.cycle
         self._paced = paced
+        self.runner = Runner()
+        self.feels = observer is not None
+        self._fault_told = threading.Lock()  # taken by the first who tells, and never given back
         self._listeners: list[Callable[[Tick, Observation | None], None]] = []
         self.active = False
-        self.contacts: list[Contact] = []
+        self.contact_history: list[Contact] = []
         self._gate = gate
         self.dispatcher = Dispatcher()
         self._after_backend = ExitStack()  # closed when the robot is, the last first
         self._after_backend.callback(self.dispatcher.close, timeout=CALLBACK_TIME)
-        self._after_backend.callback(self.dispatcher.flush, timeout=CALLBACK_TIME)
         try:
             self.loop = self._start(robot, controller, observer, reflexes, log)
-            for callback, wanted in subscriptions:
-                self.dispatcher.subscribe(callback, wanted)
+            for subscription in subscriptions:
+                self.dispatcher.subscribe(subscription)
             self.active = True
         except BaseException:
             self.close()
@@ -104,6 +113,7 @@ class Session:
             observer.reset()
         for reflex in reflexes:
             reflex.reset()
+        self._sensors = SensorEdges(robot, measurement)
         return Loop(
             backend,
             robot,
@@ -113,7 +123,7 @@ class Session:
             observer=observer,
             reflexes=reflexes,
             log=log,
-            deliver=self._deliver,
+            deliver=self.deliver,
         )
 
     def close(self) -> None:
@@ -129,37 +139,70 @@ class Session:
         on_tick: Callable[[Tick, Observation | None], None] | None,
         until: Callable[[Tick], bool] | None,
     ) -> bool:
-        """Tick, paced if need be, then wait until the callbacks so far have been handled.
+        """Tick, paced if need be; where time stands still afterwards, wait until the callbacks have caught up.
 
         Returns:
             Whether ``until``, asked after every tick, ended it.
 
         Raises:
             FaultError: The safety gate stopped the robot.
+            BackendError: Another thread runs it, or it is called inside a tick.
         """
         ended = False
-        if on_tick is not None:
-            self._listeners.append(on_tick)
-        deadline = time.perf_counter()
-        try:
-            for _ in ticks:
-                tick = self.loop.tick()
-                ended = until is not None and until(tick)
-                if ended:
-                    break
-                if self._paced:
-                    deadline += self._cycle
-                    time.sleep(max(0.0, deadline - time.perf_counter()))
-        finally:
+        with self.runner:
             if on_tick is not None:
-                self._listeners.remove(on_tick)
-        self.dispatcher.flush(timeout=CALLBACK_TIME)
+                self._listeners.append(on_tick)
+            deadline = time.perf_counter()
+            try:
+                for _ in ticks:
+                    tick = self.loop.tick()
+                    ended = until is not None and until(tick)
+                    if ended:
+                        break
+                    if self._paced:
+                        deadline += self.cycle
+                        time.sleep(max(0.0, deadline - time.perf_counter()))
+            except FaultError:
+                self.tell_fault()
+                raise
+            finally:
+                if on_tick is not None:
+                    self._listeners.remove(on_tick)
+        if not (self._paced or self._backend.info.real_time):
+            self.dispatcher.flush(timeout=CALLBACK_TIME)
         return ended
 
-    def _deliver(self, tick: Tick, observation: Observation | None) -> None:
+    def deliver(
+        self,
+        tick: Tick,
+        observation: Observation | None,
+        reflexes: Sequence[ReflexEvent] = (),
+    ) -> None:
+        """Take over what happened in a tick, inside it: contacts, sensors, reflexes, then the tick itself."""
+        publish = self.dispatcher.publish
         if observation is not None:
             for contact in observation.contacts:
-                self.contacts.append(contact)
-                self.dispatcher.publish(contact)
+                self.contact_history.append(contact)
+                publish(contact)
+        for edge in self._sensors.step(tick.measurement):
+            publish(edge)
+        for event in reflexes:
+            publish(event)
+        if self.dispatcher.wants(TickEvent):
+            publish(TickEvent(tick=tick, observation=observation))
         for listener in self._listeners:
             listener(tick, observation)
+
+    def tell_fault(self) -> None:
+        """Tell the callbacks that the robot was stopped, once, if it was. From any thread."""
+        if self._gate.fault and self._fault_told.acquire(blocking=False):
+            self.dispatcher.publish(FaultEvent(reason=self._gate.fault, time=self.loop.time))
+
+    def check_fault(self) -> None:
+        """Refuse to go on with a robot that was stopped.
+
+        Raises:
+            FaultError: It was.
+        """
+        if self._gate.fault:
+            raise FaultError(self._gate.fault)

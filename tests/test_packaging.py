@@ -95,7 +95,7 @@ def test_the_installed_wheel_works(built: tuple[Path, Path], tmp_path: Path) -> 
         "with pepper_driver.Pepper('mujoco://?plant=integral') as pepper:\n"
         "    pepper.push('LBicep', [0, 25, 0], [0.16, 0, 0], 0.8, frame='link')\n"
         "    pepper.run(1.5)\n"
-        "print(len(pepper.contacts))\n"
+        "print(len(pepper.contact_history))\n"
     )
     done = subprocess.run(
         [sys.executable, "-c", script],

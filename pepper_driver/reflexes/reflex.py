@@ -33,6 +33,11 @@ class Control:
 class Reflex(ABC):
     """A reaction inside the tick. It sees what the observer says and acts through ``control`` only."""
 
+    @property
+    def name(self) -> str:
+        """What its events and callbacks call it: its class in small letters."""
+        return type(self).__name__.lower()
+
     @abstractmethod
     def step(self, observation: Observation, measurement: Measurement, control: Control) -> None:
         """React to one tick; a few microseconds, no waiting."""

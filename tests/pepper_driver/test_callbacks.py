@@ -1,8 +1,9 @@
-"""Callbacks: order, filters, floods, slow and raising ones, flush and close from everywhere."""
+"""Callbacks: order, floods, slow and raising ones, flush and close from everywhere."""
 
 from __future__ import annotations
 
 import logging
+import signal
 import sys
 import threading
 import time
@@ -10,31 +11,21 @@ from collections.abc import Callable, Iterator
 from typing import Any
 
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
-from pepper_driver.callbacks import Dispatcher, DispatcherClosedError, contact_filter
-from pepper_driver.config import PepperError, UnknownNameError, load_robot
+from pepper_driver.callbacks import (
+    QUEUE,
+    Dispatcher,
+    DispatcherClosedError,
+    Receiver,
+    Subscription,
+)
+from pepper_driver.config import PepperError
+from pepper_driver.events import Event, FaultEvent, SensorEvent
 from pepper_driver.observer.contact import Contact
 
-ROBOT = load_robot()
-LONG = 30.0  # [s] only a failing test waits this long
-
-
-def contact(number: int = 0, **changes: Any) -> Contact:
-    values: dict[str, Any] = {
-        "id": number,
-        "phase": "begin",
-        "kind": "contact",
-        "joint": "LElbowRoll",
-        "link": "LForeArm",
-        "direction": 1,
-        "intensity": 3.0,
-        "torque": None,
-        "torque_std": None,
-        "onset_time": 0.0,
-        "detection_time": 0.1,
-        "time": 0.1,
-    }
-    return Contact(**(values | changes))
+from event_cases import LONG, Blocker, contact  # isort: skip
 
 
 @pytest.fixture
@@ -44,64 +35,87 @@ def dispatcher() -> Iterator[Dispatcher]:
     dispatcher.close(LONG)
 
 
-class Blocker:
-    """A callback that hangs until released."""
-
-    def __init__(self) -> None:
-        self.entered = threading.Event()
-        self.release = threading.Event()
-        self.ids: list[int] = []
-
-    def __call__(self, event: Contact) -> None:
-        self.entered.set()
-        assert self.release.wait(LONG)
-        self.ids.append(event.id)
+def subscribe(
+    dispatcher: Dispatcher,
+    callback: Callable[[Any], object],
+    wanted: Callable[[Any], bool] = lambda _: True,
+    event: type[Event] = Contact,
+    queue: int = QUEUE,
+) -> None:
+    dispatcher.subscribe(Subscription(callback=callback, event=event, wanted=wanted, queue=queue))
 
 
-def callback_threads() -> list[threading.Thread]:
-    return [t for t in threading.enumerate() if t.name == "pepper_driver.callbacks"]
+def callback_threads() -> list[str]:
+    """And the one that hands out to them."""
+    return [t.name for t in threading.enumerate() if t.name.startswith("callback")]
 
 
-def test_thread_starts_with_the_first_subscription_and_ends_at_close() -> None:
-    before = len(callback_threads())
+def test_each_callback_has_a_thread_of_its_own_until_the_end() -> None:
+    before = callback_threads()
     dispatcher = Dispatcher()
     dispatcher.publish(contact())
     assert dispatcher.flush()
-    assert len(callback_threads()) == before
-    seen: list[tuple[int, str, bool]] = []
-    for _ in range(2):
-        dispatcher.subscribe(
-            lambda c: seen.append(
-                (c.id, threading.current_thread().name, threading.current_thread().daemon)
-            )
-        )
-    assert len(callback_threads()) == before + 1
+    assert callback_threads() == before
+    seen: list[tuple[int, bool]] = []
+    names: list[str] = []
+
+    def first(event: Contact) -> None:
+        names.append(threading.current_thread().name)
+        seen.append((event.id, threading.current_thread().daemon))
+
+    def second(event: Contact) -> None:
+        first(event)
+
+    for callback in (first, second):
+        subscribe(dispatcher, callback)
+    assert len(callback_threads()) == len(before) + 3
     dispatcher.publish(contact(7))
     assert dispatcher.flush(LONG)
-    assert seen == [(7, "pepper_driver.callbacks", True)] * 2
+    assert seen == [(7, True)] * 2
+    assert sorted(name.rsplit(".", 1)[-1] for name in names) == ["first", "second"]
     assert dispatcher.close(LONG)
-    assert len(callback_threads()) == before
-    assert dispatcher.dropped == 0
+    assert callback_threads() == before
+    assert [s.dropped for s in dispatcher.statistics()] == [0, 0]
 
 
-def test_events_come_in_order(dispatcher: Dispatcher) -> None:
-    seen: list[tuple[str, int]] = []
-    dispatcher.subscribe(lambda c: seen.append(("a", c.id)))
-    dispatcher.subscribe(lambda c: seen.append(("b", c.id)), lambda c: c.id % 2 == 0)
+def test_events_come_in_order_to_those_that_want_them(dispatcher: Dispatcher) -> None:
+    a, b = list[int](), list[int]()
+    subscribe(dispatcher, lambda c: a.append(c.id))
+    subscribe(dispatcher, lambda c: b.append(c.id), lambda c: c.id % 2 == 0)
     for number in range(200):
         dispatcher.publish(contact(number))
     assert dispatcher.flush(LONG)
-    assert [i for name, i in seen if name == "a"] == list(range(200))
-    assert [i for name, i in seen if name == "b"] == list(range(0, 200, 2))
-    assert seen[:3] == [("a", 0), ("b", 0), ("a", 1)]
+    assert a == list(range(200))
+    assert b == list(range(0, 200, 2))
+
+
+def test_a_callback_of_several_types_is_one_thread_and_sees_them_in_order(
+    dispatcher: Dispatcher,
+) -> None:
+    seen: list[Event] = []
+    events: list[Event] = []
+    subscribe(dispatcher, seen.append, event=Contact)
+    subscribe(dispatcher, seen.append, event=SensorEvent)
+    for number in range(50):
+        events.append(contact(number))
+        events.append(
+            SensorEvent(kind="bumper", name="Back", pressed=number % 2 == 0, time=float(number))
+        )
+    for event in events:
+        dispatcher.publish(event)
+    dispatcher.publish(FaultEvent(reason="not wanted", time=0.0))
+    assert dispatcher.flush(LONG)
+    assert seen == events
+    (statistics,) = dispatcher.statistics()
+    assert statistics.calls == 100
 
 
 def test_only_those_subscribed_when_it_happened(dispatcher: Dispatcher) -> None:
     blocker, seen = Blocker(), list[int]()
-    dispatcher.subscribe(blocker)
+    subscribe(dispatcher, blocker)
     dispatcher.publish(contact(0))
     dispatcher.publish(contact(1))
-    dispatcher.subscribe(lambda c: seen.append(c.id))
+    subscribe(dispatcher, lambda c: seen.append(c.id))
     dispatcher.publish(contact(2))
     blocker.release.set()
     assert dispatcher.flush(LONG)
@@ -109,50 +123,58 @@ def test_only_those_subscribed_when_it_happened(dispatcher: Dispatcher) -> None:
     assert seen == [2]
 
 
-def test_unsubscribed_is_called_no_more(dispatcher: Dispatcher) -> None:
+def test_a_callback_that_hangs_or_floods_costs_the_others_nothing(
+    dispatcher: Dispatcher, caplog: pytest.LogCaptureFixture
+) -> None:
     blocker, seen = Blocker(), list[int]()
+    done = threading.Event()
 
-    def listen(event: Contact) -> None:
+    def other(event: Contact) -> None:
         seen.append(event.id)
+        if event.id == 100:
+            done.set()
 
-    dispatcher.subscribe(blocker)
-    dispatcher.subscribe(listen)
-    dispatcher.publish(contact(0))
-    assert blocker.entered.wait(LONG)
-    dispatcher.unsubscribe(listen)
-    dispatcher.unsubscribe(listen)
-    dispatcher.publish(contact(1))
-    blocker.release.set()
-    assert dispatcher.flush(LONG)
-    assert (blocker.ids, seen) == ([0, 1], [])
-    assert [s.name for s in dispatcher.statistics()] == ["Blocker"]
-
-
-def test_flood_drops_the_newest_and_counts() -> None:
-    dispatcher = Dispatcher(maxsize=10)
-    blocker = Blocker()
-    dispatcher.subscribe(blocker)
+    subscribe(dispatcher, blocker, queue=10)
+    subscribe(dispatcher, other)
     dispatcher.publish(contact(0))
     assert blocker.entered.wait(LONG)
     for number in range(1, 101):
         dispatcher.publish(contact(number))
-    assert dispatcher.dropped == 90
+    assert done.wait(LONG)  # while the other still hangs
+    assert seen == list(range(101))
+    assert [s.dropped for s in dispatcher.statistics()] == [90, 0]
     assert not dispatcher.flush(0.01)  # does not take a place in the queue either
-    assert dispatcher.dropped == 90
+    assert [s.dropped for s in dispatcher.statistics()] == [90, 0]
+    with caplog.at_level(logging.WARNING, "pepper_driver"):
+        blocker.release.set()
+        assert dispatcher.flush(LONG)
+    assert blocker.ids == list(range(11))  # the newest are lost
+    warned = [r.getMessage() for r in caplog.records if "too slow" in r.getMessage()]
+    assert warned == ["callback Blocker is too slow: it has lost events"]
+    dispatcher.publish(contact(200))
+    assert dispatcher.flush(LONG)
+    assert blocker.ids[-1] == 200
+
+
+def test_a_callback_gets_the_room_each_subscription_asks_for(dispatcher: Dispatcher) -> None:
+    blocker = Blocker()
+    subscribe(dispatcher, blocker, lambda c: c.kind == "contact", queue=3)
+    subscribe(dispatcher, blocker, lambda c: c.kind == "collision", queue=6)
+    dispatcher.publish(contact(0))
+    assert blocker.entered.wait(LONG)
+    for number in range(1, 11):
+        dispatcher.publish(contact(number, kind="contact"))
+    for number in range(11, 21):
+        dispatcher.publish(contact(number, kind="collision"))
     blocker.release.set()
     assert dispatcher.flush(LONG)
-    assert blocker.ids == list(range(11))
-    dispatcher.publish(contact(200))
-    assert dispatcher.close(LONG)
-    assert blocker.ids[-1] == 200
-    with pytest.raises(ValueError, match="maxsize 0"):
-        Dispatcher(maxsize=0)
+    assert blocker.ids == [0, 1, 2, 3, 11, 12, 13]
 
 
 def test_every_event_of_many_threads_is_handled_or_counted() -> None:
-    dispatcher = Dispatcher(maxsize=5)
+    dispatcher = Dispatcher()
     seen: list[int] = []
-    dispatcher.subscribe(lambda c: seen.append(c.id))
+    subscribe(dispatcher, lambda c: seen.append(c.id), queue=5)
 
     def flood() -> None:
         for number in range(500):
@@ -164,7 +186,52 @@ def test_every_event_of_many_threads_is_handled_or_counted() -> None:
     for thread in threads:
         thread.join()
     assert dispatcher.close(LONG)
-    assert len(seen) + dispatcher.dropped == 2000
+    (statistics,) = dispatcher.statistics()
+    assert len(seen) == statistics.calls
+    assert statistics.calls + statistics.dropped == 2000
+
+
+def collector(ids: list[int]) -> Callable[[Contact], None]:
+    return lambda event: ids.append(event.id)
+
+
+def at_least(rest: int) -> Callable[[Contact], bool]:
+    return lambda event: event.id % 4 >= rest
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    st.lists(
+        st.tuples(
+            st.sampled_from(["publish", "flush", "subscribe"]), st.integers(0, 3), st.integers(1, 9)
+        ),
+        max_size=60,
+    )
+)
+def test_whatever_happens_events_are_handled_in_order_or_counted(
+    steps: list[tuple[str, int, int]],
+) -> None:
+    dispatcher = Dispatcher()
+    seen: list[list[int]] = []
+    wanted: list[list[int]] = []
+    for number, (step, rest, queue) in enumerate(steps):
+        if step == "subscribe":
+            mine = list[int]()
+            seen.append(mine)
+            wanted.append([rest])
+            subscribe(dispatcher, collector(mine), at_least(rest), queue=queue)
+        elif step == "flush":
+            assert dispatcher.flush(LONG)
+        else:
+            dispatcher.publish(contact(number))
+            for hoped in wanted:
+                if number % 4 >= hoped[0]:
+                    hoped.append(number)
+    assert dispatcher.close(LONG)
+    for mine, hoped, statistics in zip(seen, wanted, dispatcher.statistics(), strict=True):
+        assert mine == sorted(mine)
+        assert set(mine) <= set(hoped[1:])
+        assert len(mine) + statistics.dropped == len(hoped) - 1
 
 
 @pytest.mark.parametrize("error", [ValueError("too bad"), SystemExit(1), KeyboardInterrupt()])
@@ -176,8 +243,8 @@ def test_raising_callback_is_logged_and_disturbs_nothing(
     def broken_callback(event: Contact) -> None:
         raise error
 
-    dispatcher.subscribe(broken_callback)
-    dispatcher.subscribe(lambda c: seen.append(c.id))
+    subscribe(dispatcher, broken_callback)
+    subscribe(dispatcher, lambda c: seen.append(c.id))
     with caplog.at_level(logging.ERROR, "pepper_driver"):
         for number in range(3):
             dispatcher.publish(contact(number))
@@ -194,30 +261,28 @@ def test_raising_callback_is_logged_and_disturbs_nothing(
     assert (fine.calls, fine.failures) == (3, 0)
 
 
-def test_raising_predicate_is_logged(
+def test_an_event_that_nobody_can_judge_is_logged_and_lost(
     dispatcher: Dispatcher, caplog: pytest.LogCaptureFixture
 ) -> None:
     seen: list[int] = []
-    dispatcher.subscribe(lambda c: seen.append(c.id), lambda c: 1 // c.id > 0)
-    dispatcher.publish(contact(0))
-    dispatcher.publish(contact(1))
+    subscribe(dispatcher, lambda c: seen.append(c.id), lambda c: c.intensity >= 0)
+    dispatcher.publish(contact(1, intensity=None))
+    dispatcher.publish(contact(2))
     assert dispatcher.flush(LONG)
-    assert seen == [1]
-    assert "ZeroDivisionError" in caplog.text
-    (statistics,) = dispatcher.statistics()
-    assert (statistics.calls, statistics.failures) == (1, 1)
+    assert seen == [2]
+    assert "TypeError" in caplog.text
 
 
 def test_statistics_count_calls_and_time(
     dispatcher: Dispatcher, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     clock = iter([10.0, 10.5, 20.0, 22.0, 30.0, 30.25])
-    monkeypatch.setattr("pepper_driver.callbacks.time.perf_counter", lambda: next(clock))
+    monkeypatch.setattr("pepper_driver.callback_thread.time.perf_counter", lambda: next(clock))
 
     def tired(event: Contact) -> None:
         pass
 
-    dispatcher.subscribe(tired, lambda c: c.id < 3)
+    subscribe(dispatcher, tired, lambda c: c.id < 3)
     for number in range(5):
         dispatcher.publish(contact(number))
     assert dispatcher.flush(LONG)
@@ -233,23 +298,24 @@ def test_callback_may_publish_subscribe_and_flush(dispatcher: Dispatcher) -> Non
     def first(event: Contact) -> None:
         if event.id == 0:
             seen.append(dispatcher.flush())
-            dispatcher.subscribe(lambda c: seen.append(("late", c.id)))
+            subscribe(dispatcher, lambda c: seen.append(("late", c.id)))
             dispatcher.publish(contact(1))
         seen.append(event.id)
 
-    dispatcher.subscribe(first)
+    subscribe(dispatcher, first)
     dispatcher.publish(contact(0))
     assert dispatcher.flush(LONG)
     assert dispatcher.flush(LONG)  # the first may have come before event 1
-    assert seen == [False, 0, 1, ("late", 1)]
+    assert sorted(map(str, seen)) == ["('late', 1)", "0", "1", "False"]
+    assert seen.index(0) < seen.index(1)
 
 
 def test_callback_may_close() -> None:
     dispatcher = Dispatcher()
     seen: list[object] = []
-    dispatcher.subscribe(lambda c: seen.append((c.id, dispatcher.close())))
+    subscribe(dispatcher, lambda c: seen.append((c.id, dispatcher.close())))
     go = threading.Event()
-    dispatcher.subscribe(lambda c: go.wait(LONG))
+    subscribe(dispatcher, lambda c: go.wait(LONG))
     dispatcher.publish(contact(0))
     go.set()
     assert dispatcher.close(LONG)
@@ -259,7 +325,7 @@ def test_callback_may_close() -> None:
 def test_close_handles_what_waits() -> None:
     dispatcher = Dispatcher()
     blocker = Blocker()
-    dispatcher.subscribe(blocker)
+    subscribe(dispatcher, blocker)
     for number in range(50):
         dispatcher.publish(contact(number))
     blocker.release.set()
@@ -268,9 +334,9 @@ def test_close_handles_what_waits() -> None:
     assert dispatcher.close()
     assert dispatcher.flush()
     dispatcher.publish(contact(50))
-    assert dispatcher.dropped == 1
+    assert dispatcher.statistics()[0].dropped == 1
     with pytest.raises(DispatcherClosedError) as caught:
-        dispatcher.subscribe(blocker)
+        subscribe(dispatcher, blocker)
     assert isinstance(caught.value, PepperError)
     assert Dispatcher().close()
 
@@ -278,28 +344,58 @@ def test_close_handles_what_waits() -> None:
 def test_close_gives_up_on_a_callback_that_hangs() -> None:
     dispatcher = Dispatcher()
     blocker, second = Blocker(), list[int]()
-    dispatcher.subscribe(blocker)
-    dispatcher.subscribe(lambda c: second.append(c.id))
+    subscribe(dispatcher, blocker)
+    subscribe(dispatcher, lambda c: second.append(c.id))
     for number in range(5):
         dispatcher.publish(contact(number))
     assert blocker.entered.wait(LONG)
     flushed: list[bool] = []
-    waiting = threading.Thread(target=lambda: flushed.append(dispatcher.flush(LONG)))
-    waiting.start()
-    while not dispatcher._queue or isinstance(dispatcher._queue[-1], tuple):
+    before = threading.Thread(target=lambda: flushed.append(dispatcher.flush(LONG)))
+    before.start()
+    thread = dispatcher._threads[0]
+    while thread._queue.qsize() < 5:
         time.sleep(0.001)  # until flush waits
     assert not dispatcher.close(0.01)
-    waiting.join(LONG)
+    before.join(LONG)
     assert flushed == [False]
     assert not dispatcher.close(0.01)
-    assert dispatcher.dropped == 4
-    assert not dispatcher.flush()
+    assert [s.dropped for s in dispatcher.statistics()] == [4, 0]
+    assert not dispatcher.flush()  # at once
+    assert second == list(range(5))  # the other was not held up
     blocker.release.set()
     assert dispatcher.close(LONG)
     assert blocker.ids == [0]
-    assert second == []
     assert not dispatcher.flush()
-    assert dispatcher.dropped == 4
+    assert [s.dropped for s in dispatcher.statistics()] == [4, 0]
+
+
+def test_events_that_could_not_be_handed_out_are_counted_too() -> None:
+    dispatcher = Dispatcher()
+    seen: list[int] = []
+    subscribe(dispatcher, lambda c: seen.append(c.id))
+    with dispatcher._threads[0]._lock:  # nothing can be put into its queue
+        for number in range(5):
+            dispatcher.publish(contact(number))
+        assert not dispatcher.flush(0.01)
+        assert not dispatcher.close(0.05)
+    assert dispatcher.close(LONG)
+    (statistics,) = dispatcher.statistics()
+    assert (seen, statistics.calls, statistics.dropped) == ([], 0, 5)
+
+
+def test_flush_and_close_have_one_limit_for_all_callbacks() -> None:
+    dispatcher = Dispatcher()
+    blockers = [Blocker() for _ in range(8)]
+    for blocker in blockers:
+        subscribe(dispatcher, blocker)
+    dispatcher.publish(contact())
+    for wait in (dispatcher.flush, dispatcher.close):
+        start = time.monotonic()
+        assert not wait(0.5)
+        assert 0.45 < time.monotonic() - start < 3.0  # not eight times as long
+    for blocker in blockers:
+        blocker.release.set()
+    assert dispatcher.close(LONG)
 
 
 def test_flush_and_close_race() -> None:
@@ -308,7 +404,7 @@ def test_flush_and_close_race() -> None:
     try:
         for _ in range(200):
             dispatcher = Dispatcher()
-            dispatcher.subscribe(lambda c: None)
+            subscribe(dispatcher, lambda c: None)
             dispatcher.publish(contact())
             closing = threading.Thread(target=dispatcher.close)
             closing.start()
@@ -319,49 +415,62 @@ def test_flush_and_close_race() -> None:
         sys.setswitchinterval(interval)
 
 
-LINK = ROBOT.links[-1]
+def test_signal_handlers_may_publish_while_the_interrupted_thread_does() -> None:
+    dispatcher = Dispatcher()
+    published = 0
+
+    def handler(*_: object) -> None:
+        nonlocal published
+        published += 1
+        dispatcher.publish(contact())
+        dispatcher.statistics()
+
+    subscribe(dispatcher, lambda _: None, queue=3)
+    before = signal.signal(signal.SIGALRM, handler)
+    signal.setitimer(signal.ITIMER_REAL, 1e-4, 1e-4)
+    try:
+        for _ in range(20_000):
+            dispatcher.publish(contact())
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
+        signal.signal(signal.SIGALRM, before)
+    assert dispatcher.close(LONG)
+    (statistics,) = dispatcher.statistics()
+    assert published
+    assert statistics.calls + statistics.dropped == 20_000 + published
 
 
-@pytest.mark.parametrize(
-    ("wanted", "fits", "fits_not"),
-    [
-        ({}, {"phase": "begin"}, {"phase": "update"}),
-        ({"phase": None}, {"phase": "end"}, {"intensity": -1.0}),
-        ({"phase": "end"}, {"phase": "end"}, {"phase": "begin"}),
-        ({"link": LINK}, {"link": LINK}, {"link": "elsewhere"}),
-        ({"joint": "RHand"}, {"joint": "RHand"}, {"joint": None}),
-        ({"kind": "collision"}, {"kind": "collision"}, {"kind": "contact"}),
-        ({"min_intensity": 2.5}, {"intensity": 2.5}, {"intensity": 2.4}),
-        ({"min_intensity": 2.5}, {"intensity": 2.6}, {"intensity": float("nan")}),
-        (
-            {"joint": "RHand", "kind": "rebound"},
-            {"joint": "RHand", "kind": "rebound"},
-            {"joint": "RHand"},
-        ),
-    ],
-)
-def test_filter(wanted: dict[str, Any], fits: dict[str, Any], fits_not: dict[str, Any]) -> None:
-    predicate = contact_filter(ROBOT, **wanted)
-    assert predicate(contact(**fits))
-    assert not predicate(contact(**fits_not))
+class Collector(Receiver):
+    """Keeps what it is offered."""
+
+    def __init__(self) -> None:
+        self.events: list[Event] = []
+        self.ends = 0
+
+    def offer(self, event: Event) -> None:
+        self.events.append(event)
+
+    def end(self) -> None:
+        self.ends += 1
 
 
-@pytest.mark.parametrize(
-    ("wanted", "hint"),
-    [
-        ({"joint": "LElbowRol"}, "joint 'LElbowRol' .*LElbowRoll"),
-        ({"link": ROBOT.links[3] + "x"}, f"link .*did you mean .*{ROBOT.links[3]}"),
-        ({"kind": "colision"}, "did you mean collision"),
-        ({"phase": "start"}, "begin, end, update"),
-    ],
-)
-def test_filter_checks_names_when_made(wanted: dict[str, Any], hint: str) -> None:
-    with pytest.raises(UnknownNameError, match=hint):
-        contact_filter(ROBOT, **wanted)
-
-
-@pytest.mark.parametrize("intensity", [-0.1, float("nan")])
-def test_filter_checks_intensity(intensity: float) -> None:
-    make: Callable[..., object] = contact_filter
-    with pytest.raises(ValueError, match="min_intensity"):
-        make(ROBOT, min_intensity=intensity)
+def test_receivers_take_events_at_once_until_detached_or_closed() -> None:
+    dispatcher = Dispatcher()
+    early, late = Collector(), Collector()
+    fault = FaultEvent(reason="a test", time=1.0)
+    assert not dispatcher.wants(Contact)
+    for collector in (early, late):
+        dispatcher.attach(collector, Contact, FaultEvent)
+    assert dispatcher.wants(Contact)
+    dispatcher.publish(fault)
+    dispatcher.detach(early)
+    dispatcher.publish(contact(3))
+    assert early.events == [fault]
+    assert late.events == [fault, contact(3)]
+    dispatcher.close()
+    dispatcher.close()
+    assert (early.ends, late.ends) == (0, 1)
+    dispatcher.detach(late)
+    assert not dispatcher.wants(Contact)
+    with pytest.raises(DispatcherClosedError):
+        dispatcher.attach(early, Contact)

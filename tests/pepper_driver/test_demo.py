@@ -97,7 +97,7 @@ def test_without_pushes_nothing_is_felt() -> None:
                 }
             )
             pepper.run(4.0)
-        assert pepper.contacts == ()
+        assert pepper.contact_history == ()
 
 
 def own_script(folder: Path, **changes: Any) -> Path:

@@ -40,7 +40,7 @@ def test_the_dozen_lines_of_the_readme() -> None:
     assert (contact.joint, contact.link, contact.direction) == ("LShoulderRoll", "LBicep", 1)
     assert contact.phase == "begin"
     assert 4.0 < contact.time < 4.6  # the ramp of the stiffness takes the first second
-    ends = [c for c in pepper.contacts if c.phase == "end" and c.id == contact.id]
+    ends = [c for c in pepper.contact_history if c.phase == "end" and c.id == contact.id]
     assert len(ends) == 1
     # The largest residual is the torque over the stiffness, less what friction holds.
     lever = 0.16 * np.cos(0.6 - 0.57)  # the force is along the world's y
@@ -73,7 +73,7 @@ def test_the_log_holds_what_happened(tmp_path: Path) -> None:
     with Pepper(f"{LIGHT}&seed=5", log=path) as pepper:
         pepper.push("LBicep", [0.0, 25.0, 0.0], [0.16, 0.0, 0.0], 0.8, frame="link")
         pepper.run(1.5)
-        contacts = pepper.contacts
+        contacts = pepper.contact_history
         identity = pepper.backend.info.identity
     log = read_log(path)
     assert log.complete
@@ -127,14 +127,14 @@ def test_it_can_be_entered_again() -> None:
     pepper.on_contact()(heard.append)
     for count in (1, 2):
         with pepper:
-            assert pepper.contacts == ()
+            assert pepper.contact_history == ()
             assert not reflex.holding
             pepper.run(0.5)
             pepper.push("LBicep", [0.0, 25.0, 0.0], [0.16, 0.0, 0.0], 0.8, frame="link")
             pepper.run(0.6)
             assert reflex.holding
         assert len(heard) == count
-        assert [contact.id for contact in pepper.contacts if contact.phase == "begin"] == [1]
+        assert [contact.id for contact in pepper.contact_history if contact.phase == "begin"] == [1]
 
 
 def test_wrong_postures_are_refused_and_change_nothing() -> None:

@@ -6,10 +6,10 @@ from pathlib import Path
 import pytest
 
 from pepper_driver.backends import BackendError, Measurement
-from pepper_driver.callbacks import Dispatcher
+from pepper_driver.callbacks import Dispatcher, Subscription
 from pepper_driver.config import load_controller_settings, load_robot, load_safety_settings
 from pepper_driver.log import LogWriter, read_log
-from pepper_driver.observer import Observation
+from pepper_driver.observer import Contact, Observation
 from pepper_driver.reflexes import Control, Reflex
 from pepper_driver.robot import Pepper
 from pepper_driver.safety import FaultError, RobotState, SafetyGate
@@ -38,7 +38,7 @@ def make_session(
         observer=None,
         reflexes=reflexes,
         log=log,
-        subscriptions=[(lambda _: None, lambda _: True)],
+        subscriptions=[Subscription(callback=lambda _: None, event=Contact, wanted=lambda _: True)],
         paced=False,
     )
 

@@ -1,0 +1,145 @@
+"""Filters pick the events wanted, and refuse names and numbers that would never be heard."""
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from pepper_driver.config import PepperError, UnknownNameError
+from pepper_driver.controller import Tick
+from pepper_driver.events import ReflexEvent, SensorEvent, TickEvent
+from pepper_driver.filters import (
+    ListeningError,
+    contact_filter,
+    reflex_filter,
+    sensor_filter,
+    tick_filter,
+)
+
+from event_cases import ROBOT, contact  # isort: skip
+
+LINK = ROBOT.links[-1]
+
+
+@pytest.mark.parametrize(
+    ("wanted", "fits", "fits_not"),
+    [
+        ({}, {"phase": "begin"}, {"phase": "update"}),
+        ({"phase": None}, {"phase": "end"}, {"intensity": -1.0}),
+        ({"phase": "end"}, {"phase": "end"}, {"phase": "begin"}),
+        ({"link": LINK}, {"link": LINK}, {"link": "elsewhere"}),
+        ({"joint": "RHand"}, {"joint": "RHand"}, {"joint": None}),
+        ({"kind": "collision"}, {"kind": "collision"}, {"kind": "contact"}),
+        ({"min_intensity": 2.5}, {"intensity": 2.5}, {"intensity": 2.4}),
+        ({"min_intensity": np.float32(2.5)}, {"intensity": 2.6}, {"intensity": float("nan")}),
+        (
+            {"joint": "RHand", "kind": "rebound"},
+            {"joint": "RHand", "kind": "rebound"},
+            {"joint": "RHand"},
+        ),
+    ],
+)
+def test_contacts(wanted: dict[str, Any], fits: dict[str, Any], fits_not: dict[str, Any]) -> None:
+    predicate = contact_filter(ROBOT, **wanted)
+    assert predicate(contact(**fits))
+    assert not predicate(contact(**fits_not))
+
+
+@pytest.mark.parametrize(
+    ("wanted", "hint"),
+    [
+        ({"joint": "LElbowRol"}, "joint 'LElbowRol' .*LElbowRoll"),
+        ({"link": ROBOT.links[3] + "x"}, f"link .*did you mean .*{ROBOT.links[3]}"),
+        ({"kind": "colision"}, "did you mean collision"),
+        ({"phase": "start"}, "begin, end, update"),
+    ],
+)
+def test_names_of_contacts_are_checked(wanted: dict[str, Any], hint: str) -> None:
+    with pytest.raises(UnknownNameError, match=hint):
+        contact_filter(ROBOT, **wanted)
+
+
+@pytest.mark.parametrize("intensity", [-0.1, float("nan"), None, "3", [1.0]])
+def test_intensities_are_checked(intensity: Any) -> None:
+    with pytest.raises(ListeningError, match="min_intensity") as caught:
+        contact_filter(ROBOT, min_intensity=intensity)
+    assert isinstance(caught.value, PepperError)
+
+
+@given(st.integers(1, 20), st.integers(0, 100))
+def test_one_tick_in_so_many(every: int, ticks: int) -> None:
+    wanted = tick_filter(every)
+    event = TickEvent(tick=Tick.__new__(Tick), observation=None)
+    picked = [number for number in range(ticks) if wanted(event)]
+    assert picked == list(range(0, ticks, every))
+
+
+@pytest.mark.parametrize("every", [0, -1, 1.5, True, "2", None])
+def test_numbers_of_ticks_are_checked(every: Any) -> None:
+    with pytest.raises(ListeningError, match="every must be a whole number"):
+        tick_filter(every)
+
+
+def edge(kind: Any = "touch", name: str = "Head/Touch/Front", pressed: bool = True) -> SensorEvent:
+    return SensorEvent(kind=kind, name=name, pressed=pressed, time=0.0)
+
+
+def test_sensors() -> None:
+    known = ROBOT.sensors.touch
+    front = sensor_filter("touch", "Head/Touch/Front", known, True)
+    assert front(edge())
+    assert not front(edge(name="Head/Touch/Rear"))
+    assert not front(edge(pressed=False))
+    assert not front(edge(kind="bumper"))
+    released = sensor_filter("touch", None, known, False)
+    assert released(edge(name="Head/Touch/Rear", pressed=False))
+    assert not released(edge())
+    both = sensor_filter("touch", None, known, None)
+    assert both(edge())
+    assert both(edge(pressed=False))
+
+
+@pytest.mark.parametrize(
+    ("make", "hint"),
+    [
+        (
+            lambda: sensor_filter("touch", "Head/Touch/Frnt", ROBOT.sensors.touch, True),
+            "touch sensor 'Head/Touch/Frnt' .*Head/Touch/Front",
+        ),
+        (
+            lambda: sensor_filter("bumper", "Front", ROBOT.sensors.bumpers, True),
+            "bumper 'Front' .*FrontLeft",
+        ),
+        (
+            lambda: sensor_filter("button", "Chest", ROBOT.sensors.buttons, True),
+            "button 'Chest' .*ChestBoard/Button",
+        ),
+        (lambda: reflex_filter("hld", ["hold"], None), "reflex 'hld' .*hold"),
+        (lambda: reflex_filter("hold", ["hold"], "update"), "begin, end"),  # type: ignore[arg-type]
+    ],
+)
+def test_names_are_checked(make: Callable[[], object], hint: str) -> None:
+    with pytest.raises(UnknownNameError, match=hint):
+        make()
+
+
+def test_what_a_sensor_is_to_do_is_checked() -> None:
+    wrong: Any = "down"
+    with pytest.raises(ListeningError, match="True, False, or None"):
+        sensor_filter("touch", None, ROBOT.sensors.touch, wrong)
+
+
+def test_reflexes() -> None:
+    def event(reflex: str, phase: Any) -> ReflexEvent:
+        return ReflexEvent(reflex=reflex, phase=phase, time=0.0, contact_id=None, joints=())
+
+    begins = reflex_filter("hold", ["hold", "retract"], "begin")
+    assert begins(event("hold", "begin"))
+    assert not begins(event("hold", "end"))
+    assert not begins(event("retract", "begin"))
+    assert reflex_filter(None, [], None)(event("retract", "end"))
+    with pytest.raises(ListeningError, match="reflexes="):
+        reflex_filter("hold", [], "begin")

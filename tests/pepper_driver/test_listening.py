@@ -1,0 +1,335 @@
+"""What a robot tells: every kind of callback, in order, whatever other callbacks do."""
+
+from __future__ import annotations
+
+import logging
+import threading
+import time
+from dataclasses import replace
+from functools import partial
+from typing import Any
+
+import numpy as np
+import pytest
+
+from pepper_driver import (
+    Contact,
+    FaultError,
+    FaultEvent,
+    Hold,
+    PepperError,
+    ReflexEvent,
+    SensorEvent,
+    TickEvent,
+)
+from pepper_driver.backends import BackendError
+from pepper_driver.config import UnknownNameError
+from pepper_driver.controller import Tick
+from pepper_driver.events import ReflexPhase
+from pepper_driver.filters import ListeningError
+from pepper_driver.observer import Observation
+from pepper_driver.sensor_edges import SensorEdges
+
+from event_cases import LONG, ROBOT, Blocker, contact, make_pepper, pressed  # isort: skip
+from fakes import FakeBackend, aged  # isort: skip
+
+CYCLE = ROBOT.cycle
+
+
+def test_ticks_come_with_what_was_felt() -> None:
+    pepper = make_pepper({3: (contact(1),)})
+    ticks: list[TickEvent] = []
+    third: list[int] = []
+    pepper.on_tick()(ticks.append)
+
+    @pepper.on_tick(every=3)
+    def seldom(event: TickEvent) -> None:
+        third.append(event.tick.measurement.tick)
+
+    with pepper:
+        pepper.run(10 * CYCLE)
+    assert [event.tick.measurement.tick for event in ticks] == list(range(1, 11))
+    assert ticks[2].observation is not None
+    assert ticks[2].observation.contacts == (contact(1),)
+    assert third == [1, 4, 7, 10]
+
+
+def test_sensors_tell_when_they_are_pressed_and_let_go() -> None:
+    """Bumper 1 for ticks 2 and 3, the button in tick 3, two sensors of the head in tick 5."""
+    pepper = make_pepper(
+        faults={
+            2: pressed("bumpers", 1),
+            3: lambda m: pressed("buttons", 0)(pressed("bumpers", 1)(m)),
+            5: pressed("touch", 0, 2),
+        }
+    )
+    touches: list[SensorEvent] = []
+    rear: list[SensorEvent] = []
+    bumpers: list[SensorEvent] = []
+    released: list[SensorEvent] = []
+    buttons: list[SensorEvent] = []
+    pepper.on_touch()(touches.append)
+    pepper.on_touch(sensor="Head/Touch/Rear", pressed=None)(rear.append)
+    pepper.on_bumper(bumper="FrontRight")(bumpers.append)
+    pepper.on_bumper(bumper="FrontLeft", pressed=None)(bumpers.append)
+    pepper.on_bumper(pressed=False)(released.append)
+    pepper.on_button(button="ChestBoard/Button")(buttons.append)
+    with pepper:
+        pepper.run(8 * CYCLE)
+
+    def event(kind: Any, name: str, pressed: bool, tick: int) -> SensorEvent:
+        return SensorEvent(kind=kind, name=name, pressed=pressed, time=tick * CYCLE)
+
+    assert touches == [
+        event("touch", "Head/Touch/Front", True, 5),
+        event("touch", "Head/Touch/Rear", True, 5),
+    ]
+    assert rear == [
+        event("touch", "Head/Touch/Rear", True, 5),
+        event("touch", "Head/Touch/Rear", False, 6),
+    ]
+    assert bumpers == [event("bumper", "FrontRight", True, 2)]
+    assert released == [event("bumper", "FrontRight", False, 4)]
+    assert buttons == [event("button", "ChestBoard/Button", True, 3)]
+
+
+def test_what_is_pressed_at_the_start_is_told_when_it_is_let_go() -> None:
+    quiet = FakeBackend().open()
+    edges = SensorEdges(ROBOT, pressed("bumpers", 2)(quiet))
+    assert edges.step(pressed("bumpers", 2)(quiet)) == []
+    assert edges.step(quiet) == [
+        SensorEvent(kind="bumper", name="Back", pressed=False, time=quiet.time)
+    ]
+    assert edges.step(quiet) == []
+
+
+@pytest.mark.parametrize("value", [float("nan"), -1.0, 0.3, -0.0])
+def test_a_sensor_that_answers_nonsense_is_not_pressed(value: float) -> None:
+    quiet = FakeBackend().open()
+    edges = SensorEdges(ROBOT, quiet)
+    assert edges.step(replace(quiet, touch=np.full(5, value))) == []
+
+
+def test_a_callback_sees_a_tick_from_its_contacts_to_its_end() -> None:
+    pepper = make_pepper(
+        {2: (contact(1), contact(2)), 4: (contact(1, phase="end"),)}, {2: pressed("bumpers", 0)}
+    )
+    seen: list[object] = []
+    pepper.on_tick()(seen.append)
+    pepper.on_bumper()(seen.append)
+    pepper.on_reflex(phase=None)(seen.append)
+    pepper.on_contact(phase=None)(seen.append)
+    begin = ReflexEvent(
+        reflex="hold", phase="begin", time=0.0, contact_id=1, joints=("LShoulderRoll",)
+    )
+    with pepper:
+        pepper.run(4 * CYCLE)
+        tick = seen[-1]
+        assert isinstance(tick, TickEvent)
+        session = pepper._session
+        assert session is not None
+        session.deliver(tick.tick, None, [begin])
+    kinds = [type(event).__name__ for event in seen]
+    one = ["TickEvent"]
+    assert kinds == [
+        *one,
+        *["Contact", "Contact", "SensorEvent"],
+        *one,
+        *one,
+        "Contact",
+        *one,
+        "ReflexEvent",
+        *one,
+    ]
+    assert pepper.contact_history == (contact(1), contact(2), contact(1, phase="end"))
+
+
+def test_reflexes_are_told_by_name_and_phase() -> None:
+    pepper = make_pepper(reflexes=(Hold(),))
+    seen: list[ReflexEvent] = []
+    pepper.on_reflex(name="hold")(seen.append)
+    phases: list[tuple[str, ReflexPhase]] = [("hold", "begin"), ("hold", "end"), ("other", "begin")]
+    events = [
+        ReflexEvent(reflex=reflex, phase=phase, time=1.0, contact_id=None, joints=())
+        for reflex, phase in phases
+    ]
+    with pepper:
+        session = pepper._session
+        assert session is not None
+        session.deliver(session.loop.tick(), None, events)
+    assert seen == events[:1]
+
+
+def test_a_fault_in_a_tick_is_told_once() -> None:
+    pepper = make_pepper(faults={3: aged(0.2)})
+    faults: list[FaultEvent] = []
+    pepper.on_fault()(faults.append)
+    with pepper:
+        for _ in range(3):
+            with pytest.raises(FaultError):
+                pepper.run(1.0)
+        pepper.emergency_stop()
+    assert faults == [FaultEvent(reason="the newest sample is 200 ms old", time=3 * CYCLE)]
+
+
+def test_an_emergency_stop_is_told_before_anybody_ticks() -> None:
+    pepper = make_pepper()
+    heard = threading.Event()
+    faults: list[FaultEvent] = []
+
+    @pepper.on_fault()
+    def stopped(event: FaultEvent) -> None:
+        faults.append(event)
+        heard.set()
+
+    pepper.emergency_stop()  # not active: nobody to be stopped, and nobody is told
+    for _ in range(2):  # a new run has faults of its own
+        heard.clear()
+        with pepper:
+            pepper.run(2 * CYCLE)
+            pepper.emergency_stop()
+            assert heard.wait(LONG)
+    assert [event.reason for event in faults] == ["emergency stop"] * 2
+
+
+def test_callbacks_that_hang_raise_or_flood_cost_no_tick_and_no_contact(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    pepper = make_pepper({tick: (contact(tick),) for tick in range(1, 2001)})
+    blocker, seen = Blocker(), list[int]()
+    ticks: list[int] = []
+    done = threading.Event()
+    pepper.on_contact()(blocker)
+
+    @pepper.on_contact()
+    def broken(event: Contact) -> None:
+        raise ValueError("a user's mistake")
+
+    @pepper.on_tick()
+    def flooded(event: TickEvent) -> None:
+        blocker.release.wait(LONG)
+
+    @pepper.on_contact()
+    def fine(event: Contact) -> None:
+        seen.append(event.id)
+        if event.id == 2000:
+            done.set()
+
+    def keep_up(tick: Tick, observation: Observation | None) -> None:
+        """Without physics time flies: ``fine`` would lose contacts for its own slowness."""
+        ticks.append(tick.measurement.tick)
+        while len(seen) < len(ticks) - 500:
+            time.sleep(0.001)
+
+    with caplog.at_level(logging.CRITICAL, "pepper_driver"), pepper:
+        pepper.run(2000 * CYCLE, on_tick=keep_up)
+        assert done.wait(LONG)
+        statistics = {s.name.rsplit(".", 1)[-1]: s for s in pepper.callback_statistics}
+        blocker.release.set()
+    assert ticks == list(range(1, 2001))
+    assert seen == list(range(1, 2001))
+    assert statistics["fine"].dropped == 0
+    assert statistics["Blocker"].dropped >= 2000 - 1001  # one is being handled, a thousand wait
+    assert statistics["flooded"].dropped >= 2000 - 1001
+    assert statistics["broken"].failures == statistics["broken"].calls > 0
+
+
+def test_what_is_registered_late_hears_from_then_on() -> None:
+    pepper = make_pepper({1: (contact(1),), 3: (contact(3),)})
+    seen: list[int] = []
+    with pepper:
+        pepper.run(2 * CYCLE)
+
+        @pepper.on_contact()
+        def late(event: Contact) -> None:
+            seen.append(event.id)
+
+        pepper.run(2 * CYCLE)
+    assert seen == [3]
+    assert late(contact(9)) is None  # the decorator returns the function
+
+
+@pytest.mark.parametrize(
+    ("register", "error", "hint"),
+    [
+        (lambda p: p.on_contact(link="LForearm"), UnknownNameError, "LForeArm"),
+        (lambda p: p.on_tick(every=0), ListeningError, "every"),
+        (lambda p: p.on_tick(queue=0), ListeningError, "queue"),
+        (lambda p: p.on_touch(sensor="Head"), UnknownNameError, "Head/Touch/Front"),
+        (lambda p: p.on_bumper(bumper="Front"), UnknownNameError, "FrontLeft"),
+        (lambda p: p.on_button(button="Chest"), UnknownNameError, "ChestBoard/Button"),
+        (lambda p: p.on_button(pressed="yes"), ListeningError, "pressed"),
+        (lambda p: p.on_reflex(name="hold"), ListeningError, "reflexes="),
+        (lambda p: p.on_reflex(phase="update"), UnknownNameError, "begin"),
+        (lambda p: p.on_fault()(3), ListeningError, "got 3"),
+        (lambda p: p.on_contact()(_coroutine), ListeningError, "async for contact in"),
+        (lambda p: p.on_contact()(partial(_coroutine)), ListeningError, "async for contact in"),
+    ],
+)
+def test_mistakes_are_refused_when_registered(
+    register: Any, error: type[PepperError], hint: str
+) -> None:
+    pepper = make_pepper()
+    with pytest.raises(error, match=hint):
+        register(pepper)
+    with pepper:
+        assert pepper.callback_statistics == ()
+
+
+async def _coroutine(event: Contact) -> None:
+    pass
+
+
+def test_only_one_thread_runs_the_robot_and_no_tick_runs_ticks() -> None:
+    pepper = make_pepper()
+    inside, go = threading.Event(), threading.Event()
+    errors: list[BaseException] = []
+
+    def hold_up(*_: object) -> None:
+        inside.set()
+        assert go.wait(LONG)
+
+    def nested(*_: object) -> None:
+        for wrong in (
+            lambda: pepper.run(CYCLE),
+            lambda: pepper.play("wave"),
+            lambda: pepper.wait_for_contact(timeout=1.0),
+        ):
+            try:
+                wrong()
+            except BackendError as error:
+                errors.append(error)
+
+    with pepper:
+        pepper.run(CYCLE, on_tick=nested)
+        assert len(errors) == 3
+        assert all("inside a tick" in str(error) for error in errors)
+        runner = threading.Thread(
+            target=lambda: pepper.run(CYCLE, on_tick=hold_up), name="the first"
+        )
+        runner.start()
+        assert inside.wait(LONG)
+        target = pepper.target
+        with pytest.raises(BackendError, match="'the first' runs the robot already"):
+            pepper.run(CYCLE)
+        with pytest.raises(BackendError, match="'the first' runs the robot already"):
+            pepper.play("wave")
+        np.testing.assert_array_equal(pepper.target, target)
+        go.set()
+        runner.join(LONG)
+        pepper.run(CYCLE)
+
+
+def test_real_time_does_not_wait_for_callbacks_between_runs() -> None:
+    pepper = make_pepper({1: (contact(1),)})
+    pepper._paced = True
+    blocker = Blocker()
+    pepper.on_contact()(blocker)
+    with pepper:
+        start = time.monotonic()
+        for _ in range(5):
+            pepper.run(CYCLE)
+        assert time.monotonic() - start < 2.0  # less than one such wait
+        assert blocker.entered.wait(LONG)
+        blocker.release.set()
+    assert blocker.ids == [1]
