@@ -22,9 +22,10 @@ from pepper_driver.backends import (
 from pepper_driver.config import RobotConfig
 from pepper_driver.config.parts import FloatArray
 from pepper_driver.controller import Reference, Tick, WholeBodyController
+from pepper_driver.events import ReflexEvent
 from pepper_driver.log import LogWriter
 from pepper_driver.observer import Observation, Observer
-from pepper_driver.reflexes import Control, Reflex
+from pepper_driver.reflexes import Control, Reflexes
 from pepper_driver.safety import FaultError, SafetyGate
 
 STAGES = ("backend", "observer", "reflexes", "controller", "gate", "log")
@@ -74,9 +75,9 @@ class Loop:
         gate: Active, holding the same posture.
         time: Clock of the robot now [s].
         observer: Or None to feel nothing.
-        reflexes: Called in this order in every tick.
+        reflexes: Asked in every tick in which there is an observation.
         log: Or None.
-        deliver: Takes every tick and its observation; must not block.
+        deliver: Takes every tick, its observation and what reflexes did; must not block.
 
     Attributes:
         control: What reflexes act on.
@@ -95,9 +96,9 @@ class Loop:
         *,
         time: float,
         observer: Observer | None,
-        reflexes: Sequence[Reflex],
+        reflexes: Reflexes,
         log: LogWriter | None,
-        deliver: Callable[[Tick, Observation | None], None],
+        deliver: Callable[[Tick, Observation | None, Sequence[ReflexEvent]], None],
     ) -> None:
         self._backend = backend
         self._robot = robot
@@ -108,7 +109,7 @@ class Loop:
         self._log = log
         self._deliver = deliver
         self._truth: Truth | None = backend.truth if "truth" in backend.info.capabilities else None
-        self.control = Control(controller)
+        self.control = Control(controller, robot)
         self.times = StageTimes()
         self.target = controller.position
         self.time = time
@@ -161,14 +162,15 @@ class Loop:
             changed=answered.changed,
         )
         observation: Observation | None = None
+        events: Sequence[ReflexEvent] = ()
         cause: Exception | None = None
         try:
             if self._observer is not None:
                 observation = self._observer.step(tick)
             marks.append(perf_counter_ns())
-            if observation is not None:
-                for reflex in self._reflexes:
-                    reflex.step(observation, measurement, self.control)
+            if observation is not None and self._reflexes:
+                events = self._reflexes.step(observation, measurement, self.control)
+                self._leave()
             marks.append(perf_counter_ns())
             reference = self._reference(measurement, answered.command)
             marks.append(perf_counter_ns())
@@ -182,7 +184,7 @@ class Loop:
         try:
             if self._log is not None:
                 self._log.append(tick, observation, self._truth)
-            self._deliver(tick, observation)
+            self._deliver(tick, observation, events)
         finally:  # whatever a listener does: a fault reaches the robot
             if self._gate.fault:
                 self._halt()
@@ -191,6 +193,16 @@ class Loop:
         marks.append(perf_counter_ns())
         self.times.add(marks)
         return tick
+
+    def _leave(self) -> None:
+        """Have the user's posture find the joints, which a reflex has led, where they come to rest."""
+        left = self.control.left
+        if np.count_nonzero(left):
+            controller = self._controller
+            # A critically damped joint decays exponentially towards q + v / sqrt(stiffness).
+            rest = controller.position + controller.velocity / np.sqrt(self.posture_stiffness)
+            rest = np.clip(rest, controller.lower, controller.upper)
+            self.target = np.where(left, rest, self.target)
 
     def _reference(self, measurement: Measurement, answered: Command) -> Reference:
         """What the controller wants, for the user's posture or the one a reflex has put in its place."""

@@ -18,7 +18,7 @@ from pepper_driver.events import FaultEvent, ReflexEvent, TickEvent
 from pepper_driver.log import LogWriter, run_metadata
 from pepper_driver.loop import Loop
 from pepper_driver.observer import Contact, Observation, Observer
-from pepper_driver.reflexes import Reflex
+from pepper_driver.reflexes import Reflexes
 from pepper_driver.runner import Runner
 from pepper_driver.safety import FaultError, SafetyGate
 from pepper_driver.sensor_edges import SensorEdges
@@ -36,7 +36,7 @@ class Session:
         controller: Gains, limits, feedback and solver.
         gate: What all commands pass.
         observer: Or None to feel nothing.
-        reflexes: Called in this order in every tick.
+        reflexes: Asked in every tick.
         log: Where to write the MCAP log; None for no log.
         subscriptions: Callbacks from the first tick on.
         paced: Whether ticks wait for the wall clock.
@@ -62,7 +62,7 @@ class Session:
         gate: SafetyGate,
         *,
         observer: Observer | None,
-        reflexes: Sequence[Reflex],
+        reflexes: Reflexes,
         log: Path | None,
         subscriptions: Sequence[Subscription],
         paced: bool,
@@ -94,7 +94,7 @@ class Session:
         robot: RobotConfig,
         settings: ControllerSettings,
         observer: Observer | None,
-        reflexes: Sequence[Reflex],
+        reflexes: Reflexes,
         path: Path | None,
     ) -> Loop:
         backend = self._backend
@@ -111,8 +111,7 @@ class Session:
         self._gate.activate(hold)
         if observer is not None:
             observer.reset()
-        for reflex in reflexes:
-            reflex.reset()
+        reflexes.reset()
         self._sensors = SensorEdges(robot, measurement)
         return Loop(
             backend,
