@@ -52,6 +52,5 @@ def _rest(control: Control) -> FloatArray:
     A critically damped joint at q with velocity v decays exponentially towards q + v / sqrt(stiffness).
     """
     controller = control.controller
-    rest = controller.position + controller.velocity / np.sqrt(STIFFNESS)
-    rest = np.clip(rest, controller.lower, controller.upper)
-    return rest
+    rest: FloatArray = controller.position + controller.velocity / np.sqrt(STIFFNESS)
+    return np.clip(rest, controller.lower, controller.upper)
