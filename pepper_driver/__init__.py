@@ -7,40 +7,64 @@ if TYPE_CHECKING:
     from pepper_driver.config import PepperError
     from pepper_driver.events import FaultEvent, ReflexEvent, SensorEvent, TickEvent
     from pepper_driver.observer import Contact, Observation, Observer
-    from pepper_driver.reflexes import Hold, Reflex
+    from pepper_driver.reflexes import (
+        Assist,
+        Comply,
+        FollowHand,
+        Hold,
+        Ignore,
+        Reflex,
+        Retract,
+        Soften,
+        StopBase,
+    )
     from pepper_driver.robot import Pepper
     from pepper_driver.safety import FaultError, RobotState
 
 __all__ = [
+    "Assist",
+    "Comply",
     "Contact",
     "FaultError",
     "FaultEvent",
+    "FollowHand",
     "Hold",
+    "Ignore",
     "Observation",
     "Observer",
     "Pepper",
     "PepperError",
     "Reflex",
     "ReflexEvent",
+    "Retract",
     "RobotState",
     "SensorEvent",
+    "Soften",
+    "StopBase",
     "TickEvent",
 ]
 
 # Looked up when first used: every layer imports this package on its way in, and most need only those below.
 _HOMES = {
+    "Assist": "pepper_driver.reflexes",
+    "Comply": "pepper_driver.reflexes",
     "Contact": "pepper_driver.observer",
     "FaultError": "pepper_driver.safety",
     "FaultEvent": "pepper_driver.events",
+    "FollowHand": "pepper_driver.reflexes",
     "Hold": "pepper_driver.reflexes",
+    "Ignore": "pepper_driver.reflexes",
     "Observation": "pepper_driver.observer",
     "Observer": "pepper_driver.observer",
     "Pepper": "pepper_driver.robot",
     "PepperError": "pepper_driver.config",
     "Reflex": "pepper_driver.reflexes",
     "ReflexEvent": "pepper_driver.events",
+    "Retract": "pepper_driver.reflexes",
     "RobotState": "pepper_driver.safety",
     "SensorEvent": "pepper_driver.events",
+    "Soften": "pepper_driver.reflexes",
+    "StopBase": "pepper_driver.reflexes",
     "TickEvent": "pepper_driver.events",
 }
 

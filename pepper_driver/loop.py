@@ -22,10 +22,12 @@ from pepper_driver.backends import (
 from pepper_driver.config import RobotConfig
 from pepper_driver.config.parts import FloatArray
 from pepper_driver.controller import Reference, Tick, WholeBodyController
+from pepper_driver.events import ReflexEvent, SensorEvent
 from pepper_driver.log import LogEvent, LogWriter
 from pepper_driver.observer import Observation, Observer
-from pepper_driver.reflexes import Control, Reflex
+from pepper_driver.reflexes import Control, Reflexes
 from pepper_driver.safety import FaultError, SafetyGate
+from pepper_driver.sensor_edges import SensorEdges
 from pepper_driver.timing import StageTimes
 
 
@@ -46,11 +48,11 @@ class Loop:
         robot: Its description.
         controller: Reset to the posture the robot holds.
         gate: Active, holding the same posture.
-        time: Clock of the robot now [s].
+        first: What the robot measures now.
         observer: Or None to feel nothing.
-        reflexes: Called in this order in every tick.
+        reflexes: Asked in every tick in which there is an observation.
         log: Or None.
-        deliver: Takes every tick and its observation; must not block.
+        deliver: Takes every tick, its observation and what sensors and reflexes did; must not block.
 
     Attributes:
         control: What reflexes act on.
@@ -67,11 +69,11 @@ class Loop:
         controller: WholeBodyController,
         gate: SafetyGate,
         *,
-        time: float,
+        first: Measurement,
         observer: Observer | None,
-        reflexes: Sequence[Reflex],
+        reflexes: Reflexes,
         log: LogWriter | None,
-        deliver: Callable[[Tick, Observation | None], None],
+        deliver: Callable[[Tick, Observation | None, Sequence[ReflexEvent | SensorEvent]], None],
     ) -> None:
         self._backend = backend
         self._robot = robot
@@ -82,10 +84,11 @@ class Loop:
         self._log = log
         self._deliver = deliver
         self._truth: Truth | None = backend.truth if "truth" in backend.info.capabilities else None
-        self.control = Control(controller)
+        self.control = Control(controller, robot)
         self.times = StageTimes(robot.cycle)
         self.target = controller.position
-        self.time = time
+        self.time = first.time
+        self._sensors = SensorEdges(robot, first)
         self.posture_stiffness = controller.posture.stiffness
         self._wanted: FloatArray | None = self.target.copy()
         self._duration: float | None = None
@@ -98,9 +101,9 @@ class Loop:
             load_torque=controller.model.gravity_torque(controller.position),
             base_twist=np.zeros(3),
         )
-        first = _Sent(reference=standing, command=gate.sent, changed=np.zeros(n, dtype=np.bool_))
+        sent = _Sent(reference=standing, command=gate.sent, changed=np.zeros(n, dtype=np.bool_))
         # The command that a measurement answers is the oldest here.
-        self._on_the_way = deque([first], maxlen=backend.info.response_delay + 1)
+        self._on_the_way = deque([sent], maxlen=backend.info.response_delay + 1)
 
     def move_to(self, target: FloatArray, duration: float | None = None) -> None:
         """Want a posture (17,) [rad] from the next tick on, reached within ``duration`` [s] along a spline.
@@ -142,14 +145,16 @@ class Loop:
             changed=answered.changed,
         )
         observation: Observation | None = None
+        events: list[ReflexEvent | SensorEvent] = []
         cause: Exception | None = None
         try:
+            events += self._sensors.step(measurement)
             if self._observer is not None:
                 observation = self._observer.step(tick)
             marks.append(perf_counter_ns())
-            if observation is not None:
-                for reflex in self._reflexes:
-                    reflex.step(observation, measurement, self.control)
+            if observation is not None and self._reflexes:
+                events += self._reflexes.step(observation, measurement, self.control)
+                self._leave()
             marks.append(perf_counter_ns())
             reference = self._reference(measurement, answered.command)
             marks.append(perf_counter_ns())
@@ -162,9 +167,16 @@ class Loop:
 
         try:
             if self._log is not None:
-                self._log.append(tick, observation, truth)
+                self._log.append(
+                    tick,
+                    observation,
+                    truth,
+                    events=[LogEvent.of(event) for event in events],
+                    tick_end=np.nan if due is None else (perf_counter_ns() - due) * 1e-9,
+                    missed=self.times.missed + missed,
+                )
             marks.append(perf_counter_ns())
-            self._deliver(tick, observation)
+            self._deliver(tick, observation, events)
         finally:  # whatever a listener does: a fault reaches the robot
             if self._gate.fault:
                 self._halt()
@@ -173,6 +185,16 @@ class Loop:
         marks.append(perf_counter_ns())
         self.times.add(marks, age=measurement.age, due=due, missed=missed)
         return tick
+
+    def _leave(self) -> None:
+        """Have the user's posture find the joints, which a reflex has led, where they come to rest."""
+        left = self.control.left
+        if np.count_nonzero(left):
+            controller = self._controller
+            # A critically damped joint decays exponentially towards q + v / sqrt(stiffness).
+            rest = controller.position + controller.velocity / np.sqrt(self.posture_stiffness)
+            rest = np.clip(rest, controller.lower, controller.upper)
+            self.target = np.where(left, rest, self.target)
 
     def _reference(self, measurement: Measurement, answered: Command) -> Reference:
         """What the controller wants, for the user's posture or the one a reflex has put in its place."""

@@ -32,7 +32,7 @@ from pepper_driver.motion import OnStep, Player
 from pepper_driver.motion_report import MotionReport
 from pepper_driver.observer import Observation, Observer
 from pepper_driver.pacing import Pacer, RealTimePacer
-from pepper_driver.reflexes import Reflex
+from pepper_driver.reflexes import Reflex, Reflexes
 from pepper_driver.safety import RobotState, SafetyGate
 from pepper_driver.selection import make_observer
 from pepper_driver.session import Session
@@ -57,7 +57,7 @@ class Pepper(Listening):
         observer: Name of an observer, an observer, or None to feel nothing.
         models: Model file of the observer, by default the one shipped for this robot.
         log: Where to write the MCAP log; None for no log.
-        reflexes: Reactions inside the tick, in this order.
+        reflexes: Reactions inside the tick, asked in the order of their priority.
         real_time: Pace a simulation to the wall clock.
         robot: Description of the robot, by default the shipped Pepper.
         controller: Gains, limits, feedback and solver, by default those of ``controller.yaml``.
@@ -81,13 +81,14 @@ class Pepper(Listening):
         robot: RobotConfig | None = None,
         controller: ControllerSettings | None = None,
     ) -> None:
-        super().__init__(robot or load_robot(), [reflex.name for reflex in reflexes])
+        robot = robot or load_robot()
+        self._reflexes = Reflexes(reflexes, robot)
+        super().__init__(robot, self._reflexes.names)
         self.backend: Backend = make_backend(uri, self.config)
         if isinstance(observer, str):
             path = None if models is None else Path(models)
             observer = make_observer(observer, self.config, self.backend.info.identity, path)
         self._observer = observer
-        self._reflexes = tuple(reflexes)
         self._log_path = None if log is None else Path(log)
         self.paced = real_time or self.backend.info.real_time
         self._pacer = RealTimePacer(self.config.cycle) if self.paced else Pacer()

@@ -13,15 +13,14 @@ from pepper_driver.backends import Backend, BackendError
 from pepper_driver.callbacks import Dispatcher, Subscription
 from pepper_driver.config import ControllerSettings, RobotConfig
 from pepper_driver.controller import Tick, WholeBodyController
-from pepper_driver.events import FaultEvent, ReflexEvent, TickEvent
+from pepper_driver.events import FaultEvent, ReflexEvent, SensorEvent, TickEvent
 from pepper_driver.log import LogWriter
 from pepper_driver.loop import Loop
 from pepper_driver.observer import Contact, Observation, Observer
 from pepper_driver.pacing import Pacer
-from pepper_driver.reflexes import Reflex
+from pepper_driver.reflexes import Reflexes
 from pepper_driver.runner import Runner
 from pepper_driver.safety import FaultError, SafetyGate
-from pepper_driver.sensor_edges import SensorEdges
 
 CALLBACK_TIME = 2.0
 """[s] that the end of a run waits for all callbacks that are still busy."""
@@ -38,7 +37,7 @@ class Session:
         controller: Gains, limits, feedback and solver.
         gate: What all commands pass.
         observer: Or None to feel nothing.
-        reflexes: Called in this order in every tick.
+        reflexes: Asked in every tick.
         log: Where to write the MCAP log; None for no log.
         metadata: What the log says of the run.
         subscriptions: Callbacks from the first tick on.
@@ -65,7 +64,7 @@ class Session:
         gate: SafetyGate,
         *,
         observer: Observer | None,
-        reflexes: Sequence[Reflex],
+        reflexes: Reflexes,
         log: Path | None,
         metadata: Mapping[str, str],
         subscriptions: Sequence[Subscription],
@@ -99,7 +98,7 @@ class Session:
         robot: RobotConfig,
         settings: ControllerSettings,
         observer: Observer | None,
-        reflexes: Sequence[Reflex],
+        reflexes: Reflexes,
         path: Path | None,
         metadata: Mapping[str, str],
     ) -> Loop:
@@ -116,15 +115,13 @@ class Session:
         self._gate.activate(hold)
         if observer is not None:
             observer.reset()
-        for reflex in reflexes:
-            reflex.reset()
-        self._sensors = SensorEdges(robot, measurement)
+        reflexes.reset()
         return Loop(
             backend,
             robot,
             controller,
             self._gate,
-            time=measurement.time,
+            first=measurement,
             observer=observer,
             reflexes=reflexes,
             log=log,
@@ -190,17 +187,15 @@ class Session:
         self,
         tick: Tick,
         observation: Observation | None,
-        reflexes: Sequence[ReflexEvent] = (),
+        events: Sequence[ReflexEvent | SensorEvent] = (),
     ) -> None:
-        """Take over what happened in a tick, inside it: contacts, sensors, reflexes, then the tick itself."""
+        """Take over what happened in a tick, inside it: contacts, sensors and reflexes, then the tick itself."""
         publish = self.dispatcher.publish
         if observation is not None:
             for contact in observation.contacts:
                 self.contact_history.append(contact)
                 publish(contact)
-        for edge in self._sensors.step(tick.measurement):
-            publish(edge)
-        for event in reflexes:
+        for event in events:
             publish(event)
         if self.dispatcher.wants(TickEvent):
             publish(TickEvent(tick=tick, observation=observation))

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal, get_args
 
+from pepper_driver.events import ReflexEvent, SensorEvent
 from pepper_driver.log.json_topic import JsonTopic
 
 EventKind = Literal["reflex", "fault", "sensor", "missed"]
@@ -35,6 +36,21 @@ class LogEvent:
     joints: tuple[str, ...] = ()
     count: int | None = None
     text: str = ""
+
+    @classmethod
+    def of(cls, event: ReflexEvent | SensorEvent) -> LogEvent:
+        """The same as the callbacks are told of."""
+        if isinstance(event, SensorEvent):
+            phase: EventPhase = "begin" if event.pressed else "end"
+            return cls(time=event.time, kind="sensor", name=event.name, phase=phase)
+        return cls(
+            time=event.time,
+            kind="reflex",
+            name=event.reflex,
+            phase=event.phase,
+            contact_id=event.contact_id,
+            joints=event.joints,
+        )
 
 
 EVENTS = JsonTopic(

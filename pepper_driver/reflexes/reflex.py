@@ -2,46 +2,179 @@
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
+import math
+import re
+from dataclasses import dataclass, field
+from typing import Literal, get_args
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pepper_driver.backends import Measurement
-from pepper_driver.config.parts import FloatArray
-from pepper_driver.controller import WholeBodyController
-from pepper_driver.observer import Observation
+from pepper_driver.config import PepperError, RobotConfig
+from pepper_driver.filters import contact_filter
+from pepper_driver.observer import Contact, Observation
+from pepper_driver.observer.contact import Kind
+from pepper_driver.reflexes.control import Control
+
+BoolArray = NDArray[np.bool_]
+Then = Literal["resume", "stay"]
+
+LONGEST = 3600.0
+"""[s] of any time that a reflex is given."""
 
 
-class Control:
-    """What reflexes may act on: the controller's tasks, the stiffness, the wheels.
+class ReflexError(PepperError, ValueError):
+    """A reflex with an argument that makes no sense, or two that want the same."""
+
+
+def kind_of(reflex: type[Reflex]) -> str:
+    """What experiments call a kind of reflex: ``stop_base`` for ``StopBase``."""
+    return re.sub(r"(?<!^)(?=[A-Z])", "_", reflex.__name__).lower()
+
+
+@dataclass(kw_only=True, eq=False)
+class Reflex:
+    """A reaction to contacts inside the tick. It sees what the observer says and acts through ``control`` only.
+
+    It begins with the first contact it is for, and is over ``pause`` after the last of them has ended, or after
+    ``longest``; then it waits for new ones. Rebounds neither begin nor prolong it: no reflex keeps itself alive on the
+    swing of a joint that was let go.
+
+    A subclass says in :meth:`act` what it wants while it is active. One that does not wait for contacts overrides
+    :meth:`step`.
 
     Attributes:
-        controller: Its tasks can be changed, added and removed; they act while ``posture`` is None.
-        stiffness: (17,) wanted stiffness 0..1; the safety gate ramps towards it.
-        posture: (17,) posture that a reflex wants in place of the user's [rad]; None to follow the user. While there
-            is one, all other tasks stand still, the base comes to rest, and afterwards they go on.
-        posture_stiffness: Stiffness of the posture task that a reflex wants [1/s2]; None to follow the user.
+        link: Only contacts on this link.
+        joint: Only contacts felt by this joint.
+        kind: ``contact`` or ``collision``; None for both. A contact that grows into a collision begins a reflex that
+            is for collisions.
+        min_intensity: Only contacts of at least this intensity [deg].
+        priority: Of several that want the same joints, or the base, the one with the highest gets them.
+        then: ``resume``: the user's motion goes on. ``stay``: the joints stay where they are until the user moves them.
+        pause: After the last contact, for which it goes on [s].
+        longest: That it acts without pause [s].
+        name: In events and log; by default that of the class, ``stop_base`` for ``StopBase``.
+        joints: (17,) those it acts on, once it is active.
+        contact: The one that it began with.
+
+    Raises:
+        ReflexError: A number that makes no sense, or an unknown ``then``.
     """
 
-    def __init__(self, controller: WholeBodyController) -> None:
-        self.controller = controller
-        self.stiffness: FloatArray = np.ones(17)
-        self.posture: FloatArray | None = None
-        self.posture_stiffness: float | None = None
+    link: str | None = None
+    joint: str | None = None
+    kind: Kind | None = None
+    min_intensity: float = 0.0
+    priority: int = 0
+    then: Then = "resume"
+    pause: float = 0.5
+    longest: float = 60.0
+    name: str = ""
+    contact: Contact | None = field(default=None, init=False, repr=False)
+    _began: float | None = field(default=None, init=False, repr=False)
 
+    def __post_init__(self) -> None:
+        self.name = self.name or kind_of(type(self))
+        if self.then not in get_args(Then):
+            raise ReflexError(f"{self.name}: 'then' is 'resume' or 'stay', got {self.then!r}")
+        self.check("pause", 0.0, LONGEST)
+        self.check("longest", 0.0, LONGEST)
+        self.check("min_intensity", 0.0, 180.0)
+        self.check("priority", -1000, 1000)
 
-class Reflex(ABC):
-    """A reaction inside the tick. It sees what the observer says and acts through ``control`` only."""
+    def check(self, what: str, least: float, largest: float) -> None:
+        """Refuse an attribute that is not a number within bounds.
 
-    @property
-    def name(self) -> str:
-        """What its events and callbacks call it: its class in small letters."""
-        return type(self).__name__.lower()
+        Raises:
+            ReflexError: It is not.
+        """
+        value = getattr(self, what)
+        number = isinstance(value, int | float | np.number) and not isinstance(value, bool)
+        if not (number and math.isfinite(value) and least <= value <= largest):
+            raise ReflexError(
+                f"{self.name}: {what} is a number from {least:g} to {largest:g}, got {value!r}"
+            )
 
-    @abstractmethod
-    def step(self, observation: Observation, measurement: Measurement, control: Control) -> None:
-        """React to one tick; a few microseconds, no waiting."""
+    def prepare(self, robot: RobotConfig) -> None:
+        """Learn of the robot, before anything moves.
 
-    @abstractmethod
+        Raises:
+            UnknownNameError: It is for a link, joint or kind that there is none of.
+        """
+        self.robot = robot
+        self.joints: BoolArray = np.zeros(len(robot.joint_names), dtype=np.bool_)
+        self._for_it = contact_filter(
+            robot,
+            link=self.link,
+            joint=self.joint,
+            kind=self.kind,
+            phase=None,
+            min_intensity=self.min_intensity,
+        )
+        self.reset()
+
     def reset(self) -> None:
         """Let go of everything, as before the first contact."""
+        self._touching: set[int] = set()
+        self._given_up: set[int] = set()
+        self._until: float | None = None
+        self._began, self.contact = None, None
+
+    @property
+    def active(self) -> bool:
+        """Whether it acts now."""
+        return self._began is not None
+
+    @property
+    def touched(self) -> bool:
+        """Whether a contact that it is for lasts."""
+        return bool(self._touching)
+
+    def is_for(self, contact: Contact) -> bool:
+        """Whether it answers this contact, whatever its phase."""
+        return self._for_it(contact)
+
+    def step(self, observation: Observation, measurement: Measurement, control: Control) -> None:
+        """React to one tick; a few microseconds, no waiting."""
+        time = measurement.time
+        for contact in observation.contacts:
+            self._take_in(contact, time, control)
+        if self._began is None:
+            return
+        if self._touching and time - self._began > self.longest:
+            self._given_up |= self._touching
+            self._touching.clear()
+            self._until = time
+        if self._until is not None and time >= self._until:
+            self._end(control)
+        else:
+            self.act(observation, measurement, control)
+
+    def _take_in(self, contact: Contact, time: float, control: Control) -> None:
+        if contact.phase == "end":
+            self._given_up.discard(contact.id)
+            if contact.id in self._touching:
+                self._touching.discard(contact.id)
+                if not self._touching:
+                    self._until = time + self.pause
+        elif contact.id not in self._given_up | self._touching and self.is_for(contact):
+            if self._began is None:
+                self._began, self.contact = time, contact
+                self.joints = np.zeros_like(self.joints)
+            self._touching.add(contact.id)
+            self._until = None
+            self.begin(contact, control)
+
+    def _end(self, control: Control) -> None:
+        self._began = self._until = None
+        if self.then == "stay":
+            control.left |= self.joints
+
+    # -- what a reflex does -------------------------------------------------------------------------------------
+
+    def begin(self, contact: Contact, control: Control) -> None:
+        """A contact has begun: the first one, or another while it is active."""
+
+    def act(self, observation: Observation, measurement: Measurement, control: Control) -> None:
+        """Say what is wanted in this tick."""

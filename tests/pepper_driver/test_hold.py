@@ -10,7 +10,7 @@ from pepper_driver.backends import Measurement
 from pepper_driver.config import load_robot
 from pepper_driver.controller import WholeBodyController
 from pepper_driver.observer import Contact, Observation
-from pepper_driver.reflexes import Control, Hold
+from pepper_driver.reflexes import Control, Hold, ReflexError
 
 from dataclasses import replace  # isort: skip
 
@@ -44,9 +44,10 @@ def contact(
 
 class Scene:
     def __init__(self, pause: float = 0.5) -> None:
-        self.control = Control(WholeBodyController(ROBOT))
+        self.control = Control(WholeBodyController(ROBOT), ROBOT)
         self.control.controller.reset(ROBOT.posture("Stand"))
-        self.reflex = Hold(pause)
+        self.reflex = Hold(pause=pause)
+        self.reflex.prepare(ROBOT)
 
     def at(self, time: float, *contacts: Contact) -> None:
         observation = Observation(
@@ -58,6 +59,7 @@ class Scene:
             torque_std=NAN,
             state=np.zeros(17, dtype=np.int8),
         )
+        self.control.begin()
         self.reflex.step(observation, replace(BLANK, time=time), self.control)
 
 
@@ -143,5 +145,5 @@ def test_the_end_of_a_contact_it_did_not_see_is_ignored() -> None:
 
 @pytest.mark.parametrize("pause", [-1.0, np.nan, np.inf])
 def test_a_wrong_pause_is_refused(pause: float) -> None:
-    with pytest.raises(ValueError, match="pause"):
-        Hold(pause)
+    with pytest.raises(ReflexError, match="pause"):
+        Hold(pause=pause)

@@ -51,21 +51,22 @@ class Scripted(Observer):
 class Holder(Reflex):
     """Takes the posture over between two times [s]: where the joints are, or as ``change`` makes it of that."""
 
+    _posture: FloatArray | None = None
+
     def __init__(
         self, begin: float, end: float, change: Callable[[FloatArray], FloatArray] | None = None
     ) -> None:
-        self._begin, self._end, self._change = begin, end, change or (lambda position: position)
+        super().__init__()
+        self._from, self._to, self._change = begin, end, change or (lambda position: position)
 
     def step(self, observation: Observation, measurement: Measurement, control: Control) -> None:
-        if self._begin <= measurement.time < self._end:
-            if control.posture is None:
-                control.posture = self._change(control.controller.position)
-                control.posture_stiffness = 400.0
-        else:
-            control.posture = control.posture_stiffness = None
+        if self._from <= measurement.time < self._to:
+            if self._posture is None:
+                self._posture = self._change(control.controller.position)
+            control.posture, control.posture_stiffness = self._posture, 400.0
 
     def reset(self) -> None:
-        pass
+        self._posture = None
 
 
 def make_pepper(reflex: Reflex, script: dict[float, Contact] | None = None) -> Pepper:
@@ -97,7 +98,7 @@ class Speeds:
 
 def test_hold_stops_the_users_tasks_and_the_base_and_lets_them_go_on() -> None:
     touch = {2.0: contact(1, "begin"), 4.0: contact(1, "end")}  # let go after the pause, at 4.5 s
-    with make_pepper(Hold(0.5), touch) as pepper:
+    with make_pepper(Hold(pause=0.5), touch) as pepper:
         task = PositionTask(ROBOT, "l_wrist", seen_from="base_link", joints=ARM)
         task.move_to(PLACE, 4.0)
         pepper.controller.add(task)

@@ -12,7 +12,7 @@ from pepper_driver.config import load_controller_settings, load_robot, load_safe
 from pepper_driver.controller import Reference, Tick, WholeBodyController
 from pepper_driver.loop import Loop
 from pepper_driver.observer import Contact, Observation, Observer
-from pepper_driver.reflexes import Control, Reflex
+from pepper_driver.reflexes import Control, Reflex, Reflexes
 from pepper_driver.robot import Pepper
 from pepper_driver.safety import FaultError, RobotState, SafetyGate
 from pepper_driver.timing import STAGES
@@ -33,7 +33,8 @@ def make_loop(
     settings = replace(load_controller_settings(ROBOT), feedback=feedback)
     controller = WholeBodyController(ROBOT, settings)
     gate = SafetyGate(ROBOT, load_safety_settings(), settings)
-    start = backend.open().position
+    first = backend.open()
+    start = first.position
     controller.reset(start)
     gate.activate(start)
     loop = Loop(
@@ -41,11 +42,11 @@ def make_loop(
         ROBOT,
         controller,
         gate,
-        time=0.0,
+        first=first,
         observer=observer,
-        reflexes=reflexes,
+        reflexes=Reflexes(reflexes, ROBOT),
         log=None,
-        deliver=lambda tick, _: delivered.append(tick) if delivered is not None else None,
+        deliver=lambda tick, *_: delivered.append(tick) if delivered is not None else None,
     )
     return loop, gate, controller
 
@@ -123,8 +124,10 @@ class Reach(Reflex):
     def step(self, observation: Observation, measurement: Any, control: Control) -> None:
         self.calls += 1
         if self.calls == 3:
-            control.posture = control.controller.position
-            control.posture[6] += 0.2
+            self.wanted = control.controller.position
+            self.wanted[6] += 0.2
+        if self.calls >= 3:
+            control.posture = self.wanted
 
     def reset(self) -> None:
         self.calls = 0
@@ -143,13 +146,16 @@ def test_a_reflex_acts_in_the_tick_it_is_called_in() -> None:
 class Creep(Reflex):
     """Moves its own posture on, in place."""
 
+    wanted: Array | None = None
+
     def step(self, observation: Observation, measurement: Any, control: Control) -> None:
-        if control.posture is None:
-            control.posture = control.controller.position
-        control.posture[6] += 0.002
+        if self.wanted is None:
+            self.wanted = control.controller.position
+        self.wanted[6] += 0.002
+        control.posture = self.wanted
 
     def reset(self) -> None:
-        pass
+        self.wanted = None
 
 
 def test_a_posture_that_a_reflex_changes_in_place_is_followed() -> None:
@@ -164,7 +170,7 @@ def test_a_posture_that_a_reflex_changes_in_place_is_followed() -> None:
 def test_a_listener_that_fails_does_not_keep_a_fault_from_the_robot() -> None:
     backend = FakeBackend()
 
-    def fail(tick: Tick, observation: Observation | None) -> None:
+    def fail(tick: Tick, observation: Observation | None, events: object) -> None:
         raise KeyError("a user's mistake")
 
     loop, gate = driving(backend, observer=Spy(), reflexes=(Broken("raises"),))

@@ -186,11 +186,11 @@ def test_it_can_be_entered_again() -> None:
     for count in (1, 2):
         with pepper:
             assert pepper.contact_history == ()
-            assert not reflex.holding
+            assert not reflex.active
             pepper.run(0.5)
             pepper.push("LBicep", [0.0, 25.0, 0.0], [0.16, 0.0, 0.0], 0.8, frame="link")
             pepper.run(0.6)
-            assert reflex.holding
+            assert reflex.active
         assert len(heard) == count
         assert [contact.id for contact in pepper.contact_history if contact.phase == "begin"] == [1]
 

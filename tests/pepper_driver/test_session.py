@@ -17,7 +17,7 @@ from pepper_driver.controller import Tick
 from pepper_driver.log import LogWriter, read_log
 from pepper_driver.observer import Contact, Observation, Observer
 from pepper_driver.pacing import Pacer, RealTimePacer
-from pepper_driver.reflexes import Control, Reflex
+from pepper_driver.reflexes import Control, Reflex, Reflexes
 from pepper_driver.robot import Pepper
 from pepper_driver.safety import FaultError, RobotState, SafetyGate
 from pepper_driver.session import Session
@@ -43,7 +43,7 @@ def make_session(
         load_controller_settings(ROBOT),
         gate or make_gate(),
         observer=None,
-        reflexes=reflexes,
+        reflexes=Reflexes(reflexes, ROBOT),
         log=log,
         metadata={},
         subscriptions=[Subscription(callback=lambda _: None, event=Contact, wanted=lambda _: True)],
@@ -94,13 +94,17 @@ class Fragile(FakeBackend):
 
 
 class Unwilling(Reflex):
-    """Cannot be reset."""
+    """Cannot be reset once it is prepared."""
+
+    prepared = False
 
     def step(self, observation: Observation, measurement: Measurement, control: Control) -> None:
         pass
 
     def reset(self) -> None:
-        raise ZeroDivisionError("a user's mistake")
+        if self.prepared:
+            raise ZeroDivisionError("a user's mistake")
+        self.prepared = True
 
 
 def test_the_robot_ends_first_and_only_once(tmp_path: Path, ended: list[str]) -> None:

@@ -1,0 +1,96 @@
+"""Comply: joints follow the hand that pushes them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import sqrt
+
+import numpy as np
+
+from pepper_driver.backends import Measurement
+from pepper_driver.config.parts import FloatArray
+from pepper_driver.controller.tasks import ComplianceTask
+from pepper_driver.observer import Contact, JointState, Observation
+from pepper_driver.reflexes.control import Control
+from pepper_driver.reflexes.limbs import limb_of
+from pepper_driver.reflexes.reflex import Reflex
+
+INERTIA = 0.1
+"""[kg m2] That a joint seems to have."""
+
+STIFFNESS = 40.0
+"""[N m/rad] That it seems to have, beside its own, at half the gain."""
+
+SURE = 2.0
+"""Standard deviations of the torque estimate that move nothing: joints would follow the observer's noise."""
+
+STIFF = 0.01
+"""Gain below which joints do not give way at all."""
+
+STIFFEST = 2000.0
+"""[1/s2] Of the spring: the controller takes no stiffer task."""
+
+
+@dataclass(kw_only=True, eq=False)
+class Comply(Reflex):
+    """The joints of the limb that is touched give way to the external torque that the observer tells of.
+
+    Each moves as if it had a small inertia, some friction, and a spring to where it was: inertia qdd = torque -
+    damping qd - K (1 - gain) / gain (q - q0), with K of 40 N m/rad. Torques within two standard deviations of their
+    estimate move nothing. Afterwards the joints go back to the user's posture, or stay where they were led to.
+
+    Attributes:
+        gain: 0..1, from stiff, where the joints stand still, to free, where they go on as long as somebody pushes.
+        damping: [N m s/rad] At the free end, a newton metre makes a speed of 1 / damping.
+        largest_torque: No more of it counts [N m].
+    """
+
+    priority: int = 30
+    pause: float = 0.2
+    gain: float = 1.0
+    damping: float = 1.5
+    largest_torque: float = 8.0
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        self.check("gain", 0.0, 1.0)
+        self.check("damping", 0.05, 100.0)
+        self.check("largest_torque", 0.1, 100.0)
+
+    def begin(self, contact: Contact, control: Control) -> None:
+        """Lead the limb from here on, besides those that are led already."""
+        joints = self.joints | limb_of(contact, self.robot)
+        if np.array_equal(joints, self.joints):
+            return
+        self.joints = joints
+        names = [self.robot.joint_names[joint] for joint in np.flatnonzero(joints)]
+        spring = min(STIFFNESS / INERTIA * (1.0 - self.gain) / max(self.gain, STIFF), STIFFEST)
+        self._task = ComplianceTask(
+            self.robot,
+            names,
+            inertia=INERTIA,
+            stiffness=spring,
+            damping=max(self.damping / INERTIA, 2.0 * sqrt(spring)),
+            dead_band=0.0,
+            largest_torque=self.largest_torque,
+            name=f"reflex: {self.name}",
+        )
+
+    def act(self, observation: Observation, measurement: Measurement, control: Control) -> None:
+        """Follow the torque."""
+        if not (self.joints.any() and control.claim(self.joints)):
+            return
+        # What is felt after the hand has gone is friction that holds the joints off their place.
+        pushed = np.count_nonzero(observation.state[self.joints] == JointState.CONTACT)
+        if self.gain >= STIFF and pushed:
+            self._task.torque = self.felt(observation)
+        elif self._task.torque.any():
+            self._task.torque = np.zeros(self._task.rows)
+        control.do(self._task)
+
+    def felt(self, observation: Observation) -> FloatArray:
+        """(joints,) external torque beyond what may be noise [N m]; 0 where nothing is known."""
+        torque, unsure = observation.torque[self.joints], observation.torque_std[self.joints]
+        beyond = np.abs(torque) - SURE * unsure
+        with np.errstate(invalid="ignore"):
+            return np.where(beyond > 0.0, np.copysign(beyond, torque), 0.0)

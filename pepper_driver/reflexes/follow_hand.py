@@ -1,0 +1,109 @@
+"""FollowHand: lead the robot by the hand."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal, get_args
+
+import numpy as np
+
+from pepper_driver.backends import Measurement
+from pepper_driver.config import RobotConfig
+from pepper_driver.config.parts import FloatArray
+from pepper_driver.controller.model import RobotModel
+from pepper_driver.controller.tasks import BaseVelocityTask
+from pepper_driver.observer import Contact, Observation
+from pepper_driver.reflexes.comply import Comply
+from pepper_driver.reflexes.control import OVER_ALL, Control
+from pepper_driver.reflexes.limbs import LEGS
+from pepper_driver.reflexes.reflex import ReflexError, Then
+
+Lead = Literal["arm", "base"]
+
+SMOOTHING = 0.15
+"""[s] Of the force: a base that follows every tremor of the estimate would jerk."""
+
+PRIOR = 30.0
+"""[N] Size of forces that are likely: what joints cannot tell is taken to be small."""
+
+BASE_STIFFNESS = 16.0
+"""[1/s2] Of the task that moves the base."""
+
+
+@dataclass(kw_only=True, eq=False)
+class FollowHand(Comply):
+    """The arm, or the base, follows the hand that pulls the robot's arm.
+
+    ``lead: arm`` is a free :class:`Comply` that stays where it was led to. With ``lead: base`` the arm keeps its
+    posture, and the base rolls as the horizontal force on the hand pulls it: speed = force / ``drag``, beyond a dead
+    band of ``least_force``.
+
+    Attributes:
+        lead: ``arm`` or ``base``.
+        drag: [N s/m] Of the base.
+        least_force: That moves the base [N].
+        speed: Of the base, at most [m/s].
+    """
+
+    then: Then = "stay"
+    lead: Lead = "arm"
+    drag: float = 60.0
+    least_force: float = 3.0
+    speed: float = 0.25
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.lead not in get_args(Lead):
+            raise ReflexError(f"{self.name}: 'lead' is 'arm' or 'base', got {self.lead!r}")
+        self.check("drag", 1.0, 1e4)
+        self.check("least_force", 0.0, 100.0)
+        self.check("speed", 0.01, 1.0)
+        if self.lead == "base":
+            self.gain = 0.0  # the arm is what one pulls at
+
+    def prepare(self, robot: RobotConfig) -> None:
+        """Learn of the robot."""
+        super().prepare(robot)
+        self._base = BaseVelocityTask(
+            stiffness=BASE_STIFFNESS, weight=OVER_ALL / 10.0, name=f"reflex: {self.name}, base"
+        )
+        self._force = np.zeros(2)
+        self._model = RobotModel(robot)
+
+    def begin(self, contact: Contact, control: Control) -> None:
+        """Lead the arm; find the hand that is pulled."""
+        super().begin(contact, control)
+        for chain, names in self.robot.chains.items():
+            if chain != LEGS and contact.joint in names:
+                wrist = next(n for n in reversed(names) if n not in self.robot.hands.joints)
+                self._link = self.robot.joints[self.robot.joint_index(wrist)].child
+                self._force[:] = 0.0
+
+    def act(self, observation: Observation, measurement: Measurement, control: Control) -> None:
+        """Follow."""
+        super().act(observation, measurement, control)
+        if self.lead != "base" or not self.joints.any() or not control.claim_base():
+            return
+        share = self.robot.cycle / SMOOTHING
+        self._force += share * (self._horizontal_force(observation, measurement) - self._force)
+        size = float(np.linalg.norm(self._force))
+        beyond = max(size - self.least_force, 0.0)
+        velocity = min(beyond / self.drag, self.speed) * self._force / max(size, 1e-9)
+        self._base.target = np.array([velocity[0], velocity[1], 0.0])
+        control.do(self._base)
+
+    def _horizontal_force(self, observation: Observation, measurement: Measurement) -> FloatArray:
+        """(2,) likeliest force on the hand in the axes of base_link [N], from the torques of its arm."""
+        torque, unsure = observation.torque[self.joints], observation.torque_std[self.joints]
+        known = np.isfinite(torque) & np.isfinite(unsure) & (unsure > 0.0)
+        if not (self.touched and known.any()):
+            return np.zeros(2)
+        posture = measurement.position
+        jacobian = self._model.point_jacobian(self._link, np.zeros(3), posture)[:, self.joints]
+        weight = np.where(known, 1.0 / np.where(known, unsure, 1.0), 0.0)
+        rows = jacobian.T * weight[:, None]
+        normal = rows.T @ rows + np.eye(3) / PRIOR**2
+        force: FloatArray = np.linalg.solve(
+            normal, rows.T @ (weight * np.where(known, torque, 0.0))
+        )
+        return force[:2]

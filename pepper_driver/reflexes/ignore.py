@@ -1,0 +1,14 @@
+"""Ignore: contacts that no reflex shall answer."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from pepper_driver.reflexes.reflex import Reflex
+
+
+@dataclass(kw_only=True, eq=False)
+class Ignore(Reflex):
+    """Reflexes of lower priority do not learn of the contacts that it is for. Callbacks and log do."""
+
+    priority: int = 100

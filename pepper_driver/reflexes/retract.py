@@ -1,0 +1,101 @@
+"""Retract: away from what touches."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from pepper_driver.backends import Measurement
+from pepper_driver.config.parts import FloatArray
+from pepper_driver.controller.tasks import PostureTask
+from pepper_driver.observer import Contact, Observation
+from pepper_driver.reflexes.control import OVER_ALL, Control
+from pepper_driver.reflexes.limbs import limb_of
+from pepper_driver.reflexes.reflex import Reflex
+
+STIFFNESS = 400.0
+"""[1/s2] Of the task that leads the limb away."""
+
+TAKES_PART = 0.3
+"""Of the largest torque on the limb, in standard deviations: joints that feel less stay where they are."""
+
+LEFT = 0.4
+"""Of the largest torque since the contact began: when no more is felt, the limb has gone far enough."""
+
+
+@dataclass(kw_only=True, eq=False)
+class Retract(Reflex):
+    """The limb moves away from the contact, as long as it is felt: its joints turn as the external torque turns them.
+
+    The joint that feels most, for what its torque estimate is worth, sets off at ``speed``, the others in proportion.
+    They stop when the torque has gone down to two fifths, or after ``distance``, and wait there. A hand that holds on
+    is followed no further than until it pulls the other way. A contact that trunk or base feels moves no limb.
+
+    Attributes:
+        distance: That the first joint turns at most [rad].
+        speed: Of that joint [rad/s].
+    """
+
+    priority: int = 40
+    pause: float = 1.0
+    distance: float = 0.4
+    speed: float = 0.6
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        self.check("distance", 0.01, 1.5)
+        self.check("speed", 0.01, 3.0)
+
+    def begin(self, contact: Contact, control: Control) -> None:
+        """Choose the limb; the way follows from the torques of this tick. A further contact leads on."""
+        joints = limb_of(contact, self.robot)
+        if not joints.any():
+            return
+        if not np.array_equal(joints, self.joints):
+            self.joints = joints
+            names = [self.robot.joint_names[joint] for joint in np.flatnonzero(joints)]
+            self._task = PostureTask(
+                self.robot, names, stiffness=STIFFNESS, weight=OVER_ALL, name=f"reflex: {self.name}"
+            )
+            self._task.target = _rest(control)[joints]
+        self._answers, self._way, self._left = contact, np.zeros(len(joints)), 0.0
+
+    def act(self, observation: Observation, measurement: Measurement, control: Control) -> None:
+        """Go on, or wait."""
+        if not (self.joints.any() and control.claim(self.joints)):
+            return
+        if not self._way.any():
+            self._way, self._peak = self._direction(observation), 0.0
+            self._left = self.distance
+        if self._left > 0.0:
+            felt = float(self._way @ np.nan_to_num(observation.torque))
+            self._peak = max(self._peak, felt)
+            step = min(self.speed * self.robot.cycle, self._left)
+            self._left -= step
+            target = self._task.target + step * self._way[self.joints]
+            if felt < LEFT * self._peak:
+                self._left, target = 0.0, _rest(control)[self.joints]
+            controller = control.controller
+            lower, upper = controller.lower[self.joints], controller.upper[self.joints]
+            self._task.target = np.clip(target, lower, upper)
+        control.do(self._task)
+
+    def _direction(self, observation: Observation) -> FloatArray:
+        """(17,) the way to go, the largest part 1 in size."""
+        felt: FloatArray = np.where(self.joints, observation.torque / observation.torque_std, 0.0)
+        felt[~np.isfinite(felt)] = 0.0
+        felt[np.abs(felt) < TAKES_PART * np.abs(felt).max()] = 0.0
+        largest = float(np.abs(felt).max())
+        if largest > 0.0:
+            return felt / largest
+        if self._answers.joint is not None:
+            felt[self.robot.joint_index(self._answers.joint)] = self._answers.direction
+        return felt
+
+
+def _rest(control: Control) -> FloatArray:
+    """(17,) where the joints come to rest without turning round [rad]."""
+    controller = control.controller
+    rest: FloatArray = controller.position + controller.velocity / np.sqrt(STIFFNESS)
+    return np.clip(rest, controller.lower, controller.upper)

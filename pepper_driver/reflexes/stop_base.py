@@ -1,0 +1,22 @@
+"""StopBase: the wheels stand still while somebody touches the robot."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from pepper_driver.backends import Measurement
+from pepper_driver.observer import Observation
+from pepper_driver.reflexes.control import Control
+from pepper_driver.reflexes.reflex import Reflex
+
+
+@dataclass(kw_only=True, eq=False)
+class StopBase(Reflex):
+    """Brake the base as fast as its acceleration limits allow; arms and head go on."""
+
+    priority: int = 50
+
+    def act(self, observation: Observation, measurement: Measurement, control: Control) -> None:
+        """Stand still."""
+        if control.claim_base():
+            control.stop_base()

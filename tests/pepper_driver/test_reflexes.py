@@ -1,0 +1,364 @@
+"""Reflexes one by one and together: who acts, on what, for how long, and that nothing is left behind."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from pepper_driver import Pepper
+from pepper_driver.config import UnknownNameError
+from pepper_driver.controller import BaseVelocityTask
+from pepper_driver.reflexes import (
+    Assist,
+    Comply,
+    FollowHand,
+    Hold,
+    Ignore,
+    Reflex,
+    ReflexError,
+    Retract,
+    Soften,
+    StopBase,
+)
+
+from pepper_driver.reflexes.reflex import kind_of  # isort: skip
+from reflex_cases import ARM, ROBOT, ROLL, STD, Stage, touch  # isort: skip
+
+PUSH = {"LShoulderRoll": 2.0}
+ALL: list[type[Reflex]] = [Assist, Comply, FollowHand, Hold, Retract, Soften, StopBase]
+
+
+# -- life -----------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("kind", ALL)
+def test_it_acts_from_begin_to_a_pause_after_the_end_and_leaves_nothing_behind(
+    kind: type[Reflex],
+) -> None:
+    stage = Stage(reflex := kind(pause=0.3))
+    stage.run(0.1)
+    assert not reflex.active
+    stage.step(touch(), torque=PUSH)
+    assert reflex.active
+    stage.run(0.5, torque=PUSH)
+    stage.step(touch(phase="end"))
+    stage.run(0.25)
+    assert reflex.active
+    stage.run(0.1)
+    assert not reflex.active
+    assert set(stage.controller.tasks) == stage.own_tasks
+    assert stage.control.posture is None
+    assert (stage.control.stiffness == 1.0).all()
+    begin, end = stage.events
+    assert (begin.reflex, begin.phase, begin.contact_id) == (kind_of(kind), "begin", 1)
+    assert (end.reflex, end.phase) == (kind_of(kind), "end")
+    assert end.time - begin.time == pytest.approx(0.85, abs=0.05)
+
+
+@pytest.mark.parametrize("kind", ALL)
+def test_it_ends_when_it_has_acted_long_enough_and_waits_for_another_contact(
+    kind: type[Reflex],
+) -> None:
+    stage = Stage(reflex := kind(longest=0.5))
+    stage.step(touch(1), torque=PUSH)
+    stage.run(0.6, torque=PUSH)
+    stage.step(touch(1, "update"), torque=PUSH)
+    assert not reflex.active
+    stage.step(touch(2), torque=PUSH)
+    assert reflex.active
+
+
+@pytest.mark.parametrize("kind", ALL)
+def test_a_rebound_neither_begins_nor_prolongs_it(kind: type[Reflex]) -> None:
+    stage = Stage(reflex := kind(pause=0.2))
+    stage.step(touch(1, kind="rebound"), torque=PUSH)
+    assert not reflex.active
+    stage.step(touch(2), torque=PUSH)
+    stage.step(touch(2, "end"))
+    stage.step(touch(3, kind="rebound"))
+    stage.run(0.25)
+    assert not reflex.active
+
+
+def test_several_contacts_are_one_reaction() -> None:
+    stage = Stage(reflex := StopBase(pause=0.0))
+    stage.step(touch(1))
+    stage.step(touch(2, link="RForeArm", joint="RElbowRoll"))
+    stage.step(touch(1, "end"))
+    stage.run(0.1)
+    assert reflex.active
+    stage.step(touch(2, "end"))
+    stage.run(0.02)
+    assert not reflex.active
+    assert [event.phase for event in stage.events] == ["begin", "end"]
+
+
+@pytest.mark.parametrize(
+    ("choice", "acts"),
+    [
+        ({"link": "LBicep"}, True),
+        ({"link": "RBicep"}, False),
+        ({"joint": "LShoulderRoll"}, True),
+        ({"joint": "LElbowRoll"}, False),
+        ({"kind": "contact"}, True),
+        ({"kind": "collision"}, False),
+        ({"min_intensity": 2.0}, True),
+        ({"min_intensity": 4.0}, False),
+    ],
+)
+def test_it_is_for_the_contacts_it_is_told(choice: dict[str, Any], acts: bool) -> None:
+    stage = Stage(reflex := StopBase(**choice))
+    stage.step(touch())
+    assert reflex.active == acts
+
+
+def test_a_contact_that_grows_into_a_collision_begins_what_is_for_collisions() -> None:
+    stage = Stage(reflex := StopBase(kind="collision"))
+    stage.step(touch())
+    assert not reflex.active
+    stage.step(touch(phase="update", kind="collision"))
+    assert reflex.active
+
+
+# -- comply ---------------------------------------------------------------------------------------------------------
+
+
+def yielding(gain: float, seconds: float = 1.0, **changes: Any) -> float:
+    """By how much the pushed joint gives way [rad]."""
+    stage = Stage(Comply(gain=gain, **changes))
+    before = stage.step(touch(), torque=PUSH)[ROLL]
+    return float(stage.run(seconds, torque=PUSH)[-1, ROLL] - before)
+
+
+def test_a_stiff_one_stands_still_and_a_free_one_goes_on() -> None:
+    assert yielding(0.0) == pytest.approx(0.0, abs=1e-3)
+    beyond = PUSH["LShoulderRoll"] - 2 * STD
+    # At the free end the speed is torque / damping; at first the joint must be brought to it.
+    assert yielding(1.0, 0.5, damping=4.0) == pytest.approx(0.5 * beyond / 4.0, rel=0.15)
+
+
+def test_between_them_it_is_a_spring() -> None:
+    beyond = PUSH["LShoulderRoll"] - 2 * STD
+    for gain in (0.3, 0.5, 0.7):
+        stiffness = 40.0 * (1 - gain) / gain
+        assert yielding(gain, 3.0) == pytest.approx(beyond / stiffness, rel=0.1)
+
+
+def test_what_may_be_noise_moves_nothing() -> None:
+    stage = Stage(Comply())
+    before = stage.step(touch(), torque={"LShoulderRoll": 1.9 * STD})
+    after = stage.run(1.0, torque={"LShoulderRoll": 1.9 * STD})[-1]
+    np.testing.assert_allclose(after, before, atol=1e-3)
+
+
+def test_it_follows_the_torque_its_way_and_only_its_limb() -> None:
+    stage = Stage(Comply())
+    before = stage.step(touch(direction=-1), torque={"LShoulderRoll": 0.0, "LElbowYaw": -1.0})
+    after = stage.run(0.5, torque={"LElbowYaw": -1.0, "RShoulderRoll": 3.0})[-1]
+    moved = after - before
+    assert moved[ROBOT.joint_index("LElbowYaw")] < -0.05
+    others = [k for k in range(17) if k not in ARM]
+    np.testing.assert_allclose(moved[others], 0.0, atol=2e-3)
+
+
+@pytest.mark.parametrize("then", ["resume", "stay"])
+def test_afterwards_joints_go_back_or_the_user_is_told_that_they_stay(then: Any) -> None:
+    stage = Stage(Comply(then=then, pause=0.1))
+    home = stage.step(touch(), torque=PUSH)[ROLL]
+    led = stage.run(0.5, torque=PUSH)[-1, ROLL]
+    assert led > home + 0.2
+    stage.step(touch(phase="end"))
+    left = np.zeros(17, dtype=np.bool_)
+    trail = []
+    for _ in range(300):
+        trail.append(stage.step()[ROLL])
+        left |= stage.control.left
+    assert left[ROLL] == (then == "stay")
+    if then == "resume":
+        assert abs(trail[-1] - home) < 0.05
+        # It turns round once.
+        speed = np.diff(trail)
+        turns = np.flatnonzero(np.diff(np.sign(speed[np.abs(speed) > 1e-6])))
+        assert len(turns) <= 1
+
+
+def test_contact_on_the_trunk_moves_no_limb() -> None:
+    for reflex in (Comply(), Retract(), FollowHand()):
+        stage = Stage(reflex)
+        before = stage.step(touch(joint=None, link="torso"))
+        np.testing.assert_allclose(stage.run(0.5)[-1], before, atol=1e-6)
+
+
+def test_assist_helps_who_pushes_hard_more_than_who_pushes_lightly() -> None:
+    ways = {}
+    for torque in (1.0, 4.0):
+        for kind in (Comply, Assist):
+            stage = Stage(kind(damping=8.0))
+            felt = {"LShoulderRoll": torque}
+            before = stage.step(touch(), torque=felt)[ROLL]
+            ways[kind, torque] = stage.run(0.6, torque=felt)[-1, ROLL] - before
+    assert ways[Assist, 4.0] > 1.5 * ways[Comply, 4.0]
+    assert ways[Assist, 1.0] < 0.8 * ways[Comply, 1.0]
+
+
+# -- the others -----------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("sign", [1, -1])
+def test_retract_goes_the_way_the_torque_pushes_and_stops_when_it_is_gone(sign: int) -> None:
+    stage = Stage(Retract(speed=0.5))
+    felt = {"LShoulderRoll": 2.0 * sign}
+    before = stage.step(touch(direction=sign), torque=felt)[ROLL]
+    away = sign * (stage.run(0.4, torque=felt)[:, ROLL] - before)
+    assert 0.05 < away[-1] < 0.25
+    assert (np.diff(away) > -1e-6).all()
+    rest = sign * (stage.run(1.0)[:, ROLL] - before)
+    assert rest[-1] < away[-1] + 0.06
+    assert abs(np.diff(rest)[-1]) < 1e-4
+
+
+def test_retract_goes_no_further_than_it_may() -> None:
+    stage = Stage(Retract(distance=0.2, speed=1.0))
+    before = stage.step(touch(), torque=PUSH)[ROLL]
+    assert stage.run(2.0, torque=PUSH)[-1, ROLL] - before == pytest.approx(0.2, abs=0.01)
+
+
+def test_soften_lowers_the_motors_of_the_limb() -> None:
+    stage = Stage(Soften(stiffness=0.4))
+    stage.step(touch())
+    stiffness = stage.control.stiffness
+    assert (stiffness[ARM] == 0.4).all()
+    assert (np.delete(stiffness, ARM) == 1.0).all()
+
+
+def test_stop_base_brakes_a_base_that_the_user_drives() -> None:
+    stage = Stage(StopBase(pause=0.5))
+    task = BaseVelocityTask()
+    task.target = [0.2, 0.0, 0.1]
+    stage.controller.add(task)
+    stage.controller.remove(stage.controller.base_velocity)
+    stage.run(2.0)
+    assert stage.controller.model.v[0] > 0.15
+    stage.step(touch())
+    stage.run(1.5)
+    assert np.abs(stage.controller.model.v[:3]).max() < 0.005
+    stage.step(touch(phase="end"))
+    stage.run(3.0)
+    assert stage.controller.model.v[0] > 0.15
+
+
+def test_the_base_follows_the_pull_at_a_hand() -> None:
+    stage = Stage(FollowHand(lead="base"))
+    model, posture = stage.controller.model, stage.controller.position
+    jacobian = model.point_jacobian("l_wrist", np.zeros(3), posture)
+    torque = jacobian.T @ np.array([12.0, 0.0, 0.0])
+    felt = {ROBOT.joint_names[k]: float(torque[k]) for k in ARM[:5]}
+    before = stage.step(touch(), torque=felt)
+    after = stage.run(1.0, torque=felt)[-1]
+    x, y, _ = stage.controller.base_pose
+    assert x > 0.03
+    assert abs(y) < 0.5 * x
+    np.testing.assert_allclose(after, before, atol=0.02)
+
+
+# -- together -------------------------------------------------------------------------------------------------------
+
+
+def test_joints_go_to_the_highest_priority_and_to_the_next_when_it_lets_go() -> None:
+    stage = Stage(
+        low := Hold(pause=3.0, priority=1), high := Comply(pause=0.0, priority=2, link="LBicep")
+    )
+    stage.step(touch(), torque=PUSH)
+    stage.run(0.3, torque=PUSH)
+    assert low.active
+    assert high.active
+    assert stage.control.posture is None
+    stage.step(touch(phase="end"))
+    led = stage.run(0.1)[-1, ROLL]
+    assert not high.active
+    assert stage.control.posture is not None
+    assert stage.run(1.0)[-1, ROLL] == pytest.approx(led, abs=0.05)
+
+
+def test_reflexes_on_different_parts_act_together() -> None:
+    stage = Stage(Comply(), StopBase(), Soften(link="RForeArm"))
+    stage.step(touch(), torque=PUSH)
+    assert [event.reflex for event in stage.events] == ["stop_base", "comply"]
+    stage.step(touch(2, joint="RElbowRoll", link="RForeArm"), torque=PUSH)
+    assert stage.events[-1].reflex == "soften"
+
+
+def test_what_is_ignored_reaches_only_higher_priorities() -> None:
+    above, below = StopBase(priority=200), Hold()
+    stage = Stage(below, Ignore(link="LBicep"), above)
+    stage.step(touch())
+    assert above.active
+    assert not below.active
+    stage.step(touch(2, link="RForeArm", joint="RElbowRoll"))
+    assert below.active
+
+
+def test_reflexes_of_one_kind_have_names_of_their_own() -> None:
+    stage = Stage(Hold(), Hold(), Hold(name="mine"))
+    assert stage.reflexes.names == ("hold", "hold 2", "mine")
+
+
+# -- mistakes -------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("kind", "wrong"),
+    [
+        (Comply, {"gain": 1.1}),
+        (Comply, {"gain": np.nan}),
+        (Comply, {"damping": 0.0}),
+        (Comply, {"gain": "soft"}),
+        (Comply, {"gain": True}),
+        (Retract, {"distance": -1.0}),
+        (Soften, {"stiffness": 2.0}),
+        (Hold, {"then": "wait"}),
+        (Hold, {"longest": np.inf}),
+        (FollowHand, {"lead": "head"}),
+        (Assist, {"torque": 0.0}),
+    ],
+)
+def test_arguments_without_sense_are_refused(kind: Any, wrong: dict[str, Any]) -> None:
+    with pytest.raises(ReflexError, match=next(iter(wrong))):
+        kind(**wrong)
+
+
+def test_unknown_names_are_refused_before_anything_moves() -> None:
+    for wrong in ({"link": "LForearm"}, {"joint": "Elbow"}, {"kind": "crash"}):
+        with pytest.raises(UnknownNameError):
+            Pepper("mujoco", observer=None, reflexes=[Hold(**wrong)])  # type: ignore[arg-type]
+    with pytest.raises(ReflexError, match="Hold"):
+        Pepper("mujoco", observer=None, reflexes=[Hold])  # type: ignore[list-item]
+
+
+@settings(max_examples=30, deadline=None)
+@given(
+    st.lists(
+        st.tuples(
+            st.sampled_from(["begin", "update", "end"]),
+            st.integers(1, 3),
+            st.sampled_from(["contact", "collision", "rebound"]),
+            st.floats(-20.0, 20.0),
+        ),
+        max_size=30,
+    )
+)
+def test_whatever_comes_in_whatever_order_all_let_go_in_the_end(story: list[Any]) -> None:
+    stage = Stage(*(kind() for kind in ALL))
+    for phase, number, kind, torque in story:
+        stage.step(touch(number, phase, kind=kind), torque={"LShoulderRoll": torque})
+        stage.run(0.05)
+    for number in (1, 2, 3):
+        stage.step(touch(number, "end"))
+    stage.run(4.0)
+    assert set(stage.controller.tasks) == stage.own_tasks
+    assert (stage.control.stiffness == 1.0).all()
+    assert sum(event.phase == "begin" for event in stage.events) * 2 == len(stage.events)
