@@ -8,11 +8,12 @@ if TYPE_CHECKING:
     from pepper_driver.observer import Contact, Observation, Observer
     from pepper_driver.reflexes import Hold, Reflex
     from pepper_driver.robot import Pepper
-    from pepper_driver.safety import FaultError, RobotState
+    from pepper_driver.safety import FaultError, FaultReason, RobotState
 
 __all__ = [
     "Contact",
     "FaultError",
+    "FaultReason",
     "Hold",
     "Observation",
     "Observer",
@@ -26,6 +27,7 @@ __all__ = [
 _HOMES = {
     "Contact": "pepper_driver.observer",
     "FaultError": "pepper_driver.safety",
+    "FaultReason": "pepper_driver.safety",
     "Hold": "pepper_driver.reflexes",
     "Observation": "pepper_driver.observer",
     "Observer": "pepper_driver.observer",

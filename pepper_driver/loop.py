@@ -25,7 +25,7 @@ from pepper_driver.controller import Reference, Tick, WholeBodyController
 from pepper_driver.log import LogWriter
 from pepper_driver.observer import Observation, Observer
 from pepper_driver.reflexes import Control, Reflex
-from pepper_driver.safety import FaultError, SafetyGate
+from pepper_driver.safety import FaultError, FaultReason, SafetyGate
 
 STAGES = ("backend", "observer", "reflexes", "controller", "gate", "log")
 """What a tick consists of, in order; the backend's part is the robot, or the physics."""
@@ -145,7 +145,7 @@ class Loop:
         Raises:
             FaultError: The safety gate stopped the robot, in this cycle or before.
         """
-        if self._gate.fault:
+        if self._gate.fault is not None:
             self._halt()
             raise FaultError(self._gate.fault)
         marks = [perf_counter_ns()]
@@ -176,7 +176,8 @@ class Loop:
             marks.append(perf_counter_ns())
         except Exception as error:
             # An observer's or a reflex's mistake must not leave the robot moving.
-            self._gate.stop(f"{type(error).__name__} inside a tick: {error}")
+            text = f"{type(error).__name__} inside a tick: {error}"
+            self._gate.stop(FaultReason.EXCEPTION, text)
             cause = error
 
         try:
@@ -184,9 +185,9 @@ class Loop:
                 self._log.append(tick, observation, self._truth)
             self._deliver(tick, observation)
         finally:  # whatever a listener does: a fault reaches the robot
-            if self._gate.fault:
+            if self._gate.fault is not None:
                 self._halt()
-        if self._gate.fault:
+        if self._gate.fault is not None:
             raise FaultError(self._gate.fault) from cause
         marks.append(perf_counter_ns())
         self.times.add(marks)
@@ -212,13 +213,13 @@ class Loop:
 
     def _send(self, reference: Reference, measurement: Measurement, answered: Command) -> None:
         """Pass a reference through the gate; the result is the command of the next cycle."""
-        wheel_speed = self._robot.wheels.matrix @ reference.base_twist
+        wheel_speed = self._robot.wheels.matrix.dot(reference.base_twist)
         self._gate.watch(measurement, answered)
         gated = self._gate.gate(reference, self.control.stiffness, wheel_speed, measurement.age)
         sent = gated.command
-        if not np.array_equal(sent.wheel_speed, wheel_speed):
+        if gated.wheels_changed:
             self._controller.accept(sent.position, self._robot.wheels.inverse @ sent.wheel_speed)
-        elif gated.changed.any():
+        elif gated.joints_changed:
             self._controller.accept(sent.position)
         self._on_the_way.append(
             _Sent(reference=reference, command=gated.command, changed=gated.changed)

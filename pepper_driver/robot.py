@@ -18,6 +18,7 @@ from pepper_driver.config import (
     ControllerSettings,
     Motion,
     RobotConfig,
+    SafetySettings,
     load_controller_settings,
     load_motion,
     load_robot,
@@ -33,7 +34,7 @@ from pepper_driver.motion_report import MotionReport
 from pepper_driver.observer import Contact, Observation, Observer
 from pepper_driver.observer.contact import Kind, Phase
 from pepper_driver.reflexes import Reflex
-from pepper_driver.safety import RobotState, SafetyGate
+from pepper_driver.safety import FaultReason, RobotState, SafetyGate
 from pepper_driver.selection import make_observer
 from pepper_driver.session import Session
 
@@ -60,6 +61,7 @@ class Pepper:
         real_time: Pace a simulation to the wall clock.
         robot: Description of the robot, by default the shipped Pepper.
         controller: Gains, limits, feedback and solver, by default those of ``controller.yaml``.
+        safety: Limits of the safety gate, by default those of ``safety.yaml``.
 
     Raises:
         PepperError: Anything that is wrong with the arguments, before anything moves.
@@ -76,6 +78,7 @@ class Pepper:
         real_time: bool = False,
         robot: RobotConfig | None = None,
         controller: ControllerSettings | None = None,
+        safety: SafetySettings | None = None,
     ) -> None:
         self.config = robot or load_robot()
         self.backend: Backend = make_backend(uri, self.config)
@@ -87,7 +90,7 @@ class Pepper:
         self._log_path = None if log is None else Path(log)
         self._paced = real_time and not self.backend.info.real_time
         self._controller_settings = controller or load_controller_settings(self.config)
-        self._safety_settings = load_safety_settings()
+        self._safety_settings = safety or load_safety_settings()
         self._subscriptions: list[tuple[ContactCallback, ContactPredicate]] = []
         self._session: Session | None = None  # the one that runs, or the last one
         self._gate: SafetyGate | None = (
@@ -112,7 +115,8 @@ class Pepper:
         """Connect, open the log, raise the stiffness, hold the measured posture.
 
         Raises:
-            PepperError: The robot or the log cannot be opened, or an emergency stop came meanwhile.
+            PepperError: The robot or the log cannot be opened, the robot is not fit to move (``NotReadyError``), or an
+                emergency stop came meanwhile.
         """
         if self._session is not None and self._session.active:
             raise BackendError(f"'{self.backend.info.uri}' is already active")
@@ -248,13 +252,16 @@ class Pepper:
             player.end()
         return player.report
 
-    def emergency_stop(self) -> None:
+    def emergency_stop(self, text: str = "emergency stop") -> None:
         """Hold the joints and stop the wheels from the next tick on; only a new start leaves this state.
 
         May come from any thread. While the robot starts it makes the start fail with a FaultError.
+
+        Args:
+            text: Why, for people: part of the FaultError.
         """
         if self._gate is not None:
-            self._gate.stop("emergency stop")
+            self._gate.stop(FaultReason.EMERGENCY_STOP, text)
 
     def push(
         self,

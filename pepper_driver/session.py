@@ -90,6 +90,7 @@ class Session:
     ) -> Loop:
         backend = self._backend
         measurement = backend.open()
+        self._gate.check_ready(measurement)
         hold = np.clip(measurement.position, robot.lower, robot.upper)
         log: LogWriter | None = None
         if path is not None:  # only now: a robot that is not there costs no earlier log
