@@ -9,7 +9,6 @@ import numpy as np
 from pydantic import Field
 from pydantic.dataclasses import dataclass
 
-from pepper_driver.config.errors import ConfigError
 from pepper_driver.config.loading import STRICT, load, package_file
 from pepper_driver.config.parts import FloatArray, NotNegative, Positive
 from pepper_driver.config.robot import RobotConfig, check_joint_keys
@@ -141,7 +140,7 @@ class SafetySettings:
             ("battery_activate", "battery_warning"),
         ):
             if getattr(self, less) > getattr(self, more):
-                raise ConfigError(f"safety settings: '{less}' must not be above '{more}'")
+                raise ValueError(f"'{less}' must not be above '{more}'")
 
 
 def load_controller_settings(robot: RobotConfig, path: Path | None = None) -> ControllerSettings:

@@ -7,6 +7,8 @@ import numpy as np
 
 from pepper_driver.backends import Backend, BackendInfo, Command, Imu, Measurement
 from pepper_driver.config import ControllerSettings, RobotConfig, load_robot
+from pepper_driver.config.parts import FloatArray
+from pepper_driver.controller import Reference
 
 Fault = Callable[[Measurement], Measurement]
 
@@ -118,3 +120,15 @@ def drained(charge: float) -> Fault:
 def slowed(settings: ControllerSettings, speed: float) -> ControllerSettings:
     """Settings for a gate that lets no joint pass faster than ``speed`` [rad/s] times its margin."""
     return replace(settings, velocity_limit=dict.fromkeys(settings.velocity_limit, speed))
+
+
+def reference(position: FloatArray) -> Reference:
+    """At rest at a posture."""
+    zero = np.zeros(17)
+    return Reference(
+        position=position,
+        velocity=zero,
+        acceleration=zero,
+        load_torque=zero,
+        base_twist=np.zeros(3),
+    )
