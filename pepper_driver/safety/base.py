@@ -17,6 +17,9 @@ logger = logging.getLogger("pepper_driver")
 PRESSED = 0.5
 """Between 0, not pressed, and 1."""
 
+ROUNDING = 1e-6
+"""[rad/s] Wheels may be so much too fast: what the controller's solver rounds to."""
+
 
 class BaseGuard:
     """Slows the wheels, and stops the base while a bumper is pressed, some time beyond, and over an open charging flap.
@@ -86,10 +89,10 @@ class BaseGuard:
             return wanted if a == b == c == 0.0 else self._still
         if a == b == c == 0.0 and self._last is self._still:
             return wanted
-        limit = self._speed_limit
+        limit = self._speed_limit + ROUNDING
         speeds = wanted
         if not (-limit <= a <= limit and -limit <= b <= limit and -limit <= c <= limit):
-            speeds = desaturated(wanted, limit)
+            speeds = desaturated(wanted, self._speed_limit)
             a, b, c = speeds.tolist()
         share = 1.0
         for speed, last, most in zip(

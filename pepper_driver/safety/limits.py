@@ -57,11 +57,11 @@ class JointLimits:
         self._kept = np.zeros(2 * n, dtype=np.bool_)
         self._step, self._rest = np.zeros(n), np.zeros(n)
         self._low_kept, self._high_kept = self._kept[:n], self._kept[n:]
-        self.start(np.clip(np.zeros(n), lower, upper))
+        self.start(np.zeros(n))
 
     def start(self, position: FloatArray) -> None:
-        """Stand at (n,) positions within the limits [rad]."""
-        self.position = position.copy()
+        """Stand at (n,) positions [rad], or at the limits they are beyond."""
+        self.position = np.clip(position, self._lower, self._upper)
         self._last_step = np.zeros(self._n)
 
     def keep(self, wanted: FloatArray) -> bool:
