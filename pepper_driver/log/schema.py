@@ -67,6 +67,7 @@ def tick_fields(robot: RobotConfig) -> tuple[Field, ...]:
         _field("time", None, "[s] clock of the robot"),
         _field("battery", None, "charge, 0..1"),
         _field("age", None, "[s] since the sample was taken"),
+        _field("charging_flap", None, "1 while open, NaN where nobody knows"),
         _field("position", n, "[rad] measured"),
         _field("current", n, "[A] absolute"),
         _field("wheel_speed", 3, "[rad/s] measured"),
@@ -129,13 +130,14 @@ def unobserved(robot: RobotConfig) -> Observation:
 def tick_parts(tick: Tick, observation: Observation, scalars: FloatArray) -> list[ArrayLike]:
     """The 1-D arrays that make up a row of ``/tick``, not copied.
 
-    ``scalars`` (4,) is filled and comes first.
+    ``scalars`` (5,) is filled and comes first.
     """
     m, sent, reference, imu = tick.measurement, tick.sent, tick.reference, tick.measurement.imu
     scalars[0] = m.tick
     scalars[1] = m.time
     scalars[2] = m.battery
     scalars[3] = m.age
+    scalars[4] = m.charging_flap
     return [
         scalars,
         m.position,

@@ -79,7 +79,7 @@ class LogWriter:
         self._contacts: list[tuple[Contact, ...]] = [()] * capacity
         self._labels: list[tuple[Label, ...]] = [()] * capacity
         self._times = [0.0] * capacity
-        self._scalars = np.zeros(4)
+        self._scalars = np.zeros(5)
         self._unobserved = unobserved(robot)
         # Rows ever put in and taken out. Each is written by one thread: the ring needs no lock.
         self._head = 0
