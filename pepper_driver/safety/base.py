@@ -45,7 +45,8 @@ class BaseGuard:
         acceleration = np.abs(robot.wheels.matrix) @ np.array([linear, linear, angular])
         largest_change = settings.acceleration_margin * acceleration * robot.cycle
         self._largest_change: list[float] = largest_change.tolist()
-        self._still = np.zeros(3)
+        self._still = np.zeros(3)  # goes into many commands
+        self._still.setflags(write=False)
         self.reset()
 
     def reset(self) -> None:

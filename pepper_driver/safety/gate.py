@@ -158,11 +158,14 @@ class SafetyGate:
             age: Age of the newest sample [s].
         """
         before, joints, n = self._sent, self._joints, self._n
-        wanted = self._array("position", reference.position, n)
-        stiff = self._array("stiffness", stiffness, n)
-        rolling = self._array("wheel speed", wheel_speed, 3)
-        if wanted is None or stiff is None or rolling is None:
-            return self._held(self._all)
+        wanted, stiff, rolling = reference.position, stiffness, wheel_speed
+        if not (_is_vector(wanted, n) and _is_vector(stiff, n) and _is_vector(rolling, 3)):
+            position = self._array("position", wanted, n)
+            stiffnesses = self._array("stiffness", stiff, n)
+            speeds = self._array("wheel speed", rolling, 3)
+            if position is None or stiffnesses is None or speeds is None:
+                return self._held(self._all)
+            wanted, stiff, rolling = position, stiffnesses, speeds
         if self._machine.state is not RobotState.ACTIVE:
             return self._held(before.position != wanted)
         changed = self._none
@@ -198,12 +201,11 @@ class SafetyGate:
 
     def _array(self, what: str, values: FloatArray, n: int) -> FloatArray | None:
         """``values`` as (n,) numbers; None, and FAULT, where they are none: reflexes may give anything."""
-        if type(values) is not np.ndarray or values.dtype != FLOAT:
-            try:
-                values = np.asarray(values, dtype=np.float64)
-            except (TypeError, ValueError, OverflowError):
-                self.stop(FaultReason.COMMAND, f"asked for a {what} that is no array of numbers")
-                return None
+        try:
+            values = np.asarray(values, dtype=np.float64)
+        except (TypeError, ValueError, OverflowError):
+            self.stop(FaultReason.COMMAND, f"asked for a {what} that is no array of numbers")
+            return None
         if values.shape != (n,):
             self.stop(FaultReason.COMMAND, f"asked for a {what} of {values.shape} values, not {n}")
             return None
@@ -224,6 +226,10 @@ class SafetyGate:
             joints_changed=bool(changed.any()),
             wheels_changed=True,
         )
+
+
+def _is_vector(values: FloatArray, n: int) -> bool:
+    return type(values) is np.ndarray and values.dtype is FLOAT and values.shape == (n,)
 
 
 def _constant(values: NDArray[np.bool_]) -> NDArray[np.bool_]:

@@ -50,12 +50,13 @@ class JointLimits:
         self._lower, self._upper = lower, upper
         self._largest_step = speed * cycle
         self._largest_change = acceleration * cycle**2
-        self._double_change = 2 * self._largest_change
+        self._half_inverse = 0.5 / self._largest_change
         # Of the change of the step, then of the step: one comparison serves both.
         self._most = np.concatenate([self._largest_change, self._largest_step]) + ROUNDING
         self._sizes = np.zeros(2 * n)
         self._kept = np.zeros(2 * n, dtype=np.bool_)
         self._step, self._rest = np.zeros(n), np.zeros(n)
+        self._change, self._size = self._sizes[:n], self._sizes[n:]
         self._low_kept, self._high_kept = self._kept[:n], self._kept[n:]
         self.start(np.zeros(n))
 
@@ -69,21 +70,21 @@ class JointLimits:
 
         Some that are within may be taken for outside near position limits; NaN never passes.
         """
-        n, step, rest = self._n, self._step, self._rest
+        step, rest, every = self._step, self._rest, 2 * self._n
         np.subtract(wanted, self.position, step)
-        np.subtract(step, self._last_step, self._sizes[:n])
-        self._sizes[n:] = step
-        np.abs(self._sizes, self._sizes)
+        np.subtract(step, self._last_step, self._change)
+        np.abs(self._change, self._change)
+        np.abs(step, self._size)
         np.less_equal(self._sizes, self._most, self._kept)
-        if np.count_nonzero(self._kept) != 2 * n:
+        if np.count_nonzero(self._kept) != every:
             return False
         # Where braking ends, no less far out than in truth: s^2 / (2 A) >= T(s) - s.
-        np.multiply(step, self._sizes[n:], rest)
-        rest /= self._double_change
+        np.multiply(step, self._size, rest)
+        rest *= self._half_inverse
         rest += wanted
         np.less_equal(self._lower, rest, self._low_kept)
         np.less_equal(rest, self._upper, self._high_kept)
-        if np.count_nonzero(self._kept) != 2 * n:
+        if np.count_nonzero(self._kept) != every:
             return False
         self.position = wanted.copy()  # no one else's
         self._step, self._last_step = self._last_step, step

@@ -144,7 +144,9 @@ def test_a_command_of_the_wrong_size_is_a_fault(part: int) -> None:
     assert_fault(g, FaultReason.COMMAND, "values")
 
 
-@pytest.mark.parametrize("stiffness", ["soft", None, [[1.0], [2.0, 3.0]], 1.0])
+@pytest.mark.parametrize(
+    "stiffness", ["soft", None, [[1.0], [2.0, 3.0]], 1.0, np.float64(1.0), np.ones((17, 1))]
+)
 def test_a_stiffness_that_is_no_array_is_a_fault(stiffness: Any) -> None:
     g = gate()
     g.gate(reference(STAND), stiffness, STILL, 0.0)
