@@ -30,6 +30,7 @@ from pepper_driver.events import ReflexPhase
 from pepper_driver.filters import ListeningError
 from pepper_driver.observer import Observation
 from pepper_driver.pacing import RealTimePacer
+from pepper_driver.safety import Fault, FaultReason
 from pepper_driver.sensor_edges import SensorEdges
 
 from event_cases import LONG, ROBOT, Blocker, contact, make_pepper, pressed  # isort: skip
@@ -171,7 +172,8 @@ def test_a_fault_in_a_tick_is_told_once() -> None:
             with pytest.raises(FaultError):
                 pepper.run(1.0)
         pepper.emergency_stop()
-    assert faults == [FaultEvent(reason="the newest sample is 200 ms old", time=3 * CYCLE)]
+    fault = Fault(reason=FaultReason.STALE_SAMPLE, text="the newest sample is 200 ms old")
+    assert faults == [FaultEvent(fault=fault, time=3 * CYCLE)]
 
 
 def test_an_emergency_stop_is_told_before_anybody_ticks() -> None:
@@ -191,7 +193,7 @@ def test_an_emergency_stop_is_told_before_anybody_ticks() -> None:
             pepper.run(2 * CYCLE)
             pepper.emergency_stop()
             assert heard.wait(LONG)
-    assert [event.reason for event in faults] == ["emergency stop"] * 2
+    assert [event.fault.reason for event in faults] == [FaultReason.EMERGENCY_STOP] * 2
 
 
 def test_callbacks_that_hang_raise_or_flood_cost_no_tick_and_no_contact(
