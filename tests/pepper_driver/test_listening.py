@@ -58,12 +58,13 @@ def test_ticks_come_with_what_was_felt() -> None:
 
 
 def test_sensors_tell_when_they_are_pressed_and_let_go() -> None:
-    """Bumper 1 for ticks 2 and 3, the button in tick 3, two sensors of the head in tick 5."""
+    """Bumper 1 for ticks 2 and 3, two sensors of the head in tick 5, the button, which stops the robot, in tick 7."""
     pepper = make_pepper(
         faults={
             2: pressed("bumpers", 1),
-            3: lambda m: pressed("buttons", 0)(pressed("bumpers", 1)(m)),
+            3: pressed("bumpers", 1),
             5: pressed("touch", 0, 2),
+            7: pressed("buttons", 0),
         }
     )
     touches: list[SensorEvent] = []
@@ -77,7 +78,7 @@ def test_sensors_tell_when_they_are_pressed_and_let_go() -> None:
     pepper.on_bumper(bumper="FrontLeft", pressed=None)(bumpers.append)
     pepper.on_bumper(pressed=False)(released.append)
     pepper.on_button(button="ChestBoard/Button")(buttons.append)
-    with pepper:
+    with pepper, pytest.raises(FaultError):
         pepper.run(8 * CYCLE)
 
     def event(kind: Any, name: str, pressed: bool, tick: int) -> SensorEvent:
@@ -93,7 +94,7 @@ def test_sensors_tell_when_they_are_pressed_and_let_go() -> None:
     ]
     assert bumpers == [event("bumper", "FrontRight", True, 2)]
     assert released == [event("bumper", "FrontRight", False, 4)]
-    assert buttons == [event("button", "ChestBoard/Button", True, 3)]
+    assert buttons == [event("button", "ChestBoard/Button", True, 7)]
 
 
 def test_what_is_pressed_at_the_start_is_told_when_it_is_let_go() -> None:
