@@ -12,6 +12,7 @@ from pydantic import Field, TypeAdapter, WrapValidator
 from pydantic.dataclasses import dataclass
 
 from pepper_driver.config.errors import ConfigError, suggestion
+from pepper_driver.config.lines import with_lines
 from pepper_driver.config.loading import STRICT, named_file, parse, read_yaml, shipped_names
 from pepper_driver.config.motion_tasks import (
     AnyTask,
@@ -169,6 +170,7 @@ def motion_names() -> tuple[str, ...]:
     return shipped_names("motions")
 
 
+@with_lines
 def load_motion(name: str | Path, robot: RobotConfig) -> Motion:
     """Load a motion by name, or from a path that ends in ``.yaml``.
 
