@@ -52,10 +52,9 @@ class ExperimentReport:
 
     @property
     def felt(self) -> dict[str, int]:
-        """How many contacts began on each link, rebounds left out."""
-        return dict(
-            Counter(c.link for c in self.contacts if c.phase == "begin" and c.kind != "rebound")
-        )
+        """How many contacts there were on each link, as last told; rebounds left out."""
+        last = {c.id: c.link for c in self.contacts if c.kind != "rebound"}
+        return dict(Counter(last.values()))
 
     @property
     def reacted(self) -> dict[str, int]:
