@@ -183,13 +183,14 @@ class Player:
         if self._conductor.ends_early(self._number):
             return True
         if self._there is None:
-            if self._ticks < round((step.duration or 0.0) / cycle):
+            way = round((step.duration or 0.0) / cycle)
+            if self._ticks < way:
                 return False
             if step.until is not None:
                 self._reached = self._is_reached(step.tolerance or TOLERANCE)
                 if not self._reached and self._ticks < round((step.timeout or 0.0) / cycle):
                     return False
-            self._there = self._ticks
+            self._there = way if step.until is None else self._ticks
         return self._ticks >= self._there + round(step.hold / cycle)
 
     def _is_reached(self, tolerance: float) -> bool:
