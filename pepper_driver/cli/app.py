@@ -18,6 +18,7 @@ from pepper_driver.cli.log import app as log_app
 from pepper_driver.cli.move import move
 from pepper_driver.cli.plot import plot
 from pepper_driver.cli.record import record
+from pepper_driver.cli.run import run_command
 from pepper_driver.config import PepperError
 
 app = typer.Typer(
@@ -30,6 +31,7 @@ app = typer.Typer(
 )
 app.command()(demo)
 app.command()(move)
+app.command("run")(run_command)
 app.command()(identify)
 app.command()(record)
 app.command("evaluate")(evaluate_command)

@@ -49,6 +49,11 @@ class Reflexes:
         """As in events and log, in the order in which they are asked."""
         return tuple(reflex.name for reflex in self._reflexes)
 
+    @property
+    def all(self) -> tuple[Reflex, ...]:
+        """In the order in which they are asked."""
+        return tuple(self._reflexes)
+
     def __bool__(self) -> bool:
         return bool(self._reflexes)
 
