@@ -18,6 +18,7 @@ from pepper_driver.cli.log import app as log_app
 from pepper_driver.cli.move import move
 from pepper_driver.cli.plot import plot
 from pepper_driver.cli.record import record
+from pepper_driver.cli.replay import replay_command
 from pepper_driver.config import PepperError
 
 app = typer.Typer(
@@ -32,6 +33,7 @@ app.command()(demo)
 app.command()(move)
 app.command()(identify)
 app.command()(record)
+app.command("replay")(replay_command)
 app.command("evaluate")(evaluate_command)
 app.command()(bench)
 app.command()(calibrate)

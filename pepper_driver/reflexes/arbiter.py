@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -12,6 +13,7 @@ from pepper_driver.config import RobotConfig
 from pepper_driver.events import ReflexEvent
 from pepper_driver.observer import Observation
 from pepper_driver.reflexes.control import Control
+from pepper_driver.reflexes.declaration import declared
 from pepper_driver.reflexes.ignore import Ignore
 from pepper_driver.reflexes.reflex import Reflex, ReflexError
 
@@ -48,6 +50,11 @@ class Reflexes:
     def names(self) -> tuple[str, ...]:
         """As in events and log, in the order in which they are asked."""
         return tuple(reflex.name for reflex in self._reflexes)
+
+    @property
+    def declarations(self) -> list[dict[str, Any]]:
+        """Each with its arguments, in the same order."""
+        return [declared(reflex) for reflex in self._reflexes]
 
     def __bool__(self) -> bool:
         return bool(self._reflexes)
