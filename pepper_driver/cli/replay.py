@@ -124,9 +124,9 @@ def _table(title: str, names: Sequence[str], figures: Sequence[str]) -> Table:
 
 
 def _change(then: str | None, now: str | None) -> str:
-    """One text where both are the same, or there is only one."""
+    """One text where both are the same, or there is only one; what is new where they are not."""
     different = None not in (then, now) and then != now
-    return f"{then} > {now}" if different else then or now or "-"
+    return f"now {now}" if different else then or now or "-"
 
 
 def _later(pair: Pair[Contact] | Pair[LogEvent]) -> str:
