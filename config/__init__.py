@@ -7,6 +7,7 @@ from pepper_driver.config.errors import (
     UnknownNameError,
     suggestion,
 )
+from pepper_driver.config.experiment import Experiment, check_experiment, load_experiment
 from pepper_driver.config.motion import (
     Motion,
     MotionStep,
@@ -52,6 +53,7 @@ __all__ = [
     "ConfigError",
     "ConstraintSwitches",
     "ControllerSettings",
+    "Experiment",
     "HoldStatistics",
     "MissingExtraError",
     "Motion",
@@ -68,10 +70,12 @@ __all__ = [
     "TrackingTable",
     "UnknownNameError",
     "World",
+    "check_experiment",
     "check_motion",
     "draws",
     "load_calibration",
     "load_controller_settings",
+    "load_experiment",
     "load_motion",
     "load_observer_settings",
     "load_plant",

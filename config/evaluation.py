@@ -21,6 +21,7 @@ from pydantic import Field
 from pydantic.dataclasses import dataclass
 
 from pepper_driver.config.errors import ConfigError, UnknownNameError
+from pepper_driver.config.lines import with_lines
 from pepper_driver.config.loading import STRICT, package_file, parse, read_yaml
 from pepper_driver.config.parts import Positive
 from pepper_driver.config.plant import plant_names
@@ -216,6 +217,7 @@ def _shorter(run: Run, share: float) -> Run | None:
     return replace(run, goals=min(goals, free + max(1, round((goals - free) * share))))
 
 
+@with_lines
 def load_evaluation(robot: RobotConfig, path: Path | None = None) -> Evaluation:
     """The suites, by default those of the package; scenarios lie in the folder beside the file.
 

@@ -8,12 +8,13 @@ import re
 from collections.abc import Hashable
 from importlib.resources import files
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, TypeVar, get_args, get_type_hints
 
 import yaml
-from pydantic import ConfigDict, TypeAdapter, ValidationError
+from pydantic import ConfigDict, TypeAdapter, ValidationError, WrapValidator
 
 from pepper_driver.config.errors import ConfigError, UnknownNameError, suggestion
+from pepper_driver.config.lines import with_lines
 
 STRICT = ConfigDict(extra="forbid", strict=True, allow_inf_nan=False)
 """Pydantic settings of all configuration dataclasses: no unknown key, no silent conversion, no NaN."""
@@ -36,7 +37,15 @@ class _Loader(yaml.SafeLoader):
         return super().construct_mapping(node, deep)
 
 
-# YAML 1.1 reads 1e-6 as text, because it wants a dot; people write it all the time.
+# YAML 1.1 reads on, off, yes and no as booleans; here they are words.
+_Loader.yaml_implicit_resolvers = {
+    first: [(tag, pattern) for tag, pattern in resolvers if tag != "tag:yaml.org,2002:bool"]
+    for first, resolvers in yaml.SafeLoader.yaml_implicit_resolvers.items()
+}
+_Loader.add_implicit_resolver(
+    "tag:yaml.org,2002:bool", re.compile(r"^(?:true|True|TRUE|false|False|FALSE)$"), list("tTfF")
+)
+# It reads 1e-6 as text, because it wants a dot; people write it all the time.
 _Loader.add_implicit_resolver(
     "tag:yaml.org,2002:float",
     re.compile(r"^[-+]?[0-9][0-9_]*(\.[0-9_]*)?[eE][-+]?[0-9]+$"),
@@ -109,8 +118,28 @@ def parse(cls: type[T], data: dict[str, Any], source: str) -> T:
         return TypeAdapter(cls).validate_json(text, strict=True)
     except ValidationError as error:
         raise ConfigError(f"{source}: {_explain(error, cls, data)}") from error
+    except RecursionError as error:
+        raise ConfigError(f"{source}: nested too deeply") from error
 
 
+def by_kind(union: Any) -> WrapValidator:  # noqa: ANN401
+    """A mapping becomes the one dataclass of ``union`` that its key ``kind`` names; errors are those of that class."""
+    classes = {get_args(get_type_hints(cls)["kind"])[0]: cls for cls in get_args(union)}
+
+    def build(value: object, _: object) -> object:
+        if isinstance(value, tuple(classes.values())):
+            return value
+        kind = value.get("kind") if isinstance(value, dict) else None
+        if not isinstance(kind, str) or kind not in classes:
+            problem = "no 'kind'" if kind is None else f"unknown kind '{kind}'"
+            raise ValueError(f"{problem}{suggestion(str(kind), classes)}")
+        # Through JSON, as in :func:`parse`: there strict mode takes lists for tuples.
+        return TypeAdapter(classes[kind]).validate_json(json.dumps(value), strict=True)
+
+    return WrapValidator(build)
+
+
+@with_lines
 def load(cls: type[T], path: Path) -> T:
     """Read a YAML file into the configuration dataclass ``cls``; see :func:`parse` and :func:`read_yaml`."""
     return parse(cls, read_yaml(path), str(path))

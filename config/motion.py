@@ -12,6 +12,7 @@ from pydantic import Field, TypeAdapter, WrapValidator
 from pydantic.dataclasses import dataclass
 
 from pepper_driver.config.errors import ConfigError, suggestion
+from pepper_driver.config.lines import with_lines
 from pepper_driver.config.loading import STRICT, named_file, parse, read_yaml, shipped_names
 from pepper_driver.config.motion_tasks import (
     AnyTask,
@@ -169,6 +170,7 @@ def motion_names() -> tuple[str, ...]:
     return shipped_names("motions")
 
 
+@with_lines
 def load_motion(name: str | Path, robot: RobotConfig) -> Motion:
     """Load a motion by name, or from a path that ends in ``.yaml``.
 
@@ -189,6 +191,12 @@ def check_motion(motion: Motion, robot: RobotConfig) -> None:
     Raises:
         ConfigError: An unknown name, or a value beyond a limit of the robot; the message names the key.
     """
+    for number, step in enumerate(motion.steps):
+        check_step(step, robot, f"{motion.source or motion.name}: key 'steps.{number}")
+
+
+def check_step(step: MotionStep, robot: RobotConfig, where: str) -> None:
+    """Refuse a step that the robot cannot play; ``where`` is how the message begins, up to the step's key."""
     known = {
         "joint": robot.joint_names,
         "joint or chain": (*robot.chains, *robot.joint_names),
@@ -196,24 +204,22 @@ def check_motion(motion: Motion, robot: RobotConfig) -> None:
         "posture": tuple(robot.postures),
         "hand": robot.hands.joints,
     }
-    for number, step in enumerate(motion.steps):
-        where = f"{motion.source or motion.name}: key 'steps.{number}"
-        for key, kind, name in step.names():
-            if name not in known[kind]:
-                raise ConfigError(
-                    f"{where}.{key}': unknown {kind} '{name}'{suggestion(name, known[kind])}"
-                )
-        for name, angle in step.joints.items():
-            joint = robot.joints[robot.joint_index(name)]
-            unit = "" if name in robot.hands.joints else " rad"
-            _check_range(f"{where}.joints.{name}'", angle, joint.lower, joint.upper, unit)
-        for name, aperture in step.hands.items():
-            _check_range(f"{where}.hands.{name}'", aperture, 0.0, 1.0, "")
-        if (twist := step.base_velocity) is not None:
-            fastest, turn = robot.limits.base.linear_velocity, robot.limits.base.angular_velocity
-            _check_range(f"{where}.base_velocity.vx'", twist.vx, -fastest, fastest, " m/s")
-            _check_range(f"{where}.base_velocity.vy'", twist.vy, -fastest, fastest, " m/s")
-            _check_range(f"{where}.base_velocity.wz'", twist.wz, -turn, turn, " rad/s")
+    for key, kind, name in step.names():
+        if name not in known[kind]:
+            raise ConfigError(
+                f"{where}.{key}': unknown {kind} '{name}'{suggestion(name, known[kind])}"
+            )
+    for name, angle in step.joints.items():
+        joint = robot.joints[robot.joint_index(name)]
+        unit = "" if name in robot.hands.joints else " rad"
+        _check_range(f"{where}.joints.{name}'", angle, joint.lower, joint.upper, unit)
+    for name, aperture in step.hands.items():
+        _check_range(f"{where}.hands.{name}'", aperture, 0.0, 1.0, "")
+    if (twist := step.base_velocity) is not None:
+        fastest, turn = robot.limits.base.linear_velocity, robot.limits.base.angular_velocity
+        _check_range(f"{where}.base_velocity.vx'", twist.vx, -fastest, fastest, " m/s")
+        _check_range(f"{where}.base_velocity.vy'", twist.vy, -fastest, fastest, " m/s")
+        _check_range(f"{where}.base_velocity.wz'", twist.wz, -turn, turn, " rad/s")
 
 
 def _check_range(where: str, value: float, lower: float, upper: float, unit: str) -> None:

@@ -15,6 +15,7 @@ import numpy as np
 from pydantic.dataclasses import dataclass
 
 from pepper_driver.config.errors import ConfigError, suggestion
+from pepper_driver.config.lines import with_lines
 from pepper_driver.config.loading import STRICT, named_file, parse, shipped_names
 from pepper_driver.config.parts import FloatArray
 from pepper_driver.config.plant_parts import (
@@ -75,6 +76,7 @@ def plant_names() -> tuple[str, ...]:
     return shipped_names("plants")
 
 
+@with_lines
 def load_plant(name: str, robot: RobotConfig, *, draw: int | None = None) -> PlantConfig:
     """Load a plant by name, or from a path that ends in ``.yaml``.
 

@@ -11,6 +11,7 @@ from pydantic import Field
 from pydantic.dataclasses import dataclass
 
 from pepper_driver.config.errors import ConfigError
+from pepper_driver.config.lines import with_lines
 from pepper_driver.config.loading import STRICT, load, package_file
 from pepper_driver.config.parts import FloatArray, NotNegative, Positive
 from pepper_driver.config.robot import RobotConfig
@@ -110,6 +111,7 @@ class Calibration:
     seed: int
 
 
+@with_lines
 def load_recordings(robot: RobotConfig, path: Path | None = None) -> Recordings:
     """The figures in ``path``, by default the shipped ``recordings.yaml``.
 
@@ -132,6 +134,7 @@ def load_recordings(robot: RobotConfig, path: Path | None = None) -> Recordings:
     return recordings
 
 
+@with_lines
 def load_calibration(robot: RobotConfig) -> Calibration:
     """The shipped recordings, with ``calibration.yaml`` and ``scenarios/calibrate.yaml``."""
     scenario = load_scenario("calibrate", robot)

@@ -11,6 +11,7 @@ import numpy as np
 from pydantic.dataclasses import dataclass
 
 from pepper_driver.config.errors import ConfigError, UnknownNameError, suggestion
+from pepper_driver.config.lines import with_lines
 from pepper_driver.config.loading import STRICT, load, package_file, read_yaml
 from pepper_driver.config.parts import (
     FloatArray,
@@ -215,6 +216,7 @@ def _load_postures(path: Path, joints: tuple[Joint, ...]) -> dict[str, FloatArra
 
 
 @lru_cache(maxsize=8)
+@with_lines
 def load_robot(path: Path | None = None) -> RobotConfig:
     """Load a robot description.
 

@@ -2,17 +2,24 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator
 from itertools import pairwise
 from pathlib import Path
-from typing import Annotated, Any, Literal, get_args, get_type_hints
+from typing import Annotated, Literal
 
-from pydantic import Field, TypeAdapter, WrapValidator
+from pydantic import Field
 from pydantic.dataclasses import dataclass
 
 from pepper_driver.config.errors import ConfigError, suggestion
-from pepper_driver.config.loading import STRICT, named_file, parse, read_yaml, shipped_names
+from pepper_driver.config.lines import with_lines
+from pepper_driver.config.loading import (
+    STRICT,
+    by_kind,
+    named_file,
+    parse,
+    read_yaml,
+    shipped_names,
+)
 from pepper_driver.config.parts import NotNegative, Positive
 from pepper_driver.config.robot import RobotConfig
 from pepper_driver.config.scenario_contacts import (
@@ -23,23 +30,6 @@ from pepper_driver.config.scenario_contacts import (
     RandomTouch,
 )
 from pepper_driver.config.scenario_motion import Holds, Motion, Name, Script, Setpoints, Sweeps
-
-
-def _by_kind(union: Any) -> WrapValidator:  # noqa: ANN401
-    """A mapping becomes the one dataclass of ``union`` that its key ``kind`` names; errors are those of that class."""
-    classes = {get_args(get_type_hints(cls)["kind"])[0]: cls for cls in get_args(union)}
-
-    def build(value: object, _: object) -> object:
-        if isinstance(value, tuple(classes.values())):
-            return value
-        kind = value.get("kind") if isinstance(value, dict) else None
-        if not isinstance(kind, str) or kind not in classes:
-            problem = "no 'kind'" if kind is None else f"unknown kind '{kind}'"
-            raise ValueError(f"{problem}{suggestion(str(kind), classes)}")
-        # Through JSON, as in the loader: there strict mode takes lists for tuples.
-        return TypeAdapter(classes[kind]).validate_json(json.dumps(value), strict=True)
-
-    return WrapValidator(build)
 
 
 @dataclass(frozen=True, kw_only=True, config=STRICT)
@@ -71,8 +61,8 @@ class Scenario:
     posture: str | None = None
     stiffness: Positive
     settle: NotNegative = 0.0
-    motion: Annotated[Motion, _by_kind(Motion)]
-    contacts: tuple[Annotated[AnyContact, _by_kind(AnyContact)], ...] = ()
+    motion: Annotated[Motion, by_kind(Motion)]
+    contacts: tuple[Annotated[AnyContact, by_kind(AnyContact)], ...] = ()
     largest_load: Annotated[float, Field(gt=0, le=1)] = 0.85
     largest_tipping: Annotated[float, Field(gt=0, le=1)] = 0.8
     source: str = ""
@@ -96,6 +86,7 @@ def scenario_names() -> tuple[str, ...]:
     return shipped_names("scenarios")
 
 
+@with_lines
 def load_scenario(name: str | Path, robot: RobotConfig) -> Scenario:
     """Load a scenario by name, or from a path that ends in ``.yaml``.
 

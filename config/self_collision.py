@@ -10,6 +10,7 @@ from pydantic import Field
 from pydantic.dataclasses import dataclass
 
 from pepper_driver.config.errors import ConfigError, suggestion
+from pepper_driver.config.lines import with_lines
 from pepper_driver.config.loading import STRICT, load, package_file
 from pepper_driver.config.parts import Positive, Vector3
 from pepper_driver.config.robot import RobotConfig
@@ -39,6 +40,7 @@ class SelfCollisionSettings:
     pairs: tuple[tuple[str, str], ...]
 
 
+@with_lines
 def load_self_collision(robot: RobotConfig, path: Path | None = None) -> SelfCollisionSettings:
     """Self-collision settings for ``robot`` from ``path``, by default the shipped ``self_collision.yaml``.
 

@@ -9,6 +9,7 @@ import numpy as np
 from pydantic import Field
 from pydantic.dataclasses import dataclass
 
+from pepper_driver.config.lines import with_lines
 from pepper_driver.config.loading import STRICT, load, package_file
 from pepper_driver.config.parts import FloatArray, NotNegative, Positive
 from pepper_driver.config.robot import RobotConfig, check_joint_keys
@@ -123,6 +124,7 @@ class SafetySettings:
     stiffness_ramp: Positive
 
 
+@with_lines
 def load_controller_settings(robot: RobotConfig, path: Path | None = None) -> ControllerSettings:
     """Controller settings from ``path``, by default the shipped ``controller.yaml``."""
     path = path or package_file("controller.yaml")

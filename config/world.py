@@ -7,6 +7,7 @@ from typing import Annotated, Literal, Self
 from pydantic import Field, model_validator
 from pydantic.dataclasses import dataclass
 
+from pepper_driver.config.lines import with_lines
 from pepper_driver.config.loading import STRICT, named_file, parse, read_yaml, shipped_names
 from pepper_driver.config.parts import NotNegative, Positive, Vector3
 
@@ -68,6 +69,7 @@ def world_names() -> tuple[str, ...]:
     return shipped_names("worlds")
 
 
+@with_lines
 def load_world(name: str) -> World:
     """Load a world by name, or from a path that ends in ``.yaml``.
 

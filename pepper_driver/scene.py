@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from pepper_driver.backends import Backend
 from pepper_driver.config import RobotConfig, Scenario
 from pepper_driver.config.parts import FloatArray
 from pepper_driver.config.scenario_contacts import Grab
@@ -79,4 +80,36 @@ def scene_after(last: Scene | None, leg: Leg, scenario: Scenario, robot: RobotCo
         posture=posture,
         arrival=arrival,
         origin=origin,
+    )
+
+
+def order_touch(backend: Backend, touch: PlannedTouch) -> None:
+    """Have a simulated robot pushed, or grabbed, when its time has come.
+
+    Raises:
+        ValueError: There is another hand on that link then.
+    """
+    planned, grab = touch.planned, touch.grab
+    if grab is None:
+        backend.push(
+            planned.link,
+            planned.force,
+            planned.point,
+            touch.duration,
+            frame=planned.frame,
+            delay=touch.delay,
+            **({} if touch.rise is None else {"rise": touch.rise}),
+        )
+        return
+    backend.grab(
+        grab.link,
+        np.array(grab.pull),
+        np.array(grab.xyz),
+        stiffness=grab.stiffness,
+        rise=grab.rise,
+        hold=grab.hold,
+        release=grab.release,
+        largest_force=grab.largest_force,
+        frame=grab.frame,
+        delay=touch.delay,
     )

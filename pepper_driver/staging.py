@@ -13,7 +13,7 @@ from pepper_driver.config import Scenario
 from pepper_driver.controller import Tick
 from pepper_driver.observer import Observation, Push
 from pepper_driver.robot import Pepper
-from pepper_driver.scene import PlannedTouch, Scene
+from pepper_driver.scene import PlannedTouch, Scene, order_touch
 from pepper_driver.scenes import plan_scenes
 
 OnTick = Callable[[Tick, Observation | None], None]
@@ -128,30 +128,8 @@ class Stage:
 
     def _order(self, touch: PlannedTouch) -> None:
         """Have the backend push or grab, and note it."""
-        pepper, planned, grab = self._pepper, touch.planned, touch.grab
-        if grab is None:
-            pepper.push(
-                planned.link,
-                planned.force,
-                planned.point,
-                touch.duration,
-                frame=planned.frame,
-                delay=touch.delay,
-                **({} if touch.rise is None else {"rise": touch.rise}),
-            )
-        else:
-            pepper.backend.grab(
-                grab.link,
-                np.array(grab.pull),
-                np.array(grab.xyz),
-                stiffness=grab.stiffness,
-                rise=grab.rise,
-                hold=grab.hold,
-                release=grab.release,
-                largest_force=grab.largest_force,
-                frame=grab.frame,
-                delay=touch.delay,
-            )
+        pepper, planned = self._pepper, touch.planned
+        order_touch(pepper.backend, touch)
         onset = pepper.time + touch.delay
         self._pushes.append(
             Push(

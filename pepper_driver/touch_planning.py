@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from pepper_driver.backends import Backend
+from pepper_driver.backends import Backend, Truth
 from pepper_driver.config import ConfigError, RobotConfig, Scenario
 from pepper_driver.config.parts import FloatArray
 from pepper_driver.config.scenario_contacts import (
@@ -99,7 +99,15 @@ class TouchPlanner:
             scene = scenes[bisect_right(starts, contact.start) - 1]
             try:
                 beside = _beside(scenes, contact.start, contact.duration)
-                planned = self._plan(contact, scene.posture, beside)
+                planned = plan_stated(
+                    self._model,
+                    self._robot,
+                    self._truth,
+                    contact,
+                    posture=scene.posture,
+                    bounds=self._bounds(contact),
+                    beside=beside,
+                )
             except PushTooStrongError as error:
                 raise ConfigError(f"{where}: {error}") from error
             delay = max(0.0, contact.start - scene.start)
@@ -138,41 +146,6 @@ class TouchPlanner:
             return bounds
         outer = np.inf if contact.further_out is None else contact.further_out
         return replace(bounds, force=contact.largest_force, further_out=outer)
-
-    def _plan(
-        self,
-        contact: Push | JointPush | Grab,
-        posture: FloatArray,
-        beside: Sequence[PlannedPush],
-    ) -> PlannedPush:
-        """What a stated contact means for the robot in this posture."""
-        if isinstance(contact, JointPush):
-            return plan_push(
-                self._model,
-                self._robot,
-                self._truth,
-                joint=contact.joint,
-                link=contact.link,
-                point=np.array(contact.xyz),
-                degrees=contact.degrees,
-                direction=contact.direction,
-                posture=posture,
-                bounds=self._bounds(contact),
-                beside=beside,
-            )
-        return weigh_push(
-            self._model,
-            self._robot,
-            self._truth,
-            joint=contact.joint,
-            link=contact.link,
-            point=np.array(contact.xyz),
-            force=np.array(contact.largest),
-            frame=contact.frame,
-            posture=posture,
-            bounds=self._bounds(contact),
-            beside=beside,
-        )
 
     def _draw(
         self,
@@ -282,6 +255,50 @@ class TouchPlanner:
                 bounds=self._bounds(contact),
                 beside=beside,
             )
+
+
+def plan_stated(
+    model: RobotModel,
+    robot: RobotConfig,
+    truth: Truth,
+    contact: Push | JointPush | Grab,
+    *,
+    posture: FloatArray,
+    bounds: Bounds,
+    beside: Sequence[PlannedPush] = (),
+) -> PlannedPush:
+    """What a stated contact means for the robot at rest in a posture (17,) [rad]; the rest as for :func:`plan_push`.
+
+    Raises:
+        PushTooStrongError: It is too strong for the robot, or does nothing to the joint that is meant.
+    """
+    if isinstance(contact, JointPush):
+        return plan_push(
+            model,
+            robot,
+            truth,
+            joint=contact.joint,
+            link=contact.link,
+            point=np.array(contact.xyz),
+            degrees=contact.degrees,
+            direction=contact.direction,
+            posture=posture,
+            bounds=bounds,
+            beside=beside,
+        )
+    return weigh_push(
+        model,
+        robot,
+        truth,
+        joint=contact.joint,
+        link=contact.link,
+        point=np.array(contact.xyz),
+        force=np.array(contact.largest),
+        frame=contact.frame,
+        posture=posture,
+        bounds=bounds,
+        beside=beside,
+    )
 
 
 def _beside(scenes: Sequence[Scene], start: float, duration: float) -> list[PlannedPush]:

@@ -13,7 +13,7 @@ from pepper_driver.controller.tasks import ComplianceTask
 from pepper_driver.observer import Contact, JointState, Observation
 from pepper_driver.reflexes.control import Control
 from pepper_driver.reflexes.limbs import limb_of
-from pepper_driver.reflexes.reflex import Reflex
+from pepper_driver.reflexes.reflex import Part, Reflex
 
 INERTIA = 0.1
 """[kg m2] That a joint seems to have."""
@@ -56,6 +56,11 @@ class Comply(Reflex):
         self.check("gain", 0.0, 1.0)
         self.check("damping", 0.05, 100.0)
         self.check("largest_torque", 0.1, 100.0)
+
+    @property
+    def takes(self) -> frozenset[Part]:
+        """The limb."""
+        return frozenset({"joints"})
 
     def begin(self, contact: Contact, control: Control) -> None:
         """Lead the limb from here on, besides those that are led already."""

@@ -16,7 +16,7 @@ from pepper_driver.observer import Contact, Observation
 from pepper_driver.reflexes.comply import Comply
 from pepper_driver.reflexes.control import OVER_ALL, Control
 from pepper_driver.reflexes.limbs import LEGS
-from pepper_driver.reflexes.reflex import ReflexError, Then
+from pepper_driver.reflexes.reflex import Part, ReflexError, Then
 
 Lead = Literal["arm", "base"]
 
@@ -60,6 +60,11 @@ class FollowHand(Comply):
         self.check("speed", 0.01, 1.0)
         if self.lead == "base":
             self.gain = 0.0  # the arm is what one pulls at
+
+    @property
+    def takes(self) -> frozenset[Part]:
+        """The limb, and the base that it may lead."""
+        return frozenset({"joints", "base"} if self.lead == "base" else {"joints"})
 
     def prepare(self, robot: RobotConfig) -> None:
         """Learn of the robot."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from pepper_driver.reflexes.reflex import Reflex
+from pepper_driver.reflexes.reflex import Part, Reflex
 
 
 @dataclass(kw_only=True, eq=False)
@@ -12,3 +12,8 @@ class Ignore(Reflex):
     """Reflexes of lower priority do not learn of the contacts that it is for. Callbacks and log do."""
 
     priority: int = 100
+
+    @property
+    def takes(self) -> frozenset[Part]:
+        """Contacts, from all others."""
+        return frozenset({"contacts"})

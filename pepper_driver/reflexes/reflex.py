@@ -19,6 +19,7 @@ from pepper_driver.reflexes.control import Control
 
 BoolArray = NDArray[np.bool_]
 Then = Literal["resume", "stay"]
+Part = Literal["joints", "base", "contacts"]
 
 LONGEST = 3600.0
 """[s] of any time that a reflex is given."""
@@ -130,6 +131,11 @@ class Reflex:
     def touched(self) -> bool:
         """Whether a contact that it is for lasts."""
         return bool(self._touching)
+
+    @property
+    def takes(self) -> frozenset[Part]:
+        """What only one reflex gets for a contact: the ``joints`` of its limb, the ``base``, or the ``contacts``."""
+        return frozenset({"joints", "base"})
 
     def is_for(self, contact: Contact) -> bool:
         """Whether it answers this contact, whatever its phase."""

@@ -12,7 +12,7 @@ from pepper_driver.controller.tasks import PostureTask
 from pepper_driver.observer import Contact, Observation
 from pepper_driver.reflexes.control import OVER_ALL, Control
 from pepper_driver.reflexes.limbs import limb_of
-from pepper_driver.reflexes.reflex import Reflex
+from pepper_driver.reflexes.reflex import Part, Reflex
 
 STIFFNESS = 400.0
 """[1/s2] Of the task that leads the limb away."""
@@ -46,6 +46,11 @@ class Retract(Reflex):
         super().__post_init__()
         self.check("distance", 0.01, 1.5)
         self.check("speed", 0.01, 3.0)
+
+    @property
+    def takes(self) -> frozenset[Part]:
+        """The limb."""
+        return frozenset({"joints"})
 
     def begin(self, contact: Contact, control: Control) -> None:
         """Choose the limb; the way follows from the torques of this tick. A further contact leads on."""

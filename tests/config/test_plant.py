@@ -174,7 +174,9 @@ def test_a_negative_rotor_is_refused(tmp_path: Path) -> None:
     motors = read_yaml(tmp_path / "motors.yaml")
     motors["types"]["4"]["rotor_inertia"] *= -1
     save(tmp_path, motors, "motors.yaml")
-    with pytest.raises(ConfigError, match=r"motors\.yaml: key 'types\.4\.rotor_inertia'.*than 0"):
+    with pytest.raises(
+        ConfigError, match=r"motors\.yaml line \d+: key 'types\.4\.rotor_inertia'.*than 0"
+    ):
         load_robot(tmp_path / "pepper.yaml")
 
 

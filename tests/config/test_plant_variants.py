@@ -74,7 +74,7 @@ def test_a_plant_that_extends_itself_is_refused(tmp_path: Path, others: tuple[st
     names = ["mine.yaml", *others]
     for name, parent in pairwise(names):
         save(tmp_path, {"name": name, "extends": parent}, name)
-    with pytest.raises(ConfigError, match=r"mine\.yaml: key 'extends': .*itself"):
+    with pytest.raises(ConfigError, match=r"mine\.yaml line \d+: key 'extends': .*itself"):
         load_plant(str(tmp_path / "mine.yaml"), ROBOT)
 
 
@@ -105,7 +105,9 @@ def test_a_wrong_variant_is_refused(tmp_path: Path, keys: Tree, message: str) ->
 
 
 def test_a_variant_of_nothing_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(ConfigError, match=r"mine\.yaml: key 'extends': .*did you mean nominal"):
+    with pytest.raises(
+        ConfigError, match=r"mine\.yaml line \d+: key 'extends': .*did you mean nominal"
+    ):
         load_plant(variant(tmp_path, extends="nominel"), ROBOT)
     with pytest.raises(ConfigError, match=r"absent\.yaml"):
         load_plant(variant(tmp_path, extends="absent.yaml"), ROBOT)

@@ -191,7 +191,7 @@ def test_a_wrong_scenario_is_one_line_with_file_key_and_reason(
     with pytest.raises(ConfigError) as caught:
         load_data(tmp_path, data)
     message = str(caught.value)
-    assert message.startswith(f"{tmp_path / 'mine.yaml'}: ")
+    assert message.startswith(f"{tmp_path / 'mine.yaml'}")
     assert f"key '{where}'" in message
     assert reason in message
     assert "\n" not in message

@@ -127,5 +127,5 @@ def test_a_wrong_motion_names_file_and_key(
     path.write_text(SHORT.replace("link: l_wrist", "link: l_wris"))
     assert run(["move", str(path)]) == 2
     (line,) = capsys.readouterr().err.splitlines()
-    assert "short.yaml: key 'steps.1.position.link'" in line
+    assert "short.yaml line 6: key 'steps.1.position.link'" in line
     assert "did you mean l_wrist" in line

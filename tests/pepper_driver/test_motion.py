@@ -207,7 +207,7 @@ def test_a_wrong_motion_moves_nothing(tmp_path: Path) -> None:
     with make_pepper() as pepper:
         before = pepper.target
         wrong: list[tuple[Any, type[Exception], str]] = [
-            (path, ConfigError, r"bad\.yaml: key 'steps\.1\.position\.link'.*l_wrist"),
+            (path, ConfigError, r"bad\.yaml line 5: key 'steps\.1\.position\.link'.*l_wrist"),
             (tmp_path / "gone.yaml", ConfigError, "cannot be read"),
             ("wav", UnknownNameError, "did you mean wave"),
             (make_motion({"duration": 1.0, "posture": "Sit"}), ConfigError, "unknown posture"),
