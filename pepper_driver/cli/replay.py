@@ -14,7 +14,8 @@ from pepper_driver.cli.console import JsonOption, check_outputs, make_console, s
 from pepper_driver.cli.log import LogArgument
 from pepper_driver.log import LogEvent
 from pepper_driver.observer import Contact
-from pepper_driver.reflexes import Reflex, load_reflexes
+from pepper_driver.reflexes import Reflex
+from pepper_driver.reflexes.declared import load_reflexes
 from pepper_driver.replay import Comparison, RecordedRun, Replayed, compare, load_run, replay
 from pepper_driver.replay.comparison import Pair
 
@@ -62,7 +63,7 @@ def replay_command(
 def _reflexes(run: RecordedRun, asked: str | None) -> Sequence[Reflex]:
     if asked is None:
         return run.reflexes()
-    return () if asked == NONE else load_reflexes(Path(asked))
+    return () if asked == NONE else load_reflexes(Path(asked), run.robot)
 
 
 def _print(console: Console, run: RecordedRun, found: Replayed, result: Comparison) -> None:

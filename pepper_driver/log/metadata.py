@@ -45,7 +45,7 @@ def run_metadata(
         controller: Settings in force.
         safety: Settings in force.
         observer_name: By which it was asked for; None for an object.
-        reflexes: As declared, see :func:`pepper_driver.reflexes.declared`.
+        reflexes: As declared, see :func:`pepper_driver.reflexes.declared.declare`.
     """
     settings = {"controller": _text(asdict(controller)), "safety": _text(asdict(safety))}
     metadata = {

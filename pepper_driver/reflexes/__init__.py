@@ -4,7 +4,6 @@ from pepper_driver.reflexes.arbiter import Reflexes
 from pepper_driver.reflexes.assist import Assist
 from pepper_driver.reflexes.comply import Comply
 from pepper_driver.reflexes.control import Control
-from pepper_driver.reflexes.declaration import declared, load_reflexes, make_reflex
 from pepper_driver.reflexes.follow_hand import FollowHand
 from pepper_driver.reflexes.hold import Hold
 from pepper_driver.reflexes.ignore import Ignore
@@ -26,7 +25,4 @@ __all__ = [
     "Retract",
     "Soften",
     "StopBase",
-    "declared",
-    "load_reflexes",
-    "make_reflex",
 ]

@@ -13,7 +13,7 @@ from pepper_driver.config import RobotConfig
 from pepper_driver.events import ReflexEvent
 from pepper_driver.observer import Observation
 from pepper_driver.reflexes.control import Control
-from pepper_driver.reflexes.declaration import declared
+from pepper_driver.reflexes.declared import declare
 from pepper_driver.reflexes.ignore import Ignore
 from pepper_driver.reflexes.reflex import Reflex, ReflexError
 
@@ -54,7 +54,7 @@ class Reflexes:
     @property
     def declarations(self) -> list[dict[str, Any]]:
         """Each with its arguments, in the same order."""
-        return [declared(reflex) for reflex in self._reflexes]
+        return [declare(reflex) for reflex in self._reflexes]
 
     def __bool__(self) -> bool:
         return bool(self._reflexes)

@@ -24,7 +24,8 @@ from pepper_driver.config.loading import parse
 from pepper_driver.controller import Reference, Tick
 from pepper_driver.log import LogData
 from pepper_driver.observer import ContactObserver, ModelFileError, Observer
-from pepper_driver.reflexes import Reflex, make_reflex
+from pepper_driver.reflexes import Reflex
+from pepper_driver.reflexes.declared import REFLEX_GROUP, make_reflex
 from pepper_driver.selection import contact_observer, make_observer
 
 T = TypeVar("T")
@@ -147,13 +148,23 @@ class RecordedRun:
         Raises:
             PepperError: One cannot be made here.
         """
-        declared: Any = self._json("reflexes")
-        try:
-            return [make_reflex(declaration) for declaration in declared]
-        except PepperError as error:
-            raise ReplayError(
-                f"{self.path}: {error}; replay with --reflexes FILE, or --reflexes none"
-            ) from error
+        entries = self._json("reflexes")
+        if not (isinstance(entries, list) and all(isinstance(entry, dict) for entry in entries)):
+            raise ReplayError(f"{self.path}: its metadata has no 'reflexes' that can be read")
+        made = []
+        for number, entry in enumerate(entries):
+            if "class" in entry:
+                raise ReplayError(
+                    f"{self.path}: reflex '{entry.get('name')}' is of the class {entry['class']} of its program, "
+                    f"not registered under '{REFLEX_GROUP}'; replay with --reflexes FILE, or --reflexes none"
+                )
+            try:
+                made.append(make_reflex(entry, self.robot, str(self.path), f"reflexes.{number}"))
+            except PepperError as error:
+                raise ReplayError(
+                    f"{error}; replay with --reflexes FILE, or --reflexes none"
+                ) from error
+        return made
 
     def _foreign_observer(self, models: Path | None) -> Observer:
         name = self.log.metadata.get("observer_name")
