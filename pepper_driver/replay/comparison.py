@@ -103,13 +103,11 @@ def compare(run: RecordedRun, found: Replayed) -> Comparison:
     reflexes = [event for event in log.events if event.kind == "reflex"]
     contacts_now = _comparable(run, found.contacts, len(log.contacts))
     reflexes_now = _comparable(run, found.events, len(reflexes))
-    kinds = (
-        _first_in_lists(CONTACTS, log.contacts, contacts_now),
-        _first_in_lists(EVENTS, reflexes, reflexes_now),
-        _first_in_values(run, found) if run.felt and found.values else None,
-        _of_commands(run, found.commands),
-        _of_fault(run, found.fault),
-    )
+    kinds = [_of_commands(run, found.commands), _of_fault(run, found.fault)]
+    if run.felt:
+        kinds.append(_first_in_lists(CONTACTS, log.contacts, contacts_now))
+        kinds.append(_first_in_lists(EVENTS, reflexes, reflexes_now))
+        kinds.append(_first_in_values(run, found))
     present = [difference for difference in kinds if difference is not None]
     return Comparison(
         ticks=len(log),
@@ -177,7 +175,7 @@ def _bits(values: NDArray[Any]) -> NDArray[np.int64]:
 
 
 def _of_commands(run: RecordedRun, commands: CommandDifferences) -> Difference | None:
-    if commands.first is None:
+    if commands.first is None or not run.from_start:
         return None
     time, text = commands.first
     return Difference(time=time, text=f"command: {text}")
@@ -268,8 +266,10 @@ def _notes(run: RecordedRun, found: Replayed) -> Iterator[str]:
         yield "the log is cut short: what it may have lost of its last tick is not compared"
     if (lost := summary.absent - summary.missed) > 0:
         yield f"{lost} ticks did not get into the log: from there on observer and reflexes know less than then"
+    if not run.from_start:
+        yield "the log begins in the middle of a motion: the safety gate starts otherwise, its commands do not count"
     if not run.felt and found.values:
-        yield "the run had no observer: there is nothing to compare contacts with"
+        yield "the run had no observer: contacts and reflexes of the replay are compared with nothing"
     if run.felt and not found.values:
         yield "the replay has no observer"
     for time, text in summary.faults:

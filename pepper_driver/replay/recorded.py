@@ -93,6 +93,13 @@ class RecordedRun:
         return self._settings("safety_settings", SafetySettings)
 
     @property
+    def from_start(self) -> bool:
+        """Whether the log begins as a run does: at rest, with stiff motors."""
+        first = self.ticks[0]
+        moving = first.reference.velocity.any() or first.reference.base_twist.any()
+        return not moving and bool((first.sent.stiffness == 1.0).all())
+
+    @property
     def felt(self) -> bool:
         """Whether there was an observer."""
         return self.log.metadata.get("observer", "none") != "none"

@@ -250,6 +250,23 @@ def test_a_log_without_observer_is_felt_by_another(tmp_path: Path) -> None:
     assert any("had no observer" in note for note in result.notes)
 
 
+def test_a_log_from_the_middle_of_a_motion_is_felt_as_well(tmp_path: Path) -> None:
+    """As ``pepper record`` may begin one: the gate then starts from a robot at rest, which it was not."""
+    path = tmp_path / "a.mcap"
+    with Pepper(URI, observer=None) as pepper:
+        pepper.controller.base_velocity.target = [0.1, 0.0, 0.0]
+        pepper.set_posture({"LShoulderRoll": 0.9}, duration=1.0)
+        pepper.run(0.5)
+        with LogWriter(path, ROBOT, pepper.run_metadata(), lossless=True) as log:
+            pepper.run(0.7, on_tick=lambda tick, observation: log.append(tick, observation))
+    run = load_run(path)
+    assert not run.from_start
+    result = compare(run, replay(run, run.observer("fusion")))
+    assert result.ticks > 50
+    assert result.identical, result.differences
+    assert any("in the middle of a motion" in note for note in result.notes)
+
+
 def edited(path: Path, to: Path, **metadata: str | None) -> Path:
     """The same log with other metadata; None takes a key out."""
     log, run = read_log(path), load_run(path)
