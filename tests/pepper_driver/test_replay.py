@@ -6,6 +6,7 @@ import json
 import re
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -20,6 +21,7 @@ from pepper_driver.controller import Tick
 from pepper_driver.log import LogWriter, read_log
 from pepper_driver.observer import Observation, Observer, load_shipped
 from pepper_driver.replay import Comparison, Replayed, compare, load_run, replay
+from pepper_driver.replay.run import VALUES
 from pepper_driver.selection import contact_observer
 
 ROBOT = load_robot()
@@ -196,6 +198,22 @@ def test_a_changed_bit_of_a_measurement_is_told(log: Path) -> None:
     assert "in place of" in first.text
 
 
+@pytest.mark.parametrize("field", ["intensity", "torque", "onset_time"])
+def test_a_changed_bit_of_a_contact_is_told(log: Path, field: str) -> None:
+    run = load_run(log)
+    place, contact = next((i, c) for i, c in enumerate(run.log.contacts) if c.torque is not None)
+    value = np.nextafter(getattr(contact, field), 99.0)
+    changes: dict[str, Any] = {field: float(value)}
+    run.log.contacts[place] = replace(contact, **changes)
+    result = compare(run, replay(run, run.observer(), run.reflexes()))
+    (difference,) = result.differences
+    assert f"contact {contact.id} (LShoulderRoll): {field} " in difference.text
+    run.log.contacts[place] = contact
+    run.log.contacts.pop()
+    result = compare(run, replay(run, run.observer(), run.reflexes()))
+    assert result.differences[0].text.endswith("found only")
+
+
 def test_another_observer_is_held_beside_the_one_of_then(log: Path) -> None:
     run = load_run(log)
     result = compare(run, replay(run, run.observer("paper"), run.reflexes()))
@@ -230,6 +248,20 @@ def test_a_log_that_is_cut_short_is_replayed_as_far_as_it_goes(log: Path, tmp_pa
         assert any("cut short" in note for note in result.notes)
         lengths.add(result.ticks)
     assert len(lengths) > 5
+
+
+def test_a_contact_lost_with_the_end_of_the_log_is_no_difference(log: Path, tmp_path: Path) -> None:
+    """A chunk may end between a row and the contacts of the same tick."""
+    run, path = load_run(log), tmp_path / "a.mcap"
+    contacts = replay(run, run.observer()).contacts
+    last = contacts[0][0]
+    with LogWriter(path, ROBOT, run.log.metadata, lossless=True) as writer:
+        for row, tick in enumerate(run.ticks[: last + 1]):
+            values: dict[str, Any] = {name: run.log[name][row] for name in VALUES}
+            writer.append(tick, Observation(contacts=(), **values))
+    assert not replayed(path)[1].identical
+    path.write_bytes(path.read_bytes()[:-8])
+    assert replayed(path)[1].identical
 
 
 def test_a_log_without_observer_is_felt_by_another(tmp_path: Path) -> None:
