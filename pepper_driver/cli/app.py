@@ -18,6 +18,7 @@ from pepper_driver.cli.log import app as log_app
 from pepper_driver.cli.move import move
 from pepper_driver.cli.plot import plot
 from pepper_driver.cli.record import record
+from pepper_driver.cli.replay import replay_command
 from pepper_driver.cli.run import run_command
 from pepper_driver.config import PepperError
 
@@ -34,6 +35,7 @@ app.command()(move)
 app.command("run")(run_command)
 app.command()(identify)
 app.command()(record)
+app.command("replay")(replay_command)
 app.command("evaluate")(evaluate_command)
 app.command()(bench)
 app.command()(calibrate)
