@@ -1,5 +1,6 @@
 """What the robot is, and how the software is set: files in, typed objects out."""
 
+from pepper_driver.config.doctor import DoctorSettings, load_doctor_settings
 from pepper_driver.config.errors import (
     ConfigError,
     MissingExtraError,
@@ -52,6 +53,7 @@ __all__ = [
     "ConfigError",
     "ConstraintSwitches",
     "ControllerSettings",
+    "DoctorSettings",
     "HoldStatistics",
     "MissingExtraError",
     "Motion",
@@ -72,6 +74,7 @@ __all__ = [
     "draws",
     "load_calibration",
     "load_controller_settings",
+    "load_doctor_settings",
     "load_motion",
     "load_observer_settings",
     "load_plant",
