@@ -49,14 +49,14 @@ def paper_observer(robot: RobotConfig, identity: str, models: Path | None) -> Co
     """The observer of the paper, with the models of ``models`` or the shipped ones."""
     settings = load_observer_settings()
     return ContactObserver(
-        robot, _models(identity, models, settings.tree, ("cart", "affine")), settings
+        robot, find_models(identity, models, settings.tree, ("cart", "affine")), settings
     )
 
 
 def fusion_observer(robot: RobotConfig, identity: str, models: Path | None) -> ContactObserver:
     """The observer that goes beyond the paper, with the models of ``models`` or the shipped ones."""
     return ContactObserver(
-        robot, _models(identity, models, "fusion", ("fusion",)), load_observer_settings()
+        robot, find_models(identity, models, "fusion", ("fusion",)), load_observer_settings()
     )
 
 
@@ -64,15 +64,26 @@ def momentum_observer(robot: RobotConfig, identity: str, models: Path | None) ->
     """A momentum observer with the constants of fusion models: a baseline to compare with."""
     return ContactObserver(
         robot,
-        _models(identity, models, "fusion", ("fusion",)),
+        find_models(identity, models, "fusion", ("fusion",)),
         load_observer_settings(),
         momentum=True,
     )
 
 
-def _models(
+def find_models(
     identity: str, path: Path | None, shipped: ModelKind, kinds: tuple[ModelKind, ...]
 ) -> ModelSet:
+    """The models of a file, or those of kind ``shipped`` that come with the package.
+
+    Args:
+        identity: Of the robot's backend.
+        path: The file; None for those of the package.
+        shipped: Their kind.
+        kinds: That will do.
+
+    Raises:
+        ModelFileError: There are none, or they are of another robot or of another kind.
+    """
     if path is None:
         return load_shipped(shipped, identity)
     models = ModelSet.load(path)
