@@ -12,6 +12,7 @@ import typer
 from pepper_driver.cli.bench import bench
 from pepper_driver.cli.calibrate import calibrate
 from pepper_driver.cli.demo import demo
+from pepper_driver.cli.doctor import doctor
 from pepper_driver.cli.evaluate import evaluate_command
 from pepper_driver.cli.identify import identify
 from pepper_driver.cli.log import app as log_app
@@ -30,6 +31,7 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 app.command()(demo)
+app.command()(doctor)
 app.command()(move)
 app.command("run")(run_command)
 app.command()(identify)
