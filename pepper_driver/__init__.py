@@ -19,7 +19,7 @@ if TYPE_CHECKING:
         StopBase,
     )
     from pepper_driver.robot import Pepper
-    from pepper_driver.safety import FaultError, RobotState
+    from pepper_driver.safety import FaultError, FaultReason, RobotState
 
 __all__ = [
     "Assist",
@@ -27,6 +27,7 @@ __all__ = [
     "Contact",
     "FaultError",
     "FaultEvent",
+    "FaultReason",
     "FollowHand",
     "Hold",
     "Ignore",
@@ -51,6 +52,7 @@ _HOMES = {
     "Contact": "pepper_driver.observer",
     "FaultError": "pepper_driver.safety",
     "FaultEvent": "pepper_driver.events",
+    "FaultReason": "pepper_driver.safety",
     "FollowHand": "pepper_driver.reflexes",
     "Hold": "pepper_driver.reflexes",
     "Ignore": "pepper_driver.reflexes",
