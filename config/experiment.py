@@ -20,6 +20,7 @@ from pepper_driver.config.experiment_steps import (
     WaitStep,
     count,
     flatten,
+    is_open,
     longest,
     motion_of,
 )
@@ -192,7 +193,7 @@ def _check_push(experiment: Experiment, key: str, push: AnyPush, robot: RobotCon
         )
     if push.step is None:
         for before, step in experiment.played[:number]:
-            if _may_be_shorter(step):
+            if is_open(step):
                 raise experiment.error(
                     key,
                     f"nobody knows what the robot does at {push.start:g} s: '{before}' lasts as long as it takes;"
@@ -240,10 +241,3 @@ def _check_names(
     for key, kind, name, known in names:
         if name is not None and name not in known:
             raise experiment.error(key, f"unknown {kind} '{name}'{suggestion(name, known)}")
-
-
-def _may_be_shorter(step: PlayedStep) -> bool:
-    """Whether it may end before its longest time."""
-    return motion_of(step).until is not None or (
-        isinstance(step, WaitStep) and isinstance(step.wait, ContactWait)
-    )

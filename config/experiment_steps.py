@@ -14,6 +14,9 @@ from pepper_driver.config.motion import Duration, MotionStep
 from pepper_driver.config.motion_tasks import Label
 from pepper_driver.config.scenario_contacts import Grab, JointPush, Push
 
+AT_ONCE = 1e-6
+"""[s] For what takes no time: one tick."""
+
 MOST_TIMES = 1000
 """A block may be repeated."""
 
@@ -70,7 +73,7 @@ class WaitStep:
         """What the robot does meanwhile."""
         wait = self.wait
         return MotionStep(
-            name=self.name, hold=wait.seconds if isinstance(wait, Wait) else wait.timeout
+            name=self.name or "wait", hold=wait.seconds if isinstance(wait, Wait) else wait.timeout
         )
 
 
@@ -84,7 +87,7 @@ class SayStep:
     @property
     def motion(self) -> MotionStep:
         """What the robot does meanwhile."""
-        return AT_ONCE
+        return MotionStep(name=self.name or "say", hold=AT_ONCE)
 
 
 @dataclass(frozen=True, kw_only=True, config=STRICT)
@@ -106,7 +109,7 @@ class LedsStep:
     @property
     def motion(self) -> MotionStep:
         """What the robot does meanwhile."""
-        return AT_ONCE
+        return MotionStep(name=self.name or "leds", hold=AT_ONCE)
 
 
 @dataclass(frozen=True, kw_only=True, config=STRICT)
@@ -124,9 +127,6 @@ class RepeatStep:
     name: Label | None = None
     repeat: Repeat
 
-
-AT_ONCE = MotionStep(hold=1e-6)
-"""For what takes no time: a tick."""
 
 _BY_KEY: dict[str, Any] = {
     "wait": WaitStep,
@@ -156,6 +156,13 @@ rebuild_dataclass(RepeatStep)  # type: ignore[arg-type]
 def motion_of(step: PlayedStep) -> MotionStep:
     """What the robot does in a step."""
     return step if isinstance(step, MotionStep) else step.motion
+
+
+def is_open(step: PlayedStep) -> bool:
+    """Whether it may end before its longest time."""
+    if isinstance(step, MotionStep):
+        return step.until is not None
+    return isinstance(step, WaitStep) and isinstance(step.wait, ContactWait)
 
 
 def longest(steps: tuple[AnyStep, ...]) -> float:

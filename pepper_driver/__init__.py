@@ -5,7 +5,16 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from pepper_driver.config import PepperError
-    from pepper_driver.events import FaultEvent, ReflexEvent, SensorEvent, TickEvent
+    from pepper_driver.events import (
+        CueEvent,
+        FaultEvent,
+        PushEvent,
+        ReflexEvent,
+        SensorEvent,
+        StepEvent,
+        TickEvent,
+    )
+    from pepper_driver.experiment import ExperimentRun
     from pepper_driver.observer import Contact, Observation, Observer
     from pepper_driver.reflexes import (
         Assist,
@@ -25,6 +34,8 @@ __all__ = [
     "Assist",
     "Comply",
     "Contact",
+    "CueEvent",
+    "ExperimentRun",
     "FaultError",
     "FaultEvent",
     "FaultReason",
@@ -35,12 +46,14 @@ __all__ = [
     "Observer",
     "Pepper",
     "PepperError",
+    "PushEvent",
     "Reflex",
     "ReflexEvent",
     "Retract",
     "RobotState",
     "SensorEvent",
     "Soften",
+    "StepEvent",
     "StopBase",
     "TickEvent",
 ]
@@ -50,6 +63,8 @@ _HOMES = {
     "Assist": "pepper_driver.reflexes",
     "Comply": "pepper_driver.reflexes",
     "Contact": "pepper_driver.observer",
+    "CueEvent": "pepper_driver.events",
+    "ExperimentRun": "pepper_driver.experiment",
     "FaultError": "pepper_driver.safety",
     "FaultEvent": "pepper_driver.events",
     "FaultReason": "pepper_driver.safety",
@@ -60,12 +75,14 @@ _HOMES = {
     "Observer": "pepper_driver.observer",
     "Pepper": "pepper_driver.robot",
     "PepperError": "pepper_driver.config",
+    "PushEvent": "pepper_driver.events",
     "Reflex": "pepper_driver.reflexes",
     "ReflexEvent": "pepper_driver.events",
     "Retract": "pepper_driver.reflexes",
     "RobotState": "pepper_driver.safety",
     "SensorEvent": "pepper_driver.events",
     "Soften": "pepper_driver.reflexes",
+    "StepEvent": "pepper_driver.events",
     "StopBase": "pepper_driver.reflexes",
     "TickEvent": "pepper_driver.events",
 }

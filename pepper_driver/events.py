@@ -11,6 +11,7 @@ from pepper_driver.safety import Fault
 
 SensorKind = Literal["touch", "bumper", "button"]
 ReflexPhase = Literal["begin", "end"]
+CueKind = Literal["say", "leds"]
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -75,4 +76,61 @@ class ReflexEvent:
     joints: tuple[str, ...]
 
 
-Event = Contact | TickEvent | SensorEvent | FaultEvent | ReflexEvent
+@dataclass(frozen=True, kw_only=True, slots=True)
+class StepEvent:
+    """A step of a motion or an experiment begins.
+
+    Attributes:
+        step: Its name, or its number, from 0, where it has none.
+        time: Clock of the robot [s].
+    """
+
+    step: str
+    time: float
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class CueEvent:
+    """An experiment wants something said or shown; who hears of it may do so.
+
+    Attributes:
+        kind: ``say`` or ``leds``.
+        text: What to say; empty for lights.
+        group: Of lights, by NAOqi's name for it; empty for speech.
+        colour: (r, g, b), each 0..1.
+        duration: In which the lights fade to it [s].
+        time: Clock of the robot [s].
+    """
+
+    kind: CueKind
+    time: float
+    text: str = ""
+    group: str = ""
+    colour: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    duration: float = 0.0
+
+    def __str__(self) -> str:
+        if self.kind == "say":
+            return f"say: {self.text}"
+        r, g, b = self.colour
+        return f"{self.group} to {r:g} {g:g} {b:g}"
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class PushEvent:
+    """A simulated robot is about to be pushed, or was spared.
+
+    Attributes:
+        link: Where.
+        text: Which push, and why not if not.
+        time: Clock of the robot when the push was ordered [s].
+    """
+
+    link: str
+    text: str
+    time: float
+
+
+Event = (
+    Contact | TickEvent | SensorEvent | FaultEvent | ReflexEvent | StepEvent | CueEvent | PushEvent
+)

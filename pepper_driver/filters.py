@@ -7,7 +7,15 @@ from numbers import Real
 from typing import TypedDict, get_args
 
 from pepper_driver.config import PepperError, RobotConfig, UnknownNameError
-from pepper_driver.events import ReflexEvent, ReflexPhase, SensorEvent, SensorKind, TickEvent
+from pepper_driver.events import (
+    CueEvent,
+    CueKind,
+    ReflexEvent,
+    ReflexPhase,
+    SensorEvent,
+    SensorKind,
+    TickEvent,
+)
 from pepper_driver.observer.contact import Contact, Kind, Phase
 
 ContactFilter = Callable[[Contact], bool]
@@ -140,6 +148,16 @@ def reflex_filter(
     return lambda event: (
         (name is None or event.reflex == name) and (phase is None or event.phase == phase)
     )
+
+
+def cue_filter(kind: CueKind | None) -> Callable[[CueEvent], bool]:
+    """Picks cues of a kind; None takes all.
+
+    Raises:
+        UnknownNameError: No such kind.
+    """
+    _check("kind of cue", kind, get_args(CueKind))
+    return lambda event: kind is None or event.kind == kind
 
 
 def check_count(what: str, number: int) -> None:

@@ -13,12 +13,16 @@ from pepper_driver.callbacks import QUEUE, Subscription
 from pepper_driver.config import RobotConfig
 from pepper_driver.contact_stream import stream_contacts
 from pepper_driver.events import (
+    CueEvent,
+    CueKind,
     Event,
     FaultEvent,
+    PushEvent,
     ReflexEvent,
     ReflexPhase,
     SensorEvent,
     SensorKind,
+    StepEvent,
     TickEvent,
 )
 from pepper_driver.filters import (
@@ -26,6 +30,7 @@ from pepper_driver.filters import (
     ListeningError,
     check_count,
     contact_filter,
+    cue_filter,
     reflex_filter,
     sensor_filter,
     tick_filter,
@@ -149,6 +154,25 @@ class Listening(ABC):
             ListeningError: The robot has no reflexes.
         """
         return self._register(ReflexEvent, reflex_filter(name, self._reflex_names, phase))
+
+    def on_step(self) -> Register[StepEvent]:
+        """Decorator: call a function when a step of a motion or an experiment begins."""
+        return self._register(StepEvent, lambda _: True)
+
+    def on_cue(self, *, kind: CueKind | None = None) -> Register[CueEvent]:
+        """Decorator: call a function when an experiment wants something said or shown.
+
+        Args:
+            kind: Only ``say`` or only ``leds``; None for both.
+
+        Raises:
+            UnknownNameError: No such kind.
+        """
+        return self._register(CueEvent, cue_filter(kind))
+
+    def on_push(self) -> Register[PushEvent]:
+        """Decorator: call a function when an experiment has a simulated robot pushed."""
+        return self._register(PushEvent, lambda _: True)
 
     @property
     def callback_statistics(self) -> tuple[CallbackStatistics, ...]:

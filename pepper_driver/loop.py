@@ -113,6 +113,11 @@ class Loop:
         self.target, self._duration = target, duration
         self._wanted = None
 
+    def note(self, event: LogEvent) -> None:
+        """Log what happened outside the stages of a tick."""
+        if self._log is not None:
+            self._log.note(event)
+
     def tick(self, due: int | None = None, missed: int = 0) -> Tick:
         """One cycle.
 

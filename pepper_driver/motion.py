@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from pepper_driver.backends import Measurement
 from pepper_driver.config import Motion, MotionStep, RobotConfig, check_motion
 from pepper_driver.config.parts import FloatArray
+from pepper_driver.events import StepEvent
 from pepper_driver.loop import Loop
 from pepper_driver.motion_goals import Goal, Measured, PostureGoal
 from pepper_driver.motion_report import GoalReport, MotionReport, StepReport
@@ -26,6 +27,28 @@ AFRESH = 1.0
 OnStep = Callable[[StepReport], None]
 
 
+class Conductor:
+    """Says which step follows which, and goes along with them; this one plays the motion as it is written.
+
+    All of it happens inside ticks and must be quick.
+    """
+
+    def order(self, motion: Motion) -> Iterable[int]:
+        """Numbers of the steps as they are played."""
+        return list(range(len(motion.steps))) * motion.repeat
+
+    def begin(self, number: int) -> None:
+        """A step begins."""
+
+    def ends_early(self, number: int) -> bool:
+        """Whether the step under way is over before its time; asked after every tick in which no reflex holds."""
+        return False
+
+    def goes_on(self, number: int) -> bool:
+        """Whether another step may follow one that is over."""
+        return True
+
+
 class Player:
     """One motion on one active robot; everything it needs is made here, and nothing has moved then.
 
@@ -39,21 +62,31 @@ class Player:
         robot: Its description.
         loop: Of the active robot.
         on_step: Told each step's report as it ends; must be quick.
+        on_begin: Told that a step begins; must be quick.
+        conductor: By default one that plays the motion as it is written.
 
     Raises:
         ConfigError: The robot cannot play the motion.
     """
 
     def __init__(
-        self, motion: Motion, robot: RobotConfig, loop: Loop, *, on_step: OnStep | None = None
+        self,
+        motion: Motion,
+        robot: RobotConfig,
+        loop: Loop,
+        *,
+        on_step: OnStep | None = None,
+        on_begin: Callable[[StepEvent], None] | None = None,
+        conductor: Conductor | None = None,
     ) -> None:
         check_motion(motion, robot)
         self._motion, self._robot, self._loop = motion, robot, loop
         self._controller = loop.control.controller
-        self._on_step = on_step
+        self._on_step, self._on_begin = on_step, on_begin
+        self._conductor = conductor or Conductor()
         self._plan = [[Goal(task, robot) for _, task in step.tasks()] for step in motion.steps]
         self._measured = Measured(robot)
-        self._order: Iterator[int] = iter(list(range(len(motion.steps))) * motion.repeat)
+        self._order: Iterator[int] = iter(self._conductor.order(motion))
         self._active: list[Goal] = []
         self._posture: PostureGoal | None = None
         self._reports: list[StepReport] = []
@@ -82,7 +115,8 @@ class Player:
         self._ticks += 1
         if not self._step_is_over():
             return False
-        following = next(self._order, None)
+        goes_on = self._conductor.goes_on(self._number)
+        following = next(self._order, None) if goes_on else None
         self._over = following is None
         self._finish(measurement)
         if following is not None:
@@ -130,6 +164,9 @@ class Player:
             self._at_rest if twist is None else np.array([twist.vx, twist.vy, twist.wz]),
             at_ease=twist is None and any(goal.moves_base for goal in self._active),
         )
+        if self._on_begin is not None:
+            self._on_begin(StepEvent(step=step.name or str(number), time=self._loop.time))
+        self._conductor.begin(number)
 
     def _posture_goal(self, step: MotionStep) -> PostureGoal:
         robot, target = self._robot, self._loop.target.copy()
@@ -143,14 +180,17 @@ class Player:
 
     def _step_is_over(self) -> bool:
         step, cycle = self._step, self._robot.cycle
+        if self._conductor.ends_early(self._number):
+            return True
         if self._there is None:
-            if self._ticks < round((step.duration or 0.0) / cycle):
+            way = round((step.duration or 0.0) / cycle)
+            if self._ticks < way:
                 return False
             if step.until is not None:
                 self._reached = self._is_reached(step.tolerance or TOLERANCE)
                 if not self._reached and self._ticks < round((step.timeout or 0.0) / cycle):
                     return False
-            self._there = self._ticks
+            self._there = way if step.until is None else self._ticks
         return self._ticks >= self._there + round(step.hold / cycle)
 
     def _is_reached(self, tolerance: float) -> bool:

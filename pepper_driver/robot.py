@@ -27,9 +27,10 @@ from pepper_driver.config.motion import LONGEST, SHORTEST
 from pepper_driver.config.parts import FloatArray
 from pepper_driver.controller import GainError, TargetError, Tick, WholeBodyController
 from pepper_driver.controller.tasks import checked_stiffness
+from pepper_driver.events import CueEvent, PushEvent, StepEvent
 from pepper_driver.listening import Listening
 from pepper_driver.log import run_metadata
-from pepper_driver.motion import OnStep, Player
+from pepper_driver.motion import Conductor, OnStep, Player
 from pepper_driver.motion_report import MotionReport
 from pepper_driver.observer import Observation, Observer
 from pepper_driver.pacing import Pacer, RealTimePacer
@@ -63,6 +64,7 @@ class Pepper(Listening):
         robot: Description of the robot, by default the shipped Pepper.
         controller: Gains, limits, feedback and solver, by default those of ``controller.yaml``.
         safety: Limits of the safety gate, by default those of ``safety.yaml``.
+        about: More that the log shall say of its runs.
 
     Attributes:
         paced: Whether ticks wait for the wall clock: on a real robot, or with ``real_time``.
@@ -83,6 +85,7 @@ class Pepper(Listening):
         robot: RobotConfig | None = None,
         controller: ControllerSettings | None = None,
         safety: SafetySettings | None = None,
+        about: Mapping[str, str] | None = None,
     ) -> None:
         robot = robot or load_robot()
         self._reflexes = Reflexes(reflexes, robot)
@@ -96,6 +99,7 @@ class Pepper(Listening):
         self._log_path = None if log is None else Path(log)
         self.paced = real_time or self.backend.info.real_time
         self._pacer = RealTimePacer(self.config.cycle) if self.paced else Pacer()
+        self._about = dict(about or {})
         self._controller_settings = controller or load_controller_settings(self.config)
         self._safety_settings = safety or load_safety_settings()
         self._gate: SafetyGate | None = (
@@ -148,7 +152,7 @@ class Pepper(Listening):
 
     def run_metadata(self) -> dict[str, str]:
         """What a log says of a run that begins now: robot, observer, reflexes, settings, versions, as text."""
-        return run_metadata(
+        known = run_metadata(
             self.backend.info,
             self._observer,
             self.config,
@@ -157,6 +161,7 @@ class Pepper(Listening):
             observer_name=self._observer_name,
             reflexes=self._reflexes.declarations,
         )
+        return {**self._about, **known}
 
     @property
     def state(self) -> RobotState:
@@ -244,6 +249,7 @@ class Pepper(Listening):
         *,
         on_step: OnStep | None = None,
         on_tick: Callable[[Tick, Observation | None], None] | None = None,
+        conductor: Conductor | None = None,
     ) -> MotionReport:
         """Play a motion to its end; callbacks then catch up as after :meth:`run`.
 
@@ -254,6 +260,7 @@ class Pepper(Listening):
             motion: A motion, the name of a shipped one, or a path that ends in ``.yaml``.
             on_step: Called with each step's report as it ends, inside the tick: must be quick.
             on_tick: Called inside every tick: must be quick.
+            conductor: Says which step follows which; by default as the motion is written.
 
         Returns:
             What each step reached.
@@ -266,13 +273,24 @@ class Pepper(Listening):
         session.runner.check_free()
         if not isinstance(motion, Motion):
             motion = load_motion(motion, self.config)
-        player = Player(motion, self.config, session.loop, on_step=on_step)
+        player = Player(
+            motion,
+            self.config,
+            session.loop,
+            on_step=on_step,
+            on_begin=session.tell,
+            conductor=conductor,
+        )
         try:
             player.begin()
             session.run(count(), on_tick, lambda tick: player.advance(tick.measurement))
         finally:
             player.end()
         return player.report
+
+    def tell(self, event: StepEvent | CueEvent | PushEvent) -> None:
+        """Have the log and the callbacks that want it learn of something that a program does with the robot."""
+        self._active().tell(event)
 
     def emergency_stop(self, text: str = "emergency stop") -> None:
         """Hold the joints and stop the wheels from the next tick on; only a new start leaves this state.
@@ -315,6 +333,11 @@ class Pepper(Listening):
     def observer(self) -> Observer | None:
         """The observer in use."""
         return self._observer
+
+    @property
+    def reflexes(self) -> tuple[Reflex, ...]:
+        """The reflexes, in the order in which they are asked."""
+        return self._reflexes.all
 
     @property
     def statistics(self) -> Statistics:

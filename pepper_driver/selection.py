@@ -69,7 +69,7 @@ def contact_observer(
     kinds: tuple[ModelKind, ...] = ("cart", "affine") if mode == "paper" else ("fusion",)
     return ContactObserver(
         robot,
-        _models(identity, models, shipped, kinds),
+        find_models(identity, models, shipped, kinds),
         settings,
         momentum=mode == "momentum",
     )
@@ -90,9 +90,20 @@ def momentum_observer(robot: RobotConfig, identity: str, models: Path | None) ->
     return contact_observer("momentum", robot, identity, models, load_observer_settings())
 
 
-def _models(
+def find_models(
     identity: str, path: Path | None, shipped: ModelKind, kinds: tuple[ModelKind, ...]
 ) -> ModelSet:
+    """The models of a file, or those of kind ``shipped`` that come with the package.
+
+    Args:
+        identity: Of the robot's backend.
+        path: The file; None for those of the package.
+        shipped: Their kind.
+        kinds: That will do.
+
+    Raises:
+        ModelFileError: There are none, or they are of another robot or of another kind.
+    """
     if path is None:
         return load_shipped(shipped, identity)
     models = ModelSet.load(path)

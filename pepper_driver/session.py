@@ -13,8 +13,16 @@ from pepper_driver.backends import Backend, BackendError
 from pepper_driver.callbacks import Dispatcher, Subscription
 from pepper_driver.config import ControllerSettings, RobotConfig
 from pepper_driver.controller import Tick, WholeBodyController
-from pepper_driver.events import FaultEvent, ReflexEvent, SensorEvent, TickEvent
-from pepper_driver.log import LogWriter
+from pepper_driver.events import (
+    CueEvent,
+    FaultEvent,
+    PushEvent,
+    ReflexEvent,
+    SensorEvent,
+    StepEvent,
+    TickEvent,
+)
+from pepper_driver.log import LogEvent, LogWriter
 from pepper_driver.loop import Loop
 from pepper_driver.observer import Contact, Observation, Observer
 from pepper_driver.pacing import Pacer
@@ -202,6 +210,11 @@ class Session:
             publish(TickEvent(tick=tick, observation=observation))
         for listener in self._listeners:
             listener(tick, observation)
+
+    def tell(self, event: StepEvent | CueEvent | PushEvent) -> None:
+        """Tell callbacks and log of something that belongs to no stage of a tick."""
+        self.dispatcher.publish(event)
+        self.loop.note(LogEvent.of(event))
 
     def tell_fault(self) -> None:
         """Tell the callbacks that the robot was stopped, once, if it was. From any thread."""

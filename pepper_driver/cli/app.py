@@ -12,6 +12,7 @@ import typer
 from pepper_driver.cli.bench import bench
 from pepper_driver.cli.calibrate import calibrate
 from pepper_driver.cli.demo import demo
+from pepper_driver.cli.doctor import doctor
 from pepper_driver.cli.evaluate import evaluate_command
 from pepper_driver.cli.identify import identify
 from pepper_driver.cli.log import app as log_app
@@ -19,6 +20,7 @@ from pepper_driver.cli.move import move
 from pepper_driver.cli.plot import plot
 from pepper_driver.cli.record import record
 from pepper_driver.cli.replay import replay_command
+from pepper_driver.cli.run import run_command
 from pepper_driver.config import PepperError
 
 app = typer.Typer(
@@ -30,7 +32,9 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 app.command()(demo)
+app.command()(doctor)
 app.command()(move)
+app.command("run")(run_command)
 app.command()(identify)
 app.command()(record)
 app.command("replay")(replay_command)

@@ -5,10 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal, get_args
 
-from pepper_driver.events import ReflexEvent, SensorEvent
+from pepper_driver.events import CueEvent, PushEvent, ReflexEvent, SensorEvent, StepEvent
 from pepper_driver.log.json_topic import JsonTopic
 
-EventKind = Literal["reflex", "fault", "sensor", "missed"]
+EventKind = Literal["reflex", "fault", "sensor", "missed", "step", "cue", "push"]
+Logged = ReflexEvent | SensorEvent | StepEvent | CueEvent | PushEvent
 EventPhase = Literal["begin", "end"]
 
 
@@ -19,8 +20,9 @@ class LogEvent:
     Attributes:
         time: Clock of the robot [s].
         kind: A ``reflex`` began or ended to act, a ``fault`` stopped the robot, a touch ``sensor``, bumper or button
-            was pressed or let go, ticks were ``missed``.
-        name: Of the reflex or sensor, or the kind of fault; empty for missed ticks.
+            was pressed or let go, ticks were ``missed``; a ``step`` of a motion began, a ``cue`` was given, a simulated
+            robot was told to ``push`` itself.
+        name: Of the reflex, sensor or step, the kind of fault or cue, the link pushed; empty for missed ticks.
         phase: ``begin`` or ``end`` of a reflex, or of a press; None for what has no duration.
         contact_id: The contact that a reflex answers; None for none.
         joints: Those a reflex acts on.
@@ -38,11 +40,17 @@ class LogEvent:
     text: str = ""
 
     @classmethod
-    def of(cls, event: ReflexEvent | SensorEvent) -> LogEvent:
+    def of(cls, event: Logged) -> LogEvent:
         """The same as the callbacks are told of."""
         if isinstance(event, SensorEvent):
             phase: EventPhase = "begin" if event.pressed else "end"
             return cls(time=event.time, kind="sensor", name=event.name, phase=phase)
+        if isinstance(event, StepEvent):
+            return cls(time=event.time, kind="step", name=event.step)
+        if isinstance(event, CueEvent):
+            return cls(time=event.time, kind="cue", name=event.kind, text=str(event))
+        if isinstance(event, PushEvent):
+            return cls(time=event.time, kind="push", name=event.link, text=event.text)
         return cls(
             time=event.time,
             kind="reflex",

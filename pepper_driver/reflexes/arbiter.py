@@ -52,6 +52,11 @@ class Reflexes:
         return tuple(reflex.name for reflex in self._reflexes)
 
     @property
+    def all(self) -> tuple[Reflex, ...]:
+        """In the order in which they are asked."""
+        return tuple(self._reflexes)
+
+    @property
     def declarations(self) -> list[dict[str, Any]]:
         """Each with its arguments, in the same order."""
         return [declare(reflex) for reflex in self._reflexes]

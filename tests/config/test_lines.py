@@ -71,3 +71,13 @@ def test_on_and_off_are_words(tmp_path: Path) -> None:
     path = tmp_path / "words.yaml"
     path.write_text("on: off\nyes: no\nreally: true\nnever: False\n")
     assert read_yaml(path) == {"on": "off", "yes": "no", "really": True, "never": False}
+
+
+@pytest.mark.parametrize(
+    "text", ["? [a, [b]]\n: 1\n", "? {a: 1}\n: 2\n", "{[a]: 1}", "!!set {a: }"]
+)
+def test_a_key_is_a_word(tmp_path: Path, text: str) -> None:
+    path = tmp_path / "keys.yaml"
+    path.write_text(text)
+    with pytest.raises(ConfigError, match=r"keys\.yaml"):
+        read_yaml(path)

@@ -1,109 +1,155 @@
-"""Reflexes as text and back: the log keeps every argument, and what is in a file is a reflex or one error."""
+"""Reflexes as files declare them."""
 
-from __future__ import annotations
-
-import json
-from contextlib import suppress
-from dataclasses import fields
 from typing import Any
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from reflex_cases import touch
 
 from pepper_driver.config import ConfigError, load_robot
-from pepper_driver.reflexes import (
-    Assist,
-    Comply,
-    FollowHand,
-    Hold,
-    Ignore,
-    Reflex,
-    Reflexes,
-    Retract,
-    Soften,
-    StopBase,
-)
-from pepper_driver.reflexes.declared import declare, make_reflex
+from pepper_driver.reflexes import Comply, FollowHand, Retract
+from pepper_driver.reflexes.declared import make_reflexes, overlap
+
+from yaml_cases import ANYTHING  # isort: skip
 
 ROBOT = load_robot()
-ALL: list[type[Reflex]] = [Assist, Comply, FollowHand, Hold, Ignore, Retract, Soften, StopBase]
 
 
-def again(entry: dict[str, Any]) -> Reflex:
-    """From the text that a log holds."""
-    return make_reflex(json.loads(json.dumps(entry)), ROBOT, "a log", "reflexes.0")
+def make(*declared: dict[str, Any]) -> tuple[Any, ...]:
+    return make_reflexes(declared, ROBOT, "mine")
 
 
-@pytest.mark.parametrize("kind", ALL)
-@settings(max_examples=20, deadline=None)
-@given(
-    link=st.sampled_from([None, "LForeArm", "base_link"]),
-    joint=st.sampled_from([None, "HeadYaw"]),
-    touch=st.sampled_from([None, "contact", "collision"]),
-    least=st.floats(0.0, 180.0),
-    priority=st.integers(-1000, 1000),
-    pause=st.floats(0.0, 3600.0),
-    then=st.sampled_from(["resume", "stay"]),
-    name=st.sampled_from(["", "gives way"]),
+def test_arguments_are_the_fields_of_the_reflex() -> None:
+    on = {"link": "LForeArm", "joint": "LElbowRoll", "kind": "collision", "min_intensity": 2}
+    declared = {"on": on, "do": "retract", "distance": 0.3, "priority": 5, "then": "stay"}
+    (reflex,) = make({**declared, "name": "away"})
+    assert isinstance(reflex, Retract)
+    assert (reflex.link, reflex.joint, reflex.kind) == ("LForeArm", "LElbowRoll", "collision")
+    assert (reflex.min_intensity, reflex.distance, reflex.priority) == (2, 0.3, 5)
+    assert (reflex.then, reflex.name) == ("stay", "away")
+
+
+@pytest.mark.parametrize(
+    "kind",
+    ["assist", "comply", "follow_hand", "hold", "ignore", "retract", "soften", "stop_base"],
 )
-def test_it_comes_back_with_all_its_arguments(
-    kind: type[Reflex],
-    link: str | None,
-    joint: str | None,
-    touch: Any,
-    least: float,
-    priority: int,
-    pause: float,
-    then: Any,
-    name: str,
+def test_every_kind_goes_by_its_name(kind: str) -> None:
+    (reflex,) = make({"do": kind})
+    assert reflex.name == kind
+
+
+@pytest.mark.parametrize(
+    ("declared", "where", "reason"),
+    [
+        ({}, "reflexes.0.do", "is missing"),
+        ({"do": 3}, "reflexes.0.do", "is missing"),
+        ({"do": "retrat"}, "reflexes.0.do", "did you mean retract"),
+        ({"do": "hold", "on": "LForeArm"}, "reflexes.0.on", "a mapping"),
+        ({"do": "hold", "on": {"lnk": "LForeArm"}}, "reflexes.0.on.lnk", "did you mean link"),
+        ({"do": "hold", "on": {"link": "LForeAm"}}, "reflexes.0.on.link", "did you mean LForeArm"),
+        ({"do": "hold", "on": {"link": []}}, "reflexes.0.on.link", "unknown link"),
+        ({"do": "hold", "on": {"joint": "LElbow"}}, "reflexes.0.on.joint", "unknown joint"),
+        ({"do": "hold", "on": {"kind": "shove"}}, "reflexes.0.on.kind", "collision"),
+        ({"do": "hold", "distance": 0.3}, "reflexes.0.distance", "unknown key"),
+        ({"do": "hold", "link": "LForeArm"}, "reflexes.0.link", "unknown key"),
+        ({"do": "retract", "distanc": 0.3}, "reflexes.0.distanc", "did you mean distance"),
+        ({"do": "retract", "distance": 9}, "reflexes.0", "from 0.01 to 1.5, got 9"),
+        ({"do": "retract", "distance": "far"}, "reflexes.0", "got 'far'"),
+        ({"do": "retract", "then": "run"}, "reflexes.0", "'resume' or 'stay'"),
+        ({"do": "hold", "name": "a\nb"}, "reflexes.0.name", "up to 80 letters"),
+        ({"do": "hold", "contact": 1}, "reflexes.0.contact", "unknown key"),
+    ],
+)
+def test_a_wrong_one_is_refused(declared: dict[str, Any], where: str, reason: str) -> None:
+    with pytest.raises(ConfigError) as caught:
+        make(declared)
+    assert f"key '{where}'" in str(caught.value)
+    assert reason in str(caught.value)
+
+
+ARM = {"link": "LForeArm"}
+
+
+@pytest.mark.parametrize(
+    ("one", "other"),
+    [
+        ({"do": "hold"}, {"do": "retract", "priority": 20}),
+        ({"do": "hold", "on": ARM}, {"do": "hold"}),
+        ({"do": "comply", "on": ARM}, {"do": "assist", "on": {"joint": "LShoulderRoll"}}),
+        ({"do": "stop_base", "priority": 20}, {"do": "hold"}),
+        ({"do": "follow_hand", "lead": "base"}, {"do": "stop_base", "priority": 30}),
+        ({"do": "ignore", "priority": 10}, {"do": "soften"}),
+        ({"do": "comply", "on": {"kind": "contact"}}, {"do": "comply", "on": ARM}),
+    ],
+)
+def test_conflicts_are_refused_and_a_priority_cures_them(
+    one: dict[str, Any], other: dict[str, Any]
 ) -> None:
-    reflex = kind(
-        link=link,
-        joint=joint,
-        kind=touch,
-        min_intensity=least,
-        priority=priority,
-        pause=pause,
-        then=then,
-        name=name,
-    )
-    made = again(declare(reflex))
-    assert type(made) is kind
-    for field in fields(reflex):
-        if field.init:
-            assert getattr(made, field.name) == getattr(reflex, field.name), field.name
+    for pair in ((one, other), (other, one)):
+        with pytest.raises(ConfigError, match=r"key 'reflexes\.1'.*same priority.*both want"):
+            make(*pair)
+    make(one, {**other, "priority": 7})
 
 
-def test_arguments_of_their_own_come_back() -> None:
-    made = again(declare(FollowHand(lead="base", drag=12.5, speed=0.1)))
-    assert isinstance(made, FollowHand)
-    assert (made.lead, made.drag, made.speed) == ("base", 12.5, 0.1)
-
-
-def test_all_of_a_robot_come_back_in_their_order_with_their_names() -> None:
-    reflexes = Reflexes([Hold(), Retract(), Hold(link="LForeArm"), Ignore(link="Head")], ROBOT)
-    made = Reflexes([again(entry) for entry in reflexes.declarations], ROBOT)
-    assert made.names == reflexes.names == ("ignore", "retract", "hold", "hold 2")
-
-
-def test_a_class_that_nobody_registered_is_told_from_one_of_the_same_name() -> None:
-    mine = type("Hold", (Hold,), {})
-    assert declare(Hold()).get("class") is None
-    assert declare(mine())["class"] == "Hold"
-
-
-VALUES = st.recursive(
-    st.none() | st.booleans() | st.integers() | st.floats() | st.text(),
-    lambda inner: st.lists(inner) | st.dictionaries(st.text(), inner),
-    max_leaves=8,
+@pytest.mark.parametrize(
+    ("one", "other"),
+    [
+        ({"do": "hold", "on": ARM}, {"do": "hold", "on": {"link": "RForeArm"}}),
+        ({"do": "hold", "on": {"kind": "contact"}}, {"do": "hold", "on": {"kind": "collision"}}),
+        ({"do": "comply", "on": ARM}, {"do": "comply", "on": {"joint": "RShoulderRoll"}}),
+        ({"do": "retract", "priority": 10}, {"do": "soften"}),
+        ({"do": "retract", "priority": 50}, {"do": "stop_base"}),
+        ({"do": "follow_hand", "lead": "arm"}, {"do": "stop_base", "priority": 30}),
+        ({"do": "ignore"}, {"do": "ignore", "name": "too"}),
+        ({"do": "soften"}, {"do": "soften"}),
+    ],
 )
-KEYS = st.sampled_from(["do", "on", "name", "gain", "pause", "then", "lead", "class"]) | st.text()
+def test_what_gets_along_is_taken(one: dict[str, Any], other: dict[str, Any]) -> None:
+    assert len(make(one, other)) == 2
 
 
-@settings(deadline=None)
-@given(entry=st.dictionaries(KEYS, VALUES), kind=st.sampled_from(["hold", "comply", "follow_hand"]))
-def test_whatever_stands_there_is_a_reflex_or_one_error(entry: dict[str, Any], kind: str) -> None:
-    for candidate in (entry, {**entry, "do": kind}):
-        with suppress(ConfigError):
-            assert isinstance(make_reflex(candidate, ROBOT, "a.yaml", "reflexes.0"), Reflex)
+ON = st.fixed_dictionaries(
+    {},
+    optional={
+        "link": st.sampled_from(["LForeArm", "RForeArm", "LBicep", "torso"]),
+        "joint": st.sampled_from(["LElbowRoll", "LShoulderRoll", "RShoulderRoll"]),
+        "kind": st.sampled_from(["contact", "collision"]),
+        "min_intensity": st.floats(0.0, 5.0),
+    },
+)
+
+
+@settings(deadline=None, max_examples=200)
+@given(
+    ON,
+    ON,
+    st.sampled_from([("LForeArm", "LElbowRoll"), ("LBicep", "LShoulderRoll"), ("torso", None)]),
+    st.sampled_from(["contact", "collision"]),
+    st.floats(0.0, 6.0),
+)
+def test_two_that_answer_one_contact_overlap(
+    one: dict[str, Any], other: dict[str, Any], place: tuple[str, str], kind: str, size: float
+) -> None:
+    reflexes = Comply(**one), FollowHand(**other)
+    for reflex in reflexes:
+        reflex.prepare(ROBOT)
+    contact = touch(link=place[0], joint=place[1], kind=kind, intensity=size)
+    if all(reflex.is_for(contact) for reflex in reflexes):
+        assert overlap(*reflexes, ROBOT)
+    assert overlap(*reflexes, ROBOT) == overlap(*reversed(reflexes), ROBOT)
+
+
+@settings(deadline=None, max_examples=150, suppress_health_check=[HealthCheck.too_slow])
+@given(
+    st.sampled_from(["hold", "retract", "follow_hand", "assist", "x"]),
+    st.dictionaries(st.sampled_from(["on", "distance", "name", "then", "lead", "pause"]), ANYTHING),
+    st.dictionaries(st.sampled_from(["link", "joint", "kind", "min_intensity"]), ANYTHING),
+)
+def test_anything_makes_a_reflex_or_one_line(
+    kind: str, rest: dict[str, Any], on: dict[str, Any]
+) -> None:
+    try:
+        make({"do": kind, "on": on, **rest})
+    except ConfigError as error:
+        assert len(" ".join(str(error).split()).splitlines()) == 1

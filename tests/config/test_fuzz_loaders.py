@@ -1,0 +1,113 @@
+"""Every loader of YAML: a damaged file loads, or one line says what is wrong with it. Nothing else ever comes out."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from pepper_driver.config import (
+    PepperError,
+    load_controller_settings,
+    load_experiment,
+    load_motion,
+    load_observer_settings,
+    load_plant,
+    load_recordings,
+    load_robot,
+    load_safety_settings,
+    load_scenario,
+    load_self_collision,
+    load_world,
+)
+from pepper_driver.config.loading import package_file, read_yaml
+
+from yaml_cases import ANYTHING, damaged, damaged_text, dump  # isort: skip
+
+ROBOT = load_robot()
+EXPERIMENTS = Path(__file__).parents[2] / "examples" / "experiments"
+Loader = Callable[[Path], object]
+LOADERS: dict[str, tuple[Path, Loader]] = {
+    "motion": (package_file("motions", "reach.yaml"), lambda p: load_motion(p, ROBOT)),
+    "scenario": (
+        package_file("scenarios", "reach_and_push.yaml"),
+        lambda p: load_scenario(p, ROBOT),
+    ),
+    "random scenario": (
+        package_file("scenarios", "demo.yaml"),
+        lambda p: load_scenario(p, ROBOT),
+    ),
+    "plant": (package_file("plants", "nominal.yaml"), lambda p: load_plant(str(p), ROBOT)),
+    "variant": (package_file("plants", "random.yaml"), lambda p: load_plant(str(p), ROBOT)),
+    "world": (package_file("worlds", "table.yaml"), lambda p: load_world(str(p))),
+    "controller": (
+        package_file("controller.yaml"),
+        lambda p: load_controller_settings(ROBOT, p),
+    ),
+    "observer": (package_file("observer.yaml"), load_observer_settings),
+    "safety": (package_file("safety.yaml"), load_safety_settings),
+    "self-collision": (
+        package_file("self_collision.yaml"),
+        lambda p: load_self_collision(ROBOT, p),
+    ),
+    "recordings": (package_file("recordings.yaml"), lambda p: load_recordings(ROBOT, p)),
+    "experiment": (EXPERIMENTS / "known_pushes.yaml", lambda p: load_experiment(p, ROBOT)),
+    "other experiment": (EXPERIMENTS / "retract.yaml", lambda p: load_experiment(p, ROBOT)),
+}
+WHOLE: dict[str, Any] = {name: read_yaml(path) for name, (path, _) in LOADERS.items()}
+FEW = settings(
+    max_examples=60,
+    deadline=None,
+    suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large],
+)
+
+
+def check(name: str, path: Path) -> None:
+    try:
+        LOADERS[name][1](path)
+    except PepperError as error:
+        assert len(str(error).splitlines()) == 1, str(error)
+        assert ".yaml" in str(error)
+
+
+@pytest.mark.parametrize("name", LOADERS)
+def test_a_copy_loads(name: str, tmp_path: Path) -> None:
+    path = tmp_path / "mine.yaml"
+    path.write_text(dump(WHOLE[name]))
+    LOADERS[name][1](path)
+
+
+@pytest.mark.parametrize("name", LOADERS)
+def test_damaged_values(name: str, tmp_path_factory: pytest.TempPathFactory) -> None:
+    path = tmp_path_factory.mktemp("fuzz") / "mine.yaml"
+
+    @FEW
+    @given(damaged(WHOLE[name]))
+    def damage(data: Any) -> None:
+        path.write_text(dump(data), encoding="utf-8")
+        check(name, path)
+
+    damage()
+
+
+@pytest.mark.parametrize("name", LOADERS)
+def test_damaged_text(name: str, tmp_path_factory: pytest.TempPathFactory) -> None:
+    path = tmp_path_factory.mktemp("fuzz") / "mine.yaml"
+
+    @FEW
+    @given(damaged_text(LOADERS[name][0].read_text()))
+    def damage(text: str) -> None:
+        path.write_text(text, encoding="utf-8")
+        check(name, path)
+
+    damage()
+
+
+@FEW
+@given(data=ANYTHING, name=st.sampled_from(sorted(LOADERS)))
+def test_anything(tmp_path_factory: pytest.TempPathFactory, data: Any, name: str) -> None:
+    path = tmp_path_factory.mktemp("fuzz") / "mine.yaml"
+    path.write_text(dump(data), encoding="utf-8")
+    check(name, path)
