@@ -19,12 +19,15 @@ from pepper_driver.log.summary import summarise
 from pepper_driver.observer import Contact
 from pepper_driver.replay.recorded import RecordedRun
 from pepper_driver.replay.run import Replayed
+from pepper_driver.safety import FaultReason
 
 SAME = 0.5
 """[s] Contacts and reflexes are taken for the same when they are no further apart."""
 
 ARITHMETIC = ("pepper_driver", "numpy", "pin")
 """Versions in the metadata that may change the last bits."""
+
+BY_HAND = FaultReason.EMERGENCY_STOP.value
 
 T = TypeVar("T", Contact, LogEvent)
 
@@ -103,14 +106,14 @@ def compare(run: RecordedRun, found: Replayed) -> Comparison:
     reflexes = [event for event in log.events if event.kind == "reflex"]
     contacts_now = _comparable(run, found.contacts, len(log.contacts))
     reflexes_now = _comparable(run, found.events, len(reflexes))
-    kinds = [_of_commands(run, found.commands), _of_fault(run, found.fault)]
+    kinds = [_of_commands(run, found.commands), _of_fault(run, found)]
     if run.felt:
         kinds.append(_first_in_lists(CONTACTS, log.contacts, contacts_now))
         kinds.append(_first_in_lists(EVENTS, reflexes, reflexes_now))
         kinds.append(_first_in_values(run, found))
     present = [difference for difference in kinds if difference is not None]
     return Comparison(
-        ticks=len(log),
+        ticks=found.ticks,
         contacts=_pairs(_lasting(log.contacts), _lasting(contacts_now), _contact_distance),
         reflexes=_pairs(reflexes, reflexes_now, _reflex_distance),
         contact_events=len(log.contacts),
@@ -181,12 +184,18 @@ def _of_commands(run: RecordedRun, commands: CommandDifferences) -> Difference |
     return Difference(time=time, text=f"command: {text}")
 
 
-def _of_fault(run: RecordedRun, fault: str) -> Difference | None:
-    """A fault of the replay that was none then; whether someone stopped the robot then, a log cannot tell again."""
-    recorded = [event for event in run.log.events if event.kind == "fault"]
-    if not fault or any(event.text in fault for event in recorded):
-        return None
-    return Difference(time=float(run.log["time"][-1]), text=f"the replay ended: {fault}")
+def _of_fault(run: RecordedRun, found: Replayed) -> Difference | None:
+    """A stop that was none in the other. One by a program or a key is in no measurement: a replay goes on."""
+    fault, log = found.fault, run.log
+    now = None if fault is None else (fault.reason.value, fault.text)
+    then = next((event for event in log.events if event.kind == "fault"), None)
+    if then is not None and (then.name, then.text) != now and then.name != BY_HAND:
+        return Difference(time=then.time, text=f"stop of the robot: {then.text}: recorded only")
+    lost = not log.complete and found.ticks == len(log)
+    if fault is not None and then is None and not lost:
+        time = float(log["time"][found.ticks - 1])
+        return Difference(time=time, text=f"stop of the robot: {fault.text}: found only")
+    return None
 
 
 # -- one by one -----------------------------------------------------------------------------------------------------

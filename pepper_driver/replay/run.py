@@ -20,7 +20,7 @@ from pepper_driver.loop import Loop
 from pepper_driver.observer import Contact, Observation, Observer
 from pepper_driver.reflexes import Reflex, Reflexes
 from pepper_driver.replay.recorded import RecordedRun, ReplayError
-from pepper_driver.safety import FaultError, SafetyGate
+from pepper_driver.safety import Fault, FaultError, SafetyGate
 
 VALUES = ("expected", "residual", "threshold", "torque", "torque_std", "state")
 """What an observer says of each joint in each tick."""
@@ -31,22 +31,24 @@ class Replayed:
     """What observer and reflexes made of a recording.
 
     Attributes:
+        ticks: How many were replayed.
         observer: In one line; None without.
         reflexes: Their names, in the order in which they were asked.
         contacts: Events with the row in which each was raised.
         events: Begin and end of reflexes, the same.
         values: (n, 17) by name, as in the log; empty without an observer.
         commands: How the commands differ from those recorded.
-        fault: Why the safety gate stopped the replay; empty if it did not.
+        fault: Why the safety gate stopped the replay; None if it did not.
     """
 
+    ticks: int
     observer: str | None
     reflexes: tuple[str, ...]
     contacts: list[tuple[int, Contact]] = field(repr=False)
     events: list[tuple[int, LogEvent]] = field(repr=False)
     values: dict[str, Column] = field(repr=False)
     commands: CommandDifferences
-    fault: str
+    fault: Fault | None
 
 
 def replay(
@@ -101,15 +103,16 @@ def replay(
             log=None,
             deliver=seen.take,
         )
-        fault = ""
+        fault: Fault | None = None
         try:
             while True:
                 loop.tick()
         except EndOfLogError:
             pass
         except FaultError as error:
-            fault = str(error)
+            fault = error.fault
     return Replayed(
+        ticks=seen.ticks,
         observer=None if observer is None else observer.describe(),
         reflexes=arbiter.names,
         contacts=seen.contacts,
@@ -148,6 +151,11 @@ class _Taken:
         self._blind = unobserved(run.robot)
         self._observations: list[Observation] = []
 
+    @property
+    def ticks(self) -> int:
+        """How many so far."""
+        return len(self._observations)
+
     def take(
         self,
         tick: Tick,
@@ -155,7 +163,7 @@ class _Taken:
         events: Sequence[ReflexEvent | SensorEvent],
     ) -> None:
         """Take in one tick."""
-        row = len(self._observations)
+        row = self.ticks
         self._observations.append(self._blind if observation is None else observation)
         if observation is not None:
             self.contacts += [(row, contact) for contact in observation.contacts]

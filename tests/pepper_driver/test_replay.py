@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from test_log_samples import same_bits
 
-from pepper_driver import Comply, FaultError, Hold, Pepper, Reflex, Retract, Soften
+from pepper_driver import Comply, FaultError, Hold, Pepper, Reflex, Retract, Soften, StopBase
 from pepper_driver.backends.log_file import LogError
 from pepper_driver.cli.app import run as pepper_command
 from pepper_driver.config import PepperError, load_observer_settings, load_robot
@@ -118,6 +118,27 @@ def test_its_log_holds_the_recorded_ticks_and_replays_too(log: Path, tmp_path: P
     assert replayed(out)[1].identical
 
 
+def test_what_the_gate_changed_is_found_again_with_wheels_and_base(tmp_path: Path) -> None:
+    path = tmp_path / "a.mcap"
+    with Pepper(URI, log=path, reflexes=[StopBase()]) as pepper:
+        pepper.controller.base_velocity.target = [0.25, 0.1, 0.4]
+        pepper.set_posture({"LShoulderRoll": 0.9})
+        pepper.run(1.0)
+        leap = pepper.controller.position
+        leap[ROBOT.joint_index("LShoulderRoll")] += 0.05
+        pepper.controller.accept(leap)
+        pepper.run(0.6)
+        pepper.push("LBicep", [0, 40, 0], point=[0.16, 0, 0], duration=0.4)
+        pepper.run(0.8)
+    read = read_log(path)
+    assert read["changed"].any()
+    assert read["sent_wheel_speed"].any()
+    found, result = replayed(path)
+    assert found.events
+    assert result.identical, result.differences
+    assert result.commands.compared > 190
+
+
 @pytest.mark.parametrize("observer", ["paper", "momentum"])
 def test_every_mode_is_found_again(observer: str, tmp_path: Path) -> None:
     path = tmp_path / "a.mcap"
@@ -150,12 +171,27 @@ def test_a_stopped_run_ends_as_then(tmp_path: Path) -> None:
     ):
         run.reflexes()
     found = replay(run, run.observer(), [Breaks(joint="LShoulderRoll")])
-    assert "KeyError" in found.fault
+    assert found.fault is not None
+    assert "KeyError" in found.fault.text
     result = compare(run, found)
     assert result.identical, result.differences
     assert any("stopped" in note for note in result.notes)
     without = compare(run, replay(run, run.observer()))
-    assert without.identical, "the reflex began, but had not acted yet"
+    (difference,) = without.differences
+    assert re.fullmatch(r"stop of the robot: KeyError.*: recorded only", difference.text)
+
+
+def test_a_stop_by_hand_is_told_and_is_no_difference(tmp_path: Path) -> None:
+    path = tmp_path / "a.mcap"
+    with Pepper(URI, log=path) as pepper:
+        pepper.run(0.3)
+        pepper.emergency_stop()
+        with pytest.raises(FaultError):
+            pepper.run(0.3)
+    found, result = replayed(path)
+    assert found.fault is None
+    assert result.identical, result.differences
+    assert any("stopped at" in note for note in result.notes)
 
 
 # -- not the same ---------------------------------------------------------------------------------------------------
