@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
+from math import nan
 from types import TracebackType
 from typing import Literal, Self
 
@@ -58,6 +59,7 @@ class Measurement:
         temperature: (17,) motors [deg C].
         battery: Charge, 0..1.
         age: Time since the sample was taken [s], beyond the transport that is always there.
+        charging_flap: 1.0 while the flap over the charging socket is open, NaN where nobody knows.
     """
 
     time: float
@@ -72,6 +74,7 @@ class Measurement:
     temperature: FloatArray
     battery: float
     age: float
+    charging_flap: float = nan
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

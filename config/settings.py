@@ -14,6 +14,8 @@ from pepper_driver.config.loading import STRICT, load, package_file
 from pepper_driver.config.parts import FloatArray, NotNegative, Positive
 from pepper_driver.config.robot import RobotConfig, check_joint_keys
 
+Share = Annotated[float, Field(ge=0, le=1)]
+
 
 @dataclass(frozen=True, kw_only=True, config=STRICT)
 class TaskGains:
@@ -115,13 +117,31 @@ class ObserverSettings:
 class SafetySettings:
     """Limits of the gate; see ``safety.yaml`` for the meaning of each."""
 
-    position_tolerance: NotNegative
     speed_margin: Annotated[float, Field(ge=1)]
+    acceleration_margin: Annotated[float, Field(ge=1)]
     divergence: Positive
     divergence_time: Positive
     stale_hold: Positive
     stale_fault: Positive
     stiffness_ramp: Positive
+    temperature_warning: float
+    temperature_fault: float
+    battery_warning: Share
+    battery_activate: Share
+    battery_fault: Share
+    bumper_release: NotNegative
+    chest_button: bool
+
+    def __post_init__(self) -> None:
+        """What a single field cannot know: warnings come before what they warn of."""
+        for less, more in (
+            ("stale_hold", "stale_fault"),
+            ("temperature_warning", "temperature_fault"),
+            ("battery_fault", "battery_activate"),
+            ("battery_activate", "battery_warning"),
+        ):
+            if getattr(self, less) > getattr(self, more):
+                raise ValueError(f"'{less}' must not be above '{more}'")
 
 
 @with_lines

@@ -43,7 +43,7 @@ def reflex(event: ReflexEvent) -> None:
 @pepper.on_fault()
 def fault(event: FaultEvent) -> None:
     """The robot stands still, and will not move before a new start."""
-    print(f"{event.time:5.2f} s  stopped: {event.reason}")
+    print(f"{event.time:5.2f} s  stopped: {event.fault.text}")
 
 
 @pepper.on_tick(every=83)

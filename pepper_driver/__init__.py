@@ -28,7 +28,7 @@ if TYPE_CHECKING:
         StopBase,
     )
     from pepper_driver.robot import Pepper
-    from pepper_driver.safety import FaultError, RobotState
+    from pepper_driver.safety import FaultError, FaultReason, RobotState
 
 __all__ = [
     "Assist",
@@ -38,6 +38,7 @@ __all__ = [
     "ExperimentRun",
     "FaultError",
     "FaultEvent",
+    "FaultReason",
     "FollowHand",
     "Hold",
     "Ignore",
@@ -66,6 +67,7 @@ _HOMES = {
     "ExperimentRun": "pepper_driver.experiment",
     "FaultError": "pepper_driver.safety",
     "FaultEvent": "pepper_driver.events",
+    "FaultReason": "pepper_driver.safety",
     "FollowHand": "pepper_driver.reflexes",
     "Hold": "pepper_driver.reflexes",
     "Ignore": "pepper_driver.reflexes",

@@ -7,6 +7,7 @@ from typing import Literal
 
 from pepper_driver.controller import Tick
 from pepper_driver.observer import Contact, Observation
+from pepper_driver.safety import Fault
 
 SensorKind = Literal["touch", "bumper", "button"]
 ReflexPhase = Literal["begin", "end"]
@@ -48,11 +49,11 @@ class FaultEvent:
     """The robot was stopped, once for all of this run.
 
     Attributes:
-        reason: What the safety gate saw.
+        fault: What the safety gate saw: a ``reason``, and ``text`` for people.
         time: Clock of the robot at the last measurement [s].
     """
 
-    reason: str
+    fault: Fault
     time: float
 
 

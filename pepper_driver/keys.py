@@ -1,4 +1,4 @@
-"""The space bar of the terminal, read beside the tick."""
+"""Keys of the terminal, read beside the tick: the space bar as a switch, and as what stops the robot."""
 
 from __future__ import annotations
 
@@ -6,6 +6,8 @@ import os
 import select
 import sys
 import threading
+from abc import ABC, abstractmethod
+from collections.abc import Callable
 from types import TracebackType
 from typing import Any, Self
 
@@ -17,39 +19,31 @@ PATIENCE = 0.1
 _REFUSAL = "labels by key need a terminal to press keys in: start it in one, or give another --label, such as head"
 
 
-class SpaceBar:
-    """A switch that each press of the space bar turns, read on a thread of its own; Ctrl-C works as ever.
+class Keys(ABC):
+    """Reads a terminal on a thread of its own while its ``with`` block runs; Ctrl-C works as ever.
 
-    Use it as a context manager: leaving it gives the terminal back as it was.
+    Leaving the block gives the terminal back as it was. Where there is none, no key is read.
 
-    Raises:
-        LabelError: On entering: standard input is not a terminal.
+    Attributes:
+        listening: Whether there is a terminal to read.
     """
 
     def __init__(self) -> None:
-        self._presses = 0
+        self.listening = False
         self._stop = threading.Event()
-
-    @property
-    def on(self) -> bool:
-        """Whether it was pressed an odd number of times."""
-        return self._presses % 2 == 1
-
-    def forget(self) -> None:
-        """Turn it off."""
-        self._presses = 0
 
     def __enter__(self) -> Self:
         try:
             import termios
             import tty
-        except ImportError as error:  # Windows
-            raise LabelError(_REFUSAL) from error
+        except ImportError:  # Windows
+            return self
         if sys.stdin is None or not sys.stdin.isatty():
-            raise LabelError(_REFUSAL)
+            return self
         self._file = sys.stdin.fileno()
         self._settings: list[Any] = termios.tcgetattr(self._file)
         tty.setcbreak(self._file)
+        self.listening = True
         self._thread = threading.Thread(target=self._run, name="pepper_driver.keys", daemon=True)
         self._thread.start()
         return self
@@ -60,11 +54,18 @@ class SpaceBar:
         error: BaseException | None,
         traceback: TracebackType | None,
     ) -> None:
+        if not self.listening:
+            return
         import termios
 
+        self.listening = False
         self._stop.set()
         self._thread.join()
         termios.tcsetattr(self._file, termios.TCSADRAIN, self._settings)
+
+    @abstractmethod
+    def _take(self, data: bytes) -> None:
+        """What was typed, on the thread that reads."""
 
     def _run(self) -> None:
         while not self._stop.is_set():
@@ -77,4 +78,56 @@ class SpaceBar:
                 return
             if not data:
                 return
-            self._presses += data.count(b" ")
+            self._take(data)
+
+
+class SpaceBar(Keys):
+    """A switch that each press of the space bar turns.
+
+    Raises:
+        LabelError: On entering: standard input is not a terminal.
+    """
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._presses = 0
+
+    @property
+    def on(self) -> bool:
+        """Whether it was pressed an odd number of times."""
+        return self._presses % 2 == 1
+
+    def forget(self) -> None:
+        """Turn it off."""
+        self._presses = 0
+
+    def __enter__(self) -> Self:
+        super().__enter__()
+        if not self.listening:
+            raise LabelError(_REFUSAL)
+        return self
+
+    def _take(self, data: bytes) -> None:
+        self._presses += data.count(b" ")
+
+
+class StopKey(Keys):
+    """The space bar and q stop the robot. Without a terminal nothing does, and nothing is said.
+
+    >>> with StopKey(pepper.emergency_stop), pepper:
+    ...     pepper.run(10.0)
+
+    Args:
+        stop: Called with what happened, on the thread that reads, at each press.
+    """
+
+    HELP = "the space bar or q stops the robot"
+
+    def __init__(self, stop: Callable[[str], None]) -> None:
+        super().__init__()
+        self._stop_robot = stop
+
+    def _take(self, data: bytes) -> None:
+        for key, name in ((b" ", "the space bar"), (b"q", "q")):
+            if key in data.lower():
+                self._stop_robot(f"{name} was pressed")

@@ -26,7 +26,7 @@ from pepper_driver.events import ReflexEvent, SensorEvent
 from pepper_driver.log import LogEvent, LogWriter
 from pepper_driver.observer import Observation, Observer
 from pepper_driver.reflexes import Control, Reflexes
-from pepper_driver.safety import FaultError, SafetyGate
+from pepper_driver.safety import FaultError, FaultReason, SafetyGate
 from pepper_driver.sensor_edges import SensorEdges
 from pepper_driver.timing import StageTimes
 
@@ -131,7 +131,7 @@ class Loop:
         Raises:
             FaultError: The safety gate stopped the robot, in this cycle or before.
         """
-        if self._gate.fault:
+        if self._gate.fault is not None:
             self._halt()
             raise FaultError(self._gate.fault)
         marks = [perf_counter_ns()]
@@ -167,7 +167,8 @@ class Loop:
             marks.append(perf_counter_ns())
         except Exception as error:
             # An observer's or a reflex's mistake must not leave the robot moving.
-            self._gate.stop(f"{type(error).__name__} inside a tick: {error}")
+            text = f"{type(error).__name__} inside a tick: {error}"
+            self._gate.stop(FaultReason.EXCEPTION, text)
             cause = error
 
         try:
@@ -183,9 +184,9 @@ class Loop:
             marks.append(perf_counter_ns())
             self._deliver(tick, observation, events)
         finally:  # whatever a listener does: a fault reaches the robot
-            if self._gate.fault:
+            if self._gate.fault is not None:
                 self._halt()
-        if self._gate.fault:
+        if self._gate.fault is not None:
             raise FaultError(self._gate.fault) from cause
         marks.append(perf_counter_ns())
         self.times.add(marks, age=measurement.age, due=due, missed=missed)
@@ -221,13 +222,13 @@ class Loop:
 
     def _send(self, reference: Reference, measurement: Measurement, answered: Command) -> None:
         """Pass a reference through the gate; the result is the command of the next cycle."""
-        wheel_speed = self._robot.wheels.matrix @ reference.base_twist
+        wheel_speed = self._robot.wheels.matrix.dot(reference.base_twist)
         self._gate.watch(measurement, answered)
         gated = self._gate.gate(reference, self.control.stiffness, wheel_speed, measurement.age)
         sent = gated.command
-        if not np.array_equal(sent.wheel_speed, wheel_speed):
+        if gated.wheels_changed:
             self._controller.accept(sent.position, self._robot.wheels.inverse @ sent.wheel_speed)
-        elif gated.changed.any():
+        elif gated.joints_changed:
             self._controller.accept(sent.position)
         self._on_the_way.append(
             _Sent(reference=reference, command=gated.command, changed=gated.changed)
@@ -237,7 +238,11 @@ class Loop:
         """Tell the robot once, after a fault, to hold its joints and stop its wheels."""
         if not self._halted:
             self._halted = True
-            if self._log is not None:
-                self._log.note(LogEvent(time=self.time, kind="fault", text=self._gate.fault))
+            fault = self._gate.fault
+            if self._log is not None and fault is not None:
+                event = LogEvent(
+                    time=self.time, kind="fault", name=fault.reason.value, text=fault.text
+                )
+                self._log.note(event)
             with suppress(BackendError, NotConnectedError):  # nobody there to be told
                 self._backend.step(self._gate.hold())

@@ -17,6 +17,7 @@ from pepper_driver.config import (
     ControllerSettings,
     Motion,
     RobotConfig,
+    SafetySettings,
     load_controller_settings,
     load_motion,
     load_robot,
@@ -34,7 +35,7 @@ from pepper_driver.motion_report import MotionReport
 from pepper_driver.observer import Observation, Observer
 from pepper_driver.pacing import Pacer, RealTimePacer
 from pepper_driver.reflexes import Reflex, Reflexes
-from pepper_driver.safety import RobotState, SafetyGate
+from pepper_driver.safety import FaultReason, RobotState, SafetyGate
 from pepper_driver.selection import make_observer
 from pepper_driver.session import Session
 from pepper_driver.timing import Statistics
@@ -62,6 +63,7 @@ class Pepper(Listening):
         real_time: Pace a simulation to the wall clock.
         robot: Description of the robot, by default the shipped Pepper.
         controller: Gains, limits, feedback and solver, by default those of ``controller.yaml``.
+        safety: Limits of the safety gate, by default those of ``safety.yaml``.
         about: More that the log shall say of its runs.
 
     Attributes:
@@ -82,6 +84,7 @@ class Pepper(Listening):
         real_time: bool = False,
         robot: RobotConfig | None = None,
         controller: ControllerSettings | None = None,
+        safety: SafetySettings | None = None,
         about: Mapping[str, str] | None = None,
     ) -> None:
         robot = robot or load_robot()
@@ -97,7 +100,7 @@ class Pepper(Listening):
         self._pacer = RealTimePacer(self.config.cycle) if self.paced else Pacer()
         self._about = dict(about or {})
         self._controller_settings = controller or load_controller_settings(self.config)
-        self._safety_settings = load_safety_settings()
+        self._safety_settings = safety or load_safety_settings()
         self._gate: SafetyGate | None = (
             None  # there before the session, so that a stop finds it while that starts
         )
@@ -120,7 +123,8 @@ class Pepper(Listening):
         """Connect, open the log, raise the stiffness, hold the measured posture.
 
         Raises:
-            PepperError: The robot or the log cannot be opened, or an emergency stop came meanwhile.
+            PepperError: The robot or the log cannot be opened, the robot is not fit to move (``NotReadyError``), or an
+                emergency stop came meanwhile.
         """
         if self._session is not None and self._session.active:
             raise BackendError(f"'{self.backend.info.uri}' is already active")
@@ -285,13 +289,16 @@ class Pepper(Listening):
         """Have the log and the callbacks that want it learn of something that a program does with the robot."""
         self._active().tell(event)
 
-    def emergency_stop(self) -> None:
+    def emergency_stop(self, text: str = "emergency stop") -> None:
         """Hold the joints and stop the wheels from the next tick on; only a new start leaves this state.
 
         May come from any thread. While the robot starts it makes the start fail with a FaultError.
+
+        Args:
+            text: Why, for people: part of the FaultError.
         """
         if self._gate is not None:
-            self._gate.stop("emergency stop")
+            self._gate.stop(FaultReason.EMERGENCY_STOP, text)
         if self._session is not None:
             self._session.tell_fault()
 

@@ -112,6 +112,7 @@ class Session:
     ) -> Loop:
         backend = self._backend
         measurement = backend.open()
+        self._gate.check_ready(measurement)
         hold = np.clip(measurement.position, robot.lower, robot.upper)
         log: LogWriter | None = None
         if path is not None:  # only now: a robot that is not there costs no earlier log
@@ -218,7 +219,7 @@ class Session:
     def tell_fault(self) -> None:
         """Tell the callbacks that the robot was stopped, once, if it was. From any thread."""
         if self._gate.fault and self._fault_told.acquire(blocking=False):
-            self.dispatcher.publish(FaultEvent(reason=self._gate.fault, time=self.loop.time))
+            self.dispatcher.publish(FaultEvent(fault=self._gate.fault, time=self.loop.time))
 
     def check_fault(self) -> None:
         """Refuse to go on with a robot that was stopped.

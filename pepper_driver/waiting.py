@@ -9,7 +9,7 @@ from pepper_driver.callbacks import Receiver
 from pepper_driver.events import Event, FaultEvent, TickEvent
 from pepper_driver.filters import ContactFilter, ListeningError
 from pepper_driver.observer import Contact
-from pepper_driver.safety import FaultError
+from pepper_driver.safety import Fault, FaultError
 from pepper_driver.session import Session
 
 
@@ -60,7 +60,7 @@ class _Waiter(Receiver):
         self._end = end
         self._ticks = 0
         self._contact: Contact | None = None
-        self._fault: str | None = None
+        self._fault: Fault | None = None
         self.over = threading.Event()
 
     def offer(self, event: Event) -> None:
@@ -72,7 +72,7 @@ class _Waiter(Receiver):
                 return
             self._contact = event
         elif isinstance(event, FaultEvent):
-            self._fault = event.reason
+            self._fault = event.fault
         elif isinstance(event, TickEvent):
             self._ticks += 1
             if self._end is None or event.tick.measurement.time < self._end:

@@ -81,4 +81,5 @@ class Readings(Resumable):
             temperature=np.rint(supply.temperature),
             battery=supply.charge,
             age=self._encoders.age * self._robot.cycle,
+            charging_flap=0.0,
         )

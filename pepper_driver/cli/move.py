@@ -18,6 +18,7 @@ from pepper_driver.cli.console import (
 )
 from pepper_driver.cli.steps import plan
 from pepper_driver.config import load_motion, load_robot
+from pepper_driver.keys import StopKey
 from pepper_driver.robot import Pepper
 
 
@@ -33,7 +34,10 @@ def move(
     real_time: RealTimeOption = False,
     json_file: JsonOption = None,
 ) -> int:
-    """Play a motion and say what each step reached; code 1 if one that waits for its targets gave up."""
+    """Play a motion and say what each step reached; code 1 if one that waits for its targets gave up.
+
+    The space bar or q stops the robot at once.
+    """
     console = make_console()
     robot = load_robot()
     chosen = load_motion(motion, robot)
@@ -46,7 +50,9 @@ def move(
             console.print(line)
         save_json(json_file, {"motion": chosen.name, "longest": chosen.longest}, console)
         return 0
-    with pepper:
+    with StopKey(pepper.emergency_stop) as key, pepper:
+        if key.listening:
+            console.print(key.HELP)
         report = pepper.play(chosen, on_step=lambda step: show_line(console, str(step)))
     if pepper.paced:
         show_timing(console, pepper.statistics)

@@ -19,7 +19,13 @@ from joblib import Parallel, delayed
 from numpy.typing import NDArray
 
 from pepper_driver.backends import BackendError
-from pepper_driver.config import ConfigError, PepperError, RobotConfig, load_robot
+from pepper_driver.config import (
+    ConfigError,
+    PepperError,
+    RobotConfig,
+    load_robot,
+    load_safety_settings,
+)
 from pepper_driver.config.evaluation import Run
 from pepper_driver.config.loading import package_file
 from pepper_driver.config.parts import FloatArray
@@ -202,7 +208,9 @@ def perform(run: Run, cache: Path | None = None) -> Take:
 
 
 def _pepper(run: Run, robot: RobotConfig) -> Pepper:
-    return Pepper(take_uri(run), observer=None, robot=robot)
+    # Pushes on the chest are to be felt: the button that they press must not end them.
+    safety = replace(load_safety_settings(), chest_button=False)
+    return Pepper(take_uri(run), observer=None, robot=robot, safety=safety)
 
 
 def _folder(run: Run, pepper: Pepper, cache: Path) -> Path:

@@ -15,7 +15,7 @@ from pepper_driver.log.schema import CDR_HEADER, Field, row_type, tick_fields, t
 from pepper_driver.observer.interface import JointState, Observation
 
 _type_of = attrgetter("dtype")
-_TICK_SCALARS = struct.Struct("<4s4d3q")
+_TICK_SCALARS = struct.Struct("<4s5d3q")
 _TRUTH_SCALARS = struct.Struct("<4sd")
 
 
@@ -46,7 +46,15 @@ class TickRows:
         m, sent, reference, imu = tick.measurement, tick.sent, tick.reference, tick.measurement.imu
         seen = self._unobserved if observation is None else observation
         scalars = _TICK_SCALARS.pack(
-            CDR_HEADER, m.time, m.battery, m.age, tick_end, m.tick, missed, withheld_writes
+            CDR_HEADER,
+            m.time,
+            m.battery,
+            m.age,
+            tick_end,
+            m.charging_flap,
+            m.tick,
+            missed,
+            withheld_writes,
         )
         return self._arrays.message(
             scalars,

@@ -63,6 +63,7 @@ def tick_fields(robot: RobotConfig) -> tuple[Field, ...]:
         _field(
             "tick_end", None, "[s] from the deadline of the tick to its end; NaN where not paced"
         ),
+        _field("charging_flap", None, "1 while open, NaN where nobody knows"),
         _field("tick", None, "number of the cycle", "int64"),
         _field("missed", None, "ticks missed since the start", "int64"),
         _field("withheld_writes", None, "commands held back since the start", "int64"),

@@ -27,6 +27,9 @@ SURE = 2.0
 STIFF = 0.01
 """Gain below which joints do not give way at all."""
 
+BRAKING = 60.0
+"""[1/s] Of joints that nobody pushes any more: what they coast on is a swing back later."""
+
 STIFFEST = 2000.0
 """[1/s2] Of the spring: the controller takes no stiffer task."""
 
@@ -70,12 +73,13 @@ class Comply(Reflex):
         self.joints = joints
         names = [self.robot.joint_names[joint] for joint in np.flatnonzero(joints)]
         spring = min(STIFFNESS / INERTIA * (1.0 - self.gain) / max(self.gain, STIFF), STIFFEST)
+        self._damping = max(self.damping / INERTIA, 2.0 * sqrt(spring))
         self._task = ComplianceTask(
             self.robot,
             names,
             inertia=INERTIA,
             stiffness=spring,
-            damping=max(self.damping / INERTIA, 2.0 * sqrt(spring)),
+            damping=self._damping,
             dead_band=0.0,
             largest_torque=self.largest_torque,
             name=f"reflex: {self.name}",
@@ -88,9 +92,9 @@ class Comply(Reflex):
         # What is felt after the hand has gone is friction that holds the joints off their place.
         pushed = np.count_nonzero(observation.state[self.joints] == JointState.CONTACT)
         if self.gain >= STIFF and pushed:
-            self._task.torque = self.felt(observation)
-        elif self._task.torque.any():
-            self._task.torque = np.zeros(self._task.rows)
+            self._task.torque, self._task.damping = self.felt(observation), self._damping
+        else:
+            self._task.torque, self._task.damping = np.zeros(self._task.rows), BRAKING
         control.do(self._task)
 
     def felt(self, observation: Observation) -> FloatArray:

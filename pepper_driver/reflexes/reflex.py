@@ -117,7 +117,7 @@ class Reflex:
 
     def reset(self) -> None:
         """Let go of everything, as before the first contact."""
-        self._touching: set[int] = set()
+        self._touching: dict[int, str] = {}
         self._given_up: set[int] = set()
         self._until: float | None = None
         self._began, self.contact = None, None
@@ -149,7 +149,7 @@ class Reflex:
         if self._began is None:
             return
         if self._touching and time - self._began > self.longest:
-            self._given_up |= self._touching
+            self._given_up |= self._touching.keys()
             self._touching.clear()
             self._until = time
         if self._until is not None and time >= self._until:
@@ -161,14 +161,18 @@ class Reflex:
         if contact.phase == "end":
             self._given_up.discard(contact.id)
             if contact.id in self._touching:
-                self._touching.discard(contact.id)
+                del self._touching[contact.id]
                 if not self._touching:
                     self._until = time + self.pause
-        elif contact.id not in self._given_up | self._touching and self.is_for(contact):
+        elif contact.id in self._touching:
+            if contact.link != self._touching[contact.id]:
+                self._touching[contact.id] = contact.link
+                self.begin(contact, control)
+        elif contact.id not in self._given_up and self.is_for(contact):
             if self._began is None:
                 self._began, self.contact = time, contact
                 self.joints = np.zeros_like(self.joints)
-            self._touching.add(contact.id)
+            self._touching[contact.id] = contact.link
             self._until = None
             self.begin(contact, control)
 
@@ -180,7 +184,7 @@ class Reflex:
     # -- what a reflex does -------------------------------------------------------------------------------------
 
     def begin(self, contact: Contact, control: Control) -> None:
-        """A contact has begun: the first one, or another while it is active."""
+        """A contact has begun, the first one or another while it is active; or turned out to be on another link."""
 
     def act(self, observation: Observation, measurement: Measurement, control: Control) -> None:
         """Say what is wanted in this tick."""

@@ -8,7 +8,7 @@ import pytest
 from pepper_driver.config import ConfigError, MissingExtraError, PepperError, UnknownNameError
 from pepper_driver.controller import GainError, LimitError, TargetError
 from pepper_driver.log import LogError
-from pepper_driver.safety import FaultError
+from pepper_driver.safety import Fault, FaultError, FaultReason
 
 
 def leaves(root: type[PepperError]) -> list[type[PepperError]]:
@@ -19,7 +19,7 @@ def leaves(root: type[PepperError]) -> list[type[PepperError]]:
 EXAMPLES: list[PepperError] = [
     UnknownNameError("joint", "LShoulderRol", ["LShoulderRoll", "HeadYaw"]),
     MissingExtraError("plotting", "plot"),
-    FaultError("a joint is on fire"),
+    FaultError(Fault(reason=FaultReason.TEMPERATURE, text="a joint is on fire")),
     GainError("stiffness", -1.0),
     LimitError("share", -1.0, "above 0"),
     TargetError("no", joint="HeadYaw", value=9.0, lower=-1.0, upper=1.0),

@@ -6,7 +6,9 @@ from dataclasses import replace
 import numpy as np
 
 from pepper_driver.backends import Backend, BackendInfo, Command, Imu, Measurement
-from pepper_driver.config import RobotConfig, load_robot
+from pepper_driver.config import ControllerSettings, RobotConfig, load_robot
+from pepper_driver.config.parts import FloatArray
+from pepper_driver.controller import Reference
 
 Fault = Callable[[Measurement], Measurement]
 
@@ -89,3 +91,44 @@ def displaced(joint: int, by: float) -> Fault:
         return replace(measurement, position=position)
 
     return change
+
+
+def pressed(sensor: str, index: int = 0) -> Fault:
+    """A bumper or button (``bumpers`` or ``buttons``) is pressed."""
+
+    def change(measurement: Measurement) -> Measurement:
+        values = getattr(measurement, sensor).copy()
+        values[index] = 1.0
+        return replace(measurement, **{sensor: values})
+
+    return change
+
+
+def heated(joint: int, temperature: float) -> Fault:
+    def change(measurement: Measurement) -> Measurement:
+        values = measurement.temperature.copy()
+        values[joint] = temperature
+        return replace(measurement, temperature=values)
+
+    return change
+
+
+def drained(charge: float) -> Fault:
+    return lambda measurement: replace(measurement, battery=charge)
+
+
+def slowed(settings: ControllerSettings, speed: float) -> ControllerSettings:
+    """Settings for a gate that lets no joint pass faster than ``speed`` [rad/s] times its margin."""
+    return replace(settings, velocity_limit=dict.fromkeys(settings.velocity_limit, speed))
+
+
+def reference(position: FloatArray) -> Reference:
+    """At rest at a posture."""
+    zero = np.zeros(17)
+    return Reference(
+        position=position,
+        velocity=zero,
+        acceleration=zero,
+        load_torque=zero,
+        base_twist=np.zeros(3),
+    )

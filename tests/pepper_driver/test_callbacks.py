@@ -24,8 +24,11 @@ from pepper_driver.callbacks import (
 from pepper_driver.config import PepperError
 from pepper_driver.events import Event, FaultEvent, SensorEvent
 from pepper_driver.observer.contact import Contact
+from pepper_driver.safety import Fault, FaultReason
 
 from event_cases import LONG, Blocker, contact  # isort: skip
+
+STOP = Fault(reason=FaultReason.EMERGENCY_STOP, text="a test")
 
 
 @pytest.fixture
@@ -103,7 +106,7 @@ def test_a_callback_of_several_types_is_one_thread_and_sees_them_in_order(
         )
     for event in events:
         dispatcher.publish(event)
-    dispatcher.publish(FaultEvent(reason="not wanted", time=0.0))
+    dispatcher.publish(FaultEvent(fault=STOP, time=0.0))
     assert dispatcher.flush(LONG)
     assert seen == events
     (statistics,) = dispatcher.statistics()
@@ -457,7 +460,7 @@ class Collector(Receiver):
 def test_receivers_take_events_at_once_until_detached_or_closed() -> None:
     dispatcher = Dispatcher()
     early, late = Collector(), Collector()
-    fault = FaultEvent(reason="a test", time=1.0)
+    fault = FaultEvent(fault=STOP, time=1.0)
     assert not dispatcher.wants(Contact)
     for collector in (early, late):
         dispatcher.attach(collector, Contact, FaultEvent)

@@ -14,6 +14,7 @@ from pepper_driver.callbacks import QUEUE, Dispatcher
 from pepper_driver.config import UnknownNameError
 from pepper_driver.contact_stream import stream_contacts
 from pepper_driver.events import FaultEvent
+from pepper_driver.safety import Fault, FaultReason
 
 from event_cases import LONG, ROBOT, contact, make_pepper  # isort: skip
 from fakes import aged  # isort: skip
@@ -118,7 +119,9 @@ def test_an_event_loop_that_is_held_up_loses_the_newest_and_says_so(
         await asyncio.sleep(0)
         for number in range(QUEUE + 500):  # the loop gets no turn meanwhile
             dispatcher.publish(contact(number))
-        dispatcher.publish(FaultEvent(reason="a test", time=0.0))
+        dispatcher.publish(
+            FaultEvent(fault=Fault(reason=FaultReason.EMERGENCY_STOP, text="a test"), time=0.0)
+        )
         return [(await first).id, *[event.id async for event in contacts]]
 
     with caplog.at_level(logging.WARNING, "pepper_driver"):

@@ -57,6 +57,7 @@ class Samples:
                 temperature=self.vector(N),
                 battery=float(self.random.random()),
                 age=float(self.random.random()),
+                charging_flap=float(self.random.random()),
             ),
             reference=Reference(
                 position=self.vector(N),

@@ -8,16 +8,22 @@ import pytest
 from numpy.typing import NDArray
 
 from pepper_driver.backends import Truth
-from pepper_driver.config import load_controller_settings, load_robot, load_safety_settings
+from pepper_driver.config import (
+    ControllerSettings,
+    RobotConfig,
+    load_controller_settings,
+    load_robot,
+    load_safety_settings,
+)
 from pepper_driver.controller import Reference, Tick, WholeBodyController
 from pepper_driver.loop import Loop
 from pepper_driver.observer import Contact, Observation, Observer
 from pepper_driver.reflexes import Control, Reflex, Reflexes
 from pepper_driver.robot import Pepper
-from pepper_driver.safety import FaultError, RobotState, SafetyGate
+from pepper_driver.safety import FaultError, FaultReason, RobotState, SafetyGate
 from pepper_driver.timing import STAGES
 
-from fakes import FakeBackend, aged, displaced  # isort: skip
+from fakes import FakeBackend, aged, displaced, slowed  # isort: skip
 
 ROBOT = load_robot()
 Array = NDArray[np.float64]
@@ -29,10 +35,12 @@ def make_loop(
     reflexes: tuple[Reflex, ...] = (),
     delivered: list[Tick] | None = None,
     feedback: Literal["none", "joints"] = "none",
+    gated: tuple[RobotConfig, ControllerSettings] | None = None,
 ) -> tuple[Loop, SafetyGate, WholeBodyController]:
     settings = replace(load_controller_settings(ROBOT), feedback=feedback)
     controller = WholeBodyController(ROBOT, settings)
-    gate = SafetyGate(ROBOT, load_safety_settings(), settings)
+    robot, limits = gated or (ROBOT, settings)
+    gate = SafetyGate(robot, load_safety_settings(), limits)
     first = backend.open()
     start = first.position
     controller.reset(start)
@@ -209,8 +217,8 @@ def test_what_the_gate_changed_is_flagged_and_fed_back() -> None:
 
 def test_the_controller_does_not_run_ahead_of_a_robot_that_the_gate_slows() -> None:
     backend = FakeBackend()
-    loop, gate, controller = make_loop(backend)
-    gate._largest_step = np.full(17, 0.001)
+    slow = slowed(load_controller_settings(ROBOT), 0.001 / ROBOT.cycle / 1.5)
+    loop, gate, controller = make_loop(backend, gated=(ROBOT, slow))
     loop.target = loop.target.copy()
     loop.target[6] += 0.5
     for _ in range(60):
@@ -264,7 +272,7 @@ def driving(backend: FakeBackend, **parts: Any) -> tuple[Loop, SafetyGate]:
 def test_an_emergency_stop_reaches_the_robot() -> None:
     backend = FakeBackend()
     loop, gate = driving(backend)
-    gate.stop("emergency stop")
+    gate.stop(FaultReason.EMERGENCY_STOP, "emergency stop")
     with pytest.raises(FaultError, match="emergency stop"):
         loop.tick()
     stands_still(backend, loop, 61)
@@ -374,11 +382,10 @@ def test_every_stage_is_timed() -> None:
 
 
 def test_wheels_that_the_gate_slows_keep_the_direction_and_the_controller_knows() -> None:
-    """The gate's limit is lowered under the controller's feet: what it integrates is what the wheels were sent."""
+    """The gate's limit is below the controller's: what that integrates is what the wheels were sent."""
     backend = FakeBackend(delay=0)
-    loop, gate, controller = make_loop(backend)
     slow = replace(ROBOT, wheels=replace(ROBOT.wheels, speed_limit=0.5))
-    gate._robot = slow
+    loop, _, controller = make_loop(backend, gated=(slow, load_controller_settings(ROBOT)))
     twist = np.array([0.15, 0.05, 0.2])
     controller.base_velocity.target = twist
     for _ in range(200):

@@ -141,7 +141,9 @@ def test_a_stop_between_two_ticks_is_in_the_log(tmp_path: Path) -> None:
         time = pepper.time
     log = read_log(path)
     assert len(log) == 10
-    assert log.events == [LogEvent(time=time, kind="fault", text="emergency stop")]
+    assert log.events == [
+        LogEvent(time=time, kind="fault", name="emergency stop", text="emergency stop")
+    ]
 
 
 def test_an_interrupted_run_leaves_a_log_that_can_be_read(tmp_path: Path) -> None:

@@ -186,6 +186,15 @@ def test_afterwards_joints_go_back_or_the_user_is_told_that_they_stay(then: Any)
         assert len(turns) <= 1
 
 
+@pytest.mark.parametrize("kind", [Comply, Retract])
+def test_a_contact_that_turns_out_to_be_on_a_limb_moves_it(kind: type[Reflex]) -> None:
+    stage = Stage(kind())
+    before = stage.step(touch(joint=None, link="torso"), torque=PUSH)[ROLL]
+    stage.run(0.1, torque=PUSH)
+    stage.step(touch(phase="update"), torque=PUSH)
+    assert stage.run(0.5, torque=PUSH)[-1, ROLL] > before + 0.1
+
+
 def test_contact_on_the_trunk_moves_no_limb() -> None:
     for reflex in (Comply(), Retract(), FollowHand()):
         stage = Stage(reflex)

@@ -19,7 +19,7 @@ from pepper_driver.observer import Contact, Observation, Observer
 from pepper_driver.pacing import Pacer, RealTimePacer
 from pepper_driver.reflexes import Control, Reflex, Reflexes
 from pepper_driver.robot import Pepper
-from pepper_driver.safety import FaultError, RobotState, SafetyGate
+from pepper_driver.safety import FaultError, FaultReason, RobotState, SafetyGate
 from pepper_driver.session import Session
 
 from fakes import FakeBackend  # isort: skip
@@ -161,7 +161,7 @@ def test_a_start_that_fails_with_the_robot_stiff_is_undone(
 def test_a_fault_outlasts_the_session() -> None:
     gate = make_gate()
     session = make_session(FakeBackend(), gate=gate)
-    gate.stop("emergency stop")
+    gate.stop(FaultReason.EMERGENCY_STOP, "emergency stop")
     session.close()
     assert gate.state is RobotState.FAULT
 

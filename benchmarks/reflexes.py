@@ -1,0 +1,190 @@
+"""How far an arm gives way, whether it swings back, and how soon it has gone away from a hand: plant by plant.
+
+The left arm stands in POSTURE; the observer, with models of the nominal (or integral) plant, has seen half a minute of
+free motion. Comply: the forearm is pushed at POINT with 10 N for 1.5 s; measured is the way of that point, from the
+true joint angles, and how often the velocity of a joint that gave way turns round after the release. Retract: a springy
+hand pulls at the same point; measured is its force. Run: python benchmarks/reflexes.py --json reflexes.json
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from joblib import Parallel, delayed
+from numpy.typing import NDArray
+from rich.console import Console
+from rich.progress import track
+from rich.table import Table
+
+from pepper_driver import Comply, Pepper, Reflex, Retract
+from pepper_driver.config import load_observer_settings, load_robot
+from pepper_driver.controller import RobotModel, Tick
+from pepper_driver.observer import ContactObserver, ModelSet
+from pepper_driver.observer.model_file import shipped
+from pepper_driver.reflexes.reflex import Then
+
+FloatArray = NDArray[np.float64]
+
+PLANTS = ("nominal", "integral", "worn", "cold", "payload", "soft-hip", "jitter")
+POSTURE = {"LShoulderPitch": 0.6, "LShoulderRoll": 0.3, "LElbowYaw": -1.0, "LElbowRoll": -0.2}
+LINK, POINT = "LForeArm", np.array([0.14, 0.0, 0.0])  # [m] in the link
+FORCE, PUSH_TIME = np.array([0.0, 10.0, 0.0]), 1.5  # [N] in the world, [s]
+FREE_TIME = 30.0  # [s] of motion in which the observer learns the robot
+SWING = 0.15  # [rad] of that motion
+GAVE_WAY = 0.02  # [rad] by which a joint has been led
+TURNING = 0.03  # [rad/s] below which a velocity has no sign
+HAND_STIFFNESS, PULL = 1000.0, np.array([0.0, 0.04, 0.0])  # [N/m], [m]
+AWAY = 0.5  # [s] after detection
+
+
+def observer(plant: str) -> ContactObserver:
+    """With the models that ship for the plant it is a variant of."""
+    kind = "integral" if plant == "integral" else "nominal"
+    return ContactObserver(
+        load_robot(), ModelSet.load(shipped("fusion")[kind]), load_observer_settings()
+    )
+
+
+@contextmanager
+def ready(plant: str, reflexes: list[Reflex], seed: int) -> Iterator[Pepper]:
+    """A robot in POSTURE, whose observer knows it."""
+    uri = f"mujoco://?plant={plant}&seed={seed}"
+    with Pepper(uri, observer=observer(plant), reflexes=reflexes) as pepper:
+        pepper.set_posture(POSTURE, duration=2.0)
+        pepper.run(2.5)
+        home, rng, config = pepper.target, np.random.default_rng(seed), pepper.config
+        lower, upper = config.lower + 0.02, config.upper - 0.02
+        upper_body = slice(config.joint_index("HeadYaw"), None)
+        while pepper.time < FREE_TIME:
+            posture = home.copy()
+            posture[upper_body] += rng.uniform(-SWING, SWING, len(home[upper_body]))
+            pepper.set_posture(np.clip(posture, lower, upper), duration=1.5)
+            pepper.run(1.8)
+        pepper.set_posture(home, duration=1.5)
+        pepper.run(3.0)
+        yield pepper
+
+
+def reversals(time: FloatArray, joints: FloatArray, release: float, led: NDArray[np.bool_]) -> int:
+    """How often the velocity of a joint that gave way changes its sign after the release: the worst joint."""
+    speed = np.gradient(joints, time, axis=0)[time >= release]
+    counts = [0]
+    for joint in np.flatnonzero(led):
+        signs = np.sign(speed[np.abs(speed[:, joint]) > TURNING, joint])
+        counts.append(int(np.count_nonzero(np.diff(signs))))
+    return max(counts)
+
+
+def comply(plant: str, gain: float | None, then: Then, seed: int) -> dict[str, Any]:
+    """One push: way after a second and at most [m], reversals after it."""
+    reflexes: list[Reflex] = [] if gain is None else [Comply(gain=gain, then=then)]
+    rows: list[FloatArray] = []
+    with ready(plant, reflexes, seed) as pepper:
+        start, truth = pepper.time, pepper.backend.truth
+        pepper.push(LINK, FORCE, POINT, PUSH_TIME, rise=0.05)
+        pepper.run(
+            PUSH_TIME + 3.0,
+            on_tick=lambda tick, _: rows.append(
+                np.append(tick.measurement.time - start, truth.position)
+            ),
+        )
+        felt = any(contact.time > start for contact in pepper.contact_history)
+    table = np.array(rows)
+    time, joints = table[:, 0], table[:, 1:]
+    model = RobotModel(load_robot())
+    way = [model.link_pose(LINK, q) @ np.append(POINT, 1.0) for q in joints]
+    distance = np.linalg.norm(np.array(way)[:, :3] - way[0][:3], axis=1)
+    pushed = time <= PUSH_TIME
+    led = np.abs(joints[pushed] - joints[0]).max(axis=0) > GAVE_WAY
+    return {
+        "felt": felt,
+        "way_1s": float(distance[np.searchsorted(time, 1.0)]),
+        "way": float(distance[pushed].max()),
+        "reversals": reversals(time, joints, PUSH_TIME, led),
+    }
+
+
+def retract(plant: str, seed: int) -> dict[str, Any]:
+    """One pull: force when it is felt, and AWAY later [N]."""
+    rows: list[tuple[float, float]] = []
+    with ready(plant, [Retract()], seed) as pepper:
+        start, truth = pepper.time, pepper.backend.truth
+
+        def note(tick: Tick, _: object) -> None:
+            force = sum(float(np.linalg.norm(contact.force)) for contact in truth.contacts)
+            rows.append((tick.measurement.time - start, force))
+
+        pepper.backend.grab(LINK, PULL, POINT, stiffness=HAND_STIFFNESS, rise=0.3, hold=2.0)
+        pepper.run(2.2, on_tick=note)
+        begun = [c.time - start for c in pepper.contact_history if c.time > start]
+    if not begun:
+        return {"felt": False, "at_detection": float("nan"), "later": float("nan")}
+    time, force = np.array(rows).T
+    at, later = (force[np.searchsorted(time, begun[0] + wait)] for wait in (0.0, AWAY))
+    return {"felt": True, "at_detection": float(at), "later": float(later)}
+
+
+def measure(plant: str, seed: int) -> dict[str, Any]:
+    """All figures of one plant."""
+    return {
+        "without": comply(plant, None, "resume", seed),
+        "stiff": comply(plant, 0.0, "resume", seed),
+        "half": comply(plant, 0.5, "resume", seed),
+        "free, returns": comply(plant, 1.0, "resume", seed),
+        "free, stays": comply(plant, 1.0, "stay", seed),
+        "retract": retract(plant, seed),
+    }
+
+
+def main() -> None:
+    """Measure all plants, and print a table."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--plants", nargs="+", default=PLANTS, choices=PLANTS)
+    parser.add_argument("--seed", type=int, default=3)
+    parser.add_argument("--json", type=Path)
+    options = parser.parse_args()
+    console = Console()
+    jobs = (delayed(measure)(plant, options.seed) for plant in options.plants)
+    results = Parallel(n_jobs=-1, return_as="generator")(jobs)
+    figures = dict(
+        zip(
+            options.plants,
+            track(results, total=len(options.plants), console=Console(stderr=True)),
+            strict=True,
+        )
+    )
+    table = Table(title="Simulated: 10 N at the forearm, and a hand that pulls at it")
+    for column in (
+        "plant",
+        "without, mm",
+        "stiff, ratio",
+        "half, mm",
+        "free 1 s, mm",
+        "reversals, returns / stays",
+        "retract, N at detection / 0.5 s later",
+    ):
+        table.add_column(column)
+    for plant, figure in figures.items():
+        passive = figure["without"]["way"]
+        table.add_row(
+            plant,
+            f"{passive * 1e3:.1f}",
+            f"{figure['stiff']['way'] / passive:.2f}",
+            f"{figure['half']['way'] * 1e3:.1f}",
+            f"{figure['free, returns']['way_1s'] * 1e3:.0f}",
+            f"{figure['free, returns']['reversals']} / {figure['free, stays']['reversals']}",
+            f"{figure['retract']['at_detection']:.1f} / {figure['retract']['later']:.1f}",
+        )
+    console.print(table)
+    if options.json:
+        options.json.write_text(json.dumps({"simulated": True, "plants": figures}, indent=1))
+
+
+if __name__ == "__main__":
+    main()

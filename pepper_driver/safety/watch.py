@@ -1,0 +1,154 @@
+"""What the measurements must be for a robot to go on: fresh, finite, near what was commanded, not hot, not empty."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Iterator
+from math import isnan
+
+import numpy as np
+
+from pepper_driver.backends import Command, Measurement
+from pepper_driver.config import RobotConfig, SafetySettings
+from pepper_driver.safety.states import Fault, FaultReason
+
+logger = logging.getLogger("pepper_driver")
+
+LOOK_PERIOD = 0.5
+"""[s] Between two looks at temperatures and charge, which change over minutes."""
+
+LOOKS = 3
+"""Looks in a row that must agree before a robot is stopped: one odd sample stops none."""
+
+FULL_STIFFNESS = 0.5
+"""Of a joint below it, no one expects that it follows its command."""
+
+
+class Watch:
+    """Compares each measurement with the command it answers. Costs a few microseconds.
+
+    Args:
+        robot: Its description.
+        settings: Of the gate.
+    """
+
+    def __init__(self, robot: RobotConfig, settings: SafetySettings) -> None:
+        self._names = robot.joint_names
+        self._settings = settings
+        self._divergence_ticks = round(settings.divergence_time / robot.cycle)
+        self._square = settings.divergence**2
+        self._look_ticks = round(LOOK_PERIOD / robot.cycle)
+        self._distance = np.zeros(len(self._names))
+        self.reset()
+
+    def reset(self) -> None:
+        """Nothing has been seen."""
+        self._diverging = np.zeros(len(self._names), dtype=np.int64)
+        self._far = False
+        self._until_look = 1
+        self._hot, self._low = np.zeros(len(self._names), dtype=np.int64), 0
+        self._warned: set[str] = set()
+
+    def check(self, measurement: Measurement, answered: Command) -> Fault | None:
+        """What is wrong with a measurement, or with the robot it tells of; None when it may go on."""
+        if not measurement.age <= self._settings.stale_fault:  # NaN is old too
+            text = f"the newest sample is {measurement.age * 1e3:.0f} ms old"
+            return Fault(reason=FaultReason.STALE_SAMPLE, text=text)
+        buttons = measurement.buttons
+        if self._settings.chest_button and buttons.dot(buttons) != 0.0:
+            fault = self._button(measurement)
+            if fault is not None:
+                return fault
+        distance = self._distance
+        np.subtract(answered.position, measurement.position, distance)
+        # Together no further than one alone may be: by far the usual case. NaN is not.
+        if self._far or not distance.dot(distance) <= self._square:
+            fault = self._divergence(measurement, answered)
+            if fault is not None:
+                return fault
+        self._until_look -= 1
+        if self._until_look <= 0:
+            self._until_look = self._look_ticks
+            return self._look(measurement)
+        return None
+
+    def unfit(self, measurement: Measurement) -> Iterator[str]:
+        """Why a robot should not start to move, with what cures it."""
+        settings = self._settings
+        if not np.isfinite(measurement.position).all():
+            yield f"{self._broken(measurement)} does not answer: check it before starting again"
+        if settings.chest_button and self._button(measurement) is not None:
+            yield "the chest button is pressed or cannot be read: let it go"
+        if measurement.battery < settings.battery_activate:
+            yield (
+                f"the battery is at {measurement.battery:.0%}: charge it to {settings.battery_activate:.0%} at least"
+            )
+        for index in np.flatnonzero(measurement.temperature >= settings.temperature_fault).tolist():
+            yield (
+                f"the motor of {self._names[index]} has {measurement.temperature[index]:.0f} deg C: "
+                f"let it cool to below {settings.temperature_warning:.0f}"
+            )
+
+    def _button(self, measurement: Measurement) -> Fault | None:
+        pressed = measurement.buttons
+        if np.isnan(pressed).any():
+            return Fault(reason=FaultReason.SENSOR, text="the chest button cannot be read")
+        if (pressed > 0.5).any():
+            return Fault(
+                reason=FaultReason.CHEST_BUTTON, text="somebody pressed the button on the chest"
+            )
+        return None
+
+    def _divergence(self, measurement: Measurement, answered: Command) -> Fault | None:
+        distance = np.abs(self._distance)
+        if not np.isfinite(distance).all():
+            text = f"the position of {self._broken(measurement)} is not a number"
+            return Fault(reason=FaultReason.SENSOR, text=text)
+        far = (distance > self._settings.divergence) & (answered.stiffness > FULL_STIFFNESS)
+        self._diverging = np.where(far, self._diverging + 1, 0)
+        self._far = bool(far.any())
+        worst = int(self._diverging.argmax())
+        if self._diverging[worst] <= self._divergence_ticks:
+            return None
+        text = f"{self._names[worst]} stays {np.degrees(distance[worst]):.0f} deg from its command"
+        return Fault(reason=FaultReason.DIVERGENCE, text=text)
+
+    def _look(self, measurement: Measurement) -> Fault | None:
+        """At what changes slowly. What cannot be read is not judged: no robot is hot for lack of a thermometer."""
+        settings = self._settings
+        temperature, charge = measurement.temperature, measurement.battery
+        for index in np.flatnonzero(temperature >= settings.temperature_warning).tolist():
+            name = self._names[index]
+            self._warn(
+                name,
+                f"the motor of {name} has {temperature[index]:.0f} deg C: "
+                f"the robot is stopped at {settings.temperature_fault:.0f}",
+            )
+        hot = temperature >= settings.temperature_fault
+        self._hot = np.where(hot, self._hot + 1, 0)
+        if self._hot.max() >= LOOKS:
+            index = int(self._hot.argmax())
+            text = f"the motor of {self._names[index]} has {temperature[index]:.0f} deg C"
+            return Fault(reason=FaultReason.TEMPERATURE, text=text)
+        text = f"the battery is at {charge:.0%}"
+        if charge < settings.battery_warning:
+            self._warn("battery", f"{text}: the robot is stopped at {settings.battery_fault:.0%}")
+        self._low = self._low + 1 if charge < settings.battery_fault else 0
+        if self._low >= LOOKS:
+            return Fault(reason=FaultReason.BATTERY, text=text)
+        if isnan(charge):
+            self._warn("charge", "the charge of the battery cannot be read: nothing watches it")
+        unknown = np.isnan(temperature)
+        if unknown.any():
+            names = ", ".join(self._names[index] for index in np.flatnonzero(unknown).tolist())
+            self._warn("temperature", f"nothing watches the temperature, not told, of {names}")
+        return None
+
+    def _broken(self, measurement: Measurement) -> str:
+        return self._names[int(np.argmin(np.isfinite(measurement.position)))]
+
+    def _warn(self, key: str, text: str) -> None:
+        """Once for each motor and the battery."""
+        if key not in self._warned:
+            self._warned.add(key)
+            logger.warning("%s", text)

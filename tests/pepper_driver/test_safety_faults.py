@@ -1,0 +1,262 @@
+"""Harm injected into a driving robot's sensors: what it was sent then, tick by tick."""
+
+import logging
+import re
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from pepper_driver import Pepper
+from pepper_driver.backends import Measurement
+from pepper_driver.config import (
+    ConfigError,
+    load_controller_settings,
+    load_robot,
+    load_safety_settings,
+)
+from pepper_driver.config.loading import package_file
+from pepper_driver.controller import WholeBodyController
+from pepper_driver.loop import Loop
+from pepper_driver.reflexes import Reflexes
+from pepper_driver.safety import FaultError, FaultReason, NotReadyError, RobotState, SafetyGate
+
+from fakes import FakeBackend, aged, displaced, drained, heated, pressed  # isort: skip
+
+ROBOT = load_robot()
+SAFETY = load_safety_settings()
+CONTROLLER = load_controller_settings(ROBOT)
+BEGIN = 60
+"""Tick at which the harm is done; arm and wheels move then."""
+
+
+def drive(
+    backend: FakeBackend,
+    harm: Callable[[Measurement], Measurement],
+    ticks: int,
+    lasting: int = 10**6,
+) -> tuple[Loop, SafetyGate]:
+    """Drive an arm and the wheels for a number of ticks; harm from tick BEGIN on."""
+    controller = WholeBodyController(ROBOT, CONTROLLER)
+    gate = SafetyGate(ROBOT, SAFETY, CONTROLLER)
+    first = backend.open()
+    start = first.position
+    controller.reset(start)
+    gate.activate(start)
+    loop = Loop(
+        backend,
+        ROBOT,
+        controller,
+        gate,
+        first=first,
+        observer=None,
+        reflexes=Reflexes((), ROBOT),
+        log=None,
+        deliver=lambda tick, observation, events: None,
+    )
+    loop.target = loop.target.copy()
+    loop.target[6] += 0.8
+    controller.base_velocity.target = np.array([0.2, 0.0, 0.0])
+    for tick in range(BEGIN, min(ticks, BEGIN + lasting)):
+        backend.faults[tick] = harm
+    for _ in range(ticks):
+        loop.tick()
+    return loop, gate
+
+
+@pytest.mark.parametrize(
+    ("harm", "reason", "word", "within"),
+    [
+        (aged(0.101), FaultReason.STALE_SAMPLE, "101 ms old", 1),
+        (aged(np.nan), FaultReason.STALE_SAMPLE, "old", 1),
+        (displaced(4, np.nan), FaultReason.SENSOR, ROBOT.joint_names[4], 1),
+        (displaced(4, np.inf), FaultReason.SENSOR, ROBOT.joint_names[4], 1),
+        (pressed("buttons"), FaultReason.CHEST_BUTTON, "chest", 1),
+        (displaced(6, 0.7), FaultReason.DIVERGENCE, ROBOT.joint_names[6], 43),
+        (heated(9, 75.0), FaultReason.TEMPERATURE, f"{ROBOT.joint_names[9]} has 75 deg C", 127),
+        (drained(0.04), FaultReason.BATTERY, "4%", 127),
+    ],
+)
+def test_harm_stops_arm_and_wheels(harm: Any, reason: FaultReason, word: str, within: int) -> None:
+    backend = FakeBackend()
+    with pytest.raises(FaultError, match=word) as caught:
+        drive(backend, harm, BEGIN + within)
+    assert caught.value.fault.reason is reason
+    sent = backend.commands
+    assert np.abs(sent[BEGIN - 1].wheel_speed).max() > 0.3, "it rolled before"
+    assert sent[BEGIN - 1].position[6] != sent[BEGIN - 2].position[6], "it moved before"
+    np.testing.assert_array_equal(sent[-1].wheel_speed, 0.0)
+    np.testing.assert_array_equal(sent[-1].stiffness, 1.0)
+    # what had left the gate is where it stays
+    assert np.abs(sent[-1].position - sent[-2].position).max() < 0.01
+
+
+@pytest.mark.parametrize(
+    ("harm", "lasting"),
+    [
+        (aged(0.079), 100),
+        (displaced(6, 0.5), 100),
+        (displaced(6, 0.7), 20),
+        (heated(9, 75.0), 60),
+        (heated(9, 73.0), 200),
+        (heated(9, np.nan), 200),
+        (drained(0.04), 60),
+        (drained(0.06), 200),
+        (drained(np.nan), 200),
+    ],
+)
+def test_what_is_bearable_or_short_changes_nothing(harm: Any, lasting: int) -> None:
+    quiet, backend = FakeBackend(), FakeBackend()
+    drive(quiet, lambda measurement: measurement, 280)
+    drive(backend, harm, 280, lasting)
+    for ours, theirs in zip(backend.commands, quiet.commands, strict=True):
+        np.testing.assert_array_equal(ours.position, theirs.position)
+        np.testing.assert_array_equal(ours.wheel_speed, theirs.wheel_speed)
+
+
+def test_an_old_sample_brakes_and_a_new_one_lets_go_on() -> None:
+    backend = FakeBackend()
+    _, gate = drive(backend, aged(0.09), 400, lasting=40)
+    assert gate.state is RobotState.ACTIVE
+    position = np.array([command.position[6] for command in backend.commands])
+    wheels = np.array([command.wheel_speed for command in backend.commands])
+    assert not wheels[BEGIN : BEGIN + 40].any()
+    assert np.ptp(position[BEGIN + 20 : BEGIN + 40]) == 0.0
+    acceleration = np.abs(np.diff(position, 2)) / ROBOT.cycle**2
+    assert (
+        acceleration.max()
+        <= SAFETY.acceleration_margin * CONTROLLER.acceleration_limit["LShoulderRoll"] + 1e-6
+    )
+    assert position[-1] - position[BEGIN + 40] > 0.1, "it goes on"
+    assert np.abs(wheels[-1]).max() > 0.3
+
+
+@pytest.mark.parametrize("index", [0, 1, 2])
+def test_a_bumper_stops_the_base_until_some_time_after_it_was_let_go(
+    index: int, caplog: pytest.LogCaptureFixture
+) -> None:
+    backend, free = FakeBackend(), FakeBackend()
+    lasting, wait = 50, round(SAFETY.bumper_release / ROBOT.cycle)
+    with caplog.at_level(logging.WARNING):
+        _, gate = drive(backend, pressed("bumpers", index), 400, lasting)
+    drive(free, lambda measurement: measurement, 400)
+    assert gate.state is RobotState.ACTIVE
+    speeds = np.array([np.abs(command.wheel_speed).max() for command in backend.commands])
+    assert speeds[BEGIN - 1] > 0.3
+    assert not speeds[BEGIN : BEGIN + lasting + wait].any()
+    assert speeds[BEGIN + lasting + wait] > 0
+    largest = np.abs(np.diff(speeds[BEGIN:])).max()
+    assert largest < 0.1, "it starts gently"
+    assert speeds[-1] > 0.3
+    # the arms do not care
+    for ours, theirs in zip(backend.commands, free.commands, strict=True):
+        np.testing.assert_allclose(ours.position, theirs.position, atol=1e-6)
+    told = [record.getMessage() for record in caplog.records if "bumper" in record.getMessage()]
+    assert told == [
+        f"the base stands still: bumper {list(ROBOT.sensors.bumpers)[index]} is pressed"
+    ]
+
+
+def test_a_bumper_that_cannot_be_read_and_an_open_charging_flap_stop_the_base() -> None:
+    harms: list[Callable[[Measurement], Measurement]] = [
+        lambda m: replace(m, bumpers=np.array([0.0, np.nan, 0.0])),
+        lambda m: replace(m, charging_flap=1.0),
+    ]
+    for harm in harms:
+        backend = FakeBackend()
+        _, gate = drive(backend, harm, 120)
+        assert gate.state is RobotState.ACTIVE
+        assert gate.base_stopped
+        for command in backend.commands[BEGIN:]:
+            np.testing.assert_array_equal(command.wheel_speed, 0.0)
+
+
+def test_the_chest_button_can_be_switched_off_and_must_be_read_otherwise() -> None:
+    off = replace(SAFETY, chest_button=False)
+    measurement = pressed("buttons")(FakeBackend().open())
+    gate = SafetyGate(ROBOT, off, CONTROLLER)
+    gate.activate(measurement.position)
+    gate.watch(measurement, gate.sent)
+    assert gate.state is RobotState.ACTIVE
+    gate = SafetyGate(ROBOT, SAFETY, CONTROLLER)
+    gate.activate(measurement.position)
+    gate.watch(replace(measurement, buttons=np.array([np.nan])), gate.sent)
+    assert gate.fault is not None
+    assert gate.fault.reason is FaultReason.SENSOR
+
+
+def test_a_warning_comes_once_for_each_motor(caplog: pytest.LogCaptureFixture) -> None:
+    def harm(measurement: Measurement) -> Measurement:
+        return drained(0.15)(heated(2, 70.0)(heated(9, 70.0)(measurement)))
+
+    with caplog.at_level(logging.WARNING):
+        drive(FakeBackend(), harm, 400)
+    told = sorted(record.getMessage() for record in caplog.records)
+    assert len(told) == 3
+    assert told[0].startswith("the battery is at 15%")
+    for index, text in zip(
+        (2, 9), sorted(told[1:], key=lambda t: ROBOT.joint_names[9] in t), strict=True
+    ):
+        assert ROBOT.joint_names[index] in text
+        assert "74" in text
+
+
+@pytest.mark.parametrize(
+    ("harm", "word"),
+    [
+        (drained(0.09), "battery is at 9%: charge it to 10%"),
+        (heated(9, 74.0), f"{ROBOT.joint_names[9]} has 74 deg C: let it cool to below 68"),
+        (pressed("buttons"), "chest button"),
+        (displaced(4, np.nan), f"{ROBOT.joint_names[4]} does not answer"),
+    ],
+)
+def test_a_robot_that_is_not_fit_is_not_activated(
+    harm: Callable[[Measurement], Measurement], word: str
+) -> None:
+    class Unfit(FakeBackend):
+        def open(self) -> Measurement:
+            return harm(super().open())
+
+    backend = Unfit()
+    pepper = Pepper("mujoco", observer=None)
+    pepper.backend = backend
+    with pytest.raises(NotReadyError, match=word):
+        pepper.activate()
+    assert backend.calls == ["open", "close"]
+    assert backend.commands == []
+    assert pepper.state is RobotState.INACTIVE
+
+
+def test_all_reasons_are_told_at_once() -> None:
+    gate = SafetyGate(ROBOT, SAFETY, CONTROLLER)
+    measurement = drained(0.02)(heated(1, 90.0)(FakeBackend().open()))
+    with pytest.raises(NotReadyError) as caught:
+        gate.check_ready(measurement)
+    assert "battery is at 2%" in str(caught.value)
+    assert f"{ROBOT.joint_names[1]} has 90 deg C" in str(caught.value)
+    gate.check_ready(drained(np.nan)(heated(1, np.nan)(measurement)))
+
+
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [
+        ("stale_hold", "0.2"),
+        ("temperature_warning", "80.0"),
+        ("battery_fault", "0.15"),
+        ("battery_activate", "0.5"),
+        ("battery_warning", "1.5"),
+        ("chest_button", "2"),
+        ("speed_margin", "0.9"),
+        ("bumper_release", "-1.0"),
+    ],
+)
+def test_settings_that_cannot_be_are_refused(key: str, value: str, tmp_path: Path) -> None:
+    shipped = package_file("safety.yaml").read_text()
+    path = tmp_path / "safety.yaml"
+    path.write_text(re.sub(rf"^{key}: \S+", f"{key}: {value}", shipped, flags=re.MULTILINE))
+    with pytest.raises(ConfigError, match=key) as caught:
+        load_safety_settings(path)
+    assert "safety.yaml" in str(caught.value)
