@@ -77,6 +77,10 @@ ARM = {"link": "LForeArm"}
         ({"do": "hold"}, {"do": "retract", "priority": 20}),
         ({"do": "hold", "on": ARM}, {"do": "hold"}),
         ({"do": "comply", "on": ARM}, {"do": "assist", "on": {"joint": "LShoulderRoll"}}),
+        (
+            {"do": "comply", "on": {"link": "l_gripper"}},  # no joint carries it alone
+            {"do": "assist", "on": {"joint": "LShoulderRoll"}},
+        ),
         ({"do": "stop_base", "priority": 20}, {"do": "hold"}),
         ({"do": "follow_hand", "lead": "base"}, {"do": "stop_base", "priority": 30}),
         ({"do": "ignore", "priority": 10}, {"do": "soften"}),
