@@ -93,6 +93,21 @@ class Command:
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
+class DeviceError:
+    """A device that the robot itself takes for broken.
+
+    Attributes:
+        device: Its name, as the robot has it.
+        text: What is wrong with it, for people.
+        serious: Whether the robot should not move.
+    """
+
+    device: str
+    text: str
+    serious: bool
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
 class BackendInfo:
     """What is known of a backend before it is opened.
 
@@ -306,6 +321,14 @@ class Backend(ABC):
     @abstractmethod
     def close(self) -> None:
         """Deactivate and disconnect. Does nothing when closed."""
+
+    def diagnosis(self) -> tuple[DeviceError, ...] | None:
+        """What the robot's own diagnosis finds broken now; None where there is no such thing. May take seconds.
+
+        Raises:
+            NotConnectedError: Not open.
+        """
+        return None
 
     def push(
         self,

@@ -1,4 +1,4 @@
-"""A backend by URI: ``mujoco``, ``mujoco://?plant=nominal&seed=3``, or what other packages register."""
+"""A backend by URI: ``mujoco://?plant=nominal&seed=3``, ``replay://run.mcap``, or what other packages register."""
 
 from __future__ import annotations
 
@@ -13,25 +13,34 @@ from pepper_driver.config.plugins import load_plugin
 GROUP = "pepper_driver.backends"
 """Entry-point group for backends of other packages: ``scheme = "module:factory"``."""
 
-_BUILTIN = {"mujoco": "pepper_driver.backends.mujoco_:from_uri"}
+_BUILTIN = {
+    "mujoco": "pepper_driver.backends.mujoco_:from_uri",
+    "replay": "pepper_driver.backends.replay:from_uri",
+}
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class BackendUri:
-    """A backend URI taken apart; ``text`` is as the user wrote it."""
+    """A backend URI taken apart; ``text`` is as the user wrote it.
+
+    A relative path of a file is ``host`` and ``path`` together.
+    """
 
     text: str
     scheme: str
     host: str
+    path: str
     query: Mapping[str, str]
 
-    def check_keys(self, known: set[str], *, host: bool) -> None:
-        """Raise a ConfigError for a query key that is not in ``known``, or a host where there is none."""
+    def check_keys(self, known: set[str], *, host: bool, path: bool = False) -> None:
+        """Raise a ConfigError for a query key that is not in ``known``, or a host or path where there is none."""
         if self.host and not host:
             raise ConfigError(
                 f"backend '{self.text}': '{self.host}' says nothing here; "
                 f"write {self.scheme}://?key=value with {', '.join(sorted(known))}"
             )
+        if self.path.strip("/") and not path:
+            raise ConfigError(f"backend '{self.text}': a path says nothing here")
         for key in self.query:
             if key not in known:
                 raise ConfigError(
@@ -65,9 +74,10 @@ def parse_uri(text: str) -> BackendUri:
     query = dict(pairs)
     if len(query) != len(pairs):
         raise ConfigError(f"backend '{text}': a key is given twice")
-    if parts.fragment or parts.path.strip("/") not in ("", scheme):
-        raise ConfigError(f"backend '{text}': a path or fragment says nothing here")
-    return BackendUri(text=text, scheme=scheme, host=parts.netloc, query=query)
+    if parts.fragment:
+        raise ConfigError(f"backend '{text}': a fragment says nothing here")
+    path = "" if parts.path == text else parts.path  # a scheme alone
+    return BackendUri(text=text, scheme=scheme, host=parts.netloc, path=path, query=query)
 
 
 def make_backend(uri: str, robot: RobotConfig | None = None) -> Backend:

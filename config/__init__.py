@@ -1,5 +1,6 @@
 """What the robot is, and how the software is set: files in, typed objects out."""
 
+from pepper_driver.config.doctor import DoctorSettings, load_doctor_settings
 from pepper_driver.config.errors import (
     ConfigError,
     MissingExtraError,
@@ -53,6 +54,7 @@ __all__ = [
     "ConfigError",
     "ConstraintSwitches",
     "ControllerSettings",
+    "DoctorSettings",
     "Experiment",
     "HoldStatistics",
     "MissingExtraError",
@@ -75,6 +77,7 @@ __all__ = [
     "draws",
     "load_calibration",
     "load_controller_settings",
+    "load_doctor_settings",
     "load_experiment",
     "load_motion",
     "load_observer_settings",

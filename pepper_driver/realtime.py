@@ -79,22 +79,43 @@ _process = _Process()
 _said: set[str] = set()
 
 
+def priority_obstacle() -> str:
+    """Why this thread cannot have real-time priority, and what permits it; empty when it can."""
+    try:
+        before = _try_to_raise()
+    except _RefusedError as error:
+        return str(error)
+    if before is not None:
+        _set_scheduler(*before)
+    return ""
+
+
+class _RefusedError(Exception):
+    """The system gives no real-time priority, for the reason given."""
+
+
 def _raise_priority() -> tuple[int, int] | None:
     """Give this thread real-time priority; returns scheduler and priority before, None where nothing has changed."""
-    if not hasattr(os, "sched_setscheduler"):
-        _say("this system knows no real-time priority")
+    try:
+        return _try_to_raise()
+    except _RefusedError as error:
+        _say(str(error))
         return None
+
+
+def _try_to_raise() -> tuple[int, int] | None:
+    if not hasattr(os, "sched_setscheduler"):
+        raise _RefusedError("this system knows no real-time priority")
     before, priority = os.sched_getscheduler(0), os.sched_getparam(0).sched_priority
     if before & ~os.SCHED_RESET_ON_FORK in (os.SCHED_FIFO, os.SCHED_RR):
         return None  # given from outside, such as by chrt
     try:
         _set_scheduler(os.SCHED_FIFO | os.SCHED_RESET_ON_FORK, PRIORITY)
-    except OSError:  # a container may refuse with other errors than PermissionError
-        _say(
+    except OSError as error:  # a container may refuse with other errors than PermissionError
+        raise _RefusedError(
             "real-time priority is not permitted; a line like '@realtime - rtprio 50' in "
             "/etc/security/limits.d/pepper.conf permits it to the group realtime"
-        )
-        return None
+        ) from error
     return before, priority
 
 

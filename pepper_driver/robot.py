@@ -91,6 +91,7 @@ class Pepper(Listening):
         self._reflexes = Reflexes(reflexes, robot)
         super().__init__(robot, self._reflexes.names)
         self.backend: Backend = make_backend(uri, self.config)
+        self._observer_name = observer if isinstance(observer, str) else None
         if isinstance(observer, str):
             path = None if models is None else Path(models)
             observer = make_observer(observer, self.config, self.backend.info.identity, path)
@@ -150,13 +151,15 @@ class Pepper(Listening):
             self.backend.close()
 
     def run_metadata(self) -> dict[str, str]:
-        """What a log says of a run that begins now: robot, observer, settings, versions, as text."""
+        """What a log says of a run that begins now: robot, observer, reflexes, settings, versions, as text."""
         known = run_metadata(
             self.backend.info,
             self._observer,
             self.config,
             self._controller_settings,
             self._safety_settings,
+            observer_name=self._observer_name,
+            reflexes=self._reflexes.declarations,
         )
         return {**self._about, **known}
 

@@ -4,7 +4,12 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from pepper_driver.config import RobotConfig, load_observer_settings
+from pepper_driver.config import (
+    ObserverSettings,
+    RobotConfig,
+    UnknownNameError,
+    load_observer_settings,
+)
 from pepper_driver.config.plugins import load_plugin
 from pepper_driver.observer import (
     ContactObserver,
@@ -45,34 +50,60 @@ def make_observer(
     return observer
 
 
-def paper_observer(robot: RobotConfig, identity: str, models: Path | None) -> ContactObserver:
-    """The observer of the paper, with the models of ``models`` or the shipped ones."""
-    settings = load_observer_settings()
+def contact_observer(
+    mode: str,
+    robot: RobotConfig,
+    identity: str,
+    models: Path | None,
+    settings: ObserverSettings,
+) -> ContactObserver:
+    """The observer of the project of this mode, with the models of ``models`` or the shipped ones.
+
+    Raises:
+        UnknownNameError: No such mode.
+        ModelFileError: The models cannot be used here.
+    """
+    if mode not in _OBSERVERS:
+        raise UnknownNameError("mode of the observer", mode, _OBSERVERS)
+    shipped: ModelKind = settings.tree if mode == "paper" else "fusion"
+    kinds: tuple[ModelKind, ...] = ("cart", "affine") if mode == "paper" else ("fusion",)
     return ContactObserver(
-        robot, _models(identity, models, settings.tree, ("cart", "affine")), settings
+        robot,
+        find_models(identity, models, shipped, kinds),
+        settings,
+        momentum=mode == "momentum",
     )
+
+
+def paper_observer(robot: RobotConfig, identity: str, models: Path | None) -> ContactObserver:
+    """The observer of the paper."""
+    return contact_observer("paper", robot, identity, models, load_observer_settings())
 
 
 def fusion_observer(robot: RobotConfig, identity: str, models: Path | None) -> ContactObserver:
-    """The observer that goes beyond the paper, with the models of ``models`` or the shipped ones."""
-    return ContactObserver(
-        robot, _models(identity, models, "fusion", ("fusion",)), load_observer_settings()
-    )
+    """The observer that goes beyond the paper."""
+    return contact_observer("fusion", robot, identity, models, load_observer_settings())
 
 
 def momentum_observer(robot: RobotConfig, identity: str, models: Path | None) -> ContactObserver:
     """A momentum observer with the constants of fusion models: a baseline to compare with."""
-    return ContactObserver(
-        robot,
-        _models(identity, models, "fusion", ("fusion",)),
-        load_observer_settings(),
-        momentum=True,
-    )
+    return contact_observer("momentum", robot, identity, models, load_observer_settings())
 
 
-def _models(
+def find_models(
     identity: str, path: Path | None, shipped: ModelKind, kinds: tuple[ModelKind, ...]
 ) -> ModelSet:
+    """The models of a file, or those of kind ``shipped`` that come with the package.
+
+    Args:
+        identity: Of the robot's backend.
+        path: The file; None for those of the package.
+        shipped: Their kind.
+        kinds: That will do.
+
+    Raises:
+        ModelFileError: There are none, or they are of another robot or of another kind.
+    """
     if path is None:
         return load_shipped(shipped, identity)
     models = ModelSet.load(path)

@@ -8,6 +8,7 @@ from typing import Any, Literal
 
 import numpy as np
 
+from pepper_driver.backends.commands import checked_command
 from pepper_driver.backends.interface import (
     Backend,
     BackendError,
@@ -191,7 +192,8 @@ class MujocoBackend(Backend):
     def step(self, command: Command) -> Measurement:
         """Simulate one cycle of 12 ms."""
         self._check_open()
-        position, stiffness, wheel_speed = self._checked(command)
+        position, stiffness, wheel_speed = checked_command(command, len(self._start))
+        position, stiffness = position.copy(), np.clip(stiffness, 0.0, 1.0)
         if self._state == "open":
             stiffness, wheel_speed = np.zeros_like(stiffness), np.zeros(3)
         self._sent = position
@@ -287,18 +289,6 @@ class MujocoBackend(Backend):
     def _check_open(self) -> None:
         if self._state == "closed":
             raise NotConnectedError(f"'{self._info.uri}' is not open")
-
-    def _checked(self, command: Command) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """The arrays of a command, refused when they are not what a robot could take."""
-        n = len(self._start)
-        parts = []
-        for name, size in (("position", n), ("stiffness", n), ("wheel_speed", 3)):
-            array = np.asarray(getattr(command, name), dtype=np.float64)
-            if array.shape != (size,) or not np.isfinite(array.sum()):
-                raise ValueError(f"command.{name}: expected {size} finite numbers")
-            parts.append(array)
-        position, stiffness, wheel_speed = parts
-        return position.copy(), np.clip(stiffness, 0.0, 1.0), wheel_speed
 
 
 def from_uri(uri: BackendUri, robot: RobotConfig) -> MujocoBackend:

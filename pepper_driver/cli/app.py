@@ -12,12 +12,14 @@ import typer
 from pepper_driver.cli.bench import bench
 from pepper_driver.cli.calibrate import calibrate
 from pepper_driver.cli.demo import demo
+from pepper_driver.cli.doctor import doctor
 from pepper_driver.cli.evaluate import evaluate_command
 from pepper_driver.cli.identify import identify
 from pepper_driver.cli.log import app as log_app
 from pepper_driver.cli.move import move
 from pepper_driver.cli.plot import plot
 from pepper_driver.cli.record import record
+from pepper_driver.cli.replay import replay_command
 from pepper_driver.cli.run import run_command
 from pepper_driver.config import PepperError
 
@@ -30,10 +32,12 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 app.command()(demo)
+app.command()(doctor)
 app.command()(move)
 app.command("run")(run_command)
 app.command()(identify)
 app.command()(record)
+app.command("replay")(replay_command)
 app.command("evaluate")(evaluate_command)
 app.command()(bench)
 app.command()(calibrate)

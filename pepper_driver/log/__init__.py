@@ -1,6 +1,6 @@
 """The log of a run: one MCAP file that Foxglove and PlotJuggler open as it is."""
 
-from pepper_driver.log.errors import LogError
+from pepper_driver.backends.log_file import LogError
 from pepper_driver.log.event import LogEvent
 from pepper_driver.log.label import Label
 from pepper_driver.log.metadata import run_metadata

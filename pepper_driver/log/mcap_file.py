@@ -10,14 +10,13 @@ from typing import Any, BinaryIO, TypeVar
 from mcap.well_known import MessageEncoding, SchemaEncoding
 from mcap.writer import Writer
 
+from pepper_driver.backends.log_file import TICK_TOPIC, LogError, reason
 from pepper_driver.config import RobotConfig
 from pepper_driver.log.contacts import CONTACTS
-from pepper_driver.log.errors import LogError
 from pepper_driver.log.event import EVENTS
 from pepper_driver.log.json_topic import JsonTopic
 from pepper_driver.log.label import LABELS
 from pepper_driver.log.schema import (
-    TICK_TOPIC,
     TRUTH_TOPIC,
     layout_metadata,
     message_definition,
@@ -140,8 +139,3 @@ class McapFile:
 def nanoseconds(time: float) -> int:
     """``time`` [s] as an MCAP stamp; 0 where there is none: negative or not finite."""
     return round(time * 1e9) if 0 <= time < 2**33 else 0
-
-
-def reason(error: Exception) -> str:
-    """What went wrong, without the path that an OSError repeats."""
-    return getattr(error, "strerror", None) or str(error) or type(error).__name__

@@ -7,10 +7,12 @@ import json
 import os
 import platform
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from datetime import UTC, datetime
 from importlib.metadata import PackageNotFoundError, version
+
+import numpy as np
 
 from pepper_driver.backends import BackendInfo
 from pepper_driver.backends.selection import parse_uri
@@ -30,6 +32,9 @@ def run_metadata(
     robot: RobotConfig,
     controller: ControllerSettings,
     safety: SafetySettings,
+    *,
+    observer_name: str | None = None,
+    reflexes: Sequence[Mapping[str, object]] = (),
 ) -> dict[str, str]:
     """Who runs what on which robot, with which settings and versions, as text; no name of a person or a machine.
 
@@ -39,6 +44,8 @@ def run_metadata(
         robot: Its description.
         controller: Settings in force.
         safety: Settings in force.
+        observer_name: By which it was asked for; None for an object.
+        reflexes: As declared, see :func:`pepper_driver.reflexes.declared.declare`.
     """
     settings = {"controller": _text(asdict(controller)), "safety": _text(asdict(safety))}
     metadata = {
@@ -49,9 +56,12 @@ def run_metadata(
         "cycle": str(info.cycle),
         "response_delay": str(info.response_delay),
         "observer": observer.describe() if observer is not None else "none",
+        "reflexes": _text(reflexes),
     }
     if (seed := parse_uri(info.uri).query.get("seed")) is not None:
         metadata["seed"] = seed
+    if observer_name is not None:
+        metadata["observer_name"] = observer_name
     if observer is not None:
         for name, text in observer.provenance().items():
             metadata[f"observer_{name}"] = text
@@ -81,5 +91,10 @@ def _version(package: str) -> str:
         return "unknown"
 
 
-def _text(settings: Mapping[str, object]) -> str:
-    return json.dumps(settings, sort_keys=True)
+def _text(value: object) -> str:
+    return json.dumps(value, sort_keys=True, default=_plain)
+
+
+def _plain(value: object) -> object:
+    """What JSON does not know: numbers of NumPy, and what reflexes of other packages are made with."""
+    return value.item() if isinstance(value, np.generic) else str(value)

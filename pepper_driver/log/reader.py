@@ -3,47 +3,28 @@
 from __future__ import annotations
 
 import json
-import struct
-from collections.abc import Iterator
 from dataclasses import dataclass, field
-from io import BytesIO
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Self, TypeVar
 
 import numpy as np
-from mcap.data_stream import ReadDataStream
-from mcap.opcode import Opcode
-from mcap.records import Channel, Chunk, Metadata
-from mcap.stream_reader import get_chunk_data_stream
-from mcap.writer import MCAP0_MAGIC
-from numpy.typing import NDArray
 
+from pepper_driver.backends.log_file import (
+    TICK_TOPIC,
+    Column,
+    LogFile,
+    misfit,
+    read_log_file,
+)
 from pepper_driver.config import UnknownNameError
 from pepper_driver.log.contacts import CONTACTS
-from pepper_driver.log.errors import LogError
 from pepper_driver.log.event import EVENTS, LogEvent
 from pepper_driver.log.json_topic import JsonTopic
 from pepper_driver.log.label import LABELS, Label
-from pepper_driver.log.mcap_file import reason
-from pepper_driver.log.schema import (
-    CDR_HEADER,
-    LAYOUT_VERSION,
-    TICK_TOPIC,
-    TRUTH_TOPIC,
-    Field,
-    row_type,
-)
+from pepper_driver.log.schema import TRUTH_TOPIC
 from pepper_driver.observer.contact import Contact
 
-Column = NDArray[Any]
-"""float64, int64, int8 or bool, as the field was appended."""
-
 T = TypeVar("T")
-
-
-_RECORD_HEADER = struct.Struct("<BQ")  # opcode, length of what follows
-_CHANNEL_ID = struct.Struct("<H")
-_MESSAGE_HEADER = 22  # channel, sequence, two time stamps [bytes]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -104,6 +85,34 @@ class LogData:
         """Number of ticks."""
         return len(self.fields["time"])
 
+    @classmethod
+    def of(cls, file: LogFile) -> Self:
+        """The log in a file.
+
+        Raises:
+            LogError: Its messages are not those of this package.
+        """
+        try:
+            layout, ticks, truth = file.layout, file.tables[TICK_TOPIC], file.tables[TRUTH_TOPIC]
+            elements = [("", f) for f in file.fields[TICK_TOPIC]]
+            elements += [("truth.", f) for f in file.fields[TRUTH_TOPIC]]
+            return cls(
+                metadata=file.metadata,
+                complete=file.complete,
+                joint_names=file.joint_names,
+                chains={k: tuple(v) for k, v in json.loads(layout["chains"]).items()},
+                hand_joints=tuple(json.loads(layout["hand_joints"])),
+                robot=json.loads(layout["robot"]),
+                fields=ticks,
+                contacts=_items(file, CONTACTS),
+                truth=truth if len(truth["time"]) else None,
+                labels=_items(file, LABELS),
+                events=_items(file, EVENTS),
+                elements={p + f.name: f.elements for p, f in elements if f.elements is not None},
+            )
+        except Exception as error:  # whatever the decoders make of them
+            raise misfit(file.path, error) from error
+
 
 def read_log(path: Path) -> LogData:
     """Read a log, also one that was cut short.
@@ -111,125 +120,8 @@ def read_log(path: Path) -> LogData:
     Raises:
         LogError: The file is missing, damaged, or no log of this package.
     """
-    path = Path(path)
-    try:
-        data = memoryview(path.read_bytes())
-    except (OSError, ValueError) as error:
-        raise LogError(f"{path}: cannot be read ({reason(error)})") from error
-    if not bytes(data[: len(MCAP0_MAGIC)]) == MCAP0_MAGIC:
-        raise LogError(f"{path}: is {'not an MCAP file' if len(data) else 'empty'}")
-    contents = _Contents()
-    position = 0
-    try:
-        for position, opcode, body in _records(data, len(MCAP0_MAGIC)):
-            if opcode == Opcode.FOOTER:
-                end = position + _RECORD_HEADER.size + len(body)
-                contents.complete = bytes(data[end:]) == MCAP0_MAGIC
-                break
-            contents.take(opcode, body)
-    except Exception as error:  # whatever the decoders make of damaged bytes
-        what = (str(error) or type(error).__name__).splitlines()[0]
-        raise LogError(f"{path}: damaged at byte {position} ({what})") from error
-    try:
-        return contents.result()
-    except LogError as error:
-        raise LogError(f"{path}: {error}") from error
-    except Exception as error:
-        what = (str(error) or type(error).__name__).splitlines()[0]
-        raise LogError(f"{path}: its rows do not fit its layout ({what})") from error
+    return LogData.of(read_log_file(Path(path)))
 
 
-def _records(data: memoryview, position: int) -> Iterator[tuple[int, int, memoryview]]:
-    """Position, opcode and body of every record that is there to its end."""
-    while position + _RECORD_HEADER.size <= len(data):
-        opcode, length = _RECORD_HEADER.unpack_from(data, position)
-        start = position + _RECORD_HEADER.size
-        if start + length > len(data):
-            return
-        yield position, opcode, data[start : start + length]
-        position = start + length
-
-
-class _Contents:
-    """Records sorted by what they are, while a file is read."""
-
-    def __init__(self) -> None:
-        self.complete = False
-        self._metadata: dict[str, dict[str, str]] = {}
-        self._topics: dict[int, str] = {}
-        self._messages: dict[str, list[memoryview]] = {}
-
-    def take(self, opcode: int, body: memoryview) -> None:
-        """Take in one record; kinds that do not matter here are passed over.
-
-        Zeros, which a loss of power may leave at the end, read as empty records of no known kind.
-        """
-        if opcode == Opcode.MESSAGE:
-            topic = self._topics.get(_CHANNEL_ID.unpack_from(body)[0], "")
-            self._messages.setdefault(topic, []).append(body[_MESSAGE_HEADER:])
-        elif opcode == Opcode.CHUNK:
-            stream, length = get_chunk_data_stream(Chunk.read(_stream(body)), validate_crc=True)
-            for _, inner, inner_body in _records(memoryview(stream.read(length)), 0):
-                self.take(inner, inner_body)
-        elif opcode == Opcode.CHANNEL:
-            channel = Channel.read(_stream(body))
-            self._topics[channel.id] = channel.topic
-        elif opcode == Opcode.METADATA:
-            record = Metadata.read(_stream(body))
-            self._metadata.setdefault(record.name, record.metadata)
-
-    def result(self) -> LogData:
-        """All of it as a log."""
-        layout = self._metadata.get("layout")
-        if layout is None or "run" not in self._metadata:
-            raise LogError(
-                "is an MCAP file, but not a log of this package, or cut before its first row"
-            )
-        if layout["version"] != LAYOUT_VERSION:
-            raise LogError(f"has layout {layout['version']}, this version reads {LAYOUT_VERSION}")
-        tables = {
-            topic: [_field(entry) for entry in table]
-            for topic, table in json.loads(layout["fields"]).items()
-        }
-        ticks, truth = tables[TICK_TOPIC], tables[TRUTH_TOPIC]
-        return LogData(
-            metadata=self._metadata["run"],
-            complete=self.complete,
-            joint_names=tuple(json.loads(layout["joint_names"])),
-            chains={k: tuple(v) for k, v in json.loads(layout["chains"]).items()},
-            hand_joints=tuple(json.loads(layout["hand_joints"])),
-            robot=json.loads(layout["robot"]),
-            fields=self._table(TICK_TOPIC, ticks),
-            contacts=self._items(CONTACTS),
-            truth=self._table(TRUTH_TOPIC, truth) if self._of(TRUTH_TOPIC) else None,
-            labels=self._items(LABELS),
-            events=self._items(EVENTS),
-            elements={
-                **{f.name: f.elements for f in ticks if f.elements is not None},
-                **{f"truth.{f.name}": f.elements for f in truth if f.elements is not None},
-            },
-        )
-
-    def _of(self, topic: str) -> list[memoryview]:
-        return self._messages.get(topic, [])
-
-    def _items(self, topic: JsonTopic[T]) -> list[T]:
-        return [topic.decode(bytes(message)) for message in self._of(topic.topic)]
-
-    def _table(self, topic: str, fields: list[Field]) -> dict[str, Column]:
-        messages = self._of(topic)
-        head, kind = len(CDR_HEADER), row_type(fields)
-        for message in messages:
-            if len(message) != head + kind.itemsize or message[:head] != CDR_HEADER:
-                raise LogError(f"{topic} holds a message of {len(message)} bytes that is not a row")
-        rows = np.frombuffer(b"".join(m[head:] for m in messages), dtype=kind)
-        return {field.name: rows[field.name].astype(field.type) for field in fields}
-
-
-def _field(entry: dict[str, Any]) -> Field:
-    elements = entry.pop("elements")
-    return Field(elements=None if elements is None else tuple(elements), **entry)
-
-
-def _stream(body: memoryview) -> ReadDataStream:
-    return ReadDataStream(BytesIO(body))
+def _items(file: LogFile, topic: JsonTopic[T]) -> list[T]:
+    return [topic.decode(message) for message in file.messages.get(topic.topic, [])]

@@ -9,9 +9,10 @@ from typing import Any
 import numpy as np
 
 from pepper_driver.backends.interface import TruthSample
+from pepper_driver.backends.log_file import CDR_HEADER, Field, row_type
 from pepper_driver.config import RobotConfig
 from pepper_driver.controller.tick import Tick
-from pepper_driver.log.schema import CDR_HEADER, Field, row_type, tick_fields, truth_fields
+from pepper_driver.log.schema import tick_fields, truth_fields
 from pepper_driver.observer.interface import JointState, Observation
 
 _type_of = attrgetter("dtype")

@@ -8,42 +8,15 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterable, Mapping
-from dataclasses import asdict, dataclass
-from typing import Any, Literal
+from dataclasses import asdict
 
-import numpy as np
-
+from pepper_driver.backends.log_file import LAYOUT_VERSION, TICK_TOPIC, Field, FieldType
 from pepper_driver.config import RobotConfig
 from pepper_driver.observer.interface import JointState
 
-FieldType = Literal["float64", "int64", "bool", "int8"]
-
-TICK_TOPIC = "/tick"
 TRUTH_TOPIC = "/truth"
 
-CDR_HEADER = b"\x00\x01\x00\x00"
-"""Plain CDR, little-endian, no options."""
-
-LAYOUT_VERSION = "2"
-
 _XYZ = ("x", "y", "z")
-
-
-@dataclass(frozen=True, kw_only=True)
-class Field:
-    """One field of a row.
-
-    Attributes:
-        name: Name in the message and in ``LogData``.
-        elements: Names of its values; None for a scalar.
-        type: Of its values.
-        meaning: Unit and meaning, for the comment in the message definition.
-    """
-
-    name: str
-    elements: tuple[str, ...] | None
-    type: FieldType
-    meaning: str
 
 
 def _field(
@@ -110,20 +83,6 @@ def truth_fields(robot: RobotConfig) -> tuple[Field, ...]:
         _field("wheel_load", robot.wheels.names, "[N] carried by the floor"),
         _field("in_gap", joints, "true inside the backlash", "bool"),
         _field("saturated", joints, "true where the motor board was at a limit", "bool"),
-    )
-
-
-def row_type(fields: Iterable[Field]) -> np.dtype[Any]:
-    """A message of ``fields``, behind the CDR header, as a NumPy record."""
-    return np.dtype(
-        [
-            (
-                f.name,
-                np.dtype(f.type).newbyteorder("<"),
-                () if f.elements is None else (len(f.elements),),
-            )
-            for f in fields
-        ]
     )
 
 

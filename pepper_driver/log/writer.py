@@ -15,14 +15,14 @@ from types import TracebackType
 from typing import Any, NamedTuple, Self
 
 from pepper_driver.backends.interface import TruthSample
+from pepper_driver.backends.log_file import LogError, reason
 from pepper_driver.config import RobotConfig
 from pepper_driver.controller.tick import Tick
 from pepper_driver.log.contacts import CONTACTS
-from pepper_driver.log.errors import LogError
 from pepper_driver.log.event import EVENTS, LogEvent
 from pepper_driver.log.json_topic import JsonTopic
 from pepper_driver.log.label import LABELS, Label
-from pepper_driver.log.mcap_file import McapFile, reason
+from pepper_driver.log.mcap_file import McapFile
 from pepper_driver.log.rows import TickRows, TruthRows
 from pepper_driver.observer.interface import Observation
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -12,6 +13,7 @@ from pepper_driver.config import RobotConfig
 from pepper_driver.events import ReflexEvent
 from pepper_driver.observer import Observation
 from pepper_driver.reflexes.control import Control
+from pepper_driver.reflexes.declared import declare
 from pepper_driver.reflexes.ignore import Ignore
 from pepper_driver.reflexes.reflex import Reflex, ReflexError
 
@@ -53,6 +55,11 @@ class Reflexes:
     def all(self) -> tuple[Reflex, ...]:
         """In the order in which they are asked."""
         return tuple(self._reflexes)
+
+    @property
+    def declarations(self) -> list[dict[str, Any]]:
+        """Each with its arguments, in the same order."""
+        return [declare(reflex) for reflex in self._reflexes]
 
     def __bool__(self) -> bool:
         return bool(self._reflexes)

@@ -1,14 +1,16 @@
-"""Reflexes as experiments declare them: ``{on: {link: LForeArm, kind: collision}, do: retract, distance: 0.3}``."""
+"""Reflexes as files and logs declare them: ``{on: {link: LForeArm, kind: collision}, do: retract, distance: 0.3}``."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import fields
 from itertools import combinations
+from pathlib import Path
 from typing import Any
 
 from pepper_driver.config import ConfigError, PepperError, RobotConfig, UnknownNameError, suggestion
 from pepper_driver.config.lines import with_lines
+from pepper_driver.config.loading import read_yaml
 from pepper_driver.config.plugins import load_plugin
 from pepper_driver.reflexes.assist import Assist
 from pepper_driver.reflexes.comply import Comply
@@ -29,7 +31,7 @@ _REFLEXES = {
     kind_of(cls): f"{cls.__module__}:{cls.__name__}"
     for cls in (Assist, Comply, FollowHand, Hold, Ignore, Retract, Soften, StopBase)
 }
-_ON = ("link", "joint", "kind", "min_intensity")
+_ON: tuple[str, ...] = ("link", "joint", "kind", "min_intensity")
 
 
 @with_lines
@@ -48,7 +50,8 @@ def make_reflexes(
             nobody could say who gets the robot; the message names the key.
     """
     made = [
-        _make(entry, robot, source, f"reflexes.{number}") for number, entry in enumerate(declared)
+        make_reflex(entry, robot, source, f"reflexes.{number}")
+        for number, entry in enumerate(declared)
     ]
     for (first, one), (second, other) in combinations(enumerate(made), 2):
         if one.priority == other.priority and overlap(one, other, robot):
@@ -86,7 +89,12 @@ def _contended(one: Reflex, other: Reflex) -> str:
     return " and ".join(text for part, text in parts.items() if part in one.takes & other.takes)
 
 
-def _make(entry: Mapping[str, Any], robot: RobotConfig, source: str, key: str) -> Reflex:
+def make_reflex(entry: Mapping[str, Any], robot: RobotConfig, source: str, key: str) -> Reflex:
+    """One reflex from its entry; ``key`` is where it stands.
+
+    Raises:
+        ConfigError: As :func:`make_reflexes`.
+    """
     where = f"{source}: key '{key}"
     rest = dict(entry)
     on, kind = rest.pop("on", {}), rest.pop("do", None)
@@ -119,3 +127,32 @@ def _make(entry: Mapping[str, Any], robot: RobotConfig, source: str, key: str) -
     except (PepperError, TypeError, ValueError) as error:
         raise ConfigError(f"{where}': {error}") from error
     return reflex
+
+
+def declare(reflex: Reflex) -> dict[str, Any]:
+    """The entry of a reflex, with all its arguments; ``class`` is there only where it is of none that is registered."""
+    cls = type(reflex)
+    rest = {field.name: getattr(reflex, field.name) for field in fields(reflex) if field.init}
+    on = {key: value for key in _ON if (value := rest.pop(key)) is not None}
+    entry = {"do": kind_of(cls), "on": on, **rest}
+    try:
+        registered = load_plugin("reflex", REFLEX_GROUP, kind_of(cls), _REFLEXES) is cls
+    except PepperError:
+        registered = False
+    return entry if registered else {**entry, "class": cls.__qualname__}
+
+
+@with_lines
+def load_reflexes(path: Path, robot: RobotConfig) -> tuple[Reflex, ...]:
+    """The reflexes of a YAML file that has nothing but the key ``reflexes``.
+
+    Raises:
+        ConfigError: The file is missing, or wrong as for :func:`make_reflexes`.
+    """
+    data = read_yaml(path)
+    declared = data.pop("reflexes", None)
+    for key in data:
+        raise ConfigError(f"{path}: unknown key '{key}'{suggestion(str(key), ['reflexes'])}")
+    if not (isinstance(declared, list) and all(isinstance(entry, dict) for entry in declared)):
+        raise ConfigError(f"{path}: key 'reflexes': a list such as [{{do: hold}}]")
+    return make_reflexes(declared, robot, str(path))

@@ -2,6 +2,7 @@
 
 import os
 import pty
+import select
 import signal
 import subprocess
 import sys
@@ -56,6 +57,7 @@ def test_the_space_bar_and_q_stop_and_other_keys_do_not(terminal: int) -> None:
 
 def test_what_was_typed_before_stops_nothing(terminal: int) -> None:
     os.write(terminal, b" q\n")
+    assert select.select([sys.stdin], [], [], 10.0)[0]  # terminals take their time
     told: list[str] = []
     with StopKey(told.append):
         time.sleep(0.3)

@@ -10,7 +10,7 @@ from collections.abc import Iterator
 import pytest
 
 from pepper_driver import realtime as module
-from pepper_driver.realtime import PRIORITY, SWITCH_INTERVAL, realtime
+from pepper_driver.realtime import PRIORITY, SWITCH_INTERVAL, priority_obstacle, realtime
 
 LINUX = hasattr(os, "sched_setscheduler")
 State = tuple[bool, int, float]
@@ -168,3 +168,16 @@ def test_the_system_takes_the_priority_back() -> None:
         thread.join()
     assert policy in (os.SCHED_OTHER, os.SCHED_FIFO | os.SCHED_RESET_ON_FORK)
     assert seen == [os.SCHED_OTHER]
+
+
+@pytest.mark.skipif(not LINUX, reason="no schedulers")
+@pytest.mark.parametrize("permitted", [True, False])
+def test_what_stands_in_the_way_of_priority_can_be_asked_for(
+    permitted: bool, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    scheduler = Scheduler(monkeypatch, permitted)
+    obstacle = priority_obstacle()
+    assert obstacle == "" if permitted else "not permitted" in obstacle
+    assert scheduler.now & ~os.SCHED_RESET_ON_FORK == os.SCHED_OTHER
+    assert caplog.records == [], "who asks says it"
+    monkeypatch.undo()

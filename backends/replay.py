@@ -1,0 +1,247 @@
+"""A recording as a robot: it measures what was measured then, whatever it is told, and compares the commands."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import fields, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pepper_driver.backends.commands import checked_command
+from pepper_driver.backends.interface import (
+    Backend,
+    BackendError,
+    BackendInfo,
+    Command,
+    Imu,
+    Measurement,
+    NotConnectedError,
+)
+from pepper_driver.backends.log_file import TICK_TOPIC, LogError, LogFile, misfit, read_log_file
+from pepper_driver.backends.selection import BackendUri
+from pepper_driver.config import ConfigError, RobotConfig
+
+FloatArray = NDArray[np.float64]
+
+_PARTS = {
+    "position": "sent_position",
+    "stiffness": "sent_stiffness",
+    "wheel_speed": "sent_wheel_speed",
+}
+"""Field of the log behind each part of a command."""
+
+
+class EndOfLogError(BackendError, EOFError):
+    """The recording is over: it cannot say what the robot would have measured next."""
+
+
+class CommandDifferences:
+    """How the commands of a program differ from those of a recording, bit by bit.
+
+    Args:
+        robot: Names joints and wheels.
+
+    Attributes:
+        compared: How many commands were compared.
+        differing: How many of them are not the same.
+        first: The first one that is not: time of the sample that answers it [s], and how, for people; None if all are.
+        largest: Largest size of a difference, by part of the command: ``position`` [rad], ``stiffness``,
+            ``wheel_speed`` [rad/s].
+    """
+
+    def __init__(self, robot: RobotConfig) -> None:
+        self._names = {
+            "position": robot.joint_names,
+            "stiffness": robot.joint_names,
+            "wheel_speed": robot.wheels.names,
+        }
+        self.compared = self.differing = 0
+        self.first: tuple[float, str] | None = None
+        self.largest = dict.fromkeys(_PARTS, 0.0)
+
+    def compare(self, time: float, given: Command, recorded: Command) -> None:
+        """Take in the two commands of one cycle, those that the sample of ``time`` [s] answers."""
+        self.compared += 1
+        same = True
+        for part in _PARTS:
+            a, b = np.asarray(getattr(given, part)), getattr(recorded, part)
+            if a.tobytes() == b.tobytes():
+                continue
+            size = np.abs(a - b)
+            place = int(size.argmax())
+            self.largest[part] = max(self.largest[part], float(size[place]))
+            if self.first is None:
+                text = (
+                    f"{part} of {self._names[part][place]}: {a[place]!s} in place of {b[place]!s}"
+                )
+                self.first = (time, text)
+            same = False
+        self.differing += not same
+
+
+class ReplayBackend(Backend):
+    """Steps through a log. Nothing moves: commands are compared with those recorded.
+
+    The first command that the recording answers is the posture that the robot held: this is what ``open`` measures, so
+    that a program that does the same as then sends the same.
+
+    Args:
+        robot: Its description.
+        file: The log.
+        uri: How it was asked for.
+
+    Attributes:
+        commands: (n) what was sent then, as the ticks answer it.
+        differences: Of the commands given since ``open``.
+
+    Raises:
+        LogError: It has no tick, is of another robot, or does not say of which backend it is.
+    """
+
+    def __init__(self, robot: RobotConfig, file: LogFile, uri: str) -> None:
+        if file.joint_names != robot.joint_names:
+            raise LogError(
+                f"{file.path}: is of a robot with other joints, or another order of them, than '{robot.name}'"
+            )
+        self._robot = robot
+        self._info = _info(file, uri)
+        try:
+            self._measurements = _measurements(file, robot)
+            self.commands = _commands(file)
+        except KeyError as error:
+            raise misfit(file.path, error) from error
+        self._state = "closed"
+        self._next = 0
+        self.differences = CommandDifferences(robot)
+
+    @property
+    def info(self) -> BackendInfo:
+        """As recorded; time passes with each step."""
+        return self._info
+
+    @property
+    def measurements(self) -> tuple[Measurement, ...]:
+        """All that was measured, one a tick."""
+        return self._measurements
+
+    def open(self) -> Measurement:
+        """Begin anew. The robot is where it was told to be, a cycle before the first tick."""
+        if self._state != "closed":
+            raise BackendError(f"'{self._info.uri}' is open already")
+        self._state, self._next = "open", 0
+        self.differences = CommandDifferences(self._robot)
+        return self._before_the_first()
+
+    def activate(self) -> Measurement:
+        """Compare commands from now on."""
+        if self._state != "open":
+            raise BackendError(f"'{self._info.uri}' cannot be activated: it is {self._state}")
+        self._state = "active"
+        return self._before_the_first()
+
+    def step(self, command: Command) -> Measurement:
+        """The next measurement.
+
+        Raises:
+            EndOfLogError: There is none.
+        """
+        if self._state == "closed":
+            raise NotConnectedError(f"'{self._info.uri}' is not open")
+        position, stiffness, wheel_speed = checked_command(command, len(self._robot.joint_names))
+        row = self._next
+        if row == len(self._measurements):
+            raise EndOfLogError(f"'{self._info.uri}': the recording is over after {row} ticks")
+        answer = row + self._info.response_delay
+        if self._state == "active" and answer < len(self.commands):
+            given = Command(position=position, stiffness=stiffness, wheel_speed=wheel_speed)
+            self.differences.compare(self._measurements[answer].time, given, self.commands[answer])
+        self._next += 1
+        return self._measurements[row]
+
+    def deactivate(self) -> None:
+        """Compare no more commands."""
+        if self._state == "active":
+            self._state = "open"
+
+    def close(self) -> None:
+        """Let go of it."""
+        self._state = "closed"
+
+    def _before_the_first(self) -> Measurement:
+        first, sent = self._measurements[0], self.commands[0]
+        return replace(
+            first,
+            time=max(0.0, first.time - self._info.cycle),
+            tick=max(0, first.tick - 1),
+            position=sent.position,
+        )
+
+
+def from_uri(uri: BackendUri, robot: RobotConfig) -> ReplayBackend:
+    """``replay://path/to/run.mcap``, ``replay:///absolute/path/to/run.mcap``."""
+    uri.check_keys(set(), host=True, path=True)
+    path = uri.host + uri.path
+    if not path:
+        raise ConfigError(f"backend '{uri.text}': name the log, as in replay://path/to/run.mcap")
+    return ReplayBackend(robot, read_log_file(Path(path)), uri.text)
+
+
+def _info(file: LogFile, uri: str) -> BackendInfo:
+    run = file.metadata
+    try:
+        cycle, delay, identity = float(run["cycle"]), int(run["response_delay"]), run["identity"]
+    except (KeyError, ValueError) as error:
+        raise LogError(
+            f"{file.path}: does not say of which backend it is (cycle, response_delay, identity)"
+        ) from error
+    if not (0.0 < cycle < math.inf and delay >= 0):
+        raise LogError(f"{file.path}: a cycle of {cycle} s or a delay of {delay} ticks is none")
+    return BackendInfo(
+        uri=uri,
+        joint_names=file.joint_names,
+        cycle=cycle,
+        real_time=False,
+        response_delay=delay,
+        capabilities=frozenset(),
+        identity=identity,
+    )
+
+
+def _commands(file: LogFile) -> tuple[Command, ...]:
+    """All of a log."""
+    columns = [_frozen(file.tables[TICK_TOPIC][name]) for name in _PARTS.values()]
+    return tuple(
+        Command(**dict(zip(_PARTS, values, strict=True))) for values in zip(*columns, strict=True)
+    )
+
+
+def _measurements(file: LogFile, robot: RobotConfig) -> tuple[Measurement, ...]:
+    """All of a log."""
+    table = file.tables[TICK_TOPIC]
+    if not len(table["time"]):
+        raise LogError(f"{file.path}: holds no tick")
+    sensors = robot.sensors
+    for group in ("touch", "bumpers", "buttons"):
+        if table[group].shape[1:] != (len(getattr(sensors, group)),):
+            raise LogError(f"{file.path}: is of a robot with other {group} than '{robot.name}'")
+    imus = [
+        Imu(**dict(zip((f.name for f in fields(Imu)), values, strict=True)))
+        for values in zip(*(_frozen(table[f"imu_{f.name}"]) for f in fields(Imu)), strict=True)
+    ]
+    names = [f.name for f in fields(Measurement) if f.name != "imu"]
+    columns = [
+        table[name].tolist() if table[name].ndim == 1 else _frozen(table[name]) for name in names
+    ]
+    return tuple(
+        Measurement(imu=imu, **dict(zip(names, values, strict=True)))
+        for imu, *values in zip(imus, *columns, strict=True)
+    )
+
+
+def _frozen(column: FloatArray) -> FloatArray:
+    """The same for everybody: nobody may change it."""
+    column = column.view()
+    column.flags.writeable = False
+    return column

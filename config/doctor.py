@@ -1,0 +1,59 @@
+"""Levels of ``pepper doctor``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+from pydantic import Field
+from pydantic.dataclasses import dataclass
+
+from pepper_driver.config.loading import STRICT, load, package_file
+from pepper_driver.config.parts import Positive
+
+Share = Annotated[float, Field(ge=0, le=1)]
+
+
+@dataclass(frozen=True, kw_only=True, config=STRICT)
+class DoctorSettings:
+    """What is taken for well; see ``doctor.yaml`` for the meaning of each."""
+
+    look: Annotated[float, Field(ge=0.5)]
+    rest: Positive
+    outside_warning: Positive
+    outside_failure: Positive
+    tilt_warning: Positive
+    tilt_failure: Positive
+    gravity: tuple[Positive, Positive]
+    wheel_rest: Positive
+    clock_rate: Share
+    clock_jump: Positive
+    late_share: Share
+    motion: Annotated[float, Field(ge=5.0, le=60.0)]
+    stretch: Annotated[float, Field(ge=1.0)]
+    amplitude: Annotated[float, Field(gt=0, le=0.2)]
+    hand_amplitude: Annotated[float, Field(gt=0, le=0.5)]
+    limit_distance: Positive
+    clearance: Positive
+    aside: dict[str, float]
+    follow: Share
+    worn_rms: Positive
+    worn_peak: Positive
+    misfit_peak: Positive
+    misfit_median: Positive
+
+    def __post_init__(self) -> None:
+        """What a single field cannot know: warnings come before failures."""
+        for less, more in (
+            ("outside_warning", "outside_failure"),
+            ("tilt_warning", "tilt_failure"),
+        ):
+            if getattr(self, less) > getattr(self, more):
+                raise ValueError(f"'{less}' must not be above '{more}'")
+        if self.gravity[0] > self.gravity[1]:
+            raise ValueError("'gravity' must be the lower bound, then the upper one")
+
+
+def load_doctor_settings(path: Path | None = None) -> DoctorSettings:
+    """Levels from ``path``, by default the shipped ``doctor.yaml``."""
+    return load(DoctorSettings, path or package_file("doctor.yaml"))

@@ -1,0 +1,153 @@
+"""``pepper doctor``: whether a robot is fit to move, and what to do where it is not."""
+
+from __future__ import annotations
+
+import math
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+from rich.console import Console
+from rich.table import Table
+
+from pepper_driver.cli.console import (
+    JsonOption,
+    check_outputs,
+    make_console,
+    make_progress,
+    save_json,
+)
+from pepper_driver.config import ConfigError, load_doctor_settings, load_robot
+from pepper_driver.doctor import (
+    Examination,
+    JointFit,
+    Outcome,
+    Result,
+    Trial,
+    Verdict,
+    examine,
+    try_motion,
+)
+from pepper_driver.doctor.result import unknown
+from pepper_driver.doctor.trial import make_pepper
+from pepper_driver.keys import StopKey
+from pepper_driver.log.metadata import without_secrets
+from pepper_driver.observer import ModelSet
+
+
+def doctor(
+    uri: Annotated[str, typer.Argument(metavar="URI", help="Robot to examine.")] = "mujoco",
+    models: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="Model file; else the one shipped for this robot."),
+    ] = None,
+    yes: Annotated[bool, typer.Option("--yes", help="Do not ask before the robot moves.")] = False,
+    no_motion: Annotated[
+        bool, typer.Option("--no-motion", help="Only look: the robot does not move.")
+    ] = False,
+    json_file: JsonOption = None,
+) -> int:
+    """Check a robot before it moves, then with a small motion whether its models fit; code 1 if a check failed."""
+    console = make_console()
+    check_outputs(json_file)
+    asks = not (yes or no_motion)
+    if asks and not sys.stdin.isatty():
+        raise ConfigError(
+            "there is no terminal to ask on before the robot moves: give --yes, or --no-motion"
+        )
+    with make_progress(console) as progress:
+        bar = progress.add_task("looking", total=1.0)
+        examination = examine(
+            uri, models=models, on_progress=lambda share: progress.update(bar, completed=share)
+        )
+    _print(console, examination.results)
+    left_out = ""
+    if no_motion:
+        left_out = "left out by --no-motion"
+    elif not examination.passed:
+        left_out = "not moved: a check failed"
+    elif asks and not _confirmed():
+        left_out = "not moved: the question was answered with no"
+    if left_out or examination.models is None:
+        trial = Trial(results=(unknown("motion", left_out),), fits=())
+    else:
+        trial = _try(console, uri, examination.models)
+    _print(console, trial.results)
+    _print_fits(console, trial.fits)
+    passed = examination.passed and trial.passed
+    save_json(json_file, _as_json(uri, examination, trial), console)
+    return 0 if passed else 1
+
+
+def _confirmed() -> bool:
+    seconds = load_doctor_settings().motion
+    return typer.confirm(
+        f"Next, for {seconds:.0f} s: arms go a little aside where they are near the body, then arms and head move by a "
+        "few degrees. Is the robot on level floor, with clear space around it, its hands empty, nobody touching it, "
+        "and a hand at the emergency stop?"
+    )
+
+
+def _try(console: Console, uri: str, models: ModelSet) -> Trial:
+    pepper = make_pepper(uri, models, load_robot())
+    with StopKey(pepper.emergency_stop) as key:
+        if key.listening:
+            console.print(key.HELP)
+        with make_progress(console) as progress:
+            bar = progress.add_task("moving arms and head by a few degrees", total=1.0)
+            return try_motion(
+                pepper,
+                models,
+                on_progress=lambda share: progress.update(bar, completed=share),
+            )
+
+
+_STYLE = {
+    Outcome.OK: "green",
+    Outcome.WARNING: "yellow",
+    Outcome.FAILED: "bold red",
+    Outcome.UNKNOWN: "dim",
+}
+
+
+def _print(console: Console, results: Sequence[Result]) -> None:
+    """One line a check, and below those that are not well what to do."""
+    table = Table(show_header=False, box=None, pad_edge=False)
+    for width in (14, 15, None):
+        table.add_column(min_width=width, overflow="fold")
+    for result in results:
+        table.add_row(result.outcome.value, result.name, result.found, style=_STYLE[result.outcome])
+        if result.cure:
+            table.add_row("", "", f"-> {result.cure}")
+    console.print(table, soft_wrap=False)
+
+
+def _print_fits(console: Console, fits: Sequence[JointFit]) -> None:
+    """The figures of joints, where one is not as it should be."""
+    if all(fit.verdict is Verdict.FITS for fit in fits):
+        return
+    table = Table(title="residual of each joint, over its threshold", title_justify="left")
+    for name in ("joint", "verdict", "follows", "error rms", "rms", "peak", "peak, adapted"):
+        table.add_column(name, justify="left" if name in ("joint", "verdict") else "right")
+    for fit in fits:
+        figures = (f"{v:.2f}" for v in (fit.rms, fit.peak, fit.today))
+        table.add_row(
+            fit.joint,
+            fit.verdict.value,
+            f"{fit.follows:.0%}",
+            f"{math.degrees(fit.error):.2f} deg",
+            *figures,
+        )
+    console.print(table)
+
+
+def _as_json(uri: str, examination: Examination, trial: Trial) -> dict[str, Any]:
+    return {
+        "backend": without_secrets(uri),
+        "identity": examination.info.identity,
+        "passed": examination.passed and trial.passed,
+        "results": [result.as_json() for result in (*examination.results, *trial.results)],
+        "joints": [fit.as_json() for fit in trial.fits],
+    }

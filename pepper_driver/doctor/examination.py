@@ -1,0 +1,159 @@
+"""All that can be seen of a robot without moving it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+from pepper_driver.backends import Backend, BackendInfo, make_backend
+from pepper_driver.config import (
+    DoctorSettings,
+    PepperError,
+    RobotConfig,
+    SafetySettings,
+    load_controller_settings,
+    load_doctor_settings,
+    load_robot,
+    load_safety_settings,
+)
+from pepper_driver.doctor.body import (
+    check_diagnosis,
+    check_joints,
+    check_limits,
+    check_temperatures,
+    check_wheels,
+)
+from pepper_driver.doctor.clock import check_clock, check_samples
+from pepper_driver.doctor.look import Look, look
+from pepper_driver.doctor.preparation import check_computer, check_models, check_settings
+from pepper_driver.doctor.result import Outcome, Result, failed, rated
+from pepper_driver.doctor.surroundings import (
+    check_battery,
+    check_bumpers,
+    check_buttons,
+    check_flap,
+    check_imu,
+    check_touch,
+)
+from pepper_driver.observer import ModelFileError, ModelSet
+from pepper_driver.selection import find_models
+
+
+@dataclass(frozen=True, kw_only=True)
+class Examination:
+    """What was seen of a robot that was not moved.
+
+    Attributes:
+        info: Of the backend.
+        results: In the order of the checks.
+        models: Of this robot; None where there are none.
+    """
+
+    info: BackendInfo
+    results: tuple[Result, ...]
+    models: ModelSet | None
+
+    @property
+    def passed(self) -> bool:
+        """Whether no check failed: the robot may move."""
+        return not failed(self.results)
+
+
+def examine(
+    uri: str = "mujoco",
+    *,
+    models: Path | None = None,
+    robot: RobotConfig | None = None,
+    on_progress: Callable[[float], None] | None = None,
+) -> Examination:
+    """Look at a robot, at this computer and at the models. Nothing moves; what fails is in the results.
+
+    Args:
+        uri: The robot.
+        models: Model file; None for the one shipped for this robot.
+        robot: Its description, by default the shipped Pepper.
+        on_progress: Told the share of the time that is over, 0..1.
+
+    Raises:
+        PepperError: The URI or a settings file is wrong, or a part of the package is missing.
+    """
+    robot = robot or load_robot()
+    settings, safety = load_doctor_settings(), load_safety_settings()
+    controller = load_controller_settings(robot)
+    backend = make_backend(uri, robot)
+    results = list(_robot(backend, robot, settings, safety, on_progress))
+    results += [check_settings(safety, controller), check_computer(backend.info)]
+    found, result = _models(backend.info.identity, models, robot)
+    return Examination(info=backend.info, results=(*results, result), models=found)
+
+
+def _robot(
+    backend: Backend,
+    robot: RobotConfig,
+    settings: DoctorSettings,
+    safety: SafetySettings,
+    on_progress: Callable[[float], None] | None,
+) -> list[Result]:
+    """The connection, and what is measured over it where it stands."""
+    info = backend.info
+    if info.joint_names != robot.joint_names or info.cycle != robot.cycle:
+        return [
+            rated(
+                "connection",
+                "the robot has other joints, another order of them or another cycle than its description",
+                failure=True,
+                cure="use the backend with the description of its robot",
+            )
+        ]
+    try:
+        seen = look(backend, robot, settings.look, on_progress)
+    except PepperError as error:
+        return [
+            rated(
+                "connection",
+                str(error),
+                failure=True,
+                cure="switch the robot on, wait until it has started, and look at address, network and password; "
+                "no other program may move it",
+            )
+        ]
+    connected = rated(
+        "connection",
+        f"{info.identity}; {len(info.joint_names)} joints every {info.cycle * 1e3:g} ms, commands answered "
+        f"{info.response_delay} ticks later",
+    )
+    return [connected, *_checks(seen, robot, settings, safety)]
+
+
+def _checks(
+    seen: Look, robot: RobotConfig, settings: DoctorSettings, safety: SafetySettings
+) -> list[Result]:
+    return [
+        check_clock(seen, robot, settings),
+        check_samples(seen, robot, safety, settings),
+        check_joints(seen, robot, settings),
+        check_limits(seen, robot, settings),
+        check_temperatures(seen, robot, safety),
+        check_diagnosis(seen),
+        check_battery(seen, safety),
+        check_flap(seen),
+        check_wheels(seen, robot, settings),
+        check_bumpers(seen, robot),
+        check_buttons(seen, robot, safety),
+        check_touch(seen, robot),
+        check_imu(seen, settings),
+    ]
+
+
+def _models(identity: str, path: Path | None, robot: RobotConfig) -> tuple[ModelSet | None, Result]:
+    """The models of a robot, of any kind if they are in a file."""
+    try:
+        models = find_models(identity, path, "fusion", ("fusion", "affine", "cart"))
+        models.check_robot(robot)
+    except ModelFileError as error:
+        found, _, cure = str(error).rpartition("; ")
+        return None, Result(
+            name="models", outcome=Outcome.FAILED, found=found or str(error), cure=cure
+        )
+    return models, check_models(models, robot)

@@ -1,0 +1,218 @@
+"""What a log holds of a run, as objects: its ticks, settings, observer, reflexes."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+from functools import cached_property
+from pathlib import Path
+from typing import Any, TypeVar
+
+from pepper_driver.backends.log_file import read_log_file
+from pepper_driver.backends.replay import ReplayBackend
+from pepper_driver.config import (
+    ControllerSettings,
+    ObserverSettings,
+    PepperError,
+    RobotConfig,
+    SafetySettings,
+    load_observer_settings,
+    load_robot,
+)
+from pepper_driver.config.loading import parse
+from pepper_driver.controller import Reference, Tick
+from pepper_driver.log import LogData
+from pepper_driver.observer import ContactObserver, ModelFileError, Observer
+from pepper_driver.reflexes import Reflex
+from pepper_driver.reflexes.declared import REFLEX_GROUP, make_reflex
+from pepper_driver.selection import contact_observer, make_observer
+
+T = TypeVar("T")
+
+
+class ReplayError(PepperError, RuntimeError):
+    """A recording does not hold what its replay needs; the message says what, and what to give instead."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class RecordedRun:
+    """A log, read for a replay.
+
+    Attributes:
+        path: Of the log.
+        robot: Its description.
+        log: The contents.
+        backend: Steps through it.
+    """
+
+    path: Path
+    robot: RobotConfig
+    log: LogData
+    backend: ReplayBackend
+
+    @cached_property
+    def ticks(self) -> tuple[Tick, ...]:
+        """All that an observer saw. Their arrays are those of the log."""
+        log = self.log
+        names = [f.name for f in fields(Reference)]
+        columns = [log[f"reference_{name}"] for name in names]
+        references = (
+            Reference(**dict(zip(names, values, strict=True)))
+            for values in zip(*columns, strict=True)
+        )
+        backend = self.backend
+        return tuple(
+            Tick(measurement=measurement, reference=reference, sent=sent, changed=changed)
+            for measurement, reference, sent, changed in zip(
+                backend.measurements, references, backend.commands, log["changed"], strict=True
+            )
+        )
+
+    @property
+    def references(self) -> list[Reference]:
+        """What the controller wanted at the end of each tick, as far as a later tick answers it."""
+        return [tick.reference for tick in self.ticks[self.backend.info.response_delay + 1 :]]
+
+    @property
+    def controller_settings(self) -> ControllerSettings:
+        """Those of then.
+
+        Raises:
+            PepperError: They are missing, or not to be understood.
+        """
+        return self._settings("controller_settings", ControllerSettings)
+
+    @property
+    def safety_settings(self) -> SafetySettings:
+        """Those of then.
+
+        Raises:
+            PepperError: They are missing, or not to be understood.
+        """
+        return self._settings("safety_settings", SafetySettings)
+
+    @property
+    def from_start(self) -> bool:
+        """Whether the log begins as a run does: at rest, with stiff motors."""
+        first = self.ticks[0]
+        moving = first.reference.velocity.any() or first.reference.base_twist.any()
+        return not moving and bool((first.sent.stiffness == 1.0).all())
+
+    @property
+    def felt(self) -> bool:
+        """Whether there was an observer."""
+        return self.log.metadata.get("observer", "none") != "none"
+
+    def observer(
+        self,
+        name: str | None = None,
+        models: Path | None = None,
+        settings: Path | None = None,
+    ) -> Observer | None:
+        """An observer for these ticks: that of then, unless something else is asked for.
+
+        Args:
+            name: Another one, with the settings and models of today.
+            models: Other models.
+            settings: Other settings, as in ``observer.yaml``.
+
+        Returns:
+            None where there was none.
+
+        Raises:
+            PepperError: It cannot be made.
+        """
+        identity = self.backend.info.identity
+        if name is not None and settings is None:
+            return make_observer(name, self.robot, identity, models)
+        if name is None and not self.felt:
+            if models is not None or settings is not None:
+                raise ReplayError(f"{self.path}: the run had no observer; name one with --observer")
+            return None
+        run = self.log.metadata
+        mode = name or run.get("observer_mode")
+        if mode is None or ("observer_models_sha256" not in run and name is None):
+            return self._foreign_observer(models)
+        chosen = (
+            self._settings("observer_settings", ObserverSettings)
+            if settings is None
+            else load_observer_settings(settings)
+        )
+        try:
+            observer = contact_observer(mode, self.robot, identity, models, chosen)
+        except ModelFileError as error:
+            if models is not None:
+                raise
+            raise ReplayError(f"{self.path}: {error}; or give their file with --models") from error
+        if name is None and models is None:
+            self._check_models(mode, observer)
+        return observer
+
+    def reflexes(self) -> Sequence[Reflex]:
+        """The reflexes of then, new.
+
+        Raises:
+            PepperError: One cannot be made here.
+        """
+        entries = self._json("reflexes")
+        if not (isinstance(entries, list) and all(isinstance(entry, dict) for entry in entries)):
+            raise ReplayError(f"{self.path}: its metadata has no 'reflexes' that can be read")
+        made = []
+        for number, entry in enumerate(entries):
+            if "class" in entry:
+                raise ReplayError(
+                    f"{self.path}: reflex '{entry.get('name')}' is of the class {entry['class']} of its program, "
+                    f"not registered under '{REFLEX_GROUP}'; replay with --reflexes FILE, or --reflexes none"
+                )
+            try:
+                made.append(make_reflex(entry, self.robot, str(self.path), f"reflexes.{number}"))
+            except PepperError as error:
+                raise ReplayError(
+                    f"{error}; replay with --reflexes FILE, or --reflexes none"
+                ) from error
+        return made
+
+    def _foreign_observer(self, models: Path | None) -> Observer:
+        name = self.log.metadata.get("observer_name")
+        if name is None:
+            raise ReplayError(
+                f"{self.path}: its observer was an object of its program "
+                f"({self.log.metadata['observer']}); name one with --observer"
+            )
+        return make_observer(name, self.robot, self.backend.info.identity, models)
+
+    def _check_models(self, mode: str, observer: ContactObserver) -> None:
+        run = self.log.metadata
+        then, now = run["observer_models_sha256"], observer.provenance()["models_sha256"]
+        if then != now:
+            raise ReplayError(
+                f"{self.path}: felt with the models {then[:12]} ({run.get('observer_models')}), those shipped "
+                f"here are {now[:12]}; give the file of then with --models, or take "
+                f"those of today with --observer {mode}"
+            )
+
+    def _settings(self, key: str, cls: type[T]) -> T:
+        return parse(cls, self._json(key), f"{self.path}: {key}")
+
+    def _json(self, key: str) -> Any:  # noqa: ANN401
+        try:
+            return json.loads(self.log.metadata[key])
+        except (KeyError, ValueError) as error:
+            raise ReplayError(
+                f"{self.path}: its metadata has no '{key}' that can be read"
+            ) from error
+
+
+def load_run(path: Path, robot: RobotConfig | None = None) -> RecordedRun:
+    """A log, ready for a replay.
+
+    Raises:
+        LogError: The file is missing, damaged, no log of this package, without a tick, or of another robot.
+    """
+    robot = robot or load_robot()
+    file = read_log_file(path)
+    log = LogData.of(file)
+    return RecordedRun(
+        path=path, robot=robot, log=log, backend=ReplayBackend(robot, file, f"replay://{path}")
+    )

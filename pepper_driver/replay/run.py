@@ -1,0 +1,185 @@
+"""Runs the loop over a recording: the same calls in the same order, on the measurements of then."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from pepper_driver.backends.log_file import Column
+from pepper_driver.backends.replay import CommandDifferences, EndOfLogError
+from pepper_driver.controller import Tick
+from pepper_driver.controller.recorded import RecordedController
+from pepper_driver.events import ReflexEvent, SensorEvent
+from pepper_driver.log import LogEvent, LogWriter, run_metadata
+from pepper_driver.log.rows import unobserved
+from pepper_driver.loop import Loop
+from pepper_driver.observer import Contact, Observation, Observer
+from pepper_driver.reflexes import Reflex, Reflexes
+from pepper_driver.replay.recorded import RecordedRun, ReplayError
+from pepper_driver.safety import FaultError, SafetyGate
+
+VALUES = ("expected", "residual", "threshold", "torque", "torque_std", "state")
+"""What an observer says of each joint in each tick."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Replayed:
+    """What observer and reflexes made of a recording.
+
+    Attributes:
+        observer: In one line; None without.
+        reflexes: Their names, in the order in which they were asked.
+        contacts: Events with the row in which each was raised.
+        events: Begin and end of reflexes, the same.
+        values: (n, 17) by name, as in the log; empty without an observer.
+        commands: How the commands differ from those recorded.
+        fault: Why the safety gate stopped the replay; empty if it did not.
+    """
+
+    observer: str | None
+    reflexes: tuple[str, ...]
+    contacts: list[tuple[int, Contact]] = field(repr=False)
+    events: list[tuple[int, LogEvent]] = field(repr=False)
+    values: dict[str, Column] = field(repr=False)
+    commands: CommandDifferences
+    fault: str
+
+
+def replay(
+    run: RecordedRun,
+    observer: Observer | None,
+    reflexes: Sequence[Reflex] = (),
+    *,
+    out: Path | None = None,
+) -> Replayed:
+    """Step observer and reflexes through a recording.
+
+    The observer sees the recorded ticks, bit for bit. The controller goes through the recorded references, whatever
+    reflexes want of it, and passes the safety gate; the commands that come out are compared with those recorded.
+
+    Args:
+        run: The recording.
+        observer: Or None.
+        reflexes: New ones: a replay changes them.
+        out: A log of the replay, with the recorded ticks and what was made of them now.
+
+    Raises:
+        PepperError: The recording lacks something, a reflex is not for this robot, or ``out`` cannot be written.
+    """
+    if out is not None and out.exists() and out.samefile(run.path):
+        raise ReplayError(f"{out}: is the recording itself; give another file")
+    robot, backend = run.robot, run.backend
+    arbiter = Reflexes(reflexes, robot)
+    controller = RecordedController(robot, run.controller_settings, run.references)
+    gate = SafetyGate(robot, run.safety_settings, run.controller_settings)
+    seen = _Taken(run)
+    with ExitStack() as stack:
+        if out is not None:
+            seen.log = LogWriter(out, robot, _metadata(run, observer, arbiter), lossless=True)
+            stack.callback(seen.log.close)
+        first = backend.open()
+        stack.callback(backend.close)
+        first = backend.activate()
+        hold = np.clip(first.position, robot.lower, robot.upper)
+        controller.reset(hold)
+        gate.activate(hold)
+        if observer is not None:
+            observer.reset()
+        arbiter.reset()
+        loop = Loop(
+            backend,
+            robot,
+            controller,
+            gate,
+            first=first,
+            observer=None if observer is None else _OnRecordedTicks(observer, run.ticks),
+            reflexes=arbiter,
+            log=None,
+            deliver=seen.take,
+        )
+        fault = ""
+        try:
+            while True:
+                loop.tick()
+        except EndOfLogError:
+            pass
+        except FaultError as error:
+            fault = str(error)
+    return Replayed(
+        observer=None if observer is None else observer.describe(),
+        reflexes=arbiter.names,
+        contacts=seen.contacts,
+        events=seen.events,
+        values={} if observer is None else seen.values(),
+        commands=backend.differences,
+        fault=fault,
+    )
+
+
+class _OnRecordedTicks(Observer):
+    """Shows an observer the ticks of a recording: gate and controller of today have no part in what it sees."""
+
+    def __init__(self, observer: Observer, ticks: Sequence[Tick]) -> None:
+        self._observer = observer
+        self._ticks = iter(ticks)
+
+    def step(self, tick: Tick) -> Observation:
+        return self._observer.step(next(self._ticks))
+
+    def reset(self) -> None:
+        self._observer.reset()
+
+    def describe(self) -> str:
+        return self._observer.describe()
+
+
+class _Taken:
+    """What the loop hands over."""
+
+    def __init__(self, run: RecordedRun) -> None:
+        self.log: LogWriter | None = None
+        self.contacts: list[tuple[int, Contact]] = []
+        self.events: list[tuple[int, LogEvent]] = []
+        self._run = run
+        self._blind = unobserved(run.robot)
+        self._observations: list[Observation] = []
+
+    def take(
+        self,
+        tick: Tick,
+        observation: Observation | None,
+        events: Sequence[ReflexEvent | SensorEvent],
+    ) -> None:
+        """Take in one tick."""
+        row = len(self._observations)
+        self._observations.append(self._blind if observation is None else observation)
+        if observation is not None:
+            self.contacts += [(row, contact) for contact in observation.contacts]
+        logged = [LogEvent.of(event) for event in events]
+        self.events += [(row, event) for event in logged if event.kind == "reflex"]
+        if self.log is not None:
+            self.log.append(self._run.ticks[row], observation, events=logged)
+
+    def values(self) -> dict[str, Column]:
+        """All that the observer said."""
+        return {name: np.array([getattr(o, name) for o in self._observations]) for name in VALUES}
+
+
+def _metadata(run: RecordedRun, observer: Observer | None, reflexes: Reflexes) -> dict[str, str]:
+    """Of the log of a replay: the robot is that of then."""
+    info = run.backend.info
+    then = run.log.metadata
+    now = run_metadata(
+        info,
+        observer,
+        run.robot,
+        run.controller_settings,
+        run.safety_settings,
+        reflexes=reflexes.declarations,
+    )
+    kept: dict[str, str] = {key: then[key] for key in ("start", "backend", "seed") if key in then}
+    return {**now, **kept, "replay_of": run.path.name}

@@ -1,0 +1,31 @@
+"""Levels of the doctor."""
+
+from pathlib import Path
+
+import pytest
+
+from pepper_driver.config import ConfigError, load_doctor_settings
+from pepper_driver.config.loading import package_file
+
+
+def test_the_shipped_levels_load() -> None:
+    assert load_doctor_settings().motion == 20.0
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "word"),
+    [
+        ("outside_failure: 0.05", "outside_failure: 0.001", "outside_warning"),
+        ("tilt_failure: 0.14", "tilt_failure: 0.01", "tilt_warning"),
+        ("gravity: [9.3, 10.3]", "gravity: [10.3, 9.3]", "gravity"),
+        ("amplitude: 0.09", "amplitude: 1.0", "amplitude"),
+        ("follow: 0.3", "follow: 0.3\nfolow: 0.3", "folow"),
+    ],
+)
+def test_wrong_levels_are_refused(tmp_path: Path, old: str, new: str, word: str) -> None:
+    text = package_file("doctor.yaml").read_text()
+    assert f"\n{old}" in text
+    path = tmp_path / "doctor.yaml"
+    path.write_text(text.replace(f"\n{old}", f"\n{new}"))
+    with pytest.raises(ConfigError, match=word):
+        load_doctor_settings(path)

@@ -1,0 +1,131 @@
+"""Robots for the doctor: well and sick ones without physics, and models that say they are theirs."""
+
+from collections.abc import Callable, Collection
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from pepper_driver.backends import Backend, BackendInfo, DeviceError, Measurement
+from pepper_driver.config import RobotConfig, load_robot
+from pepper_driver.config.parts import FloatArray
+from pepper_driver.doctor import Examination, Result, examine
+from pepper_driver.observer import ModelSet
+from pepper_driver.observer.model_file import shipped
+from pepper_driver.pacing import Pacer
+
+from fakes import FakeBackend, Fault  # isort: skip
+
+ROBOT = load_robot()
+TICKS = 3000
+
+
+class Patient(FakeBackend):
+    """A robot that is sick all the time, or in one tick; ``errors`` is what its own diagnosis says."""
+
+    def __init__(
+        self,
+        sickness: Fault | None = None,
+        *,
+        tick: int | None = None,
+        errors: tuple[DeviceError, ...] | None = None,
+        real_time: bool = False,
+        opens: Callable[[], None] | None = None,
+    ) -> None:
+        super().__init__(ROBOT)
+        self._errors, self._real_time, self._opens = errors, real_time, opens
+        if sickness is not None:
+            self.faults = dict.fromkeys(range(TICKS) if tick is None else (tick,), sickness)
+
+    @property
+    def info(self) -> BackendInfo:
+        return replace(super().info, real_time=self._real_time)
+
+    def open(self) -> Measurement:
+        if self._opens is not None:
+            self._opens()
+        measurement = super().open()
+        fault = self.faults.get(0)
+        return measurement if fault is None else fault(measurement)
+
+    def diagnosis(self) -> tuple[DeviceError, ...] | None:
+        return self._errors
+
+    @property
+    def moved(self) -> bool:
+        """Whether it was made stiff, or told anything that could move it."""
+        return "activate" in self.calls or any(
+            command.stiffness.any() or command.wheel_speed.any() for command in self.commands
+        )
+
+
+def use(monkeypatch: pytest.MonkeyPatch, backend: Backend) -> None:
+    """Whatever the URI says, this is the robot; nobody waits for the time."""
+
+    def make(uri: str, robot: RobotConfig | None = None) -> Backend:
+        return backend
+
+    monkeypatch.setattr("pepper_driver.doctor.examination.make_backend", make)
+    monkeypatch.setattr("pepper_driver.robot.make_backend", make)
+    monkeypatch.setattr("pepper_driver.doctor.look.RealTimePacer", lambda cycle: Pacer())
+    monkeypatch.setattr("pepper_driver.robot.RealTimePacer", lambda cycle: Pacer())
+
+
+def models_for(identity: str, folder: Path) -> Path:
+    """The nominal plant's models, as if they had been identified on another robot."""
+    path = folder / "models.json"
+    replace(ModelSet.load(shipped("fusion")["nominal"]), identity=identity).save(path)
+    return path
+
+
+def examined(monkeypatch: pytest.MonkeyPatch, backend: Backend, models: Path) -> Examination:
+    use(monkeypatch, backend)
+    return examine("fake", models=models)
+
+
+def named(examination: Examination, name: str) -> Result:
+    """The result of one check."""
+    (result,) = (result for result in examination.results if result.name == name)
+    return result
+
+
+def field(name: str, value: Any) -> Fault:
+    """The measurement has another value."""
+    return lambda measurement: replace(measurement, **{name: value})
+
+
+def shifted_clock(seconds: float) -> Fault:
+    return lambda measurement: replace(measurement, time=measurement.time + seconds)
+
+
+def lost(joint: int) -> Fault:
+    def change(measurement: Measurement) -> Measurement:
+        position = measurement.position.copy()
+        position[joint] = np.nan
+        return replace(measurement, position=position)
+
+    return change
+
+
+def held(joint: int, angle: float) -> Fault:
+    def change(measurement: Measurement) -> Measurement:
+        position = measurement.position.copy()
+        position[joint] = angle
+        return replace(measurement, position=position)
+
+    return change
+
+
+def inertial(**changes: FloatArray) -> Fault:
+    return lambda measurement: replace(measurement, imu=replace(measurement.imu, **changes))
+
+
+def only(models: ModelSet, joints: Collection[str]) -> ModelSet:
+    """The models of some joints."""
+    parts: dict[str, Any] = {
+        name: {j: v for j, v in getattr(models, name).items() if j in joints}
+        for name in ("models", "estimation_fit", "test_fit", "threshold")
+    }
+    return replace(models, **parts)
