@@ -18,7 +18,16 @@ LogArgument = Annotated[Path, typer.Argument(metavar="LOG", help="MCAP log of a 
 
 app = typer.Typer(help="Say what a log holds, or export it.", no_args_is_help=True)
 
-SHOWN = ("start", "backend", "seed", "identity", "observer", "pepper_driver", "machine")
+SHOWN = (
+    "start",
+    "experiment",
+    "backend",
+    "seed",
+    "identity",
+    "observer",
+    "pepper_driver",
+    "machine",
+)
 """Of the metadata; ``--json`` has all of it."""
 
 

@@ -31,6 +31,7 @@ from pepper_driver.config.experiment_steps import (
 from pepper_driver.events import CueEvent, PushEvent, ReflexEvent, StepEvent
 from pepper_driver.experiment import ExperimentRun
 from pepper_driver.experiment_plan import push_text
+from pepper_driver.keys import StopKey
 from pepper_driver.observer import Contact
 from pepper_driver.reflexes import Reflex
 
@@ -46,7 +47,10 @@ def run_command(
     real_time: RealTimeOption = False,
     json_file: JsonOption = None,
 ) -> int:
-    """Perform an experiment; code 1 if it stopped early or a step gave up reaching its targets."""
+    """Perform an experiment; code 1 if it stopped early or a step gave up reaching its targets.
+
+    The space bar or q stops the robot at once.
+    """
     console = make_console()
     run = ExperimentRun(file, backend, log=None if dry_run else log, real_time=real_time)
     check_outputs(json_file)
@@ -57,7 +61,10 @@ def run_command(
     if run.pushes.skipped:
         console.print(run.pushes.skipped)
     tell_all(console, run)
-    report = run.perform()
+    with StopKey(run.pepper.emergency_stop) as key:
+        if key.listening:
+            console.print(key.HELP)
+        report = run.perform()
     if run.pepper.paced:
         show_timing(console, run.pepper.statistics)
     console.print(str(report))

@@ -1,5 +1,6 @@
 """Experiments to be performed on a robot without physics, or on the simulated one."""
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -41,10 +42,10 @@ def make_run(
     monkeypatch: pytest.MonkeyPatch,
     folder: Path,
     *steps: dict[str, Any],
-    at: dict[int, tuple[Contact, ...]] | None = None,
+    at: Mapping[int, tuple[Contact, ...]] | None = None,
     **more: Any,
 ) -> ExperimentRun:
     """An experiment whose robot feels contacts in given ticks, counted from 1; the experiment begins with the first."""
     _, observer = fake(monkeypatch)
-    observer.at = at or {}
+    observer.at = dict(at or {})
     return ExperimentRun(load_experiment(write(folder, *steps, **more), ROBOT))
