@@ -26,7 +26,10 @@ def with_lines(loader: Callable[P, T]) -> Callable[P, T]:
         try:
             return loader(*args, **kwargs)
         except ConfigError as error:
-            error.args = (located(str(error)),)
+            message = located(str(error))
+            if len(message.splitlines()) > 1:  # a key may hold anything, a line break too
+                message = " ".join(message.split())
+            error.args = (message,)
             raise
 
     return load
