@@ -107,7 +107,7 @@ class Strays:
         """
         self._untouched += 1
         counts = seen & moving
-        if not (self.known == 1.0).all():
+        if np.count_nonzero(counts & (self.known < 1.0)):
             self._motion += counts
             self.known = np.minimum(self._motion / FIRST_MOTION, 1.0)
             self._widen()
