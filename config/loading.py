@@ -19,6 +19,9 @@ from pepper_driver.config.lines import with_lines
 STRICT = ConfigDict(extra="forbid", strict=True, allow_inf_nan=False)
 """Pydantic settings of all configuration dataclasses: no unknown key, no silent conversion, no NaN."""
 
+MOST_VALUES = 100_000
+"""In one file, anchors repeated: a few lines of anchors in anchors can stand for more than any memory holds."""
+
 T = TypeVar("T")
 
 
@@ -92,6 +95,7 @@ def read_yaml(path: Path) -> dict[str, Any]:
         raise ConfigError(f"{path}: cannot be read ({error})") from error
     try:
         data = yaml.load(text, Loader=_Loader)
+        count = _count(data, {})
     except (yaml.YAMLError, ValueError, TypeError, RecursionError) as error:
         mark = getattr(error, "problem_mark", None)
         where = f" line {mark.line + 1}" if mark is not None else ""
@@ -99,7 +103,22 @@ def read_yaml(path: Path) -> dict[str, Any]:
         raise ConfigError(f"{path}{where}: {problem}") from error
     if not isinstance(data, dict):
         raise ConfigError(f"{path}: holds {_kind(data)}, expected a mapping of keys to values")
+    if count > MOST_VALUES:
+        raise ConfigError(
+            f"{path}: its anchors stand for {count:.0e} values, and {MOST_VALUES} is the most"
+        )
     return data
+
+
+def _count(value: object, known: dict[int, int]) -> int:
+    """Values in a document as it is written out; ``known`` are those of its mappings and lists."""
+    if not isinstance(value, dict | list):
+        return 1
+    if id(value) not in known:
+        known[id(value)] = 0  # of one that holds itself; JSON refuses that later
+        inner = value.values() if isinstance(value, dict) else value
+        known[id(value)] = 1 + sum(_count(part, known) for part in inner)
+    return known[id(value)]
 
 
 def parse(cls: type[T], data: dict[str, Any], source: str) -> T:

@@ -1,5 +1,6 @@
 """Every mistake in a file is one line that names file and key; nothing else ever comes out of loading."""
 
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -64,3 +65,22 @@ def test_any_text_is_yaml_or_one_error(tmp_path_factory: pytest.TempPathFactory,
         assert isinstance(read_yaml(path), dict)
     except ConfigError as error:
         assert str(path) in str(error)
+
+
+def test_anchors_in_anchors_are_refused_before_they_fill_the_memory(tmp_path: Path) -> None:
+    path = tmp_path / "bomb.yaml"
+    lines = ["a0: &a0 [1, 1, 1, 1, 1, 1, 1, 1, 1, 1]"]
+    for k in range(1, 30):
+        lines.append(f"a{k}: &a{k} [" + ", ".join([f"*a{k - 1}"] * 10) + "]")
+    path.write_text("\n".join(lines))
+    with pytest.raises(ConfigError, match="anchors stand for"):
+        read_yaml(path)
+    path.write_text("\n".join(lines[:3]))
+    assert len(read_yaml(path)["a2"]) == 10
+
+
+def test_one_that_holds_itself_is_one_error(tmp_path: Path) -> None:
+    path = tmp_path / "loop.yaml"
+    path.write_text("a: &a [1, *a]\n")
+    with pytest.raises(ConfigError):
+        parse(PlantConfig, read_yaml(path), str(path))
