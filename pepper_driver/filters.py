@@ -46,12 +46,15 @@ def contact_filter(
 ) -> ContactFilter:
     """Picks contacts.
 
+    A contact begins weak, and where it is turns out within 150 ms. ``phase="begin"`` therefore means the first event in
+    which a contact that has begun is as described, once for each: its begin, or an update.
+
     Args:
         robot: Whose links and joints are meant.
         link: Only contacts on this link.
         joint: Only contacts felt by this joint.
         kind: Only this kind. None takes contacts and collisions: a rebound is no touch.
-        phase: Only this phase. None takes all.
+        phase: ``begin``, ``update``, ``end``. None takes every event.
         min_intensity: Only contacts of at least this intensity [deg].
 
     Raises:
@@ -67,14 +70,32 @@ def contact_filter(
             f"min_intensity must be an angle [deg] of 0 or more, got {min_intensity!r}"
         )
 
-    def wanted(contact: Contact) -> bool:
+    def fits(contact: Contact) -> bool:
         return (
             (link is None or contact.link == link)
             and (joint is None or contact.joint == joint)
             and (contact.kind == kind if kind is not None else contact.kind != "rebound")
-            and (phase is None or contact.phase == phase)
             and contact.intensity >= min_intensity
         )
+
+    if phase == "begin":
+        return _once(fits)
+    return lambda contact: (phase is None or contact.phase == phase) and fits(contact)
+
+
+def _once(fits: ContactFilter) -> ContactFilter:
+    """Takes the first event of each contact that fits, of those whose begin it has seen."""
+    waiting: set[int] = set()
+
+    def wanted(contact: Contact) -> bool:
+        if contact.phase == "begin":
+            waiting.add(contact.id)
+        elif contact.phase == "end":
+            waiting.discard(contact.id)
+        if contact.id not in waiting or not fits(contact):
+            return False
+        waiting.discard(contact.id)
+        return True
 
     return wanted
 

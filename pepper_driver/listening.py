@@ -78,8 +78,8 @@ class Listening(ABC):
             link: Only contacts on this link.
             joint: Only contacts felt by this joint.
             kind: Only this kind; None for contacts and collisions, but no rebounds.
-            phase: ``begin``, ``update``, ``end``, or None for all.
-            min_intensity: Only contacts of at least this intensity [deg], in this phase: it grows after ``begin``.
+            phase: ``begin``, once for each contact, as soon as it is as described; ``update``; ``end``; None for all.
+            min_intensity: Only contacts of at least this intensity [deg].
 
         Raises:
             UnknownNameError: No such link, joint, kind or phase.

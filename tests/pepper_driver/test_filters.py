@@ -51,6 +51,35 @@ def test_contacts(wanted: dict[str, Any], fits: dict[str, Any], fits_not: dict[s
 
 
 @pytest.mark.parametrize(
+    ("wanted", "later"),
+    [
+        ({"link": LINK}, {"link": LINK}),
+        ({"joint": "RHand"}, {"joint": "RHand"}),
+        ({"kind": "collision"}, {"kind": "collision"}),
+        ({"min_intensity": 5.0}, {"intensity": 6.0}),
+    ],
+)
+def test_a_contact_is_told_once_it_is_as_described(
+    wanted: dict[str, Any], later: dict[str, Any]
+) -> None:
+    """The observer finds out where it is, and how strong, after its begin."""
+    predicate = contact_filter(ROBOT, **wanted)
+    other = {"link": "elsewhere", "joint": None, "kind": "contact", "intensity": 1.0}
+    story = [
+        ("begin", other, False),
+        ("update", other, False),
+        ("update", {**other, **later}, True),
+        ("update", {**other, **later}, False),
+        ("end", {**other, **later}, False),
+        ("begin", {**other, **later}, True),  # a new run counts from 1 again
+        ("end", {**other, **later}, False),
+        ("update", {**other, **later}, False),
+    ]
+    for phase, values, told in story:
+        assert predicate(contact(phase=phase, **values)) == told
+
+
+@pytest.mark.parametrize(
     ("wanted", "hint"),
     [
         ({"joint": "LElbowRol"}, "joint 'LElbowRol' .*LElbowRoll"),
