@@ -13,10 +13,8 @@ from numpy.typing import NDArray
 
 from pepper_driver.backends import (
     Backend,
-    BackendError,
     Command,
     Measurement,
-    NotConnectedError,
     Truth,
 )
 from pepper_driver.config import RobotConfig
@@ -121,8 +119,9 @@ class Loop:
     def tick(self, due: int | None = None, missed: int = 0) -> Tick:
         """One cycle.
 
-        Whatever fails inside a cycle puts the gate into FAULT. The robot is then told to stand still before the error
-        is raised, and the cycle is logged all the same.
+        Whatever observer, reflexes or controller raise puts the gate into FAULT; what the backend raises, such as a lost
+        connection, comes out as it is. In FAULT the robot is told to stand still before the error is raised, and the cycle
+        is logged all the same.
 
         Args:
             due: When it was to begin, by ``perf_counter_ns``; None where ticks do not wait.
@@ -244,5 +243,7 @@ class Loop:
                     time=self.time, kind="fault", name=fault.reason.value, text=fault.text
                 )
                 self._log.note(event)
-            with suppress(BackendError, NotConnectedError):  # nobody there to be told
+            with suppress(
+                Exception
+            ):  # whatever the backend says to it: the fault is what is raised
                 self._backend.step(self._gate.hold())

@@ -183,11 +183,9 @@ class Session:
                         self.loop.tick(pacer.due, missed)
                         if ended:
                             break
-            except FaultError:
-                self.tell_fault()
-                raise
             finally:
                 self._listeners.remove(listener)
+                self.tell_fault()  # whatever was raised beside it
         if pacer.due is None:  # a real robot would stand without ticks meanwhile
             self.dispatcher.flush(timeout=CALLBACK_TIME)
         return ended

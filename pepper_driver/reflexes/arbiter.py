@@ -80,7 +80,9 @@ class Reflexes:
             if isinstance(reflex, Ignore):
                 observation = _without(observation, reflex)
                 continue
+            claimed = control.claimed
             reflex.step(observation, measurement, control)
+            reflex.had = reflex.had | (control.claimed & ~claimed)
             if reflex.active != self._was_active[number]:
                 self._was_active[number] = reflex.active
                 events.append(self._event(reflex, measurement.time))
@@ -99,8 +101,11 @@ class Reflexes:
 
 
 def _without(observation: Observation, ignore: Ignore) -> Observation:
-    """The same without the contacts that are ignored."""
+    """The same without the contacts that are ignored; one that turns out to be ignored is over for those below."""
     if not observation.contacts:
         return observation
-    left = tuple(contact for contact in observation.contacts if not ignore.is_for(contact))
+    left = tuple(
+        replace(contact, phase="end") if ignore.is_for(contact) else contact
+        for contact in observation.contacts
+    )
     return replace(observation, contacts=left)

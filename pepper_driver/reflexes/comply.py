@@ -87,7 +87,8 @@ class Comply(Reflex):
 
     def act(self, observation: Observation, measurement: Measurement, control: Control) -> None:
         """Follow the torque."""
-        if not (self.joints.any() and control.claim(self.joints)):
+        self.granted = bool(self.joints.any()) and control.claim(self.joints)
+        if not self.granted:
             return
         # What is felt after the hand has gone is friction that holds the joints off their place.
         pushed = np.count_nonzero(observation.state[self.joints] == JointState.CONTACT)

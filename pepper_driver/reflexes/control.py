@@ -30,6 +30,7 @@ class Control:
             is one, all other tasks stand still, the base comes to rest, and afterwards they go on.
         posture_stiffness: Stiffness of the posture task that a reflex wants [1/s2]; None to follow the user.
         stiffness: (17,) wanted stiffness of the motors 0..1; the safety gate ramps towards it.
+        claimed: (17,) joints that a reflex has in this tick.
         left: (17,) joints that the user's posture shall find, from now on, where they come to rest.
     """
 
@@ -49,15 +50,15 @@ class Control:
         self.posture_stiffness: float | None = None
         self.stiffness: FloatArray = np.ones(self._width)
         self.left: BoolArray = np.zeros(self._width, dtype=np.bool_)
-        self._claimed = np.zeros(self._width, dtype=np.bool_)
+        self.claimed: BoolArray = np.zeros(self._width, dtype=np.bool_)
         self._base_claimed = False
         self._wanted = {}
 
     def claim(self, joints: BoolArray) -> bool:
         """Take joints, a mask (17,), for this tick: all of them, or, where one is taken already, none."""
-        if np.count_nonzero(self._claimed & joints):
+        if np.count_nonzero(self.claimed & joints):
             return False
-        self._claimed = self._claimed | joints
+        self.claimed = self.claimed | joints
         return True
 
     def claim_base(self) -> bool:

@@ -87,7 +87,8 @@ class FollowHand(Comply):
     def act(self, observation: Observation, measurement: Measurement, control: Control) -> None:
         """Follow."""
         super().act(observation, measurement, control)
-        if self.lead != "base" or not self.joints.any() or not control.claim_base():
+        if self.lead != "base" or not self.granted or not control.claim_base():
+            self._force[:] = 0.0
             return
         share = self.robot.cycle / SMOOTHING
         self._force += share * (self._horizontal_force(observation, measurement) - self._force)

@@ -57,6 +57,7 @@ class Reflex:
         longest: That it acts without pause [s].
         name: In events and log; by default that of the class, ``stop_base`` for ``StopBase``.
         joints: (17,) those it acts on, once it is active.
+        had: (17,) those it has been given since it began.
         contact: The one that it began with.
 
     Raises:
@@ -105,6 +106,7 @@ class Reflex:
         """
         self.robot = robot
         self.joints: BoolArray = np.zeros(len(robot.joint_names), dtype=np.bool_)
+        self.had: BoolArray = np.zeros_like(self.joints)
         self._for_it = contact_filter(
             robot,
             link=self.link,
@@ -121,6 +123,7 @@ class Reflex:
         self._given_up: set[int] = set()
         self._until: float | None = None
         self._began, self.contact = None, None
+        self.had = np.zeros_like(self.joints)
 
     @property
     def active(self) -> bool:
@@ -171,7 +174,7 @@ class Reflex:
         elif contact.id not in self._given_up and self.is_for(contact):
             if self._began is None:
                 self._began, self.contact = time, contact
-                self.joints = np.zeros_like(self.joints)
+                self.joints, self.had = np.zeros_like(self.joints), np.zeros_like(self.joints)
             self._touching[contact.id] = contact.link
             self._until = None
             self.begin(contact, control)
@@ -179,7 +182,7 @@ class Reflex:
     def _end(self, control: Control) -> None:
         self._began = self._until = None
         if self.then == "stay":
-            control.left |= self.joints
+            control.left |= self.had & ~control.claimed
 
     # -- what a reflex does -------------------------------------------------------------------------------------
 

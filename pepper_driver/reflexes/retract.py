@@ -65,11 +65,18 @@ class Retract(Reflex):
             )
             self._task.target = _rest(control)[joints]
         self._answers, self._way, self._left = contact, np.zeros(len(joints)), 0.0
+        self._waited = False
 
     def act(self, observation: Observation, measurement: Measurement, control: Control) -> None:
         """Go on, or wait."""
-        if not (self.joints.any() and control.claim(self.joints)):
+        if not self.joints.any():
             return
+        if not control.claim(self.joints):
+            self._waited = True
+            return
+        if self._waited:  # the limb has been led elsewhere meanwhile
+            self._waited, self._task.target = False, _rest(control)[self.joints]
+            self._way[:] = 0.0
         if not self._way.any():
             self._way, self._peak = self._direction(observation), 0.0
             self._left = self.distance

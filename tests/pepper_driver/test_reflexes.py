@@ -311,6 +311,40 @@ def test_what_is_ignored_reaches_only_higher_priorities() -> None:
     assert below.active
 
 
+def test_a_contact_that_turns_out_to_be_ignored_is_over_for_those_below() -> None:
+    stage = Stage(below := Hold(pause=0.2), Ignore(kind="collision"))
+    stage.step(touch())
+    stage.run(0.1)
+    assert below.active
+    stage.step(touch(phase="update", kind="collision"))
+    stage.run(0.3)
+    assert not below.active
+    stage.step(touch(phase="end", kind="collision"))
+    assert not below.active
+
+
+def test_joints_that_were_never_given_are_not_left() -> None:
+    """Retract has the arm; what Comply would have left stays the user's, and so does a limb that was only softened."""
+    stage = Stage(
+        Retract(pause=2.0), Comply(then="stay", pause=0.0), Soften(then="stay", pause=0.0)
+    )
+    stage.step(touch(), torque=PUSH)
+    stage.run(0.3, torque=PUSH)
+    stage.step(touch(phase="end"))
+    left = np.zeros(17, dtype=np.bool_)
+    for _ in range(300):
+        stage.step()
+        left |= stage.control.left
+    assert not left.any()
+
+
+def test_a_base_is_not_led_by_an_arm_that_another_reflex_has() -> None:
+    stage = Stage(Retract(), FollowHand(lead="base"))
+    stage.step(touch(), torque={"LShoulderPitch": -4.0, "LShoulderRoll": 4.0})
+    stage.run(1.0, torque={"LShoulderPitch": -4.0, "LShoulderRoll": 4.0})
+    assert np.abs(stage.controller.base_pose).max() < 1e-3
+
+
 def test_reflexes_of_one_kind_have_names_of_their_own() -> None:
     stage = Stage(Hold(), Hold(), Hold(name="mine"))
     assert stage.reflexes.names == ("hold", "hold 2", "mine")
