@@ -119,9 +119,9 @@ class Loop:
     def tick(self, due: int | None = None, missed: int = 0) -> Tick:
         """One cycle.
 
-        Whatever observer, reflexes or controller raise puts the gate into FAULT; what the backend raises, such as a lost
-        connection, comes out as it is. In FAULT the robot is told to stand still before the error is raised, and the cycle
-        is logged all the same.
+        Whatever observer, reflexes or controller raise puts the gate into FAULT; what the backend raises, such as a
+        lost connection, comes out as it is. In FAULT the robot is told to stand still before the error is raised, and
+        the cycle is logged all the same.
 
         Args:
             due: When it was to begin, by ``perf_counter_ns``; None where ticks do not wait.
