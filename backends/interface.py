@@ -60,6 +60,9 @@ class Measurement:
         battery: Charge, 0..1.
         age: Time since the sample was taken [s], beyond the transport that is always there.
         charging_flap: 1.0 while the flap over the charging socket is open, NaN where nobody knows.
+        answers: How many steps before this one the command was given that the sample answers; None where it is always
+            ``BackendInfo.response_delay``.
+        withheld: Commands since ``activate`` that were not sent, because too many were on their way.
     """
 
     time: float
@@ -75,6 +78,8 @@ class Measurement:
     battery: float
     age: float
     charging_flap: float = nan
+    answers: int | None = None
+    withheld: int = 0
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

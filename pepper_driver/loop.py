@@ -28,6 +28,9 @@ from pepper_driver.safety import FaultError, FaultReason, SafetyGate
 from pepper_driver.sensor_edges import SensorEdges
 from pepper_driver.timing import StageTimes
 
+LONGEST_WAY = 50
+"""[ticks] From a command to the sample that answers it: beyond, the gate has long stopped the robot."""
+
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class _Sent:
@@ -100,8 +103,8 @@ class Loop:
             base_twist=np.zeros(3),
         )
         sent = _Sent(reference=standing, command=gate.sent, changed=np.zeros(n, dtype=np.bool_))
-        # The command that a measurement answers is the oldest here.
-        self._on_the_way = deque([sent], maxlen=backend.info.response_delay + 1)
+        # The last is the one of the next step.
+        self._on_the_way = deque([sent], maxlen=max(LONGEST_WAY, backend.info.response_delay) + 1)
 
     def move_to(self, target: FloatArray, duration: float | None = None) -> None:
         """Want a posture (17,) [rad] from the next tick on, reached within ``duration`` [s] along a spline.
@@ -141,7 +144,7 @@ class Loop:
             truth = self._truth.sample()
         marks.append(perf_counter_ns())
 
-        answered = self._on_the_way[0]
+        answered = self._answered(measurement)
         tick = Tick(
             measurement=measurement,
             reference=answered.reference,
@@ -190,6 +193,13 @@ class Loop:
         marks.append(perf_counter_ns())
         self.times.add(marks, age=measurement.age, due=due, missed=missed)
         return tick
+
+    def _answered(self, measurement: Measurement) -> _Sent:
+        """The command whose effect a measurement shows; the oldest known where it is older."""
+        ago = measurement.answers
+        if ago is None:
+            ago = self._backend.info.response_delay
+        return self._on_the_way[max(-1 - ago, -len(self._on_the_way))]
 
     def _leave(self) -> None:
         """Have the user's posture find the joints, which a reflex has led, where they come to rest."""
