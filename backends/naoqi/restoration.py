@@ -5,13 +5,14 @@ from __future__ import annotations
 import logging
 from dataclasses import dataclass
 
-from pepper_driver.backends.interface import BackendError, NotConnectedError
+from pepper_driver.backends.interface import NotConnectedError
 from pepper_driver.backends.naoqi.connection import (
     CallTimeoutError,
     Connection,
     MissingServiceError,
     ServiceError,
 )
+from pepper_driver.config import PepperError
 
 LOG = logging.getLogger(__name__)
 
@@ -68,7 +69,7 @@ class Restoration:
                 connection.call(
                     change.service, change.method, *change.arguments, timeout=change.timeout
                 )
-            except BackendError as error:
+            except PepperError as error:
                 left.append(change.text)
                 LOG.warning("not given back: %s (%s)", change.text, error)
                 answers = not isinstance(error, CallTimeoutError | NotConnectedError) or _alive(
@@ -89,6 +90,6 @@ def _alive(connection: Connection) -> bool:
         connection.call("ALMotion", "robotIsWakeUp", timeout=ALIVE)
     except (MissingServiceError, ServiceError):
         return True
-    except BackendError:
+    except PepperError:
         return False
     return True
