@@ -66,7 +66,7 @@ class Motion:
         self.stuck: set[str] = set()
         self.refuses: set[str] = set()
         self.slow = 0.0
-        self.commanded = ROBOT.posture("Stand").tolist()
+        self.commanded: list[float] = ROBOT.posture("Stand").tolist()
         self.come_on()
 
     def come_on(self) -> None:

@@ -26,6 +26,8 @@ from pepper_driver.backends.naoqi.peer import LoginError, NoAnswerError
 from pepper_driver.backends.naoqi.secret import Secret
 from pepper_driver.config import PepperError, load_naoqi_settings
 
+pytestmark = pytest.mark.usefixtures("qi")
+
 QUICK = replace(load_naoqi_settings(), connect_time=0.5, call_time=0.5)
 SECRET = Secret("xyzzy-7")
 
@@ -85,6 +87,12 @@ def listener(answer: Callable[[socket.socket], None] | None) -> Iterator[int]:
 def web_server(peer: socket.socket) -> None:
     peer.recv(1000)
     peer.sendall(b"HTTP/1.1 400 Bad Request\r\n\r\n")
+
+
+@pytest.fixture
+def fake() -> Iterator[FakeRobot]:
+    with FakeRobot() as fake:
+        yield fake
 
 
 @pytest.fixture(scope="module")
