@@ -16,7 +16,7 @@ from pepper_driver.config import PepperError
 
 LOG = logging.getLogger(__name__)
 
-ALIVE = 0.5
+ALIVE = 0.3
 """[s] in which a robot that does not hang answers the simplest of questions. A program that ends cannot wait longer."""
 
 
