@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
+from functools import cached_property
 from math import nan
 from types import TracebackType
 from typing import Literal, Self
@@ -11,11 +12,12 @@ from typing import Literal, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from pepper_driver.backends.extras import Extras
 from pepper_driver.config import PepperError, PlantConfig
 
 FloatArray = NDArray[np.float64]
 
-Capability = Literal["push", "grab", "truth"]
+Capability = Literal["push", "grab", "truth", "speech", "leds", "tablet", "postures", "wake"]
 ContactKind = Literal["push", "hand", "object"]
 
 
@@ -402,6 +404,11 @@ class Backend(ABC):
                 too light for a hand this stiff.
         """
         raise CapabilityError(f"'{self.info.uri}' cannot grab itself: only simulated backends do")
+
+    @cached_property
+    def extras(self) -> Extras:
+        """Speech, lights and the like. Where the robot has none of it they do nothing and say so."""
+        return Extras(self.info.uri)
 
     @property
     def truth(self) -> Truth:
