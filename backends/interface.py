@@ -17,6 +17,9 @@ from pepper_driver.config import PepperError, PlantConfig
 
 FloatArray = NDArray[np.float64]
 
+LONGEST_WAY = 50
+"""[steps] From a command to the sample that answers it, at most: beyond, the safety gate has long stopped the robot."""
+
 Capability = Literal["push", "grab", "truth", "speech", "leds", "tablet", "postures", "wake"]
 ContactKind = Literal["push", "hand", "object"]
 
@@ -62,8 +65,8 @@ class Measurement:
         battery: Charge, 0..1.
         age: Time since the sample was taken [s], beyond the transport that is always there.
         charging_flap: 1.0 while the flap over the charging socket is open, NaN where nobody knows.
-        answers: How many steps before this one the command was given that the sample answers; None where it is always
-            ``BackendInfo.response_delay``.
+        answers: How many steps before this one the command was given that the sample answers, 0 for that of this step;
+            None where it is always ``BackendInfo.response_delay``.
         withheld: Commands since ``activate`` that were not sent, because too many were on their way.
     """
 
