@@ -63,7 +63,7 @@ class Retract(Reflex):
             self._task = PostureTask(
                 self.robot, names, stiffness=STIFFNESS, weight=OVER_ALL, name=f"reflex: {self.name}"
             )
-            self._task.target = _rest(control)[joints]
+            self._task.target = control.controller.rest(STIFFNESS)[joints]
         self._answers, self._way, self._left = contact, np.zeros(len(joints)), 0.0
         self._waited = False
 
@@ -75,7 +75,7 @@ class Retract(Reflex):
             self._waited = True
             return
         if self._waited:  # the limb has been led elsewhere meanwhile
-            self._waited, self._task.target = False, _rest(control)[self.joints]
+            self._waited, self._task.target = False, control.controller.rest(STIFFNESS)[self.joints]
             self._way[:] = 0.0
         if not self._way.any():
             self._way, self._peak = self._direction(observation), 0.0
@@ -87,7 +87,7 @@ class Retract(Reflex):
             self._left -= step
             target = self._task.target + step * self._way[self.joints]
             if felt < LEFT * self._peak:
-                self._left, target = 0.0, _rest(control)[self.joints]
+                self._left, target = 0.0, control.controller.rest(STIFFNESS)[self.joints]
             controller = control.controller
             lower, upper = controller.lower[self.joints], controller.upper[self.joints]
             self._task.target = np.clip(target, lower, upper)
@@ -104,10 +104,3 @@ class Retract(Reflex):
         if self._answers.joint is not None:
             felt[self.robot.joint_index(self._answers.joint)] = self._answers.direction
         return felt
-
-
-def _rest(control: Control) -> FloatArray:
-    """(17,) where the joints come to rest without turning round [rad]."""
-    controller = control.controller
-    rest: FloatArray = controller.position + controller.velocity / np.sqrt(STIFFNESS)
-    return np.clip(rest, controller.lower, controller.upper)
