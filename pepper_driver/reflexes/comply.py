@@ -50,7 +50,6 @@ class Comply(Reflex):
     """
 
     priority: int = 30
-    pause: float = 0.2
     gain: float = 1.0
     damping: float = 1.5
     largest_torque: float = 8.0

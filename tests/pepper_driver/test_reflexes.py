@@ -67,7 +67,7 @@ def test_whatever_arguments_are_taken_nothing_is_raised_inside_a_tick(
 
 
 def test_more_damping_than_a_cycle_allows_and_a_reflex_given_twice_are_refused() -> None:
-    with pytest.raises(ReflexError, match="damping is a number from 0.05 to 12"):
+    with pytest.raises(ReflexError, match=r"damping is a number from 0\.05 to 12"):
         Comply(damping=12.1)
     hold = Hold()
     with pytest.raises(ReflexError, match="'hold' is given twice"):
