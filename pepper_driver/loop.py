@@ -202,11 +202,7 @@ class Loop:
         """Have the user's posture find the joints, which a reflex has led, where they come to rest."""
         left = self.control.left
         if np.count_nonzero(left):
-            controller = self._controller
-            # A critically damped joint decays exponentially towards q + v / sqrt(stiffness).
-            rest = controller.position + controller.velocity / np.sqrt(self.posture_stiffness)
-            rest = np.clip(rest, controller.lower, controller.upper)
-            self.target = np.where(left, rest, self.target)
+            self.target = np.where(left, self._controller.rest(self.posture_stiffness), self.target)
 
     def _reference(self, measurement: Measurement, answered: Command) -> Reference:
         """What the controller wants, for the user's posture or the one a reflex has put in its place."""
