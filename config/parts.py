@@ -181,6 +181,7 @@ class NaoqiNames:
     bumper: str
     button: str
     battery_charge: str
+    charging_flap: str
     time: str
 
 
