@@ -51,15 +51,10 @@ def naoqi_address(uri: BackendUri, options: set[str]) -> Address:
         options: Keys it may have.
 
     Raises:
-        ConfigError: It names no host, a port that is none, an unknown key, or holds a password.
+        ConfigError: It names no host, a port that is none, or an unknown key.
     """
     example = "naoqis://nao@pepper.local" if uri.scheme == "naoqis" else "naoqi://pepper.local"
     user, at, place = uri.host.rpartition("@")
-    if ":" in user:
-        raise ConfigError(
-            f"backend '{uri.scheme}://...@{place}': no password in a URI, where logs and other users see it; put it into "
-            "the environment variable PEPPER_PASSWORD or into the keyring, or be asked for it"
-        )
     secure = uri.scheme == "naoqis"
     if at and not secure:
         raise ConfigError(
@@ -71,6 +66,10 @@ def naoqi_address(uri: BackendUri, options: set[str]) -> Address:
         host, port = parts.hostname, parts.port
     except ValueError as error:
         raise ConfigError(f"backend '{uri.text}': {error}; for example: {example}") from error
+    if port == 0:
+        raise ConfigError(
+            f"backend '{uri.text}': port 0 is none; NAOqi listens at {PORTS[uri.scheme]}"
+        )
     if not host:
         raise ConfigError(f"backend '{uri.text}': names no robot; for example: {example}")
     return Address(

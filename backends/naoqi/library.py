@@ -22,8 +22,8 @@ class NoQiError(MissingExtraError):
         super().__init__("a robot over NAOqi", "naoqi")
         if not possible:
             self.args = (
-                f"a robot over NAOqi needs the library qi (extra 'naoqi'), which exists for {PLATFORMS}; this is {here}: "
-                "run pepper_driver on such a computer, or in a container of that kind",
+                f"a robot over NAOqi needs the library qi (extra 'naoqi'), which exists for {PLATFORMS}; this is "
+                f"{here}: run pepper_driver on such a computer, or in a container of that kind",
             )
 
 
