@@ -50,6 +50,41 @@ class FitSettings:
 
 
 @dataclass(frozen=True, kw_only=True, config=STRICT)
+class WheelTimes:
+    """Dates of each wheel command, from the DCM cycle before it on [s]: dead-man's stop."""
+
+    reach: Positive
+    hold: Positive
+    stop: Positive
+
+    def __post_init__(self) -> None:
+        """What a single field cannot know: the order."""
+        if not self.reach <= self.hold < self.stop:
+            raise ValueError("'reach' must not be after 'hold', nor 'hold' at or after 'stop'")
+
+
+@dataclass(frozen=True, kw_only=True, config=STRICT)
+class TimingSettings:
+    """When commands are to be reached and samples are good; see ``naoqi_settings.yaml`` for the meaning of each."""
+
+    response_delay: Annotated[int, Field(ge=0, le=20)]
+    burst: Annotated[float, Field(ge=0.05, le=5.0)]
+    longest_round_trip: Positive
+    lead_margin: NotNegative
+    least_lead: Positive
+    longest_lead: Positive
+    largest_step: Positive
+    wheels: WheelTimes
+    ramp_down: Positive
+    legs_back_speed: Positive
+
+    def __post_init__(self) -> None:
+        """What a single field cannot know: the least comes before the largest."""
+        if self.least_lead > self.longest_lead:
+            raise ValueError("'least_lead' must not be above 'longest_lead'")
+
+
+@dataclass(frozen=True, kw_only=True, config=STRICT)
 class NaoqiSettings:
     """See ``naoqi_settings.yaml`` for the meaning of each; times in [s]."""
 
@@ -60,6 +95,7 @@ class NaoqiSettings:
     charging_flap: Literal["refuse", "stand"]
     legs_go_soft: bool
     take_over: TakeOverSettings
+    timing: TimingSettings
 
 
 def load_naoqi_settings(path: Path | None = None) -> NaoqiSettings:
