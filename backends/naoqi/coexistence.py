@@ -21,7 +21,7 @@ from pepper_driver.backends.naoqi.switches import Switch, chosen
 from pepper_driver.config import NaoqiSettings, RobotConfig
 from pepper_driver.config.parts import FloatArray
 
-LOG = logging.getLogger(__name__)
+logger = logging.getLogger("pepper_driver")
 
 POLL = 0.1
 """[s] between two looks at what takes its time."""
@@ -97,7 +97,7 @@ class TakeOver:
             self.restore()
             raise
         if self.kept:
-            LOG.warning(
+            logger.warning(
                 "%s: still on, because the robot's owner has not allowed otherwise (%s): %s",
                 self._connection.address.uri,
                 self._consent_page(),
@@ -221,7 +221,7 @@ class TakeOver:
         try:
             return self._connection.call(service, method, *arguments)
         except (MissingServiceError, ServiceError) as error:
-            LOG.info("passed over: %s", error)
+            logger.info("passed over: %s", error)
             return None
 
     def _until(self, reached: Callable[[], bool], otherwise: str) -> None:

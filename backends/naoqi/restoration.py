@@ -14,7 +14,7 @@ from pepper_driver.backends.naoqi.connection import (
 )
 from pepper_driver.config import PepperError
 
-LOG = logging.getLogger(__name__)
+logger = logging.getLogger("pepper_driver")
 
 ALIVE = 0.3
 """[s] in which a robot that does not hang answers the simplest of questions. A program that ends cannot wait longer."""
@@ -71,13 +71,13 @@ class Restoration:
                 )
             except PepperError as error:
                 left.append(change.text)
-                LOG.warning("not given back: %s (%s)", change.text, error)
+                logger.warning("not given back: %s (%s)", change.text, error)
                 answers = not isinstance(error, CallTimeoutError | NotConnectedError) or _alive(
                     connection
                 )
         self._changes.clear()
         if left:
-            LOG.error(
+            logger.error(
                 "'%s': NAOqi did not get back: %s; restart the robot to have it as it was",
                 connection.address.uri,
                 ", ".join(left),
