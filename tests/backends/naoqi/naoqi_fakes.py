@@ -96,7 +96,7 @@ class Motion:
 
     def rest(self) -> None:
         self.log.append(("rest",))
-        self.is_awake = False
+        self.is_awake = "rest" in self.stuck
 
     def killAll(self) -> None:
         self.log.append(("killAll",))
@@ -214,6 +214,53 @@ class Launcher:
         return [name]
 
 
+class Speech:
+    """Takes its time, as a voice does."""
+
+    def __init__(self, log: list[tuple[Any, ...]]) -> None:
+        self.log = log
+        self.seconds = 0.0
+        self.mute = False
+
+    def say(self, text: str) -> None:
+        time.sleep(self.seconds)
+        if self.mute:
+            raise RuntimeError("ALTextToSpeech::say\n\tno voice")
+        self.log.append(("say", text))
+
+
+class Leds:
+    def __init__(self, log: list[tuple[Any, ...]]) -> None:
+        self.log = log
+
+    def fadeRGB(self, group: str, red: float, green: float, blue: float, seconds: float) -> None:
+        self.log.append(("fadeRGB", group, red, green, blue, seconds))
+
+    def fade(self, group: str, brightness: float, seconds: float) -> None:
+        self.log.append(("fade", group, brightness, seconds))
+
+
+class Tablet:
+    def __init__(self, log: list[tuple[Any, ...]]) -> None:
+        self.log = log
+
+    def showImage(self, url: str) -> bool:
+        self.log.append(("showImage", url))
+        return url.startswith("http://198.18.0.1/")
+
+    def hideImage(self) -> None:
+        self.log.append(("hideImage",))
+
+
+class Posture:
+    def __init__(self, log: list[tuple[Any, ...]]) -> None:
+        self.log = log
+
+    def goToPosture(self, name: str, speed: float) -> bool:
+        self.log.append(("goToPosture", name, speed))
+        return name == "Stand"
+
+
 class Dcm:
     def getTime(self, offset: int) -> int:
         return 0
@@ -229,6 +276,7 @@ class FakeRobot:
         self.life = Life(self.log, self.motion)
         self.diagnosis = Diagnosis()
         self.model = Model()
+        self.speech = Speech(self.log)
         services = {
             "ALMemory": Memory(self.memory),
             "ALMotion": self.motion,
@@ -239,6 +287,10 @@ class FakeRobot:
             "ALTouch": Touch(self.log),
             "ALLauncher": Launcher(self.log),
             "DCM": Dcm(),
+            "ALTextToSpeech": self.speech,
+            "ALLeds": Leds(self.log),
+            "ALTabletService": Tablet(self.log),
+            "ALRobotPosture": Posture(self.log),
         }
         self._session = load_qi().Session()
         self._session.listenStandalone(f"tcp://127.0.0.1:{port}")
