@@ -61,7 +61,9 @@ def test_a_wrong_address_is_one_line(uri: str, message: str) -> None:
 
 
 @given(
-    password=st.text(st.characters(codec="ascii", categories=("L", "N", "P", "S")), min_size=8),
+    password=st.text(st.characters(codec="ascii", categories=("L", "N", "P", "S"))).map(
+        "7!{}".format
+    ),
     form=st.sampled_from(
         [
             "naoqis://nao:{}@pepper.local",
