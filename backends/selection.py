@@ -16,6 +16,8 @@ GROUP = "pepper_driver.backends"
 
 _BUILTIN = {
     "mujoco": "pepper_driver.backends.mujoco_:from_uri",
+    "naoqi": "pepper_driver.backends.naoqi.backend:from_uri",
+    "naoqis": "pepper_driver.backends.naoqi.backend:from_uri",
     "replay": "pepper_driver.backends.replay:from_uri",
 }
 

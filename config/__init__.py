@@ -17,6 +17,7 @@ from pepper_driver.config.motion import (
     motion_names,
 )
 from pepper_driver.config.naoqi import NaoqiSettings, load_naoqi_settings
+from pepper_driver.config.naoqi_services import NaoqiServices, load_naoqi_services
 from pepper_driver.config.plant import PlantConfig, draws, load_plant, plant_hash, plant_names
 from pepper_driver.config.recordings import (
     Calibration,
@@ -61,6 +62,7 @@ __all__ = [
     "MissingExtraError",
     "Motion",
     "MotionStep",
+    "NaoqiServices",
     "NaoqiSettings",
     "ObserverSettings",
     "PepperError",
@@ -82,6 +84,7 @@ __all__ = [
     "load_doctor_settings",
     "load_experiment",
     "load_motion",
+    "load_naoqi_services",
     "load_naoqi_settings",
     "load_observer_settings",
     "load_plant",

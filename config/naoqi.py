@@ -75,6 +75,7 @@ class TimingSettings:
     longest_lead: Positive
     largest_step: Positive
     wheels: WheelTimes
+    ramp_up: Positive
     ramp_down: Positive
     legs_back_speed: Positive
 

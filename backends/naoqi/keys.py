@@ -41,6 +41,7 @@ class SensorKeys:
 
     Attributes:
         names: In the order in which they are asked for.
+        needed: Those without which there is no sample.
     """
 
     def __init__(self, robot: RobotConfig) -> None:
@@ -69,6 +70,7 @@ class SensorKeys:
         self._time = len(self.names)
         self.names.append(naoqi.time)
         self._needed = np.array([*needed, True])
+        self.needed = [name for name, is_ in zip(self.names, self._needed, strict=True) if is_]
 
     def values(self, answer: Sequence[object]) -> Values | str:
         """What the robot's answer to a question for ``names`` means; where it is no good sample, why, for people."""

@@ -95,7 +95,7 @@ def measure(
     what = (
         f"one call in a hundred takes {1e3 * trips.p99:.0f} ms or more"
         if slow
-        else f"calls vary by {1e3 * trips.jitter:.0f} ms, so that commands would have to be sent {1e3 * lead:.0f} ms ahead"
+        else f"calls vary by {1e3 * trips.jitter:.0f} ms, so commands would have to be sent {1e3 * lead:.0f} ms ahead"
     )
     limit = settings.longest_round_trip if slow else settings.longest_lead
     raise SlowLinkError(

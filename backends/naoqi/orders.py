@@ -31,6 +31,7 @@ class Orders:
         stiffness: (17,) what the joints have now.
 
     Attributes:
+        stiffness: (17,) that the joints were last told to have.
         withheld: Commands for the joints that were not sent, since too many were on their way.
     """
 
@@ -44,6 +45,7 @@ class Orders:
     ) -> None:
         self._writer, self._cycles, self._dating = writer, cycles, dating
         self._wheel_times = tuple(round(1e3 * t) for t in (wheels.reach, wheels.hold, wheels.stop))
+        self.stiffness = stiffness
         self._stiffness: list[float] | None = stiffness.tolist()
         self._wheel_speed: list[float] | None = None
         self._waiting: dict[Alias, int] = {}
@@ -53,7 +55,7 @@ class Orders:
         self,
         step: int,
         now: float,
-        position: FloatArray,
+        position: FloatArray | None,
         stiffness: FloatArray,
         wheel_speed: FloatArray,
     ) -> None:
@@ -62,13 +64,13 @@ class Orders:
         Args:
             step: Number of the tick.
             now: The DCM's date [ms].
-            position: (17,) [rad].
+            position: (17,) [rad]; None leaves the joints where the DCM holds them.
             stiffness: (17,) 0..1.
             wheel_speed: (3,) [rad/s].
         """
         due: dict[Alias, Callable[[], bool]] = {}
-        number = self._dating.next(now)
-        if number is not None:
+        number = None if position is None else self._dating.next(now)
+        if position is not None and number is not None:
             due[Alias.POSITION] = lambda: self._send_position(step, number, position)
         speeds = wheel_speed.tolist()
         turning = any(speeds)
@@ -90,10 +92,9 @@ class Orders:
         self._waiting = waiting
         self.withheld += Alias.POSITION in waiting
 
-    def stop_wheels(self, now: float) -> bool:
-        """Let the wheels stand from the next cycle on; returns whether the command was sent."""
-        self._wheel_speed = None
-        return self._send_wheels(now, [0.0, 0.0, 0.0])
+    def answers(self, step: int, cycle: int) -> int | None:
+        """How many steps before ``step`` the command was given that the sample of a cycle answers; None if none was."""
+        return self._dating.answers(step, cycle)
 
     def set_wheel_stiffness(self, now: float, points: Sequence[tuple[float, float]]) -> bool:
         """Let the wheels' stiffness run through points of (time from now [s], stiffness 0..1)."""
@@ -138,7 +139,7 @@ class Orders:
             Alias.STIFFNESS, "ClearAll", [date], [[value] for value in wanted], done
         ):
             return False
-        self._stiffness = wanted
+        self._stiffness, self.stiffness = wanted, np.array(wanted)
         return True
 
     def _last_cycle(self, now: float) -> int:

@@ -10,9 +10,9 @@ as they are."""
 def sample_age(late: int, since: float, silence: float, cycle: float) -> float:
     """Age of the newest sample as :class:`~pepper_driver.backends.interface.Measurement` has it [s].
 
-    A fresh sample has none, whatever its way took: asking for it in one tick and taking the answer in the next. When
-    samples stay away for long, nothing is deducted: the gate, which looks once a cycle, then stops the robot before the
-    last good one came 100 ms ago. A robot that sends samples but takes no commands is no better than one that is silent.
+    A fresh sample has none, whatever its way took: it is asked for in one tick, and taken in the next. When samples
+    stay away for long, nothing is deducted: the gate, which looks once a cycle, then stops the robot before the last
+    good one came 100 ms ago. A robot that sends samples but takes no commands is no better than one that is silent.
 
     Args:
         late: Cycles by which the newest sample is later than usual.

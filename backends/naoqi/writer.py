@@ -1,8 +1,8 @@
 """Commands on their way to the DCM: never more than two unacknowledged, and harmless should they come late.
 
-A robot that hung takes all that waits for it when it goes on, whatever its date: the DCM applies a command whose date has
-passed at its next cycle (NAOqi 2.5.10, page "DCM advanced"). So what is on its way may move no joint by more than a small
-step, and every command to the wheels ends in standing still.
+A robot that hung takes all that waits for it when it goes on, whatever its date: the DCM applies a command whose date
+has passed at its next cycle (NAOqi 2.5.10, page "DCM advanced"). So what is on its way may move no joint by more than a
+small step, and every command to the wheels ends in standing still.
 """
 
 from __future__ import annotations
@@ -57,6 +57,11 @@ class Writer:
         """How many commands may be sent now."""
         return OUTSTANDING - len(self._on_the_way)
 
+    @property
+    def idle(self) -> bool:
+        """Whether nothing is on its way."""
+        return not self._on_the_way
+
     def silence(self, now: int) -> float:
         """For how long the robot has been taking nothing of what it was sent [s]; 0 where all was taken."""
         return 0.0 if self._unheard is None else (now - self._unheard) * 1e-9
@@ -87,9 +92,8 @@ class Writer:
         if self.free < 1:
             return False
         waiting = any(sent.alias is Alias.POSITION for sent in self._on_the_way)
-        if waiting and self._taken is not None:
-            if float(np.abs(wanted - self._taken).max()) > self._largest_step:
-                return False
+        if waiting and not self._near(wanted):
+            return False
 
         def acknowledged(taken: bool) -> None:
             if taken:
@@ -98,6 +102,11 @@ class Writer:
 
         values = [[value] for value in wanted.tolist()]
         return self.send(Alias.POSITION, "ClearAfter", [date], values, acknowledged)
+
+    def _near(self, wanted: FloatArray) -> bool:
+        """Whether what is on its way, and this, move no joint far from what the robot took last."""
+        taken = self._taken
+        return taken is not None and float(np.abs(wanted - taken).max()) <= self._largest_step
 
     def send(
         self,
