@@ -25,6 +25,13 @@ def serve(
         str, typer.Option(metavar="NAME_OR_FILE", help="What stands around it.")
     ] = "empty",
     posture: Annotated[str, typer.Option(metavar="NAME", help="How it stands.")] = "Stand",
+    consent: Annotated[
+        bool,
+        typer.Option(
+            "--consent",
+            help="Its owner lets safety reflexes be switched off, as on the page /advanced/#/settings.",
+        ),
+    ] = False,
     clock: Annotated[
         int | None,
         typer.Option(metavar="MS", help="The DCM's time at the start; by default the time of day."),
@@ -39,7 +46,7 @@ def serve(
         f"mujoco://?{urlencode({'plant': plant, 'seed': seed, 'world': world, 'posture': posture})}"
     )
     signal.signal(signal.SIGTERM, _end)
-    with StandIn(uri, host=host, port=port, clock=clock) as stand_in:
+    with StandIn(uri, host=host, port=port, clock=clock, consent=consent) as stand_in:
         if host not in ("127.0.0.1", "localhost", "::1"):
             print(
                 f"pepper: {host} can be reached from other machines, and nobody is asked for a password",
