@@ -71,7 +71,7 @@ class BlackBox:
     def of(cls, rows: NDArray[np.void]) -> BlackBox:
         """From rows of the type :func:`row_type`."""
         columns = {name: np.array(rows[name]) for name in rows.dtype.names or ()}
-        columns |= {name: rows[name] * 1e-9 for name in ("begin", "end")}
+        columns |= {name: rows[name] / 1e9 for name in ("begin", "end")}
         return cls(**columns)
 
     def __len__(self) -> int:

@@ -133,19 +133,18 @@ class StandIn:
         """What the robot really did in the last two minutes, or ``last`` cycles; also after its process ended."""
         return self.robot.black_box(last)
 
-    def wait(self) -> None:
-        """Wait until one of the two processes ends by itself, or is ended by others.
+    def wait(self) -> str:
+        """Wait until NAOqi ends by itself, or is ended by others; returns how it ended.
 
         Raises:
-            BackendError: It did, and which.
+            BackendError: The robot ended.
         """
-        names = {"robot": self.robot_process, "NAOqi": self.naoqi_process}
         while True:
-            for name, process in names.items():
-                if (code := process.poll()) is not None:
-                    how = f"by signal {-code}" if code < 0 else f"with code {code}"
-                    raise BackendError(f"the stand-in's {name} process ended {how}")
-            time.sleep(0.2)
+            if (code := self.robot_process.poll()) is not None:
+                raise BackendError(f"the stand-in's robot process ended {_how(code)}")
+            if (code := self.naoqi_process.poll()) is not None:
+                return _how(code)
+            time.sleep(0.1)
 
     def stop(self) -> None:
         """End both processes. Does nothing when they have ended."""
@@ -193,3 +192,7 @@ class StandIn:
             reason = "ended while it started" if answer is None else answer["error"]
             raise BackendError(f"stand-in: {reason}")
         return process, mine, dict(answer["ready"])
+
+
+def _how(code: int) -> str:
+    return f"by signal {-code}" if code < 0 else f"with code {code}"

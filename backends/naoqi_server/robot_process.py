@@ -22,7 +22,7 @@ import numpy as np
 from pepper_driver.backends.interface import BackendError
 from pepper_driver.backends.mujoco_.backend import MujocoBackend
 from pepper_driver.backends.naoqi_server.body import Body
-from pepper_driver.backends.naoqi_server.clock import DcmClock, unwrapped, wrapped
+from pepper_driver.backends.naoqi_server.clock import DcmClock, wrapped
 from pepper_driver.backends.naoqi_server.dcm import UPDATE_TYPES, Dcm
 from pepper_driver.backends.naoqi_server.messages import receive, send
 from pepper_driver.backends.naoqi_server.robot_faults import RobotFaults
@@ -58,8 +58,10 @@ class RobotProcess:
         self._table = Table(file, len(self._body.keys), robot)
         self._table.start(self._clock, {**self._body.info, "pid": os.getpid()})
         self._cycle = self._orders = 0
+        self._naoqi: int | None = None
         self._handlers: Mapping[str, Callable[..., None]] = {
             "order": self._order,
+            "know_naoqi": self._know_naoqi,
             "push": lambda **arguments: backend.push(**_arrays(arguments, "force", "point")),
             "grab": lambda **arguments: backend.grab(**_arrays(arguments, "pull", "point")),
             "set_fault": lambda name, arguments: self._faults.set(name, arguments),
@@ -122,13 +124,21 @@ class RobotProcess:
             send(end, answer, wait=False)
         return True
 
+    def _know_naoqi(self, pid: int) -> None:
+        """Who is to end with this process: a NAOqi process that was stopped does not see that its owner is gone."""
+        self._naoqi = os.pidfd_open(pid)
+
+    def end(self) -> None:
+        """End the NAOqi process, if it is still there."""
+        if self._naoqi is not None:
+            with suppress(ProcessLookupError):
+                signal.pidfd_send_signal(self._naoqi, signal.SIGKILL)
+
     def _order(
         self, actuators: list[str], update: str, commands: list[list[tuple[float, int]]]
     ) -> None:
         kind = next(known for known in UPDATE_TYPES if known == update)
-        now = self._clock.count
-        dated = [[(value, unwrapped(date, now)) for value, date in its] for its in commands]
-        self._dcm.order(actuators, kind, dated)
+        self._dcm.order(actuators, kind, commands, self._clock.count)
         self._orders += 1
 
 
@@ -167,6 +177,7 @@ def main(arguments: list[str]) -> int:
     except PepperError as error:
         print(f"stand-in robot: {error}", file=sys.stderr)
         return 1
+    process.end()
     return 0
 
 

@@ -64,8 +64,9 @@ class NaoqiServer:
         try:
             self._session.listenStandalone(f"tcp://{host}:{port}")
         except RuntimeError as error:
+            reason = str(error).partition(" [")[0].rpartition(": ")[2]
             raise BackendError(
-                f"tcp://{host}:{port} cannot be listened at: {error}; choose another --port"
+                f"cannot listen at tcp://{host}:{port}: {reason}; choose another port or host"
             ) from error
         self._services = {
             name: make_front(name, service(context), context.faults)
@@ -116,6 +117,7 @@ def main(arguments: list[str]) -> int:
             consent=bool(given.consent),
             version=given.version,
         )
+        link.ask("know_naoqi", pid=os.getpid())
     except PepperError as error:
         send(owner, {"error": str(error)})
         return 1

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import signal
 import sys
+import time
 from types import FrameType
 from typing import Annotated
 from urllib.parse import urlencode
@@ -12,6 +13,9 @@ import typer
 
 from pepper_driver.backends.naoqi_server.launch import StandIn
 from pepper_driver.cli.console import make_console
+
+PAUSE = 3
+"""[s] after which a NAOqi that ended is started anew. A robot does so too, and takes longer."""
 
 
 def serve(
@@ -45,15 +49,24 @@ def serve(
     uri = (
         f"mujoco://?{urlencode({'plant': plant, 'seed': seed, 'world': world, 'posture': posture})}"
     )
-    signal.signal(signal.SIGTERM, _end)
-    with StandIn(uri, host=host, port=port, clock=clock, consent=consent) as stand_in:
-        if host not in ("127.0.0.1", "localhost", "::1"):
-            print(
-                f"pepper: {host} can be reached from other machines, and nobody is asked for a password",
-                file=sys.stderr,
-            )
-        console.print(f"ready on {stand_in.url}")
-        stand_in.wait()
+    before = signal.signal(signal.SIGTERM, _end)
+    try:
+        with StandIn(uri, host=host, port=port, clock=clock, consent=consent) as stand_in:
+            if host not in ("127.0.0.1", "localhost", "::1"):
+                _warn(f"{host} can be reached from other machines, and nobody needs a password")
+            console.print(f"ready on {stand_in.url}")
+            while True:
+                how = stand_in.wait()
+                _warn(f"NAOqi ended {how}; the robot goes on, and NAOqi starts anew in {PAUSE} s")
+                time.sleep(PAUSE)
+                stand_in.start_naoqi()
+                console.print(f"ready on {stand_in.url}")
+    finally:
+        signal.signal(signal.SIGTERM, before)
+
+
+def _warn(text: str) -> None:
+    print(f"pepper: {text}", file=sys.stderr)
 
 
 def _end(number: int, frame: FrameType | None) -> None:
