@@ -35,6 +35,8 @@ class StandIn:
         host: Address to listen at.
         port: And the port; 0 for a free one.
         clock: DCM time at the start [ms]; by default that of the day, as a robot has it.
+        consent: Whether the owner of the robot lets safety reflexes be switched off.
+        version: Of NAOqi; by default that of ``naoqi_services.yaml``.
         outlive: How long the robot goes on when this process is killed [s].
     """
 
@@ -45,10 +47,13 @@ class StandIn:
         host: str = "127.0.0.1",
         port: int = 0,
         clock: int | None = None,
+        consent: bool = False,
+        version: str = "",
         outlive: float = 1.0,
     ) -> None:
         self._uri, self._host, self._port = uri, host, port
         self._clock, self._outlive = clock, outlive
+        self._consent, self._version = consent, version
         self._robot: subprocess.Popen[bytes] | None = None
         self._naoqi: subprocess.Popen[bytes] | None = None
 
@@ -92,7 +97,12 @@ class StandIn:
         """
         self._naoqi, self._naoqis_owner, ready = self._spawn(
             "server",
-            {"host": self._host, "port": self._port},
+            {
+                "host": self._host,
+                "port": self._port,
+                "consent": int(self._consent),
+                "version": self._version,
+            },
             {"table": self._file, "robot": self._line.fileno()},
         )
         self._port = int(ready["port"])

@@ -23,6 +23,7 @@ from pepper_driver.backends.naoqi_server.front import make_front
 from pepper_driver.backends.naoqi_server.link import RobotLink
 from pepper_driver.backends.naoqi_server.memory import Memory
 from pepper_driver.backends.naoqi_server.messages import receive, send
+from pepper_driver.backends.naoqi_server.modules.shared import Shared
 from pepper_driver.backends.naoqi_server.sensor_events import SensorEvents
 from pepper_driver.backends.naoqi_server.server_faults import ServerFaults
 from pepper_driver.backends.naoqi_server.services import SERVICES
@@ -38,9 +39,13 @@ class NaoqiServer:
         robot: Connection to the robot process.
         host: Address to listen at.
         port: And the port; 0 for a free one.
+        consent: Whether the owner of the robot lets safety reflexes be switched off.
+        version: Of NAOqi; "" for that of ``naoqi_services.yaml``.
     """
 
-    def __init__(self, robot: RobotLink, host: str, port: int) -> None:
+    def __init__(
+        self, robot: RobotLink, host: str, port: int, *, consent: bool, version: str
+    ) -> None:
         config = load_robot()
         devices = load_naoqi_devices(config)
         data = {**devices.texts, devices.body_id: robot.info["identity"]}
@@ -52,6 +57,8 @@ class NaoqiServer:
             config=config,
             events=SensorEvents(robot, memory, devices),
             faults=ServerFaults(),
+            shared=Shared(robot, memory, config, consent=consent, version=version),
+            services=lambda: self._services,
             call=self._call,
         )
         try:
@@ -68,6 +75,7 @@ class NaoqiServer:
         for name, front in self._services.items():
             self._session.registerService(name, front)
         context.events.start()
+        context.shared.start()
 
     @property
     def port(self) -> int:
@@ -89,6 +97,8 @@ def main(arguments: list[str]) -> int:
     parser = argparse.ArgumentParser()
     parser.add_argument("--host", required=True)
     parser.add_argument("--port", type=int, required=True)
+    parser.add_argument("--consent", type=int, choices=(0, 1), required=True)
+    parser.add_argument("--version", required=True)
     for name in ("--table", "--owner", "--robot"):
         parser.add_argument(name, type=int, required=True, metavar="DESCRIPTOR")
     given = parser.parse_args(arguments)
@@ -100,7 +110,13 @@ def main(arguments: list[str]) -> int:
     table = Table(given.table, len(keys), config)
     try:
         link = RobotLink(table, robot, keys, frozenset(devices.actuators))
-        server = NaoqiServer(link, given.host, given.port)
+        server = NaoqiServer(
+            link,
+            given.host,
+            given.port,
+            consent=bool(given.consent),
+            version=given.version,
+        )
         link.ask("know_naoqi", pid=os.getpid())
     except PepperError as error:
         send(owner, {"error": str(error)})

@@ -13,6 +13,7 @@ class StandInService:
 
     def __init__(self, context: Context) -> None:
         self._robot, self._faults = context.robot, context.faults
+        self._record = context.shared.record
 
     def info(self) -> dict[str, Any]:
         """Which robot this is: ``identity``, ``plant``, ``uri``, ``response_delay``, ``pid``, ..."""
@@ -37,6 +38,10 @@ class StandInService:
         """End all faults."""
         self._faults.clear()
         self._robot.clear_faults()
+
+    def record(self) -> list[list[Any]]:
+        """What was said and shown: ``[seconds since the start, service, method, [arguments]]``, oldest first."""
+        return self._record.entries
 
     def blackBox(self, last: int) -> dict[str, Any]:
         """What the robot really did in the ``last`` cycles: lists by name, see ``BlackBox``."""

@@ -29,6 +29,13 @@ def serve(
         str, typer.Option(metavar="NAME_OR_FILE", help="What stands around it.")
     ] = "empty",
     posture: Annotated[str, typer.Option(metavar="NAME", help="How it stands.")] = "Stand",
+    consent: Annotated[
+        bool,
+        typer.Option(
+            "--consent",
+            help="Its owner lets safety reflexes be switched off, as on the page /advanced/#/settings.",
+        ),
+    ] = False,
     clock: Annotated[
         int | None,
         typer.Option(metavar="MS", help="The DCM's time at the start; by default the time of day."),
@@ -44,7 +51,7 @@ def serve(
     )
     before = signal.signal(signal.SIGTERM, _end)
     try:
-        with StandIn(uri, host=host, port=port, clock=clock) as stand_in:
+        with StandIn(uri, host=host, port=port, clock=clock, consent=consent) as stand_in:
             if host not in ("127.0.0.1", "localhost", "::1"):
                 _warn(f"{host} can be reached from other machines, and nobody needs a password")
             console.print(f"ready on {stand_in.url}")
