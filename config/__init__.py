@@ -16,6 +16,7 @@ from pepper_driver.config.motion import (
     load_motion,
     motion_names,
 )
+from pepper_driver.config.naoqi import NaoqiSettings, load_naoqi_settings
 from pepper_driver.config.naoqi_services import NaoqiServices, load_naoqi_services
 from pepper_driver.config.plant import PlantConfig, draws, load_plant, plant_hash, plant_names
 from pepper_driver.config.recordings import (
@@ -62,6 +63,7 @@ __all__ = [
     "Motion",
     "MotionStep",
     "NaoqiServices",
+    "NaoqiSettings",
     "ObserverSettings",
     "PepperError",
     "PlantConfig",
@@ -83,6 +85,7 @@ __all__ = [
     "load_experiment",
     "load_motion",
     "load_naoqi_services",
+    "load_naoqi_settings",
     "load_observer_settings",
     "load_plant",
     "load_recordings",

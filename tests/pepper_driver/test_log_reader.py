@@ -40,13 +40,11 @@ class Written:
                 contacts = [samples.contact(100 * number + i) for i in range(number % 3)]
                 observation = samples.observation(*contacts)
                 truth = samples.truth()
-                passed_over = [samples.sent() for _ in range(number % 4 // 2)]
+                passed_over = [(k, samples.sent()) for k in range(number % 4, 1, -1)]
                 log.append(tick, observation, truth, unanswered=passed_over)
                 self.rows.append(flatten(tick, observation, number))
-                answers = tick.measurement.answers
-                assert answers is not None
-                for sent in passed_over:
-                    step = number - answers - 1
+                for ago, sent in passed_over:
+                    step = number - ago
                     self.unanswered.append(flatten_sent(sent, tick.measurement.time, step))
                 self.truths.append({name: getattr(truth, name) for name in TRUTH_FIELDS})
                 self.contacts += contacts
