@@ -133,7 +133,7 @@ class LogWriter:
             truth: Ground truth of a simulation.
             labels: Ends of touches seen in this tick.
             events: What else happened in this tick.
-            unanswered: Commands that no tick answers, given before the one that this tick answers: how many ticks before
+            unanswered: Commands that no tick answers, older than the one that this tick answers: how many ticks before
                 this one, and which.
             tick_end: From the deadline of the tick until now [s]; NaN where ticks are not paced.
             missed: Ticks missed since the start.

@@ -86,7 +86,7 @@ class RecordedRun:
 
     @cached_property
     def passed_over(self) -> list[list[tuple[int, Sent]]]:
-        """For each tick the commands that no tick answers, given before the one that it answers; see the log's writer."""
+        """For each tick older commands than it answers that no tick does, and how many ticks before they were given."""
         newest, found = -1, []
         for step, answered in zip(
             self.backend.steps.tolist(), self.backend.answered.tolist(), strict=True

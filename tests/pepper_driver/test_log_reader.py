@@ -64,10 +64,8 @@ class Written:
             for row, value in enumerate(column):
                 assert same_bits(value, self.unanswered[row][name]), (name, row)
         lost = sum(row["time"] not in read["time"] for row in self.unanswered)
-        assert len(read.unanswered["step"]) in (
-            len(self.unanswered) - lost,
-            len(self.unanswered) - lost - 1,
-        )
+        missing = len(self.unanswered) - lost - len(read.unanswered["step"])
+        assert 0 <= missing <= 2, "those of the last tick may be cut off"
         assert read.contacts == self.contacts[: len(read.contacts)]
 
 
