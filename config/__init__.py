@@ -16,6 +16,7 @@ from pepper_driver.config.motion import (
     load_motion,
     motion_names,
 )
+from pepper_driver.config.network import Network, load_network, network_names
 from pepper_driver.config.plant import PlantConfig, draws, load_plant, plant_hash, plant_names
 from pepper_driver.config.recordings import (
     Calibration,
@@ -60,6 +61,7 @@ __all__ = [
     "MissingExtraError",
     "Motion",
     "MotionStep",
+    "Network",
     "ObserverSettings",
     "PepperError",
     "PlantConfig",
@@ -80,6 +82,7 @@ __all__ = [
     "load_doctor_settings",
     "load_experiment",
     "load_motion",
+    "load_network",
     "load_observer_settings",
     "load_plant",
     "load_recordings",
@@ -89,6 +92,7 @@ __all__ = [
     "load_self_collision",
     "load_world",
     "motion_names",
+    "network_names",
     "plant_hash",
     "plant_names",
     "scenario_names",
