@@ -40,7 +40,7 @@ from pepper_driver.config.parts import FloatArray
 RAMP_TIME = 1.0
 """[s] in which activation raises the stiffness from 0 to 1, and deactivation lowers it."""
 
-_OWN_STATE = ("_seed", "_state", "_sent")
+_OWN_STATE = ("_seed", "_state", "_sent", "wheel_stiffness")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -58,6 +58,9 @@ class Snapshot:
 
 class MujocoBackend(Backend):
     """A simulated Pepper, with the physics of its motors, gears, boards, wheels and battery.
+
+    Attributes:
+        wheel_stiffness: (3,) 0..1, the share of its torque that each wheel's drive may use while the robot is active.
 
     Same seed, same commands, same bits (on one kind of processor and one version of MuJoCo). Not simulated: contact
     of the robot with itself, sonar and laser.
@@ -87,6 +90,7 @@ class MujocoBackend(Backend):
         self._readings = Readings(robot, plant, self._simulation)
         self._commands = CommandLine(plant)
         self._state: Literal["closed", "open", "active"] = "closed"
+        self.wheel_stiffness = np.ones(3)
         self._shown = window
         self._window: Window | None = None
         self._truth = MujocoTruth(plant, self._simulation)
@@ -189,6 +193,12 @@ class MujocoBackend(Backend):
             )
         return measurement
 
+    def switch_on(self) -> None:
+        """Be active without the ramp of :meth:`activate`: for a device manager, whose users raise the stiffness."""
+        if self._state != "open":
+            raise BackendError(f"'{self._info.uri}' cannot be switched on: it is {self._state}")
+        self._state = "active"
+
     def step(self, command: Command) -> Measurement:
         """Simulate one cycle of 12 ms."""
         self._check_open()
@@ -202,7 +212,7 @@ class MujocoBackend(Backend):
             self._commands.send(position),
             stiffness,
             wheel_speed,
-            powered=self._state == "active",
+            self.wheel_stiffness if self._state == "active" else np.zeros(3),
         )
         if self._model.diverged(self._data):
             self._close()

@@ -86,7 +86,7 @@ class Wheels(Resumable):
         load: (3,) force with which the floor carries each wheel [N], at the end of the last cycle.
     """
 
-    STATE = ("load", "_integral", "_powered")
+    STATE = ("load", "_integral", "_stiffness")
 
     def __init__(
         self, robot: RobotConfig, plant: PlantConfig, mj: mujoco.MjModel, data: mujoco.MjData
@@ -96,7 +96,7 @@ class Wheels(Resumable):
         self._limit = robot.wheels.speed_limit
         self._gain = plant.wheels.gain
         self._integral_gain = robot.cycle / plant.wheels.integral_time
-        self._headroom = plant.wheels.torque_limit / plant.wheels.gain
+        self._torque_limit = plant.wheels.torque_limit
         self._actuator = np.array([mj.actuator(name).id for name in names])
         self._dof = np.array([mj.joint(name).dofadr[0] for name in names])
         self.rolling = plant.base == "rolling"
@@ -112,9 +112,9 @@ class Wheels(Resumable):
             self._wheel_of = {geom: number for number, geom in enumerate(self._tyre)}
             self._floor = mj.geom("floor").id
             self._base = mj.body("base_link").id
-        self._integral = np.zeros(3)
+        self._integral, self._stiffness = np.zeros(3), np.zeros(3)
         self.load = np.zeros(3)
-        self._switch(powered=False)
+        self._set_stiffness(np.zeros(3))
 
     @property
     def speed(self) -> FloatArray:
@@ -123,7 +123,7 @@ class Wheels(Resumable):
 
     def reset(self) -> None:
         """No integral; the wheels carry the robot evenly."""
-        self._switch(powered=False)
+        self._set_stiffness(np.zeros(3))
         if self.rolling:
             weight = float(self._mj.body_subtreemass[self._base]) * -float(self._mj.opt.gravity[2])
             self.load = np.full(3, weight / 3)
@@ -131,29 +131,33 @@ class Wheels(Resumable):
     def restore(self, saved: dict[str, Any]) -> None:
         """As it was, the drives powered or not."""
         super().restore(saved)
-        integral = self._integral
-        self._switch(self._powered)
-        self._integral = integral
+        self._set_stiffness(self._stiffness)
 
-    def begin_cycle(self, command: FloatArray, *, powered: bool) -> None:
-        """Drive towards ``command`` (3,) [rad/s] for one cycle; without power the wheels run out."""
-        if powered != self._powered:
-            self._switch(powered)
+    def begin_cycle(self, command: FloatArray, stiffness: FloatArray) -> None:
+        """Drive towards ``command`` (3,) [rad/s] for one cycle.
+
+        ``stiffness`` (3,) 0..1 is the share of its torque that each drive may use; at 0 the wheel runs out.
+        """
+        if not np.array_equal(stiffness, self._stiffness):
+            self._set_stiffness(stiffness)
         target = np.minimum(np.maximum(command, -self._limit), self._limit)
-        if powered:
-            self._integral += self._integral_gain * (target - self._data.qvel[self._dof])
-            np.minimum(self._integral, self._headroom, out=self._integral)
-            np.maximum(self._integral, -self._headroom, out=self._integral)
+        self._integral += self._integral_gain * (target - self._data.qvel[self._dof])
+        np.minimum(self._integral, self._headroom, out=self._integral)
+        np.maximum(self._integral, -self._headroom, out=self._integral)
         self._data.ctrl[self._actuator] = target + self._integral
         if self.rolling:
             self._set_grip(self.load)
 
-    def _switch(self, powered: bool) -> None:
-        gain = self._gain if powered else 0.0
+    def _set_stiffness(self, stiffness: FloatArray) -> None:
+        gain = np.where(stiffness > 0.0, self._gain, 0.0)
+        limit = self._torque_limit * stiffness
         self._mj.actuator_gainprm[self._actuator, 0] = gain
         self._mj.actuator_biasprm[self._actuator, 2] = -gain
-        self._integral = np.zeros(3)
-        self._powered = powered
+        self._mj.actuator_forcerange[self._actuator] = np.column_stack([-limit, limit])
+        self._headroom = limit / self._gain
+        driven = (stiffness > 0.0) & (self._stiffness > 0.0)
+        self._integral = np.where(driven, self._integral, 0.0)
+        self._stiffness = stiffness.copy()
 
     def end_cycle(self) -> None:
         """Take in what the floor carried in the last step of physics."""

@@ -83,8 +83,7 @@ class Simulation(Resumable):
         position: FloatArray,
         stiffness: FloatArray,
         wheel_speed: FloatArray,
-        *,
-        powered: bool,
+        wheel_stiffness: FloatArray,
     ) -> None:
         """One cycle of physics towards ``position``; arrays as in :class:`~..interface.Command`.
 
@@ -92,7 +91,7 @@ class Simulation(Resumable):
             position: (17,) [rad], where the boards' own interpolation of the command ends.
             stiffness: (17,) 0..1.
             wheel_speed: (3,) [rad/s].
-            powered: Whether the wheels are driven.
+            wheel_stiffness: (3,) 0..1, the share of its torque that each wheel's drive may use.
         """
         boards, supply = self.boards, self.supply
         # A brake holds where it closed; it stays until the stiffness returns.
@@ -108,7 +107,7 @@ class Simulation(Resumable):
         if supply.warmth is not self._warmth:
             self._warm(supply.warmth)
         boards.begin_cycle(stiffness, supply.voltage)
-        self.wheels.begin_cycle(wheel_speed, powered=powered)
+        self.wheels.begin_cycle(wheel_speed, wheel_stiffness)
         self.contacts.begin_cycle()
         current = np.zeros_like(position)
         target, share = self._target.copy(), travel / self._steps

@@ -134,7 +134,7 @@ def _ramp_pair(
     for tick in range(length):
         for index, command in zip(sides, commands, strict=False):
             posture[index] = command[min(tick, len(command) - 1)]
-        simulation.cycle(posture.copy(), ones, still, powered=False)
+        simulation.cycle(posture.copy(), ones, still, still)
         positions[tick] = simulation.position[sides[: len(commands)]]
     # Command and sample are each late by whole ticks: all of it shows when the sample is read.
     late = plant.response_delay

@@ -1,1 +1,1 @@
-"""A stand-in for the NAOqi of a Pepper: the real protocol, in front of the simulated robot."""
+"""A stand-in NAOqi: a simulated Pepper in real time behind the real qi protocol."""

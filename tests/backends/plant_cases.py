@@ -197,7 +197,7 @@ def hold(
     """Some cycles of full stiffness."""
     speed = np.zeros(3) if wheels is None else wheels
     for _ in range(cycles):
-        simulation.cycle(posture, ONE, speed, powered=powered)
+        simulation.cycle(posture, ONE, speed, np.full(3, float(powered)))
 
 
 def push(simulation: Simulation, link: str, force: Array, point: Array) -> None:

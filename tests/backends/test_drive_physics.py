@@ -191,7 +191,7 @@ def test_motor_torque_is_that_of_the_current_the_board_reckons(
         return update(target, position, velocity)
 
     monkeypatch.setattr(simulation.boards, "update", spy)
-    simulation.cycle(STAND + 0.2, ONE, np.zeros(3), powered=True)
+    simulation.cycle(STAND + 0.2, ONE, np.zeros(3), np.ones(3))
     torque = simulation.data.qfrc_actuator[simulation.model.motor_dof]
     names = ROBOT.joint_names
     constant = [ROBOT.motors.of(n).torque_constant * ROBOT.motors.joints[n].ratio for n in names]

@@ -29,7 +29,7 @@ def ball(**changes: Any) -> dict[str, Any]:
 
 
 def step_freely(simulation: Simulation) -> None:
-    simulation.cycle(STAND, np.ones(17), np.zeros(3), powered=True)
+    simulation.cycle(STAND, np.ones(17), np.zeros(3), np.ones(3))
 
 
 @pytest.mark.parametrize("base", [FIXED, ROLLING], ids=["fixed", "rolling"])

@@ -49,8 +49,8 @@ def test_the_order_of_the_joints_does_not_change_the_motion() -> None:
     second.reset(STAND[order])
     for tick in range(40):
         target = STAND + 0.1 * np.sin(tick * ROBOT.cycle * 3.0)
-        first.cycle(target, ONE, np.zeros(3), powered=True)
-        second.cycle(target[order], ONE, np.zeros(3), powered=True)
+        first.cycle(target, ONE, np.zeros(3), np.ones(3))
+        second.cycle(target[order], ONE, np.zeros(3), np.ones(3))
     assert np.abs(first.position - STAND).max() > 0.05
     np.testing.assert_allclose(second.position, first.position[order], atol=1e-6)
     np.testing.assert_allclose(second.current, first.current[order], atol=1e-3)

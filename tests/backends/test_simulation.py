@@ -22,7 +22,7 @@ def target_at(time: float) -> Array:
 
 def act(simulation: Simulation, tick: int) -> None:
     wheels = np.array([1.0, -2.0, 1.5]) * np.sin(tick / 9)
-    simulation.cycle(target_at(tick * CYCLE), ONE, wheels, powered=tick % 90 < 70)
+    simulation.cycle(target_at(tick * CYCLE), ONE, wheels, np.full(3, float(tick % 90 < 70)))
 
 
 def bits(simulation: Simulation) -> bytes:
@@ -102,13 +102,13 @@ def test_a_brake_that_holds_is_saved_too() -> None:
     original = standing(plain())
     hold(original, 60, where)
     limp, away = np.zeros(N), STAND + 0.3
-    original.cycle(where, limp, np.zeros(3), powered=False)
+    original.cycle(where, limp, np.zeros(3), np.zeros(3))
     saved = original.save()
     runs = []
     for simulation in (original, standing(plain())):
         simulation.restore(saved)
         for _ in range(40):
-            simulation.cycle(away, limp, np.zeros(3), powered=False)
+            simulation.cycle(away, limp, np.zeros(3), np.zeros(3))
         runs.append(bits(simulation))
     assert runs[0] == runs[1]
     legs = [ROBOT.joint_index(name) for name in plain().board.brakes]

@@ -158,7 +158,7 @@ def test_cold_grease_holds_more(below: float, holds: bool) -> None:
     torque = 1.2 * 0.6
     simulation.data.qfrc_applied[simulation.model.link_dof[INDEX]] = torque
     for _ in range(40):
-        simulation.cycle(STAND, np.zeros(N), np.zeros(3), powered=True)
+        simulation.cycle(STAND, np.zeros(N), np.zeros(3), np.ones(3))
     drive, moved = plant.actuator(JOINT), abs(simulation.position[INDEX] - STAND[INDEX])
     wound = 2 * drive.half_gap + torque / drive.gear_stiffness
     assert moved < 1.1 * wound if holds else moved > 20 * wound

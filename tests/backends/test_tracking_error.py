@@ -118,7 +118,7 @@ def swing(joint: str, plant: PlantConfig, seconds: float) -> tuple[Array, Array]
         time = n * CYCLE
         target = STAND.copy()
         target[index] += size * (1 - np.cos(rate * time))
-        simulation.cycle(target, ONE, np.zeros(3), powered=True)
+        simulation.cycle(target, ONE, np.zeros(3), np.ones(3))
         acceleration = size * rate**2 * np.cos(rate * time)
         errors.append(target[index] - simulation.position[index])
         features.append((size * rate * np.sin(rate * time), acceleration, inertia * acceleration))

@@ -1,0 +1,28 @@
+"""What a service of the stand-in is given."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+from pepper_driver.backends.naoqi_server.memory import Memory
+from pepper_driver.backends.naoqi_server.robot import Robot
+from pepper_driver.config import RobotConfig
+
+
+@dataclass(frozen=True, kw_only=True)
+class Context:
+    """What services share.
+
+    Attributes:
+        robot: The robot.
+        memory: What ALMemory holds; raises events.
+        config: What the robot is.
+        call: ``call(service, method, *arguments)`` calls a service of this session without waiting for it.
+    """
+
+    robot: Robot
+    memory: Memory
+    config: RobotConfig
+    call: Callable[..., Any]

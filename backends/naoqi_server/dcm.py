@@ -1,0 +1,151 @@
+"""The device manager (DCM): timed commands of each actuator, and the value it has at a date.
+
+Follows NAOqi 2.5.10, pages "DCM", "DCM API" and "DCM advanced". Dates here are counts of milliseconds that do not roll
+over (``clock.unwrapped``), so that nothing happens when the robot's clock does.
+"""
+
+from __future__ import annotations
+
+from bisect import bisect_left
+from collections.abc import Collection, Mapping, Sequence
+from typing import Literal, get_args
+
+from pepper_driver.backends.interface import BackendError
+
+UpdateType = Literal["Merge", "ClearAll", "ClearAfter", "ClearBefore"]
+"""What an order does to the commands that wait already."""
+
+UPDATE_TYPES: tuple[UpdateType, ...] = get_args(UpdateType)
+
+BUFFER = 512
+"""Commands that may wait for one actuator."""
+
+TimedCommand = tuple[float, int]
+"""(value, date)."""
+
+
+class BufferFullError(BackendError):
+    """An order with which more commands would wait for an actuator than its buffer holds. None of it was taken."""
+
+
+def after_order(
+    waiting: Mapping[int, float], update: UpdateType, commands: Sequence[TimedCommand]
+) -> dict[int, float]:
+    """The commands that wait for an actuator after an order, values by date.
+
+    Two commands at one date are "unpredictable" in the documentation: here the later order counts, and within an order
+    the last one.
+    """
+    after = {} if update == "ClearAll" else dict(waiting)
+    if commands and update == "ClearAfter":
+        first = min(date for _, date in commands)
+        after = {date: value for date, value in after.items() if date <= first}
+    elif commands and update == "ClearBefore":
+        last = max(date for _, date in commands)
+        after = {date: value for date, value in after.items() if date >= last}
+    after.update((date, value) for value, date in commands)
+    return after
+
+
+class Actuator:
+    """One actuator: its commands in the order of their dates, and the value last sent.
+
+    Attributes:
+        sent: The value last sent.
+    """
+
+    __slots__ = (
+        "_cycle",
+        "_dates",
+        "_interpolates",
+        "_last_date",
+        "_last_value",
+        "_values",
+        "sent",
+    )
+
+    def __init__(self, value: float, date: int, *, interpolates: bool = True) -> None:
+        self.sent = value
+        self._interpolates = interpolates
+        self._last_value, self._last_date = value, date
+        self._cycle = date
+        self._dates: list[int] = []
+        self._values: list[float] = []
+
+    @property
+    def waiting(self) -> dict[int, float]:
+        """Commands that are still to come: values by date, the soonest first."""
+        return dict(zip(self._dates, self._values, strict=True))
+
+    def take(self, waiting: Mapping[int, float]) -> None:
+        """Let these commands, by date, wait from now on."""
+        self._dates = sorted(waiting)
+        self._values = [waiting[date] for date in self._dates]
+
+    def advance(self, date: int) -> float:
+        """The value at the date of a cycle, which is then sent; later than all dates before.
+
+        Commands whose date has come are used up. The value goes in a straight line from the value last sent, or from a
+        command whose date came since then, to the next command. After the last one it stays.
+        """
+        if not self._dates:
+            self._cycle = date
+            return self.sent
+        used = bisect_left(self._dates, date + 1)
+        if used:
+            self.sent = self._last_value = self._values[used - 1]
+            self._last_date = self._dates[used - 1]
+            del self._dates[:used], self._values[:used]
+        if self._dates and self._interpolates and (not used or self._last_date < date):
+            start, value = self._cycle, self.sent
+            if start < self._last_date:
+                start, value = self._last_date, self._last_value
+            share = (date - start) / (self._dates[0] - start)
+            self.sent = value + (self._values[0] - value) * share
+        self._cycle = date
+        return self.sent
+
+
+class Dcm:
+    """All actuators of the robot.
+
+    Args:
+        values: Value at the start, by key of the actuator.
+        date: Of the start.
+        steps: Keys of those that do not interpolate.
+    """
+
+    def __init__(
+        self, values: Mapping[str, float], date: int, *, steps: Collection[str] = ()
+    ) -> None:
+        self.actuators = {
+            key: Actuator(value, date, interpolates=key not in steps)
+            for key, value in values.items()
+        }
+
+    def order(
+        self,
+        keys: Sequence[str],
+        update: UpdateType,
+        commands: Sequence[Sequence[TimedCommand]],
+    ) -> None:
+        """Take timed commands for some actuators, a sequence for each key; all of them or none.
+
+        Raises:
+            BufferFullError: More commands than a buffer holds would wait for one of them.
+        """
+        after: dict[str, dict[int, float]] = {}
+        for key, its in zip(keys, commands, strict=True):
+            waiting = after[key] if key in after else self.actuators[key].waiting
+            after[key] = after_order(waiting, update, its)
+            if len(after[key]) > BUFFER:
+                raise BufferFullError(
+                    f"DCM: {len(after[key])} commands would wait for {key}, and its buffer holds {BUFFER}; "
+                    "nothing of this request was taken: send fewer, or clear those that wait"
+                )
+        for key, waiting in after.items():
+            self.actuators[key].take(waiting)
+
+    def advance(self, date: int) -> list[float]:
+        """The value of each actuator at the date of a cycle, in the order of the keys."""
+        return [actuator.advance(date) for actuator in self.actuators.values()]

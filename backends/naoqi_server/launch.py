@@ -1,0 +1,166 @@
+"""Starts and ends a stand-in: two processes, one robot."""
+
+from __future__ import annotations
+
+import socket
+import subprocess
+import sys
+import time
+from contextlib import suppress
+from types import TracebackType
+from typing import Any, Self
+
+from pepper_driver.backends.interface import BackendError
+from pepper_driver.backends.naoqi_server.black_box import BlackBox
+from pepper_driver.backends.naoqi_server.body import table_keys
+from pepper_driver.backends.naoqi_server.clock import wrapped
+from pepper_driver.backends.naoqi_server.link import RobotLink
+from pepper_driver.backends.naoqi_server.messages import make_pair, receive
+from pepper_driver.backends.naoqi_server.table import Table
+from pepper_driver.config import load_robot
+from pepper_driver.config.naoqi_devices import load_naoqi_devices
+
+START_TIME = 30.0
+"""[s] for a process to start; it takes about one."""
+
+
+class StandIn:
+    """A stand-in NAOqi with its robot. Use it as a context manager.
+
+    The robot stands in its posture with stiffness 0. Both processes end with the block, and with this process.
+
+    Args:
+        uri: The simulated robot, as for ``make_backend``: ``mujoco://?plant=worn&seed=3&world=table&posture=Crouch``.
+        host: Address to listen at.
+        port: And the port; 0 for a free one.
+        clock: DCM time at the start [ms]; by default that of the day, as a robot has it.
+        outlive: How long the robot goes on when this process is killed [s].
+    """
+
+    def __init__(
+        self,
+        uri: str = "mujoco",
+        *,
+        host: str = "127.0.0.1",
+        port: int = 0,
+        clock: int | None = None,
+        outlive: float = 1.0,
+    ) -> None:
+        self._uri, self._host, self._port = uri, host, port
+        self._clock, self._outlive = clock, outlive
+        self._robot: subprocess.Popen[bytes] | None = None
+        self._naoqi: subprocess.Popen[bytes] | None = None
+
+    def start(self) -> Self:
+        """Start the robot, then NAOqi.
+
+        Raises:
+            BackendError: One of them refuses, for the reason given.
+        """
+        clock = wrapped(int(1000 * time.time()) if self._clock is None else self._clock)
+        config = load_robot()
+        devices = load_naoqi_devices(config)
+        keys = table_keys(config, devices)
+        self._file = Table.make_file()
+        # Both ends of the robot's line to NAOqi stay open here, for a NAOqi that is started anew.
+        self._line, robots = make_pair()
+        try:
+            with robots:
+                self._robot, self._owner, _ = self._spawn(
+                    "robot_process",
+                    {"uri": self._uri, "clock": clock, "outlive": self._outlive},
+                    {"table": self._file, "naoqi": robots.fileno()},
+                )
+            table = Table(self._file, len(keys), config)
+            self.robot = RobotLink(table, self._owner, keys, frozenset(devices.actuators))
+            self.start_naoqi()
+        except BaseException:
+            self.stop()
+            raise
+        return self
+
+    def start_naoqi(self) -> None:
+        """Start the NAOqi process; again at the same port after it died.
+
+        Raises:
+            BackendError: It cannot start, for example because the port is in use.
+        """
+        self._naoqi, self._naoqis_owner, ready = self._spawn(
+            "server",
+            {"host": self._host, "port": self._port},
+            {"table": self._file, "robot": self._line.fileno()},
+        )
+        self._port = int(ready["port"])
+
+    @property
+    def port(self) -> int:
+        """Where NAOqi listens."""
+        return self._port
+
+    @property
+    def url(self) -> str:
+        """The same, as ``qi.Session.connect`` takes it."""
+        return f"tcp://{self._host}:{self._port}"
+
+    @property
+    def robot_process(self) -> subprocess.Popen[bytes]:
+        """The robot process."""
+        assert self._robot is not None, "not started"
+        return self._robot
+
+    @property
+    def naoqi_process(self) -> subprocess.Popen[bytes]:
+        """The NAOqi process. What happens to it does not touch the robot: kill, stop or continue it by its ``pid``."""
+        assert self._naoqi is not None, "not started"
+        return self._naoqi
+
+    def black_box(self, last: int | None = None) -> BlackBox:
+        """What the robot really did in the last two minutes, or ``last`` cycles; also after its process ended."""
+        return self.robot.black_box(last)
+
+    def stop(self) -> None:
+        """End both processes. Does nothing when they have ended."""
+        for process in (self._naoqi, self._robot):
+            if process is not None:
+                with suppress(ProcessLookupError):
+                    process.kill()  # a process that was stopped takes nothing else
+                process.wait()
+        self._naoqi = self._robot = None
+
+    def __enter__(self) -> Self:
+        return self.start()
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        self.stop()
+
+    def _spawn(
+        self, module: str, arguments: dict[str, Any], descriptors: dict[str, int]
+    ) -> tuple[subprocess.Popen[bytes], socket.socket, dict[str, Any]]:
+        """A process of this package, the line on which it hears that we are gone, and what it says when it is ready."""
+        mine, its = make_pair()
+        descriptors = {**descriptors, "owner": its.fileno()}
+        words = [f"--{name}={value}" for name, value in {**arguments, **descriptors}.items()]
+        with its:
+            # A process group of its own: Ctrl-C is for us, and what is stopped when we die is continued and ends.
+            process = subprocess.Popen(
+                [sys.executable, "-m", f"pepper_driver.backends.naoqi_server.{module}", *words],
+                pass_fds=tuple(descriptors.values()),
+                stdin=subprocess.DEVNULL,
+                process_group=0,
+            )
+        mine.settimeout(START_TIME)
+        try:
+            answer = receive(mine)
+        except TimeoutError:
+            answer = {"error": f"did not start within {START_TIME:.0f} s"}
+        if answer is None or "error" in answer:
+            process.kill()
+            process.wait()
+            reason = "ended while it started" if answer is None else answer["error"]
+            raise BackendError(f"stand-in: {reason}")
+        return process, mine, dict(answer["ready"])

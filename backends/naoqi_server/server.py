@@ -1,0 +1,102 @@
+"""The NAOqi process: a qi session that offers the services of the stand-in.
+
+Started by ``launch.StandIn``. It ends when told to, and when whoever started it is gone.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import signal
+import socket
+import sys
+from typing import Any
+
+os.environ.setdefault("QI_LOG_LEVEL", "0")  # libqi logs to stdout
+
+import qi
+
+from pepper_driver.backends.interface import BackendError
+from pepper_driver.backends.naoqi_server.body import table_keys
+from pepper_driver.backends.naoqi_server.context import Context
+from pepper_driver.backends.naoqi_server.link import RobotLink
+from pepper_driver.backends.naoqi_server.memory import Memory
+from pepper_driver.backends.naoqi_server.messages import receive, send
+from pepper_driver.backends.naoqi_server.services import SERVICES
+from pepper_driver.backends.naoqi_server.table import Table
+from pepper_driver.config import PepperError, load_robot
+from pepper_driver.config.naoqi_devices import load_naoqi_devices
+
+
+class NaoqiServer:
+    """The session and its services.
+
+    Args:
+        robot: Connection to the robot process.
+        host: Address to listen at.
+        port: And the port; 0 for a free one.
+    """
+
+    def __init__(self, robot: RobotLink, host: str, port: int) -> None:
+        config = load_robot()
+        devices = load_naoqi_devices(config)
+        data = {**devices.texts, devices.body_id: robot.info["identity"]}
+        self._session = qi.Session()
+        context = Context(
+            robot=robot,
+            memory=Memory(robot, config.naoqi.time, data),
+            config=config,
+            call=self._call,
+        )
+        try:
+            self._session.listenStandalone(f"tcp://{host}:{port}")
+        except RuntimeError as error:
+            raise BackendError(
+                f"tcp://{host}:{port} cannot be listened at: {error}; choose another --port"
+            ) from error
+        self._services = {name: service(context) for name, service in SERVICES.items()}
+        for name, service in self._services.items():
+            self._session.registerService(name, service)
+
+    @property
+    def port(self) -> int:
+        """The port."""
+        return int(self._session.endpoints()[-1].rpartition(":")[2])
+
+    def _call(self, service: str, method: str, *arguments: Any) -> None:  # noqa: ANN401
+        """Call a service, whoever offers it, without waiting for it or caring whether it fails."""
+
+        def made(future: Any) -> None:  # noqa: ANN401
+            if not future.hasError():
+                future.value().call(method, *arguments, _async=True)
+
+        self._session.service(service, _async=True).addCallback(made)
+
+
+def main(arguments: list[str]) -> int:
+    """Entry of the process; says in one message to whoever started it at which port it listens, or why not."""
+    parser = argparse.ArgumentParser()
+    parser.add_argument("--host", required=True)
+    parser.add_argument("--port", type=int, required=True)
+    for name in ("--table", "--owner", "--robot"):
+        parser.add_argument(name, type=int, required=True, metavar="DESCRIPTOR")
+    given = parser.parse_args(arguments)
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # for whoever started this; it then ends us
+    owner, robot = socket.socket(fileno=given.owner), socket.socket(fileno=given.robot)
+    config = load_robot()
+    devices = load_naoqi_devices(config)
+    keys = table_keys(config, devices)
+    table = Table(given.table, len(keys), config)
+    try:
+        link = RobotLink(table, robot, keys, frozenset(devices.actuators))
+        server = NaoqiServer(link, given.host, given.port)
+    except PepperError as error:
+        send(owner, {"error": str(error)})
+        return 1
+    send(owner, {"ready": {"pid": os.getpid(), "port": server.port}})
+    receive(owner)  # nothing comes; it ends with whoever holds the other end
+    os._exit(0)  # qi's own threads may be in the middle of a call
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))
