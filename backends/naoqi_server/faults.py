@@ -163,6 +163,11 @@ class Fault:
         """What it is."""
         return FAULTS[self.name]
 
+    @property
+    def identity(self) -> tuple[str, ...]:
+        """Name and texts: a fault takes the place of another that has the same."""
+        return (self.name, *(text for text in self.arguments.values() if isinstance(text, str)))
+
 
 def make_fault(name: str, arguments: Mapping[str, object] | None = None) -> Fault:
     """A fault by name; arguments that are not given have their defaults.

@@ -28,7 +28,7 @@ class _Switch:
 
 
 class ServiceFaults:
-    """The faults of services that are set. One of a name takes the place of the one before.
+    """The faults of services that are set. One takes the place of another of the same name and the same texts.
 
     Args:
         clock: Monotonic [s].
@@ -36,14 +36,14 @@ class ServiceFaults:
 
     def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
         self._clock = clock
-        self._switches: dict[str, _Switch] = {}
+        self._switches: dict[tuple[str, ...], _Switch] = {}
         self._changed = threading.Condition()
 
     def set(self, fault: Fault) -> None:
         """Set a fault."""
         begin = self._clock() + fault.after
         with self._changed:
-            self._switches[fault.name] = _Switch(fault, begin, begin + fault.seconds)
+            self._switches[fault.identity] = _Switch(fault, begin, begin + fault.seconds)
             self._changed.notify_all()
 
     def clear(self) -> None:
@@ -81,23 +81,25 @@ class ServiceFaults:
         return call
 
     def _hold_up(self, service: str, method: str) -> None:
-        if slow := self._active("slow", service, method):
+        for slow in self._active("slow", service, method):
             time.sleep(float(slow.fault.arguments["delay"]))
         with self._changed:
-            while stall := self._active("stall", service, method):
-                self._changed.wait(min(stall.end - self._clock(), threading.TIMEOUT_MAX))
+            while stalls := self._active("stall", service, method):
+                self._changed.wait(min(stalls[0].end - self._clock(), threading.TIMEOUT_MAX))
 
     def _answer(
         self, service: str, method: str, arguments: Sequence[Any], call: Callable[[], Any]
     ) -> Any:  # noqa: ANN401
-        if error := self._active("error", service, method):
+        for error in self._active("error", service, method):
             text = error.fault.arguments["text"] or "the stand-in was told to refuse this"
             raise RuntimeError(f"{service}::{method}\n\t{text}")
         answer = call()
-        if none := self._active("none", service, method):
+        for none in self._active("none", service, method):
             part = str(none.fault.arguments["keys"])
-            answer = _replaced(service, method, arguments, answer, lambda key: part in key, None)
-        if wrong := self._active("wrong-type", service, method):
+            answer = _replaced(
+                service, method, arguments, answer, functools.partial(_holds, part), None
+            )
+        for wrong in self._active("wrong-type", service, method):
             other = wrong.fault.arguments["type"]
             answer = _replaced(service, method, arguments, answer, BODY_TYPE.__eq__, other)
             if method == "getRobotType":
@@ -106,12 +108,16 @@ class ServiceFaults:
                 answer = [answer[0], [other, *answer[1][1:]]]
         return answer
 
-    def _active(self, name: str, service: str, method: str) -> _Switch | None:
-        """The fault of this name, where it is on now and concerns this call."""
-        switch = self._switches.get(name)
-        if switch is None or not switch.begin <= self._clock() < switch.end:
-            return None
-        return switch if switch.concerns(service, method) else None
+    def _active(self, name: str, service: str, method: str) -> list[_Switch]:
+        """The faults of this name that are on now and concern this call."""
+        now = self._clock()
+        return [
+            switch
+            for switch in list(self._switches.values())
+            if switch.fault.name == name
+            and switch.begin <= now < switch.end
+            and switch.concerns(service, method)
+        ]
 
 
 def _replaced(
@@ -128,3 +134,7 @@ def _replaced(
     if service == "ALMemory" and method == "getListData":
         return [value if chosen(k) else old for k, old in zip(arguments[0], answer, strict=True)]
     return answer
+
+
+def _holds(part: str, key: str) -> bool:
+    return part in key

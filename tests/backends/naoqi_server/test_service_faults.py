@@ -52,6 +52,8 @@ def test_nothing_set_changes_nothing() -> None:
 def test_none_is_for_the_keys_that_are_meant() -> None:
     faults, memory = make("none:a/")
     assert memory.getListData(list(VALUES)) == [None, 2.0, "Juliette"]
+    faults.set(parse_fault("none:Body"))
+    assert memory.getListData(list(VALUES)) == [None, 2.0, None]
     assert memory.getData("a/Value") is None
     assert memory.getData("b/Value") == 2.0
     faults.clear()
