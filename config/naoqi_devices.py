@@ -23,6 +23,7 @@ class _DeviceFile:
     steps: tuple[str, ...]
     body_id: str
     texts: dict[str, str]
+    events: dict[str, tuple[str, str]]
 
 
 class NaoqiDevices:
@@ -34,6 +35,7 @@ class NaoqiDevices:
         steps: Those among them that do not interpolate.
         body_id: Key of the text that tells one robot from another.
         texts: Other texts by key.
+        events: Key of the sensor by whose change an event is raised, and its name in ``TouchChanged``, by event.
     """
 
     def __init__(self, file: _DeviceFile, robot: RobotConfig, source: str) -> None:
@@ -55,6 +57,10 @@ class NaoqiDevices:
         self.steps = frozenset(steps)
         self.body_id = file.body_id
         self.texts = dict(file.texts)
+        self.events = {name: (prefix + key, touch) for name, (key, touch) in file.events.items()}
+        for name, (key, _) in self.events.items():
+            if key not in self.values:
+                raise ConfigError(f"{source}: key 'events.{name}': no sensor {key}")
 
 
 def _expanded(pattern: str, names: Mapping[str, tuple[str, ...]]) -> list[tuple[str, int | None]]:

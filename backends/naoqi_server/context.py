@@ -8,6 +8,8 @@ from typing import Any
 
 from pepper_driver.backends.naoqi_server.memory import Memory
 from pepper_driver.backends.naoqi_server.robot import Robot
+from pepper_driver.backends.naoqi_server.sensor_events import SensorEvents
+from pepper_driver.backends.naoqi_server.server_faults import ServerFaults
 from pepper_driver.config import RobotConfig
 
 
@@ -19,10 +21,14 @@ class Context:
         robot: The robot.
         memory: What ALMemory holds; raises events.
         config: What the robot is.
+        events: Raises events of its touch sensors.
+        faults: What is wrong with NAOqi itself.
         call: ``call(service, method, *arguments)`` calls a service of this session without waiting for it.
     """
 
     robot: Robot
     memory: Memory
     config: RobotConfig
+    events: SensorEvents
+    faults: ServerFaults
     call: Callable[..., Any]

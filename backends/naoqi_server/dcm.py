@@ -140,7 +140,7 @@ class Dcm:
             after[key] = after_order(waiting, update, its)
             if len(after[key]) > BUFFER:
                 raise BufferFullError(
-                    f"DCM: {len(after[key])} commands would wait for {key}, and its buffer holds {BUFFER}; "
+                    f"{len(after[key])} commands would wait for {key}, and its buffer holds {BUFFER}; "
                     "nothing of this request was taken: send fewer, or clear those that wait"
                 )
         for key, waiting in after.items():

@@ -31,7 +31,7 @@ class DcmService:
     def getTime(self, offset: int) -> int:
         """The DCM's time [ms], 32 bits with a sign, and ``offset`` ms more."""
         if not isinstance(offset, int) or isinstance(offset, bool):
-            raise RequestError(f"getTime: the offset must be a whole number of ms, got {offset!r}")
+            raise RequestError(f"the offset must be a whole number of ms, got {offset!r}")
         return wrapped(self._robot.time() + offset)
 
     def createAlias(self, request: Any) -> list[Any]:  # noqa: ANN401
@@ -47,16 +47,16 @@ class DcmService:
     def set(self, request: Any) -> None:  # noqa: ANN401
         """The same commands for an actuator, or for all of an alias: ``[name, update type, [[value, time], ...]]``."""
         name, update, commands = set_request(request)
-        keys = [self._key(name)] if self._key(name) else self._alias("set", name)
+        keys = [self._key(name)] if self._key(name) else self._alias(name)
         self._order(keys, update, [commands] * len(keys))
 
     def setAlias(self, request: Any) -> None:  # noqa: ANN401
         """Commands for each actuator of an alias, "time-mixed" or "time-separate"."""
         name, update, commands = set_alias_request(request)
-        keys = self._alias("setAlias", name)
+        keys = self._alias(name)
         if len(commands) != len(keys):
             raise RequestError(
-                f"setAlias: alias '{name}' has {len(keys)} actuators, and there are {len(commands)} lists"
+                f"alias '{name}' has {len(keys)} actuators, and there are {len(commands)} lists"
             )
         self._order(keys, update, commands)
 
@@ -73,7 +73,7 @@ class DcmService:
                 return key
         return ""
 
-    def _alias(self, method: str, name: str) -> list[str]:
+    def _alias(self, name: str) -> list[str]:
         if name not in self._aliases:
-            raise RequestError(f"{method}: no actuator or alias '{name}'")
+            raise RequestError(f"no actuator or alias '{name}'")
         return self._aliases[name]

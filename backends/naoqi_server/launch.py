@@ -7,6 +7,7 @@ import subprocess
 import sys
 import time
 from contextlib import suppress
+from importlib.util import find_spec
 from types import TracebackType
 from typing import Any, Self
 
@@ -17,7 +18,7 @@ from pepper_driver.backends.naoqi_server.clock import wrapped
 from pepper_driver.backends.naoqi_server.link import RobotLink
 from pepper_driver.backends.naoqi_server.messages import make_pair, receive
 from pepper_driver.backends.naoqi_server.table import Table
-from pepper_driver.config import load_robot
+from pepper_driver.config import MissingExtraError, load_robot
 from pepper_driver.config.naoqi_devices import load_naoqi_devices
 
 START_TIME = 30.0
@@ -57,6 +58,10 @@ class StandIn:
         Raises:
             BackendError: One of them refuses, for the reason given.
         """
+        if find_spec("qi") is None:
+            raise MissingExtraError(
+                "a stand-in NAOqi (Linux on x86-64, Python up to 3.12)", "naoqi"
+            )
         clock = wrapped(int(1000 * time.time()) if self._clock is None else self._clock)
         config = load_robot()
         devices = load_naoqi_devices(config)
@@ -117,6 +122,20 @@ class StandIn:
     def black_box(self, last: int | None = None) -> BlackBox:
         """What the robot really did in the last two minutes, or ``last`` cycles; also after its process ended."""
         return self.robot.black_box(last)
+
+    def wait(self) -> None:
+        """Wait until one of the two processes ends by itself, or is ended by others.
+
+        Raises:
+            BackendError: It did, and which.
+        """
+        names = {"robot": self.robot_process, "NAOqi": self.naoqi_process}
+        while True:
+            for name, process in names.items():
+                if (code := process.poll()) is not None:
+                    how = f"by signal {-code}" if code < 0 else f"with code {code}"
+                    raise BackendError(f"the stand-in's {name} process ended {how}")
+            time.sleep(0.2)
 
     def stop(self) -> None:
         """End both processes. Does nothing when they have ended."""

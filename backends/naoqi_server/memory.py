@@ -134,4 +134,4 @@ class Memory:
         try:
             return self._data[key]
         except KeyError:
-            raise NoDataError(f"ALMemory: no data under '{key}'") from None
+            raise NoDataError(f"no data under '{key}'") from None

@@ -7,6 +7,7 @@ from typing import Any
 import qi
 
 from pepper_driver.backends.naoqi_server.context import Context
+from pepper_driver.backends.naoqi_server.front import named
 from pepper_driver.backends.naoqi_server.memory import Kind
 
 
@@ -28,22 +29,27 @@ class MemoryService:
 
     def getData(self, key: str) -> Any:  # noqa: ANN401
         """Value of one key; an error where there is none."""
-        return self._memory.get(_text("getData", key))
+        return self._memory.get(_text(key))
+
+    @named("getData")
+    def _get_data(self, key: str, unused: int) -> Any:  # noqa: ANN401
+        """As old programs call it."""
+        return self.getData(key)
 
     def getListData(self, keys: Any) -> list[Any]:  # noqa: ANN401
         """Values of many keys, None where there is none."""
         if not isinstance(keys, list | tuple):
-            raise TypeError(f"ALMemory.getListData: expected a list of keys, got {keys!r}")
+            raise ValueError(f"expected a list of keys, got {keys!r}")
         return self._memory.get_list(keys)
 
     def getTimestamp(self, key: str) -> list[Any]:
         """``[value, seconds, microseconds]`` of the last write."""
-        stamp = self._memory.stamp(_text("getTimestamp", key))
+        stamp = self._memory.stamp(_text(key))
         return [self._memory.get(key), int(stamp), int(stamp % 1.0 * 1e6)]
 
     def getDataList(self, part: str) -> list[str]:
         """Names of the keys that hold ``part``."""
-        return self._memory.names(part=_text("getDataList", part))
+        return self._memory.names(part=_text(part))
 
     def getDataListName(self) -> list[str]:
         """Names of all keys."""
@@ -59,38 +65,42 @@ class MemoryService:
 
     def getType(self, key: str) -> str:
         """Whether a key is "Data", an "Event" or a "MicroEvent"."""
-        return self._memory.kind(_text("getType", key))
+        return self._memory.kind(_text(key))
 
     def insertData(self, key: str, value: Any) -> None:  # noqa: ANN401
         """Put a value in; no event."""
-        self._memory.insert(_text("insertData", key), value)
+        self._memory.insert(_text(key), value)
 
     def insertListData(self, pairs: Any) -> None:  # noqa: ANN401
         """Put many values in: ``[[key, value], ...]``."""
-        for pair in pairs:
-            key, value = pair
-            self._memory.insert(_text("insertListData", key), value)
+        for key, value in pairs:
+            self._memory.insert(_text(key), value)
 
     def removeData(self, key: str) -> None:
         """Forget a key."""
-        self._memory.remove(_text("removeData", key))
+        self._memory.remove(_text(key))
 
     def declareEvent(self, name: str) -> None:
         """Make an event known."""
-        self._memory.declare(_text("declareEvent", name))
+        self._memory.declare(_text(name))
+
+    @named("declareEvent")
+    def _declare_event(self, name: str, extractor: str) -> None:
+        """Likewise, with the name of who will raise it."""
+        self.declareEvent(name)
 
     def raiseEvent(self, name: str, value: Any) -> None:  # noqa: ANN401
         """Tell a value to all who listen to this event."""
-        self._memory.raise_event(_text("raiseEvent", name), value)
+        self._memory.raise_event(_text(name), value)
 
     def raiseMicroEvent(self, name: str, value: Any) -> None:  # noqa: ANN401
         """Likewise for a micro-event."""
-        self._memory.raise_event(_text("raiseMicroEvent", name), value, "MicroEvent")
+        self._memory.raise_event(_text(name), value, "MicroEvent")
 
     def subscriber(self, name: str) -> Subscriber:
         """An object whose ``signal`` is emitted with the value each time the event is raised."""
         if name not in self._subscribers:
-            made = self._subscribers[_text("subscriber", name)] = Subscriber()
+            made = self._subscribers[_text(name)] = Subscriber()
             self._memory.listen(name, made.signal)
         return self._subscribers[name]
 
@@ -98,17 +108,22 @@ class MemoryService:
         """Call ``method(name, value, "")`` of a service each time the event is raised."""
         self._subscribe(name, module, method, "", "Event")
 
+    @named("subscribeToEvent")
+    def _subscribe_to_event(self, name: str, module: str, message: str, method: str) -> None:
+        """Likewise, with a message for the method."""
+        self._subscribe(name, module, method, message, "Event")
+
     def subscribeToMicroEvent(self, name: str, module: str, message: str, method: str) -> None:
         """Call ``method(name, value, message)`` of a service each time the micro-event is raised."""
         self._subscribe(name, module, method, message, "MicroEvent")
 
     def unsubscribeToEvent(self, name: str, module: str) -> None:
         """End what :meth:`subscribeToEvent` began."""
-        self._modules.pop((_text("unsubscribeToEvent", name), module), None)
+        self._modules.pop((_text(name), module), None)
 
     def unsubscribeToMicroEvent(self, name: str, module: str) -> None:
         """End what :meth:`subscribeToMicroEvent` began."""
-        self._modules.pop((_text("unsubscribeToMicroEvent", name), module), None)
+        self._modules.pop((_text(name), module), None)
 
     def getSubscribers(self, name: str) -> list[str]:
         """Names of the services that :meth:`subscribeToEvent` subscribed."""
@@ -116,7 +131,7 @@ class MemoryService:
 
     def _subscribe(self, name: str, module: str, method: str, message: str, kind: Kind) -> None:
         for text in (name, module, method, message):
-            _text("subscribeToEvent", text)
+            _text(text)
         if name not in self._memory.names(kind=kind):
             self._memory.declare(name, kind)
         self._modules[name, module] = (method, message)
@@ -130,7 +145,7 @@ class MemoryService:
                 self._call(module, method, name, value, message)
 
 
-def _text(method: str, value: Any) -> str:  # noqa: ANN401
+def _text(value: Any) -> str:  # noqa: ANN401
     if not isinstance(value, str):
-        raise TypeError(f"ALMemory.{method}: expected text, got {value!r}")
+        raise ValueError(f"expected text, got {value!r}")
     return value

@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from typing import Any
 
 from pepper_driver.backends.naoqi_server.clock import SPAN
 from pepper_driver.backends.naoqi_server.dcm import UPDATE_TYPES, TimedCommand, UpdateType
+
+ALIAS_FORM = "[name, [actuator, ...]]"
+SET_FORM = "[actuator or alias, update type, [[value, time], ...]]"
+MIXED_FORM = '[alias, update type, "time-mixed", [[[value, time], ...], ...]]'
+SEPARATE_FORM = '[alias, update type, "time-separate", 0, [time, ...], [[value, ...], ...]]'
 
 
 class RequestError(ValueError):
@@ -15,64 +19,54 @@ class RequestError(ValueError):
 
 
 def alias_request(request: Any) -> tuple[str, list[str]]:  # noqa: ANN401
-    """Name and actuators of ``createAlias``: ``[name, [actuator, ...]]``."""
-    form = "[name, [actuator, ...]]"
-    name, actuators = _items(request, 2, f"createAlias: expected {form}")
-    names = _list(actuators, f"createAlias: expected {form}, the second item")
-    if not isinstance(name, str) or not name:
-        raise RequestError(f"createAlias: the first item must be the alias' name, got {name!r}")
-    for number, actuator in enumerate(names):
-        if not isinstance(actuator, str):
-            raise RequestError(f"createAlias: actuator {number} must be text, got {actuator!r}")
-    return name, names
+    """Name and actuators of ``createAlias``, of ``ALIAS_FORM``."""
+    name, actuators = _items(request, 2, ALIAS_FORM)
+    return _text(name, "the name"), [
+        _text(actuator, f"actuator {number}")
+        for number, actuator in enumerate(_list(actuators, "the actuators"))
+    ]
 
 
 def set_request(request: Any) -> tuple[str, UpdateType, list[TimedCommand]]:  # noqa: ANN401
-    """Of ``set``: ``[actuator or alias, update type, [[value, time], ...]]``."""
-    name, update, commands = _items(
-        request, 3, "set: expected [actuator or alias, update type, [[value, time], ...]]"
-    )
-    return _name("set", name), _update("set", update), _timed("set", "the third item", commands)
+    """Name, update type and commands of ``set``, of ``SET_FORM``."""
+    name, update, commands = _items(request, 3, SET_FORM)
+    return _text(name, "the name"), _update(update), _timed(commands, "the commands")
 
 
 def set_alias_request(request: Any) -> tuple[str, UpdateType, list[list[TimedCommand]]]:  # noqa: ANN401
-    """Of ``setAlias``, in either format: a list of commands for each actuator of the alias.
+    """Name, update type and a list of commands for each actuator, of ``MIXED_FORM`` or ``SEPARATE_FORM``."""
+    kind = _list(request, "the request")[2:3]
+    if kind == ["time-mixed"]:
+        name, update, _, lists = _items(request, 4, MIXED_FORM)
+        commands = [
+            _timed(its, f"list {number}") for number, its in enumerate(_list(lists, "the commands"))
+        ]
+    elif kind == ["time-separate"]:
+        name, update, _, _, times, lists = _items(request, 6, SEPARATE_FORM)
+        dates = [_date(time) for time in _list(times, "the times")]
+        commands = [
+            _dated(its, dates, f"list {number}")
+            for number, its in enumerate(_list(lists, "the values"))
+        ]
+    else:
+        raise RequestError(f"expected {MIXED_FORM} or {SEPARATE_FORM}, got {request!r}")
+    return _text(name, "the alias"), _update(update), commands
 
-    ``[alias, update type, "time-mixed", [[[value, time], ...], ...]]`` or
-    ``[alias, update type, "time-separate", 0, [time, ...], [[value, ...], ...]]``.
-    """
-    parts = _list(request, "setAlias: expected a list")
-    if len(parts) < 3:
-        raise RequestError(
-            f"setAlias: expected [alias, update type, format, ...], got {len(parts)} items"
-        )
-    name, update = _name("setAlias", parts[0]), _update("setAlias", parts[1])
-    if parts[2] == "time-mixed":
-        (lists,) = _items(parts[3:], 1, "setAlias, time-mixed: after the format, expected one list")
-        lists = _list(lists, "setAlias, time-mixed: the commands")
-        return (
-            name,
-            update,
-            [_timed("setAlias", f"list {number}", its) for number, its in enumerate(lists)],
-        )
-    if parts[2] == "time-separate":
-        _, times, lists = _items(
-            parts[3:], 3, "setAlias, time-separate: after the format, expected 0, times, values"
-        )
-        times = [_time("setAlias", t) for t in _list(times, "setAlias, time-separate: the times")]
-        commands = []
-        for number, values in enumerate(_list(lists, "setAlias, time-separate: the values")):
-            values = _list(values, f"setAlias, time-separate: list {number}")
-            if len(values) != len(times):
-                raise RequestError(
-                    f"setAlias, time-separate: list {number} has {len(values)} values for {len(times)} times"
-                )
-            checked = [_value("setAlias", value) for value in values]
-            commands.append(list(zip(checked, times, strict=True)))
-        return name, update, commands
-    raise RequestError(
-        f"setAlias: format {parts[2]!r} is not known (possible: time-mixed, time-separate)"
-    )
+
+def _dated(values: Any, dates: list[int], where: str) -> list[TimedCommand]:  # noqa: ANN401
+    values = _list(values, where)
+    if len(values) != len(dates):
+        raise RequestError(f"{where} has {len(values)} values for {len(dates)} times")
+    return [(_value(value), date) for value, date in zip(values, dates, strict=True)]
+
+
+def _timed(commands: Any, where: str) -> list[TimedCommand]:  # noqa: ANN401
+    timed = []
+    for command in _list(commands, where):
+        if not isinstance(command, list | tuple) or len(command) not in (2, 3):
+            raise RequestError(f"{where}: a command is [value, time], got {command!r}")
+        timed.append((_value(command[0]), _date(command[1])))  # the DCM ignores the importance
+    return timed
 
 
 def _list(value: Any, where: str) -> list[Any]:  # noqa: ANN401
@@ -81,51 +75,36 @@ def _list(value: Any, where: str) -> list[Any]:  # noqa: ANN401
     return list(value)
 
 
-def _items(value: Any, number: int, form: str) -> Sequence[Any]:  # noqa: ANN401
-    items = _list(value, form)
-    if len(items) != number:
-        raise RequestError(f"{form}, got {len(items)} items")
-    return items
+def _items(request: Any, number: int, form: str) -> list[Any]:  # noqa: ANN401
+    if not isinstance(request, list | tuple) or len(request) != number:
+        raise RequestError(f"expected {form}, got {request!r}")
+    return list(request)
 
 
-def _name(method: str, value: Any) -> str:  # noqa: ANN401
-    if not isinstance(value, str):
-        raise RequestError(f"{method}: the first item must be a name, got {value!r}")
+def _text(value: Any, where: str) -> str:  # noqa: ANN401
+    if not isinstance(value, str) or not value:
+        raise RequestError(f"{where}: expected text, got {value!r}")
     return value
 
 
-def _update(method: str, value: Any) -> UpdateType:  # noqa: ANN401
+def _update(value: Any) -> UpdateType:  # noqa: ANN401
     for known in UPDATE_TYPES:
         if known == value:
             return known
-    raise RequestError(
-        f"{method}: update type {value!r} is not known (possible: {', '.join(UPDATE_TYPES)})"
-    )
+    raise RequestError(f"unknown update type {value!r} (possible: {', '.join(UPDATE_TYPES)})")
 
 
-def _timed(method: str, where: str, value: Any) -> list[TimedCommand]:  # noqa: ANN401
-    commands = []
-    for command in _list(value, f"{method}: {where}"):
-        items = _list(command, f"{method}: a command of {where}")
-        if len(items) not in (2, 3):  # the third is an importance that the DCM does not look at
-            raise RequestError(f"{method}: a command is [value, time], got {items!r}")
-        commands.append((_value(method, items[0]), _time(method, items[1])))
-    return commands
-
-
-def _value(method: str, value: Any) -> float:  # noqa: ANN401
+def _value(value: Any) -> float:  # noqa: ANN401
     number = isinstance(value, int | float) and not isinstance(value, bool)
     if not number or not math.isfinite(value):
-        raise RequestError(f"{method}: a value must be a number, got {value!r}")
+        raise RequestError(f"a value must be a finite number, got {value!r}")
     return float(value)
 
 
-def _time(method: str, value: Any) -> int:  # noqa: ANN401
+def _date(value: Any) -> int:  # noqa: ANN401
     whole = isinstance(value, int) and not isinstance(value, bool)
     if not (whole or (isinstance(value, float) and value.is_integer())):
-        raise RequestError(f"{method}: a time must be a whole number of ms, got {value!r}")
+        raise RequestError(f"a time must be a whole number of ms, got {value!r}")
     if not -SPAN // 2 <= value < SPAN // 2:
-        raise RequestError(
-            f"{method}: time {value!r} does not fit into 32 bits: the DCM's clock rolls over"
-        )
+        raise RequestError(f"time {value!r} does not fit into 32 bits: the DCM's clock rolls over")
     return int(value)

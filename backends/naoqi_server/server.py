@@ -19,9 +19,12 @@ import qi
 from pepper_driver.backends.interface import BackendError
 from pepper_driver.backends.naoqi_server.body import table_keys
 from pepper_driver.backends.naoqi_server.context import Context
+from pepper_driver.backends.naoqi_server.front import make_front
 from pepper_driver.backends.naoqi_server.link import RobotLink
 from pepper_driver.backends.naoqi_server.memory import Memory
 from pepper_driver.backends.naoqi_server.messages import receive, send
+from pepper_driver.backends.naoqi_server.sensor_events import SensorEvents
+from pepper_driver.backends.naoqi_server.server_faults import ServerFaults
 from pepper_driver.backends.naoqi_server.services import SERVICES
 from pepper_driver.backends.naoqi_server.table import Table
 from pepper_driver.config import PepperError, load_robot
@@ -42,10 +45,13 @@ class NaoqiServer:
         devices = load_naoqi_devices(config)
         data = {**devices.texts, devices.body_id: robot.info["identity"]}
         self._session = qi.Session()
+        memory = Memory(robot, config.naoqi.time, data)
         context = Context(
             robot=robot,
-            memory=Memory(robot, config.naoqi.time, data),
+            memory=memory,
             config=config,
+            events=SensorEvents(robot, memory, devices),
+            faults=ServerFaults(),
             call=self._call,
         )
         try:
@@ -54,9 +60,13 @@ class NaoqiServer:
             raise BackendError(
                 f"tcp://{host}:{port} cannot be listened at: {error}; choose another --port"
             ) from error
-        self._services = {name: service(context) for name, service in SERVICES.items()}
-        for name, service in self._services.items():
-            self._session.registerService(name, service)
+        self._services = {
+            name: make_front(name, service(context), context.faults)
+            for name, service in SERVICES.items()
+        }
+        for name, front in self._services.items():
+            self._session.registerService(name, front)
+        context.events.start()
 
     @property
     def port(self) -> int:

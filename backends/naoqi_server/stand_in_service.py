@@ -12,7 +12,7 @@ class StandInService:
     """Pushes, faults and truth of the simulated robot."""
 
     def __init__(self, context: Context) -> None:
-        self._robot = context.robot
+        self._robot, self._faults = context.robot, context.faults
 
     def info(self) -> dict[str, Any]:
         """Which robot this is: ``identity``, ``plant``, ``uri``, ``response_delay``, ``pid``, ..."""
@@ -27,11 +27,15 @@ class StandInService:
         self._robot.grab(**arguments)
 
     def setFault(self, name: str, arguments: dict[str, Any]) -> None:
-        """Let something be wrong."""
-        self._robot.set_fault(name, **arguments)
+        """Let something be wrong with NAOqi or with the robot; see ``ServerFaults`` and ``RobotFaults``."""
+        if name in self._faults.KINDS:
+            self._faults.set(name, arguments)
+        else:
+            self._robot.set_fault(name, **arguments)
 
     def clearFaults(self) -> None:
         """End all faults."""
+        self._faults.clear()
         self._robot.clear_faults()
 
     def blackBox(self, last: int) -> dict[str, Any]:

@@ -21,6 +21,7 @@ from pepper_driver.cli.plot import plot
 from pepper_driver.cli.record import record
 from pepper_driver.cli.replay import replay_command
 from pepper_driver.cli.run import run_command
+from pepper_driver.cli.serve import serve
 from pepper_driver.config import PepperError
 
 app = typer.Typer(
@@ -42,6 +43,7 @@ app.command("evaluate")(evaluate_command)
 app.command()(bench)
 app.command()(calibrate)
 app.command()(plot)
+app.command()(serve)
 app.add_typer(log_app, name="log")
 
 
