@@ -6,10 +6,10 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
+from pepper_driver.backends.naoqi_server.fault_desk import FaultDesk
 from pepper_driver.backends.naoqi_server.memory import Memory
 from pepper_driver.backends.naoqi_server.robot import Robot
 from pepper_driver.backends.naoqi_server.sensor_events import SensorEvents
-from pepper_driver.backends.naoqi_server.server_faults import ServerFaults
 from pepper_driver.config import RobotConfig
 
 
@@ -22,7 +22,7 @@ class Context:
         memory: What ALMemory holds; raises events.
         config: What the robot is.
         events: Raises events of its touch sensors.
-        faults: What is wrong with NAOqi itself.
+        faults: Takes what is to go wrong.
         call: ``call(service, method, *arguments)`` calls a service of this session without waiting for it.
     """
 
@@ -30,5 +30,5 @@ class Context:
     memory: Memory
     config: RobotConfig
     events: SensorEvents
-    faults: ServerFaults
+    faults: FaultDesk
     call: Callable[..., Any]

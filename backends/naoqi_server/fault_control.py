@@ -2,22 +2,27 @@
 
 from __future__ import annotations
 
-import os
 import signal
 from collections.abc import Callable
-from typing import Protocol
+from dataclasses import replace
+from typing import Any, Protocol
 
 from pepper_driver.backends.interface import BackendError
-from pepper_driver.backends.naoqi_server.faults import Fault
+from pepper_driver.backends.naoqi_server.faults import Fault, make_fault
 from pepper_driver.backends.naoqi_server.proxy import NetworkProxy
 from pepper_driver.backends.naoqi_server.robot import Robot
 from pepper_driver.backends.naoqi_server.schedule import Schedule
+
+MOMENT = 0.05
+"""[s] from the answer to a client to the fault that may be its last."""
 
 
 class Parts(Protocol):
     """The parts of a stand-in that faults are about."""
 
-    robot: Robot
+    @property
+    def robot(self) -> Robot:
+        """Past NAOqi."""
 
     @property
     def proxy(self) -> NetworkProxy | None:
@@ -52,8 +57,7 @@ class FaultControl:
         """
         place = fault.kind.place
         if place == "robot":
-            timing = {"seconds": fault.seconds, "after": fault.after}
-            self._parts.robot.set_fault(fault.name, **fault.arguments, **timing)
+            self._parts.robot.set_fault(fault.name, **fault.all_arguments)
         elif place == "services":
             self._parts.tell_naoqi(fault)
         elif place == "start":
@@ -67,6 +71,14 @@ class FaultControl:
         self._schedule.clear()
         self._parts.robot.clear_faults()
         self._parts.tell_naoqi(None)
+
+    def obey(self, what: str, **arguments: Any) -> None:  # noqa: ANN401
+        """Do what a client asked of NAOqi that is not NAOqi's own affair; set faults begin once it has its answer."""
+        if what == "set_fault":
+            fault = make_fault(**arguments)
+            self.set(replace(fault, after=max(fault.after, MOMENT)))
+        else:
+            self._schedule.clear()
 
     def close(self) -> None:
         """Nothing begins or ends any more."""
@@ -88,5 +100,6 @@ class FaultControl:
     def _process(self, fault: Fault) -> tuple[Callable[[], None], Callable[[], None]]:
         parts = self._parts
         if fault.name == "hang":
-            return lambda: parts.signal_naoqi(signal.SIGSTOP), lambda: parts.signal_naoqi(signal.SIGCONT)
+            stop, go_on = signal.SIGSTOP, signal.SIGCONT
+            return lambda: parts.signal_naoqi(stop), lambda: parts.signal_naoqi(go_on)
         return lambda: parts.signal_naoqi(signal.SIGKILL), parts.start_naoqi

@@ -80,9 +80,9 @@ FAULTS: Mapping[str, FaultKind] = {
     ),
     "error": FaultKind(
         place="services",
-        arguments={"calls": "DCM", "text": ""},
+        arguments={"calls": "DCM", "text": "the stand-in was told to refuse this"},
         effect="calls are refused with an error; 'calls' as for 'stall'",
-        source="NAOqi refuses with 'Module::method' and a line of text; the text is assumed",
+        source="NAOqi refuses with its method and a line of text; the text is assumed",
     ),
     "none": FaultKind(
         place="services",
@@ -162,6 +162,11 @@ class Fault:
     def kind(self) -> FaultKind:
         """What it is."""
         return FAULTS[self.name]
+
+    @property
+    def all_arguments(self) -> dict[str, Value]:
+        """As :func:`make_fault` takes them, times too."""
+        return {**self.arguments, "seconds": self.seconds, "after": self.after}
 
     @property
     def identity(self) -> tuple[str, ...]:

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import functools
-import inspect
 import threading
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from pepper_driver.backends.interface import BackendError
 from pepper_driver.backends.naoqi_server.faults import Fault
 
 BODY_TYPE = "RobotConfig/Body/Type"
@@ -28,7 +28,9 @@ class _Switch:
 
 
 class ServiceFaults:
-    """The faults of services that are set. One takes the place of another of the same name and the same texts.
+    """The faults of services that are set; all calls of clients go through :meth:`call`.
+
+    One takes the place of another of the same name and the same texts.
 
     Args:
         clock: Monotonic [s].
@@ -52,33 +54,20 @@ class ServiceFaults:
             self._switches.clear()
             self._changed.notify_all()
 
-    def wrapped(self, name: str, service: object) -> object:
-        """The service with its calls passing here, to be registered as ``name``; both share their state.
+    def call(
+        self, service: str, method: str, arguments: Sequence[Any], proceed: Callable[[], Any]
+    ) -> Any:  # noqa: ANN401
+        """Answer a call of a client: what the service answers when asked to ``proceed``, or something else, or later.
 
-        What a service calls of itself, and what other services call of it, does not pass.
+        Those of the service ``StandIn`` pass, so that faults can be cleared.
+
+        Raises:
+            BackendError: The client is to get this error.
         """
-        kind = type(service)
-        methods = {
-            key: self._passing(name, method, service)
-            for key, method in inspect.getmembers(kind, inspect.isfunction)
-            if not key.startswith("__")
-        }
-        made: object = object.__new__(type(kind.__name__, (kind,), methods))
-        made.__dict__ = service.__dict__
-        return made
-
-    def _passing(self, name: str, method: Callable[..., Any], service: object) -> object:
-        called = getattr(method, "__qi_name__", method.__name__)  # overloads share a name
-
-        @functools.wraps(method)
-        def call(_: object, *arguments: Any) -> Any:  # noqa: ANN401
-            self._hold_up(name, called)
-            return self._answer(
-                name, called, arguments, functools.partial(method, service, *arguments)
-            )
-
-        call.__signature__ = inspect.signature(method)  # type: ignore[attr-defined]  # qi counts parameters
-        return call
+        if service == "StandIn":
+            return proceed()
+        self._hold_up(service, method)
+        return self._answer(service, method, arguments, proceed)
 
     def _hold_up(self, service: str, method: str) -> None:
         for slow in self._active("slow", service, method):
@@ -88,12 +77,11 @@ class ServiceFaults:
                 self._changed.wait(min(stalls[0].end - self._clock(), threading.TIMEOUT_MAX))
 
     def _answer(
-        self, service: str, method: str, arguments: Sequence[Any], call: Callable[[], Any]
+        self, service: str, method: str, arguments: Sequence[Any], proceed: Callable[[], Any]
     ) -> Any:  # noqa: ANN401
         for error in self._active("error", service, method):
-            text = error.fault.arguments["text"] or "the stand-in was told to refuse this"
-            raise RuntimeError(f"{service}::{method}\n\t{text}")
-        answer = call()
+            raise BackendError(str(error.fault.arguments["text"]))
+        answer = proceed()
         for none in self._active("none", service, method):
             part = str(none.fault.arguments["keys"])
             answer = _replaced(
