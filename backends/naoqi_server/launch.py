@@ -4,15 +4,13 @@ from __future__ import annotations
 
 import json
 import signal
-import socket
 import subprocess
-import sys
 import time
 from collections.abc import Sequence
 from contextlib import suppress
 from importlib.util import find_spec
 from types import TracebackType
-from typing import Any, Self
+from typing import Self
 
 from pepper_driver.backends.interface import BackendError
 from pepper_driver.backends.naoqi_server.black_box import BlackBox
@@ -22,15 +20,13 @@ from pepper_driver.backends.naoqi_server.fault_control import FaultControl
 from pepper_driver.backends.naoqi_server.faults import Fault, parse_fault
 from pepper_driver.backends.naoqi_server.line import Line
 from pepper_driver.backends.naoqi_server.link import RobotLink
-from pepper_driver.backends.naoqi_server.messages import make_pair, receive
+from pepper_driver.backends.naoqi_server.messages import make_pair
+from pepper_driver.backends.naoqi_server.processes import spawn
 from pepper_driver.backends.naoqi_server.proxy import NetworkProxy
 from pepper_driver.backends.naoqi_server.table import Table
 from pepper_driver.backends.naoqi_server.tls import Login
 from pepper_driver.config import MissingExtraError, load_robot
 from pepper_driver.config.naoqi_devices import load_naoqi_devices
-
-START_TIME = 30.0
-"""[s] for a process to start; it takes about one."""
 
 
 class StandIn:
@@ -98,7 +94,7 @@ class StandIn:
         self._line, robots = make_pair()
         try:
             with robots:
-                self._robot, self._owner, _ = self._spawn(
+                self._robot, self._owner, _ = spawn(
                     "robot_process",
                     {"uri": self._uri, "clock": clock, "outlive": self._outlive},
                     {"table": self._file, "naoqi": robots.fileno()},
@@ -137,7 +133,7 @@ class StandIn:
             for fault in self._faults
             if fault.kind.place == "services"
         ]
-        self._naoqi, end, ready = self._spawn(
+        self._naoqi, end, ready = spawn(
             "server",
             {"host": host, "port": port, "faults": json.dumps(faults)},
             {"table": self._file, "robot": self._line.fileno()},
@@ -245,30 +241,3 @@ class StandIn:
         traceback: TracebackType | None,
     ) -> None:
         self.stop()
-
-    def _spawn(
-        self, module: str, arguments: dict[str, Any], descriptors: dict[str, int]
-    ) -> tuple[subprocess.Popen[bytes], socket.socket, dict[str, Any]]:
-        """A process of this package, the line on which it hears that we are gone, and what it says when it is ready."""
-        mine, its = make_pair()
-        descriptors = {**descriptors, "owner": its.fileno()}
-        words = [f"--{name}={value}" for name, value in {**arguments, **descriptors}.items()]
-        with its:
-            # A process group of its own: Ctrl-C is for us, and what is stopped when we die is continued and ends.
-            process = subprocess.Popen(
-                [sys.executable, "-m", f"pepper_driver.backends.naoqi_server.{module}", *words],
-                pass_fds=tuple(descriptors.values()),
-                stdin=subprocess.DEVNULL,
-                process_group=0,
-            )
-        mine.settimeout(START_TIME)
-        try:
-            answer = receive(mine)
-        except TimeoutError:
-            answer = {"error": f"did not start within {START_TIME:.0f} s"}
-        if answer is None or "error" in answer:
-            process.kill()
-            process.wait()
-            reason = "ended while it started" if answer is None else answer["error"]
-            raise BackendError(f"stand-in: {reason}")
-        return process, mine, dict(answer["ready"])

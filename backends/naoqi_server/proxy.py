@@ -2,34 +2,29 @@
 
 from __future__ import annotations
 
+import argparse
 import asyncio
-import multiprocessing
 import selectors
 import signal
+import socket
 import ssl
+import subprocess
+import sys
 import threading
-from dataclasses import dataclass
-from multiprocessing.connection import Connection
+from dataclasses import asdict
 from tempfile import TemporaryDirectory
 from types import TracebackType
 from typing import Self
 
 from pepper_driver.backends.interface import BackendError
+from pepper_driver.backends.naoqi_server.messages import receive, send
+from pepper_driver.backends.naoqi_server.processes import spawn
 from pepper_driver.backends.naoqi_server.relay import LinkState, Relay
 from pepper_driver.backends.naoqi_server.tls import Login, make_certificate
-from pepper_driver.config import Network, load_network
+from pepper_driver.config import PepperError, load_network
 
-ANSWER_TIMEOUT = 20.0  # [s] for the process to start, or to do as it is told, on a busy machine
-
-
-@dataclass(frozen=True, kw_only=True)
-class _Setup:
-    server: tuple[str, int]
-    host: str
-    port: int
-    network: Network
-    login: Login | None
-    seed: int | None
+PATIENCE = 10.0
+"""[s] for the process to do as it is told, on a busy machine."""
 
 
 class NetworkProxy:
@@ -66,26 +61,20 @@ class NetworkProxy:
         login: Login | None = None,
         seed: int | None = None,
     ) -> None:
-        setup = _Setup(
-            server=server,
-            host=host,
-            port=port,
-            network=load_network(network),
-            login=login,
-            seed=seed,
-        )
-        context = multiprocessing.get_context("spawn")
+        setup = {
+            "server": server,
+            "host": host,
+            "port": port,
+            "network": network,
+            "login": asdict(login) if login is not None else None,
+            "seed": seed,
+        }
+        load_network(network)  # says here what is wrong with it
         self._lock = threading.Lock()
-        self._control, child = context.Pipe()
-        self._process = context.Process(target=_run, args=(setup, child), daemon=True)
-        self._process.start()
-        child.close()
+        self._process, self._end, ready = spawn("proxy", {}, {}, setup)
+        self._end.settimeout(PATIENCE)
         self.pid = self._process.pid
-        try:
-            self.address: tuple[str, int] = (host, self._answer())
-        except BackendError:
-            self.close()
-            raise
+        self.address: tuple[str, int] = (host, int(ready["port"]))
 
     def network(self, name: str) -> None:
         """Packets from now on are delayed as in another network.
@@ -95,7 +84,8 @@ class NetworkProxy:
             ConfigError: The network's file is wrong.
             BackendError: The proxy is closed.
         """
-        self._tell(load_network(name))
+        load_network(name)
+        self._tell({"network": name})
 
     def link(self, state: LinkState) -> None:
         """Open, block or cut the link.
@@ -103,35 +93,27 @@ class NetworkProxy:
         Raises:
             BackendError: The proxy is closed.
         """
-        self._tell(state)
+        self._tell({"link": state})
 
     def close(self) -> None:
         """Cut the link and end the process. Does nothing when closed."""
-        self._control.close()
-        self._process.join(2.0)
-        if self._process.is_alive():
-            self._process.kill()
-            self._process.join()
-
-    def _tell(self, change: Network | LinkState) -> None:
-        with self._lock:
-            if self._control.closed:
-                raise BackendError("the network proxy is closed")
-            self._control.send(change)
-            self._answer()
-
-    def _answer(self) -> int:
-        """What the process says it has done: the port, at first. Raises what kept it from it."""
+        self._end.close()
         try:
-            if self._control.poll(ANSWER_TIMEOUT):
-                answer = self._control.recv()
-                if isinstance(answer, int):
-                    return answer
-                raise BackendError(str(answer))
-            why = f"says nothing for {ANSWER_TIMEOUT:g} s"
-        except (EOFError, OSError):
-            why = "has ended"
-        raise BackendError(f"the process of the network proxy {why}")
+            self._process.wait(2.0)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            self._process.wait()
+
+    def _tell(self, change: dict[str, str]) -> None:
+        """Let the process change the link, and wait until it has."""
+        with self._lock:
+            try:
+                send(self._end, change)
+                if receive(self._end) is not None:
+                    return
+            except OSError:
+                pass
+        raise BackendError("the network proxy has ended")
 
     def __enter__(self) -> Self:
         return self
@@ -145,50 +127,66 @@ class NetworkProxy:
         self.close()
 
 
-def _run(setup: _Setup, control: Connection) -> None:
-    """The process: serves until the other end of ``control`` closes."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C goes to all; this one ends with its owner
-    # select takes microseconds, epoll in Python whole milliseconds
-    make_loop = lambda: asyncio.SelectorEventLoop(selectors.SelectSelector())  # noqa: E731
-    with asyncio.Runner(loop_factory=make_loop) as runner:
-        runner.run(_serve(setup, control))
-
-
-async def _serve(setup: _Setup, control: Connection) -> None:
-    door = None
+async def _serve(owner: socket.socket) -> None:
+    """The process: serves until the other end of ``owner`` closes."""
+    setup = receive(owner)
+    if setup is None:
+        return
+    host, port, door, login = setup["host"], setup["port"], None, None
     try:
-        if setup.login is not None:
+        if setup["login"] is not None:
+            login = Login(**setup["login"])
             door = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
             with TemporaryDirectory() as folder:
                 door.load_cert_chain(*make_certificate(folder))
-        greeting = setup.login.greet if setup.login is not None else None
-        relay = Relay(setup.server, setup.network, greeting, setup.seed)
-        server = await asyncio.start_server(relay.serve, setup.host, setup.port, ssl=door)
-    except BackendError as error:
-        control.send(str(error))
+        relay = Relay(
+            (setup["server"][0], setup["server"][1]),
+            load_network(setup["network"]),
+            login.greet if login is not None else None,
+            setup["seed"],
+        )
+        server = await asyncio.start_server(relay.serve, host, port, ssl=door)
+    except PepperError as error:
+        send(owner, {"error": str(error)})
         return
     except OSError as error:
-        control.send(
-            f"cannot listen on {setup.host}:{setup.port} ({error.strerror}); name another port"
-        )
+        reason = f"cannot listen on {host}:{port} ({error.strerror}); name another port"
+        send(owner, {"error": reason})
         return
     over = asyncio.Event()
 
     def obey() -> None:
-        try:
-            change = control.recv()
-        except (EOFError, OSError):
+        change = receive(owner)
+        if change is None:
             over.set()
             return
-        if isinstance(change, Network):
-            relay.network = change
+        if "network" in change:
+            relay.network = load_network(change["network"])
         else:
-            relay.change(change)
-        control.send(0)
+            relay.change(change["link"])
+        send(owner, {"done": change})
 
-    asyncio.get_running_loop().add_reader(control.fileno(), obey)
-    control.send(server.sockets[0].getsockname()[1])
+    loop = asyncio.get_running_loop()
+    loop.add_reader(owner.fileno(), obey)
+    send(owner, {"ready": {"port": server.sockets[0].getsockname()[1]}})
     await over.wait()
-    asyncio.get_running_loop().remove_reader(control.fileno())
+    loop.remove_reader(owner.fileno())
     server.close()
     await relay.close()
+
+
+def main(arguments: list[str]) -> int:
+    """Entry of the process."""
+    parser = argparse.ArgumentParser()
+    parser.add_argument("--owner", type=int, required=True, metavar="DESCRIPTOR")
+    owner = socket.socket(fileno=parser.parse_args(arguments).owner)
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # for whoever started this; it then ends us
+    # select takes microseconds, epoll in Python whole milliseconds
+    loop = asyncio.SelectorEventLoop(selectors.SelectSelector())
+    loop.run_until_complete(_serve(owner))
+    loop.close()
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

@@ -178,7 +178,7 @@ def test_mistakes_are_told(make_proxy: Starter) -> None:
         make_proxy(network="wify")
     proxy.close()
     proxy.close()
-    with pytest.raises(BackendError, match="closed"):
+    with pytest.raises(BackendError, match="ended"):
         proxy.link("open")
 
 
@@ -186,8 +186,7 @@ def test_the_process_ends_when_its_owner_is_gone(make_proxy: Starter) -> None:
     """Its only bond is the pipe: whatever kills the owner closes that."""
     proxy = make_proxy()
     connection = connect(proxy)
-    proxy._control.close()
-    proxy._process.join(20.0)
-    assert proxy._process.exitcode == 0
+    proxy._end.close()
+    assert proxy._process.wait(20.0) == 0
     assert gone(connection)
     connection.close()
