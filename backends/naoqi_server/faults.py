@@ -111,7 +111,7 @@ FAULTS: Mapping[str, FaultKind] = {
     ),
     "asleep": FaultKind(
         place="robot",
-        effect="no motor takes stiffness, wheels stand, brakes hold hip and knee; orders change nothing",
+        effect="no motor has power, whatever is ordered: brakes hold hip and knee, arms sink, wheels run out",
         source="ALMotion.rest, by the chest button, the fall manager or low battery; "
         "assumed: that a DCM client cannot wake it",
     ),
