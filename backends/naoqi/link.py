@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 from dataclasses import fields
 
 import numpy as np
@@ -35,6 +36,7 @@ class Link:
         robot: Its description.
         timing: Of commands and samples.
         delay: Cycles from the date of a command to the sample that shows it.
+        now: This computer's clock [ns].
 
     Attributes:
         trips: Round trips of calls.
@@ -48,14 +50,23 @@ class Link:
     """
 
     def __init__(
-        self, connection: Connection, robot: RobotConfig, timing: TimingSettings, delay: int
+        self,
+        connection: Connection,
+        robot: RobotConfig,
+        timing: TimingSettings,
+        delay: int,
+        *,
+        now: Callable[[], int] = time.perf_counter_ns,
     ) -> None:
-        self._connection, self._timing = connection, timing
+        self._connection, self._timing, self._now = connection, timing, now
         self._cycle, self._delay = robot.cycle, delay
         self._actuators = actuator_keys(robot)
         self._make_aliases()
         self.trips, replies = measure(
-            lambda: int(connection.call("DCM", "getTime", 0)), timing, connection.address.uri
+            lambda: int(connection.call("DCM", "getTime", 0)),
+            timing,
+            connection.address.uri,
+            clock=now,
         )
         self.lead = self.trips.lead(timing)
         self._clock = DcmClock(replies[0])
@@ -68,12 +79,12 @@ class Link:
             raise BackendError(
                 f"'{connection.address.uri}': the robot sends no good sample: {first}"
             )
-        self._stepped = time.perf_counter_ns()
+        self._stepped = now()
         date = self._clock.date(first.shown, self._stepped)
         self._cycles = Cycles(1e3 * robot.cycle, date)
         self._lateness = Lateness(1e3 * robot.cycle, 0)
-        self._reader = Reader(memory, dcm, keys, self._clock, first=first, date=date)
-        self._writer = Writer(dcm, timing.largest_step)
+        self._reader = Reader(memory, dcm, keys, self._clock, first=first, date=date, now=now)
+        self._writer = Writer(dcm, timing.largest_step, now)
         self._orders: Orders | None = None
         self._step = self._sample = 0
         self.newest = self._measurement(0, 0.0)
@@ -94,7 +105,7 @@ class Link:
         self, position: FloatArray | None, stiffness: FloatArray, wheel_speed: FloatArray
     ) -> Measurement:
         """One tick, which never waits: the newest sample. Commands go out after ``start``; see :meth:`Orders.give`."""
-        now = time.perf_counter_ns()
+        now = self._now()
         elapsed, self._stepped = (now - self._stepped) * 1e-6, now
         self._step += 1
         if self._reader.take():
@@ -106,7 +117,7 @@ class Link:
             self._orders.give(self._step, date, position, stiffness, wheel_speed)
         since = date - self._reader.date
         late = self._lateness.step(elapsed, self._sample, since)
-        age = sample_age(late, 1e-3 * since, self._writer.silence(now), self._cycle)
+        age = sample_age(late, 1e-3 * since, self._writer.silence, self._cycle)
         self.newest = self._measurement(self._lateness.expected, age)
         return self.newest
 
@@ -119,7 +130,7 @@ class Link:
     def switch_wheels(self, points: list[tuple[float, float]]) -> bool:
         """Let the wheels' stiffness go through (time from now [s], stiffness); returns whether that was sent."""
         self._writer.collect()
-        now = self._clock.now(time.perf_counter_ns())
+        now = self._clock.now(self._now())
         dates = [round(now + 1e3 * after) for after, _ in points]
         values = [[value for _, value in points]] * len(self._actuators[Alias.WHEEL_STIFFNESS])
         return self._writer.send(Alias.WHEEL_STIFFNESS, "ClearAll", dates, values)
@@ -154,7 +165,7 @@ class Link:
     @property
     def silence(self) -> float:
         """For how long the robot has been taking nothing of what it was sent [s]; 0 where all was taken."""
-        return self._writer.silence(time.perf_counter_ns())
+        return self._writer.silence
 
     @property
     def idle(self) -> bool:

@@ -189,7 +189,9 @@ class AwarenessService(AbilityService):
         """Speeds of the head, kept only."""
         where = "ALBasicAwareness::setParameter"
         if name not in self._parameters:
-            raise CallError(where, f"unknown parameter: {name} (possible: {', '.join(self._parameters)})")
+            raise CallError(
+                where, f"unknown parameter: {name} (possible: {', '.join(self._parameters)})"
+            )
         self._parameters[str(name)] = number(value, where, str(name))
 
     def getParameter(self, name: object) -> float:
