@@ -59,7 +59,10 @@ def _guarded(service: str, method: Callable[..., Any], faults: ServiceFaults) ->
             if not isinstance(error, PepperError | ValueError | LookupError):
                 _log.warning("%s.%s failed", service, name, exc_info=True)
             failed = qi.Promise()
-            failed.setError(f"{service}::{name}: {error}")
+            text = str(error)
+            failed.setError(
+                text if text.startswith(f"{service}::") else f"{service}::{name}: {text}"
+            )
             return failed.future()
 
     return call

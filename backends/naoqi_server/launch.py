@@ -39,6 +39,8 @@ class StandIn:
         host: Address to listen at.
         port: And the port; 0 for a free one.
         clock: DCM time at the start [ms]; by default that of the day, as a robot has it.
+        consent: Whether the owner of the robot lets safety reflexes be switched off.
+        version: Of NAOqi; by default that of ``naoqi_services.yaml``.
         outlive: How long the robot goes on when this process is killed [s].
         network: Name or file of the network in front of it; None for none, where its link cannot be changed either.
         login: Makes it NAOqi 2.9's endpoint: TLS, a user and a token.
@@ -59,6 +61,8 @@ class StandIn:
         host: str = "127.0.0.1",
         port: int = 0,
         clock: int | None = None,
+        consent: bool = False,
+        version: str = "",
         outlive: float = 1.0,
         network: str | None = None,
         login: Login | None = None,
@@ -69,6 +73,7 @@ class StandIn:
         self._network, self._login, self._faults = network, login, faults
         self._control = FaultControl(self)
         self._naoqi_killed = False
+        self._consent, self._version = consent, version
         self._robot: subprocess.Popen[bytes] | None = None
         self._naoqi: subprocess.Popen[bytes] | None = None
 
@@ -135,7 +140,13 @@ class StandIn:
         ]
         self._naoqi, end, ready = spawn(
             "server",
-            {"host": host, "port": port, "faults": json.dumps(faults)},
+            {
+                "host": host,
+                "port": port,
+                "consent": int(self._consent),
+                "version": self._version,
+                "faults": json.dumps(faults),
+            },
             {"table": self._file, "robot": self._line.fileno()},
         )
         self._naoqis_line = Line(end, "NAOqi process", self._control.obey)

@@ -26,6 +26,7 @@ from pepper_driver.backends.naoqi_server.front import make_front
 from pepper_driver.backends.naoqi_server.link import RobotLink
 from pepper_driver.backends.naoqi_server.memory import Memory
 from pepper_driver.backends.naoqi_server.messages import send
+from pepper_driver.backends.naoqi_server.modules.shared import Shared
 from pepper_driver.backends.naoqi_server.sensor_events import SensorEvents
 from pepper_driver.backends.naoqi_server.services import SERVICES
 from pepper_driver.backends.naoqi_server.table import Table
@@ -41,12 +42,23 @@ class NaoqiServer:
         host: Address to listen at.
         port: And the port; 0 for a free one.
         owner: End of the line to whoever started this; the process ends with it.
+        consent: Whether the owner of the robot lets safety reflexes be switched off.
+        version: Of NAOqi; "" for that of ``naoqi_services.yaml``.
 
     Attributes:
         faults: Takes what is to go wrong.
     """
 
-    def __init__(self, robot: RobotLink, host: str, port: int, owner: socket.socket) -> None:
+    def __init__(
+        self,
+        robot: RobotLink,
+        host: str,
+        port: int,
+        owner: socket.socket,
+        *,
+        consent: bool,
+        version: str,
+    ) -> None:
         config = load_robot()
         devices = load_naoqi_devices(config)
         data = {**devices.texts, devices.body_id: robot.info["identity"]}
@@ -58,6 +70,8 @@ class NaoqiServer:
             config=config,
             events=SensorEvents(robot, memory, devices),
             faults=FaultDesk(robot, owner, self._offer, _end),
+            shared=Shared(robot, memory, config, consent=consent, version=version),
+            services=lambda: self._offered,
             call=self._call,
         )
         try:
@@ -75,6 +89,7 @@ class NaoqiServer:
         for name in self._services:
             self._offer(name, True)
         context.events.start()
+        context.shared.start()
 
     @property
     def port(self) -> int:
@@ -105,6 +120,8 @@ def main(arguments: list[str]) -> int:
     parser = argparse.ArgumentParser()
     parser.add_argument("--host", required=True)
     parser.add_argument("--port", type=int, required=True)
+    parser.add_argument("--consent", type=int, choices=(0, 1), required=True)
+    parser.add_argument("--version", required=True)
     for name in ("--table", "--owner", "--robot"):
         parser.add_argument(name, type=int, required=True, metavar="DESCRIPTOR")
     parser.add_argument("--faults", type=json.loads, default=[])
@@ -117,7 +134,14 @@ def main(arguments: list[str]) -> int:
     table = Table(given.table, len(keys), config)
     try:
         link = RobotLink(table, robot, keys, frozenset(devices.actuators))
-        server = NaoqiServer(link, given.host, given.port, owner)
+        server = NaoqiServer(
+            link,
+            given.host,
+            given.port,
+            owner,
+            consent=bool(given.consent),
+            version=given.version,
+        )
         for fault in given.faults:
             server.faults.set_service_fault(make_fault(**fault))
     except PepperError as error:

@@ -13,6 +13,7 @@ class StandInService:
 
     def __init__(self, context: Context) -> None:
         self._robot, self._faults = context.robot, context.faults
+        self._record = context.shared.record
 
     def info(self) -> dict[str, Any]:
         """Which robot this is: ``identity``, ``plant``, ``uri``, ``response_delay``, ``pid``, ..."""
@@ -33,6 +34,10 @@ class StandInService:
     def clearFaults(self) -> None:
         """End all faults that can end."""
         self._faults.clear()
+
+    def record(self) -> list[list[Any]]:
+        """What was said and shown: ``[seconds since the start, service, method, [arguments]]``, oldest first."""
+        return self._record.entries
 
     def blackBox(self, last: int) -> dict[str, Any]:
         """What the robot really did in the ``last`` cycles: lists by name, see ``BlackBox``."""

@@ -41,6 +41,13 @@ def serve(
         str, typer.Option(metavar="NAME_OR_FILE", help="What stands around it.")
     ] = "empty",
     posture: Annotated[str, typer.Option(metavar="NAME", help="How it stands.")] = "Stand",
+    consent: Annotated[
+        bool,
+        typer.Option(
+            "--consent",
+            help="Its owner lets safety reflexes be switched off, as on the page /advanced/#/settings.",
+        ),
+    ] = False,
     clock: Annotated[
         int | None,
         typer.Option(metavar="MS", help="The DCM's time at the start; by default the time of day."),
@@ -87,7 +94,14 @@ def serve(
     )
     signal.signal(signal.SIGTERM, _end)
     stand_in = StandIn(
-        uri, host=host, port=port, clock=clock, network=network, login=login, faults=faults
+        uri,
+        host=host,
+        port=port,
+        clock=clock,
+        consent=consent,
+        network=network,
+        login=login,
+        faults=faults,
     )
     with stand_in:
         if login is None and host not in ("127.0.0.1", "localhost", "::1"):
