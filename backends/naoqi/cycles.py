@@ -98,8 +98,8 @@ class Dating:
     def answers(self, step: int, sample: int) -> int | None:
         """How many steps before ``step`` the command was given that the sample of a cycle answers.
 
-        None where no command is as old as that. A single one that was not sent is answered all the same: the DCM goes in
-        a straight line from the command before it to the one after.
+        None where no command is as old as that. A single one that was not sent is answered all the same: the DCM goes
+        in a straight line from the command before it to the one after.
         """
         reached = sample - self._delay
         between = self._was_sent(reached - 1) and self._was_sent(reached + 1)

@@ -45,7 +45,8 @@ class Run:
 
     def position(self, tick: int) -> FloatArray:
         """Joints swing at ``speed`` [rad/s] at most."""
-        return STAND + self._speed / 3.0 * np.sin(3.0 * 0.012 * tick + np.arange(17))
+        swing: FloatArray = np.sin(3.0 * ROBOT.cycle * tick + np.arange(17))
+        return STAND + self._speed / 3.0 * swing
 
     def ticks(
         self,

@@ -9,7 +9,6 @@ from hypothesis import strategies as st
 from pepper_driver.backends.naoqi.keys import Values
 from pepper_driver.backends.naoqi.playout import Playout
 
-
 SOONER_OR_LATER = 20
 """[ticks] between two counts anew, at least on average."""
 
