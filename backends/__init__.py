@@ -1,9 +1,11 @@
 """Robots, real and simulated, behind one interface."""
 
+from pepper_driver.backends.extras import Extras
 from pepper_driver.backends.interface import (
     Backend,
     BackendError,
     BackendInfo,
+    Capability,
     CapabilityError,
     Command,
     DeviceError,
@@ -18,9 +20,11 @@ __all__ = [
     "Backend",
     "BackendError",
     "BackendInfo",
+    "Capability",
     "CapabilityError",
     "Command",
     "DeviceError",
+    "Extras",
     "Imu",
     "Measurement",
     "NotConnectedError",

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
+from functools import cached_property
 from math import nan
 from types import TracebackType
 from typing import Literal, Self
@@ -11,11 +12,15 @@ from typing import Literal, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from pepper_driver.backends.extras import Extras
 from pepper_driver.config import PepperError, PlantConfig
 
 FloatArray = NDArray[np.float64]
 
-Capability = Literal["push", "grab", "truth"]
+LONGEST_WAY = 50
+"""[steps] From a command to the sample that answers it, at most: beyond, the safety gate has long stopped the robot."""
+
+Capability = Literal["push", "grab", "truth", "speech", "leds", "tablet", "postures", "wake"]
 ContactKind = Literal["push", "hand", "object"]
 
 
@@ -60,8 +65,8 @@ class Measurement:
         battery: Charge, 0..1.
         age: Time since the sample was taken [s], beyond the transport that is always there.
         charging_flap: 1.0 while the flap over the charging socket is open, NaN where nobody knows.
-        answers: How many steps before this one the command was given that a sample without ``age`` answers; None where
-            it is always ``BackendInfo.response_delay``.
+        answers: How many steps before this one the command was given that a sample without ``age`` answers, 0 for that
+            of this step; None where it is always ``BackendInfo.response_delay``.
         withheld: Commands since ``activate`` that were not sent, because too many were on their way.
     """
 
@@ -415,6 +420,11 @@ class Backend(ABC):
                 too light for a hand this stiff.
         """
         raise CapabilityError(f"'{self.info.uri}' cannot grab itself: only simulated backends do")
+
+    @cached_property
+    def extras(self) -> Extras:
+        """Speech, lights and the like. Where the robot has none of it they do nothing and say so."""
+        return Extras(self.info.uri)
 
     @property
     def truth(self) -> Truth:
