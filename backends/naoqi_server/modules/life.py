@@ -1,7 +1,7 @@
 """A living robot: the service ``ALAutonomousLife`` and the abilities it switches.
 
-NAOqi 2.8 pages "ALAutonomousLife API", "State machine management", "ALBackgroundMovement", "ALBasicAwareness". Alive, the
-robot breathes and looks around, which makes ALMotion write to all its joints. There are no activities and no people here.
+NAOqi 2.8 pages "ALAutonomousLife API", "State machine management", "ALBackgroundMovement", "ALBasicAwareness". Alive,
+the robot breathes and looks around: ALMotion then writes to all its joints. There are no activities and no people here.
 """
 
 from __future__ import annotations

@@ -13,11 +13,11 @@ from pepper_driver.config import suggestion
 from pepper_driver.config.parts import FloatArray
 
 POLL = 0.02
-"""[s]"""
+"""[s] From one look whether it stands to the next."""
 
 
 class BaseCalls(MotionCalls):
-    """A part of ALMotion. The base does not drive while the robot rests, its power hatch is open or a bumper is pressed."""
+    """A part of ALMotion. The base stands while the robot rests, its power hatch is open or a bumper is pressed."""
 
     def __init__(self, context: Context) -> None:
         super().__init__(context)
