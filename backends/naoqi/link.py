@@ -17,7 +17,7 @@ from pepper_driver.backends.naoqi.lead import measure
 from pepper_driver.backends.naoqi.orders import Orders
 from pepper_driver.backends.naoqi.playout import Playout
 from pepper_driver.backends.naoqi.reader import Reader
-from pepper_driver.backends.naoqi.watchdog import sample_age
+from pepper_driver.backends.naoqi.watchdog import PAUSE, sample_age
 from pepper_driver.backends.naoqi.writer import Writer
 from pepper_driver.config import RobotConfig
 from pepper_driver.config.naoqi import TimingSettings
@@ -78,7 +78,7 @@ class Link:
             raise BackendError(
                 f"'{connection.address.uri}': the robot sends no good sample: {first}"
             )
-        self._stepped = now()
+        self._stepped = self._watched = now()
         date = self._clock.date(first.shown, self._stepped)
         self._cycles = Cycles(1e3 * robot.cycle, date)
         self._playout = Playout(1e3 * robot.cycle, first)
@@ -106,6 +106,8 @@ class Link:
         """One tick, which never waits: the newest sample. Commands go out after ``start``; see :meth:`Orders.give`."""
         now = self._now()
         elapsed, self._stepped = (now - self._stepped) * 1e-6, now
+        if elapsed > PAUSE * 1e3 * self._cycle:
+            self._watched = now
         self._step += 1
         if self._reader.take():
             self._playout.add(self._cycles.see(self._reader.date), self._reader.newest)
@@ -116,8 +118,15 @@ class Link:
             self._orders.give(self._step, date, position, stiffness, wheel_speed)
         since = date - self._reader.date
         self._playout.step(elapsed, since)
-        age = sample_age(self._playout.late, 1e-3 * since, self._writer.silence, self._cycle)
-        self.newest = self._measurement(age)
+        self.newest = self._measurement(
+            sample_age(
+                self._playout.late,
+                since=1e-3 * since,
+                silence=self._writer.silence,
+                watched=1e-9 * (now - self._watched),
+                cycle=self._cycle,
+            )
+        )
         return self.newest
 
     def off_beat(self, due: int) -> float:
