@@ -18,6 +18,7 @@ from pepper_driver.backends.interface import (
     DeviceError,
     Measurement,
     NotConnectedError,
+    SimulatedPlant,
 )
 from pepper_driver.backends.naoqi import stand_in
 from pepper_driver.backends.naoqi.address import Address, naoqi_address
@@ -69,6 +70,7 @@ class NaoqiBackend(Backend):
         self._connection: Connection | None = None
         self._lost = False
         self._info: BackendInfo | None = None
+        self._plant: SimulatedPlant | None = None
         self._link: Link | None = None
         self._take_over: TakeOver | None = None
 
@@ -221,6 +223,16 @@ class NaoqiBackend(Backend):
             frame=frame,
             delay=delay,
         )
+
+    @property
+    def plant(self) -> SimulatedPlant:
+        """What a stand-in simulates."""
+        if "push" not in self.info.capabilities:
+            return super().plant
+        if self._plant is None:
+            assert self._connection is not None
+            self._plant = stand_in.simulated_plant(self._connection, self._robot)
+        return self._plant
 
     def _handle(self, method: Literal["push", "grab"], link: str, **arguments: object) -> None:
         _, connection = self._connected()
