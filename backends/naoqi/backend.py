@@ -128,7 +128,9 @@ class NaoqiBackend(Backend):
         Raises:
             NotConnectedError: Not open, or the connection was lost.
         """
-        link, _ = self._connected()
+        link = self._link
+        if link is None or self._lost:  # no call: the library takes its time, even for whether it is connected
+            link, _ = self._connected()
         position, stiffness, wheel_speed = checked_command(command, len(self._robot.joint_names))
         stiffness = np.minimum(np.maximum(stiffness, 0.0), 1.0)
         return link.tick(position.copy(), stiffness, wheel_speed)
