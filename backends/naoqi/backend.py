@@ -129,7 +129,9 @@ class NaoqiBackend(Backend):
             NotConnectedError: Not open, or the connection was lost.
         """
         link = self._link
-        if link is None or self._lost:  # no call: the library takes its time, even for whether it is connected
+        if (
+            link is None or self._lost
+        ):  # no call: the library takes its time, even for whether it is connected
             link, _ = self._connected()
         position, stiffness, wheel_speed = checked_command(command, len(self._robot.joint_names))
         stiffness = np.minimum(np.maximum(stiffness, 0.0), 1.0)
