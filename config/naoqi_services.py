@@ -67,6 +67,8 @@ class Drive:
 class NaoqiServices:
     """See ``naoqi_services.yaml`` for the meaning of each."""
 
+    version: str
+    robot_name: str
     cycle: Positive
     lead: Positive
     chains: dict[str, tuple[str, ...]]

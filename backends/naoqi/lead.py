@@ -59,34 +59,45 @@ class RoundTrips:
         return max(self.jitter + settings.lead_margin, settings.least_lead)
 
 
-def burst(ask: Callable[[], int], seconds: float) -> list[TimeReply]:
+def burst(ask: Callable[[], int], seconds: float, clock: Callable[[], int]) -> list[TimeReply]:
     """Ask for the time over and over.
 
     Args:
         ask: Asks the robot for its time [ms], and waits for the answer.
         seconds: For how long; longer where the link is so slow that too few calls would come about.
+        clock: Monotonic [ns].
     """
     replies: list[TimeReply] = []
-    begin = time.perf_counter_ns()
+    begin = clock()
     while True:
-        asked = time.perf_counter_ns()
+        asked = clock()
         answer = ask()
-        replies.append(TimeReply(asked=asked, received=time.perf_counter_ns(), shown=answer))
+        replies.append(TimeReply(asked=asked, received=clock(), shown=answer))
         spent = (replies[-1].received - begin) * 1e-9
         if spent >= LONGEST_BURST or (spent >= seconds and len(replies) >= LEAST_CALLS):
             return replies
 
 
 def measure(
-    ask: Callable[[], int], settings: TimingSettings, uri: str
+    ask: Callable[[], int],
+    settings: TimingSettings,
+    uri: str,
+    *,
+    clock: Callable[[], int] = time.perf_counter_ns,
 ) -> tuple[RoundTrips, list[TimeReply]]:
-    """Measure the way to the robot.
+    """Measure the way to the robot, and what its clock shows.
+
+    Args:
+        ask: Asks the robot for its time [ms], and waits for the answer.
+        settings: What is borne.
+        uri: For the message.
+        clock: Monotonic [ns].
 
     Raises:
         SlowLinkError: It does not allow control in every cycle.
     """
     for _ in range(ATTEMPTS):
-        replies = burst(ask, settings.burst)
+        replies = burst(ask, settings.burst, clock)
         trips = RoundTrips.of(replies)
         lead = trips.lead(settings)
         if trips.p99 <= settings.longest_round_trip and lead <= settings.longest_lead:

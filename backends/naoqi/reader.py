@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import time
+from collections.abc import Callable
 from typing import Any
 
 from pepper_driver.backends.naoqi.clock import DcmClock, TimeReply
@@ -30,11 +31,11 @@ class Reader:
         clock: Is told what the robot says of the time.
         first: A sample that was read already.
         date: Of that sample [ms].
+        now: This computer's clock [ns].
 
     Attributes:
         newest: The newest good sample.
         date: Its date [ms].
-        asked: When the question under way, or the last one, was asked [ns].
     """
 
     def __init__(
@@ -46,10 +47,12 @@ class Reader:
         *,
         first: Values,
         date: int,
+        now: Callable[[], int] = time.perf_counter_ns,
     ) -> None:
         self._memory, self._dcm, self._keys, self._clock = memory, dcm, keys, clock
         self.newest, self.date = first, date
-        self.asked = self._clock_asked = time.perf_counter_ns()
+        self._now = now
+        self._clock_asked = now()
         self._warned: int | None = None
         self._question: Any = None
         self._time_question: _TimeQuestion | None = None
@@ -68,7 +71,7 @@ class Reader:
         if isinstance(values, str):
             self._warn(values)
             return False
-        date = self._clock.date(values.shown, time.perf_counter_ns())
+        date = self._clock.date(values.shown, self._now())
         if date <= self.date:
             return False
         self.newest, self.date = values, date
@@ -78,15 +81,15 @@ class Reader:
         """Ask for the next sample, unless a question is on its way."""
         if self._question is not None or self._time_question is not None:
             return
-        self.asked = now = time.perf_counter_ns()
         try:
             self._question = self._memory.getListData(self._keys.names, _async=True)
         except RuntimeError as error:  # the connection is lost
             self._warn(_first_line(error))
             return
+        now = self._now()
         if now - self._clock_asked >= CLOCK_PERIOD:
             self._clock_asked = now
-            self._time_question = _TimeQuestion(self._dcm)
+            self._time_question = _TimeQuestion(self._dcm, self._now)
             self._question.addCallback(self._time_question.ask)
 
     def _take_time(self) -> None:
@@ -97,7 +100,7 @@ class Reader:
                 self._clock.add(question.reply)
 
     def _warn(self, problem: str) -> None:
-        now = time.perf_counter_ns()
+        now = self._now()
         if self._warned is None or now - self._warned >= WARNING_PERIOD:
             self._warned = now
             logger.warning("the robot sent no good sample: %s", problem)
@@ -111,16 +114,16 @@ class _TimeQuestion:
         reply: The answer, if there was one.
     """
 
-    def __init__(self, dcm: Any) -> None:  # noqa: ANN401
-        self._dcm = dcm
+    def __init__(self, dcm: Any, now: Callable[[], int]) -> None:  # noqa: ANN401
+        self._dcm, self._now = dcm, now
         self.over = False
         self.reply: TimeReply | None = None
 
     def ask(self, _: object) -> None:
-        asked = time.perf_counter_ns()
+        asked = self._now()
 
         def answered(future: Any) -> None:  # noqa: ANN401
-            received = time.perf_counter_ns()
+            received = self._now()
             try:
                 shown = int(future.value())
                 self.reply = TimeReply(asked=asked, received=received, shown=shown)

@@ -43,10 +43,16 @@ class Writer:
     Args:
         dcm: Its proxy.
         largest_step: What commands on their way may move a joint, all together [rad].
+        now: This computer's clock [ns].
     """
 
-    def __init__(self, dcm: Any, largest_step: float) -> None:  # noqa: ANN401
-        self._dcm, self._largest_step = dcm, largest_step
+    def __init__(
+        self,
+        dcm: Any,  # noqa: ANN401
+        largest_step: float,
+        now: Callable[[], int] = time.perf_counter_ns,
+    ) -> None:
+        self._dcm, self._largest_step, self._now = dcm, largest_step, now
         self._on_the_way: list[_Sent] = []
         self._unheard: int | None = None
         self._refused_before: set[Alias] = set()
@@ -62,9 +68,10 @@ class Writer:
         """Whether nothing is on its way."""
         return not self._on_the_way
 
-    def silence(self, now: int) -> float:
+    @property
+    def silence(self) -> float:
         """For how long the robot has been taking nothing of what it was sent [s]; 0 where all was taken."""
-        return 0.0 if self._unheard is None else (now - self._unheard) * 1e-9
+        return 0.0 if self._unheard is None else (self._now() - self._unheard) * 1e-9
 
     def collect(self) -> None:
         """Take in the acknowledgements that have come meanwhile."""
@@ -128,7 +135,7 @@ class Writer:
         if self.free < 1:
             return False
         command = [str(alias), update, "time-separate", 0, [shown(date) for date in dates], values]
-        now = time.perf_counter_ns()
+        now = self._now()
         try:
             future = self._dcm.setAlias(command, _async=True)
         except RuntimeError as error:  # the connection is lost

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import functools
-import inspect
 import time
 from collections import deque
 from collections.abc import Callable
 from threading import Lock, Thread
 from typing import Any, TypeVar
+
+import qi
 
 KEPT = 1000
 """Entries of the record."""
@@ -17,7 +18,7 @@ Method = TypeVar("Method", bound=Callable[..., Any])
 
 
 class Record:
-    """What services were told to do that moves nothing: speech, lights, the tablet. The oldest entries are forgotten."""
+    """What services were told to do that nobody sees: speech, lights, the tablet. The oldest entries are forgotten."""
 
     def __init__(self) -> None:
         self._lock = Lock()
@@ -46,14 +47,12 @@ def blocking(method: Method) -> Method:
 
     @functools.wraps(method)
     def begin(*arguments: Any) -> Any:  # noqa: ANN401
-        import qi  # not installed everywhere, and only needed behind a server
-
         promise = qi.Promise()
 
         def run() -> None:
             try:
                 value = method(*arguments)
-            except Exception as error:  # to whoever called
+            except Exception as error:  # whatever it is, it is for whoever called
                 promise.setError(str(error))
             else:
                 promise.setValue(value)
@@ -62,17 +61,3 @@ def blocking(method: Method) -> Method:
         return promise.future()
 
     return begin  # type: ignore[return-value]  # to whoever calls by qi it is the same
-
-
-def returning(signature: str) -> Callable[[Method], Method]:
-    """Declare what a method of a service returns, in qi's signatures; for what qi would take for something else."""
-
-    def declare(method: Method) -> Method:
-        # What qi.bind sets: by hand, so that this package can be imported without qi.
-        count = len(inspect.signature(method).parameters) - 1
-        attributes = {"name": None, "signature": f"({'m' * count})", "return_signature": signature}
-        for name, value in attributes.items():
-            setattr(method, f"__qi_{name}__", value)
-        return method
-
-    return declare

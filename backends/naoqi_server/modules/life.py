@@ -1,7 +1,7 @@
 """A living robot: the service ``ALAutonomousLife`` and the abilities it switches.
 
-NAOqi 2.8 pages "ALAutonomousLife API", "State machine management", "ALBackgroundMovement", "ALBasicAwareness". Alive, the
-robot breathes and looks around, which makes ALMotion write to all its joints. There are no activities and no people here.
+NAOqi 2.8 pages "ALAutonomousLife API", "State machine management", "ALBackgroundMovement", "ALBasicAwareness". Alive,
+the robot breathes and looks around: ALMotion then writes to all its joints. There are no activities and no people here.
 """
 
 from __future__ import annotations
@@ -189,7 +189,9 @@ class AwarenessService(AbilityService):
         """Speeds of the head, kept only."""
         where = "ALBasicAwareness::setParameter"
         if name not in self._parameters:
-            raise CallError(where, f"unknown parameter: {name} (possible: {', '.join(self._parameters)})")
+            raise CallError(
+                where, f"unknown parameter: {name} (possible: {', '.join(self._parameters)})"
+            )
         self._parameters[str(name)] = number(value, where, str(name))
 
     def getParameter(self, name: object) -> float:

@@ -13,11 +13,11 @@ from pepper_driver.config import suggestion
 from pepper_driver.config.parts import FloatArray
 
 POLL = 0.02
-"""[s]"""
+"""[s] From one look whether it stands to the next."""
 
 
 class BaseCalls(MotionCalls):
-    """A part of ALMotion. The base does not drive while the robot rests, its power hatch is open or a bumper is pressed."""
+    """A part of ALMotion. The base stands while the robot rests, its power hatch is open or a bumper is pressed."""
 
     def __init__(self, context: Context) -> None:
         super().__init__(context)
@@ -112,7 +112,9 @@ class BaseCalls(MotionCalls):
         """Drive parameters: "Min", "Default" or "Max" of each."""
         kinds = ("Min", "Default", "Max")
         if kind not in kinds:
-            raise CallError("ALMotion::getMoveConfig", f"unknown config: {kind} (possible: {kinds})")
+            raise CallError(
+                "ALMotion::getMoveConfig", f"unknown config: {kind} (possible: {kinds})"
+            )
         place = kinds.index(str(kind))
         drive = vars(self._shared.settings.drive)
         return [[name, values[place]] for name, values in drive.items()]
@@ -130,7 +132,7 @@ class BaseCalls(MotionCalls):
     def _limits(self, config: tuple[object, ...], where: str) -> DriveLimits:
         given: dict[str, float] = {}
         known = vars(self._shared.settings.drive)
-        for pair in (config[0] if config and isinstance(config[0], list | tuple) else ()):
+        for pair in config[0] if config and isinstance(config[0], list | tuple) else ():
             if not isinstance(pair, list | tuple) or len(pair) != 2:
                 raise CallError(where, f"a move config is [[name, value], ...], got {pair!r}")
             name = str(pair[0])

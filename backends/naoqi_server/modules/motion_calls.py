@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import pairwise
 
 from pepper_driver.backends.naoqi_server.context import Context
 from pepper_driver.backends.naoqi_server.motion.body import CallError
@@ -26,7 +27,7 @@ def rising(times: Sequence[float], where: str) -> list[float]:
     Raises:
         CallError: They are not positive, or do not rise.
     """
-    if not times or times[0] <= 0 or any(a >= b for a, b in zip(times, times[1:], strict=False)):
+    if not times or times[0] <= 0 or any(a >= b for a, b in pairwise(times)):
         raise CallError(where, f"times must be above 0 and rise: {list(times)}")
     return list(times)
 

@@ -60,7 +60,9 @@ class JointCalls(MotionCalls):
         joints = self._motion.body.joints(names, where)
         dates = [rising(row, where) for row in lists(times, len(joints), where, "times")]
         if not isinstance(points, list | tuple) or len(points) != len(joints):
-            raise CallError(where, f"expected a list of control points for each of {len(joints)} joints")
+            raise CallError(
+                where, f"expected a list of control points for each of {len(joints)} joints"
+            )
         rows = [_points(row, date, where) for row, date in zip(points, dates, strict=True)]
         self._run(
             "angleInterpolationBezier",
@@ -123,14 +125,18 @@ class JointCalls(MotionCalls):
 def _fraction(value: object, where: str) -> float:
     share = number(value, where, "the fraction of the maximum speed")
     if not 0 < share <= 1:
-        raise CallError(where, f"the fraction of the maximum speed must be above 0, at most 1: {share}")
+        raise CallError(
+            where, f"the fraction of the maximum speed must be above 0, at most 1: {share}"
+        )
     return share
 
 
 def _points(row: object, times: Sequence[float], where: str) -> list[Point]:
     """Control points of a joint: angles, or ``[angle, [type, time, angle], [type, time, angle]]``."""
     if not isinstance(row, list | tuple) or len(row) != len(times):
-        raise CallError(where, f"expected {len(times)} control points for one joint, as there are times")
+        raise CallError(
+            where, f"expected {len(times)} control points for one joint, as there are times"
+        )
     points = []
     for value, time in zip(row, times, strict=True):
         angle, *handles = value if isinstance(value, list | tuple) else [value]

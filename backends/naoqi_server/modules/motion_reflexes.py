@@ -1,4 +1,4 @@
-"""Switches of reflexes and of idling; NAOqi 2.8 pages "External-collision avoidance", "Fall manager", "Idle" and others."""
+"""Switches of reflexes and of idling; NAOqi 2.8 pages "External-collision avoidance", "Fall manager", "Idle"."""
 
 from __future__ import annotations
 

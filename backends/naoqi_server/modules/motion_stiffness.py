@@ -60,7 +60,9 @@ class StiffnessCalls(MotionCalls):
         dates = [rising(row, where) for row in lists(times, len(joints), where, "times")]
         for row, date in zip(rows, dates, strict=True):
             if len(row) != len(date):
-                raise CallError(where, f"{len(row)} stiffnesses and {len(date)} times for one joint")
+                raise CallError(
+                    where, f"{len(row)} stiffnesses and {len(date)} times for one joint"
+                )
             _shares(row, where)
         points = {
             joint: [Point(time=time, value=value) for time, value in zip(date, row, strict=True)]

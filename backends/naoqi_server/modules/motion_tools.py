@@ -43,7 +43,14 @@ class ToolCalls(MotionCalls):
         """Names of the sensors."""
         sensors = self._context.config.sensors
         bumpers = [f"Bumper/{name}" for name in sensors.bumpers]
-        return [*sensors.touch, *bumpers, *sensors.buttons, "CameraTop", "CameraBottom", "CameraDepth"]
+        return [
+            *sensors.touch,
+            *bumpers,
+            *sensors.buttons,
+            "CameraTop",
+            "CameraBottom",
+            "CameraDepth",
+        ]
 
     def getLimits(self, names: object) -> list[list[float]]:
         """Of each joint: least and largest angle [rad], largest speed [rad/s] and torque [N m]."""

@@ -10,7 +10,12 @@ from pepper_driver.backends.naoqi_server.motion.body import CallError, number
 from pepper_driver.backends.naoqi_server.motion.postures import NAMES
 from pepper_driver.backends.naoqi_server.motion.tasks import Task
 
-FAMILIES = {"Stand": "Standing", "StandInit": "Standing", "StandZero": "Standing", "Crouch": "Crouching"}
+FAMILIES = {
+    "Stand": "Standing",
+    "StandInit": "Standing",
+    "StandZero": "Standing",
+    "Crouch": "Crouching",
+}
 
 PERIOD = 50
 """Cycles of ALMotion from one look for events to the next: a second, as documented."""
@@ -84,6 +89,8 @@ class PostureService:
             return
         now = self._postures.now
         told, self._told = self._told, (now, FAMILIES.get(now, "Unknown"))
-        for event, old, new in zip(("PostureChanged", "PostureFamilyChanged"), told, self._told, strict=True):
+        for event, old, new in zip(
+            ("PostureChanged", "PostureFamilyChanged"), told, self._told, strict=True
+        ):
             if old != new:
                 self._memory.raise_event(event, new)

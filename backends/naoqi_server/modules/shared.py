@@ -4,15 +4,13 @@ from __future__ import annotations
 
 from pepper_driver.backends.naoqi_server.memory import Memory
 from pepper_driver.backends.naoqi_server.modules.calls import Record
+from pepper_driver.backends.naoqi_server.modules.voice import Voice
 from pepper_driver.backends.naoqi_server.motion.abilities import Life
 from pepper_driver.backends.naoqi_server.motion.engine import Motion
 from pepper_driver.backends.naoqi_server.motion.postures import Postures
 from pepper_driver.backends.naoqi_server.motion.waking import Waking
 from pepper_driver.backends.naoqi_server.robot import Robot
 from pepper_driver.config import RobotConfig, load_naoqi_services
-
-VERSION = "2.5.10.7"
-"""Of NAOqi."""
 
 
 class Shared:
@@ -23,7 +21,7 @@ class Shared:
         memory: What ALMemory holds.
         config: What the robot is.
         consent: Whether its owner lets safety reflexes be switched off.
-        version: Of NAOqi, as ``ALSystem.systemVersion`` tells it.
+        version: Of NAOqi, as ``ALSystem.systemVersion`` tells it; "" for that of the settings.
 
     Attributes:
         settings: Of the services.
@@ -32,6 +30,7 @@ class Shared:
         waking: Motors on and off.
         life: Its state and abilities.
         record: What was done that nobody can see.
+        voice: That all services speak with.
         version: Of NAOqi.
     """
 
@@ -42,7 +41,7 @@ class Shared:
         config: RobotConfig,
         *,
         consent: bool = False,
-        version: str = VERSION,
+        version: str = "",
     ) -> None:
         self.settings = load_naoqi_services(config)
         self.motion = Motion(robot, config, self.settings, consent=consent)
@@ -50,7 +49,8 @@ class Shared:
         self.waking = Waking(self.motion, self.postures, memory, self.settings)
         self.life = Life(self.motion)
         self.record = Record()
-        self.version = version
+        self.voice = Voice(memory, self.record, self.settings.speech)
+        self.version = version or self.settings.version
 
     def start(self) -> None:
         """Begin to move the robot."""

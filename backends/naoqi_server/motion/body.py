@@ -1,7 +1,7 @@
 """Names of joints and groups as ALMotion takes them, and the limits behind them.
 
 NAOqi 2.8 pages "Chain & Effector definitions", "General tools API". The texts of a robot's own errors are not
-documented: those here only have the same form, method first.
+documented: those here are ours, with service and method first.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ class CallError(PepperError, RuntimeError):
     """
 
     def __init__(self, where: str, problem: str) -> None:
-        super().__init__(f"{where}\n\t{problem}")
+        super().__init__(f"{where}: {problem}")
 
 
 class Body:

@@ -30,10 +30,7 @@ class Spline:
         rises = [b - a for a, b in pairwise(self._values)]
         rates = [rise / step for rise, step in zip(rises, steps, strict=True)]
         # Inner slopes are harmonic means (Fritsch and Butland 1984), which keeps the curve monotone between points.
-        inner = [
-            2 * a * b / (a + b) if a * b > 0 else 0.0
-            for a, b in pairwise(rates)
-        ]
+        inner = [2 * a * b / (a + b) if a * b > 0 else 0.0 for a, b in pairwise(rates)]
         self._slopes = [start[1], *inner, 0.0]
 
     @property

@@ -124,7 +124,10 @@ def _read_links(config: RobotConfig) -> dict[str, _Link]:
         name = element.attrib["name"]
         origin = element.find("origin")
         numbers = {
-            key: [float(n) for n in (origin.get(key, "0 0 0") if origin is not None else "0 0 0").split()]
+            key: [
+                float(n)
+                for n in (origin.get(key, "0 0 0") if origin is not None else "0 0 0").split()
+            ]
             for key in ("xyz", "rpy")
         }
         parent, child = element.find("parent"), element.find("child")

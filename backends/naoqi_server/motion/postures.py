@@ -23,9 +23,7 @@ class Postures:
     def __init__(self, motion: Motion, config: RobotConfig, settings: NaoqiServices) -> None:
         self._motion = motion
         self._settings = settings
-        self._angles = {
-            name: config.posture(name).tolist() for name in {*NAMES, settings.rest}
-        }
+        self._angles = {name: config.posture(name).tolist() for name in {*NAMES, settings.rest}}
 
     def go(self, name: str, speed: float) -> Task:
         """Begin to go to a posture, ``speed`` in 0..1."""
