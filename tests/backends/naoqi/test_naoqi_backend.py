@@ -33,6 +33,7 @@ from pepper_driver.config import (
     load_safety_settings,
 )
 from pepper_driver.config.parts import FloatArray
+from pepper_driver.observer import Contact
 from pepper_driver.pacing import RealTimePacer
 
 ROBOT = load_robot()
@@ -281,7 +282,7 @@ def test_a_stand_in_can_be_pushed(robot: StandIn, backend: Backend) -> None:
 
 
 def test_a_whole_pepper_feels_a_push(robot: StandIn) -> None:
-    felt = []
+    felt: list[Contact] = []
     with Pepper(f"naoqi://127.0.0.1:{robot.port}", safety=PATIENT) as pepper:
         pepper.on_contact()(felt.append)
         pepper.set_posture({"LShoulderRoll": 0.6}, duration=1.5)
