@@ -159,7 +159,7 @@ class NaoqiRobot(Backend):
             NotConnectedError: Not open, or the connection was lost.
         """
         if self._lost or self._state == "closed":
-            self._connected()  # raises; a tick cannot ask the library, which may take 80 ms to say whether it is connected
+            self._connected()  # raises; in a tick nobody asks the library, which may take 80 ms for it
         position, stiffness, wheel_speed = checked_command(command, len(self._robot.joint_names))
         stiffness = np.minimum(np.maximum(stiffness, 0.0), 1.0)
         return self._tick(position.copy(), stiffness, wheel_speed)

@@ -287,7 +287,7 @@ def test_a_whole_pepper_feels_a_push(robot: StandIn) -> None:
         pepper.on_contact()(felt.append)
         pepper.set_posture({"LShoulderRoll": 0.6}, duration=1.5)
         pepper.run(2.5)
-        pepper.push("LBicep", [0.0, 20.0, 0.0], point=[0.16, 0.0, 0.0], duration=1.0)
+        pepper.push("LBicep", [0.0, 30.0, 0.0], point=[0.16, 0.0, 0.0], duration=1.0)
         pepper.run(1.5)
         statistics = pepper.statistics
     assert [contact.joint for contact in felt][:1] == ["LShoulderRoll"]
