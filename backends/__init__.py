@@ -8,10 +8,12 @@ from pepper_driver.backends.interface import (
     Capability,
     CapabilityError,
     Command,
+    CommandError,
     DeviceError,
     Imu,
     Measurement,
     NotConnectedError,
+    SimulatedPlant,
     Truth,
 )
 from pepper_driver.backends.selection import make_backend
@@ -23,11 +25,13 @@ __all__ = [
     "Capability",
     "CapabilityError",
     "Command",
+    "CommandError",
     "DeviceError",
     "Extras",
     "Imu",
     "Measurement",
     "NotConnectedError",
+    "SimulatedPlant",
     "Truth",
     "make_backend",
 ]

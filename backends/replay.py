@@ -30,6 +30,7 @@ from pepper_driver.backends.log_file import (
     read_log_file,
 )
 from pepper_driver.backends.selection import BackendUri
+from pepper_driver.backends.serial import Serial, serial
 from pepper_driver.config import ConfigError, RobotConfig
 
 FloatArray = NDArray[np.float64]
@@ -90,7 +91,7 @@ class CommandDifferences:
         self.differing += not same
 
 
-class ReplayBackend(Backend):
+class ReplayBackend(Serial, Backend):
     """Steps through a log. Nothing moves: commands are compared with those recorded.
 
     The first command that the recording answers is the posture that the robot held: this is what ``open`` measures, so
@@ -113,6 +114,7 @@ class ReplayBackend(Backend):
     """
 
     def __init__(self, robot: RobotConfig, file: LogFile, uri: str) -> None:
+        super().__init__()
         if file.joint_names != robot.joint_names:
             raise LogError(
                 f"{file.path}: is of a robot with other joints, or another order of them, than '{robot.name}'"
@@ -142,29 +144,32 @@ class ReplayBackend(Backend):
         """All that was measured, one a tick."""
         return self._measurements
 
+    @serial
     def open(self) -> Measurement:
         """Begin anew. The robot is where it was told to be, a cycle before the first tick."""
         if self._state != "closed":
-            raise BackendError(f"'{self._info.uri}' is open already")
+            raise BackendError(f"'{self._info.uri}' is already open")
         self._state, self._next = "open", 0
         self.differences = CommandDifferences(self._robot)
         return self._before_the_first()
 
+    @serial
     def activate(self) -> Measurement:
         """Compare commands from now on."""
-        if self._state != "open":
-            raise BackendError(f"'{self._info.uri}' cannot be activated: it is {self._state}")
+        self._check_open()
+        if self._state == "active":
+            raise BackendError(f"'{self._info.uri}' is already active")
         self._state = "active"
-        return self._before_the_first()
+        return self._measurements[self._next - 1] if self._next else self._before_the_first()
 
+    @serial
     def step(self, command: Command) -> Measurement:
         """The next measurement.
 
         Raises:
             EndOfLogError: There is none.
         """
-        if self._state == "closed":
-            raise NotConnectedError(f"'{self._info.uri}' is not open")
+        self._check_open()
         position, stiffness, wheel_speed = checked_command(command, len(self._robot.joint_names))
         row = self._next
         if row == len(self._measurements):
@@ -176,14 +181,20 @@ class ReplayBackend(Backend):
         self._next += 1
         return self._measurements[row]
 
+    @serial
     def deactivate(self) -> None:
         """Compare no more commands."""
         if self._state == "active":
             self._state = "open"
 
+    @serial
     def close(self) -> None:
         """Let go of it."""
         self._state = "closed"
+
+    def _check_open(self) -> None:
+        if self._state == "closed":
+            raise NotConnectedError(f"'{self._info.uri}' is not open")
 
     def _commands_by_step(self, file: LogFile) -> dict[int, tuple[float, Command]]:
         """Each by the step it was given in, with the time of the first sample that answers it, or a later one."""

@@ -183,17 +183,18 @@ class Loop:
         self.times.add(marks, age=measurement.age, due=due, missed=missed)
         return tick
 
-    def _answered(self, measurement: Measurement) -> tuple[Sent, list[Sent]]:
+    def _answered(self, measurement: Measurement) -> tuple[Sent, list[tuple[int, Sent]]]:
         """The command whose effect a measurement shows, the oldest known where it is older.
 
-        And those before it that none has shown: samples are lost, and of two that come at once the newer one counts.
+        And those before it that none has shown, with the ticks since they were given: samples are lost, and of two that
+        come at once the newer one counts.
         """
         ago, sent = measurement.answers, self._on_the_way
         if ago is None:
             ago = self._backend.info.response_delay
         ago = min(ago, len(sent) - 1)
         since = self._step - ago - self._answered_step
-        unanswered = [sent[-1 - ago - back] for back in range(since - 1, 0, -1)]
+        unanswered = [(before, sent[-1 - before]) for before in range(ago + since - 1, ago, -1)]
         self._answered_step += max(since, 0)
         self._step += 1
         return sent[-1 - ago], unanswered

@@ -14,6 +14,16 @@ from pepper_driver.backends.naoqi_server.launch import StandIn
 signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
+def pytest_addoption(parser: pytest.Parser) -> None:
+    """Options of single suites: pytest takes them here only."""
+    parser.addoption(
+        "--backend",
+        action="append",
+        metavar="URI",
+        help="run tests/backends/conformance on this backend in place of those of the package; it moves",
+    )
+
+
 @pytest.fixture(scope="session")
 def qi() -> Any:
     """NAOqi's library, for which there is no package for every computer."""

@@ -21,6 +21,7 @@ from pepper_driver.backends.interface import (
     DeviceError,
     Measurement,
     NotConnectedError,
+    SimulatedPlant,
 )
 from pepper_driver.backends.naoqi import stand_in
 from pepper_driver.backends.naoqi.address import Address
@@ -70,6 +71,7 @@ class NaoqiRobot(Backend):
         self._connection: Connection | None = None
         self._lost = False
         self._info: BackendInfo | None = None
+        self._plant: SimulatedPlant | None = None
         self._take_over: TakeOver | None = None
 
     # -- of each way --------------------------------------------------------------------------------------------
@@ -158,8 +160,9 @@ class NaoqiRobot(Backend):
         Raises:
             NotConnectedError: Not open, or the connection was lost.
         """
-        if self._lost or self._state == "closed":
-            self._connected()  # raises; in a tick nobody asks the library, which may take 80 ms for it
+        # No call where all is well: the library takes its time, even for whether it is connected.
+        if self._state == "closed" or self._lost:
+            self._connected()
         position, stiffness, wheel_speed = checked_command(command, len(self._robot.joint_names))
         stiffness = np.minimum(np.maximum(stiffness, 0.0), 1.0)
         return self._tick(position.copy(), stiffness, wheel_speed)
@@ -252,6 +255,16 @@ class NaoqiRobot(Backend):
             frame=frame,
             delay=delay,
         )
+
+    @property
+    def plant(self) -> SimulatedPlant:
+        """What a stand-in simulates."""
+        if "push" not in self.info.capabilities:
+            return super().plant
+        if self._plant is None:
+            assert self._connection is not None
+            self._plant = stand_in.simulated_plant(self._connection, self._robot)
+        return self._plant
 
     def _handle(self, method: Literal["push", "grab"], link: str, **arguments: object) -> None:
         connection = self._connected()

@@ -1,16 +1,17 @@
 """The device manager (DCM): timed commands of each actuator, and the value it has at a date.
 
-Follows NAOqi 2.5.10, pages "DCM", "DCM API" and "DCM advanced". Dates here are counts of milliseconds that do not roll
-over (``clock.unwrapped``), so that nothing happens when the robot's clock does.
+Follows NAOqi 2.5.10, pages "DCM", "DCM API" and "DCM advanced". Inside, dates are counts of milliseconds that do not
+roll over, so that nothing happens when the robot's clock does.
 """
 
 from __future__ import annotations
 
-from bisect import bisect_left
+from bisect import bisect_right
 from collections.abc import Collection, Mapping, Sequence
 from typing import Literal, get_args
 
 from pepper_driver.backends.interface import BackendError
+from pepper_driver.backends.naoqi_server.clock import unwrapped
 
 UpdateType = Literal["Merge", "ClearAll", "ClearAfter", "ClearBefore"]
 """What an order does to the commands that wait already."""
@@ -54,20 +55,11 @@ class Actuator:
         sent: The value last sent.
     """
 
-    __slots__ = (
-        "_cycle",
-        "_dates",
-        "_interpolates",
-        "_last_date",
-        "_last_value",
-        "_values",
-        "sent",
-    )
+    __slots__ = ("_cycle", "_dates", "_interpolates", "_values", "sent")
 
     def __init__(self, value: float, date: int, *, interpolates: bool = True) -> None:
         self.sent = value
         self._interpolates = interpolates
-        self._last_value, self._last_date = value, date
         self._cycle = date
         self._dates: list[int] = []
         self._values: list[float] = []
@@ -88,20 +80,16 @@ class Actuator:
         Commands whose date has come are used up. The value goes in a straight line from the value last sent, or from a
         command whose date came since then, to the next command. After the last one it stays.
         """
-        if not self._dates:
-            self._cycle = date
-            return self.sent
-        used = bisect_left(self._dates, date + 1)
-        if used:
-            self.sent = self._last_value = self._values[used - 1]
-            self._last_date = self._dates[used - 1]
-            del self._dates[:used], self._values[:used]
-        if self._dates and self._interpolates and (not used or self._last_date < date):
-            start, value = self._cycle, self.sent
-            if start < self._last_date:
-                start, value = self._last_date, self._last_value
-            share = (date - start) / (self._dates[0] - start)
-            self.sent = value + (self._values[0] - value) * share
+        if self._dates:
+            used = bisect_right(self._dates, date)
+            start = self._cycle
+            if used:
+                self.sent = self._values[used - 1]
+                start = max(start, self._dates[used - 1])
+                del self._dates[:used], self._values[:used]
+            if self._dates and self._interpolates and start < date:
+                way = self._values[0] - self.sent
+                self.sent += way * (date - start) / (self._dates[0] - start)
         self._cycle = date
         return self.sent
 
@@ -128,8 +116,15 @@ class Dcm:
         keys: Sequence[str],
         update: UpdateType,
         commands: Sequence[Sequence[TimedCommand]],
+        now: int,
     ) -> None:
         """Take timed commands for some actuators, a sequence for each key; all of them or none.
+
+        Args:
+            keys: Of the actuators.
+            update: What happens to the commands that wait already.
+            commands: With dates as the robot's clock shows them.
+            now: The count of milliseconds that dates are at most 2^31 ms from.
 
         Raises:
             BufferFullError: More commands than a buffer holds would wait for one of them.
@@ -137,7 +132,8 @@ class Dcm:
         after: dict[str, dict[int, float]] = {}
         for key, its in zip(keys, commands, strict=True):
             waiting = after[key] if key in after else self.actuators[key].waiting
-            after[key] = after_order(waiting, update, its)
+            dated = [(value, unwrapped(date, now)) for value, date in its]
+            after[key] = after_order(waiting, update, dated)
             if len(after[key]) > BUFFER:
                 raise BufferFullError(
                     f"{len(after[key])} commands would wait for {key}, and its buffer holds {BUFFER}; "

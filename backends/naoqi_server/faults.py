@@ -129,8 +129,8 @@ FAULTS: Mapping[str, FaultKind] = {
     ),
     "press": FaultKind(
         place="robot",
-        arguments={"sensor": "ChestBoard/Button"},
-        effect="a touch sensor, a bumper or the button on the chest is pressed",
+        arguments={"sensors": "ChestBoard/Button"},
+        effect="touch sensors, bumpers or the button on the chest are pressed: one, or several with + in between",
         source="a person, or what the robot drives into; keys of 2.5.10, 'Actuator and sensor names'",
     ),
     "value": FaultKind(

@@ -213,21 +213,18 @@ class StandIn:
         """What the robot really did in the last two minutes, or ``last`` cycles; also after its process ended."""
         return self.robot.black_box(last)
 
-    def wait(self) -> None:
-        """Wait until one of the two processes ends by itself, or is ended by others than a fault.
+    def wait(self) -> str:
+        """Wait until NAOqi ends by itself, or is ended by others than a fault; returns how it ended.
 
         Raises:
-            BackendError: It did, and which.
+            BackendError: The robot ended.
         """
         while True:
-            names = {"robot": self.robot_process, "NAOqi": self.naoqi_process}
-            for name, process in names.items():
-                if (code := process.poll()) is not None and not (
-                    name == "NAOqi" and self._naoqi_killed
-                ):
-                    how = f"by signal {-code}" if code < 0 else f"with code {code}"
-                    raise BackendError(f"the stand-in's {name} process ended {how}")
-            time.sleep(0.2)
+            if (code := self.robot_process.poll()) is not None:
+                raise BackendError(f"the stand-in's robot process ended {_how(code)}")
+            if (code := self.naoqi_process.poll()) is not None and not self._naoqi_killed:
+                return _how(code)
+            time.sleep(0.1)
 
     def stop(self) -> None:
         """End both processes. Does nothing when they have ended."""
@@ -252,3 +249,7 @@ class StandIn:
         traceback: TracebackType | None,
     ) -> None:
         self.stop()
+
+
+def _how(code: int) -> str:
+    return f"by signal {-code}" if code < 0 else f"with code {code}"

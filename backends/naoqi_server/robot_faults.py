@@ -92,18 +92,19 @@ class Shown(RobotFault):
     """Some sensors show a value that is not true."""
 
     def __init__(
-        self, robot: RobotConfig, keys: Mapping[str, int], arguments: Mapping[str, Value]
+        self, robot: RobotConfig, keys: Mapping[str, int], shown: Iterable[str], value: float
     ) -> None:
-        key = str(arguments["key"])
         known = {name.removeprefix(robot.naoqi.prefix): place for name, place in keys.items()}
-        if key.removeprefix(robot.naoqi.prefix) not in known:
-            raise UnknownNameError("sensor", key, known)
-        self._place = known[key.removeprefix(robot.naoqi.prefix)]
-        self._value = float(arguments["value"])
+        names = [name.removeprefix(robot.naoqi.prefix) for name in shown]
+        for name in names:
+            if name not in known:
+                raise UnknownNameError("sensor", name, known)
+        self._places = [known[name] for name in names]
+        self._value = value
 
     def sensors(self, values: FloatArray) -> None:
         """They show it."""
-        values[self._place] = self._value
+        values[self._places] = self._value
 
 
 def hot(robot: RobotConfig, keys: Mapping[str, int], arguments: Mapping[str, Value]) -> RobotFault:
@@ -112,23 +113,31 @@ def hot(robot: RobotConfig, keys: Mapping[str, int], arguments: Mapping[str, Val
     if joint not in motors:
         raise UnknownNameError("motor", joint, motors)
     key = robot.naoqi.temperature.format(joint=joint)
-    return Shown(robot, keys, {"key": key, "value": arguments["celsius"]})
+    return Shown(robot, keys, [key], float(arguments["celsius"]))
+
+
+def value(
+    robot: RobotConfig, keys: Mapping[str, int], arguments: Mapping[str, Value]
+) -> RobotFault:
+    """Any sensor."""
+    return Shown(robot, keys, [str(arguments["key"])], float(arguments["value"]))
 
 
 def press(
     robot: RobotConfig, keys: Mapping[str, int], arguments: Mapping[str, Value]
 ) -> RobotFault:
-    """A touch sensor, a bumper or a button."""
+    """Touch sensors, bumpers and buttons."""
     names, sensors = robot.naoqi, robot.sensors
     known = {
         **{name: names.touch.format(touch=name) for name in sensors.touch},
         **{name: names.bumper.format(bumper=name) for name in sensors.bumpers},
         **{name: names.button.format(button=name) for name in sensors.buttons},
     }
-    name = str(arguments["sensor"])
-    if name not in known:
-        raise UnknownNameError("sensor to press", name, known)
-    return Shown(robot, keys, {"key": known[name], "value": 1.0})
+    names_pressed = str(arguments["sensors"]).split("+")
+    for name in names_pressed:
+        if name not in known:
+            raise UnknownNameError("sensor to press", name, known)
+    return Shown(robot, keys, [known[name] for name in names_pressed], 1.0)
 
 
 Maker = Callable[[RobotConfig, Mapping[str, int], Mapping[str, Value]], RobotFault]
@@ -140,7 +149,7 @@ KINDS: Mapping[str, Maker] = {
     "dropped": Dropped,
     "hot": hot,
     "press": press,
-    "value": Shown,
+    "value": value,
 }
 
 

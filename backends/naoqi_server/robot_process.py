@@ -22,7 +22,7 @@ import numpy as np
 from pepper_driver.backends.interface import BackendError
 from pepper_driver.backends.mujoco_.backend import MujocoBackend
 from pepper_driver.backends.naoqi_server.body import Body
-from pepper_driver.backends.naoqi_server.clock import DcmClock, unwrapped, wrapped
+from pepper_driver.backends.naoqi_server.clock import DcmClock, wrapped
 from pepper_driver.backends.naoqi_server.dcm import UPDATE_TYPES, Dcm
 from pepper_driver.backends.naoqi_server.messages import receive, send
 from pepper_driver.backends.naoqi_server.robot_faults import RobotFaults
@@ -57,9 +57,15 @@ class RobotProcess:
         self._faults = RobotFaults(robot, self._body.keys)
         self._table = Table(file, len(self._body.keys), robot)
         self._table.start(self._clock, {**self._body.info, "pid": os.getpid()})
-        self._cycle = self._orders = 0
+        self._cycle = self._orders = self._wheel_orders = 0
+        self._wheels = {
+            robot.naoqi.prefix + robot.naoqi.wheel_speed_command.format(wheel=wheel)
+            for wheel in robot.wheels.names
+        }
+        self._naoqi: int | None = None
         self._handlers: Mapping[str, Callable[..., None]] = {
             "order": self._order,
+            "know_naoqi": self._know_naoqi,
             "push": lambda **arguments: backend.push(**_arrays(arguments, "force", "point")),
             "grab": lambda **arguments: backend.grab(**_arrays(arguments, "pull", "point")),
             "set_fault": lambda name, arguments: self._faults.set(name, arguments),
@@ -103,7 +109,8 @@ class RobotProcess:
         date = wrapped(self._clock.origin + self._cycle * self._cycle_ms)
         end = time.monotonic_ns()
         state = (*body.true_state(), *body.commanded())
-        self._table.record((self._cycle, date, due, end, self._orders, *state))
+        orders = self._orders, self._wheel_orders
+        self._table.record((self._cycle, date, due, end, *orders, *state))
 
     def _answer(self, end: socket.socket) -> bool:
         """Do what one message asks for; False once nobody is left at the other end."""
@@ -122,14 +129,23 @@ class RobotProcess:
             send(end, answer, wait=False)
         return True
 
+    def _know_naoqi(self, pid: int) -> None:
+        """Who is to end with this process: a NAOqi process that was stopped does not see that its owner is gone."""
+        self._naoqi = os.pidfd_open(pid)
+
+    def end(self) -> None:
+        """End the NAOqi process, if it is still there."""
+        if self._naoqi is not None:
+            with suppress(ProcessLookupError):
+                signal.pidfd_send_signal(self._naoqi, signal.SIGKILL)
+
     def _order(
         self, actuators: list[str], update: str, commands: list[list[tuple[float, int]]]
     ) -> None:
         kind = next(known for known in UPDATE_TYPES if known == update)
-        now = self._clock.count
-        dated = [[(value, unwrapped(date, now)) for value, date in its] for its in commands]
-        self._dcm.order(actuators, kind, dated)
+        self._dcm.order(actuators, kind, commands, self._clock.count)
         self._orders += 1
+        self._wheel_orders += not self._wheels.isdisjoint(actuators)
 
 
 def _arrays(arguments: dict[str, Any], *names: str) -> dict[str, Any]:
@@ -167,6 +183,7 @@ def main(arguments: list[str]) -> int:
     except PepperError as error:
         print(f"stand-in robot: {error}", file=sys.stderr)
         return 1
+    process.end()
     return 0
 
 

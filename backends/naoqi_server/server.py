@@ -77,8 +77,9 @@ class NaoqiServer:
         try:
             self._session.listenStandalone(f"tcp://{host}:{port}")
         except RuntimeError as error:
+            reason = str(error).partition(" [")[0].rpartition(": ")[2]
             raise BackendError(
-                f"tcp://{host}:{port} cannot be listened at: {error}; choose another --port"
+                f"cannot listen at tcp://{host}:{port}: {reason}; choose another port or host"
             ) from error
         self.faults = context.faults
         self._services = {
@@ -142,6 +143,7 @@ def main(arguments: list[str]) -> int:
             consent=bool(given.consent),
             version=given.version,
         )
+        link.ask("know_naoqi", pid=os.getpid())
         for fault in given.faults:
             server.faults.set_service_fault(make_fault(**fault))
     except PepperError as error:

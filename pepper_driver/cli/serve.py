@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import signal
 import sys
+import time
 from types import FrameType
 from typing import Annotated
 from urllib.parse import urlencode
@@ -23,6 +24,9 @@ from pepper_driver.config import network_names
 USER = "nao"
 PASSWORD = "nao"
 """Of the stand-in where the environment says none: there is nothing to protect."""
+
+PAUSE = 3
+"""[s] after which a NAOqi that ended is started anew. A robot does so too, and takes longer."""
 
 
 def serve(
@@ -92,28 +96,38 @@ def serve(
     uri = (
         f"mujoco://?{urlencode({'plant': plant, 'seed': seed, 'world': world, 'posture': posture})}"
     )
-    signal.signal(signal.SIGTERM, _end)
-    stand_in = StandIn(
-        uri,
-        host=host,
-        port=port,
-        clock=clock,
-        consent=consent,
-        network=network,
-        login=login,
-        faults=faults,
-    )
-    with stand_in:
-        if login is None and host not in ("127.0.0.1", "localhost", "::1"):
-            print(
-                f"pepper: {host} can be reached from other machines, and nobody is asked for a password",
-                file=sys.stderr,
-            )
-        console.print(f"ready on {stand_in.url}")
-        if login is not None:
-            known = f"that of {PASSWORD_VARIABLE}" if login.token != PASSWORD else f"'{PASSWORD}'"
-            console.print(f"user '{USER}', password {known}")
-        stand_in.wait()
+    before = signal.signal(signal.SIGTERM, _end)
+    try:
+        with StandIn(
+            uri,
+            host=host,
+            port=port,
+            clock=clock,
+            consent=consent,
+            network=network,
+            login=login,
+            faults=faults,
+        ) as stand_in:
+            if login is None and host not in ("127.0.0.1", "localhost", "::1"):
+                _warn(f"{host} can be reached from other machines, and nobody needs a password")
+            console.print(f"ready on {stand_in.url}")
+            if login is not None:
+                known = (
+                    f"that of {PASSWORD_VARIABLE}" if login.token != PASSWORD else f"'{PASSWORD}'"
+                )
+                console.print(f"user '{USER}', password {known}")
+            while True:
+                how = stand_in.wait()
+                _warn(f"NAOqi ended {how}; the robot goes on, and NAOqi starts anew in {PAUSE} s")
+                time.sleep(PAUSE)
+                stand_in.start_naoqi()
+                console.print(f"ready on {stand_in.url}")
+    finally:
+        signal.signal(signal.SIGTERM, before)
+
+
+def _warn(text: str) -> None:
+    print(f"pepper: {text}", file=sys.stderr)
 
 
 def _print_faults(console: Console) -> None:

@@ -45,7 +45,7 @@ class _Entry(NamedTuple):
     truth: TruthSample | None
     labels: Sequence[Label]
     events: Sequence[LogEvent]
-    unanswered: Sequence[Sent]
+    unanswered: Sequence[tuple[int, Sent]]
     tick_end: float
     missed: int
 
@@ -121,7 +121,7 @@ class LogWriter:
         labels: Sequence[Label] = (),
         *,
         events: Sequence[LogEvent] = (),
-        unanswered: Sequence[Sent] = (),
+        unanswered: Sequence[tuple[int, Sent]] = (),
         tick_end: float = math.nan,
         missed: int = 0,
     ) -> None:
@@ -133,7 +133,8 @@ class LogWriter:
             truth: Ground truth of a simulation.
             labels: Ends of touches seen in this tick.
             events: What else happened in this tick.
-            unanswered: The commands given right before the one that this tick answers, as far as no tick answers them.
+            unanswered: Commands that no tick answers, older than the one that this tick answers: how many ticks before
+                this one, and which.
             tick_end: From the deadline of the tick until now [s]; NaN where ticks are not paced.
             missed: Ticks missed since the start.
         """
@@ -226,7 +227,10 @@ class LogWriter:
             row = self._tick_rows.message(
                 tick, observation, entry.step, entry.tick_end, entry.missed
             )
-            passed_over = self._passed_over(entry, time) if entry.unanswered else []
+            passed_over = [
+                self._unanswered_rows.message(time, entry.step - ago, sent)
+                for ago, sent in entry.unanswered
+            ]
             truth_row = None if truth is None else self._truth_rows.message(time, truth)
         except Exception as error:  # of whoever made the arrays; not the disk's
             self._problem = error
@@ -243,16 +247,6 @@ class LogWriter:
             self._write_item(CONTACTS, time, contact)
         for event in entry.events:
             self._write_item(EVENTS, time, event)
-
-    def _passed_over(self, entry: _Entry, time: float) -> list[bytes]:
-        answers = entry.tick.measurement.answers
-        if answers is None:
-            raise ValueError("a fixed delay leaves no command unanswered")
-        first = entry.step - answers - len(entry.unanswered)
-        return [
-            self._unanswered_rows.message(time, step, sent)
-            for step, sent in enumerate(entry.unanswered, first)
-        ]
 
     def _write_item(self, topic: JsonTopic[Any], time: float, item: object) -> None:
         try:

@@ -85,13 +85,15 @@ class RecordedRun:
         return [made.get(step + 1) for step in self.backend.steps.tolist()]
 
     @cached_property
-    def passed_over(self) -> list[list[Sent]]:
-        """For each tick the commands that no tick answers, given right before the one that it answers."""
+    def passed_over(self) -> list[list[tuple[int, Sent]]]:
+        """For each tick older commands than it answers that no tick does, and how many ticks before they were given."""
         newest, found = -1, []
-        for step in self.backend.answered.tolist():
-            between = range(newest + 1, step)
-            found.append([self.unanswered[k] for k in between if k in self.unanswered])
-            newest = max(newest, step)
+        for step, answered in zip(
+            self.backend.steps.tolist(), self.backend.answered.tolist(), strict=True
+        ):
+            between = [k for k in range(newest + 1, answered) if k in self.unanswered]
+            found.append([(step - k, self.unanswered[k]) for k in between])
+            newest = max(newest, answered)
         return found
 
     @property

@@ -247,3 +247,36 @@ def test_the_truth_after_going_back_is_that_of_then() -> None:
     assert before[0] > 1e-4
     assert after[0] == pytest.approx(before[0], rel=0.05)  # MuJoCo's masses lag a step behind
     assert after[1:] == before[1:]
+
+
+def test_switched_on_it_obeys_without_a_ramp() -> None:
+    """For a device manager, whose users raise the stiffness themselves."""
+    backend = MujocoBackend(ROBOT, load_plant("nominal", ROBOT))
+    with pytest.raises(BackendError, match="closed"):
+        backend.switch_on()
+    start = np.clip(backend.open().position, ROBOT.lower, ROBOT.upper)
+    backend.switch_on()
+    with pytest.raises(BackendError, match="active"):
+        backend.switch_on()
+    target = start.copy()
+    target[ROLL] += 0.1
+    assert backend.step(command(target)).tick == 1
+    for _ in range(60):
+        measurement = backend.step(command(target))
+    assert measurement.position[ROLL] == pytest.approx(target[ROLL], abs=0.03)
+
+
+def test_wheels_without_stiffness_do_not_turn_and_a_snapshot_knows() -> None:
+    backend, hold = active()
+    turning = Command(position=hold, stiffness=np.ones(17), wheel_speed=np.full(3, 1.0))
+    backend.wheel_stiffness = np.zeros(3)
+    snapshot = backend.snapshot()
+    for _ in range(30):
+        measurement = backend.step(turning)
+    assert np.abs(measurement.wheel_speed).max() < 0.05
+    backend.wheel_stiffness = np.ones(3)
+    for _ in range(80):
+        measurement = backend.step(turning)
+    np.testing.assert_allclose(measurement.wheel_speed, 1.0, atol=0.1)
+    backend.restore(snapshot)
+    np.testing.assert_array_equal(backend.wheel_stiffness, np.zeros(3))

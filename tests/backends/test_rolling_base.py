@@ -6,6 +6,7 @@ import pytest
 from plant_cases import (
     BASE,
     ROBOT,
+    STAND,
     Array,
     balance,
     hold,
@@ -179,3 +180,29 @@ def test_wheels_know_their_speed_limit() -> None:
     simulation = standing(rolling(), settle=5)
     hold(simulation, 300, wheels=np.full(3, 100.0))
     np.testing.assert_allclose(simulation.wheels.speed, ROBOT.wheels.speed_limit, rtol=1e-2)
+
+
+@pytest.mark.parametrize("share", [0.0, 0.25, 1.0])
+def test_stiffness_is_the_share_of_its_torque_that_a_wheel_may_use(share: float) -> None:
+    simulation = standing(rolling(), settle=5)
+    simulation.cycle(STAND, np.ones(17), np.full(3, 100.0), np.full(3, share))
+    torque = simulation.data.actuator_force[
+        [simulation.model.mj.actuator(name).id for name in ROBOT.wheels.names]
+    ]
+    limit = rolling().wheels.torque_limit
+    np.testing.assert_allclose(torque, share * limit, atol=1e-9)
+
+
+def test_a_wheel_that_gets_stiffness_again_starts_without_a_past() -> None:
+    """Else what its speed control added up while blocked would throw it."""
+    simulation = standing(rolling(), settle=5)
+    still, stiff = np.zeros(3), np.ones(3)
+    one_off = np.array([0.0, 1.0, 1.0])
+    for _ in range(50):
+        simulation.cycle(STAND, np.ones(17), np.full(3, 0.5), stiff)
+    simulation.cycle(STAND, np.ones(17), still, one_off)
+    state = simulation.wheels.save()
+    assert state["_integral"][0] == 0.0
+    assert (state["_integral"][1:] != 0.0).all()
+    simulation.cycle(STAND, np.ones(17), still, 0.5 * one_off)
+    assert (simulation.wheels.save()["_integral"][1:] != 0.0).all(), "less stiffness, same past"

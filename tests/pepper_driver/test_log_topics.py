@@ -140,7 +140,7 @@ def test_events_are_logged_with_their_tick_and_without(tmp_path: Path) -> None:
 def test_several_commands_may_be_left_unanswered(tmp_path: Path) -> None:
     samples = Samples(8)
     tick = samples.tick(0)
-    sent = [samples.sent(), samples.sent()]
+    sent = [(3, samples.sent()), (2, samples.sent())]
     with LogWriter(tmp_path / "a.mcap", ROBOT, {}) as log:
         for answers in (3, None, 4, 1):
             measurement = replace(tick.measurement, answers=answers)
@@ -150,7 +150,7 @@ def test_several_commands_may_be_left_unanswered(tmp_path: Path) -> None:
     assert read["step"].tolist() == [0, 1, 2, 3]
     assert read["answers"].tolist() == [3, -1, 4, 1]
     assert read.unanswered["step"].tolist() == [0, 1], "that of step 2 is answered in step 3"
-    for row, one in enumerate(sent):
+    for row, (_, one) in enumerate(sent):
         assert same_bits(read.unanswered["sent_position"][row], one.command.position)
 
 

@@ -83,9 +83,9 @@ class Notebook:
     """In place of a log: keeps what no tick answers."""
 
     def __init__(self) -> None:
-        self.unanswered: list[list[Sent]] = []
+        self.unanswered: list[list[tuple[int, Sent]]] = []
 
-    def append(self, *_: object, unanswered: list[Sent], **__: object) -> None:
+    def append(self, *_: object, unanswered: list[tuple[int, Sent]], **__: object) -> None:
         self.unanswered.append(unanswered)
 
 
@@ -109,9 +109,9 @@ def test_each_command_is_answered_or_known_not_to_be(answers: list[int]) -> None
         place = max(0, step - ago, step - LONGEST_WAY)
         assert sent is backend.commands[place]
         first = max(answered, default=0) + 1
-        late = [entry.command for entry in notebook.unanswered[-1]]
+        late = [(ago, entry.command) for ago, entry in notebook.unanswered[-1]]
         expected = range(max(first, step - LONGEST_WAY), place)
-        assert late == [backend.commands[k] for k in expected]
+        assert late == [(step - k, backend.commands[k]) for k in expected]
         answered.append(place)
 
 

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from pepper_driver.backends.naoqi.clock import dated, shown
+from pepper_driver.backends.naoqi.clock import shown
 from pepper_driver.backends.naoqi.keys import Alias, SensorKeys, actuator_keys
 from pepper_driver.backends.naoqi_server.dcm import Dcm
 from pepper_driver.config import load_robot
@@ -171,12 +171,9 @@ class VirtualRobot:
             raise RuntimeError(self.refuse)
         alias, update, kind, _, dates, values = request
         assert kind == "time-separate"
-        near = self.dcm_time(self.time)
-        commands = [
-            [(value, dated(date, near)) for value, date in zip(its, dates, strict=True)]
-            for its in values
-        ]
-        self._dcm.order(self._keys[Alias(alias)], update, commands)
+        commands = [list(zip(its, dates, strict=True)) for its in values]
+        now = round(self.dcm_time(self.time))
+        self._dcm.order(self._keys[Alias(alias)], update, commands, now)
         self.taken += 1
 
     # -- what Link uses -----------------------------------------------------------------------------------------

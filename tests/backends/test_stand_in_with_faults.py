@@ -274,7 +274,7 @@ def test_a_network_is_late(stand_in: StandIn, session: Any) -> None:
 
 def test_clients_set_faults_of_every_place(stand_in: StandIn, session: Any) -> None:
     service, memory = session.service("StandIn"), session.service("ALMemory")
-    service.setFault("press", {"sensor": "Back"})
+    service.setFault("press", {"sensors": "Back"})
     assert wait_until(lambda: memory.getData(PREFIX + "Platform/Back/Bumper/Sensor/Value") == 1.0)
     service.setFault("none", {"keys": "Temperature"})
     assert memory.getData(TEMPERATURE) is None
@@ -294,7 +294,7 @@ def test_clients_set_faults_of_every_place(stand_in: StandIn, session: Any) -> N
         ("hot", {"joint": "RShoulderPich"}, "did you mean RShoulderPitch"),
         ("hang", {"secs": 2.0}, "did you mean seconds"),
         ("slow", {"delay": "long"}, "delay must be a number"),
-        ("press", {"sensor": "Front"}, "FrontLeft"),
+        ("press", {"sensors": "Front"}, "FrontLeft"),
         ("missing", {"service": "DMC"}, "did you mean DCM"),
         ("rollover", {}, "only at the start"),
     ],

@@ -1,0 +1,51 @@
+"""What tests over the real qi share. Importing it skips a test file where there is no qi."""
+
+import os
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import pytest
+
+os.environ.setdefault("QI_LOG_LEVEL", "0")  # before the import
+qi = pytest.importorskip("qi")
+
+PREFIX = "Device/SubDeviceList/"
+
+
+@contextmanager
+def connected(url: str) -> Iterator[Any]:
+    """A session with the stand-in."""
+    session = qi.Session()
+    session.connect(url, _async=True).value(10_000)
+    try:
+        yield session
+    finally:
+        session.close()
+
+
+def wait_until(condition: Callable[[], object], seconds: float = 10.0) -> bool:
+    """Whether the condition came true; the time is for a busy machine."""
+    end = time.monotonic() + seconds
+    while time.monotonic() < end:
+        if condition():
+            return True
+        time.sleep(0.005)
+    return bool(condition())
+
+
+def stays(value: Callable[[], object], seconds: float = 0.2) -> bool:
+    """Whether a value does not change for a while."""
+    before = value()
+    time.sleep(seconds)
+    return value() == before
+
+
+def alive(pid: int) -> bool:
+    """Whether a process runs, or is stopped; one that waits to be reaped does not."""
+    try:
+        with open(f"/proc/{pid}/stat") as file:
+            return file.read().rpartition(")")[2].split()[0] != "Z"
+    except (FileNotFoundError, ProcessLookupError):
+        return False

@@ -1,0 +1,199 @@
+"""The robot goes on whatever happens to NAOqi, and nothing outlives whoever started it."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+import pytest
+from stand_in_cases import PREFIX, alive, connected, stays, wait_until
+
+from pepper_driver.backends import BackendError
+from pepper_driver.backends.naoqi_server.launch import StandIn
+
+WHEELS = ("WheelFL", "WheelFR", "WheelB")
+
+OWNER = """
+import sys, time
+from pepper_driver.backends.naoqi_server.launch import StandIn
+with StandIn("mujoco", outlive=float(sys.argv[1])) as stand_in:
+    print(stand_in.robot_process.pid, stand_in.naoqi_process.pid, flush=True)
+    time.sleep(60)
+"""
+
+
+@pytest.fixture
+def stand_in() -> Iterator[StandIn]:
+    with StandIn("mujoco://?seed=3") as made:
+        yield made
+
+
+def drive(session: Any, speed: float, seconds: float) -> int:
+    """Turn on the spot, and stand again after so many seconds; returns when that is, by the DCM's clock."""
+    dcm = session.service("DCM")
+    dcm.createAlias(["stiff", [f"{wheel}/Stiffness/Actuator/Value" for wheel in WHEELS]])
+    dcm.createAlias(["speed", [f"{wheel}/Speed/Actuator/Value" for wheel in WHEELS]])
+    now = dcm.getTime(0)
+    dcm.set(["stiff", "ClearAll", [[1.0, now]]])
+    end = now + round(1000 * seconds)
+    dcm.set(["speed", "ClearAll", [[speed, now + 50], [speed, end - 36], [0.0, end]]])
+    return int(end)
+
+
+def is_driving(stand_in: StandIn) -> bool:
+    return bool(np.abs(stand_in.black_box(1).wheel_speed).min() > 0.5)
+
+
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSTOP])
+def test_the_robot_goes_on_when_naoqi_dies_or_hangs(
+    stand_in: StandIn, number: signal.Signals
+) -> None:
+    """What was ordered is carried out to its end: here, that the wheels stop."""
+    with connected(stand_in.url) as session:
+        end = drive(session, 1.0, 1.0)
+        assert wait_until(lambda: is_driving(stand_in))
+        os.kill(stand_in.naoqi_process.pid, number)
+        killed = stand_in.robot.time()
+        assert wait_until(lambda: stand_in.robot.time() > end + 600)
+    box = stand_in.black_box()
+    assert (box.date > killed).sum() > 50, "cycles went on"
+    assert (np.abs(box.wheel_command[box.date >= end]) == 0.0).all()
+    assert np.abs(box.wheel_speed[box.date > end + 400]).max() < 0.05
+    between = (box.date > killed) & (box.date < end - 100)
+    assert np.abs(box.wheel_speed[between]).min() > 0.5, "they turned until then"
+    if number == signal.SIGSTOP:
+        os.kill(stand_in.naoqi_process.pid, signal.SIGCONT)
+        with connected(stand_in.url) as session:
+            assert session.service("DCM").getTime(0) > end
+
+
+def test_a_new_naoqi_finds_the_same_robot(stand_in: StandIn) -> None:
+    with connected(stand_in.url) as session:
+        dcm = session.service("DCM")
+        dcm.set(["ChestBoard/Led/Red/Actuator/Value", "ClearAll", [[0.5, dcm.getTime(0)]]])
+        before = dcm.getTime(0)
+        port = stand_in.port
+        stand_in.naoqi_process.kill()
+        assert wait_until(lambda: not session.isConnected())
+    stand_in.start_naoqi()
+    assert stand_in.port == port
+    with connected(stand_in.url) as session:
+        memory = session.service("ALMemory")
+        assert memory.getData(f"{PREFIX}ChestBoard/Led/Red/Actuator/Value") == 0.5
+        dcm = session.service("DCM")
+        assert 0 < dcm.getTime(0) - before < 60_000, "one clock"
+        dcm.set(["ChestBoard/Led/Red/Actuator/Value", "ClearAll", [[0.75, dcm.getTime(0)]]])
+        assert wait_until(
+            lambda: memory.getData(f"{PREFIX}ChestBoard/Led/Red/Actuator/Value") == 0.75
+        )
+
+
+def test_a_killed_client_is_no_matter(stand_in: StandIn) -> None:
+    client = subprocess.Popen(
+        [
+            sys.executable,
+            "-c",
+            "import qi, sys, time\ns = qi.Session(); s.connect(sys.argv[1]); d = s.service('DCM')\n"
+            "print('on', flush=True)\nwhile True: d.getTime(0)",
+            stand_in.url,
+        ],
+        stdout=subprocess.PIPE,
+        env={**os.environ, "QI_LOG_LEVEL": "0"},
+    )
+    assert client.stdout is not None
+    assert client.stdout.readline().strip() == b"on"
+    client.kill()
+    client.wait()
+    client.stdout.close()
+    with connected(stand_in.url) as session:
+        assert session.service("DCM").getTime(0) != 0
+
+
+def test_orders_fail_in_one_line_when_the_robot_is_gone(stand_in: StandIn) -> None:
+    with connected(stand_in.url) as session:
+        stand_in.robot_process.kill()
+        stand_in.robot_process.wait()
+        with pytest.raises(RuntimeError, match="robot process has ended"):
+            session.service("DCM").set(["HeadYaw/Hardness/Actuator/Value", "ClearAll", []])
+    assert len(stand_in.black_box()) > 0, "what it did is still known"
+    with pytest.raises(BackendError, match="robot process ended by signal 9"):
+        stand_in.wait()
+
+
+def test_a_robot_process_that_was_stopped_leaves_cycles_out(stand_in: StandIn) -> None:
+    os.kill(stand_in.robot_process.pid, signal.SIGSTOP)
+    time.sleep(0.8)
+    os.kill(stand_in.robot_process.pid, signal.SIGCONT)
+    assert wait_until(lambda: np.diff(stand_in.black_box().cycle).max() > 30)
+    box = stand_in.black_box()
+    np.testing.assert_array_equal(np.diff(box.date), 12 * np.diff(box.cycle))
+    now = stand_in.robot.time()
+    assert wait_until(lambda: stand_in.black_box(1).date[0] >= now)
+
+
+def test_a_clock_that_is_about_to_roll_over() -> None:
+    with StandIn("mujoco", clock=2**31 - 700) as stand_in, connected(stand_in.url) as session:
+        dcm, memory = session.service("DCM"), session.service("ALMemory")
+        dcm.set(["HeadYaw/Hardness/Actuator/Value", "ClearAll", [[1.0, dcm.getTime(0)]]])
+        far = dcm.getTime(1200)
+        dcm.set(["HeadYaw/Position/Actuator/Value", "ClearAll", [[0.6, far]]])
+        assert wait_until(lambda: memory.getData("DCM/Time") < 0)
+        assert far < 0
+        key = f"{PREFIX}HeadYaw/Position/Actuator/Value"
+        assert wait_until(lambda: memory.getData(key) == 0.6)
+        assert stays(lambda: memory.getData(key))
+        box = stand_in.black_box()
+    steps = np.diff(box.position_command[:, 3])
+    assert steps.min() >= 0.0
+    assert steps.max() < 0.6 / 1200 * 12 * 1.2 * 5, "no jump, even where a cycle was left out"
+    assert (box.date < 0).any()
+    assert (box.date > 0).any()
+
+
+def test_both_end_with_the_block() -> None:
+    with StandIn() as stand_in:
+        pids = stand_in.robot_process.pid, stand_in.naoqi_process.pid
+        os.kill(pids[1], signal.SIGSTOP)  # even so
+        begin = time.monotonic()
+    assert time.monotonic() - begin < 5.0
+    assert not any(alive(pid) for pid in pids)
+
+
+@pytest.mark.parametrize("stopped", [False, True])
+def test_both_end_when_their_owner_is_killed(stopped: bool) -> None:
+    owner = subprocess.Popen([sys.executable, "-c", OWNER, "0.2"], stdout=subprocess.PIPE)
+    assert owner.stdout is not None
+    robot, naoqi = map(int, owner.stdout.readline().split())
+    if stopped:
+        os.kill(naoqi, signal.SIGSTOP)
+    owner.kill()
+    owner.wait()
+    owner.stdout.close()
+    assert wait_until(lambda: not alive(robot) and not alive(naoqi))
+
+
+def test_the_robot_outlives_its_owner_for_as_long_as_told() -> None:
+    owner = subprocess.Popen([sys.executable, "-c", OWNER, "2.5"], stdout=subprocess.PIPE)
+    assert owner.stdout is not None
+    robot, naoqi = map(int, owner.stdout.readline().split())
+    owner.kill()
+    owner.wait()
+    owner.stdout.close()
+    begin = time.monotonic()
+    assert wait_until(lambda: not alive(naoqi))
+    assert wait_until(lambda: not alive(robot))
+    assert time.monotonic() - begin > 2.0
+
+
+def test_what_cannot_start() -> None:
+    with pytest.raises(BackendError, match=r"possible: .*nominal"):
+        StandIn("mujoco://?plant=nix").start()
+    with pytest.raises(BackendError, match="unknown backend"):
+        StandIn("nix://").start()
+    with StandIn() as first, pytest.raises(BackendError, match="Address already in use") as error:
+        StandIn(port=first.port).start()
+    assert "\n" not in str(error.value)
