@@ -8,6 +8,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -23,6 +24,7 @@ from pepper_driver.backends import (
     NotConnectedError,
     make_backend,
 )
+from pepper_driver.backends.naoqi.priority import PRIORITY, THREADS
 from pepper_driver.backends.naoqi_server.black_box import BlackBox
 from pepper_driver.backends.naoqi_server.launch import StandIn
 from pepper_driver.config import (
@@ -35,6 +37,7 @@ from pepper_driver.config import (
 from pepper_driver.config.parts import FloatArray
 from pepper_driver.observer import Contact
 from pepper_driver.pacing import RealTimePacer
+from pepper_driver.realtime import priority_obstacle
 
 ROBOT = load_robot()
 ONES, STILL = np.ones(17), np.zeros(3)
@@ -357,3 +360,22 @@ def test_leaving_the_block_lets_go_whatever_happened(robot: StandIn) -> None:
         begun = time.monotonic()
         raise KeyError("a user's mistake")
     assert_let_go(recent(robot, time.monotonic() - begun))
+
+
+def priorities() -> list[int]:
+    """Of libqi's threads in this process."""
+    tasks = list(Path("/proc/self/task").iterdir())
+    names = {task.name: (task / "comm").read_text() for task in tasks}
+    ours = [int(task) for task, name in names.items() if name.startswith(THREADS)]
+    return [os.sched_getparam(task).sched_priority for task in ours]
+
+
+def test_messages_go_before_other_programs_while_a_robot_is_open(backend: Backend) -> None:
+    backend.open()
+    obstacle = priority_obstacle()
+    if obstacle:
+        assert set(priorities()) == {0}
+        pytest.skip(obstacle)
+    assert set(priorities()) == {PRIORITY}
+    backend.close()
+    assert set(priorities()) == {0}
