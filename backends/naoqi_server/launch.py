@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
+import os
 import socket
 import subprocess
 import sys
 import time
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 from importlib.util import find_spec
 from types import TracebackType
 from typing import Any, Self
 
 from pepper_driver.backends.interface import BackendError
 from pepper_driver.backends.naoqi_server.black_box import BlackBox
-from pepper_driver.backends.naoqi_server.body import table_keys
 from pepper_driver.backends.naoqi_server.clock import wrapped
+from pepper_driver.backends.naoqi_server.keys import table_keys
 from pepper_driver.backends.naoqi_server.link import RobotLink
 from pepper_driver.backends.naoqi_server.messages import make_pair, receive
 from pepper_driver.backends.naoqi_server.table import Table
@@ -51,6 +52,7 @@ class StandIn:
         self._clock, self._outlive = clock, outlive
         self._robot: subprocess.Popen[bytes] | None = None
         self._naoqi: subprocess.Popen[bytes] | None = None
+        self._open = ExitStack()
 
     def start(self) -> Self:
         """Start the robot, then NAOqi.
@@ -67,35 +69,35 @@ class StandIn:
         devices = load_naoqi_devices(config)
         keys = table_keys(config, devices)
         self._file = Table.make_file()
-        # Both ends of the robot's line to NAOqi stay open here, for a NAOqi that is started anew.
+        self._open.callback(os.close, self._file)
+        # NAOqi's end of its line to the robot stays open here, for a NAOqi that is started anew.
         self._line, robots = make_pair()
+        self._open.enter_context(self._line)
         try:
             with robots:
-                self._robot, self._owner, _ = self._spawn(
+                self._robot, owner = self._spawn(
                     "robot_process",
                     {"uri": self._uri, "clock": clock, "outlive": self._outlive},
                     {"table": self._file, "naoqi": robots.fileno()},
                 )
+            self._naoqi, naoqi = self._spawn_naoqi()  # at the same time: both take a while
+            _wait_for(owner)
+            self._port = int(_wait_for(naoqi)["port"])
             table = Table(self._file, len(keys), config)
-            self.robot = RobotLink(table, self._owner, keys, frozenset(devices.actuators))
-            self.start_naoqi()
+            self.robot = RobotLink(table, owner, keys, frozenset(devices.actuators))
         except BaseException:
             self.stop()
             raise
         return self
 
     def start_naoqi(self) -> None:
-        """Start the NAOqi process; again at the same port after it died.
+        """Start the NAOqi process anew after it died, at the same port.
 
         Raises:
-            BackendError: It cannot start, for example because the port is in use.
+            BackendError: It cannot start, for example because the port is in use by now.
         """
-        self._naoqi, self._naoqis_owner, ready = self._spawn(
-            "server",
-            {"host": self._host, "port": self._port},
-            {"table": self._file, "robot": self._line.fileno()},
-        )
-        self._port = int(ready["port"])
+        self._naoqi, naoqi = self._spawn_naoqi()
+        _wait_for(naoqi)
 
     @property
     def port(self) -> int:
@@ -144,6 +146,7 @@ class StandIn:
                     process.kill()  # a process that was stopped takes nothing else
                 process.wait()
         self._naoqi = self._robot = None
+        self._open.close()
 
     def __enter__(self) -> Self:
         return self.start()
@@ -156,32 +159,48 @@ class StandIn:
     ) -> None:
         self.stop()
 
+    def _spawn_naoqi(self) -> tuple[subprocess.Popen[bytes], socket.socket]:
+        return self._spawn(
+            "server",
+            {"host": self._host, "port": self._port},
+            {"table": self._file, "robot": self._line.fileno()},
+        )
+
     def _spawn(
         self, module: str, arguments: dict[str, Any], descriptors: dict[str, int]
-    ) -> tuple[subprocess.Popen[bytes], socket.socket, dict[str, Any]]:
-        """A process of this package, the line on which it hears that we are gone, and what it says when it is ready."""
+    ) -> tuple[subprocess.Popen[bytes], socket.socket]:
+        """A process of this package, and the line on which it says it is ready and hears that we are gone."""
         mine, its = make_pair()
+        self._open.enter_context(mine)
         descriptors = {**descriptors, "owner": its.fileno()}
         words = [f"--{name}={value}" for name, value in {**arguments, **descriptors}.items()]
         with its:
-            # A process group of its own: Ctrl-C is for us, and what is stopped when we die is continued and ends.
+            # A process group of its own: Ctrl-C is for us alone.
             process = subprocess.Popen(
                 [sys.executable, "-m", f"pepper_driver.backends.naoqi_server.{module}", *words],
                 pass_fds=tuple(descriptors.values()),
                 stdin=subprocess.DEVNULL,
                 process_group=0,
             )
-        mine.settimeout(START_TIME)
-        try:
-            answer = receive(mine)
-        except TimeoutError:
-            answer = {"error": f"did not start within {START_TIME:.0f} s"}
-        if answer is None or "error" in answer:
-            process.kill()
-            process.wait()
-            reason = "ended while it started" if answer is None else answer["error"]
-            raise BackendError(f"stand-in: {reason}")
-        return process, mine, dict(answer["ready"])
+        return process, mine
+
+
+def _wait_for(line: socket.socket) -> dict[str, Any]:
+    """What a process says when it is ready.
+
+    Raises:
+        BackendError: It refuses, for the reason given.
+    """
+    line.settimeout(START_TIME)
+    try:
+        answer = receive(line)
+    except TimeoutError:
+        answer = {"error": f"a process did not start within {START_TIME:.0f} s"}
+    if answer is None:
+        answer = {"error": "a process ended while it started"}
+    if "error" in answer:
+        raise BackendError(f"stand-in: {answer['error']}")
+    return dict(answer["ready"])
 
 
 def _how(code: int) -> str:

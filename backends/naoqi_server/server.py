@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import argparse
 import os
+import select
 import signal
 import socket
 import sys
@@ -17,9 +18,9 @@ os.environ.setdefault("QI_LOG_LEVEL", "0")  # libqi logs to stdout
 import qi
 
 from pepper_driver.backends.interface import BackendError
-from pepper_driver.backends.naoqi_server.body import table_keys
 from pepper_driver.backends.naoqi_server.context import Context
 from pepper_driver.backends.naoqi_server.front import make_front
+from pepper_driver.backends.naoqi_server.keys import table_keys
 from pepper_driver.backends.naoqi_server.link import RobotLink
 from pepper_driver.backends.naoqi_server.memory import Memory
 from pepper_driver.backends.naoqi_server.messages import receive, send
@@ -98,6 +99,9 @@ def main(arguments: list[str]) -> int:
     devices = load_naoqi_devices(config)
     keys = table_keys(config, devices)
     table = Table(given.table, len(keys), config)
+    while not table.count:  # the robot starts at the same time
+        if select.select([owner], [], [], 0.01)[0]:
+            return 1
     try:
         link = RobotLink(table, robot, keys, frozenset(devices.actuators))
         server = NaoqiServer(link, given.host, given.port)

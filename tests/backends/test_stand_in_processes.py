@@ -197,3 +197,13 @@ def test_what_cannot_start() -> None:
     with StandIn() as first, pytest.raises(BackendError, match="Address already in use") as error:
         StandIn(port=first.port).start()
     assert "\n" not in str(error.value)
+
+
+def test_nothing_stays_open() -> None:
+    before = len(os.listdir("/proc/self/fd"))
+    with StandIn() as stand_in:
+        stand_in.naoqi_process.kill()
+        stand_in.start_naoqi()
+    assert len(stand_in.black_box()) > 0
+    del stand_in
+    assert len(os.listdir("/proc/self/fd")) <= before
