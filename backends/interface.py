@@ -60,8 +60,8 @@ class Measurement:
         battery: Charge, 0..1.
         age: Time since the sample was taken [s], beyond the transport that is always there.
         charging_flap: 1.0 while the flap over the charging socket is open, NaN where nobody knows.
-        answers: How many steps before this one the command was given that the sample answers; None where it is always
-            ``BackendInfo.response_delay``.
+        answers: How many steps before this one the command was given that a sample without ``age`` answers; None where
+            it is always ``BackendInfo.response_delay``.
         withheld: Commands since ``activate`` that were not sent, because too many were on their way.
     """
 
@@ -326,6 +326,19 @@ class Backend(ABC):
     @abstractmethod
     def close(self) -> None:
         """Deactivate and disconnect. Does nothing when closed."""
+
+    def off_beat(self, due: int) -> float:
+        """How much later than ``due`` a tick would best begin, so that it finds a fresh sample; negative if earlier.
+
+        For the pacing of a robot whose cycles pass by themselves. Costs a microsecond, and may be asked in any state.
+
+        Args:
+            due: When the tick is to begin [ns], by ``time.perf_counter_ns``.
+
+        Returns:
+            From minus half a cycle to half a cycle [s]; 0 where it does not matter.
+        """
+        return 0.0
 
     def diagnosis(self) -> tuple[DeviceError, ...] | None:
         """What the robot's own diagnosis finds broken now; None where there is no such thing. May take seconds.

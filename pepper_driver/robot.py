@@ -98,7 +98,8 @@ class Pepper(Listening):
         self._observer = observer
         self._log_path = None if log is None else Path(log)
         self.paced = real_time or self.backend.info.real_time
-        self._pacer = RealTimePacer(self.config.cycle) if self.paced else Pacer()
+        off_beat = self.backend.off_beat
+        self._pacer = RealTimePacer(self.config.cycle, off_beat=off_beat) if self.paced else Pacer()
         self._about = dict(about or {})
         self._controller_settings = controller or load_controller_settings(self.config)
         self._safety_settings = safety or load_safety_settings()

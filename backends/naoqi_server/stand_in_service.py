@@ -13,6 +13,7 @@ class StandInService:
 
     def __init__(self, context: Context) -> None:
         self._robot, self._faults = context.robot, context.faults
+        self._record = context.shared.record
 
     def info(self) -> dict[str, Any]:
         """Which robot this is: ``identity``, ``plant``, ``uri``, ``response_delay``, ``pid``, ..."""
@@ -27,16 +28,16 @@ class StandInService:
         self._robot.grab(**arguments)
 
     def setFault(self, name: str, arguments: dict[str, Any]) -> None:
-        """Let something be wrong with NAOqi or with the robot; see ``ServerFaults`` and ``RobotFaults``."""
-        if name in self._faults.KINDS:
-            self._faults.set(name, arguments)
-        else:
-            self._robot.set_fault(name, **arguments)
+        """Let something go wrong: a name of ``faults.FAULTS``, and its arguments by name."""
+        self._faults.set(name, arguments)
 
     def clearFaults(self) -> None:
-        """End all faults."""
+        """End all faults that can end."""
         self._faults.clear()
-        self._robot.clear_faults()
+
+    def record(self) -> list[list[Any]]:
+        """What was said and shown: ``[seconds since the start, service, method, [arguments]]``, oldest first."""
+        return self._record.entries
 
     def blackBox(self, last: int) -> dict[str, Any]:
         """What the robot really did in the ``last`` cycles: lists by name, see ``BlackBox``."""
