@@ -8,7 +8,6 @@ from contextlib import AbstractContextManager, nullcontext
 
 from pepper_driver.realtime import realtime
 
-
 FOLLOW = 0.005
 """Share of a cycle by which a tick may be put off or forward: fifty times as much as clocks run apart."""
 

@@ -18,6 +18,7 @@ from pepper_driver.backends.interface import (
     DeviceError,
     Measurement,
     NotConnectedError,
+    SimulatedPlant,
 )
 from pepper_driver.backends.naoqi import stand_in
 from pepper_driver.backends.naoqi.address import Address, naoqi_address
@@ -69,6 +70,7 @@ class NaoqiBackend(Backend):
         self._connection: Connection | None = None
         self._lost = False
         self._info: BackendInfo | None = None
+        self._plant: SimulatedPlant | None = None
         self._link: Link | None = None
         self._take_over: TakeOver | None = None
 
@@ -126,7 +128,11 @@ class NaoqiBackend(Backend):
         Raises:
             NotConnectedError: Not open, or the connection was lost.
         """
-        link, _ = self._connected()
+        link = self._link
+        if (
+            link is None or self._lost
+        ):  # no call: the library takes its time, even for whether it is connected
+            link, _ = self._connected()
         position, stiffness, wheel_speed = checked_command(command, len(self._robot.joint_names))
         stiffness = np.minimum(np.maximum(stiffness, 0.0), 1.0)
         return link.tick(position.copy(), stiffness, wheel_speed)
@@ -221,6 +227,16 @@ class NaoqiBackend(Backend):
             frame=frame,
             delay=delay,
         )
+
+    @property
+    def plant(self) -> SimulatedPlant:
+        """What a stand-in simulates."""
+        if "push" not in self.info.capabilities:
+            return super().plant
+        if self._plant is None:
+            assert self._connection is not None
+            self._plant = stand_in.simulated_plant(self._connection, self._robot)
+        return self._plant
 
     def _handle(self, method: Literal["push", "grab"], link: str, **arguments: object) -> None:
         _, connection = self._connected()

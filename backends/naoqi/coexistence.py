@@ -21,10 +21,13 @@ from pepper_driver.backends.naoqi.switches import Switch, chosen
 from pepper_driver.config import NaoqiSettings, RobotConfig
 from pepper_driver.config.parts import FloatArray
 
-LOG = logging.getLogger(__name__)
+logger = logging.getLogger("pepper_driver")
 
 POLL = 0.1
 """[s] between two looks at what takes its time."""
+
+SETTLE = 0.5
+"""[s] in which a switch of ALMotion shows; its documentation has one of its cycles, 20 ms."""
 
 
 class ConsentError(UnfitError):
@@ -94,7 +97,7 @@ class TakeOver:
             self.restore()
             raise
         if self.kept:
-            LOG.warning(
+            logger.warning(
                 "%s: still on, because the robot's owner has not allowed otherwise (%s): %s",
                 self._connection.address.uri,
                 self._consent_page(),
@@ -107,7 +110,11 @@ class TakeOver:
         Raises:
             UnfitError: Something that must be off stays on.
         """
-        on = [(switch, must) for switch, must in self._off if self._is_on(switch)]
+        on = [
+            (switch, must)
+            for switch, must in self._off
+            if switch.text not in self.kept and self._is_on(switch)
+        ]
         for switch, must in on:
             self._switch_off(switch, must=must)
         return tuple(switch.text for switch, _ in on)
@@ -187,15 +194,19 @@ class TakeOver:
             self._connection.call("ALMotion", setter, *switch.arguments, False)
         except ServiceError as error:
             reason = f" ({error})"
-        if not self._is_on(switch):
+        if self._reached(lambda: not self._is_on(switch), 0.0 if reason else SETTLE):
             return
         if not must:
             self.kept = (*self.kept, switch.text)
             return
-        raise ConsentError(
-            f"'{self._connection.address.uri}': {switch.text} stays on{reason}; let the robot's owner allow it on "
-            f"{self._consent_page()}, 'deactivation of safety reflexes', or set '{switch.setting}: off if allowed' in "
-            "naoqi_settings.yaml"
+        stays = f"'{self._connection.address.uri}': {switch.text} stays on{reason}"
+        if switch.consent:
+            raise ConsentError(
+                f"{stays}; let the robot's owner allow it on {self._consent_page()} (deactivation of safety "
+                f"reflexes), or set '{switch.setting}: off if allowed' in naoqi_settings.yaml"
+            )
+        raise UnfitError(
+            f"{stays}; restart the robot, or set '{switch.setting}: keep' in naoqi_settings.yaml"
         )
 
     def _consent_page(self) -> str:
@@ -210,12 +221,17 @@ class TakeOver:
         try:
             return self._connection.call(service, method, *arguments)
         except (MissingServiceError, ServiceError) as error:
-            LOG.info("passed over: %s", error)
+            logger.info("passed over: %s", error)
             return None
 
     def _until(self, reached: Callable[[], bool], otherwise: str) -> None:
-        end = time.monotonic() + self._settings.take_over_time
+        if not self._reached(reached, self._settings.take_over_time):
+            raise UnfitError(f"'{self._connection.address.uri}': {otherwise}")
+
+    def _reached(self, reached: Callable[[], bool], within: float) -> bool:
+        end = time.monotonic() + within
         while not reached():
             if time.monotonic() > end:
-                raise UnfitError(f"'{self._connection.address.uri}': {otherwise}")
+                return False
             time.sleep(POLL)
+        return True

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import time
 from collections.abc import Callable
 from typing import Any
@@ -12,6 +13,8 @@ from pepper_driver.backends.naoqi.library import load_qi
 from pepper_driver.backends.naoqi.peer import check_listening, refusal
 from pepper_driver.backends.naoqi.secret import Secret
 from pepper_driver.config import NaoqiSettings, load_naoqi_settings
+
+logger = logging.getLogger("pepper_driver")
 
 LOOK = 0.05
 """[s] between two looks at a call: while the library waits, Python hears no Ctrl-C."""
@@ -106,6 +109,29 @@ class Connection:
             lambda: getattr(proxy, method)(*arguments, _async=True), f"{service}.{method}", timeout
         )
 
+    def begin(self, service: str, method: str, *arguments: object) -> None:
+        """Call a method of a service and do not wait for its end: what it refuses is logged.
+
+        Raises:
+            MissingServiceError: There is no such service or method.
+            CallTimeoutError: The robot does not say whether there is one.
+            NotConnectedError: The connection is lost.
+        """
+        what = f"'{self.address.uri}': {service}.{method}"
+        proxy = self.service(service)
+        if not self.connected:
+            raise NotConnectedError(f"{what}: not connected any more")
+        try:
+            future = getattr(proxy, method)(*arguments, _async=True)
+        except AttributeError as error:
+            raise MissingServiceError(f"{what}: this robot has none") from error
+
+        def ended(future: Any) -> None:  # noqa: ANN401
+            if future.hasError() and not self._closed:
+                logger.warning("%s failed: %s", what, one_line(future.error()))
+
+        future.addCallback(ended)
+
     def close(self) -> None:
         """Disconnect. ``on_lost`` is not called."""
         if not self._closed:
@@ -129,7 +155,7 @@ class Connection:
         except AttributeError as error:
             raise MissingServiceError(f"'{uri}': this robot has no {what}") from error
         except RuntimeError as error:
-            reason = reason_of(error)
+            reason = one_line(str(error))
             if not self._session.isConnected():
                 raise NotConnectedError(f"'{uri}': the connection was lost at {what}") from error
             if "Cannot find service" in reason:
@@ -150,9 +176,9 @@ def finished(future: Any, timeout: float) -> bool:  # noqa: ANN401
     return bool(future.wait(0) != running)
 
 
-def reason_of(error: Exception) -> str:
-    """What a service said, in one line and without its traceback."""
-    text = " ".join(str(error).partition("\n\nAt:")[0].split())
+def one_line(error: str) -> str:
+    """What a service said, without its traceback."""
+    text = " ".join(error.partition("\n\nAt:")[0].split())
     return text if len(text) <= 300 else f"{text[:300]}..."
 
 

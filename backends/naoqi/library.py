@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import importlib
-import importlib.util
 import os
 import platform
 import sys
@@ -20,8 +19,9 @@ class NoQiError(MissingExtraError):
 
     def __init__(self, here: str, *, possible: bool) -> None:
         super().__init__("a robot over NAOqi", "naoqi")
-        if not possible:
-            self.args = (
+        if not possible:  # then the extra would install nothing
+            ImportError.__init__(
+                self,
                 f"a robot over NAOqi needs the library qi (extra 'naoqi'), which exists for {PLATFORMS}; this is "
                 f"{here}: run pepper_driver on such a computer, or in a container of that kind",
             )
@@ -45,7 +45,7 @@ def load_qi() -> Any:  # noqa: ANN401
         )
         fits = (
             platform.system() == "Linux"
-            and platform.machine() in ("x86_64", "AMD64")
+            and platform.machine() == "x86_64"
             and sys.version_info < (3, 13)
         )
         raise NoQiError(here, possible=fits) from error

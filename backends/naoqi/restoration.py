@@ -5,17 +5,18 @@ from __future__ import annotations
 import logging
 from dataclasses import dataclass
 
-from pepper_driver.backends.interface import BackendError, NotConnectedError
+from pepper_driver.backends.interface import NotConnectedError
 from pepper_driver.backends.naoqi.connection import (
     CallTimeoutError,
     Connection,
     MissingServiceError,
     ServiceError,
 )
+from pepper_driver.config import PepperError
 
-LOG = logging.getLogger(__name__)
+logger = logging.getLogger("pepper_driver")
 
-ALIVE = 0.5
+ALIVE = 0.3
 """[s] in which a robot that does not hang answers the simplest of questions. A program that ends cannot wait longer."""
 
 
@@ -68,15 +69,15 @@ class Restoration:
                 connection.call(
                     change.service, change.method, *change.arguments, timeout=change.timeout
                 )
-            except BackendError as error:
+            except PepperError as error:
                 left.append(change.text)
-                LOG.warning("not given back: %s (%s)", change.text, error)
+                logger.warning("not given back: %s (%s)", change.text, error)
                 answers = not isinstance(error, CallTimeoutError | NotConnectedError) or _alive(
                     connection
                 )
         self._changes.clear()
         if left:
-            LOG.error(
+            logger.error(
                 "'%s': NAOqi did not get back: %s; restart the robot to have it as it was",
                 connection.address.uri,
                 ", ".join(left),
@@ -89,6 +90,6 @@ def _alive(connection: Connection) -> bool:
         connection.call("ALMotion", "robotIsWakeUp", timeout=ALIVE)
     except (MissingServiceError, ServiceError):
         return True
-    except BackendError:
+    except PepperError:
         return False
     return True

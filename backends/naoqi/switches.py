@@ -18,6 +18,10 @@ ARMS = ("LArm", "RArm")
 """Asked for one by one: of both together ALMotion cannot say whether they are protected."""
 
 
+CRITICAL = ("base_obstacles", "fall_manager", "push_recovery")
+"""Settings of what NAOqi calls critical: only the owner of the robot can allow that it is switched off."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class Switch:
     """One of ALMotion's, with ``getXEnabled`` and ``setXEnabled``.
@@ -38,6 +42,11 @@ class Switch:
     def arguments(self) -> tuple[str, ...]:
         """What both methods take first."""
         return () if self.chain is None else (self.chain,)
+
+    @property
+    def consent(self) -> bool:
+        """Whether the robot's owner must have allowed that it is switched off."""
+        return self.setting in CRITICAL
 
 
 SWITCHES = (
