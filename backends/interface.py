@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
+from functools import cached_property
 from math import nan
 from types import TracebackType
 from typing import Literal, Self
@@ -11,11 +12,15 @@ from typing import Literal, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from pepper_driver.backends.extras import Extras
 from pepper_driver.config import PepperError, PlantConfig
 
 FloatArray = NDArray[np.float64]
 
-Capability = Literal["push", "grab", "truth"]
+LONGEST_WAY = 50
+"""[steps] From a command to the sample that answers it, at most: beyond, the safety gate has long stopped the robot."""
+
+Capability = Literal["push", "grab", "truth", "speech", "leds", "tablet", "postures", "wake"]
 ContactKind = Literal["push", "hand", "object"]
 
 
@@ -25,6 +30,10 @@ class BackendError(PepperError, RuntimeError):
 
 class NotConnectedError(PepperError, ConnectionError):
     """The backend is not open, or was closed."""
+
+
+class CommandError(PepperError, ValueError):
+    """What the robot was told is no order: a wrong shape, a number that is not finite or out of range."""
 
 
 class CapabilityError(PepperError, NotImplementedError):
@@ -60,8 +69,8 @@ class Measurement:
         battery: Charge, 0..1.
         age: Time since the sample was taken [s], beyond the transport that is always there.
         charging_flap: 1.0 while the flap over the charging socket is open, NaN where nobody knows.
-        answers: How many steps before this one the command was given that the sample answers; None where it is always
-            ``BackendInfo.response_delay``.
+        answers: How many steps before this one the command was given that a sample without ``age`` answers, 0 for that
+            of this step; None where it is ``BackendInfo.response_delay``.
         withheld: Commands since ``activate`` that were not sent, because too many were on their way.
     """
 
@@ -135,6 +144,21 @@ class BackendInfo:
     response_delay: int
     capabilities: frozenset[Capability]
     identity: str
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class SimulatedPlant:
+    """The robot that a simulation simulates: what pushes are planned with, and nothing of what happens to it.
+
+    Attributes:
+        config: Its parameters.
+        stiffness: (17,) proportional stiffness K = kp N Kt / R of each joint [N m/rad].
+        torque_limit: (17,) largest torque each board can hold at stiffness 1 [N m], gear friction left out.
+    """
+
+    config: PlantConfig
+    stiffness: FloatArray
+    torque_limit: FloatArray
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -259,28 +283,16 @@ class Truth(ABC):
             saturated=self.saturated,
         )
 
-    @property
-    @abstractmethod
-    def plant(self) -> PlantConfig:
-        """The parameters of the simulated robot."""
-
-    @property
-    @abstractmethod
-    def stiffness(self) -> FloatArray:
-        """(17,) proportional stiffness K = kp N Kt / R of each joint [N m/rad]."""
-
-    @property
-    @abstractmethod
-    def torque_limit(self) -> FloatArray:
-        """(17,) largest torque each board can hold at stiffness 1 [N m], gear friction left out."""
-
 
 class Backend(ABC):
     """A robot. States: closed, open (reads only), active (takes commands).
 
-    ``open`` and ``close`` bracket everything; ``activate`` and ``deactivate`` bracket motion. Use it as a context
-    manager: leaving the block deactivates and closes, whatever happened. No exception of a third-party library
-    leaves a backend.
+    ``open`` and ``close`` bracket everything; ``activate`` and ``deactivate`` bracket motion. All but ``open`` and
+    ``activate`` can be called in any state. Closed, it can be opened again, and ticks and time begin anew. Use it as a
+    context manager: leaving the block deactivates and closes, whatever happened.
+
+    Any thread may call any method: they wait for each other, and each finds the state that the one before left. All
+    errors are a PepperError; no exception of a third-party library leaves a backend.
     """
 
     @property
@@ -290,7 +302,7 @@ class Backend(ABC):
 
     @abstractmethod
     def open(self) -> Measurement:
-        """Connect and read. Nothing moves.
+        """Connect and read. Nothing moves. What fails leaves the backend closed.
 
         Raises:
             BackendError: Already open, or the robot refuses.
@@ -302,6 +314,7 @@ class Backend(ABC):
         """Ramp the stiffness up while holding the posture last measured, clipped into the joint limits.
 
         Raises:
+            NotConnectedError: Not open.
             BackendError: Already active, or the robot is not fit to move.
         """
 
@@ -312,11 +325,13 @@ class Backend(ABC):
         In simulated time exactly one cycle passes. In real time this returns at once, whether the sample is new or not:
         its ``age`` tells. The loop calls it once every cycle, and now and then misses one.
 
-        While the backend is not active the command is checked, but moves nothing.
+        While the backend is not active the command is checked, but moves nothing. What lies beyond the limits of joints
+        and wheels, or stiffness outside 0..1, is done as far as they go. The arrays may be changed afterwards.
 
         Raises:
-            ValueError: Wrong shape, or a value that is not finite.
-            NotConnectedError: Not open.
+            CommandError: Wrong shape, or a value that is not finite: nothing is sent, no cycle passes.
+            NotConnectedError: Not open, or another thread has closed it.
+            BackendError: The robot is lost, for the reason given.
         """
 
     @abstractmethod
@@ -326,6 +341,19 @@ class Backend(ABC):
     @abstractmethod
     def close(self) -> None:
         """Deactivate and disconnect. Does nothing when closed."""
+
+    def off_beat(self, due: int) -> float:
+        """How much later than ``due`` a tick would best begin, so that it finds a fresh sample; negative if earlier.
+
+        For the pacing of a robot whose cycles pass by themselves. Costs a microsecond, and may be asked in any state.
+
+        Args:
+            due: When the tick is to begin [ns], by ``time.perf_counter_ns``.
+
+        Returns:
+            From minus half a cycle to half a cycle [s]; 0 where it does not matter.
+        """
+        return 0.0
 
     def diagnosis(self) -> tuple[DeviceError, ...] | None:
         """What the robot's own diagnosis finds broken now; None where there is no such thing. May take seconds.
@@ -360,7 +388,8 @@ class Backend(ABC):
         Raises:
             CapabilityError: A real robot must be pushed by hand.
             UnknownNameError: No such link.
-            ValueError: A number that is not finite, or a duration that is not positive.
+            NotConnectedError: Not open.
+            CommandError: A number that is not finite, or a duration that is not positive.
         """
         raise CapabilityError(f"'{self.info.uri}' cannot push itself: only simulated backends do")
 
@@ -398,10 +427,25 @@ class Backend(ABC):
         Raises:
             CapabilityError: A real robot must be grabbed by hand.
             UnknownNameError: No such link.
-            ValueError: A number that is not finite or out of range, another hand on this link at that time, or a point
-                too light for a hand this stiff.
+            NotConnectedError: Not open.
+            CommandError: A number that is not finite or out of range, another hand on this link at that time, or a
+                point too light for a hand this stiff.
         """
         raise CapabilityError(f"'{self.info.uri}' cannot grab itself: only simulated backends do")
+
+    @cached_property
+    def extras(self) -> Extras:
+        """Speech, lights and the like. Where the robot has none of it they do nothing and say so."""
+        return Extras(self.info.uri)
+
+    @property
+    def plant(self) -> SimulatedPlant:
+        """The simulated robot, where this backend can push it.
+
+        Raises:
+            CapabilityError: A real robot has no such parameters.
+        """
+        raise CapabilityError(f"'{self.info.uri}' is no simulation: nobody knows its parameters")
 
     @property
     def truth(self) -> Truth:

@@ -24,11 +24,12 @@ from numpy.typing import NDArray
 from pepper_driver.config import PepperError
 
 TICK_TOPIC = "/tick"
+UNANSWERED_TOPIC = "/unanswered"
 
 CDR_HEADER = b"\x00\x01\x00\x00"
 """Plain CDR, little-endian, no options."""
 
-LAYOUT_VERSION = "2"
+LAYOUT_VERSION = "3"
 
 FieldType = Literal["float64", "int64", "bool", "int8"]
 

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from pepper_driver.backends.commands import checked_command
 from pepper_driver.backends.interface import (
+    LONGEST_WAY,
     Backend,
     BackendError,
     BackendInfo,
@@ -19,8 +20,17 @@ from pepper_driver.backends.interface import (
     Measurement,
     NotConnectedError,
 )
-from pepper_driver.backends.log_file import TICK_TOPIC, LogError, LogFile, misfit, read_log_file
+from pepper_driver.backends.log_file import (
+    TICK_TOPIC,
+    UNANSWERED_TOPIC,
+    Column,
+    LogError,
+    LogFile,
+    misfit,
+    read_log_file,
+)
 from pepper_driver.backends.selection import BackendUri
+from pepper_driver.backends.serial import Serial, serial
 from pepper_driver.config import ConfigError, RobotConfig
 
 FloatArray = NDArray[np.float64]
@@ -81,7 +91,7 @@ class CommandDifferences:
         self.differing += not same
 
 
-class ReplayBackend(Backend):
+class ReplayBackend(Serial, Backend):
     """Steps through a log. Nothing moves: commands are compared with those recorded.
 
     The first command that the recording answers is the posture that the robot held: this is what ``open`` measures, so
@@ -94,6 +104,9 @@ class ReplayBackend(Backend):
 
     Attributes:
         commands: (n) what was sent then, as the ticks answer it.
+        steps: (n,) number of each tick of the recording; one that is left out did not get into the log.
+        answered: (n,) step in which the command was given that a tick answers; -1 where it is before the first, or too
+            old to be known.
         differences: Of the commands given since ``open``.
 
     Raises:
@@ -101,6 +114,7 @@ class ReplayBackend(Backend):
     """
 
     def __init__(self, robot: RobotConfig, file: LogFile, uri: str) -> None:
+        super().__init__()
         if file.joint_names != robot.joint_names:
             raise LogError(
                 f"{file.path}: is of a robot with other joints, or another order of them, than '{robot.name}'"
@@ -109,7 +123,11 @@ class ReplayBackend(Backend):
         self._info = _info(file, uri)
         try:
             self._measurements = _measurements(file, robot)
-            self.commands = _commands(file)
+            self.commands = _commands(file, TICK_TOPIC)
+            table = file.tables[TICK_TOPIC]
+            self.steps = table["step"]
+            self.answered = _answered(table, self._info.response_delay)
+            self._given = self._commands_by_step(file)
         except KeyError as error:
             raise misfit(file.path, error) from error
         self._state = "closed"
@@ -126,48 +144,71 @@ class ReplayBackend(Backend):
         """All that was measured, one a tick."""
         return self._measurements
 
+    @serial
     def open(self) -> Measurement:
         """Begin anew. The robot is where it was told to be, a cycle before the first tick."""
         if self._state != "closed":
-            raise BackendError(f"'{self._info.uri}' is open already")
+            raise BackendError(f"'{self._info.uri}' is already open")
         self._state, self._next = "open", 0
         self.differences = CommandDifferences(self._robot)
         return self._before_the_first()
 
+    @serial
     def activate(self) -> Measurement:
         """Compare commands from now on."""
-        if self._state != "open":
-            raise BackendError(f"'{self._info.uri}' cannot be activated: it is {self._state}")
+        self._check_open()
+        if self._state == "active":
+            raise BackendError(f"'{self._info.uri}' is already active")
         self._state = "active"
-        return self._before_the_first()
+        return self._measurements[self._next - 1] if self._next else self._before_the_first()
 
+    @serial
     def step(self, command: Command) -> Measurement:
         """The next measurement.
 
         Raises:
             EndOfLogError: There is none.
         """
-        if self._state == "closed":
-            raise NotConnectedError(f"'{self._info.uri}' is not open")
+        self._check_open()
         position, stiffness, wheel_speed = checked_command(command, len(self._robot.joint_names))
         row = self._next
         if row == len(self._measurements):
             raise EndOfLogError(f"'{self._info.uri}': the recording is over after {row} ticks")
-        answer = row + self._info.response_delay
-        if self._state == "active" and answer < len(self.commands):
+        recorded = self._given.get(int(self.steps[row]))
+        if self._state == "active" and recorded is not None:
             given = Command(position=position, stiffness=stiffness, wheel_speed=wheel_speed)
-            self.differences.compare(self._measurements[answer].time, given, self.commands[answer])
+            self.differences.compare(recorded[0], given, recorded[1])
         self._next += 1
         return self._measurements[row]
 
+    @serial
     def deactivate(self) -> None:
         """Compare no more commands."""
         if self._state == "active":
             self._state = "open"
 
+    @serial
     def close(self) -> None:
         """Let go of it."""
         self._state = "closed"
+
+    def _check_open(self) -> None:
+        if self._state == "closed":
+            raise NotConnectedError(f"'{self._info.uri}' is not open")
+
+    def _commands_by_step(self, file: LogFile) -> dict[int, tuple[float, Command]]:
+        """Each by the step it was given in, with the time of the first sample that answers it, or a later one."""
+        passed_over = file.tables[UNANSWERED_TOPIC]
+        rows = zip(
+            (*self.answered.tolist(), *passed_over["step"].tolist()),
+            (*(m.time for m in self._measurements), *passed_over["time"].tolist()),
+            (*self.commands, *_commands(file, UNANSWERED_TOPIC)),
+            strict=True,
+        )
+        given: dict[int, tuple[float, Command]] = {}
+        for step, time, command in rows:
+            given.setdefault(step, (time, command))
+        return given
 
     def _before_the_first(self) -> Measurement:
         first, sent = self._measurements[0], self.commands[0]
@@ -209,9 +250,16 @@ def _info(file: LogFile, uri: str) -> BackendInfo:
     )
 
 
-def _commands(file: LogFile) -> tuple[Command, ...]:
-    """All of a log."""
-    columns = [_frozen(file.tables[TICK_TOPIC][name]) for name in _PARTS.values()]
+def _answered(table: dict[str, Column], delay: int) -> NDArray[np.int64]:
+    """Of each row the step whose command it answers; -1 where it is before the first, or too old to be known."""
+    answers = np.where(table["answers"] < 0, delay, table["answers"])
+    step = np.where(answers > max(LONGEST_WAY, delay), -1, table["step"] - answers)
+    return np.maximum(step, -1)
+
+
+def _commands(file: LogFile, topic: str) -> tuple[Command, ...]:
+    """All of a topic."""
+    columns = [_frozen(file.tables[topic][name]) for name in _PARTS.values()]
     return tuple(
         Command(**dict(zip(_PARTS, values, strict=True))) for values in zip(*columns, strict=True)
     )
@@ -234,6 +282,8 @@ def _measurements(file: LogFile, robot: RobotConfig) -> tuple[Measurement, ...]:
     columns = [
         table[name].tolist() if table[name].ndim == 1 else _frozen(table[name]) for name in names
     ]
+    answers = names.index("answers")
+    columns[answers] = [None if steps < 0 else steps for steps in columns[answers]]
     return tuple(
         Measurement(imu=imu, **dict(zip(names, values, strict=True)))
         for imu, *values in zip(imus, *columns, strict=True)

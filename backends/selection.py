@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from urllib.parse import parse_qsl, urlsplit
 
 from pepper_driver.backends.interface import Backend
+from pepper_driver.backends.passwords import check_no_password
 from pepper_driver.config import ConfigError, RobotConfig, load_robot, suggestion
 from pepper_driver.config.plugins import load_plugin
 
@@ -15,6 +16,8 @@ GROUP = "pepper_driver.backends"
 
 _BUILTIN = {
     "mujoco": "pepper_driver.backends.mujoco_:from_uri",
+    "naoqi": "pepper_driver.backends.naoqi.backend:from_uri",
+    "naoqis": "pepper_driver.backends.naoqi.backend:from_uri",
     "replay": "pepper_driver.backends.replay:from_uri",
 }
 
@@ -61,8 +64,9 @@ def parse_uri(text: str) -> BackendUri:
     """Take a backend URI apart.
 
     Raises:
-        ConfigError: It is empty, or gives a key twice.
+        ConfigError: It is empty, gives a key twice, or holds a robot's password.
     """
+    check_no_password(text)
     try:
         parts = urlsplit(text if "://" in text else text.replace("?", "://?", 1))
         scheme = parts.scheme or text

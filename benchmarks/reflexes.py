@@ -1,9 +1,11 @@
 """How far an arm gives way, whether it swings back, and how soon it has gone away from a hand: plant by plant.
 
-The left arm stands in POSTURE; the observer, with models of the nominal (or integral) plant, has seen half a minute of
-free motion. Comply: the forearm is pushed at POINT with 10 N for 1.5 s; measured is the way of that point, from the
-true joint angles, and how often the velocity of a joint that gave way turns round after the release. Retract: a springy
-hand pulls at the same point; measured is its force. Run: python benchmarks/reflexes.py --json reflexes.json
+The left arm stands in POSTURE, where it has arrived moving as it is then pushed ("arrived the other way": moving
+against it, so that the friction of its gears holds twice over); the observer, with models of the nominal (or integral)
+plant, has seen half a minute of free motion. All forces act at POINT, sideways and square to the forearm. Comply: 10 N
+for 1.5 s; measured is the way of that point, from the true joint angles, and how often the velocity of a joint that
+gave way turns round after the release. Retract: a springy hand takes hold and pulls; measured is its force.
+Run: python benchmarks/reflexes.py --json reflexes.json
 """
 
 from __future__ import annotations
@@ -23,6 +25,7 @@ from rich.progress import track
 from rich.table import Table
 
 from pepper_driver import Comply, Pepper, Reflex, Retract
+from pepper_driver.backends import Truth
 from pepper_driver.config import load_observer_settings, load_robot
 from pepper_driver.controller import RobotModel, Tick
 from pepper_driver.observer import ContactObserver, ModelSet
@@ -34,12 +37,13 @@ FloatArray = NDArray[np.float64]
 PLANTS = ("nominal", "integral", "worn", "cold", "payload", "soft-hip", "jitter")
 POSTURE = {"LShoulderPitch": 0.6, "LShoulderRoll": 0.3, "LElbowYaw": -1.0, "LElbowRoll": -0.2}
 LINK, POINT = "LForeArm", np.array([0.14, 0.0, 0.0])  # [m] in the link
-FORCE, PUSH_TIME = np.array([0.0, 10.0, 0.0]), 1.5  # [N] in the world, [s]
+PUSHED = "LShoulderRoll"  # the joint that gives way most
+FORCE, PUSH_TIME = 10.0, 1.5  # [N], [s]
 FREE_TIME = 30.0  # [s] of motion in which the observer learns the robot
 SWING = 0.15  # [rad] of that motion
 GAVE_WAY = 0.02  # [rad] by which a joint has been led
 TURNING = 0.03  # [rad/s] below which a velocity has no sign
-HAND_STIFFNESS, PULL = 1000.0, np.array([0.0, 0.04, 0.0])  # [N/m], [m]
+HAND_STIFFNESS, PULL, RISE = 1000.0, 0.04, 0.1  # [N/m], [m], [s]
 AWAY = 0.5  # [s] after detection
 
 
@@ -52,7 +56,9 @@ def observer(plant: str) -> ContactObserver:
 
 
 @contextmanager
-def ready(plant: str, reflexes: list[Reflex], seed: int) -> Iterator[Pepper]:
+def ready(
+    plant: str, reflexes: list[Reflex], seed: int, *, against: bool = False
+) -> Iterator[Pepper]:
     """A robot in POSTURE, whose observer knows it."""
     uri = f"mujoco://?plant={plant}&seed={seed}"
     with Pepper(uri, observer=observer(plant), reflexes=reflexes) as pepper:
@@ -66,8 +72,11 @@ def ready(plant: str, reflexes: list[Reflex], seed: int) -> Iterator[Pepper]:
             posture[upper_body] += rng.uniform(-SWING, SWING, len(home[upper_body]))
             pepper.set_posture(np.clip(posture, lower, upper), duration=1.5)
             pepper.run(1.8)
-        pepper.set_posture(home, duration=1.5)
-        pepper.run(3.0)
+        arrival = home.copy()
+        arrival[config.joint_index(PUSHED)] += SWING if against else -SWING
+        for posture in (arrival, home):
+            pepper.set_posture(posture, duration=1.5)
+            pepper.run(3.0)
         yield pepper
 
 
@@ -81,13 +90,23 @@ def reversals(time: FloatArray, joints: FloatArray, release: float, led: NDArray
     return max(counts)
 
 
-def comply(plant: str, gain: float | None, then: Then, seed: int) -> dict[str, Any]:
+def sideways(truth: Truth) -> FloatArray:
+    """(3,) in the world: to the left of the robot, square to the forearm."""
+    arm = truth.link_pose(LINK)[:3, 0]
+    left = np.array([0.0, 1.0, 0.0]) - arm[1] * arm
+    unit: FloatArray = left / np.linalg.norm(left)
+    return unit
+
+
+def comply(
+    plant: str, gain: float | None, then: Then, seed: int, *, against: bool = False
+) -> dict[str, Any]:
     """One push: way after a second and at most [m], reversals after it."""
     reflexes: list[Reflex] = [] if gain is None else [Comply(gain=gain, then=then)]
     rows: list[FloatArray] = []
-    with ready(plant, reflexes, seed) as pepper:
+    with ready(plant, reflexes, seed, against=against) as pepper:
         start, truth = pepper.time, pepper.backend.truth
-        pepper.push(LINK, FORCE, POINT, PUSH_TIME, rise=0.05)
+        pepper.push(LINK, FORCE * sideways(truth), POINT, PUSH_TIME, rise=0.05)
         pepper.run(
             PUSH_TIME + 3.0,
             on_tick=lambda tick, _: rows.append(
@@ -120,7 +139,8 @@ def retract(plant: str, seed: int) -> dict[str, Any]:
             force = sum(float(np.linalg.norm(contact.force)) for contact in truth.contacts)
             rows.append((tick.measurement.time - start, force))
 
-        pepper.backend.grab(LINK, PULL, POINT, stiffness=HAND_STIFFNESS, rise=0.3, hold=2.0)
+        pull = PULL * sideways(truth)
+        pepper.backend.grab(LINK, pull, POINT, stiffness=HAND_STIFFNESS, rise=RISE, hold=2.0)
         pepper.run(2.2, on_tick=note)
         begun = [c.time - start for c in pepper.contact_history if c.time > start]
     if not begun:
@@ -137,6 +157,7 @@ def measure(plant: str, seed: int) -> dict[str, Any]:
         "stiff": comply(plant, 0.0, "resume", seed),
         "half": comply(plant, 0.5, "resume", seed),
         "free, returns": comply(plant, 1.0, "resume", seed),
+        "free, against": comply(plant, 1.0, "resume", seed, against=True),
         "free, stays": comply(plant, 1.0, "stay", seed),
         "retract": retract(plant, seed),
     }
@@ -166,6 +187,7 @@ def main() -> None:
         "stiff, ratio",
         "half, mm",
         "free 1 s, mm",
+        "arrived the other way, mm",
         "reversals, returns / stays",
         "retract, N at detection / 0.5 s later",
     ):
@@ -178,6 +200,7 @@ def main() -> None:
             f"{figure['stiff']['way'] / passive:.2f}",
             f"{figure['half']['way'] * 1e3:.1f}",
             f"{figure['free, returns']['way_1s'] * 1e3:.0f}",
+            f"{figure['free, against']['way_1s'] * 1e3:.0f}",
             f"{figure['free, returns']['reversals']} / {figure['free, stays']['reversals']}",
             f"{figure['retract']['at_detection']:.1f} / {figure['retract']['later']:.1f}",
         )

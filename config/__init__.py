@@ -16,7 +16,9 @@ from pepper_driver.config.motion import (
     load_motion,
     motion_names,
 )
+from pepper_driver.config.naoqi import NaoqiSettings, load_naoqi_settings
 from pepper_driver.config.naoqi_services import NaoqiServices, load_naoqi_services
+from pepper_driver.config.network import Network, load_network, network_names
 from pepper_driver.config.plant import PlantConfig, draws, load_plant, plant_hash, plant_names
 from pepper_driver.config.recordings import (
     Calibration,
@@ -62,6 +64,8 @@ __all__ = [
     "Motion",
     "MotionStep",
     "NaoqiServices",
+    "NaoqiSettings",
+    "Network",
     "ObserverSettings",
     "PepperError",
     "PlantConfig",
@@ -83,6 +87,8 @@ __all__ = [
     "load_experiment",
     "load_motion",
     "load_naoqi_services",
+    "load_naoqi_settings",
+    "load_network",
     "load_observer_settings",
     "load_plant",
     "load_recordings",
@@ -92,6 +98,7 @@ __all__ = [
     "load_self_collision",
     "load_world",
     "motion_names",
+    "network_names",
     "plant_hash",
     "plant_names",
     "scenario_names",

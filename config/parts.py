@@ -170,6 +170,7 @@ class NaoqiNames:
     position: str
     current: str
     temperature: str
+    temperature_status: str
     stiffness_command: str
     wheel_speed_command: str
     wheel_speed: str
@@ -181,6 +182,7 @@ class NaoqiNames:
     bumper: str
     button: str
     battery_charge: str
+    charging_flap: str
     time: str
 
 

@@ -18,7 +18,7 @@ from pepper_driver.controller.tasks import (
     PostureTask,
     Task,
 )
-from pepper_driver.controller.tick import Tick
+from pepper_driver.controller.tick import Sent, Tick
 from pepper_driver.controller.wheels import Odometry, desaturated
 from pepper_driver.controller.whole_body import WholeBodyController
 
@@ -41,6 +41,7 @@ __all__ = [
     "PostureTask",
     "Reference",
     "RobotModel",
+    "Sent",
     "TargetError",
     "Task",
     "TaskReport",

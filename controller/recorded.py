@@ -16,16 +16,19 @@ from pepper_driver.controller.whole_body import FloatArray, WholeBodyController
 class RecordedController(WholeBodyController):
     """Goes from reference to reference, and is in the state that they were made in.
 
-    Tasks can be added and removed, and change nothing. After the last reference it stays as it is.
+    Tasks can be added and removed, and change nothing. Where no reference is known it stays as it is.
 
     Args:
         robot: Its description.
         settings: Of the recorded controller.
-        references: One a cycle.
+        references: One a cycle; None where it is not known.
     """
 
     def __init__(
-        self, robot: RobotConfig, settings: ControllerSettings, references: Sequence[Reference]
+        self,
+        robot: RobotConfig,
+        settings: ControllerSettings,
+        references: Sequence[Reference | None],
     ) -> None:
         super().__init__(robot, settings)
         self._references = iter(references)
@@ -36,7 +39,9 @@ class RecordedController(WholeBodyController):
     ) -> Reference:
         """The next reference."""
         model, dt = self.model, self._dt
-        reference = next(self._references, self._last)
+        reference = next(self._references, None)
+        if reference is None:
+            reference = self._last
         if reference is None:  # of nothing
             return super().step(measurement, answered)
         self._last = reference

@@ -12,6 +12,21 @@ from pepper_driver.controller.reference import Reference
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
+class Sent:
+    """A command as it was sent.
+
+    Attributes:
+        command: What the robot was told.
+        reference: What the controller wanted when the command was made.
+        changed: (17,) where the safety gate altered the position, so that ``command`` differs from ``reference``.
+    """
+
+    command: Command
+    reference: Reference
+    changed: NDArray[np.bool_]
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
 class Tick:
     """One cycle. Nothing reachable from here leads to the ground truth of a simulation, nor is ever changed.
 

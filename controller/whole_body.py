@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import weakref
 from collections.abc import Sequence
+from math import sqrt
 from numbers import Real
 
 import numpy as np
@@ -209,6 +210,14 @@ class WholeBodyController:
     def upper(self) -> FloatArray:
         """(17,) upper position limits of the robot [rad]."""
         return self._robot.upper
+
+    def rest(self, stiffness: float) -> FloatArray:
+        """(17,) where the joints come to rest without turning round, led by tasks of this stiffness [1/s2], in rad.
+
+        A critically damped joint at q with velocity v decays exponentially towards q + v / sqrt(stiffness).
+        """
+        rest: FloatArray = self.position + self.velocity / sqrt(stiffness)
+        return np.clip(rest, self.lower, self.upper)
 
     def accept(self, position: ArrayLike, base_twist: ArrayLike | None = None) -> None:
         """Go on from a command that the safety gate changed.

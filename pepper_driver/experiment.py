@@ -75,6 +75,7 @@ class ExperimentRun:
             robot=robot,
             about=_about(experiment),
         )
+        self.pepper.on_cue()(self.pepper.extras.perform)
         self.pushes = plan_pushes(experiment, robot, self.pepper.backend)
 
     def perform(

@@ -5,11 +5,9 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
 from time import perf_counter_ns
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pepper_driver.backends import (
     Backend,
@@ -17,9 +15,10 @@ from pepper_driver.backends import (
     Measurement,
     Truth,
 )
+from pepper_driver.backends.interface import LONGEST_WAY
 from pepper_driver.config import RobotConfig
 from pepper_driver.config.parts import FloatArray
-from pepper_driver.controller import Reference, Tick, WholeBodyController
+from pepper_driver.controller import Reference, Sent, Tick, WholeBodyController
 from pepper_driver.events import ReflexEvent, SensorEvent
 from pepper_driver.log import LogEvent, LogWriter
 from pepper_driver.observer import Observation, Observer
@@ -27,18 +26,6 @@ from pepper_driver.reflexes import Control, Reflexes
 from pepper_driver.safety import FaultError, FaultReason, SafetyGate
 from pepper_driver.sensor_edges import SensorEdges
 from pepper_driver.timing import StageTimes
-
-LONGEST_WAY = 50
-"""[ticks] From a command to the sample that answers it: beyond, the gate has long stopped the robot."""
-
-
-@dataclass(frozen=True, kw_only=True, slots=True)
-class _Sent:
-    """A command on its way, with the reference it was made from."""
-
-    reference: Reference
-    command: Command
-    changed: NDArray[np.bool_]
 
 
 class Loop:
@@ -102,9 +89,10 @@ class Loop:
             load_torque=controller.model.gravity_torque(controller.position),
             base_twist=np.zeros(3),
         )
-        sent = _Sent(reference=standing, command=gate.sent, changed=np.zeros(n, dtype=np.bool_))
+        sent = Sent(reference=standing, command=gate.sent, changed=np.zeros(n, dtype=np.bool_))
         # The last is the one of the next step.
         self._on_the_way = deque([sent], maxlen=max(LONGEST_WAY, backend.info.response_delay) + 1)
+        self._step = self._answered_step = 0
 
     def move_to(self, target: FloatArray, duration: float | None = None) -> None:
         """Want a posture (17,) [rad] from the next tick on, reached within ``duration`` [s] along a spline.
@@ -144,7 +132,7 @@ class Loop:
             truth = self._truth.sample()
         marks.append(perf_counter_ns())
 
-        answered = self._answered(measurement)
+        answered, unanswered = self._answered(measurement)
         tick = Tick(
             measurement=measurement,
             reference=answered.reference,
@@ -180,6 +168,7 @@ class Loop:
                     observation,
                     truth,
                     events=[LogEvent.of(event) for event in events],
+                    unanswered=unanswered,
                     tick_end=np.nan if due is None else (perf_counter_ns() - due) * 1e-9,
                     missed=self.times.missed + missed,
                 )
@@ -194,22 +183,27 @@ class Loop:
         self.times.add(marks, age=measurement.age, due=due, missed=missed)
         return tick
 
-    def _answered(self, measurement: Measurement) -> _Sent:
-        """The command whose effect a measurement shows; the oldest known where it is older."""
-        ago = measurement.answers
+    def _answered(self, measurement: Measurement) -> tuple[Sent, list[tuple[int, Sent]]]:
+        """The command whose effect a measurement shows, the oldest known where it is older.
+
+        And those before it that none has shown, with the ticks since they were given: samples are lost, and of two that
+        come at once the newer one counts.
+        """
+        ago, sent = measurement.answers, self._on_the_way
         if ago is None:
             ago = self._backend.info.response_delay
-        return self._on_the_way[max(-1 - ago, -len(self._on_the_way))]
+        ago = min(ago, len(sent) - 1)
+        since = self._step - ago - self._answered_step
+        unanswered = [(before, sent[-1 - before]) for before in range(ago + since - 1, ago, -1)]
+        self._answered_step += max(since, 0)
+        self._step += 1
+        return sent[-1 - ago], unanswered
 
     def _leave(self) -> None:
         """Have the user's posture find the joints, which a reflex has led, where they come to rest."""
         left = self.control.left
         if np.count_nonzero(left):
-            controller = self._controller
-            # A critically damped joint decays exponentially towards q + v / sqrt(stiffness).
-            rest = controller.position + controller.velocity / np.sqrt(self.posture_stiffness)
-            rest = np.clip(rest, controller.lower, controller.upper)
-            self.target = np.where(left, rest, self.target)
+            self.target = np.where(left, self._controller.rest(self.posture_stiffness), self.target)
 
     def _reference(self, measurement: Measurement, answered: Command) -> Reference:
         """What the controller wants, for the user's posture or the one a reflex has put in its place."""
@@ -240,7 +234,7 @@ class Loop:
         elif gated.joints_changed:
             self._controller.accept(sent.position)
         self._on_the_way.append(
-            _Sent(reference=reference, command=gated.command, changed=gated.changed)
+            Sent(reference=reference, command=gated.command, changed=gated.changed)
         )
 
     def _halt(self) -> None:

@@ -262,13 +262,8 @@ class Player:
 
     def _stay(self, joints: NDArray[np.bool_]) -> None:
         """Want those joints, a mask (17,), where they come to rest without turning round."""
-        controller = self._controller
-        # A critically damped joint at q with velocity v decays exponentially towards q + v / sqrt(stiffness).
-        rest = controller.position + controller.velocity / np.sqrt(self._loop.posture_stiffness)
-        target = np.where(
-            joints, np.clip(rest, controller.lower, controller.upper), self._loop.target
-        )
-        self._loop.move_to(target)
+        rest = self._controller.rest(self._loop.posture_stiffness)
+        self._loop.move_to(np.where(joints, rest, self._loop.target))
 
     def _move_base(self, twist: FloatArray, *, at_ease: bool) -> None:
         own = self._controller.base_velocity

@@ -8,6 +8,9 @@ from contextlib import AbstractContextManager, nullcontext
 
 from pepper_driver.realtime import realtime
 
+FOLLOW = 0.005
+"""Share of a cycle by which a tick may be put off or forward: fifty times as much as clocks run apart."""
+
 
 class Pacer:
     """No pacing: a tick begins when the one before is over. For simulations.
@@ -37,8 +40,12 @@ class RealTimePacer(Pacer):
     Sleeping ends 0.1 ms late at normal priority. Spinning through the last 0.3 ms would take that away and keep the
     interpreter from all other threads meanwhile; a robot that samples every 12 ms at a phase of its own gains nothing.
 
+    A robot's clock is not this computer's. The first tick of a run is put where its cycles want it, and the others
+    follow them by at most ``FOLLOW`` of a cycle each.
+
     Args:
         cycle: Between two ticks [s].
+        off_beat: How much later than a time [ns] a tick would best begin [s]; see :meth:`Backend.off_beat`.
         clock: Monotonic [ns].
         sleep: Waits [s].
     """
@@ -47,11 +54,12 @@ class RealTimePacer(Pacer):
         self,
         cycle: float,
         *,
+        off_beat: Callable[[int], float] = lambda _: 0.0,
         clock: Callable[[], int] = time.perf_counter_ns,
         sleep: Callable[[float], None] = time.sleep,
     ) -> None:
         self._cycle = round(cycle * 1e9)
-        self._clock, self._sleep = clock, sleep
+        self._off_beat, self._clock, self._sleep = off_beat, clock, sleep
         self._next = clock()
         self._fresh = True
 
@@ -66,6 +74,7 @@ class RealTimePacer(Pacer):
         if self._fresh:
             self._fresh = False
             self._next = max(self._next, now)
+            self._next += round(1e9 * self._off_beat(self._next)) % self._cycle
         missed = max(0, -((self._next - now) // self._cycle))  # rounded up: begun is too late
         due = self._next + missed * self._cycle
         if due > now:
@@ -74,4 +83,6 @@ class RealTimePacer(Pacer):
             missed += overslept
             due += overslept * self._cycle
         self.due, self._next = due, due + self._cycle
+        most = FOLLOW * self._cycle
+        self._next += round(max(-most, min(most, 1e9 * self._off_beat(self._next))))
         return missed

@@ -28,6 +28,7 @@ from pepper_driver.config.parts import FloatArray
 from pepper_driver.controller import GainError, TargetError, Tick, WholeBodyController
 from pepper_driver.controller.tasks import checked_stiffness
 from pepper_driver.events import CueEvent, PushEvent, StepEvent
+from pepper_driver.extras import RobotExtras
 from pepper_driver.listening import Listening
 from pepper_driver.log import run_metadata
 from pepper_driver.motion import Conductor, OnStep, Player
@@ -67,6 +68,7 @@ class Pepper(Listening):
         about: More that the log shall say of its runs.
 
     Attributes:
+        extras: Speech, lights, tablet, postures, wake-up and rest, where the robot has them.
         paced: Whether ticks wait for the wall clock: on a real robot, or with ``real_time``.
 
     Raises:
@@ -91,6 +93,7 @@ class Pepper(Listening):
         self._reflexes = Reflexes(reflexes, robot)
         super().__init__(robot, self._reflexes.names)
         self.backend: Backend = make_backend(uri, self.config)
+        self.extras = RobotExtras(self.backend, self._is_active)
         self._observer_name = observer if isinstance(observer, str) else None
         if isinstance(observer, str):
             path = None if models is None else Path(models)
@@ -98,7 +101,8 @@ class Pepper(Listening):
         self._observer = observer
         self._log_path = None if log is None else Path(log)
         self.paced = real_time or self.backend.info.real_time
-        self._pacer = RealTimePacer(self.config.cycle) if self.paced else Pacer()
+        off_beat = self.backend.off_beat
+        self._pacer = RealTimePacer(self.config.cycle, off_beat=off_beat) if self.paced else Pacer()
         self._about = dict(about or {})
         self._controller_settings = controller or load_controller_settings(self.config)
         self._safety_settings = safety or load_safety_settings()
@@ -127,7 +131,7 @@ class Pepper(Listening):
             PepperError: The robot or the log cannot be opened, the robot is not fit to move (``NotReadyError``), or an
                 emergency stop came meanwhile.
         """
-        if self._session is not None and self._session.active:
+        if self._is_active():
             raise BackendError(f"'{self.backend.info.uri}' is already active")
         self._gate = SafetyGate(self.config, self._safety_settings, self._controller_settings)
         self._session = Session(
@@ -362,6 +366,9 @@ class Pepper(Listening):
                 f"'{self.backend.info.uri}' is not active; use it inside 'with Pepper(...) as pepper:'"
             )
         return self._session
+
+    def _is_active(self) -> bool:
+        return self._session is not None and self._session.active
 
     def _resolve(self, posture: Posture, current: FloatArray) -> Any:  # noqa: ANN401
         """Angles of a posture; joints that it does not name keep ``current``. Not checked yet."""

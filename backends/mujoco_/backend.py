@@ -16,6 +16,7 @@ from pepper_driver.backends.interface import (
     Command,
     Measurement,
     NotConnectedError,
+    SimulatedPlant,
     Truth,
 )
 from pepper_driver.backends.mujoco_.handling import planned_hand, planned_push
@@ -26,6 +27,7 @@ from pepper_driver.backends.mujoco_.simulation import Simulation
 from pepper_driver.backends.mujoco_.truth import MujocoTruth
 from pepper_driver.backends.mujoco_.window import Window, check_display
 from pepper_driver.backends.selection import BackendUri
+from pepper_driver.backends.serial import Serial, serial
 from pepper_driver.config import (
     ConfigError,
     PlantConfig,
@@ -56,7 +58,7 @@ class Snapshot:
     state: dict[str, Any]
 
 
-class MujocoBackend(Backend):
+class MujocoBackend(Serial, Backend):
     """A simulated Pepper, with the physics of its motors, gears, boards, wheels and battery.
 
     Attributes:
@@ -77,6 +79,7 @@ class MujocoBackend(Backend):
         window: bool = False,
         uri: str = "mujoco",
     ) -> None:
+        super().__init__()
         if window:
             check_display()
         self._robot = robot
@@ -110,10 +113,21 @@ class MujocoBackend(Backend):
         return self._info
 
     @property
+    def plant(self) -> SimulatedPlant:
+        """Which robot this is."""
+        boards = self._simulation.boards
+        return SimulatedPlant(
+            config=self._plant,
+            stiffness=boards.stiffness.copy(),
+            torque_limit=boards.torque_limit.copy(),
+        )
+
+    @property
     def truth(self) -> Truth:
         """What really happens in the simulation."""
         return self._truth
 
+    @serial
     def open(self) -> Measurement:
         """Put the robot into its starting posture, motors off, brakes on."""
         if self._state != "closed":
@@ -124,6 +138,7 @@ class MujocoBackend(Backend):
         self._state = "open"
         return measurement
 
+    @serial
     def reset(self, seed: int | None = None) -> Measurement:
         """Start anew as ``open`` did, with another seed of the noise if one is given; not active afterwards."""
         self._check_open()
@@ -132,6 +147,7 @@ class MujocoBackend(Backend):
         self._state = "open"
         return self._begin()
 
+    @serial
     def snapshot(self) -> Snapshot:
         """The state of simulation, sensors and noise, to go back to with :meth:`restore`."""
         self._check_open()
@@ -141,6 +157,7 @@ class MujocoBackend(Backend):
             identity=self._info.identity, state={"self": own, "world": self._world, **parts}
         )
 
+    @serial
     def restore(self, snapshot: Snapshot) -> None:
         """Go back to a snapshot; from there on every bit is as it was then, given the same commands.
 
@@ -178,10 +195,12 @@ class MujocoBackend(Backend):
         self._sent = self._start
         return self._readings.begin(self._seed)
 
+    @serial
     def activate(self) -> Measurement:
         """Ramp the stiffness to 1 in a second of simulated time, holding the posture last measured."""
-        if self._state != "open":
-            raise BackendError(f"'{self._info.uri}' cannot be activated: it is {self._state}")
+        self._check_open()
+        if self._state == "active":
+            raise BackendError(f"'{self._info.uri}' is already active")
         hold = np.clip(self._readings.position, self._robot.lower, self._robot.upper)
         self._commands.reset(hold)
         self._state = "active"
@@ -193,17 +212,20 @@ class MujocoBackend(Backend):
             )
         return measurement
 
+    @serial
     def switch_on(self) -> None:
         """Be active without the ramp of :meth:`activate`: for a device manager, whose users raise the stiffness."""
         if self._state != "open":
             raise BackendError(f"'{self._info.uri}' cannot be switched on: it is {self._state}")
         self._state = "active"
 
+    @serial
     def step(self, command: Command) -> Measurement:
         """Simulate one cycle of 12 ms."""
         self._check_open()
         position, stiffness, wheel_speed = checked_command(command, len(self._start))
-        position, stiffness = position.copy(), np.clip(stiffness, 0.0, 1.0)
+        position = np.clip(position, self._robot.lower, self._robot.upper)  # as the DCM does
+        stiffness = np.clip(stiffness, 0.0, 1.0)
         if self._state == "open":
             stiffness, wheel_speed = np.zeros_like(stiffness), np.zeros(3)
         self._sent = position
@@ -224,6 +246,7 @@ class MujocoBackend(Backend):
             self._window.refresh()
         return self._readings.read()
 
+    @serial
     def deactivate(self) -> None:
         """Wheels to zero, stiffness to 0 in a second of simulated time; the brakes then hold the legs."""
         if self._state != "active":
@@ -235,6 +258,7 @@ class MujocoBackend(Backend):
             self.step(Command(position=hold, stiffness=stiffness, wheel_speed=np.zeros(3)))
         self._state = "open"
 
+    @serial
     def close(self) -> None:
         """Deactivate and let go of the simulation."""
         self.deactivate()
@@ -246,6 +270,7 @@ class MujocoBackend(Backend):
             self._window = None
         self._state = "closed"
 
+    @serial
     def push(
         self,
         link: str,
@@ -264,6 +289,7 @@ class MujocoBackend(Backend):
         )
         self._simulation.contacts.pushes.add(push)
 
+    @serial
     def grab(
         self,
         link: str,

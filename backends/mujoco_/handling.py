@@ -7,6 +7,8 @@ from typing import Literal
 import mujoco
 import numpy as np
 
+from pepper_driver.backends.commands import finite_numbers
+from pepper_driver.backends.interface import CommandError
 from pepper_driver.backends.mujoco_.hands import Hand
 from pepper_driver.backends.mujoco_.model import PlantModel
 from pepper_driver.backends.mujoco_.pushes import Push
@@ -32,9 +34,9 @@ def planned_push(
     """The push that :meth:`Backend.push` was asked for; raises as it says."""
     body, force, where = _place("push", model, link, force, point, frame, [duration, delay, rise])
     if duration <= 0 or rise <= 0 or delay < 0:
-        raise ValueError("push: duration and rise must be positive, delay not negative")
+        raise CommandError("push: duration and rise must be positive, delay not negative")
     if np.linalg.norm(force) > STRONGEST_PUSH:
-        raise ValueError(f"push: the force may be {STRONGEST_PUSH:g} N at most")
+        raise CommandError(f"push: the force may be {STRONGEST_PUSH:g} N at most")
     return Push(
         body=body,
         force=force,
@@ -65,15 +67,15 @@ def planned_hand(
     numbers = [stiffness, rise, hold, release, largest_force, delay]
     body, pull, where = _place("grab", model, link, pull, point, frame, numbers)
     if not SOFTEST_HAND <= stiffness <= STIFFEST_HAND:
-        raise ValueError(
+        raise CommandError(
             f"grab: stiffness must be {SOFTEST_HAND:g} to {STIFFEST_HAND:g} N/m, got {stiffness:g}"
         )
     if rise <= 0 or release <= 0 or largest_force <= 0 or hold < 0 or delay < 0:
-        raise ValueError(
+        raise CommandError(
             "grab: rise, release and largest_force must be positive, hold and delay not negative"
         )
     if np.linalg.norm(pull) > FARTHEST_PULL:
-        raise ValueError(f"grab: the pull may be {FARTHEST_PULL:g} m long at most")
+        raise CommandError(f"grab: the pull may be {FARTHEST_PULL:g} m long at most")
     return Hand(
         body=body,
         link=link,
@@ -103,10 +105,9 @@ def _place(
         raise UnknownNameError("link", link, model.bodies)
     body = model.bodies[link]
     where = model.mj.body_ipos[body] if point is None else point
-    vector, where = np.array(vector, dtype=np.float64), np.array(where, dtype=np.float64)
-    finite = np.isfinite(np.concatenate([vector.ravel(), where.ravel(), numbers])).all()
-    if vector.shape != (3,) or where.shape != (3,) or not finite:
-        raise ValueError(f"{what}: vector and point take three finite numbers each")
+    vector = finite_numbers(f"{what}: vector", vector, 3).copy()
+    where = finite_numbers(f"{what}: point", where, 3).copy()
+    finite_numbers(f"{what}: times and sizes", numbers, len(numbers))
     if frame not in ("world", "link"):
         raise UnknownNameError("frame", frame, ("world", "link"))
     return body, vector, where

@@ -9,6 +9,7 @@ from math import cos, pi, sqrt
 import mujoco
 import numpy as np
 
+from pepper_driver.backends.interface import CommandError
 from pepper_driver.backends.mujoco_.model import PlantModel
 from pepper_driver.backends.mujoco_.resumable import Resumable
 from pepper_driver.backends.mujoco_.tally import Point, Tally
@@ -101,19 +102,19 @@ class Hands(Resumable):
         """Schedule a hand.
 
         Raises:
-            ValueError: Another one holds the link at that time, or the point is too light for this stiffness.
+            CommandError: Another one holds the link at that time, or the point is too light for this stiffness.
         """
         holds = [(g.hand.link, g.hand.start, g.hand.end) for g in self._pending]
         clash = first_overlap([*holds, (hand.link, hand.start, hand.end)])
         if clash is not None:
-            raise ValueError(
+            raise CommandError(
                 f"grab: a hand already holds {hand.link} at {clash[1]:.3f} s: "
                 "wait until it has let go, or take another link"
             )
         x, y, z = hand.point.tolist()
         stiffest = self._stiffest(hand)
         if hand.stiffness > stiffest:
-            raise ValueError(
+            raise CommandError(
                 f"grab: {hand.link} is too light at ({x:g}, {y:g}, {z:g}) for a hand of {hand.stiffness:g} N/m "
                 f"(at most {stiffest:.0f}): take a point nearer to the link, or a softer hand"
             )

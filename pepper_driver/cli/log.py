@@ -70,7 +70,7 @@ def _print_run(console: Console, path: Path, summary: LogSummary) -> None:
 
 def _print_timing(console: Console, summary: LogSummary) -> None:
     console.print(
-        f"missed: {summary.missed} ticks; not in the log: {summary.absent}; "
+        f"missed: {summary.missed} ticks; not in the log: {summary.dropped}; "
         f"withheld writes: {summary.withheld_writes}"
     )
     table = Table(title="milliseconds", title_justify="left")

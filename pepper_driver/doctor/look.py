@@ -58,7 +58,9 @@ def look(
     Raises:
         PepperError: The robot refuses, or is lost.
     """
-    pacer = RealTimePacer(robot.cycle) if backend.info.real_time else Pacer()
+    pacer = Pacer()
+    if backend.info.real_time:
+        pacer = RealTimePacer(robot.cycle, off_beat=backend.off_beat)
     tell = on_progress or (lambda share: None)
     ticks = round(seconds / robot.cycle)
     missed = 0

@@ -10,7 +10,7 @@ from typing import Any, BinaryIO, TypeVar
 from mcap.well_known import MessageEncoding, SchemaEncoding
 from mcap.writer import Writer
 
-from pepper_driver.backends.log_file import TICK_TOPIC, LogError, reason
+from pepper_driver.backends.log_file import TICK_TOPIC, UNANSWERED_TOPIC, LogError, reason
 from pepper_driver.config import RobotConfig
 from pepper_driver.log.contacts import CONTACTS
 from pepper_driver.log.event import EVENTS
@@ -22,6 +22,7 @@ from pepper_driver.log.schema import (
     message_definition,
     tick_fields,
     truth_fields,
+    unanswered_fields,
 )
 
 T = TypeVar("T")
@@ -71,6 +72,9 @@ class McapFile:
             self._tick = self._ros_channel(
                 TICK_TOPIC, "Tick", message_definition(tick_fields(robot))
             )
+            self._unanswered = self._ros_channel(
+                UNANSWERED_TOPIC, "Unanswered", message_definition(unanswered_fields(robot))
+            )
             self._truth = self._ros_channel(
                 TRUTH_TOPIC, "Truth", message_definition(truth_fields(robot))
             )
@@ -101,6 +105,10 @@ class McapFile:
     def write_tick(self, time: float, message: bytes) -> None:
         """Write a message of ``/tick``, stamped ``time`` [s]."""
         self._write(self._tick, time, message)
+
+    def write_unanswered(self, time: float, message: bytes) -> None:
+        """Write a message of ``/unanswered``, stamped ``time`` [s]."""
+        self._write(self._unanswered, time, message)
 
     def write_truth(self, time: float, message: bytes) -> None:
         """Write a message of ``/truth``, stamped ``time`` [s]."""

@@ -11,6 +11,7 @@ import numpy as np
 
 from pepper_driver.backends.log_file import (
     TICK_TOPIC,
+    UNANSWERED_TOPIC,
     Column,
     LogFile,
     misfit,
@@ -45,6 +46,8 @@ class LogData:
             there is none. Names are in :func:`pepper_driver.log.schema.truth_fields`.
         labels: Ends of touches that ``pepper record`` was told of, in their order.
         events: What else happened, in its order.
+        unanswered: Arrays of the commands that no tick answers, by name; what they are is in
+            :func:`pepper_driver.log.schema.unanswered_fields`.
         elements: Names of the values of each vector in ``fields``, by its name; in ``truth``, as ``truth.<name>``.
     """
 
@@ -59,6 +62,7 @@ class LogData:
     truth: dict[str, Column] | None = field(repr=False)
     labels: list[Label] = field(repr=False, default_factory=list)
     events: list[LogEvent] = field(repr=False, default_factory=list)
+    unanswered: dict[str, Column] = field(repr=False, default_factory=dict)
     elements: dict[str, tuple[str, ...]] = field(repr=False, default_factory=dict)
 
     def __getitem__(self, name: str) -> Column:
@@ -105,6 +109,7 @@ class LogData:
                 robot=json.loads(layout["robot"]),
                 fields=ticks,
                 contacts=_items(file, CONTACTS),
+                unanswered=file.tables[UNANSWERED_TOPIC],
                 truth=truth if len(truth["time"]) else None,
                 labels=_items(file, LABELS),
                 events=_items(file, EVENTS),

@@ -8,15 +8,17 @@ from typing import Any
 
 import numpy as np
 
-from pepper_driver.backends.interface import TruthSample
+from pepper_driver.backends.interface import Command, TruthSample
 from pepper_driver.backends.log_file import CDR_HEADER, Field, row_type
 from pepper_driver.config import RobotConfig
-from pepper_driver.controller.tick import Tick
-from pepper_driver.log.schema import tick_fields, truth_fields
+from pepper_driver.controller.reference import Reference
+from pepper_driver.controller.tick import Sent, Tick
+from pepper_driver.log.schema import tick_fields, truth_fields, unanswered_fields
 from pepper_driver.observer.interface import JointState, Observation
 
 _type_of = attrgetter("dtype")
-_TICK_SCALARS = struct.Struct("<4s5d3q")
+_TICK_SCALARS = struct.Struct("<4s5d5q")
+_UNANSWERED_SCALARS = struct.Struct("<4sdq")
 _TRUTH_SCALARS = struct.Struct("<4sd")
 
 
@@ -35,16 +37,16 @@ class TickRows:
         self,
         tick: Tick,
         observation: Observation | None,
+        step: int,
         tick_end: float,
         missed: int,
-        withheld_writes: int,
     ) -> bytes:
         """One tick; without an observation nothing is known and all joints are blind.
 
         Raises:
             Exception: Values that are no row.
         """
-        m, sent, reference, imu = tick.measurement, tick.sent, tick.reference, tick.measurement.imu
+        m, imu = tick.measurement, tick.measurement.imu
         seen = self._unobserved if observation is None else observation
         scalars = _TICK_SCALARS.pack(
             CDR_HEADER,
@@ -54,8 +56,10 @@ class TickRows:
             tick_end,
             m.charging_flap,
             m.tick,
+            step,
+            -1 if m.answers is None else m.answers,
             missed,
-            withheld_writes,
+            m.withheld,
         )
         return self._arrays.message(
             scalars,
@@ -63,14 +67,7 @@ class TickRows:
                 m.position,
                 m.current,
                 m.wheel_speed,
-                sent.position,
-                sent.stiffness,
-                sent.wheel_speed,
-                reference.position,
-                reference.velocity,
-                reference.acceleration,
-                reference.load_torque,
-                reference.base_twist,
+                *_sent_arrays(tick.sent, tick.reference),
                 seen.expected,
                 seen.residual,
                 seen.threshold,
@@ -86,6 +83,28 @@ class TickRows:
                 tick.changed,
                 seen.state,
             ),
+        )
+
+
+class UnansweredRows:
+    """Makes messages of ``/unanswered``.
+
+    Args:
+        robot: The robot whose commands will come.
+    """
+
+    def __init__(self, robot: RobotConfig) -> None:
+        self._arrays = _Arrays(unanswered_fields(robot))
+
+    def message(self, time: float, step: int, sent: Sent) -> bytes:
+        """A command given in ``step``, passed over by the sample of ``time`` [s].
+
+        Raises:
+            Exception: Values that are no row.
+        """
+        return self._arrays.message(
+            _UNANSWERED_SCALARS.pack(CDR_HEADER, time, step),
+            (*_sent_arrays(sent.command, sent.reference), sent.changed),
         )
 
 
@@ -118,6 +137,19 @@ class TruthRows:
                 truth.saturated,
             ),
         )
+
+
+def _sent_arrays(sent: Command, reference: Reference) -> tuple[Any, ...]:
+    return (
+        sent.position,
+        sent.stiffness,
+        sent.wheel_speed,
+        reference.position,
+        reference.velocity,
+        reference.acceleration,
+        reference.load_torque,
+        reference.base_twist,
+    )
 
 
 class _Arrays:

@@ -10,7 +10,13 @@ import json
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict
 
-from pepper_driver.backends.log_file import LAYOUT_VERSION, TICK_TOPIC, Field, FieldType
+from pepper_driver.backends.log_file import (
+    LAYOUT_VERSION,
+    TICK_TOPIC,
+    UNANSWERED_TOPIC,
+    Field,
+    FieldType,
+)
 from pepper_driver.config import RobotConfig
 from pepper_driver.observer.interface import JointState
 
@@ -38,19 +44,21 @@ def tick_fields(robot: RobotConfig) -> tuple[Field, ...]:
         ),
         _field("charging_flap", None, "1 while open, NaN where nobody knows"),
         _field("tick", None, "number of the cycle", "int64"),
+        _field(
+            "step", None, "number of the tick since the log began, also of ticks not in it", "int64"
+        ),
+        _field(
+            "answers",
+            None,
+            "ticks before this one in which the command was given that this sample answers; -1 for response_delay",
+            "int64",
+        ),
         _field("missed", None, "ticks missed since the start", "int64"),
-        _field("withheld_writes", None, "commands held back since the start", "int64"),
+        _field("withheld", None, "commands held back since the start", "int64"),
         _field("position", joints, "[rad] measured"),
         _field("current", joints, "[A] absolute"),
         _field("wheel_speed", wheels, "[rad/s] measured"),
-        _field("sent_position", joints, "[rad] the command this sample answers"),
-        _field("sent_stiffness", joints, "0..1"),
-        _field("sent_wheel_speed", wheels, "[rad/s]"),
-        _field("reference_position", joints, "[rad]"),
-        _field("reference_velocity", joints, "[rad/s]"),
-        _field("reference_acceleration", joints, "[rad/s2]"),
-        _field("reference_load_torque", joints, "[N m]"),
-        _field("reference_base_twist", ("vx", "vy", "wz"), "[m/s], [m/s], [rad/s]"),
+        *_sent_fields(robot, "the command this sample answers"),
         _field("expected", joints, "[rad] expected tracking error"),
         _field("residual", joints, "[rad] contact observer signal r"),
         _field("threshold", joints, "[rad] bound of the residual"),
@@ -63,10 +71,42 @@ def tick_fields(robot: RobotConfig) -> tuple[Field, ...]:
         _field("bumpers", sensors.bumpers, "1 where pressed"),
         _field("buttons", sensors.buttons, "1 where pressed"),
         _field("temperature", joints, "[deg C] motors"),
-        _field("changed", joints, "true where the safety gate altered the position", "bool"),
+        _changed_field(robot),
         _field(
             "state", joints, ", ".join(f"{s.value} {s.name.lower()}" for s in JointState), "int8"
         ),
+    )
+
+
+def unanswered_fields(robot: RobotConfig) -> tuple[Field, ...]:
+    """Fields of ``/unanswered``, scalars first, in the order of :mod:`pepper_driver.log.rows`."""
+    return (
+        _field(
+            "time", None, "[s] clock of the robot at the first sample that answers a later command"
+        ),
+        _field("step", None, "of the tick that gave the command", "int64"),
+        *_sent_fields(robot, "a command that no sample answers"),
+        _changed_field(robot),
+    )
+
+
+def _sent_fields(robot: RobotConfig, what: str) -> tuple[Field, ...]:
+    joints = robot.joint_names
+    return (
+        _field("sent_position", joints, f"[rad] {what}"),
+        _field("sent_stiffness", joints, "0..1"),
+        _field("sent_wheel_speed", robot.wheels.names, "[rad/s]"),
+        _field("reference_position", joints, "[rad]"),
+        _field("reference_velocity", joints, "[rad/s]"),
+        _field("reference_acceleration", joints, "[rad/s2]"),
+        _field("reference_load_torque", joints, "[N m]"),
+        _field("reference_base_twist", ("vx", "vy", "wz"), "[m/s], [m/s], [rad/s]"),
+    )
+
+
+def _changed_field(robot: RobotConfig) -> Field:
+    return _field(
+        "changed", robot.joint_names, "true where the safety gate altered the position", "bool"
     )
 
 
@@ -100,7 +140,11 @@ def message_definition(fields: Iterable[Field]) -> str:
 
 def layout_metadata(robot: RobotConfig) -> dict[str, str]:
     """What the reader must know of rows and robot: text values of the file's ``layout`` record."""
-    tables = {TICK_TOPIC: tick_fields(robot), TRUTH_TOPIC: truth_fields(robot)}
+    tables = {
+        TICK_TOPIC: tick_fields(robot),
+        UNANSWERED_TOPIC: unanswered_fields(robot),
+        TRUTH_TOPIC: truth_fields(robot),
+    }
     values: Mapping[str, object] = {
         "fields": {topic: [asdict(f) for f in fields] for topic, fields in tables.items()},
         "robot": robot.name,

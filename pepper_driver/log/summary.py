@@ -32,6 +32,7 @@ class LogSummary:
         duration: From the first tick to the last [s].
         ticks: Number of rows.
         absent: Numbers of cycles between the first and the last that have no row.
+        dropped: Ticks between the first and the last that did not get into the log.
         missed: Ticks that were missed, as the run counted them.
         withheld_writes: Commands that the backend held back.
         tick_end: From the deadline of a tick to its end; None where ticks were not paced.
@@ -49,6 +50,7 @@ class LogSummary:
     duration: float
     ticks: int
     absent: int
+    dropped: int
     missed: int
     withheld_writes: int
     tick_end: Spread | None
@@ -68,6 +70,7 @@ class LogSummary:
             "duration": self.duration,
             "ticks": self.ticks,
             "absent": self.absent,
+            "dropped": self.dropped,
             "missed": self.missed,
             "withheld_writes": self.withheld_writes,
             "tick_end_ms": None if self.tick_end is None else asdict(self.tick_end),
@@ -95,8 +98,9 @@ def summarise(log: LogData) -> LogSummary:
         else 0.0,
         ticks=len(log),
         absent=int(np.maximum(np.diff(tick) - 1, 0).sum()),
+        dropped=int((np.diff(log["step"]) - 1).sum()),
         missed=int(log["missed"].max(initial=0)),
-        withheld_writes=int(log["withheld_writes"].max(initial=0)),
+        withheld_writes=int(log["withheld"].max(initial=0)),
         tick_end=_spread(log["tick_end"]),
         sample_age=_spread(log["age"]),
         contacts=_counted(contact.kind for contact in felt),

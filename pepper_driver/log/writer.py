@@ -17,13 +17,13 @@ from typing import Any, NamedTuple, Self
 from pepper_driver.backends.interface import TruthSample
 from pepper_driver.backends.log_file import LogError, reason
 from pepper_driver.config import RobotConfig
-from pepper_driver.controller.tick import Tick
+from pepper_driver.controller.tick import Sent, Tick
 from pepper_driver.log.contacts import CONTACTS
 from pepper_driver.log.event import EVENTS, LogEvent
 from pepper_driver.log.json_topic import JsonTopic
 from pepper_driver.log.label import LABELS, Label
 from pepper_driver.log.mcap_file import McapFile
-from pepper_driver.log.rows import TickRows, TruthRows
+from pepper_driver.log.rows import TickRows, TruthRows, UnansweredRows
 from pepper_driver.observer.interface import Observation
 
 logger = logging.getLogger("pepper_driver")
@@ -39,14 +39,15 @@ PAUSE = 0.001
 class _Entry(NamedTuple):
     """What one tick puts into the log."""
 
+    step: int
     tick: Tick
     observation: Observation | None
     truth: TruthSample | None
     labels: Sequence[Label]
     events: Sequence[LogEvent]
+    unanswered: Sequence[tuple[int, Sent]]
     tick_end: float
     missed: int
-    withheld_writes: int
 
 
 class LogWriter:
@@ -85,7 +86,9 @@ class LogWriter:
         self._capacity = capacity
         self._ring: list[_Entry | LogEvent | None] = [None] * capacity
         self._tick_rows = TickRows(robot)
+        self._unanswered_rows = UnansweredRows(robot)
         self._truth_rows = TruthRows(robot)
+        self._steps = 0
         # Rows ever put in and taken out. Each is written by one thread: the ring needs no lock.
         self._head = 0
         self._tail = 0
@@ -118,9 +121,9 @@ class LogWriter:
         labels: Sequence[Label] = (),
         *,
         events: Sequence[LogEvent] = (),
+        unanswered: Sequence[tuple[int, Sent]] = (),
         tick_end: float = math.nan,
         missed: int = 0,
-        withheld_writes: int = 0,
     ) -> None:
         """Put one tick into the ring. Never raises; waits only for room, when ``lossless``.
 
@@ -130,12 +133,14 @@ class LogWriter:
             truth: Ground truth of a simulation.
             labels: Ends of touches seen in this tick.
             events: What else happened in this tick.
+            unanswered: Commands that no tick answers, older than the one that this tick answers: how many ticks before
+                this one, and which.
             tick_end: From the deadline of the tick until now [s]; NaN where ticks are not paced.
             missed: Ticks missed since the start.
-            withheld_writes: Commands that the backend has held back since the start.
         """
+        step, self._steps = self._steps, self._steps + 1
         self._put(
-            _Entry(tick, observation, truth, labels, events, tick_end, missed, withheld_writes)
+            _Entry(step, tick, observation, truth, labels, events, unanswered, tick_end, missed)
         )
 
     def note(self, event: LogEvent) -> None:
@@ -220,14 +225,20 @@ class LogWriter:
         try:
             time = float(tick.measurement.time)
             row = self._tick_rows.message(
-                tick, observation, entry.tick_end, entry.missed, entry.withheld_writes
+                tick, observation, entry.step, entry.tick_end, entry.missed
             )
+            passed_over = [
+                self._unanswered_rows.message(time, entry.step - ago, sent)
+                for ago, sent in entry.unanswered
+            ]
             truth_row = None if truth is None else self._truth_rows.message(time, truth)
         except Exception as error:  # of whoever made the arrays; not the disk's
             self._problem = error
             self._lost += 1
         else:
             self._file.write_tick(time, row)
+            for message in passed_over:
+                self._file.write_unanswered(time, message)
             if truth_row is not None:
                 self._file.write_truth(time, truth_row)
         for label in entry.labels:

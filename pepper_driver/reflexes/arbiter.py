@@ -26,7 +26,7 @@ class Reflexes:
         robot: Its description.
 
     Raises:
-        ReflexError: Something among them is no reflex.
+        ReflexError: Something among them is no reflex, or is there twice.
         UnknownNameError: One is for a link or joint that the robot does not have.
     """
 
@@ -34,6 +34,8 @@ class Reflexes:
         for reflex in reflexes:
             if not isinstance(reflex, Reflex):
                 raise ReflexError(f"{reflex!r} is no reflex: give objects such as Hold()")
+            if sum(other is reflex for other in reflexes) > 1:
+                raise ReflexError(f"'{reflex.name}' is given twice: make a second one like it")
         self._reflexes = sorted(reflexes, key=lambda reflex: -reflex.priority)
         self._robot = robot
         self._was_active = [False] * len(self._reflexes)
@@ -82,7 +84,8 @@ class Reflexes:
                 continue
             claimed = control.claimed
             reflex.step(observation, measurement, control)
-            reflex.had = reflex.had | (control.claimed & ~claimed)
+            if control.claimed is not claimed:
+                reflex.had = reflex.had | (control.claimed & ~claimed)
             if reflex.active != self._was_active[number]:
                 self._was_active[number] = reflex.active
                 events.append(self._event(reflex, measurement.time))

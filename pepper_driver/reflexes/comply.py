@@ -10,6 +10,7 @@ import numpy as np
 from pepper_driver.backends import Measurement
 from pepper_driver.config.parts import FloatArray
 from pepper_driver.controller.tasks import ComplianceTask
+from pepper_driver.controller.tasks.gains import MOST_DAMPING
 from pepper_driver.observer import Contact, JointState, Observation
 from pepper_driver.reflexes.control import Control
 from pepper_driver.reflexes.limbs import limb_of
@@ -44,12 +45,11 @@ class Comply(Reflex):
 
     Attributes:
         gain: 0..1, from stiff, where the joints stand still, to free, where they go on as long as somebody pushes.
-        damping: [N m s/rad] At the free end, a newton metre makes a speed of 1 / damping.
+        damping: [N m s/rad] Up to 12. At the free end, a newton metre makes a speed of 1 / damping.
         largest_torque: No more of it counts [N m].
     """
 
     priority: int = 30
-    pause: float = 0.2
     gain: float = 1.0
     damping: float = 1.5
     largest_torque: float = 8.0
@@ -57,7 +57,7 @@ class Comply(Reflex):
     def __post_init__(self) -> None:
         super().__post_init__()
         self.check("gain", 0.0, 1.0)
-        self.check("damping", 0.05, 100.0)
+        self.check("damping", 0.05, MOST_DAMPING * INERTIA)
         self.check("largest_torque", 0.1, 100.0)
 
     @property

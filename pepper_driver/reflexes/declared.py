@@ -66,8 +66,8 @@ def make_reflexes(
 
 
 def overlap(one: Reflex, other: Reflex, robot: RobotConfig) -> bool:
-    """Whether there may be a contact that both answer."""
-    for key in ("link", "joint", "kind"):
+    """Whether there may be a contact that both answer: of whatever kind, as a contact may grow into a collision."""
+    for key in ("link", "joint"):
         first, second = getattr(one, key), getattr(other, key)
         if first is not None and second is not None and first != second:
             return False

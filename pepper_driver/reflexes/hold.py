@@ -41,16 +41,6 @@ class Hold(Reflex):
             self._posture = None  # the robot moves meanwhile
             return
         if self._posture is None:
-            self._posture = _rest(control)
+            self._posture = control.controller.rest(STIFFNESS)
         control.claim_base()
         control.posture, control.posture_stiffness = self._posture, STIFFNESS
-
-
-def _rest(control: Control) -> FloatArray:
-    """(17,) where the joints come to rest without turning round [rad].
-
-    A critically damped joint at q with velocity v decays exponentially towards q + v / sqrt(stiffness).
-    """
-    controller = control.controller
-    rest: FloatArray = controller.position + controller.velocity / np.sqrt(STIFFNESS)
-    return np.clip(rest, controller.lower, controller.upper)

@@ -17,10 +17,10 @@ from pepper_driver.reflexes.reflex import Part, Reflex
 STIFFNESS = 400.0
 """[1/s2] Of the task that leads the limb away."""
 
-TAKES_PART = 0.3
-"""Of the largest torque on the limb, in standard deviations: joints that feel less stay where they are."""
+TAKES_PART = 0.2
+"""Of the largest torque on the limb: joints that feel less stay where they are."""
 
-LEFT = 0.4
+LEFT = 0.25
 """Of the largest torque since the contact began: when no more is felt, the limb has gone far enough."""
 
 
@@ -28,8 +28,9 @@ LEFT = 0.4
 class Retract(Reflex):
     """The limb moves away from the contact, as long as it is felt: its joints turn as the external torque turns them.
 
-    The joint that feels most, for what its torque estimate is worth, sets off at ``speed``, the others in proportion.
-    They stop when the torque has gone down to two fifths, or after ``distance``, and wait there. A hand that holds on
+    The joint that feels most sets off at ``speed``, the others in proportion to their torques: J J^T f, nearly along
+    the force.
+    They stop when the torque has gone down to a quarter, or after ``distance``, and wait there. A hand that holds on
     is followed no further than until it pulls the other way. A contact that trunk or base feels moves no limb.
 
     Attributes:
@@ -63,7 +64,7 @@ class Retract(Reflex):
             self._task = PostureTask(
                 self.robot, names, stiffness=STIFFNESS, weight=OVER_ALL, name=f"reflex: {self.name}"
             )
-            self._task.target = _rest(control)[joints]
+            self._task.target = control.controller.rest(STIFFNESS)[joints]
         self._answers, self._way, self._left = contact, np.zeros(len(joints)), 0.0
         self._waited = False
 
@@ -75,7 +76,7 @@ class Retract(Reflex):
             self._waited = True
             return
         if self._waited:  # the limb has been led elsewhere meanwhile
-            self._waited, self._task.target = False, _rest(control)[self.joints]
+            self._waited, self._task.target = False, control.controller.rest(STIFFNESS)[self.joints]
             self._way[:] = 0.0
         if not self._way.any():
             self._way, self._peak = self._direction(observation), 0.0
@@ -87,7 +88,7 @@ class Retract(Reflex):
             self._left -= step
             target = self._task.target + step * self._way[self.joints]
             if felt < LEFT * self._peak:
-                self._left, target = 0.0, _rest(control)[self.joints]
+                self._left, target = 0.0, control.controller.rest(STIFFNESS)[self.joints]
             controller = control.controller
             lower, upper = controller.lower[self.joints], controller.upper[self.joints]
             self._task.target = np.clip(target, lower, upper)
@@ -95,8 +96,7 @@ class Retract(Reflex):
 
     def _direction(self, observation: Observation) -> FloatArray:
         """(17,) the way to go, the largest part 1 in size."""
-        felt: FloatArray = np.where(self.joints, observation.torque / observation.torque_std, 0.0)
-        felt[~np.isfinite(felt)] = 0.0
+        felt: FloatArray = np.where(self.joints, np.nan_to_num(observation.torque), 0.0)
         felt[np.abs(felt) < TAKES_PART * np.abs(felt).max()] = 0.0
         largest = float(np.abs(felt).max())
         if largest > 0.0:
@@ -104,10 +104,3 @@ class Retract(Reflex):
         if self._answers.joint is not None:
             felt[self.robot.joint_index(self._answers.joint)] = self._answers.direction
         return felt
-
-
-def _rest(control: Control) -> FloatArray:
-    """(17,) where the joints come to rest without turning round [rad]."""
-    controller = control.controller
-    rest: FloatArray = controller.position + controller.velocity / np.sqrt(STIFFNESS)
-    return np.clip(rest, controller.lower, controller.upper)

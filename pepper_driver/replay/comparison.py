@@ -273,8 +273,8 @@ def _notes(run: RecordedRun, found: Replayed) -> Iterator[str]:
     log, summary = run.log, summarise(run.log)
     if not log.complete:
         yield "the log is cut short: what it may have lost of its last tick is not compared"
-    if (lost := summary.absent - summary.missed) > 0:
-        yield f"{lost} ticks did not get into the log: from there on observer and reflexes know less than then"
+    if summary.dropped:
+        yield f"{summary.dropped} ticks are not in the log: from there on observer and reflexes know less than then"
     if not run.from_start:
         yield "the log begins in the middle of a motion: the safety gate starts otherwise, its commands do not count"
     if not run.felt and found.values:

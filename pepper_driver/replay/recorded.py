@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields
 from functools import cached_property
 from pathlib import Path
 from typing import Any, TypeVar
 
-from pepper_driver.backends.log_file import read_log_file
+from pepper_driver.backends import Command
+from pepper_driver.backends.log_file import Column, read_log_file
 from pepper_driver.backends.replay import ReplayBackend
 from pepper_driver.config import (
     ControllerSettings,
@@ -21,7 +22,7 @@ from pepper_driver.config import (
     load_robot,
 )
 from pepper_driver.config.loading import parse
-from pepper_driver.controller import Reference, Tick
+from pepper_driver.controller import Reference, Sent, Tick
 from pepper_driver.log import LogData
 from pepper_driver.observer import ContactObserver, ModelFileError, Observer
 from pepper_driver.reflexes import Reflex
@@ -54,14 +55,8 @@ class RecordedRun:
     @cached_property
     def ticks(self) -> tuple[Tick, ...]:
         """All that an observer saw. Their arrays are those of the log."""
-        log = self.log
-        names = [f.name for f in fields(Reference)]
-        columns = [log[f"reference_{name}"] for name in names]
-        references = (
-            Reference(**dict(zip(names, values, strict=True)))
-            for values in zip(*columns, strict=True)
-        )
-        backend = self.backend
+        log, backend = self.log, self.backend
+        references = _each(Reference, "reference", log.fields)
         return tuple(
             Tick(measurement=measurement, reference=reference, sent=sent, changed=changed)
             for measurement, reference, sent, changed in zip(
@@ -69,10 +64,37 @@ class RecordedRun:
             )
         )
 
+    @cached_property
+    def unanswered(self) -> dict[int, Sent]:
+        """Commands that no tick answers, by the step in which they were given."""
+        table = self.log.unanswered
+        commands = _each(Command, "sent", table)
+        references = _each(Reference, "reference", table)
+        rows = zip(table["step"].tolist(), commands, references, table["changed"], strict=True)
+        return {
+            step: Sent(command=command, reference=reference, changed=changed)
+            for step, command, reference, changed in rows
+        }
+
     @property
-    def references(self) -> list[Reference]:
-        """What the controller wanted at the end of each tick, as far as a later tick answers it."""
-        return [tick.reference for tick in self.ticks[self.backend.info.response_delay + 1 :]]
+    def references(self) -> list[Reference | None]:
+        """What the controller wanted at the end of each tick, as far as the log says it."""
+        made = {step: sent.reference for step, sent in self.unanswered.items()}
+        for step, tick in zip(self.backend.answered.tolist(), self.ticks, strict=True):
+            made.setdefault(step, tick.reference)
+        return [made.get(step + 1) for step in self.backend.steps.tolist()]
+
+    @cached_property
+    def passed_over(self) -> list[list[tuple[int, Sent]]]:
+        """For each tick older commands than it answers that no tick does, and how many ticks before they were given."""
+        newest, found = -1, []
+        for step, answered in zip(
+            self.backend.steps.tolist(), self.backend.answered.tolist(), strict=True
+        ):
+            between = [k for k in range(newest + 1, answered) if k in self.unanswered]
+            found.append([(step - k, self.unanswered[k]) for k in between])
+            newest = max(newest, answered)
+        return found
 
     @property
     def controller_settings(self) -> ControllerSettings:
@@ -202,6 +224,13 @@ class RecordedRun:
             raise ReplayError(
                 f"{self.path}: its metadata has no '{key}' that can be read"
             ) from error
+
+
+def _each(kind: type[T], prefix: str, table: Mapping[str, Column]) -> Iterator[T]:
+    """Objects of a dataclass of arrays, from the columns of a table."""
+    names = [f.name for f in fields(kind)]  # type: ignore[arg-type]
+    columns = [table[f"{prefix}_{name}"] for name in names]
+    return (kind(**dict(zip(names, values, strict=True))) for values in zip(*columns, strict=True))
 
 
 def load_run(path: Path, robot: RobotConfig | None = None) -> RecordedRun:

@@ -149,7 +149,7 @@ def test_order_of_calls_is_checked(backend: ReplayBackend) -> None:
     command = backend.commands[0]
     with pytest.raises(NotConnectedError):
         backend.step(command)
-    with pytest.raises(BackendError):
+    with pytest.raises(NotConnectedError):
         backend.activate()
     backend.open()
     with pytest.raises(BackendError):

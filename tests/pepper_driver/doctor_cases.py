@@ -69,8 +69,8 @@ def use(monkeypatch: pytest.MonkeyPatch, backend: Backend) -> None:
 
     monkeypatch.setattr("pepper_driver.doctor.examination.make_backend", make)
     monkeypatch.setattr("pepper_driver.robot.make_backend", make)
-    monkeypatch.setattr("pepper_driver.doctor.look.RealTimePacer", lambda cycle: Pacer())
-    monkeypatch.setattr("pepper_driver.robot.RealTimePacer", lambda cycle: Pacer())
+    monkeypatch.setattr("pepper_driver.doctor.look.RealTimePacer", lambda cycle, **_: Pacer())
+    monkeypatch.setattr("pepper_driver.robot.RealTimePacer", lambda cycle, **_: Pacer())
 
 
 def models_for(identity: str, folder: Path) -> Path:

@@ -30,9 +30,11 @@ def write(folder: Path, *steps: dict[str, Any], **more: Any) -> Path:
     return path
 
 
-def fake(monkeypatch: pytest.MonkeyPatch) -> tuple[FakeBackend, Scripted]:
+def fake(
+    monkeypatch: pytest.MonkeyPatch, backend: FakeBackend | None = None
+) -> tuple[FakeBackend, Scripted]:
     """A robot without physics, and what it feels, in place of all others."""
-    backend, observer = FakeBackend(), Scripted()
+    backend, observer = backend or FakeBackend(), Scripted()
     monkeypatch.setattr("pepper_driver.robot.make_backend", lambda *_: backend)
     monkeypatch.setattr("pepper_driver.robot.make_observer", lambda *_: observer)
     return backend, observer
@@ -43,9 +45,10 @@ def make_run(
     folder: Path,
     *steps: dict[str, Any],
     at: Mapping[int, tuple[Contact, ...]] | None = None,
+    backend: FakeBackend | None = None,
     **more: Any,
 ) -> ExperimentRun:
     """An experiment whose robot feels contacts in given ticks, counted from 1; the experiment begins with the first."""
-    _, observer = fake(monkeypatch)
+    _, observer = fake(monkeypatch, backend)
     observer.at = dict(at or {})
     return ExperimentRun(load_experiment(write(folder, *steps, **more), ROBOT))

@@ -89,6 +89,6 @@ def use_backends(monkeypatch: pytest.MonkeyPatch, *kinds: type[FakeBackend]) -> 
 
     monkeypatch.setattr("pepper_driver.identification.identify.make_backend", make)
     monkeypatch.setattr("pepper_driver.robot.make_backend", make)
-    monkeypatch.setattr("pepper_driver.robot.RealTimePacer", lambda cycle: Pacer())
+    monkeypatch.setattr("pepper_driver.robot.RealTimePacer", lambda cycle, **_: Pacer())
     monkeypatch.setattr("pepper_driver.identification.driving.rehearse", lambda run: None)
     return made

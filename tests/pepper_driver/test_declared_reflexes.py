@@ -86,6 +86,8 @@ ARM = {"link": "LForeArm"}
         ({"do": "follow_hand", "lead": "base"}, {"do": "stop_base", "priority": 30}),
         ({"do": "ignore", "priority": 10}, {"do": "soften"}),
         ({"do": "comply", "on": {"kind": "contact"}}, {"do": "comply", "on": ARM}),
+        # a contact grows into a collision
+        ({"do": "hold", "on": {"kind": "contact"}}, {"do": "hold", "on": {"kind": "collision"}}),
     ],
 )
 def test_conflicts_are_refused_and_a_priority_cures_them(
@@ -101,7 +103,6 @@ def test_conflicts_are_refused_and_a_priority_cures_them(
     ("one", "other"),
     [
         ({"do": "hold", "on": ARM}, {"do": "hold", "on": {"link": "RForeArm"}}),
-        ({"do": "hold", "on": {"kind": "contact"}}, {"do": "hold", "on": {"kind": "collision"}}),
         ({"do": "comply", "on": ARM}, {"do": "comply", "on": {"joint": "RShoulderRoll"}}),
         ({"do": "retract", "priority": 10}, {"do": "soften"}),
         ({"do": "retract", "priority": 50}, {"do": "stop_base"}),

@@ -13,7 +13,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from mcap.writer import Writer
-from test_log_samples import ROBOT, Samples, flatten, same_bits
+from test_log_samples import ROBOT, Samples, flatten, flatten_sent, same_bits
 
 from pepper_driver.backends.interface import TruthSample
 from pepper_driver.config import UnknownNameError
@@ -32,6 +32,7 @@ class Written:
         self.path = path
         self.rows: list[dict[str, object]] = []
         self.truths: list[dict[str, object]] = []
+        self.unanswered: list[dict[str, object]] = []
         self.contacts: list[Contact] = []
         with LogWriter(path, ROBOT, {"seed": str(seed)}, lossless=True) as log:
             for number in range(count):
@@ -39,8 +40,12 @@ class Written:
                 contacts = [samples.contact(100 * number + i) for i in range(number % 3)]
                 observation = samples.observation(*contacts)
                 truth = samples.truth()
-                log.append(tick, observation, truth)
-                self.rows.append(flatten(tick, observation))
+                passed_over = [(k, samples.sent()) for k in range(number % 4, 1, -1)]
+                log.append(tick, observation, truth, unanswered=passed_over)
+                self.rows.append(flatten(tick, observation, number))
+                for ago, sent in passed_over:
+                    step = number - ago
+                    self.unanswered.append(flatten_sent(sent, tick.measurement.time, step))
                 self.truths.append({name: getattr(truth, name) for name in TRUTH_FIELDS})
                 self.contacts += contacts
 
@@ -55,6 +60,12 @@ class Written:
             for name in TRUTH_FIELDS:
                 for row in range(len(read.truth["time"])):
                     assert same_bits(read.truth[name][row], self.truths[row][name]), (name, row)
+        for name, column in read.unanswered.items():
+            for row, value in enumerate(column):
+                assert same_bits(value, self.unanswered[row][name]), (name, row)
+        lost = sum(row["time"] not in read["time"] for row in self.unanswered)
+        missing = len(self.unanswered) - lost - len(read.unanswered["step"])
+        assert 0 <= missing <= 2, "those of the last tick may be cut off"
         assert read.contacts == self.contacts[: len(read.contacts)]
 
 
@@ -210,7 +221,7 @@ def test_killed_process_loses_less_than_a_second(tmp_path: Path) -> None:
     assert len(read) > 200 - 83
     samples = Samples(0)
     for row in range(len(read)):
-        given = flatten(samples.tick(row), samples.observation())
+        given = flatten(samples.tick(row), samples.observation(), row)
         assert all(same_bits(read[name][row], given[name]) for name in given)
 
 
@@ -283,11 +294,11 @@ def test_missing_and_foreign_files(tmp_path: Path) -> None:
 
 def test_later_layout_is_refused(tmp_path: Path) -> None:
     written = Written(tmp_path / "a.mcap", 1)
-    old, new = (b"\x07\x00\x00\x00version\x01\x00\x00\x00" + digit for digit in (b"2", b"9"))
+    old, new = (b"\x07\x00\x00\x00version\x01\x00\x00\x00" + digit for digit in (b"3", b"9"))
     data = written.path.read_bytes()
     assert data.count(old) == 1
     written.path.write_bytes(data.replace(old, new))
-    assert "has layout 9, this version reads 2" in message(written.path)
+    assert "has layout 9, this version reads 3" in message(written.path)
 
 
 def test_flipped_bits_never_pass_for_data(tmp_path: Path) -> None:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from pepper_driver.backends.interface import Command, Imu, Measurement, TruthSample
 from pepper_driver.config import load_robot
 from pepper_driver.controller.reference import Reference
-from pepper_driver.controller.tick import Tick
+from pepper_driver.controller.tick import Sent, Tick
 from pepper_driver.observer.contact import Contact
 from pepper_driver.observer.interface import Observation
 
@@ -58,6 +58,8 @@ class Samples:
                 battery=float(self.random.random()),
                 age=float(self.random.random()),
                 charging_flap=float(self.random.random()),
+                answers=int(self.random.integers(5)),
+                withheld=int(self.random.integers(1000)),
             ),
             reference=Reference(
                 position=self.vector(N),
@@ -66,10 +68,19 @@ class Samples:
                 load_torque=self.vector(N),
                 base_twist=self.vector(3),
             ),
-            sent=Command(
-                position=self.vector(N), stiffness=self.vector(N), wheel_speed=self.vector(3)
-            ),
+            sent=self.command(),
             changed=self.flags(N),
+        )
+
+    def sent(self) -> Sent:
+        """A command that no tick answers."""
+        reference = self.tick(0).reference
+        return Sent(command=self.command(), reference=reference, changed=self.flags(N))
+
+    def command(self) -> Command:
+        """What a robot might be told."""
+        return Command(
+            position=self.vector(N), stiffness=self.vector(N), wheel_speed=self.vector(3)
         )
 
     def observation(self, *contacts: Contact) -> Observation:
@@ -118,7 +129,7 @@ class Samples:
         )
 
 
-def flatten(tick: Tick, observation: Observation) -> dict[str, object]:
+def flatten(tick: Tick, observation: Observation, step: int = 0) -> dict[str, object]:
     """The values of one tick, in no real time, under the names they have in the log."""
     m = tick.measurement
     values: dict[str, object] = {
@@ -130,8 +141,15 @@ def flatten(tick: Tick, observation: Observation) -> dict[str, object]:
     values |= {
         f.name: getattr(observation, f.name) for f in fields(Observation) if f.name != "contacts"
     }
-    counters = {"tick_end": np.nan, "missed": 0, "withheld_writes": 0}
+    counters = {"tick_end": np.nan, "missed": 0, "step": step}
     return {**values, **counters, "changed": tick.changed}
+
+
+def flatten_sent(sent: Sent, time: float, step: int) -> dict[str, object]:
+    """The values of a command that no tick answers, under the names they have in the log."""
+    values = {f"sent_{f.name}": getattr(sent.command, f.name) for f in fields(Command)}
+    values |= {f"reference_{f.name}": getattr(sent.reference, f.name) for f in fields(Reference)}
+    return {**values, "changed": sent.changed, "time": time, "step": step}
 
 
 def same_bits(read: object, given: object) -> bool:

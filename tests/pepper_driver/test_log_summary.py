@@ -22,25 +22,26 @@ def logged(path: Path, fill: Callable[[LogWriter, Samples], None]) -> LogData:
     return read_log(path)
 
 
-def aged(tick: Tick, age: float) -> Tick:
-    return replace(tick, measurement=replace(tick.measurement, age=age))
+def aged(tick: Tick, age: float, withheld: int) -> Tick:
+    return replace(tick, measurement=replace(tick.measurement, age=age, withheld=withheld))
 
 
 def test_timing_of_a_paced_run(tmp_path: Path) -> None:
     def fill(log: LogWriter, samples: Samples) -> None:
         for number in range(101):
-            tick = aged(samples.tick(number if number < 50 else number + 3), 0.001 * number)
+            tick = samples.tick(number if number < 50 else number + 3)
+            tick = aged(tick, 0.001 * number, number // 20)
             log.append(
                 tick,
                 None,
                 tick_end=1e-4 * number,
                 missed=0 if number < 50 else 2,
-                withheld_writes=number // 20,
             )
 
     summary = summarise(logged(tmp_path / "a.mcap", fill))
     figures = summary.as_json()
     assert (figures["ticks"], figures["missed"], figures["absent"]) == (101, 2, 3)
+    assert figures["dropped"] == 0, "cycles without a tick, but every tick is there"
     assert figures["withheld_writes"] == 5
     assert figures["duration"] == pytest.approx(103 * 0.012)
     assert figures["tick_end_ms"] == pytest.approx({"median": 5.0, "p99": 9.9, "max": 10.0})

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -125,16 +126,32 @@ def test_events_are_logged_with_their_tick_and_without(tmp_path: Path) -> None:
         log.append(samples.tick(1), None, events=[REFLEX])
         log.note(FAULT)
         log.append(samples.tick(3), None, events=(MISSED, PRESSED), missed=2, tick_end=0.004)
-        log.append(samples.tick(4), None, missed=2, withheld_writes=7)
+        log.append(samples.tick(4), None, missed=2)
     read = read_log(tmp_path / "a.mcap")
     assert read.events == [REFLEX, FAULT, MISSED, PRESSED]
     assert read["tick"].tolist() == [1, 3, 4]
     assert read["missed"].tolist() == [0, 2, 2]
-    assert read["withheld_writes"].tolist() == [0, 0, 7]
     assert same_bits(read["tick_end"], np.array([np.nan, 0.004, np.nan]))
     with (tmp_path / "a.mcap").open("rb") as stream:
         stamps = [m.log_time for _, c, m in make_reader(stream).iter_messages(["/event"])]
     assert stamps == [12_000_000, 24_000_000, 36_000_000, 36_000_000]
+
+
+def test_several_commands_may_be_left_unanswered(tmp_path: Path) -> None:
+    samples = Samples(8)
+    tick = samples.tick(0)
+    sent = [(3, samples.sent()), (2, samples.sent())]
+    with LogWriter(tmp_path / "a.mcap", ROBOT, {}) as log:
+        for answers in (3, None, 4, 1):
+            measurement = replace(tick.measurement, answers=answers)
+            late = sent if answers == 1 else ()
+            log.append(replace(tick, measurement=measurement), None, unanswered=late)
+    read = read_log(tmp_path / "a.mcap")
+    assert read["step"].tolist() == [0, 1, 2, 3]
+    assert read["answers"].tolist() == [3, -1, 4, 1]
+    assert read.unanswered["step"].tolist() == [0, 1], "that of step 2 is answered in step 3"
+    for row, (_, one) in enumerate(sent):
+        assert same_bits(read.unanswered["sent_position"][row], one.command.position)
 
 
 def test_a_row_that_is_none_keeps_its_events(tmp_path: Path) -> None:

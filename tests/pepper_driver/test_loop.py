@@ -5,9 +5,12 @@ from typing import Any, Literal
 
 import numpy as np
 import pytest
+from hypothesis import example, given, settings
+from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from pepper_driver.backends import Truth
+from pepper_driver.backends.interface import LONGEST_WAY
 from pepper_driver.config import (
     ControllerSettings,
     RobotConfig,
@@ -15,7 +18,7 @@ from pepper_driver.config import (
     load_robot,
     load_safety_settings,
 )
-from pepper_driver.controller import Reference, Tick, WholeBodyController
+from pepper_driver.controller import Reference, Sent, Tick, WholeBodyController
 from pepper_driver.loop import Loop
 from pepper_driver.observer import Contact, Observation, Observer
 from pepper_driver.reflexes import Control, Reflex, Reflexes
@@ -23,7 +26,7 @@ from pepper_driver.robot import Pepper
 from pepper_driver.safety import FaultError, FaultReason, RobotState, SafetyGate
 from pepper_driver.timing import STAGES
 
-from fakes import FakeBackend, aged, displaced, slowed  # isort: skip
+from fakes import FakeBackend, Fault, aged, displaced, slowed  # isort: skip
 
 ROBOT = load_robot()
 Array = NDArray[np.float64]
@@ -36,10 +39,11 @@ def make_loop(
     delivered: list[Tick] | None = None,
     feedback: Literal["none", "joints"] = "none",
     gated: tuple[RobotConfig, ControllerSettings] | None = None,
+    log: Any = None,
 ) -> tuple[Loop, SafetyGate, WholeBodyController]:
-    settings = replace(load_controller_settings(ROBOT), feedback=feedback)
-    controller = WholeBodyController(ROBOT, settings)
-    robot, limits = gated or (ROBOT, settings)
+    gains = replace(load_controller_settings(ROBOT), feedback=feedback)
+    controller = WholeBodyController(ROBOT, gains)
+    robot, limits = gated or (ROBOT, gains)
     gate = SafetyGate(robot, load_safety_settings(), limits)
     first = backend.open()
     start = first.position
@@ -53,7 +57,7 @@ def make_loop(
         first=first,
         observer=observer,
         reflexes=Reflexes(reflexes, ROBOT),
-        log=None,
+        log=log,
         deliver=lambda tick, *_: delivered.append(tick) if delivered is not None else None,
     )
     return loop, gate, controller
@@ -69,6 +73,46 @@ def test_a_measurement_is_paired_with_the_command_it_answers(delay: int) -> None
         tick = loop.tick()
         np.testing.assert_array_equal(tick.sent.position, tick.measurement.position)
     assert abs(tick.sent.position[6] - ROBOT.posture("Stand")[6]) > 0.1
+
+
+def answering(ago: int) -> Fault:
+    return lambda measurement: replace(measurement, answers=ago)
+
+
+class Notebook:
+    """In place of a log: keeps what no tick answers."""
+
+    def __init__(self) -> None:
+        self.unanswered: list[list[tuple[int, Sent]]] = []
+
+    def append(self, *_: object, unanswered: list[tuple[int, Sent]], **__: object) -> None:
+        self.unanswered.append(unanswered)
+
+
+@settings(max_examples=25, deadline=None)
+@given(
+    st.lists(
+        st.integers(0, 6) | st.integers(0, LONGEST_WAY + 30), min_size=1, max_size=LONGEST_WAY + 40
+    )
+)
+@example([0, 3] + 70 * [80] + [2, 0])
+def test_each_command_is_answered_or_known_not_to_be(answers: list[int]) -> None:
+    """Whatever a backend says of its samples: late, twice, lost, older than all that is known."""
+    backend, notebook = FakeBackend(), Notebook()
+    loop, _, _ = make_loop(backend, log=notebook)
+    loop.target = loop.target.copy()
+    loop.target[6] += 0.5
+    answered: list[int] = []
+    for step, ago in enumerate(answers):
+        backend.faults[step + 1] = answering(ago)
+        sent = loop.tick().sent
+        place = max(0, step - ago, step - LONGEST_WAY)
+        assert sent is backend.commands[place]
+        first = max(answered, default=0) + 1
+        late = [(ago, entry.command) for ago, entry in notebook.unanswered[-1]]
+        expected = range(max(first, step - LONGEST_WAY), place)
+        assert late == [(step - k, backend.commands[k]) for k in expected]
+        answered.append(place)
 
 
 def test_the_reference_in_a_tick_is_the_one_its_command_was_made_from() -> None:

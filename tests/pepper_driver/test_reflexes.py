@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import fields
 from typing import Any
 
 import numpy as np
@@ -30,6 +31,47 @@ from reflex_cases import ARM, ROBOT, ROLL, STD, Stage, touch  # isort: skip
 
 PUSH = {"LShoulderRoll": 2.0}
 ALL: list[type[Reflex]] = [Assist, Comply, FollowHand, Hold, Retract, Soften, StopBase]
+
+
+EXTREMES: dict[str, tuple[Any, ...]] = {
+    "gain": (0.0, 0.005, 0.01, 1.0),
+    "damping": (0.05, 12.0),
+    "largest_torque": (0.1, 100.0),
+    "torque": (0.1, 50.0),
+    "drag": (1.0, 1e4),
+    "least_force": (0.0, 100.0),
+    "speed": (0.01, 1.0),
+    "distance": (0.01, 1.5),
+    "stiffness": (0.0, 1.0),
+    "lead": ("arm", "base"),
+    "longest": (0.0, 3600.0),
+    "pause": (0.0, 3600.0),
+    "then": ("resume", "stay"),
+}
+"""Of every argument of a reflex."""
+
+
+@settings(deadline=None, max_examples=120)
+@given(st.sampled_from(ALL), st.data())
+def test_whatever_arguments_are_taken_nothing_is_raised_inside_a_tick(
+    kind: type[Reflex], data: st.DataObject
+) -> None:
+    own = [field.name for field in fields(kind) if field.init and field.name in EXTREMES]
+    reflex = kind(**{name: data.draw(st.sampled_from(EXTREMES[name]), name) for name in own})
+    stage = Stage(reflex)
+    stage.step(touch(), torque=PUSH)
+    stage.run(0.15, torque=PUSH)
+    stage.step(touch(phase="end"))
+    stage.run(0.15)
+    assert np.isfinite(stage.controller.position).all()
+
+
+def test_more_damping_than_a_cycle_allows_and_a_reflex_given_twice_are_refused() -> None:
+    with pytest.raises(ReflexError, match=r"damping is a number from 0\.05 to 12"):
+        Comply(damping=12.1)
+    hold = Hold()
+    with pytest.raises(ReflexError, match="'hold' is given twice"):
+        Stage(hold, StopBase(), hold)
 
 
 # -- life -----------------------------------------------------------------------------------------------------------

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from jitter_cases import Jittery
 from test_log_samples import same_bits
 
 from pepper_driver import Comply, FaultError, Hold, Pepper, Reflex, Retract, Soften, StopBase
@@ -110,7 +111,7 @@ def test_its_log_holds_the_recorded_ticks_and_replays_too(log: Path, tmp_path: P
     replay(run, run.observer(), run.reflexes(), out=out)
     then, now = read_log(log), read_log(out)
     for name in then.fields:
-        if name not in ("tick_end", "missed", "withheld_writes"):
+        if name not in ("tick_end", "missed"):
             assert same_bits(now[name], then[name]), name
     assert now.contacts == then.contacts
     assert now.metadata["replay_of"] == "run.mcap"
@@ -137,6 +138,54 @@ def test_what_the_gate_changed_is_found_again_with_wheels_and_base(tmp_path: Pat
     assert found.events
     assert result.identical, result.differences
     assert result.commands.compared > 190
+
+
+@pytest.fixture(scope="module")
+def jittery(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A run over a network: a third of the samples comes late, so some come twice and others never."""
+    path = tmp_path_factory.mktemp("log") / "run.mcap"
+    random = np.random.default_rng(5)
+    late = random.choice([0, 0, 0, 0, 1, 1, 2, 4], 800)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("pepper_driver.robot.make_backend", lambda uri, _: Jittery(uri, late))
+        with Pepper(URI, log=path, reflexes=reflexes()) as pepper:
+            perform(pepper)
+    return path
+
+
+def test_a_run_over_a_network_is_found_bit_for_bit(jittery: Path) -> None:
+    """Which command a sample answers changes from tick to tick, samples repeat, and commands stay unanswered."""
+    found, result = replayed(jittery)
+    run = load_run(jittery)
+    read = run.log
+    assert len(set(read["answers"])) >= 4
+    assert (np.diff(read["tick"]) == 0).sum() > 50
+    assert len(read.unanswered["step"]) > 50
+    assert {event.name for event in read.events if event.kind == "reflex"} >= {"retract", "soften"}
+    assert result.identical, result.differences
+    assert not result.notes
+    assert result.commands.compared > len(read) - 10, "also those that no sample answers"
+    assert [contact for _, contact in found.contacts] == read.contacts
+    for name, values in found.values.items():
+        assert same_bits(values, read[name]), name
+    measured = run.backend.measurements
+    assert [m.answers for m in measured] == read["answers"].tolist()
+    assert [m.withheld for m in measured] == read["withheld"].tolist()
+
+
+def test_the_error_of_a_late_sample_is_no_error_of_the_robot(jittery: Path, log: Path) -> None:
+    """What is paired is the sample with its own command: the tracking error is that of a run without a network."""
+    errors = [read["sent_position"] - read["position"] for read in map(read_log, (log, jittery))]
+    still, late = (np.percentile(np.abs(error[:160]), 99.5) for error in errors)
+    assert late < 1.2 * still
+
+
+def test_a_run_over_a_network_replays_from_its_replay(jittery: Path, tmp_path: Path) -> None:
+    run, out = load_run(jittery), tmp_path / "again.mcap"
+    replay(run, run.observer(), run.reflexes(), out=out)
+    then, now = run.log.unanswered, read_log(out).unanswered
+    assert all(same_bits(now[name], then[name]) for name in then)
+    assert replayed(out)[1].identical
 
 
 @pytest.mark.parametrize("observer", ["paper", "momentum"])
@@ -230,8 +279,8 @@ def test_a_changed_bit_of_a_measurement_is_told(log: Path) -> None:
     assert not result.identical
     first = result.differences[0]
     assert first.time == pytest.approx(measurement.time, abs=0.1)
-    assert "of LShoulderRoll" in first.text
-    assert "in place of" in first.text
+    # Thresholds of one joint depend on what others do: which one shows the bit first is the observer's affair.
+    assert re.fullmatch(r"(residual|threshold|torque) of \w+: \S+ in place of \S+", first.text)
 
 
 @pytest.mark.parametrize("field", ["intensity", "torque", "onset_time"])

@@ -249,7 +249,7 @@ def calls_of_a_run(monkeypatch: pytest.MonkeyPatch, *, real: bool, paced: bool) 
 
     monkeypatch.setattr(
         "pepper_driver.robot.RealTimePacer",
-        lambda cycle: RealTimePacer(cycle, clock=lambda: now, sleep=sleep),
+        lambda cycle, **_: RealTimePacer(cycle, clock=lambda: now, sleep=sleep),
     )
     monkeypatch.setattr("pepper_driver.robot.make_backend", lambda *_: Recorder(real, calls))
     reflex = Reacting(calls)

@@ -1,0 +1,78 @@
+"""What a Pepper can do besides moving and measuring: speak, shine, show, and move by its own programs."""
+
+from __future__ import annotations
+
+import logging
+
+logger = logging.getLogger("pepper_driver")
+
+
+class Extras:
+    """The extras of a robot that has none: each does nothing and says so once by ``logging``.
+
+    A backend whose robot has some gives a subclass and names them among its capabilities: ``speech``, ``leds``,
+    ``tablet``, ``postures``, ``wake``. All may be called from any thread, but not inside a tick: a robot may take its
+    time. On a robot they raise a NotConnectedError while the backend is closed, a BackendError for what it refuses.
+
+    Args:
+        uri: Of the backend.
+    """
+
+    def __init__(self, uri: str) -> None:
+        self._uri = uri
+        self._told: set[str] = set()
+
+    def say(self, text: str) -> None:
+        """Begin to speak; returns when the robot has taken the order, before it has spoken."""
+        self._tell("cannot speak")
+
+    def leds(self, group: str, colour: tuple[float, float, float], duration: float) -> None:
+        """Begin to fade lights to a colour; returns when the robot has taken the order.
+
+        Args:
+            group: NAOqi's name of lights: ``FaceLeds``, ``EarLeds``, ``ChestLeds``, ...
+            colour: (r, g, b), each 0..1.
+            duration: Of the fade [s].
+        """
+        self._tell("has no lights")
+
+    def show_image(self, url: str) -> None:
+        """Have the tablet show an image, by an address that the tablet can reach."""
+        self._tell("has no tablet")
+
+    def hide_image(self) -> None:
+        """Have the tablet show no image."""
+        self._tell("has no tablet")
+
+    def go_to_posture(self, name: str, speed: float) -> None:
+        """Have the robot's own program take it to a posture that it knows; returns when it is there.
+
+        Args:
+            name: NAOqi's name for it: ``Stand``, ``StandInit``, ``StandZero``, ``Crouch``.
+            speed: Share of the full speed, above 0 up to 1.
+
+        Raises:
+            BackendError: The backend is active: two programs would move the robot. Or the robot got stuck.
+        """
+        self._tell("goes to no posture by a program of its own")
+
+    def wake_up(self) -> None:
+        """Have the robot switch its motors on and stand up; returns when it stands.
+
+        Raises:
+            BackendError: The backend is active, or the robot refuses.
+        """
+        self._tell("neither wakes up nor rests")
+
+    def rest(self) -> None:
+        """Have the robot sit down on its brakes and switch its motors off; returns when it is done.
+
+        Raises:
+            BackendError: The backend is active, or the robot refuses.
+        """
+        self._tell("neither wakes up nor rests")
+
+    def _tell(self, what: str) -> None:
+        if what not in self._told:
+            self._told.add(what)
+            logger.warning("'%s' %s: nothing happens", self._uri, what)

@@ -1,0 +1,1 @@
+"""A real Pepper over NAOqi."""

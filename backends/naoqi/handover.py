@@ -1,0 +1,167 @@
+"""How the stiffness goes up at the begin, and how wheels, legs and joints are given back in the end."""
+
+from __future__ import annotations
+
+import logging
+import time
+from collections.abc import Callable, Iterator
+
+import numpy as np
+
+from pepper_driver.backends.interface import BackendError, Measurement
+from pepper_driver.backends.naoqi.keys import Alias
+from pepper_driver.backends.naoqi.link import Link
+from pepper_driver.config import NaoqiSettings, RobotConfig
+from pepper_driver.config.parts import FloatArray
+
+logger = logging.getLogger("pepper_driver")
+
+STALE = 0.1
+"""[s] age of samples at which the stiffness is not raised, and no leg moved, any further: as the safety gate has it."""
+
+PATIENCE = 0.15
+"""[s] without any answer after which nothing more is waited for in the end."""
+
+STANDING = 0.2
+"""[rad/s] below which wheels stand: 14 mm/s."""
+
+LONGEST_STOP = 0.3
+"""[s] for wheels to stand."""
+
+ARRIVED = 0.01
+"""[rad] within which legs are where they should be."""
+
+_STILL = np.zeros(3)
+
+
+def ramp_up(
+    link: Link, robot: RobotConfig, settings: NaoqiSettings, check: Callable[[], object]
+) -> Measurement:
+    """Raise the stiffness to 1, of no joint from less than it has already, holding the posture measured.
+
+    Args:
+        link: With the robot.
+        robot: Its limits, into which the posture is clipped.
+        settings: How long it takes.
+        check: Raises when the connection is lost.
+
+    Raises:
+        BackendError: The robot stopped answering meanwhile.
+    """
+    beats, cycle = _beats(link, robot.cycle), robot.cycle
+    measurement = link.newest
+    for _ in range(3):  # taking the robot over may have lasted: what was measured before is old
+        next(beats)
+        check()
+        measurement = link.tick(None, _STILL, _STILL)
+    hold = np.clip(measurement.position, robot.lower, robot.upper)
+    before = link.start()
+    ticks, wheels_on = round(settings.timing.ramp_up / cycle), False
+    for tick in range(1, ticks + 1):
+        next(beats)
+        check()
+        measurement = link.tick(hold, np.maximum(before, tick / ticks), _STILL)
+        if not measurement.age <= STALE:
+            raise BackendError(
+                f"the robot stopped answering while its stiffness was raised: the newest sample is "
+                f"{1e3 * measurement.age:.0f} ms old; look at the network, then start again"
+            )
+        if not wheels_on and tick > ticks // 10:  # by now the wheels have been told to stand
+            wheels_on = link.switch_wheels([((ticks - tick) * cycle, 1.0)])
+    return measurement
+
+
+def let_go(link: Link, robot: RobotConfig, settings: NaoqiSettings, posture: FloatArray) -> bool:
+    """Stop the wheels, lead the legs back, make all other joints soft.
+
+    The legs keep their stiffness, unless the settings say otherwise: without brakes the robot would bow.
+
+    Args:
+        link: With the robot.
+        robot: Its description.
+        settings: How fast.
+        posture: (17,) where ALMotion last sent the joints [rad]: legs that it finds elsewhere jerk. NaN where it does
+            not say.
+
+    Returns:
+        Whether the robot took part; False as soon as it does not answer.
+    """
+    legs = np.array([name in robot.chains["legs"] for name in robot.joint_names])
+    stiffness = link.stiffness
+    beats, begin = _beats(link, robot.cycle), time.monotonic()
+
+    def tick(position: FloatArray | None, wanted: FloatArray) -> Measurement | None:
+        """None where the robot does not answer."""
+        next(beats)
+        measurement = link.tick(position, wanted, _STILL)
+        patient = min(link.silence, time.monotonic() - begin) <= PATIENCE
+        return measurement if link.connected and patient else None
+
+    for number in range(round(LONGEST_STOP / robot.cycle)):
+        measurement = tick(None, stiffness)
+        if measurement is None:
+            return False
+        standing = bool((np.abs(measurement.wheel_speed) < STANDING).all())
+        if number >= 2 and standing and link.idle:
+            break
+    link.switch_wheels([(2 * robot.cycle, 0.0)])
+
+    back = np.where(legs & np.isfinite(posture), posture, np.nan)
+    if not _lead_back(link, back, settings.timing.legs_back_speed, robot.cycle, stiffness, tick):
+        return False
+
+    soft = np.zeros(len(legs)) if settings.legs_go_soft else np.where(legs, stiffness, 0.0)
+    ticks = round(settings.timing.ramp_down / robot.cycle)
+    for number in range(1, ticks + 1):
+        if tick(None, stiffness + (soft - stiffness) * number / ticks) is None:
+            return False
+    while not link.idle or not np.array_equal(link.stiffness, soft):
+        if tick(None, soft) is None:
+            return False
+    return True
+
+
+def _lead_back(
+    link: Link,
+    goal: FloatArray,
+    speed: float,
+    cycle: float,
+    stiffness: FloatArray,
+    tick: Callable[[FloatArray | None, FloatArray], Measurement | None],
+) -> bool:
+    """Lead joints to ``goal``, NaN where they stay; False where the robot does not answer.
+
+    Broken off by the button on the chest, and without fresh samples: nobody else looks after the robot any more.
+    """
+    start = link.commanded(Alias.POSITION)
+    way = np.where(np.isfinite(goal), goal - start, 0.0)
+    farthest = float(np.abs(way).max())
+    if farthest <= ARRIVED:
+        return True
+    ticks = round(
+        1.875 * farthest / speed / cycle
+    )  # the peak of a minimum-jerk way is 1.875 of its mean speed
+    for number in range(1, ticks + 1):
+        s = number / ticks
+        measurement = tick(start + way * s**3 * (10.0 - 15.0 * s + 6.0 * s**2), stiffness)
+        if measurement is None:
+            return False
+        if not measurement.age <= STALE or measurement.buttons.any():
+            logger.warning(
+                "the legs do not go back to where ALMotion left them: before it moves them, let the robot rest"
+            )
+            break
+    return True
+
+
+def _beats(link: Link, cycle: float) -> Iterator[None]:
+    """Ticks a cycle apart, at the robot's beat; the first at once."""
+    due = time.perf_counter_ns()
+    while True:
+        yield
+        due += round(1e9 * (cycle + np.clip(link.off_beat(due), -0.001, 0.001)))
+        rest = due - time.perf_counter_ns()
+        if rest > 0:
+            time.sleep(rest * 1e-9)
+        else:
+            due -= rest

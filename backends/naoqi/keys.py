@@ -1,0 +1,139 @@
+"""By which names the robot knows what is measured and commanded, and what a list of its values means."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+
+import numpy as np
+
+from pepper_driver.backends.interface import Imu
+from pepper_driver.config import RobotConfig
+from pepper_driver.config.parts import FloatArray
+
+MAY_LACK = ("temperature", "battery", "charging_flap")
+"""Without which a sample is good all the same: who watches them knows what to do about it."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Values:
+    """One sample as the robot sent it; arrays as in :class:`~pepper_driver.backends.interface.Measurement`.
+
+    ``shown`` is what the DCM's clock showed at its cycle [ms].
+    """
+
+    shown: int
+    position: FloatArray
+    current: FloatArray
+    wheel_speed: FloatArray
+    imu: Imu
+    touch: FloatArray
+    bumpers: FloatArray
+    buttons: FloatArray
+    temperature: FloatArray
+    battery: float
+    charging_flap: float
+
+
+class SensorKeys:
+    """The keys that are read in every cycle, and what their values are.
+
+    Attributes:
+        names: In the order in which they are asked for.
+        needed: Those without which there is no sample.
+    """
+
+    def __init__(self, robot: RobotConfig) -> None:
+        naoqi, sensors = robot.naoqi, robot.sensors
+        groups = {
+            "position": [naoqi.position.format(joint=name) for name in robot.joint_names],
+            "current": [naoqi.current.format(joint=name) for name in robot.joint_names],
+            "temperature": [naoqi.temperature.format(joint=name) for name in robot.joint_names],
+            "wheel_speed": [naoqi.wheel_speed.format(wheel=name) for name in robot.wheels.names],
+            "acceleration": list(naoqi.accelerometer),
+            "angular_velocity": list(naoqi.gyroscope),
+            "attitude": list(naoqi.attitude),
+            "touch": [naoqi.touch.format(touch=name) for name in sensors.touch],
+            "bumpers": [naoqi.bumper.format(bumper=name) for name in sensors.bumpers],
+            "buttons": [naoqi.button.format(button=name) for name in sensors.buttons],
+            "battery": [naoqi.battery_charge],
+            "charging_flap": [naoqi.charging_flap],
+        }
+        self.names: list[str] = []
+        self._places: dict[str, slice] = {}
+        needed: list[bool] = []
+        for group, keys in groups.items():
+            self._places[group] = slice(len(self.names), len(self.names) + len(keys))
+            self.names += [naoqi.prefix + key for key in keys]
+            needed += [group not in MAY_LACK] * len(keys)
+        self._time = len(self.names)
+        self.names.append(naoqi.time)
+        self._needed = np.array([*needed, True])
+        self.needed = [name for name, is_ in zip(self.names, self._needed, strict=True) if is_]
+
+    def values(self, answer: Sequence[object]) -> Values | str:
+        """What the robot's answer to a question for ``names`` means; where it is no good sample, why, for people."""
+        try:
+            # Without a value there is None, which becomes NaN.
+            values = np.array(answer, dtype=np.float64)
+        except (TypeError, ValueError):
+            values = np.array([_number(value) for value in _listed(answer)])
+        if values.shape != (len(self.names),):
+            return f"{values.size} values in place of {len(self.names)}"
+        bad = ~np.isfinite(values) & self._needed
+        if np.count_nonzero(bad):
+            count = int(np.count_nonzero(bad))
+            more = f" and {count - 1} more" if count > 1 else ""
+            return f"no number for {self.names[int(bad.argmax())]}{more}"
+        values.setflags(write=False)  # goes into measurements, which nobody changes
+        part = {group: values[place] for group, place in self._places.items()}
+        return Values(
+            shown=int(values[self._time]),
+            position=part["position"],
+            current=part["current"],
+            wheel_speed=part["wheel_speed"],
+            imu=Imu(
+                acceleration=part["acceleration"],
+                angular_velocity=part["angular_velocity"],
+                attitude=part["attitude"],
+            ),
+            touch=part["touch"],
+            bumpers=part["bumpers"],
+            buttons=part["buttons"],
+            temperature=part["temperature"],
+            battery=float(part["battery"][0]),
+            charging_flap=float(part["charging_flap"][0]),
+        )
+
+
+class Alias(StrEnum):
+    """Groups of actuators, by the names under which the DCM gets to know them."""
+
+    POSITION = "PepperDriverPosition"
+    STIFFNESS = "PepperDriverHardness"
+    WHEEL_SPEED = "PepperDriverWheelSpeed"
+    WHEEL_STIFFNESS = "PepperDriverWheelStiffness"
+
+
+def actuator_keys(robot: RobotConfig) -> dict[Alias, list[str]]:
+    """Keys of what is commanded."""
+    naoqi = robot.naoqi
+
+    def of(key: str, names: Sequence[str]) -> list[str]:
+        return [naoqi.prefix + key.format(joint=name, wheel=name) for name in names]
+
+    return {
+        Alias.POSITION: of(naoqi.position_command, robot.joint_names),
+        Alias.STIFFNESS: of(naoqi.stiffness_command, robot.joint_names),
+        Alias.WHEEL_SPEED: of(naoqi.wheel_speed_command, robot.wheels.names),
+        Alias.WHEEL_STIFFNESS: of(naoqi.wheel_stiffness_command, robot.wheels.names),
+    }
+
+
+def _listed(answer: object) -> list[object]:
+    return list(answer) if isinstance(answer, list | tuple) else []
+
+
+def _number(value: object) -> float:
+    return float(value) if isinstance(value, int | float) else np.nan

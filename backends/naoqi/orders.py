@@ -1,0 +1,146 @@
+"""What the DCM is told in a tick: joints always, wheels while they turn, stiffness when it changes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from pepper_driver.backends.naoqi.cycles import Cycles, Dating
+from pepper_driver.backends.naoqi.keys import Alias
+from pepper_driver.backends.naoqi.writer import Writer
+from pepper_driver.config.naoqi import WheelTimes
+from pepper_driver.config.parts import FloatArray
+
+PRECEDENCE = {Alias.POSITION: 1.5}
+"""[ticks] by which some commands go before others that have waited longer. So wheels come every third tick at the
+latest, before their last command is over."""
+
+
+class Orders:
+    """Turns a command of the loop into commands to the DCM, as many as may be on their way.
+
+    Joints are to be at their positions at a cycle of their own. Each wheel command is over soon: wheels that get no
+    further one stand, with nobody's help (dead-man's stop). They are told nothing while they stand.
+
+    Args:
+        writer: Sends.
+        cycles: Of the robot.
+        dating: Says for which cycle a command is.
+        wheels: Dates of wheel commands.
+        stiffness: (17,) what the joints have now.
+
+    Attributes:
+        stiffness: (17,) that the joints were last told to have.
+        withheld: Commands for the joints that were not sent, since too many were on their way.
+    """
+
+    def __init__(
+        self,
+        writer: Writer,
+        cycles: Cycles,
+        dating: Dating,
+        wheels: WheelTimes,
+        stiffness: FloatArray,
+    ) -> None:
+        self._writer, self._cycles, self._dating = writer, cycles, dating
+        self._wheel_times = tuple(round(1e3 * t) for t in (wheels.reach, wheels.hold, wheels.stop))
+        self.stiffness = stiffness
+        self._stiffness: list[float] | None = stiffness.tolist()
+        self._wheel_speed: list[float] | None = None
+        self._waiting: dict[Alias, int] = {}
+        self.withheld = 0
+
+    def give(
+        self,
+        step: int,
+        now: float,
+        position: FloatArray | None,
+        stiffness: FloatArray,
+        wheel_speed: FloatArray,
+    ) -> None:
+        """Send what is due.
+
+        Args:
+            step: Number of the tick.
+            now: The DCM's date [ms].
+            position: (17,) [rad]; None leaves the joints where the DCM holds them.
+            stiffness: (17,) 0..1.
+            wheel_speed: (3,) [rad/s].
+        """
+        due: dict[Alias, Callable[[], bool]] = {}
+        number = None if position is None else self._dating.next(now)
+        if position is not None and number is not None:
+            due[Alias.POSITION] = lambda: self._send_position(step, number, position)
+        speeds = wheel_speed.tolist()
+        turning = any(speeds)
+        if turning or speeds != self._wheel_speed:
+            due[Alias.WHEEL_SPEED] = lambda: self._send_wheels(now, speeds)
+        wanted = stiffness.tolist()
+        if wanted != self._stiffness:
+            due[Alias.STIFFNESS] = lambda: self._send_stiffness(now, wanted)
+
+        def urgency(alias: Alias) -> float:
+            if alias is Alias.WHEEL_SPEED and not turning:
+                return np.inf
+            return self._waiting.get(alias, 0) + PRECEDENCE.get(alias, 0.0)
+
+        waiting = {}
+        for alias in sorted(due, key=urgency, reverse=True):
+            if not due[alias]():
+                waiting[alias] = self._waiting.get(alias, 0) + 1
+        self._waiting = waiting
+        self.withheld += Alias.POSITION in waiting
+
+    def answers(self, step: int, cycle: int) -> int | None:
+        """How many steps before ``step`` the command was given that the sample of a cycle answers; None if none was."""
+        return self._dating.answers(step, cycle)
+
+    def set_wheel_stiffness(self, now: float, points: Sequence[tuple[float, float]]) -> bool:
+        """Let the wheels' stiffness run through points of (time from now [s], stiffness 0..1)."""
+        begin = self._last_cycle(now)
+        dates = [begin + round(1e3 * after) for after, _ in points]
+        values = [[value for _, value in points]] * 3
+        return self._writer.send(Alias.WHEEL_STIFFNESS, "ClearAll", dates, values)
+
+    def _send_position(self, step: int, number: int, position: FloatArray) -> bool:
+        def done(taken: bool) -> None:
+            if not taken:
+                self._dating.refused(number)
+
+        sent = self._writer.position(position, self._cycles.date(number), done)
+        self._dating.given(step, number, sent=sent)
+        return sent
+
+    def _send_wheels(self, now: float, speeds: list[float]) -> bool:
+        def done(taken: bool) -> None:
+            if not taken:
+                self._wheel_speed = None
+
+        begin = self._last_cycle(now)
+        if any(speeds):
+            dates = [begin + after for after in self._wheel_times]
+            values = [[speed, speed, 0.0] for speed in speeds]
+        else:
+            dates, values = [self._last_cycle(now + self._cycles.length)], [[0.0]] * 3
+        if not self._writer.send(Alias.WHEEL_SPEED, "ClearAll", dates, values, done):
+            return False
+        self._wheel_speed = speeds
+        return True
+
+    def _send_stiffness(self, now: float, wanted: list[float]) -> bool:
+        def done(taken: bool) -> None:
+            if not taken:
+                self._stiffness = None
+
+        date = self._last_cycle(now) + self._wheel_times[0]
+        if not self._writer.send(
+            Alias.STIFFNESS, "ClearAll", [date], [[value] for value in wanted], done
+        ):
+            return False
+        self._stiffness, self.stiffness = wanted, np.array(wanted)
+        return True
+
+    def _last_cycle(self, now: float) -> int:
+        """Date of the last cycle before now: dates on the grid of cycles are reached exactly."""
+        return round(now - self._cycles.since(now))

@@ -1,0 +1,104 @@
+"""How the driver gets on with NAOqi on a real robot: times, what it takes over, when it refuses."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Literal
+
+from pydantic import Field
+from pydantic.dataclasses import dataclass
+
+from pepper_driver.config.loading import STRICT, load, package_file
+from pepper_driver.config.parts import NotNegative, Positive
+
+Policy = Literal["off", "off if allowed", "keep"]
+"""What is done about somebody else who moves the joints: must be off, off where its owner allows it, or left alone."""
+
+Simple = Literal["off", "keep"]
+"""The same where no owner is asked."""
+
+
+@dataclass(frozen=True, kw_only=True, config=STRICT)
+class TakeOverSettings:
+    """What of NAOqi is switched off while the robot is active; see ``naoqi_settings.yaml`` for the meaning of each."""
+
+    autonomous_life: Simple
+    touch: Simple
+    idle: Simple
+    smart_stiffness: Simple
+    diagnosis_effect: Simple
+    self_collision: Simple
+    arm_obstacles: Simple
+    base_obstacles: Policy
+    fall_manager: Policy
+    push_recovery: Policy
+
+
+@dataclass(frozen=True, kw_only=True, config=STRICT)
+class FitSettings:
+    """What a robot must be to be activated.
+
+    Attributes:
+        battery: Least charge, 0..1.
+        outside: How far a joint may measure beyond its limits [rad].
+        temperature_status: Largest status of a motor's temperature: 0 well, 1 less current, 2 and 3 go to rest.
+    """
+
+    battery: Annotated[float, Field(ge=0, le=1)]
+    outside: NotNegative
+    temperature_status: Annotated[int, Field(ge=0, le=3)]
+
+
+@dataclass(frozen=True, kw_only=True, config=STRICT)
+class WheelTimes:
+    """Dates of each wheel command, from the DCM cycle before it on [s]: dead-man's stop."""
+
+    reach: Positive
+    hold: Positive
+    stop: Positive
+
+    def __post_init__(self) -> None:
+        """What a single field cannot know: the order."""
+        if not self.reach <= self.hold < self.stop:
+            raise ValueError("'reach' must not be after 'hold', nor 'hold' at or after 'stop'")
+
+
+@dataclass(frozen=True, kw_only=True, config=STRICT)
+class TimingSettings:
+    """When commands are to be reached and samples are good; see ``naoqi_settings.yaml`` for the meaning of each."""
+
+    response_delay: Annotated[int, Field(ge=0, le=20)]
+    burst: Annotated[float, Field(ge=0.05, le=5.0)]
+    longest_round_trip: Positive
+    lead_margin: NotNegative
+    least_lead: Positive
+    longest_lead: Positive
+    largest_step: Positive
+    wheels: WheelTimes
+    ramp_up: Positive
+    ramp_down: Positive
+    legs_back_speed: Positive
+
+    def __post_init__(self) -> None:
+        """What a single field cannot know: the least comes before the largest."""
+        if self.least_lead > self.longest_lead:
+            raise ValueError("'least_lead' must not be above 'longest_lead'")
+
+
+@dataclass(frozen=True, kw_only=True, config=STRICT)
+class NaoqiSettings:
+    """See ``naoqi_settings.yaml`` for the meaning of each; times in [s]."""
+
+    connect_time: Positive
+    call_time: Positive
+    take_over_time: Positive
+    fit: FitSettings
+    charging_flap: Literal["refuse", "stand"]
+    legs_go_soft: bool
+    take_over: TakeOverSettings
+    timing: TimingSettings
+
+
+def load_naoqi_settings(path: Path | None = None) -> NaoqiSettings:
+    """Settings from ``path``, by default the shipped ``naoqi_settings.yaml``."""
+    return load(NaoqiSettings, path or package_file("naoqi_settings.yaml"))

@@ -1,0 +1,158 @@
+"""Speech, lights, tablet, postures and sleep of a robot, as its user asks for them."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from numbers import Real
+
+from pepper_driver.backends import Backend, BackendError, Capability, Extras
+from pepper_driver.config import PepperError
+from pepper_driver.events import CueEvent
+
+logger = logging.getLogger("pepper_driver")
+
+
+class ExtrasError(PepperError, ValueError):
+    """A colour, a time or a text that is none."""
+
+
+class RobotExtras:
+    """What a robot can do besides moving and measuring: ``pepper.extras``.
+
+    A backend without such a thing does nothing and says so once by ``logging``; ``info.capabilities`` tells before.
+    Each connects to the robot for its time where that is not yet connected. All may be called from any thread, but not
+    inside a tick: a robot may take its time.
+
+    Args:
+        backend: The robot.
+        is_active: Whether a loop of ours moves it now.
+    """
+
+    def __init__(self, backend: Backend, is_active: Callable[[], bool]) -> None:
+        self._backend = backend
+        self._is_active = is_active
+
+    def say(self, text: str) -> None:
+        """Begin to speak; returns before the text is spoken.
+
+        Raises:
+            PepperError: That is no text, or the robot cannot be reached or refuses.
+        """
+        _check_text("say", text)
+        with self._connected("speech") as extras:
+            extras.say(text)
+
+    def leds(self, group: str, colour: Sequence[float], duration: float = 0.2) -> None:
+        """Begin to fade lights to a colour; returns before they have it.
+
+        Args:
+            group: NAOqi's name of lights: ``FaceLeds``, ``EarLeds``, ``ChestLeds``, ...
+            colour: (r, g, b), each 0..1.
+            duration: Of the fade [s], up to 60.
+
+        Raises:
+            PepperError: An argument is none of these, or the robot cannot be reached or refuses.
+        """
+        _check_text("group", group)
+        if len(colour) != 3 or not all(isinstance(c, Real) and 0 <= c <= 1 for c in colour):
+            raise ExtrasError(f"a colour is (r, g, b), each from 0 to 1, got {colour!r}")
+        if not (isinstance(duration, Real) and 0 <= duration <= 60):
+            raise ExtrasError(f"lights fade within a time from 0 to 60 s, got {duration!r}")
+        r, g, b = map(float, colour)
+        with self._connected("leds") as extras:
+            extras.leds(group, (r, g, b), float(duration))
+
+    def show_image(self, url: str) -> None:
+        """Have the tablet show an image.
+
+        Args:
+            url: Address that the tablet, not this computer, can reach; ``http://198.18.0.1/...`` is the robot itself.
+
+        Raises:
+            PepperError: That is no text, or the robot cannot be reached or refuses.
+        """
+        _check_text("url", url)
+        with self._connected("tablet") as extras:
+            extras.show_image(url)
+
+    def hide_image(self) -> None:
+        """Have the tablet show no image.
+
+        Raises:
+            PepperError: The robot cannot be reached or refuses.
+        """
+        with self._connected("tablet") as extras:
+            extras.hide_image()
+
+    def go_to_posture(self, name: str, speed: float = 0.5) -> None:
+        """Have the robot's own program take it to a posture; returns when it is there. Not inside the ``with`` block.
+
+        Args:
+            name: NAOqi's name for it: ``Stand``, ``StandInit``, ``StandZero``, ``Crouch``.
+            speed: Share of the full speed, above 0 up to 1.
+
+        Raises:
+            PepperError: The robot is active, cannot be reached or refuses, or an argument is none of these.
+        """
+        _check_text("name", name)
+        if not (isinstance(speed, Real) and 0 < speed <= 1):
+            raise ExtrasError(f"a speed is a share of the full one, above 0 up to 1, got {speed!r}")
+        self._check_inactive(f"go to posture '{name}'", "set_posture() moves it now")
+        with self._connected("postures") as extras:
+            extras.go_to_posture(name, float(speed))
+
+    def wake_up(self) -> None:
+        """Have the robot switch its motors on and stand up; returns when it stands. Not inside the ``with`` block.
+
+        Raises:
+            PepperError: The robot is active, cannot be reached or refuses.
+        """
+        self._check_inactive("wake up", "it is awake")
+        with self._connected("wake") as extras:
+            extras.wake_up()
+
+    def rest(self) -> None:
+        """Have the robot sit down and switch its motors off; returns when it is done. Not inside the ``with`` block.
+
+        Raises:
+            PepperError: The robot is active, cannot be reached or refuses.
+        """
+        self._check_inactive("rest", "leave the 'with' block first")
+        with self._connected("wake") as extras:
+            extras.rest()
+
+    def perform(self, cue: CueEvent) -> None:
+        """Say or show what an experiment wants; what the robot refuses is logged, and the experiment goes on."""
+        try:
+            if cue.kind == "say":
+                self.say(cue.text)
+            else:
+                self.leds(cue.group, cue.colour, cue.duration)
+        except PepperError as error:
+            logger.warning("left out: %s: %s", cue, error)
+
+    def _check_inactive(self, what: str, instead: str) -> None:
+        if self._is_active():
+            raise BackendError(
+                f"'{self._backend.info.uri}' cannot {what} by its own program while the loop moves it: {instead}"
+            )
+
+    @contextmanager
+    def _connected(self, capability: Capability) -> Iterator[Extras]:
+        """The backend's extras, with a connection as long as it takes where there is one to be made."""
+        backend = self._backend
+        if self._is_active() or capability not in backend.info.capabilities:
+            yield backend.extras
+        else:
+            backend.open()  # fails where somebody else has it open, who then closes it
+            try:
+                yield backend.extras
+            finally:
+                backend.close()
+
+
+def _check_text(what: str, text: object) -> None:
+    if not (isinstance(text, str) and text.strip()):
+        raise ExtrasError(f"{what} must be a text, got {text!r}")

@@ -1,0 +1,114 @@
+"""The backends that the suite is run on, and how it drives them."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from pepper_driver import Pepper
+from pepper_driver.backends import Backend, Command, Measurement, make_backend
+from pepper_driver.config import load_robot
+from pepper_driver.config.parts import FloatArray
+
+ROBOT = load_robot()
+LATEST = 5.0
+"""[s] A call that has not come back by then hangs: far beyond what any of them takes, also on a busy machine."""
+
+Make = Callable[[], Backend]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Case:
+    """A backend to be tested.
+
+    Attributes:
+        name: Of it, in the names of the tests.
+        make: A new one, closed.
+        follows: Whether joints and wheels go where they are told; a recording need not.
+        starts_at_zero: Whether ticks and time are counted from ``open``; a recording has those of then.
+        examples: How many sequences of calls the state machine tries.
+    """
+
+    name: str
+    make: Make
+    follows: bool = True
+    starts_at_zero: bool = True
+    examples: int = 25
+
+
+def mujoco() -> Iterator[Case]:
+    """The simulated robot."""
+    yield Case(name="mujoco", make=lambda: make_backend("mujoco://?seed=7"))
+
+
+def replay(folder: Path) -> Iterator[Case]:
+    """A recording of it, long enough for every test."""
+    path = folder / "run.mcap"
+    with Pepper("mujoco://?seed=7", observer=None, log=path) as pepper:
+        pepper.set_posture({"LShoulderRoll": 0.6})
+        pepper.run(1500 * ROBOT.cycle)
+    yield Case(
+        name="replay",
+        make=lambda: make_backend(f"replay://{path}"),
+        follows=False,
+        starts_at_zero=False,
+    )
+
+
+def by_uri(uri: str) -> Iterator[Case]:
+    """Whatever somebody has registered."""
+    recorded = uri.startswith("replay")
+    yield Case(
+        name=uri,
+        make=lambda: make_backend(uri),
+        follows=not recorded,
+        starts_at_zero=not recorded,
+        examples=5,
+    )
+
+
+# -- driving a backend ----------------------------------------------------------------------------------------------
+
+
+def command(
+    position: FloatArray, *, stiffness: float = 1.0, wheel_speed: FloatArray | None = None
+) -> Command:
+    """Arrays of its own, so that nobody minds when they are changed."""
+    return Command(
+        position=position.copy(),
+        stiffness=np.full(len(ROBOT.joint_names), stiffness),
+        wheel_speed=np.zeros(3) if wheel_speed is None else wheel_speed.copy(),
+    )
+
+
+def hold(measurement: Measurement) -> Command:
+    """Stay where the robot is."""
+    return command(np.clip(measurement.position, ROBOT.lower, ROBOT.upper))
+
+
+def run(backend: Backend, wanted: Command, seconds: float) -> list[Measurement]:
+    """Give the same command for a time, as the loop would: once a cycle."""
+    return list(steps(backend, wanted, round(seconds / backend.info.cycle)))
+
+
+def steps(backend: Backend, wanted: Command, count: int) -> Iterator[Measurement]:
+    """So many steps, a cycle apart where time passes by itself."""
+    cycle, paced = backend.info.cycle, backend.info.real_time
+    due = time.monotonic()
+    for _ in range(count):
+        yield backend.step(wanted)
+        due += cycle
+        if paced and due > time.monotonic():
+            time.sleep(due - time.monotonic())
+
+
+def move(backend: Backend, start: FloatArray, goal: FloatArray, seconds: float) -> Measurement:
+    """Lead all joints along a straight line, and wait there half a second."""
+    count = round(seconds / backend.info.cycle)
+    for tick in range(count):
+        run(backend, command(start + (goal - start) * (tick + 1) / count), backend.info.cycle)
+    return run(backend, command(goal), 0.5)[-1]

@@ -1,0 +1,163 @@
+"""What a sample holds, how time passes from one to the next, and that it stays as it was."""
+
+from __future__ import annotations
+
+import copy
+import time
+from dataclasses import fields
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from conformance.cases import LATEST, ROBOT, Case, command, hold, run, steps
+from pepper_driver.backends import Backend, Imu, Measurement
+from pepper_driver.backends.interface import LONGEST_WAY
+
+SENSORS = ROBOT.sensors
+SHAPES = {
+    "position": 17,
+    "current": 17,
+    "wheel_speed": 3,
+    "touch": len(SENSORS.touch),
+    "bumpers": len(SENSORS.bumpers),
+    "buttons": len(SENSORS.buttons),
+    "temperature": 17,
+}
+
+
+def check(measurement: Measurement) -> None:
+    for name, size in SHAPES.items():
+        array = getattr(measurement, name)
+        assert isinstance(array, np.ndarray), name
+        assert (array.shape, array.dtype) == ((size,), np.float64), name
+        assert np.isfinite(array).all(), name
+    for field in fields(Imu):
+        array = getattr(measurement.imu, field.name)
+        assert (array.shape, array.dtype) == ((3,), np.float64), field.name
+        assert np.isfinite(array).all(), field.name
+    assert (measurement.position > ROBOT.lower - 0.1).all()
+    assert (measurement.position < ROBOT.upper + 0.1).all()
+    assert (measurement.current >= 0).all(), "the sensor loses the sign"
+    for name in ("touch", "bumpers", "buttons"):
+        assert set(getattr(measurement, name)) <= {0.0, 1.0}, name
+    assert (measurement.temperature > -20).all()
+    assert (measurement.temperature < 120).all()
+    assert 0.0 <= measurement.battery <= 1.0
+    assert measurement.charging_flap in (0.0, 1.0) or np.isnan(measurement.charging_flap)
+    assert measurement.age >= 0.0
+    assert isinstance(measurement.tick, int)
+    assert measurement.answers is None or measurement.answers >= 0
+    assert measurement.withheld >= 0
+
+
+def test_all_is_there_in_its_shape(backend: Backend) -> None:
+    first = backend.open()
+    samples = [first, *run(backend, hold(first), 0.1), backend.activate()]
+    samples += run(backend, hold(samples[-1]), 0.3)
+    for measurement in samples:
+        check(measurement)
+    assert np.abs(first.imu.acceleration - [0, 0, 9.81]).max() < 1.0, "it stands"
+    delays = {m.answers for m in samples[-10:]}
+    assert delays == {None} or all(d is not None and d < LONGEST_WAY for d in delays)
+
+
+def test_ticks_and_time_only_go_on(backend: Backend) -> None:
+    first = backend.open()
+    samples = [first, *run(backend, hold(first), 0.2), backend.activate()]
+    samples += run(backend, hold(samples[-1]), 0.4)
+    ticks = np.array([m.tick for m in samples])
+    times = np.array([m.time for m in samples])
+    assert (np.diff(ticks) >= 0).all()
+    np.testing.assert_allclose(np.diff(times), np.diff(ticks) * backend.info.cycle, atol=1e-9)
+    withheld = [m.withheld for m in samples]
+    assert withheld == sorted(withheld)
+
+
+def test_each_step_is_a_cycle_or_returns_at_once(backend: Backend, case: Case) -> None:
+    """A simulation lets a cycle pass in each step; a robot does not wait for its own."""
+    first = backend.open()
+    if not backend.info.real_time:
+        ticks = [m.tick for m in [first, *run(backend, hold(first), 0.3)]]
+        assert (np.diff(ticks) == 1).all()
+        return
+    took, samples = [], []
+    wanted = hold(backend.activate())
+    for _ in range(50):
+        before = time.perf_counter()
+        samples += list(steps(backend, wanted, 1))
+        took.append(time.perf_counter() - before)
+    calls = []
+    for _ in range(50):  # without a pause: samples repeat
+        before = time.perf_counter()
+        samples.append(backend.step(wanted))
+        calls.append(time.perf_counter() - before)
+    assert np.median(calls) < 0.5 * backend.info.cycle
+    passed = samples[49].tick - samples[0].tick
+    assert 25 < passed < 50 * (np.mean(took) / backend.info.cycle + 0.5), "it keeps its own time"
+    assert samples[-1].tick - samples[49].tick < 50
+
+
+def test_a_robot_waited_for_goes_on(backend: Backend) -> None:
+    """A loop may miss many ticks; the first sample after that is old or new, but the calls work."""
+    first = backend.open()
+    wanted = hold(backend.activate())
+    before = run(backend, wanted, 0.1)[-1]
+    time.sleep(0.3)
+    after = run(backend, wanted, 0.3)[-1]
+    assert after.tick > before.tick > first.tick
+    assert after.age < 0.2
+    check(after)
+
+
+def test_a_measurement_is_never_changed_afterwards(backend: Backend) -> None:
+    """The log and callbacks read it on threads of their own, later."""
+    backend.open()
+    measurement = backend.activate()
+    target = hold(measurement).position
+    target[ROBOT.joint_index("HeadYaw")] += 0.05
+    kept = []
+    for measurement in steps(backend, command(target, wheel_speed=np.full(3, 0.5)), 20):
+        kept.append((measurement, copy.deepcopy(measurement)))
+    assert not np.array_equal(kept[0][0].current, kept[-1][0].current)
+    for later, then in kept:
+        assert flat(later) == flat(then)
+    for one, other in pairwise(kept):
+        if one[0].tick != other[0].tick:
+            assert not np.shares_memory(one[0].position, other[0].position)
+
+
+def flat(measurement: Measurement) -> list[object]:
+    values = [getattr(measurement, f.name) for f in fields(Measurement) if f.name != "imu"]
+    values += [getattr(measurement.imu, f.name) for f in fields(Imu)]
+    return [v.tobytes() if isinstance(v, np.ndarray) else repr(v) for v in values]
+
+
+def test_arrays_of_a_command_are_the_callers(backend: Backend) -> None:
+    """A program may fill the same arrays anew for each step."""
+    backend.open()
+    measurement = backend.activate()
+    wanted = hold(measurement)
+    for _ in range(10):
+        (last,) = steps(backend, wanted, 1)
+        position = wanted.position.copy()
+        for array in (wanted.position, wanted.stiffness, wanted.wheel_speed):
+            array[:] = np.nan
+        wanted.position[:], wanted.stiffness[:], wanted.wheel_speed[:] = position, 1.0, 0.0
+    check(last)
+    backend.deactivate()
+    check(run(backend, hold(last), 0.1)[-1])
+    assert last.age < LATEST
+
+
+@pytest.mark.parametrize("active", [False, True])
+def test_opened_again_it_begins_anew(backend: Backend, case: Case, active: bool) -> None:
+    ticks = []
+    for _ in range(2):
+        first = backend.open()
+        wanted = hold(backend.activate() if active else first)
+        ticks.append(first.tick)
+        run(backend, wanted, 0.1)
+        backend.close()
+    assert ticks[0] == ticks[1]
+    assert ticks[0] == 0 or not case.starts_at_zero

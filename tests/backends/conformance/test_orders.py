@@ -1,0 +1,124 @@
+"""Commands: what is refused, what is done as far as it goes, and which joint or wheel does it."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from conformance.cases import ROBOT, Case, command, hold, move, run
+from pepper_driver.backends import Backend, Command, CommandError, Measurement
+
+SMALL = 0.12
+"""[rad] A motion that no joint can miss: beyond backlash and what gravity bends."""
+
+PARTS = ("position", "stiffness", "wheel_speed")
+NONSENSE: tuple[Any, ...] = (
+    None,
+    "forward",
+    0.0,
+    [],
+    {},
+    object(),
+    np.zeros((17, 1)),
+    np.zeros(16),
+    np.zeros(18),
+    np.full(17, np.nan),
+    [[0.0] * 3, [0.0] * 2],
+    np.full(17, "a"),
+    1j * np.ones(17),
+)
+
+
+@pytest.fixture
+def opened(backend: Backend) -> Measurement:
+    return backend.open()
+
+
+@settings(
+    max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
+)
+@given(
+    part=st.sampled_from(PARTS),
+    value=st.sampled_from([np.nan, np.inf, -np.inf]),
+    place=st.integers(0, 2),
+)
+def test_a_command_that_is_not_finite_is_refused(
+    backend: Backend, opened: Measurement, part: str, value: float, place: int
+) -> None:
+    wanted = hold(opened)
+    getattr(wanted, part)[place] = value
+    with pytest.raises(CommandError, match=part):
+        backend.step(wanted)
+
+
+@pytest.mark.parametrize("part", PARTS)
+def test_what_is_no_command_is_refused_and_nothing_happens(
+    backend: Backend, opened: Measurement, part: str
+) -> None:
+    before = backend.step(hold(opened))
+    for nonsense in NONSENSE:
+        parts: dict[str, Any] = {name: getattr(hold(opened), name) for name in PARTS}
+        with pytest.raises(CommandError, match=part):
+            backend.step(Command(**{**parts, part: nonsense}))
+    after = backend.step(hold(opened))
+    assert after.tick >= before.tick
+    if not backend.info.real_time:
+        assert after.tick == before.tick + 1, "no cycle passed"
+
+
+def test_no_joint_goes_beyond_its_limits(backend: Backend, case: Case) -> None:
+    """Told to, it goes as far as it can; and the wheels no faster than they can."""
+    if not case.follows:
+        pytest.skip("it moves as it did then")
+    backend.open()
+    start = hold(backend.activate()).position
+    names = ("HeadYaw", "LElbowYaw", "RElbowYaw", "LWristYaw", "LHand", "RHand")
+    joints = [ROBOT.joint_index(name) for name in names]
+    goal = start.copy()
+    goal[joints] = ROBOT.upper[joints]
+    move(backend, start, goal, 2.5)
+    goal[joints] += 0.5
+    samples = run(backend, command(goal, stiffness=7.0), 0.5)
+    for measurement in samples:
+        assert (measurement.position <= ROBOT.upper + 0.02).all()
+        assert (measurement.position >= ROBOT.lower - 0.02).all()
+    reached = samples[-1].position[joints]
+    np.testing.assert_allclose(reached, ROBOT.upper[joints], atol=0.08)
+    samples = run(backend, command(goal, wheel_speed=np.array([0.0, 0.0, 1e6])), 0.3)
+    fastest = np.abs([m.wheel_speed for m in samples]).max()
+    assert 1.0 < fastest < 1.2 * ROBOT.wheels.speed_limit
+
+
+def test_each_joint_does_what_it_was_told(backend: Backend, case: Case) -> None:
+    """Joints that move together in five motions, each joint in others than any other: none can be mistaken."""
+    if not case.follows:
+        pytest.skip("it moves as it did then")
+    backend.open()
+    start = hold(backend.activate()).position
+    inward = np.where(start < 0.5 * (ROBOT.lower + ROBOT.upper), 1.0, -1.0) * SMALL
+    numbers = np.arange(1, 18)
+    here, code = start, np.zeros(17, dtype=np.int64)
+    measured = run(backend, command(start), 0.1)[-1].position
+    for bit in range(5):
+        moving = (numbers >> bit & 1).astype(bool)
+        goal = np.where(moving, start + inward, start)
+        after = move(backend, here, goal, 0.5).position
+        code |= (np.abs(after - measured) > 0.5 * SMALL).astype(np.int64) << bit
+        here = goal
+        np.testing.assert_allclose(after, goal, atol=0.08)
+    np.testing.assert_array_equal(code, numbers)
+
+
+def test_each_wheel_does_what_it_was_told(backend: Backend, case: Case) -> None:
+    if not case.follows:
+        pytest.skip("it moves as it did then")
+    backend.open()
+    start = hold(backend.activate()).position
+    for wanted in ([0.8, 0.0, 0.0], [0.0, -0.8, 0.0], [0.0, 0.0, 0.8]):
+        speed = np.array(wanted)
+        last = run(backend, command(start, wheel_speed=speed), 0.5)[-1]
+        np.testing.assert_allclose(last.wheel_speed, speed, atol=0.2)

@@ -1,0 +1,314 @@
+"""Connecting over the real library: what it brings, and why it fails, in one line each."""
+
+import os
+import signal
+import socket
+import ssl
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import replace
+
+import pytest
+from naoqi_fakes import FakeRobot, address_of
+
+from pepper_driver.backends import NotConnectedError
+from pepper_driver.backends.naoqi.connection import (
+    CallTimeoutError,
+    MissingServiceError,
+    ServiceError,
+    connect,
+)
+from pepper_driver.backends.naoqi.peer import LoginError, NoAnswerError
+from pepper_driver.backends.naoqi.secret import Secret
+from pepper_driver.config import PepperError, load_naoqi_settings
+
+pytestmark = pytest.mark.usefixtures("qi")
+
+QUICK = replace(load_naoqi_settings(), connect_time=0.5, call_time=0.5)
+SECRET = Secret("xyzzy-7")
+
+SERVER = """
+import sys, threading, time
+from pepper_driver.backends.naoqi.library import load_qi
+class Slow:
+    def wait(self, seconds): time.sleep(seconds); return seconds
+    def fail(self): raise ValueError("no such thing\\n\\twith a reason")
+session = load_qi().Session()
+session.listenStandalone("tcp://127.0.0.1:0")
+session.registerService("Slow", Slow())
+print(session.endpoints()[-1].rpartition(":")[2], flush=True)
+sys.stdin.read()
+"""
+
+
+@contextmanager
+def other_process() -> Iterator[tuple[subprocess.Popen[str], str]]:
+    """A NAOqi that can be stopped and killed, and its URI."""
+    with subprocess.Popen(
+        [sys.executable, "-c", SERVER], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+    ) as process:
+        assert process.stdout is not None
+        try:
+            yield process, f"naoqi://127.0.0.1:{int(process.stdout.readline())}"
+        finally:
+            process.kill()
+
+
+@contextmanager
+def listener(answer: Callable[[socket.socket], None] | None) -> Iterator[int]:
+    """The port of somebody who takes connections, and does ``answer`` with each."""
+    server = socket.create_server(("127.0.0.1", 0))
+
+    def serve() -> None:
+        while True:
+            try:
+                peer, _ = server.accept()
+            except OSError:
+                return
+            if answer is not None:
+                with suppress(OSError):
+                    answer(peer)
+                peer.close()
+            else:
+                kept.append(peer)
+
+    kept: list[socket.socket] = []
+    thread = threading.Thread(target=serve, daemon=True)
+    if answer is not None:
+        thread.start()
+    yield server.getsockname()[1]
+    server.close()
+
+
+def web_server(peer: socket.socket) -> None:
+    peer.recv(1000)
+    peer.sendall(b"HTTP/1.1 400 Bad Request\r\n\r\n")
+
+
+@pytest.fixture
+def fake() -> Iterator[FakeRobot]:
+    with FakeRobot() as fake:
+        yield fake
+
+
+@pytest.fixture(scope="module")
+def certificate(tmp_path_factory: pytest.TempPathFactory) -> ssl.SSLContext:
+    folder = tmp_path_factory.mktemp("tls")
+    files = folder / "certificate.pem", folder / "key.pem"
+    subprocess.run(
+        [*["openssl", "req", "-x509", "-nodes", "-days", "2", "-subj", "/CN=fake", "-newkey", "ec"],
+         "-pkeyopt", "ec_paramgen_curve:prime256v1", "-keyout", files[1], "-out", files[0]],
+        check=True, capture_output=True,
+    )  # fmt: skip
+    context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
+    context.load_cert_chain(*files)
+    return context
+
+
+def tls_door(context: ssl.SSLContext, *, polite: bool = True) -> Callable[[socket.socket], None]:
+    """Lets nobody in; not polite: does not even say so."""
+
+    def answer(peer: socket.socket) -> None:
+        with context.wrap_socket(peer, server_side=True) as inner:
+            inner.recv(1000)
+            if not polite:
+                time.sleep(3)
+
+    return answer
+
+
+def failure(uri: str, secret: Secret | None = None) -> PepperError:
+    """Why one cannot connect: one line that names the URI and holds no secret."""
+    with pytest.raises(PepperError) as caught:
+        connect(address_of(uri), secret, settings=QUICK)
+    assert "\n" not in str(caught.value)
+    assert uri in str(caught.value)
+    assert SECRET.value not in str(caught.value)
+    return caught.value
+
+
+def test_calls_bring_what_a_service_answers(fake: FakeRobot) -> None:
+    connection = connect(fake.address)
+    assert connection.connected
+    assert {"ALMotion", "ALMemory", "DCM"} <= connection.service_names
+    assert connection.call("ALSystem", "systemVersion") == "2.5.10.7"
+    assert connection.service("ALMotion") is connection.service("ALMotion")
+    connection.close()
+    connection.close()
+    assert not connection.connected
+    with pytest.raises(NotConnectedError):
+        connection.call("ALSystem", "systemVersion")
+
+
+def test_nobody_listens() -> None:
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        port = server.getsockname()[1]
+    assert "nobody listens at port" in str(failure(f"naoqi://127.0.0.1:{port}"))
+    assert "9503" in str(failure(f"naoqis://127.0.0.1:{port}", SECRET))
+
+
+def test_no_such_computer() -> None:
+    assert "no computer is called" in str(failure("naoqi://no-robot.invalid"))
+    assert "does not answer" in str(failure(f"naoqi://{'a' * 70}.invalid"))
+
+
+def test_a_computer_that_cannot_be_reached(monkeypatch: pytest.MonkeyPatch) -> None:
+    def unreachable(*_: object, **__: object) -> socket.socket:
+        raise OSError(113, "No route to host")
+
+    monkeypatch.setattr(socket, "create_connection", unreachable)
+    assert "same network" in str(failure("naoqi://10.0.0.9"))
+
+
+def test_tls_against_plain(fake: FakeRobot) -> None:
+    error = failure(f"naoqis://127.0.0.1:{fake.port}", SECRET)
+    assert "speaks no TLS" in str(error)
+    assert "write naoqi://127.0.0.1" in str(error)
+
+
+def test_plain_against_tls(certificate: ssl.SSLContext) -> None:
+    with listener(tls_door(certificate)) as port:
+        assert f"write naoqis://nao@127.0.0.1:{port}" in str(failure(f"naoqi://127.0.0.1:{port}"))
+
+
+def test_a_wrong_password(certificate: ssl.SSLContext) -> None:
+    with listener(tls_door(certificate)) as port:
+        error = failure(f"naoqis://nao@127.0.0.1:{port}", SECRET)
+    assert isinstance(error, LoginError)
+    assert "does not let 'nao' in" in str(error)
+    assert isinstance(error, PermissionError)
+
+
+def test_a_door_that_says_nothing_about_the_password(certificate: ssl.SSLContext) -> None:
+    with listener(tls_door(certificate, polite=False)) as port:
+        assert isinstance(failure(f"naoqis://nao@127.0.0.1:{port}", SECRET), NoAnswerError)
+
+
+def test_somebody_else_listens() -> None:
+    with listener(web_server) as port:
+        assert "is no NAOqi" in str(failure(f"naoqi://127.0.0.1:{port}"))
+        assert "speaks no TLS" in str(failure(f"naoqis://127.0.0.1:{port}", SECRET))
+
+
+@pytest.mark.parametrize("scheme", ["naoqi", "naoqis"])
+def test_somebody_listens_and_says_nothing(scheme: str) -> None:
+    with listener(None) as port:
+        started = time.monotonic()
+        error = failure(f"{scheme}://127.0.0.1:{port}", SECRET)
+    assert isinstance(error, NoAnswerError)
+    assert isinstance(error, TimeoutError)
+    assert time.monotonic() - started < 10, "0.5 s of trying, then 2 s of probing"
+
+
+def test_a_robot_that_hangs_while_one_connects() -> None:
+    with other_process() as (process, uri):
+        os.kill(process.pid, signal.SIGSTOP)
+        assert "takes connections and says nothing" in str(failure(uri))
+
+
+def test_the_password_reaches_the_robot_and_calls_go_through(
+    fake: FakeRobot, certificate: ssl.SSLContext
+) -> None:
+    first: list[bytes] = []
+
+    def relay(peer: socket.socket) -> None:
+        try:
+            front = certificate.wrap_socket(peer, server_side=True)
+        except OSError:
+            return  # somebody only looked whether there is anybody
+        back = socket.create_connection(("127.0.0.1", fake.port))
+        first.append(front.recv(4096))
+        back.sendall(first[0])
+        threading.Thread(target=pump, args=(back, front), daemon=True).start()
+        pump(front, back)
+
+    def pump(source: socket.socket, sink: socket.socket) -> None:
+        try:
+            while data := source.recv(4096):
+                sink.sendall(data)
+        except OSError:
+            pass
+
+    with listener(relay) as port:
+        connection = connect(address_of(f"naoqis://nao@127.0.0.1:{port}"), SECRET)
+        assert connection.call("ALSystem", "systemVersion") == "2.5.10.7"
+        connection.close()
+    assert b"nao" in first[0]
+    assert SECRET.value.encode() in first[0]
+
+
+def test_what_a_service_refuses_is_one_line_with_its_reason() -> None:
+    with other_process() as (_, uri):
+        connection = connect(address_of(uri))
+        with pytest.raises(
+            ServiceError, match=r"Slow\.fail refused: .*no such thing with a reason$"
+        ):
+            connection.call("Slow", "fail")
+        with pytest.raises(ServiceError, match=r"Slow\.wait"):
+            connection.call("Slow", "wait", 1, 2, 3)
+        with pytest.raises(MissingServiceError, match=r"no Slow\.walk"):
+            connection.call("Slow", "walk")
+        with pytest.raises(MissingServiceError, match="no service DCM"):
+            connection.call("DCM", "getTime", 0)
+        assert connection.call("Slow", "wait", 0.0) == 0.0
+        connection.close()
+
+
+def test_a_call_that_takes_too_long() -> None:
+    with other_process() as (_, uri):
+        connection = connect(address_of(uri), settings=QUICK)
+        with pytest.raises(CallTimeoutError, match=r"in 0\.5 s"):
+            connection.call("Slow", "wait", 30.0)
+        with pytest.raises(CallTimeoutError, match=r"in 0\.1 s"):
+            connection.call("Slow", "wait", 30.0, timeout=0.1)
+        connection.close()
+
+
+def test_the_robot_dies_in_a_call() -> None:
+    lost = threading.Event()
+    with other_process() as (process, uri):
+        connection = connect(address_of(uri), on_lost=lost.set)
+        threading.Timer(0.3, process.kill).start()
+        started = time.monotonic()
+        with pytest.raises(NotConnectedError, match="lost"):
+            connection.call("Slow", "wait", 30.0, timeout=20.0)
+        assert time.monotonic() - started < 5
+        assert lost.wait(5)
+        assert not connection.connected
+        with pytest.raises(NotConnectedError):
+            connection.call("Slow", "wait", 0.0)
+        connection.close()
+
+
+def test_closing_is_no_loss(fake: FakeRobot) -> None:
+    lost = threading.Event()
+    connect(fake.address, on_lost=lost.set).close()
+    assert not lost.wait(0.3)
+
+
+def test_a_robot_that_hangs_holds_nobody_up() -> None:
+    """Neither a call, nor closing."""
+    with other_process() as (process, uri):
+        connection = connect(address_of(uri), settings=QUICK)
+        connection.service("Slow")
+        os.kill(process.pid, signal.SIGSTOP)
+        started = time.monotonic()
+        with pytest.raises(CallTimeoutError):
+            connection.call("Slow", "wait", 0.0)
+        connection.close()
+        assert time.monotonic() - started < 3
+
+
+def test_ctrl_c_is_heard_in_a_call() -> None:
+    with other_process() as (_, uri):
+        connection = connect(address_of(uri))
+        threading.Timer(0.3, os.kill, (os.getpid(), signal.SIGINT)).start()
+        started = time.monotonic()
+        with pytest.raises(KeyboardInterrupt):
+            connection.call("Slow", "wait", 30.0, timeout=20.0)
+        assert time.monotonic() - started < 3
+        connection.close()

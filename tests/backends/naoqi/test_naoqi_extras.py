@@ -1,0 +1,145 @@
+"""Speech, lights, tablet and the robot's own motions, over the real library."""
+
+import logging
+import time
+from collections.abc import Callable, Iterator
+
+import pytest
+from naoqi_fakes import FakeRobot
+
+from pepper_driver.backends import BackendError, NotConnectedError
+from pepper_driver.backends.naoqi.connection import Connection, connect
+from pepper_driver.backends.naoqi.extras import NaoqiExtras, abilities
+
+pytestmark = pytest.mark.usefixtures("qi")
+
+
+class Bench:
+    """Extras, the robot that has them, and whether it is moved meanwhile."""
+
+    def __init__(self, fake: FakeRobot) -> None:
+        self.fake = fake
+        self.active = False
+        self.link: Connection = connect(fake.address)
+        self.extras = NaoqiExtras(fake.uri, lambda: self.link, lambda: self.active)
+
+    def logged(self, entry: tuple[object, ...]) -> bool:
+        """Wait until the robot has done something."""
+        end = time.monotonic() + 5.0
+        while entry not in self.fake.log and time.monotonic() < end:
+            time.sleep(0.01)
+        return entry in self.fake.log
+
+
+@pytest.fixture
+def bench() -> Iterator[Bench]:
+    with FakeRobot() as fake:
+        bench = Bench(fake)
+        yield bench
+        bench.link.close()
+
+
+def test_a_pepper_can_do_all(bench: Bench) -> None:
+    names = bench.link.service_names
+    assert abilities(names) == {"speech", "leds", "tablet", "postures", "wake"}
+    assert abilities(names - {"ALLeds", "ALTabletService"}) == {"speech", "postures", "wake"}
+
+
+def test_speaking_holds_nobody_up(bench: Bench) -> None:
+    bench.fake.speech.seconds = 1.0
+    started = time.monotonic()
+    bench.extras.say("hello")
+    assert time.monotonic() - started < 0.5
+    assert bench.logged(("say", "hello"))
+
+
+def test_lights(bench: Bench) -> None:
+    bench.extras.leds("FaceLeds", (1.0, 0.5, 0.0), 0.2)
+    assert bench.logged(("fadeRGB", "FaceLeds", 1.0, 0.5, 0.0, 0.2))
+    bench.extras.leds("ChestLeds", (0.0, 0.0, 1.0), 0.5)
+    assert bench.logged(("fadeRGB", "ChestLeds", 0.0, 0.0, 1.0, 0.5))
+    bench.extras.leds("EarLeds", (0.0, 0.25, 0.75), 0.5)
+    assert bench.logged(("fade", "EarLeds", 0.75, 0.5)), "ears have no colours"
+
+
+def test_what_fails_later_is_logged(bench: Bench, caplog: pytest.LogCaptureFixture) -> None:
+    bench.fake.speech.mute = True
+    bench.extras.say("hello")
+    end = time.monotonic() + 5.0
+    while not caplog.records and time.monotonic() < end:
+        time.sleep(0.01)
+    (told,) = [record.getMessage() for record in caplog.records]
+    assert "ALTextToSpeech.say failed: " in told
+    assert told.endswith("ALTextToSpeech::say no voice")
+    assert caplog.records[0].levelno == logging.WARNING
+
+
+def test_the_tablet(bench: Bench) -> None:
+    bench.extras.show_image("http://198.18.0.1/img/help_charger.png")
+    bench.extras.hide_image()
+    assert bench.fake.log == [
+        ("showImage", "http://198.18.0.1/img/help_charger.png"),
+        ("hideImage",),
+    ]
+    with pytest.raises(BackendError, match="an address that the tablet itself can reach"):
+        bench.extras.show_image("file:///tmp/a.png")
+
+
+def test_postures(bench: Bench) -> None:
+    bench.extras.go_to_posture("Stand", 0.5)
+    assert ("goToPosture", "Stand", 0.5) in bench.fake.log
+    with pytest.raises(BackendError, match="did not reach posture 'Lotus'"):
+        bench.extras.go_to_posture("Lotus", 0.5)
+
+
+def test_waking_up_and_resting(bench: Bench) -> None:
+    bench.extras.rest()
+    assert not bench.fake.motion.is_awake
+    bench.extras.wake_up()
+    assert bench.fake.motion.is_awake
+    bench.fake.motion.stuck |= {"wakeUp", "rest"}
+    with pytest.raises(BackendError, match="does not rest; press the chest button"):
+        bench.extras.rest()
+    bench.fake.motion.is_awake = False
+    with pytest.raises(BackendError, match="does not wake up"):
+        bench.extras.wake_up()
+
+
+MOTIONS: dict[str, Callable[[NaoqiExtras], None]] = {
+    "posture": lambda extras: extras.go_to_posture("Stand", 0.5),
+    "wake up": lambda extras: extras.wake_up(),
+    "rest": lambda extras: extras.rest(),
+}
+
+
+@pytest.mark.parametrize("motion", MOTIONS)
+def test_two_programs_do_not_move_it(bench: Bench, motion: str) -> None:
+    bench.active = True
+    with pytest.raises(BackendError, match=f"{motion}.* by its own program"):
+        MOTIONS[motion](bench.extras)
+    assert not bench.fake.log
+    bench.extras.say("hello")
+    assert bench.logged(("say", "hello"))
+
+
+def test_after_the_connection(bench: Bench) -> None:
+    bench.link.close()
+    with pytest.raises(NotConnectedError):
+        bench.extras.say("hello")
+
+
+def test_a_robot_without_a_tablet(caplog: pytest.LogCaptureFixture) -> None:
+    """As NAOqi 2.9, whose tablet belongs to Android."""
+    with FakeRobot(
+        without=("ALTabletService", "ALLeds", "ALTextToSpeech", "ALRobotPosture")
+    ) as fake:
+        bench = Bench(fake)
+        for _ in range(2):
+            bench.extras.show_image("http://198.18.0.1/a.png")
+            bench.extras.hide_image()
+            bench.extras.leds("FaceLeds", (1.0, 1.0, 1.0), 0.1)
+            bench.extras.say("hello")
+            bench.extras.go_to_posture("Stand", 0.5)
+        bench.link.close()
+        assert not fake.log
+    assert len(caplog.records) == 4, "said once for each ability"
