@@ -1,5 +1,6 @@
 """The robot goes on whatever happens to NAOqi, and nothing outlives whoever started it."""
 
+import gc
 import os
 import signal
 import subprocess
@@ -197,3 +198,14 @@ def test_what_cannot_start() -> None:
     with StandIn() as first, pytest.raises(BackendError, match="Address already in use") as error:
         StandIn(port=first.port).start()
     assert "\n" not in str(error.value)
+
+
+def test_nothing_stays_open() -> None:
+    before = len(os.listdir("/proc/self/fd"))
+    with StandIn() as stand_in:
+        stand_in.naoqi_process.kill()
+        stand_in.start_naoqi()
+    assert len(stand_in.black_box()) > 0
+    del stand_in
+    gc.collect()  # the table is mapped as long as somebody may look at the black box
+    assert len(os.listdir("/proc/self/fd")) <= before
