@@ -3,6 +3,7 @@
 
 import argparse
 import functools
+import threading
 
 import qi
 
@@ -10,7 +11,7 @@ import qi
 class ReactToTouch(object):
     def __init__(self, app):
         app.start()
-        self.app = app
+        self.done = threading.Event()
         self.memory = app.session.service("ALMemory")
         self.tts = app.session.service("ALTextToSpeech")
         self.leds = app.session.service("ALLeds")
@@ -26,7 +27,7 @@ class ReactToTouch(object):
         self.leds.fadeRGB("FaceLeds", "magenta", 0.2)
         self.tts.say("My " + " and my ".join(touched) + " was touched")
         print(name, touched, flush=True)
-        self.app.stop()
+        self.done.set()
 
 
 if __name__ == "__main__":
@@ -36,4 +37,6 @@ if __name__ == "__main__":
     args = parser.parse_args()
     app = qi.Application(["ReactToTouch", "--qi-url=tcp://%s:%d" % (args.ip, args.port)])
     reaction = ReactToTouch(app)
-    app.run()
+    reaction.done.wait(20)
+    app.session.close()
+    app.stop()
