@@ -6,6 +6,7 @@ from typing import Any
 
 import pytest
 
+import pepper_driver.backends.naoqi.before_pinocchio  # noqa: F401
 from pepper_driver.backends.naoqi.library import NoQiError, load_qi
 from pepper_driver.backends.naoqi_server.launch import StandIn
 

@@ -191,12 +191,14 @@ class StandIn:
         return self._network or "clear"
 
     def signal_naoqi(self, number: int) -> None:
-        """Send the NAOqi process a signal; after SIGKILL it is gone when this returns."""
+        """Send the NAOqi process a signal; after SIGKILL it is gone, and after SIGSTOP all of it stands, when this returns."""
         process = self.naoqi_process
         self._naoqi_killed = number == signal.SIGKILL
         process.send_signal(number)
         if number == signal.SIGKILL:
             process.wait()
+        elif number == signal.SIGSTOP:  # some of its threads may be in the middle of an answer
+            os.waitid(os.P_PID, process.pid, os.WSTOPPED | os.WEXITED | os.WNOWAIT)
 
     def tell_naoqi(self, fault: Fault | None) -> None:
         """Let NAOqi set a fault of its services, or clear them."""

@@ -14,7 +14,7 @@ HEAD = f"{PREFIX}HeadYaw/Position/Actuator/Value"
 
 
 @pytest.fixture(scope="module")
-def stand_in() -> Iterator[StandIn]:
+def stand_in(qi: object) -> Iterator[StandIn]:
     with StandIn("mujoco://?seed=3") as made:
         yield made
 
