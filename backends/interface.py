@@ -291,8 +291,9 @@ class Backend(ABC):
     ``activate`` can be called in any state. Closed, it can be opened again, and ticks and time begin anew. Use it as a
     context manager: leaving the block deactivates and closes, whatever happened.
 
-    Any thread may call any method: they wait for each other, and each finds the state that the one before left. All
-    errors are a PepperError; no exception of a third-party library leaves a backend.
+    Any thread may call any method: ``open``, ``activate``, ``step``, ``deactivate`` and ``close`` wait for each other,
+    and each finds the state that the one before left. All errors are a PepperError; no exception of a third-party
+    library leaves a backend.
     """
 
     @property
