@@ -86,6 +86,15 @@ class TimingSettings:
 
 
 @dataclass(frozen=True, kw_only=True, config=STRICT)
+class AnglesSettings:
+    """How joints are moved through ALMotion, without the DCM; see ``naoqi_settings.yaml`` for the meaning of each."""
+
+    every: Annotated[int, Field(ge=2, le=4)]
+    speed: Annotated[float, Field(gt=0, le=1)]
+    response_delay: Annotated[int, Field(ge=0, le=20)]
+
+
+@dataclass(frozen=True, kw_only=True, config=STRICT)
 class NaoqiSettings:
     """See ``naoqi_settings.yaml`` for the meaning of each; times in [s]."""
 
@@ -97,6 +106,7 @@ class NaoqiSettings:
     legs_go_soft: bool
     take_over: TakeOverSettings
     timing: TimingSettings
+    angles: AnglesSettings
 
 
 def load_naoqi_settings(path: Path | None = None) -> NaoqiSettings:

@@ -1,5 +1,6 @@
 """The task-space whole-body controller: tasks and limits in, reference and load torque out."""
 
+import pepper_driver.backends.naoqi.before_pinocchio  # noqa: F401
 from pepper_driver.controller.errors import GainError, LimitError, TargetError
 from pepper_driver.controller.model import LoadTorque, RobotModel
 from pepper_driver.controller.reference import Reference

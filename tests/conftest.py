@@ -5,6 +5,7 @@ from typing import Any
 
 import pytest
 
+import pepper_driver.backends.naoqi.before_pinocchio  # noqa: F401
 from pepper_driver.backends.naoqi.library import NoQiError, load_qi
 
 # Started in the background of a shell, tests ignore Ctrl-C, and so do the commands that they start and interrupt.

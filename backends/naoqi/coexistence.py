@@ -19,6 +19,7 @@ from pepper_driver.backends.naoqi.preflight import UnfitError
 from pepper_driver.backends.naoqi.restoration import Restoration
 from pepper_driver.backends.naoqi.switches import Switch, chosen
 from pepper_driver.config import NaoqiSettings, RobotConfig
+from pepper_driver.config.naoqi import TakeOverSettings
 from pepper_driver.config.parts import FloatArray
 
 logger = logging.getLogger("pepper_driver")
@@ -42,13 +43,14 @@ class TakeOver:
     Args:
         connection: With the robot.
         robot: Names its joints.
-        settings: What is switched off.
+        settings: How long it may take.
+        policy: What is switched off, by default as the settings say.
         wake: Whether to wake up a robot at rest; it is sent to rest again in the end.
 
     Attributes:
-        posture: (17,) where ALMotion last sent the joints [rad]. It does not see what the DCM is told: joints that keep
-            their stiffness must be back there before it moves them again, else they jerk (NAOqi 2.5 page "ALMotion
-            advanced").
+        posture: (17,) where ALMotion last sent the joints [rad], NaN without ALMotion. It does not see what the DCM is
+            told: joints that keep their stiffness must be back there before it moves them again, else they jerk
+            (NAOqi 2.5 page "ALMotion advanced").
         kept: What is still on, because the owner did not allow that it is switched off.
         left: What could not be given back.
     """
@@ -58,12 +60,14 @@ class TakeOver:
         connection: Connection,
         robot: RobotConfig,
         settings: NaoqiSettings,
+        policy: TakeOverSettings | None = None,
         *,
         wake: bool = False,
     ) -> None:
         self._connection = connection
         self._robot = robot
         self._settings = settings
+        self._policy = policy or settings.take_over
         self._wake = wake
         self._changes = Restoration()
         self._off: list[tuple[Switch, bool]] = []
@@ -98,7 +102,8 @@ class TakeOver:
             raise
         if self.kept:
             logger.warning(
-                "%s: still on, because the robot's owner has not allowed otherwise (%s): %s",
+                "'%s': still on, because the robot's owner has not allowed otherwise on %s: %s; it may move base and "
+                "legs against you, so move head and arms alone",
                 self._connection.address.uri,
                 self._consent_page(),
                 ", ".join(self.kept),
@@ -130,7 +135,7 @@ class TakeOver:
         self.left = self._changes.undo(connection or self._connection)
 
     def _still(self) -> None:
-        policy = self._settings.take_over
+        policy = self._policy
         woken = awake(self._connection)
         if policy.autonomous_life == "off":
             self._end_life()
@@ -142,10 +147,9 @@ class TakeOver:
         for switch, must in chosen(policy):  # after waking up, which switches most of them on
             if self._is_on(switch):
                 self._switch_off(switch, must=must)
-        names = list(self._robot.joint_names)
-        self.posture = np.array(
-            self._connection.call("ALMotion", "getAngles", names, False), dtype=float
-        )
+        posture = self._call_if_there("ALMotion", "getAngles", list(self._robot.joint_names), False)
+        if posture is not None:
+            self.posture = np.array(posture, dtype=float)
 
     def _end_life(self) -> None:
         """Some robots lie down to rest by it."""
@@ -221,7 +225,7 @@ class TakeOver:
         try:
             return self._connection.call(service, method, *arguments)
         except (MissingServiceError, ServiceError) as error:
-            logger.info("passed over: %s", error)
+            logger.debug("passed over: %s", error)
             return None
 
     def _until(self, reached: Callable[[], bool], otherwise: str) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from enum import StrEnum
 
 import numpy as np
@@ -36,15 +36,23 @@ class Values:
     charging_flap: float
 
 
+VALUES = tuple(field.name for field in fields(Values) if field.name != "shown")
+"""What of a sample goes into a measurement."""
+
+
 class SensorKeys:
     """The keys that are read in every cycle, and what their values are.
+
+    Args:
+        robot: Its description.
+        complete: Whether the robot must have all, but for those of ``MAY_LACK``; else it may lack any.
 
     Attributes:
         names: In the order in which they are asked for.
         needed: Those without which there is no sample.
     """
 
-    def __init__(self, robot: RobotConfig) -> None:
+    def __init__(self, robot: RobotConfig, *, complete: bool = True) -> None:
         naoqi, sensors = robot.naoqi, robot.sensors
         groups = {
             "position": [naoqi.position.format(joint=name) for name in robot.joint_names],
@@ -66,10 +74,10 @@ class SensorKeys:
         for group, keys in groups.items():
             self._places[group] = slice(len(self.names), len(self.names) + len(keys))
             self.names += [naoqi.prefix + key for key in keys]
-            needed += [group not in MAY_LACK] * len(keys)
+            needed += [complete and group not in MAY_LACK] * len(keys)
         self._time = len(self.names)
         self.names.append(naoqi.time)
-        self._needed = np.array([*needed, True])
+        self._needed = np.array([*needed, complete])
         self.needed = [name for name, is_ in zip(self.names, self._needed, strict=True) if is_]
 
     def values(self, answer: Sequence[object]) -> Values | str:
@@ -89,7 +97,7 @@ class SensorKeys:
         values.setflags(write=False)  # goes into measurements, which nobody changes
         part = {group: values[place] for group, place in self._places.items()}
         return Values(
-            shown=int(values[self._time]),
+            shown=int(np.nan_to_num(values[self._time])),
             position=part["position"],
             current=part["current"],
             wheel_speed=part["wheel_speed"],

@@ -8,7 +8,7 @@ import platform
 import sys
 from typing import Any
 
-from pepper_driver.config import MissingExtraError
+from pepper_driver.config import MissingExtraError, PepperError
 
 PLATFORMS = "Linux on x86-64 with Python 3.11 or 3.12"
 """For which there is a package ``qi``."""
@@ -27,12 +27,22 @@ class NoQiError(MissingExtraError):
             )
 
 
+class ImportOrderError(PepperError, ImportError):
+    """The library ``qi`` would crash this process; the message says how to avoid it."""
+
+
 def load_qi() -> Any:  # noqa: ANN401
     """The module ``qi``, quiet, and set to notice a link that was cut within about ten seconds.
 
     Raises:
         NoQiError: It is not installed.
+        ImportOrderError: Pinocchio is there before it; see :mod:`pepper_driver.backends.naoqi.before_pinocchio`.
     """
+    if "pinocchio" in sys.modules and "qi" not in sys.modules:
+        raise ImportOrderError(
+            "pinocchio was imported before NAOqi's library qi, and in this order they crash the process; in your "
+            "program import pepper_driver, or qi, before pinocchio"
+        )
     os.environ.setdefault(
         "QI_LOG_LEVEL", "0"
     )  # else libqi writes into the standard output of every program

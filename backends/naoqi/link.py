@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import fields
 
 import numpy as np
 
@@ -12,7 +11,7 @@ from pepper_driver.backends.interface import BackendError, Measurement
 from pepper_driver.backends.naoqi.clock import DcmClock
 from pepper_driver.backends.naoqi.connection import Connection
 from pepper_driver.backends.naoqi.cycles import Cycles, Dating, Lateness
-from pepper_driver.backends.naoqi.keys import Alias, SensorKeys, Values, actuator_keys
+from pepper_driver.backends.naoqi.keys import VALUES, Alias, SensorKeys, actuator_keys
 from pepper_driver.backends.naoqi.lead import measure
 from pepper_driver.backends.naoqi.orders import Orders
 from pepper_driver.backends.naoqi.reader import Reader
@@ -24,8 +23,6 @@ from pepper_driver.config.parts import FloatArray
 
 BEAT = 0.6
 """[cycles] after a cycle of the robot at which ticks best begin: its values are there by then, and the next is far."""
-
-_VALUES = [field.name for field in fields(Values) if field.name != "shown"]
 
 
 class Link:
@@ -195,5 +192,5 @@ class Link:
             age=age,
             answers=None if orders is None else orders.answers(self._step, cycle),
             withheld=0 if orders is None else orders.withheld,
-            **{name: getattr(values, name) for name in _VALUES},
+            **{name: getattr(values, name) for name in VALUES},
         )

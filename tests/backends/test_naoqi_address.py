@@ -161,7 +161,7 @@ def computer(system: str, machine: str, version: tuple[int, int]) -> dict[str, S
 
     return {
         "importlib": SimpleNamespace(import_module=import_module),
-        "sys": SimpleNamespace(version_info=version),
+        "sys": SimpleNamespace(version_info=version, modules={}),
         "platform": SimpleNamespace(
             system=lambda: system,
             machine=lambda: machine,
@@ -197,6 +197,16 @@ def test_a_computer_that_cannot_have_the_library(
     assert "pip install" not in str(caught.value), "it would install nothing"
     assert caught.value.extra == "naoqi"
     assert str(pickle.loads(pickle.dumps(caught.value))) == str(caught.value)
+
+
+def test_pinocchio_first(monkeypatch: pytest.MonkeyPatch) -> None:
+    modules = {"pinocchio": SimpleNamespace()}
+    monkeypatch.setattr(library, "sys", SimpleNamespace(modules=modules))
+    with pytest.raises(library.ImportOrderError, match="before pinocchio"):
+        library.load_qi()
+    monkeypatch.setitem(modules, "qi", SimpleNamespace())
+    monkeypatch.setattr(library, "importlib", SimpleNamespace(import_module=modules.get))
+    assert library.load_qi() is modules["qi"]
 
 
 def test_the_library_is_told_before_it_starts(monkeypatch: pytest.MonkeyPatch) -> None:

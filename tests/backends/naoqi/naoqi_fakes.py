@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from functools import lru_cache
 from types import TracebackType
 from typing import Any, Self
 
@@ -266,10 +267,18 @@ class Dcm:
         return 0
 
 
-class FakeRobot:
-    """All of it, on a free port of this computer. Services are registered once: change them before, or their values."""
+@lru_cache(maxsize=1)
+def _server() -> Any:
+    """The one server of this process, kept to its end: libqi does not bear many that come and go."""
+    session = load_qi().Session()
+    session.listenStandalone("tcp://127.0.0.1:0")
+    return session
 
-    def __init__(self, *, without: tuple[str, ...] = (), port: int = 0) -> None:
+
+class FakeRobot:
+    """All of it, on a free port of this computer; one at a time."""
+
+    def __init__(self, *, without: tuple[str, ...] = ()) -> None:
         self.log: list[tuple[Any, ...]] = []
         self.memory = well()
         self.motion = Motion(self.log)
@@ -292,12 +301,9 @@ class FakeRobot:
             "ALTabletService": Tablet(self.log),
             "ALRobotPosture": Posture(self.log),
         }
-        self._session = load_qi().Session()
-        self._session.listenStandalone(f"tcp://127.0.0.1:{port}")
-        self.port = int(self._session.endpoints()[-1].rpartition(":")[2])
-        for name, service in services.items():
-            if name not in without:
-                self._session.registerService(name, service)
+        self._services = {name: services[name] for name in services if name not in without}
+        self._numbers: list[int] = []
+        self.port = int(_server().endpoints()[-1].rpartition(":")[2])
 
     @property
     def uri(self) -> str:
@@ -307,10 +313,8 @@ class FakeRobot:
     def address(self) -> Address:
         return address_of(self.uri)
 
-    def close(self) -> None:
-        self._session.close()
-
     def __enter__(self) -> Self:
+        self._numbers = [_server().registerService(*service) for service in self._services.items()]
         return self
 
     def __exit__(
@@ -319,4 +323,5 @@ class FakeRobot:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        self.close()
+        for number in self._numbers:
+            _server().unregisterService(number)

@@ -261,7 +261,7 @@ def test_a_robot_that_hangs_is_not_waited_for() -> None:
     server = (
         f"import sys; sys.path.insert(0, {os.path.dirname(__file__)!r})\n"
         "from naoqi_fakes import FakeRobot\n"
-        "fake = FakeRobot(); print(fake.uri, flush=True); sys.stdin.read()"
+        "with FakeRobot() as fake: print(fake.uri, flush=True); sys.stdin.read()"
     )
     with subprocess.Popen(
         [sys.executable, "-c", server], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True

@@ -1,0 +1,169 @@
+"""What a tick does where joints go through ALMotion: take what has come, ask, tell, and never wait."""
+
+from __future__ import annotations
+
+import logging
+import time
+from typing import Any
+
+import numpy as np
+
+from pepper_driver.backends.interface import BackendError, Measurement
+from pepper_driver.backends.naoqi.connection import Connection, one_line
+from pepper_driver.backends.naoqi.keys import VALUES, SensorKeys, Values
+from pepper_driver.config import RobotConfig
+from pepper_driver.config.naoqi import AnglesSettings
+from pepper_driver.config.parts import FloatArray
+
+logger = logging.getLogger("pepper_driver")
+
+SENSORS = 5
+"""Questions for the angles to one for all other sensors, which some robots refresh twice a second."""
+
+STIFFNESS_STEP = 0.02
+"""Smallest change of a stiffness that is passed on."""
+
+WARNING_PERIOD = 5.0
+"""[s] between two warnings about the same call."""
+
+
+class AnglesLink:
+    """With ALMotion and the memory of one robot.
+
+    Args:
+        connection: Open.
+        robot: Its description.
+        keys: Of all sensors, any of which may be missing.
+        settings: How often, and how fast.
+
+    Attributes:
+        newest: What was measured last.
+
+    Raises:
+        BackendError: The robot does not say where its joints are.
+    """
+
+    def __init__(
+        self, connection: Connection, robot: RobotConfig, keys: SensorKeys, settings: AnglesSettings
+    ) -> None:
+        self._settings, self._cycle, self._keys = settings, robot.cycle, keys
+        self._joints = list(robot.joint_names)
+        # ALMotion lets nobody change the stiffness of a Pepper's legs.
+        self.soft = [name for name in self._joints if name not in robot.chains["legs"]]
+        self._places = [robot.joint_index(name) for name in self.soft]
+        motion, memory = connection.service("ALMotion"), connection.service("ALMemory")
+        uri = connection.address.uri
+        self._angles = _Call(motion, "getAngles", uri)
+        self._sensors = _Call(memory, "getListData", uri)
+        self._order = _Call(motion, "setAngles", uri)
+        self._stiffness_order = _Call(motion, "setStiffnesses", uri)
+        position = self._position_of(connection.call("ALMotion", "getAngles", self._joints, True))
+        values = keys.values(connection.call("ALMemory", "getListData", keys.names))
+        if position is None or isinstance(values, str):
+            raise BackendError(f"'{uri}': the robot does not say where its joints are")
+        self._position: FloatArray = position
+        self._values: Values = values
+        self._asked = self._sampled = time.monotonic()
+        self._step = self._withheld = 0
+        self._stiffness = np.full(len(self.soft), np.nan)
+        self.newest = self._measurement()
+
+    def start(self) -> None:
+        """From now on commands are counted; the stiffness is 1."""
+        self._withheld = 0
+        self._stiffness = np.ones(len(self.soft))
+
+    def tick(self, position: FloatArray | None, stiffness: FloatArray) -> Measurement:
+        """One tick: the newest sample. Without a position nothing is told to the robot."""
+        self._step += 1
+        self._take()
+        if self._step % self._settings.every == 0:
+            self._ask()
+        elif position is not None and self._step % self._settings.every == 1:
+            self._tell(position, stiffness)
+        self.newest = self._measurement()
+        return self.newest
+
+    def _take(self) -> None:
+        position = self._position_of(self._angles.answer())
+        if position is not None:
+            self._position, self._sampled = position, self._asked
+        answer = self._sensors.answer()
+        if answer is not None and not isinstance(values := self._keys.values(answer), str):
+            self._values = values
+
+    def _ask(self) -> None:
+        if self._angles.begin(self._joints, True):
+            self._asked = time.monotonic()
+        if self._step % (SENSORS * self._settings.every) == 0:
+            self._sensors.begin(self._keys.names)
+
+    def _tell(self, position: FloatArray, stiffness: FloatArray) -> None:
+        if not self._order.begin(self._joints, position.tolist(), self._settings.speed):
+            self._withheld += 1
+        wanted = stiffness[self._places]
+        changed = not np.abs(wanted - self._stiffness).max() < STIFFNESS_STEP
+        if changed and self._stiffness_order.begin(self.soft, wanted.tolist()):
+            self._stiffness = wanted
+
+    def _position_of(self, answer: object) -> FloatArray | None:
+        """(17,) angles [rad]; None where there is no answer, or no good one."""
+        if answer is None:
+            return None
+        try:
+            position = np.array(answer, dtype=np.float64)
+        except (TypeError, ValueError):
+            return None
+        if position.shape != (len(self._joints),) or not np.isfinite(position).all():
+            return None
+        return position
+
+    def _measurement(self) -> Measurement:
+        usual = (self._settings.every + 1) * self._cycle
+        values = {name: getattr(self._values, name) for name in VALUES if name != "position"}
+        return Measurement(
+            time=self._step * self._cycle,
+            tick=self._step,
+            position=self._position,
+            age=max(0.0, time.monotonic() - self._sampled - usual),
+            withheld=self._withheld,
+            **values,
+        )
+
+
+class _Call:
+    """One method of a service, at most once on its way."""
+
+    def __init__(self, proxy: Any, method: str, uri: str) -> None:  # noqa: ANN401
+        self._proxy, self._method, self._what = proxy, method, f"'{uri}': {method}"
+        self._future: Any = None
+        self._warned = -WARNING_PERIOD
+
+    def begin(self, *arguments: object) -> bool:
+        """Whether it was called: not while the last call is on its way."""
+        self.answer()
+        if self._future is not None:
+            return False
+        try:
+            self._future = getattr(self._proxy, self._method)(*arguments, _async=True)
+        except RuntimeError as error:  # the connection is lost
+            self._warn(error)
+            return False
+        return True
+
+    def answer(self) -> Any:  # noqa: ANN401
+        """What the last call brought; None while it is on its way, where it failed, and the second time."""
+        future = self._future
+        if future is None or future.isRunning():
+            return None
+        self._future = None
+        try:
+            return future.value()
+        except RuntimeError as error:
+            self._warn(error)
+            return None
+
+    def _warn(self, error: Exception) -> None:
+        if time.monotonic() - self._warned >= WARNING_PERIOD:
+            self._warned = time.monotonic()
+            logger.warning("%s failed: %s", self._what, one_line(str(error)))

@@ -1,0 +1,309 @@
+"""What every way of moving a robot over NAOqi shares: meeting it, taking it over and giving it back."""
+
+from __future__ import annotations
+
+import logging
+from abc import abstractmethod
+from collections.abc import Sequence
+from functools import cached_property
+from typing import ClassVar, Literal
+
+import numpy as np
+
+from pepper_driver.backends.commands import checked_command
+from pepper_driver.backends.interface import (
+    Backend,
+    BackendError,
+    BackendInfo,
+    Capability,
+    CapabilityError,
+    Command,
+    DeviceError,
+    Measurement,
+    NotConnectedError,
+)
+from pepper_driver.backends.naoqi import stand_in
+from pepper_driver.backends.naoqi.address import Address
+from pepper_driver.backends.naoqi.coexistence import TakeOver
+from pepper_driver.backends.naoqi.connection import Connection, connect
+from pepper_driver.backends.naoqi.diagnosis import diagnosis
+from pepper_driver.backends.naoqi.extras import NaoqiExtras, abilities
+from pepper_driver.backends.naoqi.fitness import check_fit
+from pepper_driver.backends.naoqi.preflight import Preflight, preflight
+from pepper_driver.backends.naoqi.secret import Secret, find_secret
+from pepper_driver.config import NaoqiSettings, RobotConfig
+from pepper_driver.config.naoqi import TakeOverSettings
+from pepper_driver.config.parts import FloatArray
+
+logger = logging.getLogger("pepper_driver")
+
+
+class NaoqiRobot(Backend):
+    """A Pepper over NAOqi. Subclasses say by which of its services it is moved.
+
+    ``open`` reads only. ``activate`` stills whoever else moves the robot and raises the stiffness; ``deactivate`` gives
+    the robot back. Nothing goes on by itself after the connection was lost: close, and open again.
+
+    Args:
+        address: Of the robot.
+        robot: Its description.
+        settings: How the driver gets on with NAOqi.
+        policy: Who else is switched off meanwhile, by default as the settings say.
+        wake: Whether a robot at rest is woken up, and sent to rest again.
+    """
+
+    NEED_DCM: ClassVar[bool]
+
+    def __init__(
+        self,
+        address: Address,
+        robot: RobotConfig,
+        settings: NaoqiSettings,
+        *,
+        policy: TakeOverSettings | None = None,
+        wake: bool = False,
+    ) -> None:
+        self._address, self._robot, self._settings, self._wake = address, robot, settings, wake
+        self._policy = policy or settings.take_over
+        self._state: Literal["closed", "open", "active"] = "closed"
+        self._secret: Secret | None = None
+        self._connection: Connection | None = None
+        self._lost = False
+        self._info: BackendInfo | None = None
+        self._take_over: TakeOver | None = None
+
+    # -- of each way --------------------------------------------------------------------------------------------
+
+    @property
+    @abstractmethod
+    def _needed(self) -> Sequence[str]:
+        """Keys of the robot's memory without which it is refused."""
+
+    @abstractmethod
+    def _described(self, found: Preflight) -> tuple[int, str]:
+        """Delay of the answer to a command [steps], and identity: models of one way are none of another."""
+
+    @abstractmethod
+    def _begin(self, connection: Connection) -> Measurement:
+        """Read for the first time."""
+
+    @abstractmethod
+    def _ramp_up(self) -> Measurement:
+        """Raise the stiffness while holding the posture."""
+
+    @abstractmethod
+    def _tick(
+        self, position: FloatArray, stiffness: FloatArray, wheel_speed: FloatArray
+    ) -> Measurement:
+        """Send and read, without waiting. Sends nothing but between ``_ramp_up`` and ``_let_go``."""
+
+    @abstractmethod
+    def _let_go(self, posture: FloatArray) -> bool:
+        """Stop and lower the stiffness; False where the robot does not answer.
+
+        Args:
+            posture: (17,) where ALMotion left the joints [rad], NaN where it did not say.
+        """
+
+    # -- life ---------------------------------------------------------------------------------------------------
+
+    @property
+    def info(self) -> BackendInfo:
+        """The robot is asked who it is when this is first looked at.
+
+        Raises:
+            NotConnectedError: Nobody there.
+            BackendError: It is no Pepper, or not a complete one.
+        """
+        if self._info is None:
+            self._meet()
+        assert self._info is not None
+        return self._info
+
+    def open(self) -> Measurement:
+        """Connect and look at the robot. Nothing moves."""
+        if self._state != "closed":
+            raise BackendError(f"'{self._address.uri}' is already open")
+        if self._connection is None or not self._connection.connected:
+            self._meet()
+        assert self._connection is not None
+        try:
+            measurement = self._begin(self._connection)
+        except BaseException:
+            self._disconnect()
+            raise
+        self._state = "open"
+        return measurement
+
+    def activate(self) -> Measurement:
+        """Take the robot over and ramp the stiffness up, holding the posture measured."""
+        if self._state != "open":
+            raise BackendError(f"'{self._address.uri}' cannot be activated: it is {self._state}")
+        connection = self._connected()
+        check_fit(connection, self._robot, self._settings, may_sleep=self._wake)
+        self._take_over = TakeOver(
+            connection, self._robot, self._settings, self._policy, wake=self._wake
+        )
+        self._take_over.begin()
+        self._state = "active"
+        try:
+            return self._ramp_up()
+        except BaseException:
+            self.deactivate()
+            raise
+
+    def step(self, command: Command) -> Measurement:
+        """Send what may be sent and return the newest sample, at once.
+
+        Raises:
+            NotConnectedError: Not open, or the connection was lost.
+        """
+        self._connected()
+        position, stiffness, wheel_speed = checked_command(command, len(self._robot.joint_names))
+        stiffness = np.minimum(np.maximum(stiffness, 0.0), 1.0)
+        return self._tick(position.copy(), stiffness, wheel_speed)
+
+    def deactivate(self) -> None:
+        """Stop, let the joints go, give the robot back. A robot that does not answer is left as it is."""
+        if self._state != "active":
+            return
+        self._state = "open"
+        connection, take_over = self._connection, self._take_over
+        assert connection is not None
+        assert take_over is not None
+        try:
+            if not self._lost and not self._let_go(take_over.posture):
+                logger.warning(
+                    "'%s' does not answer, and is left as it is: its wheels stop by themselves, its joints stay stiff",
+                    self._address.uri,
+                )
+                connection.close()
+        finally:
+            take_over.restore()
+
+    def close(self) -> None:
+        """Deactivate and disconnect."""
+        try:
+            self.deactivate()
+        finally:
+            self._state = "closed"
+            self._disconnect()
+
+    # -- beyond motion ------------------------------------------------------------------------------------------
+
+    @cached_property
+    def extras(self) -> NaoqiExtras:
+        """Speech, lights, tablet, postures, waking up and resting, as far as this robot has them."""
+        return NaoqiExtras(self._address.uri, self._connected, lambda: self._state == "active")
+
+    def diagnosis(self) -> tuple[DeviceError, ...] | None:
+        """What the robot's own diagnosis finds broken now."""
+        return diagnosis(self._connected(), self._robot)
+
+    def push(
+        self,
+        link: str,
+        force: FloatArray,
+        point: FloatArray | None = None,
+        duration: float = 0.5,
+        *,
+        frame: Literal["world", "link"] = "world",
+        delay: float = 0.0,
+        rise: float = 0.1,
+    ) -> None:
+        """Push a link of a stand-in; see :meth:`Backend.push`."""
+        self._handle(
+            "push",
+            link,
+            force=force,
+            point=point,
+            duration=duration,
+            frame=frame,
+            delay=delay,
+            rise=rise,
+        )
+
+    def grab(
+        self,
+        link: str,
+        pull: FloatArray,
+        point: FloatArray | None = None,
+        *,
+        stiffness: float = 1000.0,
+        rise: float = 0.5,
+        hold: float = 1.0,
+        release: float = 0.1,
+        largest_force: float = 100.0,
+        frame: Literal["world", "link"] = "world",
+        delay: float = 0.0,
+    ) -> None:
+        """Take a link of a stand-in in a springy hand; see :meth:`Backend.grab`."""
+        self._handle(
+            "grab",
+            link,
+            pull=pull,
+            point=point,
+            stiffness=stiffness,
+            rise=rise,
+            hold=hold,
+            release=release,
+            largest_force=largest_force,
+            frame=frame,
+            delay=delay,
+        )
+
+    def _handle(self, method: Literal["push", "grab"], link: str, **arguments: object) -> None:
+        connection = self._connected()
+        if method not in self.info.capabilities:
+            raise CapabilityError(
+                f"'{self._address.uri}' cannot {method} itself: only simulated robots can"
+            )
+        stand_in.handle(connection, self._robot, method, link, **arguments)
+
+    # -- inside -------------------------------------------------------------------------------------------------
+
+    def _meet(self) -> None:
+        """Connect, and see who that is."""
+        self._disconnect()
+        if self._secret is None:
+            self._secret = find_secret(self._address)
+        self._lost = False
+        self._connection = connect(self._address, self._secret, self._on_lost, self._settings)
+        try:
+            found = preflight(self._connection, self._robot, self._needed, need_dcm=self.NEED_DCM)
+            services = self._connection.service_names
+        except BaseException:
+            self._disconnect()
+            raise
+        capabilities: set[Capability] = set(abilities(services))
+        if stand_in.SERVICE in services:
+            capabilities |= {"push", "grab"}
+        delay, identity = self._described(found)
+        self._info = BackendInfo(
+            uri=self._address.uri,
+            joint_names=self._robot.joint_names,
+            cycle=self._robot.cycle,
+            real_time=True,
+            response_delay=delay,
+            capabilities=frozenset(capabilities),
+            identity=identity,
+        )
+
+    def _on_lost(self) -> None:
+        self._lost = True
+
+    def _disconnect(self) -> None:
+        if self._connection is not None:
+            self._connection.close()
+        self._connection = None
+
+    def _connected(self) -> Connection:
+        """The connection of an open robot."""
+        if self._state == "closed" or self._connection is None:
+            raise NotConnectedError(f"'{self._address.uri}' is not open")
+        if self._lost or not self._connection.connected:
+            raise NotConnectedError(
+                f"'{self._address.uri}': the connection was lost; the robot stops its wheels by itself and holds its "
+                "joints: look after it and the network, then start again"
+            )
+        return self._connection
