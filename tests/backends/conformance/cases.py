@@ -31,7 +31,8 @@ class Case:
     Attributes:
         name: Of it, in the names of the tests.
         make: A new one, closed.
-        follows: Whether joints and wheels go where they are told; a recording need not.
+        follows: Whether joints go where they are told; a recording need not.
+        drives: Whether wheels turn as they are told.
         starts_at_zero: Whether ticks and time are counted from ``open``; a recording has those of then.
         examples: How many sequences of calls the state machine tries.
     """
@@ -39,6 +40,7 @@ class Case:
     name: str
     make: Make
     follows: bool = True
+    drives: bool = True
     starts_at_zero: bool = True
     examples: int = 25
 
@@ -58,6 +60,7 @@ def replay(folder: Path) -> Iterator[Case]:
         name="replay",
         make=lambda: make_backend(f"replay://{path}"),
         follows=False,
+        drives=False,
         starts_at_zero=False,
     )
 
@@ -84,6 +87,8 @@ def by_uri(uri: str) -> Iterator[Case]:
         name=uri,
         make=lambda: make_backend(uri),
         follows=not recorded,
+        drives=not recorded
+        and "mode=angles" not in uri,  # which keeps the base of a robot over NAOqi still
         starts_at_zero=not recorded,
         examples=5,
     )
