@@ -13,6 +13,7 @@ from pepper_driver.backends.interface import (
     Imu,
     Measurement,
     NotConnectedError,
+    SimulatedPlant,
     Truth,
 )
 from pepper_driver.backends.selection import make_backend
@@ -30,6 +31,7 @@ __all__ = [
     "Imu",
     "Measurement",
     "NotConnectedError",
+    "SimulatedPlant",
     "Truth",
     "make_backend",
 ]

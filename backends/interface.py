@@ -147,6 +147,21 @@ class BackendInfo:
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
+class SimulatedPlant:
+    """The robot that a simulation simulates: what pushes are planned with, and nothing of what happens to it.
+
+    Attributes:
+        config: Its parameters.
+        stiffness: (17,) proportional stiffness K = kp N Kt / R of each joint [N m/rad].
+        torque_limit: (17,) largest torque each board can hold at stiffness 1 [N m], gear friction left out.
+    """
+
+    config: PlantConfig
+    stiffness: FloatArray
+    torque_limit: FloatArray
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
 class TrueContact:
     """What one thing did to one link in the last cycle of a simulation. Vectors are in the world.
 
@@ -267,21 +282,6 @@ class Truth(ABC):
             in_gap=self.in_gap,
             saturated=self.saturated,
         )
-
-    @property
-    @abstractmethod
-    def plant(self) -> PlantConfig:
-        """The parameters of the simulated robot."""
-
-    @property
-    @abstractmethod
-    def stiffness(self) -> FloatArray:
-        """(17,) proportional stiffness K = kp N Kt / R of each joint [N m/rad]."""
-
-    @property
-    @abstractmethod
-    def torque_limit(self) -> FloatArray:
-        """(17,) largest torque each board can hold at stiffness 1 [N m], gear friction left out."""
 
 
 class Backend(ABC):
@@ -438,6 +438,15 @@ class Backend(ABC):
     def extras(self) -> Extras:
         """Speech, lights and the like. Where the robot has none of it they do nothing and say so."""
         return Extras(self.info.uri)
+
+    @property
+    def plant(self) -> SimulatedPlant:
+        """The simulated robot, where this backend can push it.
+
+        Raises:
+            CapabilityError: A real robot has no such parameters.
+        """
+        raise CapabilityError(f"'{self.info.uri}' is no simulation: nobody knows its parameters")
 
     @property
     def truth(self) -> Truth:

@@ -18,6 +18,7 @@ from pepper_driver.config.motion import (
 )
 from pepper_driver.config.naoqi import NaoqiSettings, load_naoqi_settings
 from pepper_driver.config.naoqi_services import NaoqiServices, load_naoqi_services
+from pepper_driver.config.network import Network, load_network, network_names
 from pepper_driver.config.plant import PlantConfig, draws, load_plant, plant_hash, plant_names
 from pepper_driver.config.recordings import (
     Calibration,
@@ -64,6 +65,7 @@ __all__ = [
     "MotionStep",
     "NaoqiServices",
     "NaoqiSettings",
+    "Network",
     "ObserverSettings",
     "PepperError",
     "PlantConfig",
@@ -86,6 +88,7 @@ __all__ = [
     "load_motion",
     "load_naoqi_services",
     "load_naoqi_settings",
+    "load_network",
     "load_observer_settings",
     "load_plant",
     "load_recordings",
@@ -95,6 +98,7 @@ __all__ = [
     "load_self_collision",
     "load_world",
     "motion_names",
+    "network_names",
     "plant_hash",
     "plant_names",
     "scenario_names",

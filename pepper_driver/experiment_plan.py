@@ -110,7 +110,7 @@ def plan_pushes(experiment: Experiment, robot: RobotConfig, backend: Backend) ->
     """
     if not experiment.pushes:
         return PlannedPushes(in_step={})
-    needed = {"push", "truth"} | ({"grab"} if _grabs(experiment) else set())
+    needed = {"push"} | ({"grab"} if _grabs(experiment) else set())
     if not needed <= backend.info.capabilities:
         return PlannedPushes(
             in_step={},
@@ -135,7 +135,7 @@ def plan_pushes(experiment: Experiment, robot: RobotConfig, backend: Backend) ->
             planned = plan_stated(
                 model,
                 robot,
-                backend.truth,
+                backend.plant,
                 push,
                 posture=targets[played],
                 bounds=Bounds(load=BOUNDS.load, tipping=BOUNDS.tipping, saturating=push.saturating),

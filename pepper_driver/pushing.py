@@ -8,7 +8,7 @@ from typing import Literal
 
 import numpy as np
 
-from pepper_driver.backends import Truth
+from pepper_driver.backends import SimulatedPlant
 from pepper_driver.config import PepperError, RobotConfig
 from pepper_driver.config.parts import FloatArray
 from pepper_driver.config.scenario_contacts import STRONGEST_HAND
@@ -86,7 +86,7 @@ class PlannedPush:
 def plan_push(
     model: RobotModel,
     robot: RobotConfig,
-    truth: Truth,
+    plant: SimulatedPlant,
     *,
     joint: str,
     link: str,
@@ -106,7 +106,7 @@ def plan_push(
     Args:
         model: Of the controller.
         robot: Its description.
-        truth: Of the plant: only the plant knows its stiffness.
+        plant: Of the simulation: only it knows its stiffness.
         joint: The joint.
         link: The link it carries.
         point: (3,) in the link's frame [m].
@@ -120,7 +120,7 @@ def plan_push(
         PushTooStrongError: Another joint, or this one, would saturate, or the robot would tip.
     """
     index = robot.joint_index(joint)
-    torque = direction * np.radians(degrees) * float(truth.stiffness[index])
+    torque = direction * np.radians(degrees) * float(plant.stiffness[index])
     rotation_link_to_world = model.link_pose(link, posture)[:3, :3]
     gravity = float(model.gravity_torque(posture)[index])
     refused: PushTooStrongError | None = None
@@ -129,7 +129,7 @@ def plan_push(
             return weigh_push(
                 model,
                 robot,
-                truth,
+                plant,
                 joint=joint,
                 link=link,
                 point=point,
@@ -141,7 +141,7 @@ def plan_push(
             )
         except PushTooStrongError as error:
             refused = refused or error
-            own = (abs(torque) + abs(gravity)) / truth.torque_limit[index]
+            own = (abs(torque) + abs(gravity)) / plant.torque_limit[index]
             if own > bounds.load and not bounds.saturating:
                 break  # whatever the direction
     assert refused is not None
@@ -187,7 +187,7 @@ def _forces(
 def weigh_push(
     model: RobotModel,
     robot: RobotConfig,
-    truth: Truth,
+    plant: SimulatedPlant,
     *,
     joint: str | None,
     link: str,
@@ -210,7 +210,7 @@ def weigh_push(
     pose = model.link_pose(link, posture)
     in_world = pose[:3, :3] @ force if frame == "link" else force
     torques: FloatArray = jacobian.T @ in_world
-    degrees = np.degrees(np.abs(torques) / truth.stiffness)
+    degrees = np.degrees(np.abs(torques) / plant.stiffness)
     if joint is None:
         index = int(degrees.argmax())
     else:
@@ -218,10 +218,10 @@ def weigh_push(
         _way(model, index, joint, link, point, posture)
     # Sizes are added up, whatever their directions: pushes come and go at different times.
     together = np.abs(torques) + sum(np.abs(push.torques) for push in beside)
-    loads = (together + np.abs(model.gravity_torque(posture))) / truth.torque_limit
+    loads = (together + np.abs(model.gravity_torque(posture))) / plant.torque_limit
     worst = int(loads.argmax())
     tipping = 0.0
-    if truth.plant.base == "rolling":
+    if plant.config.base == "rolling":
         where = pose[:3, :3] @ point + pose[:3, 3]
         tipping = Footing.of(robot).share(posture, where, in_world)
     planned = PlannedPush(
@@ -238,7 +238,7 @@ def weigh_push(
     )
     _check(planned, bounds, robot.joint_names[worst], tipping + sum(p.tipping for p in beside))
     if joint is not None:
-        _check_outer(planned, joint, degrees, robot, truth, bounds)
+        _check_outer(planned, joint, degrees, robot, plant, bounds)
     return planned
 
 
@@ -283,7 +283,7 @@ def _check_outer(
     joint: str,
     degrees: FloatArray,
     robot: RobotConfig,
-    truth: Truth,
+    plant: SimulatedPlant,
     bounds: Bounds,
 ) -> None:
     """Refuse a push that a joint further out would feel too."""
@@ -291,7 +291,7 @@ def _check_outer(
         return
     for index in _outer(robot, joint):
         name = robot.joint_names[index]
-        friction = truth.plant.actuator(name).friction.contact
+        friction = plant.config.actuator(name).friction.contact
         held = HELD_BY_FRICTION * (friction.motor + friction.link)
         share = float(degrees[index]) / planned.degrees
         if abs(planned.torques[index]) > held and share > bounds.further_out:

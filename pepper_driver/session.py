@@ -118,8 +118,8 @@ class Session:
         if path is not None:  # only now: a robot that is not there costs no earlier log
             log = LogWriter(path, robot, metadata, lossless=not backend.info.real_time)
             self._after_backend.callback(log.close)
+        controller = WholeBodyController(robot, settings)  # takes long, and a real robot would wait
         measurement = backend.activate()
-        controller = WholeBodyController(robot, settings)
         controller.reset(hold)
         self._gate.activate(hold)
         if observer is not None:

@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from pepper_driver.backends import Backend, Truth
+from pepper_driver.backends import Backend, SimulatedPlant
 from pepper_driver.config import ConfigError, RobotConfig, Scenario
 from pepper_driver.config.parts import FloatArray
 from pepper_driver.config.scenario_contacts import (
@@ -40,12 +40,12 @@ class TouchPlanner:
     """Plans the contacts of one scenario on one robot."""
 
     def __init__(self, scenario: Scenario, robot: RobotConfig, backend: Backend) -> None:
-        if not {"push", "truth"} <= backend.info.capabilities:
+        if "push" not in backend.info.capabilities:
             raise ConfigError(
                 f"{scenario.source}: key 'contacts': only a simulated robot can be pushed by software, and "
                 f"'{backend.info.uri}' is none"
             )
-        self._scenario, self._robot, self._truth = scenario, robot, backend.truth
+        self._scenario, self._robot, self._plant = scenario, robot, backend.plant
         self._model = RobotModel(robot)
 
     def with_random(self, scene: Scene, last: Scene | None, rng: np.random.Generator) -> Scene:
@@ -102,7 +102,7 @@ class TouchPlanner:
                 planned = plan_stated(
                     self._model,
                     self._robot,
-                    self._truth,
+                    self._plant,
                     contact,
                     posture=scene.posture,
                     bounds=self._bounds(contact),
@@ -189,7 +189,7 @@ class TouchPlanner:
                 planned = plan_push(
                     self._model,
                     self._robot,
-                    self._truth,
+                    self._plant,
                     joint=joint,
                     link=place.link,
                     point=np.array(place.xyz),
@@ -220,7 +220,7 @@ class TouchPlanner:
         planned = weigh_push(
             self._model,
             self._robot,
-            self._truth,
+            self._plant,
             joint=None,
             link=place.link,
             point=np.array(place.xyz),
@@ -245,7 +245,7 @@ class TouchPlanner:
             weigh_push(
                 self._model,
                 self._robot,
-                self._truth,
+                self._plant,
                 joint=planned.joint,
                 link=planned.link,
                 point=planned.point,
@@ -260,7 +260,7 @@ class TouchPlanner:
 def plan_stated(
     model: RobotModel,
     robot: RobotConfig,
-    truth: Truth,
+    plant: SimulatedPlant,
     contact: Push | JointPush | Grab,
     *,
     posture: FloatArray,
@@ -276,7 +276,7 @@ def plan_stated(
         return plan_push(
             model,
             robot,
-            truth,
+            plant,
             joint=contact.joint,
             link=contact.link,
             point=np.array(contact.xyz),
@@ -289,7 +289,7 @@ def plan_stated(
     return weigh_push(
         model,
         robot,
-        truth,
+        plant,
         joint=contact.joint,
         link=contact.link,
         point=np.array(contact.xyz),

@@ -1,12 +1,14 @@
-"""What holds for all tests."""
+"""What holds for all tests, and the stand-in robot that many of them share."""
 
 import signal
+from collections.abc import Iterator
 from typing import Any
 
 import pytest
 
 import pepper_driver.backends.naoqi.before_pinocchio  # noqa: F401
 from pepper_driver.backends.naoqi.library import NoQiError, load_qi
+from pepper_driver.backends.naoqi_server.launch import StandIn
 
 # Started in the background of a shell, tests ignore Ctrl-C, and so do the commands that they start and interrupt.
 signal.signal(signal.SIGINT, signal.default_int_handler)
@@ -29,3 +31,20 @@ def qi() -> Any:
         return load_qi()
     except NoQiError as error:
         pytest.skip(str(error))
+
+
+@pytest.fixture(scope="module")
+def stand_in(qi: Any) -> Iterator[StandIn]:
+    with StandIn("mujoco://?seed=3", network="clear") as running:
+        yield running
+
+
+@pytest.fixture
+def session(qi: Any, stand_in: StandIn) -> Iterator[Any]:
+    """A client, on a stand-in with nothing wrong before and afterwards."""
+    stand_in.clear_faults()
+    made = qi.Session()
+    made.connect(stand_in.url)
+    yield made
+    made.close()
+    stand_in.clear_faults()

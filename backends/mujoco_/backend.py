@@ -16,6 +16,7 @@ from pepper_driver.backends.interface import (
     Command,
     Measurement,
     NotConnectedError,
+    SimulatedPlant,
     Truth,
 )
 from pepper_driver.backends.mujoco_.handling import planned_hand, planned_push
@@ -110,6 +111,16 @@ class MujocoBackend(Serial, Backend):
     def info(self) -> BackendInfo:
         """Valid before ``open``."""
         return self._info
+
+    @property
+    def plant(self) -> SimulatedPlant:
+        """Which robot this is."""
+        boards = self._simulation.boards
+        return SimulatedPlant(
+            config=self._plant,
+            stiffness=boards.stiffness.copy(),
+            torque_limit=boards.torque_limit.copy(),
+        )
 
     @property
     def truth(self) -> Truth:

@@ -105,18 +105,3 @@ class MujocoTruth(Truth):
         pose[:3, :3] = scratch.xmat[model.bodies[link]].reshape(3, 3)
         pose[:3, 3] = scratch.xpos[model.bodies[link]]
         return pose
-
-    @property
-    def plant(self) -> PlantConfig:
-        """The parameters of the simulated robot."""
-        return self._plant
-
-    @property
-    def stiffness(self) -> FloatArray:
-        """(17,) K = kp N Kt / R [N m/rad]."""
-        return np.array(self._simulation.boards.stiffness)
-
-    @property
-    def torque_limit(self) -> FloatArray:
-        """(17,) largest torque the board can hold [N m]."""
-        return np.array(self._simulation.boards.torque_limit)

@@ -21,6 +21,7 @@ from pepper_driver.backends.interface import (
     DeviceError,
     Measurement,
     NotConnectedError,
+    SimulatedPlant,
 )
 from pepper_driver.backends.naoqi import stand_in
 from pepper_driver.backends.naoqi.address import Address
@@ -72,6 +73,7 @@ class NaoqiRobot(Serial, Backend):
         self._connection: Connection | None = None
         self._lost = False
         self._info: BackendInfo | None = None
+        self._plant: SimulatedPlant | None = None
         self._take_over: TakeOver | None = None
 
     # -- of each way --------------------------------------------------------------------------------------------
@@ -163,7 +165,8 @@ class NaoqiRobot(Serial, Backend):
         Raises:
             NotConnectedError: Not open, or the connection was lost.
         """
-        self._connected()
+        if self._state == "closed" or self._lost:
+            self._connected()  # not in each tick: the library takes its time, even for whether it is connected
         position, stiffness, wheel_speed = checked_command(command, len(self._robot.joint_names))
         stiffness = np.minimum(np.maximum(stiffness, 0.0), 1.0)
         return self._tick(position.copy(), stiffness, wheel_speed)
@@ -184,6 +187,7 @@ class NaoqiRobot(Serial, Backend):
                     self._address.uri,
                 )
                 connection.close()
+                self._lost = True
         finally:
             take_over.restore()
 
@@ -258,6 +262,16 @@ class NaoqiRobot(Serial, Backend):
             frame=frame,
             delay=delay,
         )
+
+    @property
+    def plant(self) -> SimulatedPlant:
+        """What a stand-in simulates."""
+        if "push" not in self.info.capabilities:
+            return super().plant
+        if self._plant is None:
+            assert self._connection is not None
+            self._plant = stand_in.simulated_plant(self._connection, self._robot)
+        return self._plant
 
     def _handle(self, method: Literal["push", "grab"], link: str, **arguments: object) -> None:
         connection = self._connected()

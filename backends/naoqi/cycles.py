@@ -1,18 +1,14 @@
-"""The DCM's cycles by number, which command is for which of them, and which of them a sample should be of."""
+"""The DCM's cycles by number, and which command is for which of them."""
 
 from __future__ import annotations
 
-from collections import deque
 from math import ceil
 
 KEPT = 128
-"""Commands remembered: beyond a second the gate has long stopped the robot."""
+"""[cycles] for which commands are remembered: after a second the gate has long stopped the robot."""
 
 FOLLOW = 0.1
 """Share of a deviation by which the grid of cycles follows the dates of samples."""
-
-PATIENCE = 25
-"""Samples in a row that must all be late before lateness is taken for usual: 0.3 s."""
 
 
 class Cycles:
@@ -63,7 +59,7 @@ class Dating:
     def __init__(self, cycles: Cycles, lead: float, delay: int) -> None:
         self._cycles, self._lead, self._delay = cycles, lead, delay
         self._number: int | None = None
-        self._sent: deque[tuple[int, int]] = deque(maxlen=KEPT)
+        self._given: dict[int, tuple[int, bool]] = {}
 
     def next(self, now: float) -> int | None:
         """The cycle for the command of a tick, which begins at the DCM's date ``now`` [ms].
@@ -86,63 +82,33 @@ class Dating:
         self._number = ahead if number is None else max(ahead, number + 1)
         return self._number
 
-    def sent(self, step: int, number: int) -> None:
-        """The command of a step really went on its way, for this cycle."""
-        self._sent.append((number, step))
+    def given(self, step: int, number: int, *, sent: bool) -> None:
+        """The command of a step was for this cycle, and was sent, or withheld."""
+        self._given[number] = (step, sent)
+        for old in list(self._given):
+            if old > number - KEPT:
+                break
+            del self._given[old]
 
     def refused(self, number: int) -> None:
         """The robot did not take the command for this cycle."""
-        self._sent = deque((sent for sent in self._sent if sent[0] != number), maxlen=KEPT)
+        if number in self._given:
+            self._given[number] = (self._given[number][0], False)
 
     def answers(self, step: int, sample: int) -> int | None:
         """How many steps before ``step`` the command was given that the sample of a cycle answers.
 
-        None where no command is as old as that.
+        None where no command is as old as that. A single one that was not sent is answered all the same: the DCM goes
+        in a straight line from the command before it to the one after.
         """
         reached = sample - self._delay
-        for number, then in reversed(self._sent):
-            if number <= reached:
-                return step - then
+        between = self._was_sent(reached - 1) and self._was_sent(reached + 1)
+        if reached in self._given and (self._was_sent(reached) or between):
+            return step - self._given[reached][0]
+        for number in reversed(self._given):
+            if number <= reached and self._was_sent(number):
+                return step - self._given[number][0]
         return None
 
-
-class Lateness:
-    """How many cycles the newest sample is later than samples usually are.
-
-    Every step expects the sample of the next cycle. A younger one moves what is expected on; where all are late for a
-    while, that is what is usual.
-
-    Args:
-        length: Of a cycle [ms].
-        newest: Cycle of the first sample.
-
-    Attributes:
-        expected: Cycle of which the sample should be now.
-    """
-
-    def __init__(self, length: float, newest: int) -> None:
-        self._length = length
-        self.expected = newest
-        self._least, self._seen = PATIENCE, 0
-
-    def step(self, elapsed: float, newest: int, age: float) -> int:
-        """Cycles by which the newest sample is late, now.
-
-        Args:
-            elapsed: Time since the last step [ms].
-            newest: Cycle of the newest sample.
-            age: Time since that cycle [ms]; a sample cannot be later than that.
-        """
-        # A tick that begins late and one that then begins in time again are one each; a missed one counts.
-        self.expected += max(1, int(elapsed / self._length + 0.25))
-        late = min(self.expected - newest, int(age / self._length))
-        if late <= 0:
-            late, self._seen, self._least = 0, 0, PATIENCE
-        else:
-            self._seen += 1
-            self._least = min(self._least, late)
-            if self._seen >= PATIENCE:
-                late -= self._least
-                self._seen, self._least = 0, PATIENCE
-        self.expected = newest + late
-        return late
+    def _was_sent(self, number: int) -> bool:
+        return self._given.get(number, (0, False))[1]

@@ -10,12 +10,13 @@ import numpy as np
 from pepper_driver.backends.interface import BackendError, Measurement
 from pepper_driver.backends.naoqi.clock import DcmClock
 from pepper_driver.backends.naoqi.connection import Connection
-from pepper_driver.backends.naoqi.cycles import Cycles, Dating, Lateness
+from pepper_driver.backends.naoqi.cycles import Cycles, Dating
 from pepper_driver.backends.naoqi.keys import VALUES, Alias, SensorKeys, actuator_keys
 from pepper_driver.backends.naoqi.lead import measure
 from pepper_driver.backends.naoqi.orders import Orders
+from pepper_driver.backends.naoqi.playout import Playout
 from pepper_driver.backends.naoqi.reader import Reader
-from pepper_driver.backends.naoqi.watchdog import sample_age
+from pepper_driver.backends.naoqi.watchdog import PAUSE, sample_age
 from pepper_driver.backends.naoqi.writer import Writer
 from pepper_driver.config import RobotConfig
 from pepper_driver.config.naoqi import TimingSettings
@@ -66,9 +67,7 @@ class Link:
             clock=now,
         )
         self.lead = self.trips.lead(timing)
-        self._clock = DcmClock(replies[0])
-        for reply in replies[1:]:
-            self._clock.add(reply)
+        self._clock = DcmClock(min(replies, key=lambda reply: reply.round_trip))
         dcm, memory = connection.service("DCM"), connection.service("ALMemory")
         keys = SensorKeys(robot)
         first = keys.values(connection.call("ALMemory", "getListData", keys.names))
@@ -76,15 +75,15 @@ class Link:
             raise BackendError(
                 f"'{connection.address.uri}': the robot sends no good sample: {first}"
             )
-        self._stepped = now()
+        self._stepped = self._watched = now()
         date = self._clock.date(first.shown, self._stepped)
         self._cycles = Cycles(1e3 * robot.cycle, date)
-        self._lateness = Lateness(1e3 * robot.cycle, 0)
+        self._playout = Playout(1e3 * robot.cycle, first)
         self._reader = Reader(memory, dcm, keys, self._clock, first=first, date=date, now=now)
         self._writer = Writer(dcm, timing.largest_step, now)
         self._orders: Orders | None = None
-        self._step = self._sample = 0
-        self.newest = self._measurement(0, 0.0)
+        self._step = 0
+        self.newest = self._measurement(0.0)
         self._reader.ask()
 
     def start(self) -> FloatArray:
@@ -104,18 +103,27 @@ class Link:
         """One tick, which never waits: the newest sample. Commands go out after ``start``; see :meth:`Orders.give`."""
         now = self._now()
         elapsed, self._stepped = (now - self._stepped) * 1e-6, now
+        if elapsed > PAUSE * 1e3 * self._cycle:
+            self._watched = now
         self._step += 1
         if self._reader.take():
-            self._sample = self._cycles.see(self._reader.date)
+            self._playout.add(self._cycles.see(self._reader.date), self._reader.newest)
         self._reader.ask()
         self._writer.collect()
         date = self._clock.now(now)
         if self._orders is not None:
             self._orders.give(self._step, date, position, stiffness, wheel_speed)
         since = date - self._reader.date
-        late = self._lateness.step(elapsed, self._sample, since)
-        age = sample_age(late, 1e-3 * since, self._writer.silence, self._cycle)
-        self.newest = self._measurement(self._lateness.expected, age)
+        self._playout.step(elapsed, since)
+        self.newest = self._measurement(
+            sample_age(
+                self._playout.late,
+                since=1e-3 * since,
+                silence=self._writer.silence,
+                watched=1e-9 * (now - self._watched),
+                cycle=self._cycle,
+            )
+        )
         return self.newest
 
     def off_beat(self, due: int) -> float:
@@ -184,8 +192,8 @@ class Link:
                 what = missing[0] if missing else str(alias)
                 raise BackendError(f"'{uri}': the robot's DCM does not know the actuator {what}")
 
-    def _measurement(self, cycle: int, age: float) -> Measurement:
-        orders, values = self._orders, self._reader.newest
+    def _measurement(self, age: float) -> Measurement:
+        orders, values, cycle = self._orders, self._playout.sample, self._playout.cycle
         return Measurement(
             time=cycle * self._cycle,
             tick=cycle,

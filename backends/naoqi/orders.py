@@ -108,10 +108,9 @@ class Orders:
             if not taken:
                 self._dating.refused(number)
 
-        if not self._writer.position(position, self._cycles.date(number), done):
-            return False
-        self._dating.sent(step, number)
-        return True
+        sent = self._writer.position(position, self._cycles.date(number), done)
+        self._dating.given(step, number, sent=sent)
+        return sent
 
     def _send_wheels(self, now: float, speeds: list[float]) -> bool:
         def done(taken: bool) -> None:

@@ -1,9 +1,11 @@
-"""What only a stand-in can do, and no robot: be pushed and grabbed by its own program."""
+"""What only a stand-in can do, and no robot: be pushed and grabbed by its own program, and say what it is made of."""
 
 from __future__ import annotations
 
+from pepper_driver.backends.interface import CapabilityError, SimulatedPlant
 from pepper_driver.backends.naoqi.connection import Connection, ServiceError
-from pepper_driver.config import RobotConfig, UnknownNameError
+from pepper_driver.backends.selection import make_backend
+from pepper_driver.config import PepperError, RobotConfig, UnknownNameError
 
 SERVICE = "StandIn"
 
@@ -37,6 +39,24 @@ def handle(
         connection.call(SERVICE, method, plain)
     except ServiceError as error:
         raise HandlingError(str(error)) from error
+
+
+def simulated_plant(connection: Connection, robot: RobotConfig) -> SimulatedPlant:
+    """The robot that the stand-in simulates, from its URI.
+
+    Raises:
+        CapabilityError: It cannot be simulated here, for example as its plant is a file of another computer.
+    """
+    info = connection.call(SERVICE, "info")
+    try:
+        backend = make_backend(str(info["uri"]), robot)
+        same = backend.info.identity == info["identity"]
+        problem = "" if same else "here it is another one"
+    except PepperError as error:
+        problem = str(error)
+    if problem:
+        raise CapabilityError(f"the stand-in simulates '{info['uri']}': {problem}")
+    return backend.plant
 
 
 def _plain(value: object) -> object:

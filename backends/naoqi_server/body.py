@@ -125,7 +125,7 @@ class Body:
         return {
             "identity": info.identity,
             "uri": info.uri,
-            "plant": self.backend.truth.plant.name,
+            "plant": self.backend.plant.config.name,
             "response_delay": info.response_delay,
             "cycle_ms": round(1000 * info.cycle),
         }

@@ -6,11 +6,11 @@ from collections.abc import Callable, Collection
 from dataclasses import dataclass
 from typing import Any
 
+from pepper_driver.backends.naoqi_server.fault_desk import FaultDesk
 from pepper_driver.backends.naoqi_server.memory import Memory
 from pepper_driver.backends.naoqi_server.modules.shared import Shared
 from pepper_driver.backends.naoqi_server.robot import Robot
 from pepper_driver.backends.naoqi_server.sensor_events import SensorEvents
-from pepper_driver.backends.naoqi_server.server_faults import ServerFaults
 from pepper_driver.config import RobotConfig
 
 
@@ -23,7 +23,7 @@ class Context:
         memory: What ALMemory holds; raises events.
         config: What the robot is.
         events: Raises events of its touch sensors.
-        faults: What is wrong with NAOqi itself.
+        faults: Takes what is to go wrong.
         shared: What the services of the package ``modules`` share.
         services: Names of the services that this session offers.
         call: ``call(service, method, *arguments)`` calls a service of this session without waiting for it.
@@ -33,7 +33,7 @@ class Context:
     memory: Memory
     config: RobotConfig
     events: SensorEvents
-    faults: ServerFaults
+    faults: FaultDesk
     shared: Shared
     services: Callable[[], Collection[str]]
     call: Callable[..., Any]

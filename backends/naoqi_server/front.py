@@ -9,7 +9,7 @@ from typing import Any, TypeVar
 
 import qi
 
-from pepper_driver.backends.naoqi_server.server_faults import ServerFaults
+from pepper_driver.backends.naoqi_server.service_faults import ServiceFaults
 from pepper_driver.config import PepperError
 
 T = TypeVar("T", bound=Callable[..., Any])
@@ -27,7 +27,7 @@ def named(name: str) -> Callable[[T], T]:
     return give
 
 
-def make_front(name: str, service: object, faults: ServerFaults) -> object:
+def make_front(name: str, service: object, faults: ServiceFaults) -> object:
     """An object for ``registerService``: the public methods, signals and properties of ``service``.
 
     Public are those whose name does not begin with an underscore, and those under :func:`named`. A class under
@@ -48,13 +48,13 @@ def make_front(name: str, service: object, faults: ServerFaults) -> object:
     return made
 
 
-def _guarded(service: str, method: Callable[..., Any], faults: ServerFaults) -> Callable[..., Any]:
+def _guarded(service: str, method: Callable[..., Any], faults: ServiceFaults) -> Callable[..., Any]:
     name = getattr(method, "__qi_name__", None) or method.__name__
 
     @wraps(method)
     def call(*arguments: Any) -> Any:  # noqa: ANN401
         try:
-            return faults.call(service, name, partial(method, *arguments))
+            return faults.call(service, name, arguments, partial(method, *arguments))
         except Exception as error:
             if not isinstance(error, PepperError | ValueError | LookupError):
                 _log.warning("%s.%s failed", service, name, exc_info=True)

@@ -2,27 +2,31 @@
 
 from __future__ import annotations
 
-import socket
+import json
+import signal
 import subprocess
-import sys
 import time
+from collections.abc import Sequence
 from contextlib import suppress
 from importlib.util import find_spec
 from types import TracebackType
-from typing import Any, Self
+from typing import Self
 
 from pepper_driver.backends.interface import BackendError
 from pepper_driver.backends.naoqi_server.black_box import BlackBox
 from pepper_driver.backends.naoqi_server.body import table_keys
-from pepper_driver.backends.naoqi_server.clock import wrapped
+from pepper_driver.backends.naoqi_server.clock import SPAN, wrapped
+from pepper_driver.backends.naoqi_server.fault_control import FaultControl
+from pepper_driver.backends.naoqi_server.faults import Fault, parse_fault
+from pepper_driver.backends.naoqi_server.line import Line
 from pepper_driver.backends.naoqi_server.link import RobotLink
-from pepper_driver.backends.naoqi_server.messages import make_pair, receive
+from pepper_driver.backends.naoqi_server.messages import make_pair
+from pepper_driver.backends.naoqi_server.processes import spawn
+from pepper_driver.backends.naoqi_server.proxy import NetworkProxy
 from pepper_driver.backends.naoqi_server.table import Table
+from pepper_driver.backends.naoqi_server.tls import Login
 from pepper_driver.config import MissingExtraError, load_robot
 from pepper_driver.config.naoqi_devices import load_naoqi_devices
-
-START_TIME = 30.0
-"""[s] for a process to start; it takes about one."""
 
 
 class StandIn:
@@ -38,7 +42,17 @@ class StandIn:
         consent: Whether the owner of the robot lets safety reflexes be switched off.
         version: Of NAOqi; by default that of ``naoqi_services.yaml``.
         outlive: How long the robot goes on when this process is killed [s].
+        network: Name or file of the network in front of it; None for none, where its link cannot be changed either.
+        login: Makes it NAOqi 2.9's endpoint: TLS, a user and a token.
+        faults: What is wrong from the start.
+
+    Attributes:
+        robot: The robot, past NAOqi.
+        proxy: What its clients' connections go through; None for nothing.
     """
+
+    robot: RobotLink
+    proxy: NetworkProxy | None = None
 
     def __init__(
         self,
@@ -50,9 +64,15 @@ class StandIn:
         consent: bool = False,
         version: str = "",
         outlive: float = 1.0,
+        network: str | None = None,
+        login: Login | None = None,
+        faults: Sequence[Fault] = (),
     ) -> None:
         self._uri, self._host, self._port = uri, host, port
         self._clock, self._outlive = clock, outlive
+        self._network, self._login, self._faults = network, login, faults
+        self._control = FaultControl(self)
+        self._naoqi_killed = False
         self._consent, self._version = consent, version
         self._robot: subprocess.Popen[bytes] | None = None
         self._naoqi: subprocess.Popen[bytes] | None = None
@@ -68,6 +88,9 @@ class StandIn:
                 "a stand-in NAOqi (Linux on x86-64, Python up to 3.12)", "naoqi"
             )
         clock = wrapped(int(1000 * time.time()) if self._clock is None else self._clock)
+        for fault in self._faults:
+            if fault.name == "rollover":
+                clock = wrapped(SPAN // 2 - round(1000 * float(fault.arguments["in"])))
         config = load_robot()
         devices = load_naoqi_devices(config)
         keys = table_keys(config, devices)
@@ -76,14 +99,28 @@ class StandIn:
         self._line, robots = make_pair()
         try:
             with robots:
-                self._robot, self._owner, _ = self._spawn(
+                self._robot, self._owner, _ = spawn(
                     "robot_process",
                     {"uri": self._uri, "clock": clock, "outlive": self._outlive},
                     {"table": self._file, "naoqi": robots.fileno()},
                 )
             table = Table(self._file, len(keys), config)
             self.robot = RobotLink(table, self._owner, keys, frozenset(devices.actuators))
+            proxied = self._network is not None or self._login is not None
+            self._naoqi_at = ("127.0.0.1", 0) if proxied else (self._host, self._port)
             self.start_naoqi()
+            if proxied:
+                self.proxy = NetworkProxy(
+                    self._naoqi_at,
+                    host=self._host,
+                    port=self._port,
+                    network=self.network,
+                    login=self._login,
+                )
+            self._port = (self.proxy.address if self.proxy else self._naoqi_at)[1]
+            for fault in self._faults:
+                if fault.kind.place not in ("start", "services"):
+                    self._control.set(fault)
         except BaseException:
             self.stop()
             raise
@@ -95,17 +132,60 @@ class StandIn:
         Raises:
             BackendError: It cannot start, for example because the port is in use.
         """
-        self._naoqi, self._naoqis_owner, ready = self._spawn(
+        host, port = self._naoqi_at
+        faults = [
+            {"name": fault.name, "arguments": fault.all_arguments}
+            for fault in self._faults
+            if fault.kind.place == "services"
+        ]
+        self._naoqi, end, ready = spawn(
             "server",
             {
-                "host": self._host,
-                "port": self._port,
+                "host": host,
+                "port": port,
                 "consent": int(self._consent),
                 "version": self._version,
+                "faults": json.dumps(faults),
             },
             {"table": self._file, "robot": self._line.fileno()},
         )
-        self._port = int(ready["port"])
+        self._naoqis_line = Line(end, "NAOqi process", self._control.obey)
+        self._naoqi_at = (host, int(ready["port"]))
+        self._naoqi_killed = False
+
+    def set_fault(self, text: str) -> None:
+        """Let something go wrong; see ``faults.parse_fault``.
+
+        Raises:
+            UnknownNameError: No such fault, or no such joint, sensor or network.
+            ConfigError: Arguments that it does not take.
+            BackendError: Not possible, for the reason given.
+        """
+        self._control.set(parse_fault(text))
+
+    def clear_faults(self) -> None:
+        """End all faults that can end; a NAOqi that was killed is started anew."""
+        self._control.clear()
+
+    @property
+    def network(self) -> str:
+        """Name or file of the network that it had at the start."""
+        return self._network or "clear"
+
+    def signal_naoqi(self, number: int) -> None:
+        """Send the NAOqi process a signal; after SIGKILL it is gone when this returns."""
+        process = self.naoqi_process
+        self._naoqi_killed = number == signal.SIGKILL
+        process.send_signal(number)
+        if number == signal.SIGKILL:
+            process.wait()
+
+    def tell_naoqi(self, fault: Fault | None) -> None:
+        """Let NAOqi set a fault of its services, or clear them."""
+        if fault is None:
+            self._naoqis_line.ask("clear_faults")
+        else:
+            self._naoqis_line.ask("set_fault", name=fault.name, arguments=fault.all_arguments)
 
     @property
     def port(self) -> int:
@@ -115,7 +195,7 @@ class StandIn:
     @property
     def url(self) -> str:
         """The same, as ``qi.Session.connect`` takes it."""
-        return f"tcp://{self._host}:{self._port}"
+        return f"{'tcps' if self._login else 'tcp'}://{self._host}:{self._port}"
 
     @property
     def robot_process(self) -> subprocess.Popen[bytes]:
@@ -134,7 +214,7 @@ class StandIn:
         return self.robot.black_box(last)
 
     def wait(self) -> str:
-        """Wait until NAOqi ends by itself, or is ended by others; returns how it ended.
+        """Wait until NAOqi ends by itself, or is ended by others than a fault; returns how it ended.
 
         Raises:
             BackendError: The robot ended.
@@ -142,12 +222,16 @@ class StandIn:
         while True:
             if (code := self.robot_process.poll()) is not None:
                 raise BackendError(f"the stand-in's robot process ended {_how(code)}")
-            if (code := self.naoqi_process.poll()) is not None:
+            if (code := self.naoqi_process.poll()) is not None and not self._naoqi_killed:
                 return _how(code)
             time.sleep(0.1)
 
     def stop(self) -> None:
         """End both processes. Does nothing when they have ended."""
+        self._control.close()
+        if self.proxy is not None:
+            self.proxy.close()
+            self.proxy = None
         for process in (self._naoqi, self._robot):
             if process is not None:
                 with suppress(ProcessLookupError):
@@ -165,33 +249,6 @@ class StandIn:
         traceback: TracebackType | None,
     ) -> None:
         self.stop()
-
-    def _spawn(
-        self, module: str, arguments: dict[str, Any], descriptors: dict[str, int]
-    ) -> tuple[subprocess.Popen[bytes], socket.socket, dict[str, Any]]:
-        """A process of this package, the line on which it hears that we are gone, and what it says when it is ready."""
-        mine, its = make_pair()
-        descriptors = {**descriptors, "owner": its.fileno()}
-        words = [f"--{name}={value}" for name, value in {**arguments, **descriptors}.items()]
-        with its:
-            # A process group of its own: Ctrl-C is for us, and what is stopped when we die is continued and ends.
-            process = subprocess.Popen(
-                [sys.executable, "-m", f"pepper_driver.backends.naoqi_server.{module}", *words],
-                pass_fds=tuple(descriptors.values()),
-                stdin=subprocess.DEVNULL,
-                process_group=0,
-            )
-        mine.settimeout(START_TIME)
-        try:
-            answer = receive(mine)
-        except TimeoutError:
-            answer = {"error": f"did not start within {START_TIME:.0f} s"}
-        if answer is None or "error" in answer:
-            process.kill()
-            process.wait()
-            reason = "ended while it started" if answer is None else answer["error"]
-            raise BackendError(f"stand-in: {reason}")
-        return process, mine, dict(answer["ready"])
 
 
 def _how(code: int) -> str:

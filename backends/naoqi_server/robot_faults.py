@@ -1,23 +1,20 @@
-"""What can be wrong with the stand-in robot, inside the robot process: switched on and off by name."""
+"""What can be wrong with the stand-in robot itself; ``faults.FAULTS`` has the names and arguments."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from typing import Any, ClassVar
+import random
+import time
+from collections.abc import Callable, Iterable, Mapping
 
 import numpy as np
 
-from pepper_driver.backends.interface import BackendError
+from pepper_driver.backends.naoqi_server.faults import Value, make_fault
 from pepper_driver.config import RobotConfig, UnknownNameError
 from pepper_driver.config.parts import FloatArray
 
 
 class RobotFault:
-    """Something wrong; a subclass overrides what it needs.
-
-    Made as ``Kind(robot, keys, **arguments)`` by ``set_fault(name, **arguments)``, with the places of the values; a
-    second one of the same name takes its place. A ValueError says what is wrong with the arguments.
-    """
+    """Something wrong. It is made of the robot, the places of the table's values by key, and its arguments."""
 
     def actuators(self, values: list[float]) -> None:
         """Change what the DCM sends in this cycle: values in the order of the DCM, which come first among ``keys``."""
@@ -26,65 +23,191 @@ class RobotFault:
         """Change what is published of this cycle: values of all keys. What really happened stays as it is."""
 
 
-class Press(RobotFault):
-    """Touch sensors, bumpers or buttons that are pressed: ``press`` with ``sensors=["Head/Touch/Front", ...]``."""
+class Asleep(RobotFault):
+    """Hardness of all joints, stiffness and speed of all wheels are zero, whatever is ordered."""
 
     def __init__(
-        self, robot: RobotConfig, keys: Mapping[str, int], sensors: list[str] | str
+        self, robot: RobotConfig, keys: Mapping[str, int], arguments: Mapping[str, Value]
     ) -> None:
+        names, wheels = robot.naoqi, robot.wheels.names
+        self._off = [
+            *_places(robot, keys, (names.stiffness_command,), joint=robot.joint_names),
+            *_places(robot, keys, (names.wheel_stiffness_command,), wheel=wheels),
+            *_places(robot, keys, (names.wheel_speed_command,), wheel=wheels),
+        ]
+
+    def actuators(self, values: list[float]) -> None:
+        """Nothing moves of its own."""
+        for place in self._off:
+            values[place] = 0.0
+
+
+class Disconnected(RobotFault):
+    """The sensors of a joint stand where they were; its motor gets nothing."""
+
+    def __init__(
+        self, robot: RobotConfig, keys: Mapping[str, int], arguments: Mapping[str, Value]
+    ) -> None:
+        joint = str(arguments["joint"])
+        if joint not in robot.joint_names:
+            raise UnknownNameError("joint", joint, robot.joint_names)
         names = robot.naoqi
-        known: dict[str, str] = {}
-        for kind, pattern, group in (
-            ("touch", names.touch, robot.sensors.touch),
-            ("bumper", names.bumper, robot.sensors.bumpers),
-            ("button", names.button, robot.sensors.buttons),
-        ):
-            known |= {name: names.prefix + pattern.format(**{kind: name}) for name in group}
-        chosen = [sensors] if isinstance(sensors, str) else list(sensors)
-        for name in chosen:
-            if name not in known:
-                raise UnknownNameError("sensor to press", name, known)
-        self._places = np.array([keys[known[name]] for name in chosen], dtype=np.intp)
+        (self._motor,) = _places(robot, keys, (names.stiffness_command,), joint=[joint])
+        self._sensors = np.array(
+            _places(robot, keys, (names.position, names.current, names.temperature), joint=[joint]),
+            dtype=np.intp,
+        )
+        self._stands: FloatArray | None = None
+
+    def actuators(self, values: list[float]) -> None:
+        """No current."""
+        values[self._motor] = 0.0
 
     def sensors(self, values: FloatArray) -> None:
-        """They say so."""
-        values[self._places] = 1.0
+        """As they were."""
+        if self._stands is None:
+            self._stands = values[self._sensors]
+        values[self._sensors] = self._stands
+
+
+class Dropped(RobotFault):
+    """In a share of the cycles nothing new is published, drawn anew for each; dates stand with the values."""
+
+    def __init__(
+        self, robot: RobotConfig, keys: Mapping[str, int], arguments: Mapping[str, Value]
+    ) -> None:
+        self._share = float(arguments["share"])
+        self._random = random.Random(0)
+        self._shown: FloatArray | None = None
+
+    def sensors(self, values: FloatArray) -> None:
+        """The sample before, whole."""
+        if self._shown is not None and self._random.random() < self._share:
+            values[:] = self._shown
+        else:
+            self._shown = values.copy()
+
+
+class Shown(RobotFault):
+    """Some sensors show a value that is not true."""
+
+    def __init__(
+        self, robot: RobotConfig, keys: Mapping[str, int], shown: Iterable[str], value: float
+    ) -> None:
+        known = {name.removeprefix(robot.naoqi.prefix): place for name, place in keys.items()}
+        names = [name.removeprefix(robot.naoqi.prefix) for name in shown]
+        for name in names:
+            if name not in known:
+                raise UnknownNameError("sensor", name, known)
+        self._places = [known[name] for name in names]
+        self._value = value
+
+    def sensors(self, values: FloatArray) -> None:
+        """They show it."""
+        values[self._places] = self._value
+
+
+def hot(robot: RobotConfig, keys: Mapping[str, int], arguments: Mapping[str, Value]) -> RobotFault:
+    """The temperature of a joint or a wheel."""
+    joint, motors = str(arguments["joint"]), (*robot.joint_names, *robot.wheels.names)
+    if joint not in motors:
+        raise UnknownNameError("motor", joint, motors)
+    key = robot.naoqi.temperature.format(joint=joint)
+    return Shown(robot, keys, [key], float(arguments["celsius"]))
+
+
+def value(
+    robot: RobotConfig, keys: Mapping[str, int], arguments: Mapping[str, Value]
+) -> RobotFault:
+    """Any sensor."""
+    return Shown(robot, keys, [str(arguments["key"])], float(arguments["value"]))
+
+
+def press(
+    robot: RobotConfig, keys: Mapping[str, int], arguments: Mapping[str, Value]
+) -> RobotFault:
+    """Touch sensors, bumpers and buttons."""
+    names, sensors = robot.naoqi, robot.sensors
+    known = {
+        **{name: names.touch.format(touch=name) for name in sensors.touch},
+        **{name: names.bumper.format(bumper=name) for name in sensors.bumpers},
+        **{name: names.button.format(button=name) for name in sensors.buttons},
+    }
+    names_pressed = str(arguments["sensors"]).split("+")
+    for name in names_pressed:
+        if name not in known:
+            raise UnknownNameError("sensor to press", name, known)
+    return Shown(robot, keys, [known[name] for name in names_pressed], 1.0)
+
+
+Maker = Callable[[RobotConfig, Mapping[str, int], Mapping[str, Value]], RobotFault]
+"""Raises UnknownNameError for a joint or a sensor that is not there."""
+
+KINDS: Mapping[str, Maker] = {
+    "asleep": Asleep,
+    "disconnected": Disconnected,
+    "dropped": Dropped,
+    "hot": hot,
+    "press": press,
+    "value": value,
+}
 
 
 class RobotFaults:
-    """The faults that are on."""
+    """The faults that are set. One takes the place of another of the same name and the same texts.
 
-    KINDS: ClassVar[dict[str, Callable[..., RobotFault]]] = {"press": Press}
-    """By name; one line for each."""
+    Args:
+        robot: Description of the robot.
+        keys: Places of the table's values.
+        clock: Monotonic [s].
+    """
 
-    def __init__(self, robot: RobotConfig, keys: Mapping[str, int]) -> None:
-        self._robot, self._keys = robot, keys
-        self._on: dict[str, RobotFault] = {}
+    def __init__(
+        self,
+        robot: RobotConfig,
+        keys: Mapping[str, int],
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
+        self._robot, self._keys, self._clock = robot, keys, clock
+        self._set: dict[tuple[str, ...], tuple[float, float, RobotFault]] = {}
 
-    def set(self, name: str, arguments: Mapping[str, Any]) -> None:
-        """Switch one on, or change how.
+    def set(self, name: str, arguments: Mapping[str, object]) -> None:
+        """Set a fault of the robot.
 
         Raises:
-            UnknownNameError: No such fault.
-            BackendError: Arguments that it does not take.
+            UnknownNameError: No such fault, or no such joint or sensor.
+            ConfigError: Arguments that it does not take.
         """
-        if name not in self.KINDS:
-            raise UnknownNameError("fault", name, self.KINDS)
-        try:
-            self._on[name] = self.KINDS[name](self._robot, self._keys, **arguments)
-        except (TypeError, ValueError) as error:
-            raise BackendError(f"fault '{name}': {error}") from error
+        if name not in KINDS:
+            raise UnknownNameError("fault of the robot", name, KINDS)
+        fault = make_fault(name, arguments)
+        made = KINDS[name](self._robot, self._keys, fault.arguments)
+        begin = self._clock() + fault.after
+        self._set[fault.identity] = (begin, begin + fault.seconds, made)
 
     def clear(self) -> None:
         """All well again."""
-        self._on.clear()
+        self._set.clear()
 
     def actuators(self, values: list[float]) -> None:
         """Let each change what the DCM sends."""
-        for fault in self._on.values():
+        for fault in self._on():
             fault.actuators(values)
 
     def sensors(self, values: FloatArray) -> None:
         """Let each change what is published."""
-        for fault in self._on.values():
+        for fault in self._on():
             fault.sensors(values)
+
+    def _on(self) -> list[RobotFault]:
+        now = self._clock()
+        return [fault for begin, end, fault in self._set.values() if begin <= now < end]
+
+
+def _places(
+    robot: RobotConfig, keys: Mapping[str, int], patterns: Iterable[str], **names: Iterable[str]
+) -> list[int]:
+    """Places of the keys that patterns stand for."""
+    ((slot, choices),) = names.items()
+    chosen = list(choices)
+    return [keys[robot.naoqi.prefix + p.format(**{slot: n})] for p in patterns for n in chosen]

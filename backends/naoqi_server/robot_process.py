@@ -57,7 +57,11 @@ class RobotProcess:
         self._faults = RobotFaults(robot, self._body.keys)
         self._table = Table(file, len(self._body.keys), robot)
         self._table.start(self._clock, {**self._body.info, "pid": os.getpid()})
-        self._cycle = self._orders = 0
+        self._cycle = self._orders = self._wheel_orders = 0
+        self._wheels = {
+            robot.naoqi.prefix + robot.naoqi.wheel_speed_command.format(wheel=wheel)
+            for wheel in robot.wheels.names
+        }
         self._naoqi: int | None = None
         self._handlers: Mapping[str, Callable[..., None]] = {
             "order": self._order,
@@ -105,7 +109,8 @@ class RobotProcess:
         date = wrapped(self._clock.origin + self._cycle * self._cycle_ms)
         end = time.monotonic_ns()
         state = (*body.true_state(), *body.commanded())
-        self._table.record((self._cycle, date, due, end, self._orders, *state))
+        orders = self._orders, self._wheel_orders
+        self._table.record((self._cycle, date, due, end, *orders, *state))
 
     def _answer(self, end: socket.socket) -> bool:
         """Do what one message asks for; False once nobody is left at the other end."""
@@ -140,6 +145,7 @@ class RobotProcess:
         kind = next(known for known in UPDATE_TYPES if known == update)
         self._dcm.order(actuators, kind, commands, self._clock.count)
         self._orders += 1
+        self._wheel_orders += not self._wheels.isdisjoint(actuators)
 
 
 def _arrays(arguments: dict[str, Any], *names: str) -> dict[str, Any]:

@@ -6,6 +6,7 @@ Started by ``launch.StandIn``. It ends when told to, and when whoever started it
 from __future__ import annotations
 
 import argparse
+import json
 import os
 import signal
 import socket
@@ -19,16 +20,17 @@ import qi
 from pepper_driver.backends.interface import BackendError
 from pepper_driver.backends.naoqi_server.body import table_keys
 from pepper_driver.backends.naoqi_server.context import Context
+from pepper_driver.backends.naoqi_server.fault_desk import FaultDesk
+from pepper_driver.backends.naoqi_server.faults import make_fault
 from pepper_driver.backends.naoqi_server.front import make_front
 from pepper_driver.backends.naoqi_server.link import RobotLink
 from pepper_driver.backends.naoqi_server.memory import Memory
-from pepper_driver.backends.naoqi_server.messages import receive, send
+from pepper_driver.backends.naoqi_server.messages import send
 from pepper_driver.backends.naoqi_server.modules.shared import Shared
 from pepper_driver.backends.naoqi_server.sensor_events import SensorEvents
-from pepper_driver.backends.naoqi_server.server_faults import ServerFaults
 from pepper_driver.backends.naoqi_server.services import SERVICES
 from pepper_driver.backends.naoqi_server.table import Table
-from pepper_driver.config import PepperError, load_robot
+from pepper_driver.config import PepperError, UnknownNameError, load_robot
 from pepper_driver.config.naoqi_devices import load_naoqi_devices
 
 
@@ -39,12 +41,23 @@ class NaoqiServer:
         robot: Connection to the robot process.
         host: Address to listen at.
         port: And the port; 0 for a free one.
+        owner: End of the line to whoever started this; the process ends with it.
         consent: Whether the owner of the robot lets safety reflexes be switched off.
         version: Of NAOqi; "" for that of ``naoqi_services.yaml``.
+
+    Attributes:
+        faults: Takes what is to go wrong.
     """
 
     def __init__(
-        self, robot: RobotLink, host: str, port: int, *, consent: bool, version: str
+        self,
+        robot: RobotLink,
+        host: str,
+        port: int,
+        owner: socket.socket,
+        *,
+        consent: bool,
+        version: str,
     ) -> None:
         config = load_robot()
         devices = load_naoqi_devices(config)
@@ -56,9 +69,9 @@ class NaoqiServer:
             memory=memory,
             config=config,
             events=SensorEvents(robot, memory, devices),
-            faults=ServerFaults(),
+            faults=FaultDesk(robot, owner, self._offer, _end),
             shared=Shared(robot, memory, config, consent=consent, version=version),
-            services=lambda: self._services,
+            services=lambda: self._offered,
             call=self._call,
         )
         try:
@@ -68,12 +81,14 @@ class NaoqiServer:
             raise BackendError(
                 f"cannot listen at tcp://{host}:{port}: {reason}; choose another port or host"
             ) from error
+        self.faults = context.faults
         self._services = {
-            name: make_front(name, service(context), context.faults)
+            name: make_front(name, service(context), context.faults.services)
             for name, service in SERVICES.items()
         }
-        for name, front in self._services.items():
-            self._session.registerService(name, front)
+        self._offered: dict[str, int] = {}  # number by name
+        for name in self._services:
+            self._offer(name, True)
         context.events.start()
         context.shared.start()
 
@@ -81,6 +96,15 @@ class NaoqiServer:
     def port(self) -> int:
         """The port."""
         return int(self._session.endpoints()[-1].rpartition(":")[2])
+
+    def _offer(self, name: str, there: bool) -> None:
+        """Let a service be there for clients, or not."""
+        if name not in self._services:
+            raise UnknownNameError("service", name, self._services)
+        if there and name not in self._offered:
+            self._offered[name] = self._session.registerService(name, self._services[name])
+        elif not there and name in self._offered:
+            self._session.unregisterService(self._offered.pop(name))
 
     def _call(self, service: str, method: str, *arguments: Any) -> None:  # noqa: ANN401
         """Call a service, whoever offers it, without waiting for it or caring whether it fails."""
@@ -101,6 +125,7 @@ def main(arguments: list[str]) -> int:
     parser.add_argument("--version", required=True)
     for name in ("--table", "--owner", "--robot"):
         parser.add_argument(name, type=int, required=True, metavar="DESCRIPTOR")
+    parser.add_argument("--faults", type=json.loads, default=[])
     given = parser.parse_args(arguments)
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # for whoever started this; it then ends us
     owner, robot = socket.socket(fileno=given.owner), socket.socket(fileno=given.robot)
@@ -114,15 +139,22 @@ def main(arguments: list[str]) -> int:
             link,
             given.host,
             given.port,
+            owner,
             consent=bool(given.consent),
             version=given.version,
         )
         link.ask("know_naoqi", pid=os.getpid())
+        for fault in given.faults:
+            server.faults.set_service_fault(make_fault(**fault))
     except PepperError as error:
         send(owner, {"error": str(error)})
         return 1
     send(owner, {"ready": {"pid": os.getpid(), "port": server.port}})
-    receive(owner)  # nothing comes; it ends with whoever holds the other end
+    while True:
+        signal.pause()  # ``_end`` ends it
+
+
+def _end() -> None:
     os._exit(0)  # qi's own threads may be in the middle of a call
 
 

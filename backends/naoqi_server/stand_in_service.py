@@ -28,16 +28,12 @@ class StandInService:
         self._robot.grab(**arguments)
 
     def setFault(self, name: str, arguments: dict[str, Any]) -> None:
-        """Let something be wrong with NAOqi or with the robot; see ``ServerFaults`` and ``RobotFaults``."""
-        if name in self._faults.KINDS:
-            self._faults.set(name, arguments)
-        else:
-            self._robot.set_fault(name, **arguments)
+        """Let something go wrong: a name of ``faults.FAULTS``, and its arguments by name."""
+        self._faults.set(name, arguments)
 
     def clearFaults(self) -> None:
-        """End all faults."""
+        """End all faults that can end."""
         self._faults.clear()
-        self._robot.clear_faults()
 
     def record(self) -> list[list[Any]]:
         """What was said and shown: ``[seconds since the start, service, method, [arguments]]``, oldest first."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import signal
 import sys
 import time
@@ -10,16 +11,31 @@ from typing import Annotated
 from urllib.parse import urlencode
 
 import typer
+from rich.console import Console
+from rich.table import Table
 
+from pepper_driver.backends.naoqi_server.faults import FAULTS, parse_fault
 from pepper_driver.backends.naoqi_server.launch import StandIn
+from pepper_driver.backends.naoqi_server.tls import Login
+from pepper_driver.backends.passwords import PASSWORD_VARIABLE
 from pepper_driver.cli.console import make_console
+from pepper_driver.config import network_names
+
+USER = "nao"
+PASSWORD = "nao"
+"""Of the stand-in where the environment says none: there is nothing to protect."""
 
 PAUSE = 3
 """[s] after which a NAOqi that ended is started anew. A robot does so too, and takes longer."""
 
 
 def serve(
-    port: Annotated[int, typer.Option(min=0, max=65535, help="Port; 0 for a free one.")] = 9559,
+    port: Annotated[
+        int | None,
+        typer.Option(
+            min=0, max=65535, help="Port; 0 for a free one. By default 9559, with --tls 9503."
+        ),
+    ] = None,
     host: Annotated[str, typer.Option(help="Address to listen at.")] = "127.0.0.1",
     plant: Annotated[
         str, typer.Option(metavar="NAME_OR_FILE", help="The simulated robot.")
@@ -40,21 +56,66 @@ def serve(
         int | None,
         typer.Option(metavar="MS", help="The DCM's time at the start; by default the time of day."),
     ] = None,
+    tls: Annotated[
+        bool,
+        typer.Option(
+            "--tls", help=f"TLS and a login, as NAOqi 2.9; the password is in {PASSWORD_VARIABLE}."
+        ),
+    ] = False,
+    network: Annotated[
+        str | None,
+        typer.Option(
+            metavar="NAME_OR_FILE", help=f"A network in between: {', '.join(network_names())}."
+        ),
+    ] = None,
+    fault: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="NAME[:ARGUMENT,...]",
+            help="Something that goes wrong, for example hang:seconds=2,after=10. Any number of times.",
+        ),
+    ] = None,
+    list_faults: Annotated[
+        bool, typer.Option("--faults", help="Print all faults and their arguments, and exit.")
+    ] = False,
 ) -> None:
     """Offer a simulated Pepper over NAOqi's protocol, in real time, until Ctrl-C.
 
     Programs written for the robot connect to it unchanged: tcp://127.0.0.1:9559.
     """
     console = make_console()
+    if list_faults:
+        _print_faults(console)
+        return
+    faults = [parse_fault(text) for text in fault or ()]
+    if network is None and any(one.kind.place == "link" for one in faults):
+        network = "clear"
+    login = Login(user=USER, token=os.environ.get(PASSWORD_VARIABLE) or PASSWORD) if tls else None
+    if port is None:
+        port = 9503 if tls else 9559
     uri = (
         f"mujoco://?{urlencode({'plant': plant, 'seed': seed, 'world': world, 'posture': posture})}"
     )
     before = signal.signal(signal.SIGTERM, _end)
     try:
-        with StandIn(uri, host=host, port=port, clock=clock, consent=consent) as stand_in:
-            if host not in ("127.0.0.1", "localhost", "::1"):
+        with StandIn(
+            uri,
+            host=host,
+            port=port,
+            clock=clock,
+            consent=consent,
+            network=network,
+            login=login,
+            faults=faults,
+        ) as stand_in:
+            if login is None and host not in ("127.0.0.1", "localhost", "::1"):
                 _warn(f"{host} can be reached from other machines, and nobody needs a password")
             console.print(f"ready on {stand_in.url}")
+            if login is not None:
+                known = (
+                    f"that of {PASSWORD_VARIABLE}" if login.token != PASSWORD else f"'{PASSWORD}'"
+                )
+                console.print(f"user '{USER}', password {known}")
             while True:
                 how = stand_in.wait()
                 _warn(f"NAOqi ended {how}; the robot goes on, and NAOqi starts anew in {PAUSE} s")
@@ -67,6 +128,16 @@ def serve(
 
 def _warn(text: str) -> None:
     print(f"pepper: {text}", file=sys.stderr)
+
+
+def _print_faults(console: Console) -> None:
+    """What ``--fault`` takes."""
+    table = Table("fault", "arguments", "what it does", show_lines=True)
+    for name, kind in FAULTS.items():
+        arguments = ", ".join(f"{key}={value}" for key, value in kind.arguments.items())
+        table.add_row(name, arguments, kind.effect)
+    console.print(table)
+    console.print("all but rollover also take seconds=inf, how long it lasts, and after=0")
 
 
 def _end(number: int, frame: FrameType | None) -> None:

@@ -289,12 +289,12 @@ def _performed(run: Run, pepper: Pepper) -> Take:
         task_stiffness=run.task_stiffness,
         recording=recording,
         pushes=tuple(
-            _as_it_was(push, recording.time, contact_torque, truth.stiffness, robot)
+            _as_it_was(push, recording.time, contact_torque, pepper.backend.plant.stiffness, robot)
             for push in sorted(stage.pushes, key=lambda push: push.onset)
         ),
         contact_torque=contact_torque,
         saturated=np.array(saturated),
-        stiffness_constant=truth.stiffness,
+        stiffness_constant=pepper.backend.plant.stiffness,
     )
 
 

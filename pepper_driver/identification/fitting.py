@@ -233,7 +233,7 @@ def predictor(model: JointModel, joint: str) -> Predictor:
 
 def _oracle(backend: Backend, robot: RobotConfig, joint: str) -> Predictor:
     """Eq. 11 with the plant's true parameters: what the method could know at best without friction's memory."""
-    plant, info = backend.truth.plant, backend.info
+    plant, info = backend.plant.config, backend.info
     motor, ratio = robot.motors.of(joint), robot.motors.joints[joint].ratio
     actuator = plant.actuator(joint)
     friction = actuator.friction.contact

@@ -171,7 +171,7 @@ def test_a_push_on_a_bumper_is_felt(bench: Bench) -> None:
 def test_pressed_sensors_are_published_and_let_go() -> None:
     keys = table_keys(ROBOT, DEVICES)
     faults, values = RobotFaults(ROBOT, keys), np.zeros(len(keys))
-    faults.set("press", {"sensors": ["Head/Touch/Front", "FrontLeft", "ChestBoard/Button"]})
+    faults.set("press", {"sensors": "Head/Touch/Front+FrontLeft+ChestBoard/Button"})
     faults.sensors(values)
     pressed = {key.removeprefix(PREFIX) for key, place in keys.items() if values[place]}
     assert pressed == {
@@ -189,9 +189,9 @@ def test_pressed_sensors_are_published_and_let_go() -> None:
     ("name", "arguments", "word"),
     [
         ("prss", {}, "press"),
-        ("press", {}, "sensors"),
-        ("press", {"sensors": ["Head/Touch/Frnt"]}, "Head/Touch/Front"),
-        ("press", {"sensor": []}, "sensor"),
+        ("press", {"sensors": ["Back"]}, "must be a text"),
+        ("press", {"sensors": "Head/Touch/Frnt"}, "Head/Touch/Front"),
+        ("press", {"sensor": "Back"}, "sensors"),
     ],
 )
 def test_faults_that_cannot_be(name: str, arguments: dict[str, object], word: str) -> None:

@@ -238,7 +238,7 @@ def test_sensors_raise_events(memory: Any, outside: Any) -> None:
 
     names = ("FrontTactilTouched", "HandRightBackTouched", "BackBumperPressed", "TouchChanged")
     subscribers = [listen(name) for name in names]
-    outside.setFault("press", {"sensors": ["Head/Touch/Front", "Back"]})
+    outside.setFault("press", {"sensors": "Head/Touch/Front+Back"})
     pressed = {("FrontTactilTouched", 1.0), ("BackBumperPressed", 1.0)}
     touched = ("TouchChanged", [["Head/Touch/Front", True], ["Bumper/Back", True]])
     assert wait_until(lambda: len(heard) == 3)
@@ -282,13 +282,13 @@ def test_pushes_and_truth(outside: Any, stand_in: StandIn) -> None:
 
 
 def test_calls_are_slow_when_told(dcm: Any, outside: Any) -> None:
-    outside.setFault("slow", {"service": "DCM", "method": "getTime", "seconds": 0.3})
+    outside.setFault("slow", {"calls": "DCM.getTime", "delay": 0.3})
     begin = time.monotonic()
     dcm.getTime(0)
     assert time.monotonic() - begin >= 0.3
     outside.clearFaults()
-    with pytest.raises(RuntimeError, match="seconds"):
-        outside.setFault("slow", {"service": "DCM", "method": "getTime"})
+    with pytest.raises(RuntimeError, match="did you mean delay"):
+        outside.setFault("slow", {"dely": 0.3})
 
 
 def test_private_methods_are_not_shown(dcm: Any) -> None:

@@ -43,7 +43,7 @@ def file() -> Iterator[int]:
 def row(number: int) -> tuple[object, ...]:
     joints, wheels = np.full(17, float(number)), np.zeros(3)
     state = (joints, wheels, wheels, joints, joints, wheels, wheels)
-    return (number, number, number * 10**9, number * 10**9, number, *state)
+    return (number, number, number * 10**9, number * 10**9, number, 0, *state)
 
 
 def test_what_is_published_is_read_by_another_mapping(file: int) -> None:

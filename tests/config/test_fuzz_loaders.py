@@ -13,6 +13,7 @@ from pepper_driver.config import (
     load_controller_settings,
     load_experiment,
     load_motion,
+    load_network,
     load_observer_settings,
     load_plant,
     load_recordings,
@@ -42,6 +43,7 @@ LOADERS: dict[str, tuple[Path, Loader]] = {
     "plant": (package_file("plants", "nominal.yaml"), lambda p: load_plant(str(p), ROBOT)),
     "variant": (package_file("plants", "random.yaml"), lambda p: load_plant(str(p), ROBOT)),
     "world": (package_file("worlds", "table.yaml"), lambda p: load_world(str(p))),
+    "network": (package_file("networks", "wifi.yaml"), lambda p: load_network(str(p))),
     "controller": (
         package_file("controller.yaml"),
         lambda p: load_controller_settings(ROBOT, p),

@@ -23,5 +23,5 @@ def make_pepper(base: Literal["fixed", "rolling"] = "fixed") -> Pepper:
 
 def limit_degrees(pepper: Pepper, joint: str) -> float:
     """Equivalent degrees that alone ask of a joint's board all it can hold."""
-    truth, index = pepper.backend.truth, ROBOT.joint_index(joint)
-    return float(np.degrees(truth.torque_limit[index] / truth.stiffness[index]))
+    plant, index = pepper.backend.plant, ROBOT.joint_index(joint)
+    return float(np.degrees(plant.torque_limit[index] / plant.stiffness[index]))

@@ -113,12 +113,12 @@ def own_script(folder: Path, **changes: Any) -> Path:
 
 @pytest.mark.usefixtures("numb")
 def test_a_push_that_saturates_its_board_is_marked(tmp_path: Path) -> None:
-    truth = Pepper("mujoco", observer=None).backend.truth
+    plant = Pepper("mujoco", observer=None).backend.plant
     index = ROBOT.joint_index("RElbowRoll")
     push: dict[str, Any] = read_yaml(package_file("scenarios", "reach_and_push.yaml"))["contacts"][
         1
     ]
-    limit = float(np.degrees(truth.torque_limit[index] / truth.stiffness[index]))
+    limit = float(np.degrees(plant.torque_limit[index] / plant.stiffness[index]))
     pushes = [
         push | {"start": 1.0, "degrees": 1.15 * limit, "duration": 0.4, "saturating": True},
         push | {"start": 4.0, "degrees": 0.2 * limit},

@@ -36,7 +36,7 @@ def test_the_dozen_lines_of_the_readme() -> None:
         pepper.run(3.0)
         pepper.push("LBicep", [0.0, 20.0, 0.0], point=[0.16, 0.0, 0.0], duration=1.0)
         pepper.run(2.0)
-        truth = pepper.backend.truth.stiffness[pepper.config.joint_index("LShoulderRoll")]
+        truth = pepper.backend.plant.stiffness[pepper.config.joint_index("LShoulderRoll")]
 
     assert len(heard) == 1
     contact = heard[0]

@@ -34,7 +34,7 @@ def plan(pepper: Pepper, **changes: Any) -> PlannedPush:
         "posture": ROBOT.posture("Stand"),
         "bounds": BOUNDS,
     }
-    return plan_push(RobotModel(ROBOT), ROBOT, pepper.backend.truth, **(arguments | changes))
+    return plan_push(RobotModel(ROBOT), ROBOT, pepper.backend.plant, **(arguments | changes))
 
 
 def weigh(pepper: Pepper, **changes: Any) -> PlannedPush:
@@ -47,14 +47,14 @@ def weigh(pepper: Pepper, **changes: Any) -> PlannedPush:
         "posture": ROBOT.posture("Stand"),
         "bounds": BOUNDS,
     }
-    return weigh_push(RobotModel(ROBOT), ROBOT, pepper.backend.truth, **(arguments | changes))
+    return weigh_push(RobotModel(ROBOT), ROBOT, pepper.backend.plant, **(arguments | changes))
 
 
 @pytest.mark.parametrize("direction", [-1, 1])
 def test_the_joint_feels_the_torque_that_was_asked_for(direction: int) -> None:
     with make_pepper() as pepper:
         push = plan(pepper, direction=direction)
-        wanted = direction * 0.4 * pepper.backend.truth.torque_limit[INDEX]
+        wanted = direction * 0.4 * pepper.backend.plant.torque_limit[INDEX]
         assert push.torque == pytest.approx(wanted)
         assert push.degrees == pytest.approx(0.4 * limit_degrees(pepper, "LShoulderRoll"))
         pepper.push(push.link, push.force, push.point, 1.0, frame=push.frame)
@@ -80,7 +80,7 @@ def test_a_force_is_told_in_degrees_as_the_joint_will_feel_it(frame: str) -> Non
         pepper.run(0.3)
         truth = pepper.backend.truth
         assert truth.contact_torque[INDEX] == pytest.approx(push.torque, rel=0.05)
-        degrees = np.degrees(abs(push.torque) / truth.stiffness[INDEX])
+        degrees = np.degrees(abs(push.torque) / pepper.backend.plant.stiffness[INDEX])
         assert push.degrees == pytest.approx(degrees)
 
 
@@ -109,7 +109,7 @@ def test_gravity_counts() -> None:
     index = ROBOT.joint_index("LShoulderPitch")
     gravity = RobotModel(ROBOT).gravity_torque(forward)[index]
     push = weigh(pepper, posture=forward, **arguments)
-    limit = pepper.backend.truth.torque_limit[index]
+    limit = pepper.backend.plant.torque_limit[index]
     assert push.load * limit >= abs(push.torque) + abs(gravity) - 1e-9
     assert push.load > weigh(pepper, posture=hanging, **arguments).load
 
@@ -167,7 +167,7 @@ def bent() -> FloatArray:
 @pytest.mark.parametrize("direction", [-1, 1])
 def test_joints_further_out_feel_little_if_that_is_wanted(joint: str, direction: int) -> None:
     pepper = make_pepper()
-    truth, index = pepper.backend.truth, ROBOT.joint_index(joint)
+    plant, index = pepper.backend.plant, ROBOT.joint_index(joint)
     arguments = {
         "joint": joint,
         "link": "LForeArm",
@@ -183,8 +183,8 @@ def test_joints_further_out_feel_little_if_that_is_wanted(joint: str, direction:
     outer = [k for k in outer if k > index]
 
     def shares(push: PlannedPush) -> FloatArray:
-        degrees = np.degrees(np.abs(push.torques[outer]) / truth.stiffness[outer])
-        friction = [truth.plant.actuator(ROBOT.joint_names[k]).friction.contact for k in outer]
+        degrees = np.degrees(np.abs(push.torques[outer]) / plant.stiffness[outer])
+        friction = [plant.config.actuator(ROBOT.joint_names[k]).friction.contact for k in outer]
         held = np.array([0.5 * (f.motor + f.link) for f in friction])
         result: FloatArray = np.where(np.abs(push.torques[outer]) > held, degrees, 0.0)
         return result
@@ -229,7 +229,7 @@ def test_pushes_at_the_same_time_share_what_the_robot_can_take() -> None:
     hip = ROBOT.joint_index("HipRoll")
     gravity = abs(RobotModel(ROBOT).gravity_torque(posture)[hip])
     together = abs(first.torques[hip]) + abs(alone.torques[hip]) + gravity
-    assert both.load >= together / pepper.backend.truth.torque_limit[hip] - 1e-9
+    assert both.load >= together / pepper.backend.plant.torque_limit[hip] - 1e-9
     with pytest.raises(PushTooStrongError, match="tips the robot over"):
         weigh(
             pepper, **other, bounds=replace(enough, tipping=enough.tipping - 1e-3), beside=[first]
@@ -256,7 +256,7 @@ def test_a_push_on_the_trunk_is_told_in_degrees_of_the_leg_joint_with_most() -> 
     assert push.torque == pytest.approx(push.torques[hip])
     assert abs(push.torque) == pytest.approx(10.0 * 0.2, rel=0.02)
     assert push.degrees == pytest.approx(
-        np.degrees(abs(push.torque) / pepper.backend.truth.stiffness[hip])
+        np.degrees(abs(push.torque) / pepper.backend.plant.stiffness[hip])
     )
 
 

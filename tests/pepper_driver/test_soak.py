@@ -22,7 +22,7 @@ def test_the_shipped_plant_stays_finite_and_calm() -> None:
     assert all(0.001 < energy < 10.0 for energy in result.largest_energy)
     assert shares == sorted(shares)
     assert len(shares) >= 4
-    start = make_backend("mujoco").truth.plant.battery.charge
+    start = make_backend("mujoco").plant.config.battery.charge
     assert 0.99 * start < result.charge < start
 
 

@@ -95,7 +95,7 @@ def test_stated_contacts_happen_as_planned() -> None:
         felt = torque[:, ROBOT.joint_index(push.joint)]
         during = (time > push.onset + 0.15) & (time < push.release - 0.15)
         np.testing.assert_allclose(felt[during], push.direction * push.torque, rtol=0.01)
-        stiffness = pepper.backend.truth.stiffness[ROBOT.joint_index(push.joint)]
+        stiffness = pepper.backend.plant.stiffness[ROBOT.joint_index(push.joint)]
         assert push.degrees == pytest.approx(np.degrees(push.torque / stiffness))
         assert not push.saturating
     first, second = stage.pushes
@@ -325,7 +325,7 @@ def first_that_fits(
             plan_push(
                 RobotModel(ROBOT),
                 ROBOT,
-                pepper.backend.truth,
+                pepper.backend.plant,
                 joint=joint,
                 link=pushes.points[joint][0].link,
                 point=np.array(pushes.points[joint][0].xyz),
@@ -488,7 +488,7 @@ def test_forces_on_the_trunk_are_meant_for_no_joint() -> None:
     assert len({round(push.force, 6) for push in stage.pushes}) == 6
     legs = [ROBOT.joint_index(name) for name in ROBOT.chains["legs"]]
     time, torque = np.array(seen.time), np.degrees(np.abs(np.array(seen.torque)))
-    degrees = torque[:, legs] / pepper.backend.truth.stiffness[legs]
+    degrees = torque[:, legs] / pepper.backend.plant.stiffness[legs]
     for push in stage.pushes:
         during = (time > push.onset) & (time < push.release)
         assert degrees[during].max() == pytest.approx(push.degrees, rel=0.1)

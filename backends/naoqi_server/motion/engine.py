@@ -87,6 +87,7 @@ class Motion:
         self.on_cycle: list[Callable[[], None]] = []
         self._stiffness_written = stiffness
         self._wheels_written = self.wheel_stiffness
+        self._wheels_told: list[float] = []
         self._still = 0.0
         self._date = robot.time()
         self.closed = Event()
@@ -135,9 +136,12 @@ class Motion:
         self._still = 0.0 if joints.moving else self._still + dt
         held = self.reflexes.joints if self.awake else frozenset()
         self.base.measure(np.array(wheel_speeds), dt)
-        driving = self.base.active
-        speeds = self.base.advance(dt)
-        wheels_held = self.awake and self.reflexes.wheels
+        speeds = self.base.advance(dt).tolist()
+        wheels_used = self.base.active or any(self._wheels_told)  # until they were told to stand
+        if wheels_used or (self.awake and self.reflexes.wheels):
+            self._wheels_told = wheels = speeds
+        else:
+            wheels = None
         changed = self.wheel_stiffness != self._wheels_written
         self._wheels_written = self.wheel_stiffness
         return Orders(
@@ -147,7 +151,7 @@ class Motion:
                 for joint in ((joints.used | held) & joints.stiff) - joints.fresh
             },
             stiffnesses=self._stiffnesses(),
-            wheels=speeds.tolist() if driving or wheels_held else None,
+            wheels=wheels,
             wheel_stiffness=self.wheel_stiffness if changed else None,
         )
 

@@ -41,7 +41,10 @@ def test_it_is_pushed_where_it_says_so(
     if name not in backend.info.capabilities:
         with pytest.raises(CapabilityError, match=name):
             call(backend, "LForeArm")
+        with pytest.raises(CapabilityError, match="no simulation"):
+            _ = backend.plant
         return
+    assert (backend.plant.torque_limit > 0.0).all()
     call(backend, "LForeArm")
     with pytest.raises(UnknownNameError, match="LForeArm"):
         call(backend, "LForearm")

@@ -1,0 +1,322 @@
+"""How a robot over NAOqi is driven every 12 ms: against the stand-in, over real qi on this machine, in real time.
+
+bare: the backend alone, stepped by the loop's pacer. whole: a moving Pepper with controller, observer and gate. Of both:
+missed ticks, when ticks end after they were due, how old samples are, commands withheld, and processor time of client,
+stand-in NAOqi and simulated robot. Of the whole one also: how far the DCM was from the command that each sample is said
+to answer, by the stand-in's black box; and tracking errors and residuals against those of the same motion with the
+simulation driven directly, beside what another seed of the sensors' noise makes of them.
+
+Run on an idle machine: python benchmarks/naoqi.py --seconds 60 --json naoqi.json
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+import time
+from collections.abc import Callable
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from rich.console import Console
+from rich.table import Table
+
+from pepper_driver import Pepper
+from pepper_driver.backends import Command, make_backend
+from pepper_driver.backends.naoqi_server.black_box import BlackBox
+from pepper_driver.backends.naoqi_server.launch import StandIn
+from pepper_driver.config import PepperError, RobotConfig, load_robot
+from pepper_driver.controller import Tick
+from pepper_driver.observer import Observation
+from pepper_driver.output import check_writable, write_json
+from pepper_driver.pacing import RealTimePacer
+from pepper_driver.timing import Spread
+
+FloatArray = NDArray[np.float64]
+
+ROBOT = "mujoco://?seed={seed}"
+SWING, WAY, REST = 0.3, 1.5, 0.3  # [rad] around the starting posture, [s] there, [s] of rest
+WARM_UP = 2.0  # [s] before figures are taken
+PROCESSES = ("client", "NAOqi", "robot")
+
+
+class Processors:
+    """Share of a processor that processes take."""
+
+    def __init__(self, stand_in: StandIn) -> None:
+        self._of = (os.getpid(), stand_in.naoqi_process.pid, stand_in.robot_process.pid)
+        self._began, self._spent = time.monotonic(), self._now()
+
+    def shares(self) -> dict[str, float]:
+        """Since this was made, by process."""
+        wall = time.monotonic() - self._began
+        return {
+            name: (now - then) / wall
+            for name, now, then in zip(PROCESSES, self._now(), self._spent, strict=True)
+        }
+
+    def _now(self) -> list[float]:
+        ticks = os.sysconf("SC_CLK_TCK")
+        stats = [
+            Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split() for pid in self._of
+        ]
+        return [(int(stat[11]) + int(stat[12])) / ticks for stat in stats]
+
+
+def swing(time: float, start: FloatArray) -> FloatArray:
+    """(17,) a posture around ``start`` [rad], all joints of the upper body in slow motion."""
+    posture = start.copy()
+    phases = np.arange(3, len(start))
+    posture[3:] += SWING / 2 * (1.0 - np.cos((0.8 + 0.05 * phases) * time)) * (-1.0) ** phases
+    return posture
+
+
+def bare(uri: str, stand_in: StandIn, robot: RobotConfig, seconds: float) -> dict[str, Any]:
+    """Figures of the backend alone."""
+    backend = make_backend(uri, robot)
+    ends, steps, ages, missed = [], [], [], 0
+    with backend:
+        backend.open()
+        measurement = backend.activate()
+        hold = np.clip(measurement.position, robot.lower, robot.upper)
+        pacer = RealTimePacer(robot.cycle, off_beat=backend.off_beat)
+        with pacer.running():
+            pacer.wait()
+            warm = round(WARM_UP / robot.cycle)
+            for tick in range(warm + round(seconds / robot.cycle)):
+                if tick == warm:
+                    processors, missed = Processors(stand_in), 0
+                    withheld = measurement.withheld
+                missed += pacer.wait()
+                began = time.perf_counter_ns()
+                posture = np.clip(swing(tick * robot.cycle, hold), robot.lower, robot.upper)
+                command = Command(position=posture, stiffness=np.ones(17), wheel_speed=np.zeros(3))
+                measurement = backend.step(command)
+                now = time.perf_counter_ns()
+                assert pacer.due is not None
+                ends.append((now - pacer.due) * 1e-6)
+                steps.append((now - began) * 1e-6)
+                ages.append(measurement.age * 1e3)
+        shares = processors.shares()
+    return {
+        "ticks": len(ends) - warm,
+        "missed": missed,
+        "tick_end_ms": asdict(Spread.of(np.array(ends[warm:]))),
+        "step_ms": asdict(Spread.of(np.array(steps[warm:]))),
+        "sample_age_ms": asdict(Spread.of(np.array(ages[warm:]))),
+        "withheld": measurement.withheld - withheld,
+        "processors": shares,
+    }
+
+
+class Recorder:
+    """Keeps what ticks were, after a warm-up."""
+
+    def __init__(self) -> None:
+        self.ticks: list[Tick] = []
+        self.residuals: list[FloatArray] = []
+
+    def __call__(self, tick: Tick, observation: Observation | None) -> None:
+        self.ticks.append(tick)
+        assert observation is not None
+        self.residuals.append(observation.residual)
+
+    def of(self, value: Callable[[Tick], FloatArray]) -> FloatArray:
+        """(n, 17) a value of each tick."""
+        return np.array([value(tick) for tick in self.ticks])
+
+    @property
+    def sent(self) -> FloatArray:
+        """(n, 17) commands that the samples answer [rad]."""
+        return self.of(lambda tick: tick.sent.position)
+
+    @property
+    def error(self) -> FloatArray:
+        """(n, 17) tracking errors [rad]."""
+        return self.of(lambda tick: tick.sent.position - tick.measurement.position)
+
+
+def move(pepper: Pepper, recorder: Recorder, seconds: float) -> None:
+    """Postures drawn from one seed, one after the other."""
+    rng, home, robot = np.random.default_rng(0), pepper.target, pepper.config
+    lower, upper = robot.lower + 0.02, robot.upper - 0.02
+    for _ in range(max(1, round(seconds / (WAY + REST)))):
+        posture = home.copy()
+        posture[3:] += rng.uniform(-SWING, SWING, len(home) - 3)
+        pepper.set_posture(np.clip(posture, lower, upper), duration=WAY)
+        pepper.run(WAY + REST, on_tick=recorder)
+
+
+def whole(
+    uri: str, stand_in: StandIn, robot: RobotConfig, seconds: float
+) -> tuple[dict[str, Any], Recorder]:
+    """Figures of a moving Pepper, and its ticks."""
+    recorder = Recorder()
+    with Pepper(uri, robot=robot) as pepper:
+        pepper.run(WARM_UP)
+        pepper.clear_statistics()
+        processors = Processors(stand_in)
+        move(pepper, recorder, seconds)
+        shares, statistics = processors.shares(), pepper.statistics
+        contacts = len(pepper.contact_history)
+    box = stand_in.black_box()
+    first, last = recorder.ticks[0].measurement, recorder.ticks[-1].measurement
+    assert statistics.end is not None
+    return {
+        "ticks": statistics.ticks,
+        "missed": statistics.missed,
+        "tick_end_ms": asdict(statistics.end),
+        "step_ms": {k: 1e-3 * v for k, v in asdict(statistics.stages["backend"]).items()},
+        "all_but_backend_ms": {k: 1e-3 * v for k, v in asdict(statistics.tick).items()},
+        "sample_age_ms": asdict(statistics.sample_age),
+        "withheld": last.withheld - first.withheld,
+        "processors": shares,
+        "contacts": contacts,
+        "answers": answers(recorder),
+        "dcm_off_by_rad": off_by(recorder, box),
+    }, recorder
+
+
+def answers(recorder: Recorder) -> dict[str, int]:
+    """How many ticks had their command so many ticks before."""
+    ago = [tick.measurement.answers for tick in recorder.ticks]
+    return {str(n): ago.count(n) for n in sorted({n for n in ago if n is not None})}
+
+
+def off_by(recorder: Recorder, box: BlackBox) -> float:
+    """Largest distance of the DCM's command from the one that a fresh sample is said to answer [rad].
+
+    The black box and the ticks count the robot's cycles from different ones on: by how many is what fits best.
+    """
+    fresh = [tick for tick in recorder.ticks if tick.measurement.age == 0.0]
+    cycles = np.array([tick.measurement.tick for tick in fresh])
+    sent = np.array([tick.sent.position for tick in fresh])
+    best = np.inf
+    for begin in range(len(box) - int(cycles[-1] - cycles[0])):
+        rows = begin + cycles - cycles[0]
+        if np.abs(box.position_command[rows[0]] - sent[0]).max() < 1e-3:
+            best = min(best, float(np.abs(box.position_command[rows] - sent).max()))
+    return best
+
+
+def direct(seed: int, robot: RobotConfig, seconds: float) -> Recorder:
+    """The same motion of the same robot, simulated without NAOqi."""
+    recorder = Recorder()
+    with Pepper(ROBOT.format(seed=seed), robot=robot) as pepper:
+        pepper.run(WARM_UP)
+        move(pepper, recorder, seconds)
+    return recorder
+
+
+def compared(one: Recorder, other: Recorder) -> dict[str, Any]:
+    """Where both answer the same command: rms difference of errors and residuals [deg], worst joint and its own rms."""
+    shift = min(
+        range(20), key=lambda n: float(np.abs(one.sent[n : n + 200] - other.sent[:200]).max())
+    )
+    count = min(len(one.ticks) - shift, len(other.ticks))
+    part, rest = slice(shift, shift + count), slice(count)
+    figures: dict[str, Any] = {
+        "ticks_apart": shift,
+        "sent_deg": float(np.degrees(np.abs(one.sent[part] - other.sent[rest]).max())),
+    }
+    pairs = {
+        "error": (one.error[part], other.error[rest]),
+        "residual": (np.array(one.residuals)[part], np.array(other.residuals)[rest]),
+    }
+    for name, (ours, theirs) in pairs.items():
+        difference = np.degrees(np.sqrt(np.nanmean((ours - theirs) ** 2, axis=0)))
+        own = np.degrees(np.sqrt(np.nanmean(theirs**2, axis=0)))
+        worst = int(np.nanargmax(difference))
+        figures[name] = {
+            "median_deg": float(np.nanmedian(difference)),
+            "worst_deg": float(difference[worst]),
+            "worst_joint": worst,
+            "own_deg": float(own[worst]),
+        }
+    return figures
+
+
+def spread(figures: dict[str, float], digits: int = 2) -> str:
+    return " / ".join(f"{figures[key]:.{digits}f}" for key in ("median", "p99", "largest"))
+
+
+def shown(figures: dict[str, Any], robot: RobotConfig) -> list[Table]:
+    """Tables of all figures."""
+    runs = {name: figures[name] for name in ("bare", "whole") if name in figures}
+    table = Table("over NAOqi, against the stand-in", *runs)
+    rows: dict[str, Callable[[dict[str, Any]], str]] = {
+        "ticks": lambda f: str(f["ticks"]),
+        "missed": lambda f: str(f["missed"]),
+        "tick ends after, median / p99 / largest [ms]": lambda f: spread(f["tick_end_ms"]),
+        "backend's step [ms]": lambda f: spread(f["step_ms"]),
+        "age of samples [ms]": lambda f: spread(f["sample_age_ms"], 0),
+        "commands withheld": lambda f: str(f["withheld"]),
+        "processor of client / NAOqi / robot": lambda f: " / ".join(
+            f"{f['processors'][name]:.0%}" for name in PROCESSES
+        ),
+        "contacts": lambda f: str(f.get("contacts", "")),
+        "DCM off by [rad]": lambda f: f"{f['dcm_off_by_rad']:.1e}" if "dcm_off_by_rad" in f else "",
+    }
+    for label, cell in rows.items():
+        table.add_row(label, *(cell(run) for run in runs.values()))
+    tables = [table]
+    if "against_direct" in figures:
+        columns = ("difference of", "median joint [deg]", "worst joint [deg]", "of [deg]", "joint")
+        table = Table(
+            *columns, title="The same motion: over NAOqi and driven directly, and with other noise"
+        )
+        for label, key in (("over NAOqi", "against_direct"), ("other noise", "other_noise")):
+            for name in ("error", "residual"):
+                part = figures[key][name]
+                cells = (f"{part[k]:.3f}" for k in ("median_deg", "worst_deg", "own_deg"))
+                table.add_row(f"{name}s, {label}", *cells, robot.joint_names[part["worst_joint"]])
+        tables.append(table)
+    return tables
+
+
+def main() -> int:
+    """Command line: 0 well, 2 a wrong input or a robot that refuses."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawTextHelpFormatter
+    )
+    parser.add_argument("--seconds", type=float, default=60.0, help="of each run")
+    parser.add_argument(
+        "--network",
+        default="none",
+        help="none, or a network of the stand-in's: clear, wired, wifi, FILE",
+    )
+    parser.add_argument("--seed", type=int, default=3)
+    parser.add_argument("--json", type=Path)
+    given = parser.parse_args()
+    robot = load_robot()
+    network = None if given.network == "none" else given.network
+    try:
+        if given.json:
+            check_writable(given.json)
+        with StandIn(ROBOT.format(seed=given.seed), network=network, consent=True) as stand_in:
+            uri = f"naoqi://127.0.0.1:{stand_in.port}?wake=1"
+            figures: dict[str, Any] = {"simulated": True, "network": given.network}
+            figures["bare"] = bare(uri, stand_in, robot, given.seconds)
+        with StandIn(ROBOT.format(seed=given.seed), network=network, consent=True) as stand_in:
+            uri = f"naoqi://127.0.0.1:{stand_in.port}?wake=1"
+            figures["whole"], over_naoqi = whole(uri, stand_in, robot, given.seconds)
+    except PepperError as error:
+        print(f"naoqi.py: {error}", file=sys.stderr)
+        return 2
+    once = direct(given.seed, robot, given.seconds)
+    figures["against_direct"] = compared(over_naoqi, once)
+    figures["other_noise"] = compared(direct(given.seed + 1, robot, given.seconds), once)
+    console = Console(soft_wrap=True, highlight=False)
+    for table in shown(figures, robot):
+        console.print(table)
+    if given.json:
+        write_json(given.json, figures)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,1 @@
+"""What the way between a program and the robot costs, one YAML file each."""

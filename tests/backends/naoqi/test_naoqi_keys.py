@@ -1,0 +1,100 @@
+"""What the robot's values mean, and what is no sample."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from pepper_driver.backends.naoqi.keys import Alias, SensorKeys, Values, actuator_keys
+from pepper_driver.config import load_robot
+
+ROBOT = load_robot()
+KEYS = SensorKeys(ROBOT)
+PREFIX = "Device/SubDeviceList/"
+
+
+def answer(**changed: Any) -> list[Any]:
+    """Of a robot, each value its own; keys are places in the list."""
+    values: list[Any] = [0.001 * place for place in range(len(KEYS.names))]
+    values[KEYS.names.index("DCM/Time")] = -7
+    for key, value in changed.items():
+        values[int(key.removeprefix("at_"))] = value
+    return values
+
+
+def test_every_value_is_found_at_its_place() -> None:
+    values = KEYS.values(answer())
+    assert isinstance(values, Values)
+    assert values.shown == -7
+
+    def value(key: str) -> float:
+        return 0.001 * KEYS.names.index(PREFIX + key)
+
+    joints, wheels = ROBOT.joint_names, ROBOT.wheels.names
+    for name, position, current, temperature in zip(
+        joints, values.position, values.current, values.temperature, strict=True
+    ):
+        assert position == value(f"{name}/Position/Sensor/Value")
+        assert current == value(f"{name}/ElectricCurrent/Sensor/Value")
+        assert temperature == value(f"{name}/Temperature/Sensor/Value")
+    for name, speed in zip(wheels, values.wheel_speed, strict=True):
+        assert speed == value(f"{name}/Speed/Sensor/Value")
+    for place, axis in enumerate("XYZ"):
+        unit = "InertialSensorBase/{}" + axis + "/Sensor/Value"
+        assert values.imu.acceleration[place] == value(unit.format("Accelerometer"))
+        assert values.imu.angular_velocity[place] == value(unit.format("Gyroscope"))
+        assert values.imu.attitude[place] == value(unit.format("Angle"))
+    assert values.touch[0] == value("Head/Touch/Front/Sensor/Value")
+    assert values.touch[4] == value("RHand/Touch/Back/Sensor/Value")
+    assert values.bumpers[2] == value("Platform/Back/Bumper/Sensor/Value")
+    assert values.buttons.tolist() == [value("ChestBoard/Button/Sensor/Value")]
+    assert values.battery == value("Battery/Charge/Sensor/Value")
+    assert values.charging_flap == value("Platform/ILS/Sensor/Value")
+
+
+def test_actuators() -> None:
+    keys = actuator_keys(ROBOT)
+    assert keys[Alias.POSITION][0] == PREFIX + "KneePitch/Position/Actuator/Value"
+    assert keys[Alias.STIFFNESS][16] == PREFIX + "RHand/Hardness/Actuator/Value"
+    assert keys[Alias.WHEEL_SPEED][2] == PREFIX + "WheelB/Speed/Actuator/Value"
+    assert keys[Alias.WHEEL_STIFFNESS][1] == PREFIX + "WheelFR/Stiffness/Actuator/Value"
+
+
+@pytest.mark.parametrize("bad", [None, float("nan"), float("inf"), "warm", [1.0], {}])
+def test_a_needed_value_that_is_no_number_spoils_the_sample(bad: Any) -> None:
+    for key in KEYS.needed:
+        found = KEYS.values(answer(**{f"at_{KEYS.names.index(key)}": bad}))
+        assert isinstance(found, str)
+        assert key in found
+        assert "\n" not in found
+
+
+@pytest.mark.parametrize("bad", [None, float("nan"), "warm"])
+def test_temperatures_battery_and_flap_may_be_missing(bad: Any) -> None:
+    for key in set(KEYS.names) - set(KEYS.needed):
+        found = KEYS.values(answer(**{f"at_{KEYS.names.index(key)}": bad}))
+        assert isinstance(found, Values)
+    assert len(KEYS.names) - len(KEYS.needed) == 19
+
+
+@given(
+    answer_=st.one_of(
+        st.none(),
+        st.text(max_size=5),
+        st.integers(),
+        st.lists(st.one_of(st.none(), st.floats(), st.text(max_size=3)), max_size=80),
+        st.lists(st.lists(st.floats(), max_size=2), max_size=3),
+    )
+)
+def test_whatever_else_comes_is_no_sample(answer_: Any) -> None:
+    assert isinstance(KEYS.values(answer_), str)
+
+
+def test_nobody_changes_a_sample() -> None:
+    values = KEYS.values(answer())
+    assert isinstance(values, Values)
+    with pytest.raises(ValueError, match="read-only"):
+        values.position[0] = 1.0
+    assert np.isfinite(values.position).all()

@@ -1,0 +1,53 @@
+"""How old what is known of the robot is."""
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from pepper_driver.backends.naoqi.watchdog import USUAL, sample_age
+
+CYCLE = 0.012
+HOUR = 3600.0
+
+
+@pytest.mark.parametrize(
+    ("late", "since", "silence", "watched", "age"),
+    [
+        (0, 0.019, 0.0, HOUR, 0.0),
+        (2, 0.043, 0.0, HOUR, 0.024),
+        (4, 0.067, 0.0, HOUR, 0.048),
+        (5, 0.079, 0.0, HOUR, 0.079),
+        (0, 0.019, 0.024, HOUR, 0.0),
+        (0, 0.019, 0.090, HOUR, 0.090),
+        (9, 0.127, 0.090, HOUR, 0.127),
+        (9, 0.127, 0.090, 0.0, 0.012),
+        (9, 0.127, 0.090, 0.024, 0.036),
+    ],
+)
+def test_ages(late: int, since: float, silence: float, watched: float, age: float) -> None:
+    found = sample_age(late, since=since, silence=silence, watched=watched, cycle=CYCLE)
+    assert found == pytest.approx(age)
+
+
+@given(phase=st.floats(0.0, 0.012), way=st.floats(0.0, 0.003))
+def test_a_robot_that_falls_silent_is_held_first_and_stopped_100_ms_after_its_last_sample(
+    phase: float, way: float
+) -> None:
+    """The gate looks once a cycle; the last sample was taken in tick 0, when its cycle was 12 ms and a phase ago."""
+    ages = [
+        sample_age(
+            tick, since=0.012 * (tick + 1) + phase + way, silence=0.0, watched=HOUR, cycle=CYCLE
+        )
+        for tick in range(12)
+    ]
+    held = next(tick for tick, age in enumerate(ages) if age > 0.080)
+    stopped = next(tick for tick, age in enumerate(ages) if age > 0.100)
+    assert held < stopped
+    assert 0.070 < stopped * CYCLE <= 0.100
+
+
+@given(late=st.integers(0, 4))
+def test_as_long_as_the_observer_counts_ages_are_whole_cycles(late: int) -> None:
+    since = min(0.019 + late * CYCLE, USUAL)
+    age = sample_age(late, since=since, silence=0.0, watched=HOUR, cycle=CYCLE)
+    assert age / CYCLE == pytest.approx(late)

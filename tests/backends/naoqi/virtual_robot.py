@@ -1,0 +1,219 @@
+"""A robot whose DCM, clock and network are reckoned, not waited for: minutes of a link in a second, always the same.
+
+The DCM is the stand-in's, after the documented algorithm; its joints are at their command at once.
+"""
+
+from __future__ import annotations
+
+import heapq
+from collections.abc import Callable, Sequence
+from itertools import count
+from typing import Any
+
+import numpy as np
+
+from pepper_driver.backends.naoqi.clock import shown
+from pepper_driver.backends.naoqi.keys import Alias, SensorKeys, actuator_keys
+from pepper_driver.backends.naoqi_server.dcm import Dcm
+from pepper_driver.config import load_robot
+from pepper_driver.config.parts import FloatArray
+
+ROBOT = load_robot()
+CYCLE = 12
+HERE = 1_000_000.0
+"""[ms] what the computer's clock shows at the start."""
+
+Network = Callable[[float], float]
+"""How long a message sent at a time [ms] takes one way [ms]."""
+
+
+class Future:
+    """As those of qi."""
+
+    def __init__(self) -> None:
+        self.done = False
+        self._value: Any = None
+        self._error: str | None = None
+        self._callbacks: list[Callable[[Future], None]] = []
+
+    def isRunning(self) -> bool:
+        return not self.done
+
+    def hasError(self) -> bool:
+        return self._error is not None
+
+    def value(self) -> Any:
+        if self._error is not None:
+            raise RuntimeError(self._error)
+        return self._value
+
+    def addCallback(self, callback: Callable[[Future], None]) -> None:
+        if self.done:
+            callback(self)
+        else:
+            self._callbacks.append(callback)
+
+    def finish(self, answer: Callable[[], Any]) -> None:
+        try:
+            self._value = answer()
+        except RuntimeError as error:
+            self._error = str(error)
+
+    def arrive(self) -> None:
+        self.done = True
+        for callback in self._callbacks:
+            callback(self)
+
+
+class VirtualRobot:
+    """Connection, network and robot in one; as far as ``Link`` looks at them.
+
+    Args:
+        network: Time a message takes.
+        date: DCM time at the start [ms].
+        drift: By which share the DCM's clock is faster.
+        phase: When after the start the first cycle begins [ms].
+        delay: Cycles from the date of a command to the sample that shows it.
+
+    Attributes:
+        time: Of the computer [ms].
+        commanded: What the DCM had at its cycles, by date: joints, wheels.
+        taken: How many commands it has taken.
+        refuse: Why it refuses commands; empty when it takes them.
+        spoil: Changes what the robot answers to a question for its values.
+    """
+
+    def __init__(
+        self,
+        network: Network = lambda _: 0.2,
+        *,
+        date: int = 5_000_000,
+        drift: float = 0.0,
+        phase: float = 3.0,
+        delay: int = 3,
+    ) -> None:
+        self.address = self
+        self.uri = "naoqi://virtual"
+        self.connected = True
+        self._network, self._rate, self._delay = network, 1.0 + drift, delay
+        self.time, self._origin = HERE, date
+        self._keys = actuator_keys(ROBOT)
+        everything = [key for keys in self._keys.values() for key in keys]
+        start = dict.fromkeys(everything, 0.0)
+        start.update(zip(self._keys[Alias.POSITION], ROBOT.posture("Stand").tolist(), strict=True))
+        self.first_cycle = date + round(phase)
+        self._dcm = Dcm(start, self.first_cycle - CYCLE)
+        self.commanded: dict[int, tuple[FloatArray, FloatArray]] = {}
+        self._dates: list[int] = []
+        self._agenda: list[tuple[float, int, Callable[[], None]]] = []
+        self._numbers = count()
+        self._last_arrival = {"there": 0.0, "back": 0.0}
+        self._hung_until: float | None = None
+        self.taken = 0
+        self.refuse = ""
+        self.spoil: Callable[[list[Any]], Any] = lambda values: values
+        self._plan(self._at(self.first_cycle), self._cycle)
+
+    # -- time ---------------------------------------------------------------------------------------------------
+
+    def now(self) -> int:
+        """The computer's clock [ns]."""
+        return round(self.time * 1e6)
+
+    def dcm_time(self, here: float) -> float:
+        return self._origin + (here - HERE) * self._rate
+
+    def _at(self, date: float) -> float:
+        """When the DCM's clock shows a date, by the computer's [ms]."""
+        return HERE + (date - self._origin) / self._rate
+
+    def pass_time(self, until: float) -> None:
+        """Let everything happen up to a time of the computer [ms]."""
+        while self._agenda and self._agenda[0][0] <= until:
+            when, _, action = heapq.heappop(self._agenda)
+            self.time = max(self.time, when)
+            action()
+        self.time = until
+
+    def _plan(self, when: float, action: Callable[[], None]) -> None:
+        heapq.heappush(self._agenda, (when, next(self._numbers), action))
+
+    # -- the robot ----------------------------------------------------------------------------------------------
+
+    def _cycle(self) -> None:
+        date = self._dates[-1] + CYCLE if self._dates else self.first_cycle
+        self._dcm.advance(date)
+        self._dates.append(date)
+        sent = {key: actuator.sent for key, actuator in self._dcm.actuators.items()}
+        self.commanded[date] = (
+            np.array([sent[key] for key in self._keys[Alias.POSITION]]),
+            np.array([sent[key] for key in self._keys[Alias.WHEEL_SPEED]]),
+        )
+        self._plan(self._at(date + CYCLE), self._cycle)
+
+    def hang(self, until: float) -> None:
+        """Answer nothing until a time [ms], then all that has come meanwhile. The DCM goes on."""
+        self._hung_until = until
+
+    def _values(self, names: Sequence[str]) -> list[Any]:
+        date = self._dates[-1] if self._dates else self.first_cycle - CYCLE
+        values: dict[str, Any] = dict.fromkeys(SensorKeys(ROBOT).names, 0.0)
+        values.update({key: actuator.sent for key, actuator in self._dcm.actuators.items()})
+        answered = date - CYCLE * self._delay
+        position = self.commanded.get(answered, (ROBOT.posture("Stand"), None))[0]
+        for name, value in zip(ROBOT.joint_names, position.tolist(), strict=True):
+            values[ROBOT.naoqi.prefix + ROBOT.naoqi.position.format(joint=name)] = value
+        values[ROBOT.naoqi.time] = shown(date)
+        return [values[name] for name in names]
+
+    def _take(self, request: list[Any]) -> None:
+        if self.refuse:
+            raise RuntimeError(self.refuse)
+        alias, update, kind, _, dates, values = request
+        assert kind == "time-separate"
+        commands = [list(zip(its, dates, strict=True)) for its in values]
+        now = round(self.dcm_time(self.time))
+        self._dcm.order(self._keys[Alias(alias)], update, commands, now)
+        self.taken += 1
+
+    # -- what Link uses -----------------------------------------------------------------------------------------
+
+    def service(self, name: str) -> VirtualRobot:
+        assert name in ("DCM", "ALMemory")
+        return self
+
+    def call(self, service: str, method: str, *arguments: Any) -> Any:
+        if method == "createAlias":
+            return arguments[0]
+        future = getattr(self, method)(*arguments, _async=True)
+        while not future.done:
+            self.pass_time(self._agenda[0][0])
+        return future.value()
+
+    def _ask(self, answer: Callable[[], Any]) -> Future:
+        """Messages of either direction arrive in their order, as over TCP."""
+        future = Future()
+
+        def arrive(way: str, action: Callable[[], None]) -> None:
+            when = max(self.time + self._network(self.time), self._last_arrival[way])
+            self._last_arrival[way] = when
+            self._plan(when, action)
+
+        def there() -> None:
+            if self._hung_until is not None and self.time < self._hung_until:
+                self._plan(self._hung_until, there)
+                return
+            future.finish(answer)
+            arrive("back", future.arrive)
+
+        arrive("there", there)
+        return future
+
+    def getTime(self, offset: int, *, _async: bool) -> Future:
+        return self._ask(lambda: shown(int(self.dcm_time(self.time)) + offset))
+
+    def getListData(self, names: list[str], *, _async: bool) -> Future:
+        return self._ask(lambda: self.spoil(self._values(names)))
+
+    def setAlias(self, request: list[Any], *, _async: bool) -> Future:
+        return self._ask(lambda: self._take(request))

@@ -1,0 +1,155 @@
+"""Faults of services: late, refused and wrong answers, for the calls that are meant and as long as they last."""
+
+import threading
+import time
+from collections.abc import Callable
+from functools import partial
+from typing import Any
+
+import pytest
+
+from pepper_driver.backends import BackendError
+from pepper_driver.backends.naoqi_server.faults import parse_fault
+from pepper_driver.backends.naoqi_server.service_faults import BODY_TYPE, ServiceFaults
+
+VALUES = {"a/Value": 1.0, "b/Value": 2.0, BODY_TYPE: "Juliette"}
+
+
+class Memory:
+    """As ALMemory answers."""
+
+    calls = 0
+
+    def getData(self, key: str) -> Any:
+        self.calls += 1
+        return VALUES[key]
+
+    def getListData(self, keys: list[str]) -> list[Any]:
+        return [VALUES[key] for key in keys]
+
+
+class Clock:
+    now = 100.0
+
+    def __call__(self) -> float:
+        return self.now
+
+
+class Client:
+    """Calls a service as a client does."""
+
+    def __init__(self, name: str, service: Any, faults: ServiceFaults) -> None:
+        self.name, self.service, self.faults = name, service, faults
+
+    def __getattr__(self, method: str) -> Callable[..., Any]:
+        def call(*arguments: Any) -> Any:
+            proceed = partial(getattr(self.service, method), *arguments)
+            return self.faults.call(self.name, method, arguments, proceed)
+
+        return call
+
+
+def make(*texts: str, clock: Callable[[], float] = time.monotonic) -> tuple[ServiceFaults, Client]:
+    faults = ServiceFaults(clock)
+    memory = Client("ALMemory", Memory(), faults)
+    for text in texts:
+        faults.set(parse_fault(text))
+    return faults, memory
+
+
+def test_calls_of_the_stand_in_itself_pass() -> None:
+    """Else nobody could clear a stall of all services."""
+    faults, _ = make("stall", "error:calls=")
+    assert Client("StandIn", Memory(), faults).getData("a/Value") == 1.0
+
+
+def test_nothing_set_changes_nothing() -> None:
+    _, memory = make()
+    assert memory.getListData(list(VALUES)) == list(VALUES.values())
+    assert memory.getData("a/Value") == 1.0
+    assert memory.service.calls == 1
+
+
+def test_none_is_for_the_keys_that_are_meant() -> None:
+    faults, memory = make("none:a/")
+    assert memory.getListData(list(VALUES)) == [None, 2.0, "Juliette"]
+    faults.set(parse_fault("none:Body"))
+    assert memory.getListData(list(VALUES)) == [None, 2.0, None]
+    assert memory.getData("a/Value") is None
+    assert memory.getData("b/Value") == 2.0
+    faults.clear()
+    assert memory.getData("a/Value") == 1.0
+
+
+def test_the_robot_can_be_another() -> None:
+    faults, memory = make("wrong-type:Nao")
+    assert memory.getData(BODY_TYPE) == "Nao"
+    assert memory.getListData(["a/Value", BODY_TYPE]) == [1.0, "Nao"]
+
+    class Model:
+        def getRobotType(self) -> str:
+            return "Juliette"
+
+        def getRobotConfig(self) -> list[list[str]]:
+            return [["Model Type", "Head Version"], ["JULIETTE_Y20", "VERSION_180"]]
+
+    model = Client("ALMotion", Model(), faults)
+    assert model.getRobotType() == "Nao"
+    assert model.getRobotConfig() == [["Model Type", "Head Version"], ["Nao", "VERSION_180"]]
+
+
+@pytest.mark.parametrize(
+    ("calls", "refused"),
+    [
+        ("", True),
+        ("ALMemory", True),
+        ("ALMemory.getData", True),
+        ("DCM", False),
+        ("ALMemory.getListData", False),
+    ],
+)
+def test_errors_are_for_the_calls_that_are_meant(calls: str, refused: bool) -> None:
+    _, memory = make(f"error:calls={calls},text=no reason")
+    if refused:
+        with pytest.raises(BackendError, match="no reason"):
+            memory.getData("a/Value")
+        assert memory.service.calls == 0
+    else:
+        assert memory.getData("a/Value") == 1.0
+
+
+def test_a_fault_begins_and_ends_at_its_times() -> None:
+    clock = Clock()
+    _, memory = make("none:seconds=2,after=1", clock=clock)
+    seen = []
+    for _ in range(5):
+        seen.append(memory.getData("a/Value"))
+        clock.now += 0.75
+    assert seen == [1.0, 1.0, None, None, 1.0]  # at 0, 0.75, 1.5, 2.25, 3
+
+
+def test_a_stalled_call_is_answered_at_the_end_and_nothing_else_waits() -> None:
+    faults, memory = make("stall:ALMemory.getData")
+    answers: list[float] = []
+    thread = threading.Thread(target=lambda: answers.append(memory.getData("a/Value")), daemon=True)
+    thread.start()
+    assert memory.getListData(["b/Value"]) == [2.0]
+    thread.join(0.2)
+    assert not answers
+    faults.clear()
+    thread.join(10.0)
+    assert answers == [1.0]
+
+
+def test_a_stall_ends_by_itself() -> None:
+    _, memory = make("stall:seconds=0.2")
+    begin = time.monotonic()
+    assert memory.getData("a/Value") == 1.0
+    assert time.monotonic() - begin >= 0.2
+
+
+def test_a_slow_call_takes_its_time_longer() -> None:
+    _, memory = make("slow:0.1")
+    begin = time.monotonic()
+    assert memory.getData("a/Value") == 1.0
+    assert time.monotonic() - begin >= 0.1
