@@ -105,6 +105,18 @@ def test_the_truth_is_there_where_it_says_so(backend: Backend) -> None:
     np.testing.assert_array_equal(sample.position, kept)
 
 
+def test_what_is_pushed_is_known(backend: Backend) -> None:
+    backend.open()
+    if "push" not in backend.info.capabilities:
+        with pytest.raises(CapabilityError):
+            _ = backend.plant
+        return
+    plant = backend.plant
+    for array in (plant.stiffness, plant.torque_limit):
+        assert array.shape == (17,)
+        assert (array > 0).all()
+
+
 def test_its_own_diagnosis_is_none_or_a_list(backend: Backend) -> None:
     with suppress(NotConnectedError):
         assert not backend.diagnosis(), "of a robot that is not there"
