@@ -165,8 +165,9 @@ class NaoqiRobot(Serial, Backend):
         Raises:
             NotConnectedError: Not open, or the connection was lost.
         """
+        # No call where all is well: the library takes its time, even for whether it is connected.
         if self._state == "closed" or self._lost:
-            self._connected()  # not in each tick: the library takes its time, even for whether it is connected
+            self._connected()
         position, stiffness, wheel_speed = checked_command(command, len(self._robot.joint_names))
         stiffness = np.minimum(np.maximum(stiffness, 0.0), 1.0)
         return self._tick(position.copy(), stiffness, wheel_speed)
