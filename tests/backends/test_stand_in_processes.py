@@ -130,10 +130,30 @@ def test_orders_fail_in_one_line_when_the_robot_is_gone() -> None:
     assert len(stand_in.black_box()) > 0, "what it did is still known"
 
 
+def test_the_robot_goes_on_whatever_it_is_asked(stand_in: StandIn) -> None:
+    before = stand_in.black_box(1).cycle[-1]
+    for what, arguments in (
+        ("dance", {}),
+        ("order", {"actuators": ["Tail"], "update": "Merge", "commands": [[]]}),
+        ("order", {"actuators": [], "update": "Never", "commands": []}),
+        ("push", {"link": "LBicep"}),
+        ("push", {"link": "LBicep", "force": "hard"}),
+    ):
+        with pytest.raises(BackendError):
+            stand_in.robot.ask(what, **arguments)
+    assert wait_until(lambda: stand_in.black_box(1).cycle[-1] > before + 20)
+
+
 def test_a_robot_process_that_was_stopped_leaves_cycles_out(stand_in: StandIn) -> None:
     os.kill(stand_in.robot_process.pid, signal.SIGSTOP)
-    time.sleep(0.8)
+    time.sleep(0.3)
+    with connected(stand_in.url) as session:
+        memory = session.service("ALMemory")
+        _, *first = memory.getTimestamp(f"{PREFIX}HeadYaw/Position/Sensor/Value")
+        time.sleep(0.5)
+        _, *second = memory.getTimestamp(f"{PREFIX}HeadYaw/Position/Sensor/Value")
     os.kill(stand_in.robot_process.pid, signal.SIGCONT)
+    assert second[0] + 1e-6 * second[1] == pytest.approx(first[0] + 1e-6 * first[1], abs=0.02)
     assert wait_until(lambda: np.diff(stand_in.black_box().cycle).max() > 30)
     box = stand_in.black_box()
     np.testing.assert_array_equal(np.diff(box.date), 12 * np.diff(box.cycle))

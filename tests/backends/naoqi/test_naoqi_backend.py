@@ -8,6 +8,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -23,6 +24,7 @@ from pepper_driver.backends import (
     NotConnectedError,
     make_backend,
 )
+from pepper_driver.backends.naoqi.priority import PRIORITY, THREADS
 from pepper_driver.backends.naoqi_server.black_box import BlackBox
 from pepper_driver.backends.naoqi_server.launch import StandIn
 from pepper_driver.config import (
@@ -33,7 +35,9 @@ from pepper_driver.config import (
     load_safety_settings,
 )
 from pepper_driver.config.parts import FloatArray
+from pepper_driver.observer import Contact
 from pepper_driver.pacing import RealTimePacer
+from pepper_driver.realtime import priority_obstacle
 
 ROBOT = load_robot()
 ONES, STILL = np.ones(17), np.zeros(3)
@@ -281,12 +285,12 @@ def test_a_stand_in_can_be_pushed(robot: StandIn, backend: Backend) -> None:
 
 
 def test_a_whole_pepper_feels_a_push(robot: StandIn) -> None:
-    felt = []
+    felt: list[Contact] = []
     with Pepper(f"naoqi://127.0.0.1:{robot.port}", safety=PATIENT) as pepper:
         pepper.on_contact()(felt.append)
         pepper.set_posture({"LShoulderRoll": 0.6}, duration=1.5)
         pepper.run(2.5)
-        pepper.push("LBicep", [0.0, 20.0, 0.0], point=[0.16, 0.0, 0.0], duration=1.0)
+        pepper.push("LBicep", [0.0, 30.0, 0.0], point=[0.16, 0.0, 0.0], duration=1.0)
         pepper.run(1.5)
         statistics = pepper.statistics
     assert [contact.joint for contact in felt][:1] == ["LShoulderRoll"]
@@ -356,3 +360,22 @@ def test_leaving_the_block_lets_go_whatever_happened(robot: StandIn) -> None:
         begun = time.monotonic()
         raise KeyError("a user's mistake")
     assert_let_go(recent(robot, time.monotonic() - begun))
+
+
+def priorities() -> list[int]:
+    """Of libqi's threads in this process."""
+    tasks = list(Path("/proc/self/task").iterdir())
+    names = {task.name: (task / "comm").read_text() for task in tasks}
+    ours = [int(task) for task, name in names.items() if name.startswith(THREADS)]
+    return [os.sched_getparam(task).sched_priority for task in ours]
+
+
+def test_messages_go_before_other_programs_while_a_robot_is_open(backend: Backend) -> None:
+    backend.open()
+    obstacle = priority_obstacle()
+    if obstacle:
+        assert set(priorities()) == {0}
+        pytest.skip(obstacle)
+    assert set(priorities()) == {PRIORITY}
+    backend.close()
+    assert set(priorities()) == {0}
