@@ -12,6 +12,7 @@ import select
 import signal
 import socket
 import sys
+from contextlib import suppress
 from typing import Any
 
 os.environ.setdefault("QI_LOG_LEVEL", "0")  # libqi logs to stdout
@@ -132,6 +133,9 @@ def main(arguments: list[str]) -> int:
     given = parser.parse_args(arguments)
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # for whoever started this; it then ends us
     owner, robot = socket.socket(fileno=given.owner), socket.socket(fileno=given.robot)
+    # A robot's computer has nothing else to do. Before the threads are made: they have the priority of who makes them.
+    with suppress(OSError, AttributeError):
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(20))
     config = load_robot()
     devices = load_naoqi_devices(config)
     keys = table_keys(config, devices)
