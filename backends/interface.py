@@ -287,12 +287,13 @@ class Truth(ABC):
 class Backend(ABC):
     """A robot. States: closed, open (reads only), active (takes commands).
 
-    ``open`` and ``close`` bracket everything; ``activate`` and ``deactivate`` bracket motion. All but ``open`` and
-    ``activate`` can be called in any state. Closed, it can be opened again, and ticks and time begin anew. Use it as a
-    context manager: leaving the block deactivates and closes, whatever happened.
+    ``open`` and ``close`` bracket everything; ``activate`` and ``deactivate`` bracket motion. Closed, it can be opened
+    again, and ticks and time begin anew. Use it as a context manager: leaving the block deactivates and closes,
+    whatever happened.
 
-    Any thread may call any method: they wait for each other, and each finds the state that the one before left. All
-    errors are a PepperError; no exception of a third-party library leaves a backend.
+    Any thread may call any method: ``open``, ``activate``, ``step``, ``deactivate`` and ``close`` wait for each other,
+    and each finds the state that the one before left. All errors are a PepperError; no exception of a third-party
+    library leaves a backend.
     """
 
     @property

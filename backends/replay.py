@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from pepper_driver.backends.command_differences import SENT_FIELDS, CommandDifferences
 from pepper_driver.backends.commands import checked_command
 from pepper_driver.backends.interface import (
     LONGEST_WAY,
@@ -35,60 +36,9 @@ from pepper_driver.config import ConfigError, RobotConfig
 
 FloatArray = NDArray[np.float64]
 
-_PARTS = {
-    "position": "sent_position",
-    "stiffness": "sent_stiffness",
-    "wheel_speed": "sent_wheel_speed",
-}
-"""Field of the log behind each part of a command."""
-
 
 class EndOfLogError(BackendError, EOFError):
     """The recording is over: it cannot say what the robot would have measured next."""
-
-
-class CommandDifferences:
-    """How the commands of a program differ from those of a recording, bit by bit.
-
-    Args:
-        robot: Names joints and wheels.
-
-    Attributes:
-        compared: How many commands were compared.
-        differing: How many of them are not the same.
-        first: The first one that is not: time of the sample that answers it [s], and how, for people; None if all are.
-        largest: Largest size of a difference, by part of the command: ``position`` [rad], ``stiffness``,
-            ``wheel_speed`` [rad/s].
-    """
-
-    def __init__(self, robot: RobotConfig) -> None:
-        self._names = {
-            "position": robot.joint_names,
-            "stiffness": robot.joint_names,
-            "wheel_speed": robot.wheels.names,
-        }
-        self.compared = self.differing = 0
-        self.first: tuple[float, str] | None = None
-        self.largest = dict.fromkeys(_PARTS, 0.0)
-
-    def compare(self, time: float, given: Command, recorded: Command) -> None:
-        """Take in the two commands of one cycle, those that the sample of ``time`` [s] answers."""
-        self.compared += 1
-        same = True
-        for part in _PARTS:
-            a, b = np.asarray(getattr(given, part)), getattr(recorded, part)
-            if a.tobytes() == b.tobytes():
-                continue
-            size = np.abs(a - b)
-            place = int(size.argmax())
-            self.largest[part] = max(self.largest[part], float(size[place]))
-            if self.first is None:
-                text = (
-                    f"{part} of {self._names[part][place]}: {a[place]!s} in place of {b[place]!s}"
-                )
-                self.first = (time, text)
-            same = False
-        self.differing += not same
 
 
 class ReplayBackend(Serial, Backend):
@@ -259,9 +209,10 @@ def _answered(table: dict[str, Column], delay: int) -> NDArray[np.int64]:
 
 def _commands(file: LogFile, topic: str) -> tuple[Command, ...]:
     """All of a topic."""
-    columns = [_frozen(file.tables[topic][name]) for name in _PARTS.values()]
+    columns = [_frozen(file.tables[topic][name]) for name in SENT_FIELDS.values()]
     return tuple(
-        Command(**dict(zip(_PARTS, values, strict=True))) for values in zip(*columns, strict=True)
+        Command(**dict(zip(SENT_FIELDS, values, strict=True)))
+        for values in zip(*columns, strict=True)
     )
 
 

@@ -50,7 +50,6 @@ class AnglesBackend(NaoqiRobot):
     ) -> None:
         policy = replace(
             settings.take_over,
-            smart_stiffness="keep",
             diagnosis_effect="keep",
             self_collision="keep",
             arm_obstacles="keep",

@@ -32,6 +32,7 @@ from pepper_driver.backends.naoqi.extras import NaoqiExtras, abilities
 from pepper_driver.backends.naoqi.fitness import check_fit
 from pepper_driver.backends.naoqi.preflight import Preflight, preflight
 from pepper_driver.backends.naoqi.secret import Secret, find_secret
+from pepper_driver.backends.serial import Serial, serial
 from pepper_driver.config import NaoqiSettings, RobotConfig
 from pepper_driver.config.naoqi import TakeOverSettings
 from pepper_driver.config.parts import FloatArray
@@ -39,7 +40,7 @@ from pepper_driver.config.parts import FloatArray
 logger = logging.getLogger("pepper_driver")
 
 
-class NaoqiRobot(Backend):
+class NaoqiRobot(Serial, Backend):
     """A Pepper over NAOqi. Subclasses say by which of its services it is moved.
 
     ``open`` reads only. ``activate`` stills whoever else moves the robot and raises the stiffness; ``deactivate`` gives
@@ -64,6 +65,7 @@ class NaoqiRobot(Backend):
         policy: TakeOverSettings | None = None,
         wake: bool = False,
     ) -> None:
+        super().__init__()
         self._address, self._robot, self._settings, self._wake = address, robot, settings, wake
         self._policy = policy or settings.take_over
         self._state: Literal["closed", "open", "active"] = "closed"
@@ -122,6 +124,7 @@ class NaoqiRobot(Backend):
         assert self._info is not None
         return self._info
 
+    @serial
     def open(self) -> Measurement:
         """Connect and look at the robot. Nothing moves."""
         if self._state != "closed":
@@ -137,11 +140,12 @@ class NaoqiRobot(Backend):
         self._state = "open"
         return measurement
 
+    @serial
     def activate(self) -> Measurement:
         """Take the robot over and ramp the stiffness up, holding the posture measured."""
-        if self._state != "open":
-            raise BackendError(f"'{self._address.uri}' cannot be activated: it is {self._state}")
         connection = self._connected()
+        if self._state == "active":
+            raise BackendError(f"'{self._address.uri}' is already active")
         check_fit(connection, self._robot, self._settings, may_sleep=self._wake)
         self._take_over = TakeOver(
             connection, self._robot, self._settings, self._policy, wake=self._wake
@@ -154,6 +158,7 @@ class NaoqiRobot(Backend):
             self.deactivate()
             raise
 
+    @serial
     def step(self, command: Command) -> Measurement:
         """Send what may be sent and return the newest sample, at once.
 
@@ -167,6 +172,7 @@ class NaoqiRobot(Backend):
         stiffness = np.minimum(np.maximum(stiffness, 0.0), 1.0)
         return self._tick(position.copy(), stiffness, wheel_speed)
 
+    @serial
     def deactivate(self) -> None:
         """Stop, let the joints go, give the robot back. A robot that does not answer is left as it is."""
         if self._state != "active":
@@ -182,9 +188,11 @@ class NaoqiRobot(Backend):
                     self._address.uri,
                 )
                 connection.close()
+                self._lost = True
         finally:
             take_over.restore()
 
+    @serial
     def close(self) -> None:
         """Deactivate and disconnect."""
         try:

@@ -197,7 +197,7 @@ class TakeOver:
         try:
             self._connection.call("ALMotion", setter, *switch.arguments, False)
         except ServiceError as error:
-            reason = f" ({error})"
+            reason = f" ({error.reason})"
         if self._reached(lambda: not self._is_on(switch), 0.0 if reason else SETTLE):
             return
         if not must:

@@ -21,7 +21,15 @@ LOOK = 0.05
 
 
 class ServiceError(BackendError):
-    """A service of the robot refused what it was asked; the message holds its reason."""
+    """A service of the robot refused what it was asked.
+
+    Attributes:
+        reason: What it says; the message holds it too.
+    """
+
+    def __init__(self, message: str, reason: str = "") -> None:
+        self.reason = reason
+        super().__init__(message)
 
 
 class CallTimeoutError(BackendError, TimeoutError):
@@ -160,7 +168,7 @@ class Connection:
                 raise NotConnectedError(f"'{uri}': the connection was lost at {what}") from error
             if "Cannot find service" in reason:
                 raise MissingServiceError(f"'{uri}': this robot has no service {what}") from error
-            raise ServiceError(f"'{uri}': {what} refused: {reason}") from error
+            raise ServiceError(f"'{uri}': {what} refused: {reason}", reason) from error
         if not in_time:
             raise CallTimeoutError(f"'{uri}': {what} gave no answer in {limit:g} s")
         return value

@@ -10,6 +10,7 @@ from pepper_driver.backends.naoqi_server.dcm_service import DcmService
 from pepper_driver.backends.naoqi_server.memory_service import MemoryService
 from pepper_driver.backends.naoqi_server.modules.audio import AudioService, LogManagerService
 from pepper_driver.backends.naoqi_server.modules.cameras import VideoService
+from pepper_driver.backends.naoqi_server.modules.diagnosis import DiagnosisService
 from pepper_driver.backends.naoqi_server.modules.leds import LedsService
 from pepper_driver.backends.naoqi_server.modules.life import (
     AwarenessService,
@@ -46,6 +47,7 @@ SERVICES: dict[str, Callable[[Context], Any]] = {
     "ALAutonomousBlinking": BlinkingService,
     "ALSpeakingMovement": SpeakingMovementService,
     "ALListeningMovement": ListeningMovementService,
+    "ALDiagnosis": DiagnosisService,
     "ALTouch": TouchService,
     "ALLeds": LedsService,
     "ALTextToSpeech": SpeechService,

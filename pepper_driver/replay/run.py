@@ -9,8 +9,9 @@ from pathlib import Path
 
 import numpy as np
 
+from pepper_driver.backends.command_differences import CommandDifferences
 from pepper_driver.backends.log_file import Column
-from pepper_driver.backends.replay import CommandDifferences, EndOfLogError
+from pepper_driver.backends.replay import EndOfLogError
 from pepper_driver.controller import Tick
 from pepper_driver.controller.recorded import RecordedController
 from pepper_driver.events import ReflexEvent, SensorEvent

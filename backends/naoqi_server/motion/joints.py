@@ -69,8 +69,8 @@ class Joints:
         self._targets[joint] = (self._body.clipped(joint, angle), speed)
 
     def kill(self, tasks: Iterable[Task]) -> None:
-        """End tasks where they are; their joints come to rest."""
-        for task in list(tasks):
+        """End tasks where they are, unless they have ended; their joints come to rest."""
+        for task in [task for task in tasks if not task.over]:
             self.tasks.end(task, completed=False)
             for joint in task.joints if task.running and task.what == "angle" else ():
                 speed = abs(self.velocity[joint])

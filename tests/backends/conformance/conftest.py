@@ -7,12 +7,13 @@ from pathlib import Path
 
 import pytest
 
-from conformance.cases import Case, by_uri, mujoco, replay
+from conformance.cases import Case, by_uri, mujoco, naoqi, replay
 from pepper_driver.backends import Backend
 
 FACTORIES: dict[str, Callable[[Path], Iterator[Case]]] = {
     "mujoco": lambda _: mujoco(),
     "replay": replay,
+    "naoqi": lambda _: naoqi(),
 }
 """Makers of a case: each gets a folder for what it needs, and can clean up after its ``yield``."""
 

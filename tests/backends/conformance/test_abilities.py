@@ -9,7 +9,7 @@ from contextlib import suppress
 import numpy as np
 import pytest
 
-from conformance.cases import Case, hold, run
+from conformance.cases import Case, activated, hold, run
 from pepper_driver.backends import (
     Backend,
     BackendError,
@@ -54,26 +54,25 @@ def test_it_is_pushed_where_it_says_so(
         call(backend, "LForeArm")
 
 
-@pytest.mark.parametrize(
-    "arguments",
-    [
-        {"force": np.array([0.0, np.nan, 0.0])},
-        {"force": np.zeros(2)},
-        {"force": "sideways"},
-        {"force": FORCE, "duration": "long"},
-        {"force": FORCE, "point": np.zeros(2)},
-        {"force": FORCE, "duration": 0.0},
-        {"force": FORCE, "duration": np.inf},
-        {"force": FORCE, "delay": -1.0},
-        {"force": FORCE, "rise": np.nan},
-        {"force": FORCE, "frame": "torso"},
-    ],
-    ids=repr,
+WRONG: tuple[dict[str, object], ...] = (
+    {"force": np.array([0.0, np.nan, 0.0])},
+    {"force": np.zeros(2)},
+    {"force": "sideways"},
+    {"force": FORCE, "point": np.zeros(2)},
+    {"force": FORCE, "duration": "long"},
+    {"force": FORCE, "duration": 0.0},
+    {"force": FORCE, "duration": np.inf},
+    {"force": FORCE, "delay": -1.0},
+    {"force": FORCE, "rise": np.nan},
+    {"force": FORCE, "frame": "torso"},
 )
-def test_a_wrong_push_is_refused(backend: Backend, arguments: dict[str, object]) -> None:
+
+
+def test_a_wrong_push_is_refused(backend: Backend) -> None:
     first = backend.open()
-    with pytest.raises(PepperError):
-        backend.push("LForeArm", **arguments)  # type: ignore[arg-type]
+    for arguments in WRONG:
+        with pytest.raises(PepperError):
+            backend.push("LForeArm", **arguments)  # type: ignore[arg-type]
     run(backend, hold(first), 0.05)
 
 
@@ -81,9 +80,9 @@ def test_a_push_is_felt(backend: Backend, case: Case) -> None:
     backend.open()
     if "push" not in backend.info.capabilities or not case.follows:
         pytest.skip("it cannot be pushed")
-    wanted = hold(backend.activate())
+    wanted = hold(activated(backend))
     still = run(backend, wanted, 0.3)[-1]
-    backend.push("LForeArm", np.array([0.0, 0.0, -25.0]), duration=0.6)
+    backend.push("l_wrist", np.array([0.0, 0.0, -25.0]), duration=0.6)
     samples = run(backend, wanted, 0.6)
     moved = np.max([np.abs(m.position - still.position) for m in samples], axis=0)
     arm = [backend.info.joint_names.index(name) for name in ("LShoulderPitch", "LElbowRoll")]
@@ -102,8 +101,20 @@ def test_the_truth_is_there_where_it_says_so(backend: Backend) -> None:
     sample = truth.sample()
     assert np.abs(sample.position - first.position).max() < 0.1
     kept = sample.position.copy()
-    backend.activate()
+    activated(backend)
     np.testing.assert_array_equal(sample.position, kept)
+
+
+def test_what_is_pushed_is_known(backend: Backend) -> None:
+    backend.open()
+    if "push" not in backend.info.capabilities:
+        with pytest.raises(CapabilityError):
+            _ = backend.plant
+        return
+    plant = backend.plant
+    for array in (plant.stiffness, plant.torque_limit):
+        assert array.shape == (17,)
+        assert (array > 0).all()
 
 
 def test_its_own_diagnosis_is_none_or_a_list(backend: Backend) -> None:
@@ -123,35 +134,37 @@ EXTRAS: dict[Capability, Callable[[Extras], None]] = {
 }
 
 
-@pytest.mark.parametrize("capability", EXTRAS)
 def test_extras_are_done_or_said_to_be_lacking(
-    backend: Backend, caplog: pytest.LogCaptureFixture, capability: Capability
+    backend: Backend, caplog: pytest.LogCaptureFixture
 ) -> None:
-    call = EXTRAS[capability]
-    has = capability in backend.info.capabilities
-    assert backend.extras is backend.extras
-    if not has:
-        with caplog.at_level(logging.WARNING, logger="pepper_driver"):
-            call(backend.extras)
-            backend.open()
-            call(backend.extras)
-            backend.activate()
-            call(backend.extras)
-        assert len(caplog.records) == 1, "once"
-        assert backend.info.uri in caplog.text
-        return
-    with pytest.raises(NotConnectedError):
-        call(backend.extras)
+    extras = backend.extras
     backend.open()
-    call(backend.extras)
+    has = [name for name in EXTRAS if name in backend.info.capabilities]
+    backend.close()
+    for name in has:
+        with pytest.raises(NotConnectedError):
+            EXTRAS[name](extras)
+    backend.open()
+    for name in has:
+        EXTRAS[name](extras)
+    lacking = [name for name in EXTRAS if name not in has]
+    with caplog.at_level(logging.WARNING, logger="pepper_driver"):
+        for name in 2 * lacking:
+            EXTRAS[name](extras)
+        backend.close()
+        for name in lacking:
+            EXTRAS[name](extras)
+    told = [r.getMessage() for r in caplog.records if "nothing happens" in r.getMessage()]
+    assert len(told) == len(lacking), "once each"
+    assert all(backend.info.uri in text for text in told)
+    assert backend.extras is extras
 
 
-@pytest.mark.parametrize("capability", ["postures", "wake"])
-def test_only_one_program_moves_the_robot(backend: Backend, capability: Capability) -> None:
-    if capability not in backend.info.capabilities:
-        pytest.skip("it has no program of its own")
+def test_only_one_program_moves_the_robot(backend: Backend) -> None:
     backend.open()
-    wanted = hold(backend.activate())
-    with pytest.raises(BackendError):
-        EXTRAS[capability](backend.extras)
+    wanted = hold(activated(backend))
+    for name in ("postures", "wake"):
+        if name in backend.info.capabilities:
+            with pytest.raises(BackendError):
+                EXTRAS[name](backend.extras)
     run(backend, wanted, 0.1)

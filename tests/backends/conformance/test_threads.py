@@ -8,7 +8,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from conformance.cases import LATEST, Case, hold, steps
+from conformance.cases import LATEST, Case, activated, hold, steps
 from pepper_driver.backends import Backend, Command, Measurement, NotConnectedError
 from pepper_driver.config import PepperError
 
@@ -79,7 +79,7 @@ def test_two_threads_that_step_wait_for_each_other(backend: Backend) -> None:
 def test_it_can_be_closed_while_another_thread_steps(backend: Backend, active: bool) -> None:
     for _ in range(1 if backend.info.real_time else 5):
         first = backend.open()
-        wanted = hold(backend.activate() if active else first)
+        wanted = hold(activated(backend) if active else first)
         worker = Worker(paced(backend, wanted))
         assert worker.begun.wait(LATEST)
         within(backend.close)

@@ -1,0 +1,331 @@
+"""The whole way to a robot against the stand-in: what it does to the robot, seen by the robot's own black box."""
+
+import os
+import signal
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from naoqi_fakes import address_of
+
+from pepper_driver.backends import BackendError, Command, NotConnectedError, make_backend
+from pepper_driver.backends.naoqi.angles import AnglesBackend
+from pepper_driver.backends.naoqi.coexistence import ConsentError, TakeOver
+from pepper_driver.backends.naoqi.connection import Connection, connect
+from pepper_driver.backends.naoqi.peer import LoginError
+from pepper_driver.backends.naoqi.preflight import UnfitError
+from pepper_driver.backends.naoqi_server.launch import StandIn
+from pepper_driver.backends.naoqi_server.tls import Login
+from pepper_driver.cli.app import run
+from pepper_driver.config import PepperError, load_naoqi_settings, load_robot
+from pepper_driver.config.parts import FloatArray
+
+pytestmark = pytest.mark.usefixtures("qi")
+
+ROBOT = load_robot()
+SETTINGS = load_naoqi_settings()
+HEAD = ROBOT.joint_index("HeadYaw")
+STILL = np.zeros(3)
+
+
+@pytest.fixture(scope="module")
+def robot() -> Iterator[StandIn]:
+    """Awake, without a life of its own; its owner has allowed everything."""
+    with StandIn("mujoco://?seed=5", consent=True) as running:
+        connection = connect(address_of(uri_of(running)))
+        connection.call("ALMotion", "wakeUp", timeout=20.0)
+        connection.close()
+        yield running
+
+
+@pytest.fixture
+def connection(robot: StandIn) -> Iterator[Connection]:
+    connection = connect(address_of(uri_of(robot)))
+    yield connection
+    connection.close()
+
+
+def uri_of(robot: StandIn, options: str = "") -> str:
+    return f"naoqi://127.0.0.1:{robot.port}{options}"
+
+
+def wait_until(condition: Callable[[], object], seconds: float = 10.0) -> bool:
+    end = time.monotonic() + seconds
+    while not condition() and time.monotonic() < end:
+        time.sleep(0.02)
+    return bool(condition())
+
+
+def orders(robot: StandIn, seconds: float = 0.5) -> int:
+    """How many orders the DCM took in a time in which nobody here gives any."""
+    before = robot.black_box(last=1).orders[-1]
+    time.sleep(seconds)
+    return int(robot.black_box(last=1).orders[-1] - before)
+
+
+def position(robot: StandIn) -> FloatArray:
+    newest: FloatArray = robot.black_box(last=1).position[-1]
+    return newest
+
+
+# -- taking over ----------------------------------------------------------------------------------------------------
+
+
+def test_nobody_else_moves_the_robot_meanwhile(robot: StandIn, connection: Connection) -> None:
+    connection.call("ALAutonomousLife", "setState", "solitary", timeout=20.0)
+    assert orders(robot) > 5, "a living robot is moved all the time"
+    with TakeOver(connection, ROBOT, SETTINGS) as taken:
+        assert orders(robot) == 0
+        assert connection.call("ALAutonomousLife", "getState") == "disabled"
+        assert connection.call("ALMotion", "robotIsWakeUp")
+        assert np.abs(taken.posture - position(robot)).max() < 0.1
+    assert taken.left == ()
+    assert orders(robot) > 5
+    assert connection.call("ALAutonomousLife", "getState") == "solitary"
+    connection.call("ALAutonomousLife", "setState", "disabled", timeout=20.0)
+
+
+def test_a_robot_at_rest(robot: StandIn, connection: Connection) -> None:
+    """Is refused; on request woken up, and sent to rest again."""
+    connection.call("ALMotion", "rest", timeout=20.0)
+    with make_backend(uri_of(robot)) as backend:
+        backend.open()
+        with pytest.raises(UnfitError, match=r"\?wake=1"):
+            backend.activate()
+        assert orders(robot) == 0
+    with TakeOver(connection, ROBOT, SETTINGS, wake=True):
+        assert connection.call("ALMotion", "robotIsWakeUp")
+        assert not connection.call("ALMotion", "getPushRecoveryEnabled")
+        assert orders(robot) == 0
+    assert not connection.call("ALMotion", "robotIsWakeUp")
+    assert connection.call("ALMotion", "getPushRecoveryEnabled")
+    connection.call("ALMotion", "wakeUp", timeout=20.0)
+
+
+def test_without_the_owners_consent() -> None:
+    with StandIn("mujoco://?seed=5") as robot:
+        connection = connect(address_of(uri_of(robot)))
+        connection.call("ALMotion", "wakeUp", timeout=20.0)
+        before = position(robot)
+        with pytest.raises(ConsentError, match="/advanced/#/settings"):
+            TakeOver(connection, ROBOT, SETTINGS).begin()
+        assert connection.call("ALMotion", "getSmartStiffnessEnabled"), "given back"
+        go_on = replace(
+            SETTINGS, take_over=replace(SETTINGS.take_over, push_recovery="off if allowed")
+        )
+        with TakeOver(connection, ROBOT, go_on) as taken:
+            assert set(taken.kept) == {
+                "external-collision avoidance of Move",
+                "fall manager",
+                "push recovery",
+            }
+        connection.close()
+        assert np.abs(position(robot) - before).max() < 0.02
+
+
+# -- who is let in --------------------------------------------------------------------------------------------------
+
+
+def test_over_tls(monkeypatch: pytest.MonkeyPatch) -> None:
+    with StandIn("mujoco://?seed=5", login=Login(user="nao", token="sesame-8")) as robot:
+        place = f"127.0.0.1:{robot.port}"
+        monkeypatch.setenv("PEPPER_PASSWORD", "sesame-8")
+        with make_backend(f"naoqis://nao@{place}?mode=angles") as backend:
+            assert backend.open().position.shape == (17,)
+            assert "sesame" not in repr(vars(backend))
+        for uri, password in (
+            (f"naoqis://nao@{place}", "wrong-9"),
+            (f"naoqis://x@{place}", "sesame-8"),
+        ):
+            monkeypatch.setenv("PEPPER_PASSWORD", password)
+            with pytest.raises(LoginError, match="wrong password") as caught:
+                make_backend(uri).open()
+            assert password not in str(caught.value)
+        with pytest.raises(NotConnectedError, match=f"write naoqis://nao@{place}"):
+            make_backend(f"naoqi://{place}").open()
+
+
+def test_another_robot(robot: StandIn) -> None:
+    robot.set_fault("wrong-type")
+    try:
+        with pytest.raises(UnfitError, match="is a 'Nao', and not a Pepper"):
+            make_backend(uri_of(robot)).open()
+    finally:
+        robot.clear_faults()
+
+
+def test_what_the_robot_finds_broken(robot: StandIn) -> None:
+    connection = connect(address_of(uri_of(robot)))
+    before = position(robot)
+    with make_backend(uri_of(robot)) as backend:
+        backend.open()
+        assert backend.diagnosis() == ()
+        connection.call("ALMemory", "insertData", "Diagnosis/Passive/KneePitch/Error", 1)
+        try:
+            (error,) = backend.diagnosis() or ()
+            assert (error.device, error.serious) == ("KneePitch", True)
+            with pytest.raises(UnfitError, match="KneePitch: its board does not answer"):
+                backend.activate()
+        finally:
+            connection.call("ALMemory", "insertData", "Diagnosis/Passive/KneePitch/Error", 0)
+            connection.close()
+    assert np.abs(position(robot) - before).max() < 0.01
+
+
+def test_the_doctor(
+    robot: StandIn, connection: Connection, capsys: pytest.CaptureFixture[str]
+) -> None:
+    key = "Diagnosis/Temperature/LElbowRoll/Error"
+    connection.call("ALMemory", "insertData", key, 1)
+    assert run(["doctor", uri_of(robot), "--no-motion"]) == 1
+    connection.call("ALMemory", "insertData", key, 0)
+    table = capsys.readouterr().out
+    for check in ("connection", "joints", "battery", "charging flap", "models"):
+        assert any(row.startswith("ok") and check in row for row in table.splitlines()), table
+    assert any(row.startswith("FAILED") and "diagnosis" in row for row in table.splitlines())
+    assert "LElbowRoll: too hot" in table
+
+
+# -- without the DCM ------------------------------------------------------------------------------------------------
+
+
+def sway(
+    backend: AnglesBackend, centre: FloatArray, steps: int, *, size: float = 0.3
+) -> FloatArray:
+    """Let the head sway, in real time; returns how old each sample was."""
+    ages = np.zeros(steps)
+    due = time.perf_counter()
+    for step in range(steps):
+        goal = centre.copy()
+        goal[HEAD] += size * np.sin(2 * np.pi * 0.4 * step * ROBOT.cycle)
+        command = Command(position=goal, stiffness=np.ones(17), wheel_speed=np.full(3, 0.5))
+        ages[step] = backend.step(command).age
+        due += ROBOT.cycle
+        time.sleep(max(0.0, due - time.perf_counter()))
+    return ages
+
+
+@pytest.fixture
+def angles(robot: StandIn) -> Iterator[AnglesBackend]:
+    backend = make_backend(uri_of(robot, "?mode=angles"))
+    assert isinstance(backend, AnglesBackend)
+    yield backend
+    backend.close()
+    robot.clear_faults()
+
+
+def test_angles_only_on_request(robot: StandIn) -> None:
+    robot.set_fault("missing:DCM")
+    try:
+        with pytest.raises(UnfitError, match=r"has no DCM.*\?mode=angles"):
+            make_backend(uri_of(robot)).open()
+        with make_backend(uri_of(robot, "?mode=angles")) as backend:
+            assert backend.open().position == pytest.approx(position(robot), abs=0.01)
+            backend.activate()
+    finally:
+        robot.clear_faults()
+
+
+def test_joints_follow_through_almotion(robot: StandIn, angles: AnglesBackend) -> None:
+    before = angles.open()
+    start = position(robot)
+    angles.step(
+        Command(position=before.position + 0.2, stiffness=np.ones(17), wheel_speed=np.ones(3))
+    )
+    time.sleep(0.3)
+    assert np.abs(position(robot) - start).max() < 0.01, "not active yet"
+    hold = angles.activate()
+    base = robot.black_box(last=1).base[-1]
+    sway(angles, hold.position, 420)
+    seen = robot.black_box(last=200)
+    assert np.ptp(seen.position[:, HEAD]) == pytest.approx(0.6, abs=0.12)
+    others = np.delete(np.arange(17), [HEAD])
+    assert np.ptp(seen.position[:, others], axis=0).max() < 0.1
+    assert seen.stiffness.min() > 0.9
+    assert np.abs(seen.base[-1] - base).max() < 0.02, "the base stands still"
+    assert np.abs(seen.wheel_speed).max() < 0.3
+
+
+def test_what_it_is_in_angles_mode(angles: AnglesBackend, robot: StandIn) -> None:
+    info = angles.info
+    assert info.identity.endswith("/angles"), "models of the other way are none of this one"
+    assert info.response_delay == SETTINGS.angles.response_delay
+    with pytest.raises(BackendError, match="cannot be activated: it is closed"):
+        angles.activate()
+    angles.open()
+    angles.activate()
+    with pytest.raises(BackendError, match="by its own program"):
+        angles.extras.rest()
+    assert robot.black_box(last=1).stiffness[-1].min() > 0.9
+    angles.deactivate()
+    stiffness = robot.black_box(last=1).stiffness[-1]
+    legs = [ROBOT.joint_index(name) for name in ROBOT.chains["legs"]]
+    assert stiffness[legs].min() > 0.5, "without it the robot would bow"
+    assert np.delete(stiffness, legs).max() < 0.1
+
+
+def test_stiffness_is_passed_on_but_for_the_legs(robot: StandIn, angles: AnglesBackend) -> None:
+    angles.open()
+    hold = angles.activate()
+    stiffness = np.ones(17)
+    stiffness[HEAD] = 0.4
+    command = Command(position=hold.position, stiffness=stiffness, wheel_speed=STILL)
+
+    def told() -> bool:
+        angles.step(command)
+        return bool(abs(robot.black_box(last=1).stiffness[-1][HEAD] - 0.4) < 0.02)
+
+    assert wait_until(told)
+    stiffness[ROBOT.joint_index("KneePitch")] = 0.0
+    for _ in range(20):
+        angles.step(command)
+        time.sleep(ROBOT.cycle)
+    assert robot.black_box(last=1).stiffness[-1][ROBOT.joint_index("KneePitch")] > 0.9
+
+
+def test_a_robot_that_hangs_in_angles_mode(robot: StandIn, angles: AnglesBackend) -> None:
+    angles.open()
+    hold = angles.activate()
+    sway(angles, hold.position, 60)
+    os.kill(robot.naoqi_process.pid, signal.SIGSTOP)
+    try:
+        ages = sway(angles, hold.position, 40)
+        assert ages[-1] > 0.3
+        started = time.monotonic()
+        angles.close()
+        assert time.monotonic() - started < 3.0
+    finally:
+        os.kill(robot.naoqi_process.pid, signal.SIGCONT)
+
+
+def test_angles_mode_after_the_connection_is_lost() -> None:
+    with StandIn("mujoco://?seed=5") as robot:
+        backend = make_backend(uri_of(robot, "?mode=angles&wake=1"))
+        assert isinstance(backend, AnglesBackend)
+        backend.open()
+        hold = backend.activate()
+        sway(backend, hold.position, 100)
+        robot.naoqi_process.kill()
+
+        def lost() -> bool:
+            try:
+                sway(backend, hold.position, 1)
+            except NotConnectedError:
+                return True
+            return False
+
+        assert wait_until(lost)
+        time.sleep(0.5)
+        held = position(robot)
+        time.sleep(0.5)
+        assert np.abs(position(robot) - held).max() < 0.01, "the joints stay where they are"
+        backend.close()
+
+
+@pytest.mark.parametrize("options", ["?mode=angels", "?mode=angles&delay=3", "?wake=2"])
+def test_wrong_options(options: str) -> None:
+    with pytest.raises(PepperError) as caught:
+        make_backend(f"naoqi://127.0.0.1{options}")
+    assert "\n" not in str(caught.value)
