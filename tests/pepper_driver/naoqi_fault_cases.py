@@ -72,7 +72,7 @@ def quick_settings() -> Iterator[None]:
     timing = replace(settings.timing, burst=0.2, ramp_up=0.5, ramp_down=0.1)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(
-            naoqi_backend, "load_naoqi_settings", lambda: replace(settings, timing=timing)
+            naoqi_backend, "load_naoqi_settings", lambda *_: replace(settings, timing=timing)
         )
         yield
 

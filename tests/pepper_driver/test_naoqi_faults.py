@@ -20,6 +20,7 @@ from pepper_driver import Pepper
 from pepper_driver.backends import NotConnectedError
 from pepper_driver.backends.naoqi_server.faults import parse_fault
 from pepper_driver.backends.naoqi_server.launch import StandIn
+from pepper_driver.config import PepperError
 from pepper_driver.safety import FaultError
 
 from naoqi_fault_cases import (  # isort: skip
@@ -174,6 +175,31 @@ def test_the_clock_rolls_over_under_a_robot_that_moves(qi: Any) -> None:
     assert dates[0] > 0 > dates[-1]
     assert largest_step(box) <= LARGEST_STEP
     assert np.ptp(box.position_command[dates < 0], axis=0).max() > 0.02  # it moves on
+
+
+@pytest.mark.parametrize(
+    ("fault", "word"),
+    [
+        ("wrong-type:Nao", "Nao"),
+        ("missing:DCM", "DCM"),
+        ("none:LElbowRoll/Position", "LElbowRoll"),
+        ("error:ALMemory,text=no memory", "no memory"),
+        ("slow:0.03", "too slow"),
+    ],
+)
+def test_what_is_wrong_at_the_start_is_one_line_and_nothing_moves(
+    robot: StandIn, fault: str, word: str
+) -> None:
+    robot.clear_faults()
+    robot.set_fault(fault)
+    begun = time.monotonic()
+    with pytest.raises(PepperError, match=word) as caught, Pepper(url(robot), observer=None):
+        pass
+    assert len(str(caught.value).splitlines()) == 1
+    time.sleep(0.1)
+    box = since(robot, begun)
+    assert np.ptp(box.position, axis=0).max() < 0.01
+    assert not box.wheel_command.any()
 
 
 # -- the program dies -----------------------------------------------------------------------------------------------
