@@ -268,7 +268,7 @@ def test_a_robot_that_hangs_is_not_waited_for() -> None:
     ) as process:
         assert process.stdout is not None
         connection = connect(address_of(process.stdout.readline().strip()))
-        taken = take_over(connection)
+        taken = take_over(connection, load_naoqi_settings())
         taken.begin()
         os.kill(process.pid, signal.SIGSTOP)
         started = time.monotonic()
