@@ -50,7 +50,7 @@ def ticks(link: AnglesLink, count: int, stiffness: float = 1.0) -> tuple[list[Me
 
 def test_every_second_tick_sends_a_command(fake: FakeRobot, connection: Connection) -> None:
     link = made(connection)
-    link.start()
+    link.start(np.ones(17))
     measured, _ = ticks(link, 100)
     sent = [entry for entry in fake.log if entry[0] == "setAngles"]
     assert 50 - measured[-1].withheld >= len(sent) >= 45 - measured[-1].withheld
@@ -64,7 +64,7 @@ def test_a_slow_robot_holds_no_tick_up_and_its_samples_are_old(
     fake: FakeRobot, connection: Connection
 ) -> None:
     link = made(connection)
-    link.start()
+    link.start(np.ones(17))
     fake.motion.slow = 0.3
     measured, longest = ticks(link, 110)
     fake.motion.slow = 0.0
@@ -76,11 +76,16 @@ def test_a_slow_robot_holds_no_tick_up_and_its_samples_are_old(
 
 def test_stiffness_is_passed_on_when_it_changes(fake: FakeRobot, connection: Connection) -> None:
     link = made(connection)
-    link.start()
+    link.start(np.ones(17))
     for stiffness in (1.0, 1.0, 0.5, 0.5, 0.51, 0.8):
         ticks(link, 12, stiffness)
     told = [entry for entry in fake.log if entry[0] == "setStiffnesses"]
     assert told == [("setStiffnesses", 14, 0.5), ("setStiffnesses", 14, 0.8)], "not the legs"
+    ticks(link, 12, 0.99)
+    ticks(link, 12, 1.0)
+    assert fake.log[-1] != ("setStiffnesses", 14, 0.99)
+    told = [entry for entry in fake.log if entry[0] == "setStiffnesses"]
+    assert told[-1] == ("setStiffnesses", 14, 1.0), "the last bit of the way too"
 
 
 def test_samples_that_are_none(fake: FakeRobot, connection: Connection) -> None:
