@@ -1,6 +1,6 @@
 """How a robot over NAOqi is driven every 12 ms: against the stand-in, over real qi on this machine, in real time.
 
-bare: the backend alone, stepped by the loop's pacer. whole: a moving Pepper with controller, observer and gate. Of both:
+bare: the backend alone, stepped by the loop's pacer. whole: a moving Pepper with controller, observer, gate. Of both:
 missed ticks, when ticks end after they were due, how old samples are, commands withheld, and processor time of client,
 stand-in NAOqi and simulated robot. Of the whole one also: how far the DCM was from the command that each sample is said
 to answer, by the stand-in's black box; and tracking errors and residuals against those of the same motion with the

@@ -93,3 +93,20 @@ def assert_refused(word: str, *arguments: str) -> None:
     result = run(*arguments)
     assert (result.returncode, result.stdout, result.stderr.count("\n")) == (2, "", 1)
     assert word in result.stderr
+
+
+def test_the_stand_in_is_measured(qi: object, tmp_path: Path) -> None:
+    figures = tmp_path / "figures.json"
+    script = str(CONTROLLER.parent / "stand_in.py")
+    result = subprocess.run(
+        [sys.executable, script, "--seconds", "1", "--json", str(figures)],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert result.returncode == 0, result.stderr
+    document = json.loads(figures.read_text())
+    for part in ("idle", "client"):
+        assert 0 < document[part]["published_ms"]["median"] <= document[part]["published_ms"]["max"]
+        assert 0 <= document[part]["robot_cpu"] < 2
+    assert len(document["calls_ms"]) == 3

@@ -13,6 +13,7 @@ from pepper_driver.backends.naoqi.handover import let_go, ramp_up
 from pepper_driver.backends.naoqi.keys import SensorKeys, actuator_keys
 from pepper_driver.backends.naoqi.link import Link
 from pepper_driver.backends.naoqi.preflight import Preflight
+from pepper_driver.backends.naoqi.priority import prefer_messages
 from pepper_driver.backends.selection import BackendUri
 from pepper_driver.config import (
     ConfigError,
@@ -65,6 +66,7 @@ class NaoqiBackend(NaoqiRobot):
 
     def _begin(self, connection: Connection) -> Measurement:
         """Measures the way to the robot for half a second."""
+        prefer_messages(True)
         self._link = Link(connection, self._robot, self._settings.timing, self._delay)
         return self._link.newest
 
@@ -93,6 +95,7 @@ class NaoqiBackend(NaoqiRobot):
             super().close()
         finally:
             self._link = None
+            prefer_messages(False)
 
     @property
     def _open_link(self) -> Link:

@@ -10,20 +10,13 @@ from numpy.typing import NDArray
 
 from pepper_driver.backends.interface import Command, Measurement
 from pepper_driver.backends.mujoco_.backend import MujocoBackend
+from pepper_driver.backends.naoqi_server.keys import table_keys
 from pepper_driver.config import RobotConfig
 from pepper_driver.config.naoqi_devices import NaoqiDevices
 from pepper_driver.config.parts import FloatArray
 
 HOT, VERY_HOT = 68.0, 74.0
 """[deg C] Where ``Temperature/Sensor/Status`` becomes 1 and 2: levels of public ROS drivers of Pepper."""
-
-
-def table_keys(robot: RobotConfig, devices: NaoqiDevices) -> dict[str, int]:
-    """Place of every key in the table: actuators first, in the order of the DCM, then sensors, then the date."""
-    sensors = [key for key in devices.values if key not in set(devices.actuators)]
-    return {
-        key: place for place, key in enumerate([*devices.actuators, *sensors, robot.naoqi.time])
-    }
 
 
 class Body:

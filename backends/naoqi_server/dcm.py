@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from bisect import bisect_right
 from collections.abc import Collection, Mapping, Sequence
+from math import isfinite
 from typing import Literal, get_args
 
 from pepper_driver.backends.interface import BackendError
@@ -128,9 +129,14 @@ class Dcm:
 
         Raises:
             BufferFullError: More commands than a buffer holds would wait for one of them.
+            BackendError: No such actuator, or a value that is not finite: boards would take none.
         """
         after: dict[str, dict[int, float]] = {}
         for key, its in zip(keys, commands, strict=True):
+            if key not in self.actuators:
+                raise BackendError(f"no actuator '{key}'")
+            if not all(isfinite(value) for value, _ in its):
+                raise BackendError(f"a value for {key} is not finite")
             waiting = after[key] if key in after else self.actuators[key].waiting
             dated = [(value, unwrapped(date, now)) for value, date in its]
             after[key] = after_order(waiting, update, dated)

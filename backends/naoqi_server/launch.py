@@ -3,25 +3,27 @@
 from __future__ import annotations
 
 import json
+import os
 import signal
+import socket
 import subprocess
 import time
 from collections.abc import Sequence
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 from importlib.util import find_spec
 from types import TracebackType
 from typing import Self
 
 from pepper_driver.backends.interface import BackendError
 from pepper_driver.backends.naoqi_server.black_box import BlackBox
-from pepper_driver.backends.naoqi_server.body import table_keys
 from pepper_driver.backends.naoqi_server.clock import SPAN, wrapped
 from pepper_driver.backends.naoqi_server.fault_control import FaultControl
 from pepper_driver.backends.naoqi_server.faults import Fault, parse_fault
+from pepper_driver.backends.naoqi_server.keys import table_keys
 from pepper_driver.backends.naoqi_server.line import Line
 from pepper_driver.backends.naoqi_server.link import RobotLink
 from pepper_driver.backends.naoqi_server.messages import make_pair
-from pepper_driver.backends.naoqi_server.processes import spawn
+from pepper_driver.backends.naoqi_server.processes import spawn, wait_until_ready
 from pepper_driver.backends.naoqi_server.proxy import NetworkProxy
 from pepper_driver.backends.naoqi_server.table import Table
 from pepper_driver.backends.naoqi_server.tls import Login
@@ -76,6 +78,7 @@ class StandIn:
         self._consent, self._version = consent, version
         self._robot: subprocess.Popen[bytes] | None = None
         self._naoqi: subprocess.Popen[bytes] | None = None
+        self._open = ExitStack()
 
     def start(self) -> Self:
         """Start the robot, then NAOqi.
@@ -95,20 +98,25 @@ class StandIn:
         devices = load_naoqi_devices(config)
         keys = table_keys(config, devices)
         self._file = Table.make_file()
-        # Both ends of the robot's line to NAOqi stay open here, for a NAOqi that is started anew.
+        self._open.callback(os.close, self._file)
+        # NAOqi's end of its line to the robot stays open here, for a NAOqi that is started anew.
         self._line, robots = make_pair()
+        self._open.enter_context(self._line)
         try:
             with robots:
-                self._robot, self._owner, _ = spawn(
+                self._robot, owner = spawn(
                     "robot_process",
                     {"uri": self._uri, "clock": clock, "outlive": self._outlive},
                     {"table": self._file, "naoqi": robots.fileno()},
                 )
-            table = Table(self._file, len(keys), config)
-            self.robot = RobotLink(table, self._owner, keys, frozenset(devices.actuators))
+            self._open.enter_context(owner)
             proxied = self._network is not None or self._login is not None
             self._naoqi_at = ("127.0.0.1", 0) if proxied else (self._host, self._port)
-            self.start_naoqi()
+            naoqis = self._spawn_naoqi()  # at the same time: both take a while
+            wait_until_ready(self._robot, owner)
+            table = Table(self._file, len(keys), config)
+            self.robot = RobotLink(table, owner, keys, frozenset(devices.actuators))
+            self._take_naoqi(naoqis)
             if proxied:
                 self.proxy = NetworkProxy(
                     self._naoqi_at,
@@ -127,18 +135,22 @@ class StandIn:
         return self
 
     def start_naoqi(self) -> None:
-        """Start the NAOqi process; again at the same port after it died.
+        """Start the NAOqi process anew after it died, at the same port.
 
         Raises:
-            BackendError: It cannot start, for example because the port is in use.
+            BackendError: It cannot start, for example because the port is in use by now.
         """
+        self._take_naoqi(self._spawn_naoqi())
+
+    def _spawn_naoqi(self) -> socket.socket:
+        """Start the NAOqi process; returns the line to it."""
         host, port = self._naoqi_at
         faults = [
             {"name": fault.name, "arguments": fault.all_arguments}
             for fault in self._faults
             if fault.kind.place == "services"
         ]
-        self._naoqi, end, ready = spawn(
+        self._naoqi, end = spawn(
             "server",
             {
                 "host": host,
@@ -149,8 +161,14 @@ class StandIn:
             },
             {"table": self._file, "robot": self._line.fileno()},
         )
+        self._open.enter_context(end)
+        return end
+
+    def _take_naoqi(self, end: socket.socket) -> None:
+        """Wait until NAOqi is there."""
+        ready = wait_until_ready(self.naoqi_process, end)
         self._naoqis_line = Line(end, "NAOqi process", self._control.obey)
-        self._naoqi_at = (host, int(ready["port"]))
+        self._naoqi_at = (self._naoqi_at[0], int(ready["port"]))
         self._naoqi_killed = False
 
     def set_fault(self, text: str) -> None:
@@ -173,12 +191,14 @@ class StandIn:
         return self._network or "clear"
 
     def signal_naoqi(self, number: int) -> None:
-        """Send the NAOqi process a signal; after SIGKILL it is gone when this returns."""
+        """Send the NAOqi process a signal; after SIGKILL it is gone, and after SIGSTOP all of it stands, when this returns."""
         process = self.naoqi_process
         self._naoqi_killed = number == signal.SIGKILL
         process.send_signal(number)
         if number == signal.SIGKILL:
             process.wait()
+        elif number == signal.SIGSTOP:  # some of its threads may be in the middle of an answer
+            os.waitid(os.P_PID, process.pid, os.WSTOPPED | os.WEXITED | os.WNOWAIT)
 
     def tell_naoqi(self, fault: Fault | None) -> None:
         """Let NAOqi set a fault of its services, or clear them."""
@@ -238,6 +258,7 @@ class StandIn:
                     process.kill()  # a process that was stopped takes nothing else
                 process.wait()
         self._naoqi = self._robot = None
+        self._open.close()
 
     def __enter__(self) -> Self:
         return self.start()

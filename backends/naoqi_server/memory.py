@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from threading import RLock
 from typing import Any, Literal
 
+from pepper_driver.backends.naoqi_server.clock import wrapped
 from pepper_driver.backends.naoqi_server.robot import Robot
 
 Kind = Literal["Data", "Event", "MicroEvent"]
@@ -75,7 +76,10 @@ class Memory:
         Raises:
             NoDataError: There is none.
         """
-        return time.time() if key in self._robot.keys else self._entry(key).stamp
+        if key not in self._robot.keys:
+            return self._entry(key).stamp
+        age = wrapped(self._robot.time() - int(self._robot.value(self._time_key)))
+        return time.time() - 0.001 * age
 
     def names(self, *, part: str = "", kind: Kind | None = None) -> list[str]:
         """Keys that hold ``part`` in their name and are of this kind, sorted."""

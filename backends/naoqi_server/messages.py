@@ -6,6 +6,8 @@ import json
 import socket
 from typing import Any
 
+from pepper_driver.backends.interface import BackendError
+
 PACKET = 1 << 18
 """[bytes] of the longest packet."""
 
@@ -22,9 +24,13 @@ def send(end: socket.socket, message: dict[str, Any], *, wait: bool = True) -> N
     """Send one message.
 
     Raises:
+        BackendError: It is too long.
         OSError: Nobody is at the other end; or, when not to ``wait``, nobody reads there.
     """
-    end.send(json.dumps(message).encode(), 0 if wait else socket.MSG_DONTWAIT)
+    packet = json.dumps(message).encode()
+    if len(packet) > PACKET:
+        raise BackendError(f"a request of {len(packet)} bytes is too long: {PACKET} is the most")
+    end.send(packet, 0 if wait else socket.MSG_DONTWAIT)
 
 
 def receive(end: socket.socket) -> dict[str, Any] | None:

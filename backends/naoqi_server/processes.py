@@ -20,17 +20,14 @@ def spawn(
     arguments: Mapping[str, Any],
     descriptors: Mapping[str, int],
     first: Mapping[str, Any] | None = None,
-) -> tuple[subprocess.Popen[bytes], socket.socket, dict[str, Any]]:
-    """A process of this package, the line on which it hears that we are gone, and what it says when it is ready.
+) -> tuple[subprocess.Popen[bytes], socket.socket]:
+    """A process of this package, and the line on which it says it is ready and hears that we are gone.
 
     Args:
         module: Its name in this package.
         arguments: For its command line, which everybody on this machine can read.
         descriptors: Of open files, which are arguments too.
         first: A message that it finds on its line.
-
-    Raises:
-        BackendError: It refuses, for the reason given, or ended.
     """
     mine, its = make_pair()
     if first is not None:
@@ -38,22 +35,31 @@ def spawn(
     descriptors = {**descriptors, "owner": its.fileno()}
     words = [f"--{name}={value}" for name, value in {**arguments, **descriptors}.items()]
     with its:
-        # A process group of its own: Ctrl-C is for us, and what is stopped when we die is continued and ends.
+        # A process group of its own: Ctrl-C is for us alone.
         process = subprocess.Popen(
             [sys.executable, "-m", f"pepper_driver.backends.naoqi_server.{module}", *words],
             pass_fds=tuple(descriptors.values()),
             stdin=subprocess.DEVNULL,
             process_group=0,
         )
-    mine.settimeout(START_TIME)
+    return process, mine
+
+
+def wait_until_ready(process: subprocess.Popen[bytes], line: socket.socket) -> dict[str, Any]:
+    """What a process says when it is ready.
+
+    Raises:
+        BackendError: It refuses, for the reason given, or ended.
+    """
+    line.settimeout(START_TIME)
     try:
-        answer = receive(mine)
+        answer = receive(line)
     except TimeoutError:
-        answer = {"error": f"did not start within {START_TIME:.0f} s"}
+        answer = {"error": f"a process did not start within {START_TIME:.0f} s"}
     if answer is None or "error" in answer:
         process.kill()
         process.wait()
-        mine.close()
-        reason = "ended while it started" if answer is None else answer["error"]
+        line.close()
+        reason = "a process ended while it started" if answer is None else answer["error"]
         raise BackendError(f"stand-in: {reason}")
-    return process, mine, dict(answer["ready"])
+    return dict(answer["ready"])

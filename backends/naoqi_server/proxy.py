@@ -18,7 +18,7 @@ from typing import Self
 
 from pepper_driver.backends.interface import BackendError
 from pepper_driver.backends.naoqi_server.messages import receive, send
-from pepper_driver.backends.naoqi_server.processes import spawn
+from pepper_driver.backends.naoqi_server.processes import spawn, wait_until_ready
 from pepper_driver.backends.naoqi_server.relay import LinkState, Relay
 from pepper_driver.backends.naoqi_server.tls import Login, make_certificate
 from pepper_driver.config import PepperError, load_network
@@ -71,7 +71,8 @@ class NetworkProxy:
         }
         load_network(network)  # says here what is wrong with it
         self._lock = threading.Lock()
-        self._process, self._end, ready = spawn("proxy", {}, {}, setup)
+        self._process, self._end = spawn("proxy", {}, {}, setup)
+        ready = wait_until_ready(self._process, self._end)
         self._end.settimeout(PATIENCE)
         self.pid = self._process.pid
         self.address: tuple[str, int] = (host, int(ready["port"]))

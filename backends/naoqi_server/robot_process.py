@@ -123,8 +123,10 @@ class RobotProcess:
         answer: dict[str, Any] = {"number": message["number"]}
         try:
             self._handlers[message["ask"]](**message["arguments"])
-        except (PepperError, TypeError, ValueError) as error:
+        except PepperError as error:
             answer["error"] = str(error)
+        except Exception as error:  # whatever was asked for, a robot goes on
+            answer["error"] = f"{message['ask']}: {type(error).__name__}: {error}"
         with suppress(OSError):  # whoever asked is gone, or does not read
             send(end, answer, wait=False)
         return True

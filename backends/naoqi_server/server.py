@@ -8,9 +8,11 @@ from __future__ import annotations
 import argparse
 import json
 import os
+import select
 import signal
 import socket
 import sys
+from contextlib import suppress
 from typing import Any
 
 os.environ.setdefault("QI_LOG_LEVEL", "0")  # libqi logs to stdout
@@ -18,11 +20,11 @@ os.environ.setdefault("QI_LOG_LEVEL", "0")  # libqi logs to stdout
 import qi
 
 from pepper_driver.backends.interface import BackendError
-from pepper_driver.backends.naoqi_server.body import table_keys
 from pepper_driver.backends.naoqi_server.context import Context
 from pepper_driver.backends.naoqi_server.fault_desk import FaultDesk
 from pepper_driver.backends.naoqi_server.faults import make_fault
 from pepper_driver.backends.naoqi_server.front import make_front
+from pepper_driver.backends.naoqi_server.keys import table_keys
 from pepper_driver.backends.naoqi_server.link import RobotLink
 from pepper_driver.backends.naoqi_server.memory import Memory
 from pepper_driver.backends.naoqi_server.messages import send
@@ -74,13 +76,8 @@ class NaoqiServer:
             services=lambda: self._offered,
             call=self._call,
         )
-        try:
-            self._session.listenStandalone(f"tcp://{host}:{port}")
-        except RuntimeError as error:
-            reason = str(error).partition(" [")[0].rpartition(": ")[2]
-            raise BackendError(
-                f"cannot listen at tcp://{host}:{port}: {reason}; choose another port or host"
-            ) from error
+        # Clients are let in once everything is there; a session that does not listen offers nothing.
+        self._session.listenStandalone("tcp://127.0.0.1:0")
         self.faults = context.faults
         self._services = {
             name: make_front(name, service(context), context.faults.services)
@@ -91,6 +88,13 @@ class NaoqiServer:
             self._offer(name, True)
         context.events.start()
         context.shared.start()
+        try:
+            self._session.listen(f"tcp://{host}:{port}")
+        except RuntimeError as error:
+            reason = str(error).partition(" [")[0].rpartition(": ")[2]
+            raise BackendError(
+                f"cannot listen at tcp://{host}:{port}: {reason}; choose another port or host"
+            ) from error
 
     @property
     def port(self) -> int:
@@ -129,10 +133,16 @@ def main(arguments: list[str]) -> int:
     given = parser.parse_args(arguments)
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # for whoever started this; it then ends us
     owner, robot = socket.socket(fileno=given.owner), socket.socket(fileno=given.robot)
+    # A robot's computer has nothing else to do. Before the threads are made: they have the priority of who makes them.
+    with suppress(OSError, AttributeError):
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(20))
     config = load_robot()
     devices = load_naoqi_devices(config)
     keys = table_keys(config, devices)
     table = Table(given.table, len(keys), config)
+    while not table.count:  # the robot starts at the same time
+        if select.select([owner], [], [], 0.01)[0]:
+            return 1
     try:
         link = RobotLink(table, robot, keys, frozenset(devices.actuators))
         server = NaoqiServer(

@@ -5,9 +5,9 @@ from dataclasses import dataclass
 from typing import Any
 
 from pepper_driver.backends.naoqi_server.black_box import BlackBox
-from pepper_driver.backends.naoqi_server.body import table_keys
 from pepper_driver.backends.naoqi_server.clock import wrapped
 from pepper_driver.backends.naoqi_server.dcm import Dcm, TimedCommand, UpdateType
+from pepper_driver.backends.naoqi_server.keys import table_keys
 from pepper_driver.backends.naoqi_server.motion.engine import Motion
 from pepper_driver.backends.naoqi_server.motion.tasks import Task
 from pepper_driver.config import load_naoqi_services, load_robot

@@ -90,13 +90,15 @@ def test_an_interpolation_passes_its_points_in_time(stage: Stage) -> None:
 
 
 def test_too_fast_an_interpolation_goes_as_fast_as_the_joint_can(stage: Stage) -> None:
-    stage.add(interpolation("HipPitch", (0.1, 0.9)))
-    stage.run(1.0)
+    task = stage.add(interpolation("HipPitch", (0.1, 0.9)))
+    stage.run(0.2)
+    assert not task.over
+    stage.run(0.8)
     rates = np.diff(stage.sent("HipPitch")) / 0.012
     most = stage.motion.body.speed[joint("HipPitch")]
     assert np.abs(rates).max() == pytest.approx(most, rel=0.01)
-    # It ends where it came to, in the time that was asked for.
-    assert stage.command("HipPitch") < 0.5
+    assert task.completed
+    assert stage.command("HipPitch") == 0.9
 
 
 def test_a_second_task_waits_for_the_joint(stage: Stage) -> None:
@@ -128,6 +130,7 @@ def test_a_killed_task_lets_its_joint_come_to_rest(stage: Stage) -> None:
     there = stage.command("HeadYaw")
     stage.motion.joints.kill([task])
     assert (task.over, task.completed) == (True, False)
+    stage.motion.joints.kill([task])  # as two who stop the same may do
     stage.run(2.0)
     assert there < stage.command("HeadYaw") < there + 0.3
     rates = np.diff(stage.sent("HeadYaw")) / 0.012

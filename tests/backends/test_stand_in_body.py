@@ -1,14 +1,17 @@
 """Between DCM and simulated Pepper: hardness, wheel stiffness and commands act, sensors are published."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from pepper_driver.backends import Command
 from pepper_driver.backends.mujoco_ import MujocoBackend
-from pepper_driver.backends.naoqi_server.body import Body, table_keys
+from pepper_driver.backends.naoqi_server.body import Body
+from pepper_driver.backends.naoqi_server.keys import table_keys
 from pepper_driver.backends.naoqi_server.robot_faults import RobotFaults
 from pepper_driver.backends.selection import make_backend
-from pepper_driver.config import PepperError, load_robot
+from pepper_driver.config import PepperError, load_plant, load_robot
 from pepper_driver.config.naoqi_devices import load_naoqi_devices
 
 ROBOT = load_robot()
@@ -25,8 +28,8 @@ def backend(uri: str = "mujoco://?seed=3") -> MujocoBackend:
 class Bench:
     """A body without a DCM: values of actuators are set at once."""
 
-    def __init__(self) -> None:
-        self.body = Body(ROBOT, DEVICES, backend())
+    def __init__(self, simulated: MujocoBackend | None = None) -> None:
+        self.body = Body(ROBOT, DEVICES, simulated or backend())
         self.actuators = self.body.actuator_values
         self.cycles = 0
 
@@ -152,6 +155,15 @@ def test_sensors_are_those_of_the_simulation_bit_by_bit(bench: Bench) -> None:
     )
     assert bench.value("Battery/Charge/Sensor/Value") == sample.battery
     assert bench.body.values[bench.body.keys["DCM/Time"]] == 1200.0
+
+
+@pytest.mark.parametrize(("start", "status"), [(38.0, 0.0), (70.0, 1.0), (80.0, 2.0)])
+def test_hot_motors_say_so(start: float, status: float) -> None:
+    plant = load_plant("nominal", ROBOT)
+    hot = MujocoBackend(ROBOT, replace(plant, heat=replace(plant.heat, start=start)))
+    bench = Bench(hot)
+    assert bench.value("HeadYaw/Temperature/Sensor/Value") == start
+    assert bench.value("HeadYaw/Temperature/Sensor/Status") == status
 
 
 def test_registers_that_mirror_their_actuator(bench: Bench) -> None:

@@ -8,6 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from pepper_driver.backends import BackendError
 from pepper_driver.backends.naoqi_server.clock import SPAN, DcmClock, unwrapped, wrapped
 from pepper_driver.backends.naoqi_server.dcm import (
     BUFFER,
@@ -191,6 +192,14 @@ def test_a_full_buffer_refuses_the_whole_request() -> None:
     dcm.order([KEY], "Merge", [[(2.0, 1000)]], 0)  # in the place of another
     dcm.order([KEY], "ClearAll", [[(1.0, 10)]], 0)
     assert dcm.actuators[KEY].waiting == {10: 1.0}
+
+
+def test_what_no_board_would_take_is_refused() -> None:
+    dcm = Dcm({KEY: 0.0}, 0)
+    for keys, value in (([KEY, "Tail"], 1.0), ([KEY], float("nan")), ([KEY], float("inf"))):
+        with pytest.raises(BackendError, match=keys[-1]):
+            dcm.order(keys, "Merge", [[(value, 10)]] * len(keys), 0)
+    assert dcm.actuators[KEY].waiting == {}
 
 
 def test_an_actuator_twice_in_a_request_takes_both() -> None:

@@ -14,7 +14,7 @@ HEAD = f"{PREFIX}HeadYaw/Position/Actuator/Value"
 
 
 @pytest.fixture(scope="module")
-def stand_in() -> Iterator[StandIn]:
+def stand_in(qi: object) -> Iterator[StandIn]:
     with StandIn("mujoco://?seed=3") as made:
         yield made
 
@@ -48,6 +48,7 @@ def test_prefix_and_time(dcm: Any, memory: Any) -> None:
     before = dcm.getTime(0)
     assert 0 <= wrapped(dcm.getTime(1000) - before - 1000) < 500
     assert isinstance(memory.getData("DCM/Time"), int)
+    assert isinstance(memory.getListData(["DCM/Time"])[0], int)
     assert -100 <= wrapped(memory.getData("DCM/Time") - before) < 500
     assert dcm.getTime(-1000) < before
 
@@ -183,6 +184,7 @@ def test_the_robot_overwrites_what_is_put_under_its_keys(memory: Any) -> None:
     key = f"{PREFIX}HeadYaw/Position/Sensor/Value"
     memory.insertData(key, 99.0)
     assert wait_until(lambda: memory.getData(key) != 99.0)
+    assert memory.getDataListName().count(key) == 1
 
 
 def test_events(memory: Any) -> None:

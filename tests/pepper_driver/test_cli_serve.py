@@ -15,7 +15,7 @@ import pytest
 
 from pepper_driver.cli.app import run
 
-pytest.importorskip("qi")
+pytestmark = pytest.mark.usefixtures("qi")
 
 
 @contextmanager
@@ -90,8 +90,6 @@ def test_what_it_cannot_do_is_one_line(capsys: pytest.CaptureFixture[str]) -> No
         for arguments, words in (
             (["--port", port], f"tcp://127.0.0.1:{port}: Address already in use"),
             (["--plant", "nix"], "unknown plant 'nix'"),
-            (["--world", "nix"], "unknown world 'nix'"),
-            (["--posture", "Sit"], "unknown posture 'Sit'"),
             (["--port", "70000"], "port"),
             (["--host", "nowhere.invalid", "--port", "0"], "nowhere.invalid"),
         ):

@@ -2,6 +2,7 @@
 
 import gc
 import sys
+from itertools import pairwise
 from random import Random
 
 import pytest
@@ -155,3 +156,70 @@ def test_no_pacing_waits_for_nothing_and_changes_nothing() -> None:
         assert sys.getswitchinterval() == interval
         assert pacer.wait() == 0
         assert pacer.due is None
+
+
+def following(clock: FakeClock, beat: float, drift: float = 0.0) -> RealTimePacer:
+    """Of a robot whose cycles are best met ``beat`` [ms] after whole cycles of a clock that is faster by ``drift``."""
+
+    def off_beat(due: int) -> float:
+        cycle = CYCLE / (1.0 + drift)
+        late = (beat * MS - due) % cycle
+        return (late - cycle if late > cycle / 2 else late) * 1e-9
+
+    pacer = RealTimePacer(0.012, off_beat=off_beat, clock=clock, sleep=clock.sleep)
+    with pacer.running():
+        return pacer
+
+
+@pytest.mark.parametrize("beat", [0.0, 1.0, 4.9, 5.1, 11.9])
+def test_the_first_tick_is_put_where_the_robots_cycle_wants_it(beat: float) -> None:
+    clock = FakeClock(start=5 * MS)
+    pacer = following(clock, beat)
+    for tick in range(20):
+        assert pacer.wait() == 0
+        begin = started(pacer)
+        assert begin % CYCLE == pytest.approx(beat * MS, abs=2)
+        assert 0 <= begin - 5 * MS - tick * CYCLE <= CYCLE
+        clock.work(2 * MS)
+
+
+@pytest.mark.parametrize("drift", [100e-6, -100e-6])
+def test_ticks_follow_a_robot_whose_clock_runs_apart(drift: float) -> None:
+    clock = FakeClock()
+    pacer = following(clock, 3.0, drift)
+    cycle = CYCLE / (1.0 + drift)
+    for _ in range(100_000):  # twenty minutes: 10 cycles apart in the end
+        assert pacer.wait() == 0
+        off = (started(pacer) - 3 * MS) % cycle
+        assert min(off, cycle - off) < 0.01 * MS
+        clock.work(MS)
+
+
+def test_a_robot_whose_cycles_jump_is_followed_slowly() -> None:
+    clock = FakeClock()
+    beat = [3.0]
+    pacer = RealTimePacer(
+        0.012,
+        off_beat=lambda due: ((beat[0] * MS - due + CYCLE / 2) % CYCLE - CYCLE / 2) * 1e-9,
+        clock=clock,
+        sleep=clock.sleep,
+    )
+    with pacer.running():
+        pacer.wait()
+    beat[0] = 8.0
+    begins = [started(pacer)]
+    for _ in range(100):
+        assert pacer.wait() == 0
+        begins.append(started(pacer))
+    steps = [b - a for a, b in pairwise(begins)]
+    assert all(CYCLE <= step <= CYCLE + 0.06 * MS for step in steps)
+    assert begins[-1] % CYCLE == pytest.approx(8 * MS, abs=10)
+
+
+def test_a_tick_that_was_missed_shifts_none_where_ticks_follow_a_robot() -> None:
+    clock = FakeClock()
+    pacer = following(clock, 3.0)
+    pacer.wait()
+    clock.work(30 * MS)
+    assert pacer.wait() == 2
+    assert started(pacer) % CYCLE == 3 * MS

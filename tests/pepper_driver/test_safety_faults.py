@@ -19,6 +19,7 @@ from pepper_driver.config import (
     load_safety_settings,
 )
 from pepper_driver.config.loading import package_file
+from pepper_driver.config.parts import FloatArray
 from pepper_driver.controller import WholeBodyController
 from pepper_driver.loop import Loop
 from pepper_driver.reflexes import Reflexes
@@ -38,8 +39,9 @@ def drive(
     harm: Callable[[Measurement], Measurement],
     ticks: int,
     lasting: int = 10**6,
+    seen: Callable[[FloatArray], object] = lambda _: None,
 ) -> tuple[Loop, SafetyGate]:
-    """Drive an arm and the wheels for a number of ticks; harm from tick BEGIN on."""
+    """Drive an arm and the wheels for a number of ticks; harm from tick BEGIN on. ``seen`` is told each reference."""
     controller = WholeBodyController(ROBOT, CONTROLLER)
     gate = SafetyGate(ROBOT, SAFETY, CONTROLLER)
     first = backend.open()
@@ -63,7 +65,7 @@ def drive(
     for tick in range(BEGIN, min(ticks, BEGIN + lasting)):
         backend.faults[tick] = harm
     for _ in range(ticks):
-        loop.tick()
+        seen(loop.tick().reference.position)
     return loop, gate
 
 
@@ -132,6 +134,20 @@ def test_an_old_sample_brakes_and_a_new_one_lets_go_on() -> None:
     )
     assert position[-1] - position[BEGIN + 40] > 0.1, "it goes on"
     assert np.abs(wheels[-1]).max() > 0.3
+
+
+def test_while_samples_are_old_the_integrated_reference_stands_still() -> None:
+    """Else the robot would have to catch up, at a jump, with all that it was not seen to do."""
+    references: list[FloatArray] = []
+    drive(FakeBackend(), aged(0.09), 400, lasting=150, seen=references.append)
+    position = np.array(references)
+    moving = np.abs(np.diff(position[:BEGIN], axis=0)).max()
+    assert moving > 0.005
+    held = position[BEGIN + 30 : BEGIN + 148]
+    # One cycle's acceleration ahead of where the joints stand, again and again.
+    assert np.ptp(held, axis=0).max() < 1e-9
+    after = np.diff(position[BEGIN + 140 :], axis=0)
+    assert np.abs(after).max() < 1.2 * moving, "it goes on from there, and is in no hurry"
 
 
 @pytest.mark.parametrize("index", [0, 1, 2])

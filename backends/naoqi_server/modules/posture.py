@@ -65,7 +65,7 @@ class PostureService:
         """End a way to a posture."""
         with self._lock:
             task = self._task
-        if task is not None and not task.over:
+        if task is not None:
             with self._motion.lock:
                 self._motion.joints.kill([task])
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from math import copysign
 
 from pepper_driver.backends.naoqi_server.motion.body import Body
 from pepper_driver.backends.naoqi_server.motion.curves import approach
@@ -68,8 +69,8 @@ class Joints:
         self._targets[joint] = (self._body.clipped(joint, angle), speed)
 
     def kill(self, tasks: Iterable[Task]) -> None:
-        """End tasks where they are; their joints come to rest."""
-        for task in list(tasks):
+        """End tasks where they are, unless they have ended; their joints come to rest."""
+        for task in [task for task in tasks if not task.over]:
             self.tasks.end(task, completed=False)
             for joint in task.joints if task.running and task.what == "angle" else ():
                 speed = abs(self.velocity[joint])
@@ -98,9 +99,10 @@ class Joints:
                 self._targets.pop(joint, None)
             else:
                 most = self._body.speed[joint] * dt
-                step = min(max(self.command[joint] - last, -most), most)
-                self.command[joint] = last + step
+                if abs(self.command[joint] - last) > most:
+                    self.command[joint] = last + copysign(most, self.command[joint] - last)
             self.velocity[joint] = (self.command[joint] - last) / dt
+        self._end_tasks()
 
     def _follow_tasks(self, dt: float) -> set[int]:
         used: set[int] = set()
@@ -118,9 +120,18 @@ class Joints:
                     used.add(joint)
                 else:
                     self.stiffness[joint] = min(max(value, 0.0), 1.0)
-            if task.finished:
-                self.tasks.end(task, completed=True)
         return used
+
+    def _end_tasks(self) -> None:
+        """End those whose time is over and whose joints came as far as they were to."""
+        for task in self.tasks.runnable():
+            if task.running and task.finished:
+                goals = task.advance(0.0) if task.what == "angle" else {}
+                if all(
+                    joint in self._limp or self.command[joint] == self._body.clipped(joint, goal)
+                    for joint, goal in goals.items()
+                ):
+                    self.tasks.end(task, completed=True)
 
     def _follow_targets(self, dt: float) -> None:
         for joint, (angle, speed) in list(self._targets.items()):

@@ -1,0 +1,51 @@
+#! /usr/bin/env python
+"""Pepper drives: to a pose, by a joystick's values, and stops."""
+
+import argparse
+import math
+import time
+
+import qi
+
+
+def rounded(pose):
+    return [round(value, 1) + 0.0 for value in pose]
+
+
+def main(session):
+    life = session.service("ALAutonomousLife")
+    if life.getState() != "disabled":
+        life.setState("disabled")
+    motion = session.service("ALMotion")
+    motion.wakeUp()
+
+    start = motion.getRobotPosition(True)
+    print("there", motion.moveTo(0.3, 0.0, math.pi / 4))
+    end = motion.getRobotPosition(True)
+    print("moved", rounded([end[0] - start[0], end[1] - start[1]]))
+
+    motion.moveToward(0.5, 0.0, 0.0, [["MaxVelXY", 0.4]])
+    time.sleep(1.2)
+    velocity = motion.getRobotVelocity()
+    print("forward", rounded(velocity), motion.moveIsActive())
+    motion.move(0.0, 0.0, -0.5)
+    time.sleep(1.0)
+    print("turning", motion.getRobotVelocity()[2] < -0.3)
+    print("stopped", motion.stopMove(), motion.moveIsActive())
+
+    # Start a long way, and think better of it.
+    future = motion.moveTo(2.0, 0.0, 0.0, _async=True)
+    time.sleep(0.5)
+    print("on its way", motion.moveIsActive())
+    motion.stopMove()
+    print("interrupted", future.value())
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser()
+    parser.add_argument("--ip", default="127.0.0.1")
+    parser.add_argument("--port", type=int, default=9559)
+    args = parser.parse_args()
+    session = qi.Session()
+    session.connect("tcp://{}:{}".format(args.ip, args.port))
+    main(session)
