@@ -4,7 +4,8 @@ bare: the backend alone, stepped by the loop's pacer. whole: a moving Pepper wit
 missed ticks, when ticks end after they were due, how old samples are, commands withheld, and processor time of client,
 stand-in NAOqi and simulated robot. Of the whole one also: how far the DCM was from the command that each sample is said
 to answer, by the stand-in's black box; and tracking errors and residuals against those of the same motion with the
-simulation driven directly, beside what another seed of the sensors' noise makes of them.
+simulation driven directly, beside what another seed of the sensors' noise makes of them. The gate lets old samples pass
+here, and it is counted how often it would have held or stopped the robot.
 
 Run on an idle machine: python benchmarks/naoqi.py --seconds 60 --json naoqi.json
 """
@@ -16,7 +17,7 @@ import os
 import sys
 import time
 from collections.abc import Callable
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -29,7 +30,7 @@ from pepper_driver import Pepper
 from pepper_driver.backends import Command, make_backend
 from pepper_driver.backends.naoqi_server.black_box import BlackBox
 from pepper_driver.backends.naoqi_server.launch import StandIn
-from pepper_driver.config import PepperError, RobotConfig, load_robot
+from pepper_driver.config import PepperError, RobotConfig, load_robot, load_safety_settings
 from pepper_driver.controller import Tick
 from pepper_driver.observer import Observation
 from pepper_driver.output import check_writable, write_json
@@ -155,8 +156,9 @@ def whole(
     uri: str, stand_in: StandIn, robot: RobotConfig, seconds: float
 ) -> tuple[dict[str, Any], Recorder]:
     """Figures of a moving Pepper, and its ticks."""
-    recorder = Recorder()
-    with Pepper(uri, robot=robot) as pepper:
+    recorder, safety = Recorder(), load_safety_settings()
+    patient = replace(safety, stale_hold=9.0, stale_fault=10.0)
+    with Pepper(uri, robot=robot, safety=patient) as pepper:
         pepper.run(WARM_UP)
         pepper.clear_statistics()
         processors = Processors(stand_in)
@@ -175,10 +177,18 @@ def whole(
         "sample_age_ms": asdict(statistics.sample_age),
         "withheld": last.withheld - first.withheld,
         "processors": shares,
+        "would_hold": gaps(recorder, safety.stale_hold),
+        "would_stop": gaps(recorder, safety.stale_fault),
         "contacts": contacts,
         "answers": answers(recorder),
         "dcm_off_by_rad": off_by(recorder, box),
     }, recorder
+
+
+def gaps(recorder: Recorder, age: float) -> int:
+    """How often samples became older than that [s]."""
+    old = np.array([tick.measurement.age > age for tick in recorder.ticks])
+    return int(np.count_nonzero(old[1:] & ~old[:-1]) + old[0])
 
 
 def answers(recorder: Recorder) -> dict[str, int]:
@@ -257,6 +267,9 @@ def shown(figures: dict[str, Any], robot: RobotConfig) -> list[Table]:
         "commands withheld": lambda f: str(f["withheld"]),
         "processor of client / NAOqi / robot": lambda f: " / ".join(
             f"{f['processors'][name]:.0%}" for name in PROCESSES
+        ),
+        "gate would hold / stop": lambda f: (
+            f"{f['would_hold']} / {f['would_stop']}" if "would_hold" in f else ""
         ),
         "contacts": lambda f: str(f.get("contacts", "")),
         "DCM off by [rad]": lambda f: f"{f['dcm_off_by_rad']:.1e}" if "dcm_off_by_rad" in f else "",
