@@ -50,7 +50,7 @@ class RobotProcess:
         backend = make_backend(uri, robot)
         if not isinstance(backend, MujocoBackend):
             raise BackendError(f"'{uri}': behind the stand-in there must be a simulated robot")
-        self._body = Body(robot, devices, backend)
+        self._body = Body(robot, devices, backend, clock)
         self._cycle_ms = round(1000 * robot.cycle)
         self._clock = DcmClock(begin=time.monotonic_ns(), origin=clock)
         self._dcm = Dcm(self._body.actuator_values, clock, steps=devices.steps)
