@@ -57,7 +57,7 @@ class RobotProcess:
         self._faults = RobotFaults(robot, self._body.keys)
         self._table = Table(file, len(self._body.keys), robot)
         self._table.start(self._clock, {**self._body.info, "pid": os.getpid()})
-        self._cycle = self._orders = self._wheel_orders = 0
+        self._cycle = self._orders = self._wheel_order = 0
         self._wheels = {
             robot.naoqi.prefix + robot.naoqi.wheel_speed_command.format(wheel=wheel)
             for wheel in robot.wheels.names
@@ -109,7 +109,7 @@ class RobotProcess:
         date = wrapped(self._clock.origin + self._cycle * self._cycle_ms)
         end = time.monotonic_ns()
         state = (*body.true_state(), *body.commanded())
-        orders = self._orders, self._wheel_orders
+        orders = self._orders, self._wheel_order
         self._table.record((self._cycle, date, due, end, *orders, *state))
 
     def _answer(self, end: socket.socket) -> bool:
@@ -147,7 +147,8 @@ class RobotProcess:
         kind = next(known for known in UPDATE_TYPES if known == update)
         self._dcm.order(actuators, kind, commands, self._clock.count)
         self._orders += 1
-        self._wheel_orders += not self._wheels.isdisjoint(actuators)
+        if not self._wheels.isdisjoint(actuators):
+            self._wheel_order = time.monotonic_ns()
 
 
 def _arrays(arguments: dict[str, Any], *names: str) -> dict[str, Any]:
