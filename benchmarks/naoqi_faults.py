@@ -236,9 +236,9 @@ def show(
     console: Console, results: Mapping[str, Mapping[str, Any]], columns: Sequence[str]
 ) -> None:
     """A table of the largest figures."""
-    table = Table("", *columns, width=120)
+    table = Table("", *columns)
     for name, figures in results.items():
-        cells = [f"{figures[column]:.3g}" if column in figures else "" for column in columns]
+        cells = [f"{figures[column]:.4g}" if column in figures else "" for column in columns]
         table.add_row(name, *cells)
     console.print(table)
     for name, figures in results.items():
@@ -256,7 +256,7 @@ def main() -> None:
     if given.program is not None:
         move(given.program, given.speed)
         return
-    qi, console = load_qi(), Console(soft_wrap=True)
+    qi, console = load_qi(), Console(soft_wrap=True, width=140)
     with StandIn("mujoco://?seed=3", network="clear", consent=True) as stand_in:
         session = qi.Session()
         session.connect(stand_in.url)

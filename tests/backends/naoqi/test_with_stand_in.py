@@ -5,6 +5,7 @@ import signal
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -20,6 +21,7 @@ from pepper_driver.backends.naoqi_server.launch import StandIn
 from pepper_driver.backends.naoqi_server.tls import Login
 from pepper_driver.cli.app import run
 from pepper_driver.config import PepperError, load_naoqi_settings, load_robot
+from pepper_driver.config.loading import package_file
 from pepper_driver.config.parts import FloatArray
 
 pytestmark = pytest.mark.usefixtures("qi")
@@ -335,8 +337,34 @@ def test_angles_mode_after_the_connection_is_lost(robot: StandIn, angles: Angles
     assert np.abs(position(robot) - held).max() < 0.01, "the joints stay where they are"
 
 
-@pytest.mark.parametrize("options", ["?mode=angels", "?mode=angles&delay=3", "?wake=2"])
-def test_wrong_options(options: str) -> None:
-    with pytest.raises(PepperError) as caught:
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ("?mode=angels", "did you mean angles"),
+        ("?mode=angles&delay=3", "unknown key 'delay'"),
+        ("?wake=2", "wake takes 0 or 1"),
+        ("?settings=nowhere.yaml", "nowhere.yaml"),
+    ],
+)
+def test_wrong_options(options: str, message: str) -> None:
+    with pytest.raises(PepperError, match=message) as caught:
         make_backend(f"naoqi://127.0.0.1{options}")
     assert "\n" not in str(caught.value)
+
+
+def test_settings_of_ones_own(robot: StandIn, tmp_path: Path) -> None:
+    """With the charging flap open head and arms can be moved, where its user says so."""
+    mine = tmp_path / "mine.yaml"
+    shipped = package_file("naoqi_settings.yaml").read_text()
+    mine.write_text(shipped.replace("charging_flap: refuse", "charging_flap: stand"))
+    robot.set_fault("value:Platform/ILS/Sensor/Value,1")
+    try:
+        with make_backend(uri_of(robot, "?mode=angles")) as backend:
+            assert backend.open().charging_flap == 1.0
+            with pytest.raises(UnfitError, match="charging flap is open"):
+                backend.activate()
+        with make_backend(uri_of(robot, f"?mode=angles&settings={mine}")) as backend:
+            backend.open()
+            backend.activate()
+    finally:
+        robot.clear_faults()
