@@ -78,8 +78,7 @@ class Dating:
         # In the middle of what is allowed.
         begin = now + self._lead + length / 2
         nearest = self._cycles.number(begin)
-        ahead = nearest + ceil((begin - self._cycles.date(nearest)) / length)
-        self._number = ahead if number is None else max(ahead, number + 1)
+        self._number = nearest + ceil((begin - self._cycles.date(nearest)) / length)
         return self._number
 
     def given(self, step: int, number: int, *, sent: bool) -> None:
