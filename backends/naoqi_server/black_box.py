@@ -46,7 +46,7 @@ class BlackBox:
         begin: (n,) when it was due, on the machine's monotonic clock [s]: ``time.monotonic()`` of any process.
         end: (n,) when its values were published [s].
         orders: (n,) orders the DCM had taken by then.
-        wheel_order: (n,) when the last one about the speed of a wheel was taken, on the same clock [s]; 0 before the first.
+        wheel_order: (n,) when the last one for a wheel's speed was taken, on the same clock [s]; 0 before the first.
         position: (n, 17) true joint positions at the end of the cycle [rad], without encoder and transport.
         wheel_speed: (n, 3) true speeds [rad/s].
         base: (n, 3) where the base is: x, y [m], yaw [rad].
