@@ -36,7 +36,7 @@ _STILL = np.zeros(3)
 
 def ramp_up(
     link: Link, robot: RobotConfig, settings: NaoqiSettings, check: Callable[[], object]
-) -> Measurement:
+) -> tuple[FloatArray, Measurement]:
     """Raise the stiffness to 1, of no joint from less than it has already, holding the posture measured.
 
     Args:
@@ -44,6 +44,9 @@ def ramp_up(
         robot: Its limits, into which the posture is clipped.
         settings: How long it takes.
         check: Raises when the connection is lost.
+
+    Returns:
+        (17,) the posture held [rad], and what is measured then.
 
     Raises:
         BackendError: The robot stopped answering meanwhile.
@@ -68,7 +71,7 @@ def ramp_up(
             )
         if not wheels_on and tick > ticks // 10:  # by now the wheels have been told to stand
             wheels_on = link.switch_wheels([((ticks - tick) * cycle, 1.0)])
-    return measurement
+    return hold, measurement
 
 
 def let_go(link: Link, robot: RobotConfig, settings: NaoqiSettings, posture: FloatArray) -> bool:
