@@ -306,12 +306,15 @@ def test_a_slow_tick_is_missed_counted_and_told(monkeypatch: pytest.MonkeyPatch)
     assert statistics.end.largest >= 100
 
 
+HEAD = ROBOT.joint_index("HeadYaw")
+
+
 class Rising(FakeBackend):
     """Gets up before it is held, as a robot does that is woken up."""
 
     @property
     def held(self) -> FloatArray:
-        return self.robot.posture("StandInit")
+        return self.robot.posture("Stand") + np.where(np.arange(17) == HEAD, 0.3, 0.0)
 
     def activate(self) -> Measurement:
         self.position = self.held

@@ -374,7 +374,7 @@ def test_messages_go_before_other_programs_while_a_robot_is_open(backend: Backen
 def test_a_robot_that_is_woken_up_goes_on_from_where_it_then_stands(
     qi: Any, robot: StandIn
 ) -> None:
-    """Asleep its arms hang elsewhere: to go back there would be a jump. The last test here: it leaves the robot asleep."""
+    """Asleep its arms hang elsewhere: to go back there would be a jump. This leaves it asleep, and is the last test."""
     session = qi.Session()
     session.connect(robot.url)
     session.service("ALMotion").rest()
