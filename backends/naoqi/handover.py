@@ -28,8 +28,8 @@ STANDING = 0.2
 LONGEST_STOP = 0.3
 """[s] for wheels to stand."""
 
-ARRIVED = 0.01
-"""[rad] within which legs are where they should be."""
+ARRIVED = 0.03
+"""[rad] within which legs are where they should be: what they droop by."""
 
 _STILL = np.zeros(3)
 
