@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from pathlib import Path
 
 from pepper_driver.backends.interface import Measurement
 from pepper_driver.backends.naoqi.address import Address, naoqi_address
@@ -104,14 +105,20 @@ class NaoqiBackend(NaoqiRobot):
 
 
 def from_uri(uri: BackendUri, robot: RobotConfig) -> NaoqiRobot:
-    """``naoqi://host[:9559]?mode=dcm|angles&delay=N&wake=1``, ``naoqis://user@host[:9503]?...``; all keys optional."""
+    """``naoqi://host[:9559]?mode=dcm|angles&wake=1&delay=N&settings=FILE``, ``naoqis://user@host[:9503]?...``.
+
+    All keys are optional; ``settings`` is a file in the form of ``naoqi_settings.yaml``.
+    """
     mode = uri.query.get("mode", MODES[0])
     if mode not in MODES:
         raise ConfigError(f"backend '{uri.text}': unknown mode '{mode}'{suggestion(mode, MODES)}")
-    address = naoqi_address(uri, {"mode", "wake"} | ({"delay"} if mode == "dcm" else set()))
+    known = {"mode", "wake", "settings"} | ({"delay"} if mode == "dcm" else set())
+    address = naoqi_address(uri, known)
     if uri.query.get("wake", "0") not in ("0", "1"):
         raise ConfigError(f"backend '{uri.text}': wake takes 0 or 1")
-    settings, wake = load_naoqi_settings(), uri.integer("wake", 0) == 1
+    wake = uri.integer("wake", 0) == 1
+    file = uri.query.get("settings")
+    settings = load_naoqi_settings(None if file is None else Path(file))
     if mode == "angles":
         return AnglesBackend(address, robot, settings, wake=wake)
     delay = uri.integer("delay", settings.timing.response_delay)

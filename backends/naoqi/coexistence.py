@@ -207,10 +207,10 @@ class TakeOver:
         if switch.consent:
             raise ConsentError(
                 f"{stays}; let the robot's owner allow it on {self._consent_page()} (deactivation of safety "
-                f"reflexes), or set '{switch.setting}: off if allowed' in naoqi_settings.yaml"
+                f"reflexes), or set '{switch.setting}: off if allowed' in a file for ?settings="
             )
         raise UnfitError(
-            f"{stays}; restart the robot, or set '{switch.setting}: keep' in naoqi_settings.yaml"
+            f"{stays}; restart the robot, or set '{switch.setting}: keep' in a file for ?settings="
         )
 
     def _consent_page(self) -> str:

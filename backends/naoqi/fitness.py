@@ -59,8 +59,8 @@ def _flap(connection: Connection, robot: RobotConfig, settings: NaoqiSettings) -
     if settings.charging_flap == "stand" or not value > 0.5:
         return None
     return (
-        "its charging flap is open; unplug the cable and close the flap, or set 'charging_flap: stand' in "
-        "naoqi_settings.yaml to move head and arms alone"
+        "its charging flap is open; unplug the cable and close the flap, or set 'charging_flap: stand' in a "
+        "file for ?settings= to move head and arms alone"
     )
 
 

@@ -63,14 +63,19 @@ def ramp_up(
     for tick in range(1, ticks + 1):
         next(beats)
         check()
+        if not wheels_on and tick > ticks // 10:  # by now the wheels have been told to stand
+            # Before the tick's own commands: with them as many would be on their way as may be.
+            wheels_on = link.switch_wheels([((ticks - tick) * cycle, 1.0)])
         measurement = link.tick(hold, np.maximum(before, tick / ticks), _STILL)
         if not measurement.age <= STALE:
             raise BackendError(
                 f"the robot stopped answering while its stiffness was raised: the newest sample is "
                 f"{1e3 * measurement.age:.0f} ms old; look at the network, then start again"
             )
-        if not wheels_on and tick > ticks // 10:  # by now the wheels have been told to stand
-            wheels_on = link.switch_wheels([((ticks - tick) * cycle, 1.0)])
+    if not wheels_on:
+        raise BackendError(
+            "the robot took no command to switch its wheels on; look at the network, then start again"
+        )
     return hold, measurement
 
 

@@ -24,7 +24,7 @@ def row_type(robot: RobotConfig) -> np.dtype[np.void]:
             ("begin", np.int64),
             ("end", np.int64),
             ("orders", np.int64),
-            ("wheel_orders", np.int64),
+            ("wheel_order", np.int64),
             ("position", np.float64, joints),
             ("wheel_speed", np.float64, wheels),
             ("base", np.float64, 3),
@@ -46,7 +46,7 @@ class BlackBox:
         begin: (n,) when it was due, on the machine's monotonic clock [s]: ``time.monotonic()`` of any process.
         end: (n,) when its values were published [s].
         orders: (n,) orders the DCM had taken by then.
-        wheel_orders: (n,) those among them that were about the speed of a wheel.
+        wheel_order: (n,) when the last one for a wheel's speed was taken, on the same clock [s]; 0 before the first.
         position: (n, 17) true joint positions at the end of the cycle [rad], without encoder and transport.
         wheel_speed: (n, 3) true speeds [rad/s].
         base: (n, 3) where the base is: x, y [m], yaw [rad].
@@ -61,7 +61,7 @@ class BlackBox:
     begin: FloatArray
     end: FloatArray
     orders: NDArray[np.int64]
-    wheel_orders: NDArray[np.int64]
+    wheel_order: FloatArray
     position: FloatArray
     wheel_speed: FloatArray
     base: FloatArray
@@ -74,7 +74,7 @@ class BlackBox:
     def of(cls, rows: NDArray[np.void]) -> BlackBox:
         """From rows of the type :func:`row_type`."""
         columns = {name: np.array(rows[name]) for name in rows.dtype.names or ()}
-        columns |= {name: rows[name] / 1e9 for name in ("begin", "end")}
+        columns |= {name: rows[name] / 1e9 for name in ("begin", "end", "wheel_order")}
         return cls(**columns)
 
     def __len__(self) -> int:

@@ -28,9 +28,13 @@ class Body:
         values: Their newest values, sensors and what was sent to the actuators.
         sent: The command of the last cycle, as the boards took it.
         measurement: The sample of the last cycle.
+
+    ``date`` is that of the start, as the robot's clock shows it.
     """
 
-    def __init__(self, robot: RobotConfig, devices: NaoqiDevices, backend: MujocoBackend) -> None:
+    def __init__(
+        self, robot: RobotConfig, devices: NaoqiDevices, backend: MujocoBackend, date: int
+    ) -> None:
         self.backend = backend
         self.keys = table_keys(robot, devices)
         self.values = np.array([devices.values.get(key, 0.0) for key in self.keys])
@@ -55,6 +59,7 @@ class Body:
         self._imu = place("{imu}", imu=(*names.accelerometer, *names.gyroscope, *names.attitude))
         self._battery = self.keys[names.prefix + names.battery_charge]
         self._date = self.keys[names.time]
+        self.values[self._date] = date
         self._mirrored = [
             (self.keys[key], self.keys[sensor])
             for key in devices.actuators
@@ -62,8 +67,8 @@ class Body:
         ]
         self.measurement = backend.open()
         backend.switch_on()
-        self._position_start = np.clip(self.measurement.position, robot.lower, robot.upper)
-        self.values[self._position_command] = self._position_start
+        start = np.clip(self.measurement.position, robot.lower, robot.upper)
+        self.values[self._position_command] = start
         self.sent = self._command()
         self._take(self.measurement)
 

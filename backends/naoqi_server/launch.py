@@ -191,7 +191,7 @@ class StandIn:
         return self._network or "clear"
 
     def signal_naoqi(self, number: int) -> None:
-        """Send the NAOqi process a signal; after SIGKILL it is gone, and after SIGSTOP all of it stands, when this returns."""
+        """Send the NAOqi process a signal; when this returns it is gone after SIGKILL, and stands after SIGSTOP."""
         process = self.naoqi_process
         self._naoqi_killed = number == signal.SIGKILL
         process.send_signal(number)

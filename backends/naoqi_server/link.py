@@ -49,11 +49,6 @@ class RobotLink:
         """What the robot says of itself."""
         return self._table.info
 
-    @property
-    def table(self) -> Table:
-        """The values as the robot process writes them."""
-        return self._table
-
     def values(self) -> list[float]:
         """Newest values of all keys, of one cycle."""
         values: list[float] = self._table.read().tolist()

@@ -50,14 +50,14 @@ class RobotProcess:
         backend = make_backend(uri, robot)
         if not isinstance(backend, MujocoBackend):
             raise BackendError(f"'{uri}': behind the stand-in there must be a simulated robot")
-        self._body = Body(robot, devices, backend)
+        self._body = Body(robot, devices, backend, clock)
         self._cycle_ms = round(1000 * robot.cycle)
         self._clock = DcmClock(begin=time.monotonic_ns(), origin=clock)
         self._dcm = Dcm(self._body.actuator_values, clock, steps=devices.steps)
         self._faults = RobotFaults(robot, self._body.keys)
         self._table = Table(file, len(self._body.keys), robot)
         self._table.start(self._clock, {**self._body.info, "pid": os.getpid()})
-        self._cycle = self._orders = self._wheel_orders = 0
+        self._cycle = self._orders = self._wheel_order = 0
         self._wheels = {
             robot.naoqi.prefix + robot.naoqi.wheel_speed_command.format(wheel=wheel)
             for wheel in robot.wheels.names
@@ -109,7 +109,7 @@ class RobotProcess:
         date = wrapped(self._clock.origin + self._cycle * self._cycle_ms)
         end = time.monotonic_ns()
         state = (*body.true_state(), *body.commanded())
-        orders = self._orders, self._wheel_orders
+        orders = self._orders, self._wheel_order
         self._table.record((self._cycle, date, due, end, *orders, *state))
 
     def _answer(self, end: socket.socket) -> bool:
@@ -147,7 +147,8 @@ class RobotProcess:
         kind = next(known for known in UPDATE_TYPES if known == update)
         self._dcm.order(actuators, kind, commands, self._clock.count)
         self._orders += 1
-        self._wheel_orders += not self._wheels.isdisjoint(actuators)
+        if not self._wheels.isdisjoint(actuators):
+            self._wheel_order = time.monotonic_ns()
 
 
 def _arrays(arguments: dict[str, Any], *names: str) -> dict[str, Any]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from threading import Event, Thread
+from threading import Thread
 
 import numpy as np
 
@@ -44,8 +44,6 @@ class SensorEvents:
             memory.raise_event(name, 0.0)
         for name in ("TouchChanged", *CLICKS):
             memory.declare(name)
-        self._ended = Event()
-        self._thread = Thread(target=self._run, name="sensor events", daemon=True)
 
     @property
     def touched(self) -> dict[str, bool]:
@@ -54,16 +52,12 @@ class SensorEvents:
         return dict(zip(names, (value > 0.0 for value in self._last), strict=True))
 
     def start(self) -> None:
-        """Begin to look."""
-        self._thread.start()
-
-    def stop(self) -> None:
-        """End it."""
-        self._ended.set()
-        self._thread.join()
+        """Begin to look, until the process ends."""
+        Thread(target=self._run, name="sensor events", daemon=True).start()
 
     def _run(self) -> None:
-        while not self._ended.wait(PERIOD):
+        while True:
+            time.sleep(PERIOD)
             if self.on:
                 self.look(time.monotonic())
 

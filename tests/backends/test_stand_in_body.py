@@ -29,7 +29,7 @@ class Bench:
     """A body without a DCM: values of actuators are set at once."""
 
     def __init__(self, simulated: MujocoBackend | None = None) -> None:
-        self.body = Body(ROBOT, DEVICES, simulated or backend())
+        self.body = Body(ROBOT, DEVICES, simulated or backend(), 0)
         self.actuators = self.body.actuator_values
         self.cycles = 0
 
@@ -59,6 +59,8 @@ def test_every_key_has_a_place_and_a_value(bench: Bench) -> None:
     assert set(keys) == {*DEVICES.values, "DCM/Time"}
     assert sorted(keys.values()) == list(range(len(keys)))
     assert np.isfinite(bench.body.values).all()
+    begun = Body(ROBOT, DEVICES, backend(), -5)
+    assert begun.values[keys["DCM/Time"]] == -5
 
 
 def test_the_boards_begin_where_the_joints_are(bench: Bench) -> None:

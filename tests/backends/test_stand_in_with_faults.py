@@ -10,7 +10,6 @@ import pytest
 
 from pepper_driver.backends import BackendError
 from pepper_driver.backends.naoqi_server.black_box import BlackBox
-from pepper_driver.backends.naoqi_server.faults import parse_fault
 from pepper_driver.backends.naoqi_server.launch import StandIn
 from pepper_driver.config import UnknownNameError, load_robot
 
@@ -314,28 +313,3 @@ def test_what_cannot_be_is_refused() -> None:
         plain.set_fault("rollover")
     with pytest.raises(UnknownNameError, match="did you mean cut"):
         plain.set_fault("cutt")
-
-
-def test_the_clock_rolls_over_and_the_robot_does_not_care(qi: ModuleType) -> None:
-    """A joint on its way when 2^31 - 1 ms is followed by -2^31 goes on as if nothing had been; faults at the start."""
-    faults = [parse_fault("rollover:6"), parse_fault("none:Battery"), parse_fault("press")]
-    with StandIn(faults=faults) as stand_in:
-        session = qi.Session()
-        session.connect(stand_in.url)
-        memory, dcm = session.service("ALMemory"), session.service("DCM")
-        assert memory.getData(PREFIX + "Battery/Charge/Sensor/Value") is None
-        assert wait_until(lambda: memory.getData(f"{PREFIX}ChestBoard/Button/Sensor/Value") == 1.0)
-        dcm.set([HARDNESS, "ClearAll", [[1.0, dcm.getTime(0)]]])
-        start = memory.getData(POSITION)
-        now = dcm.getTime(0)
-        assert now > 0
-        end = -(2**31) + 500
-        dcm.set([GOAL, "ClearAll", [[start, now], [start - 0.6, end]]])
-        assert wait_until(lambda: stand_in.robot.time() < 0 and stand_in.robot.time() > end + 100)
-        session.close()
-        box = stand_in.black_box()
-    assert {-(2**32) + 12} <= set(np.diff(box.date.astype(np.int64)))
-    goal = box.position_command[:, PLACE]
-    assert goal[-1] == pytest.approx(start - 0.6, abs=1e-6)
-    largest = 0.6 / ((end - now) % 2**32) * 12 * np.diff(box.cycle).max()
-    assert np.abs(np.diff(goal)).max() <= largest * 1.01

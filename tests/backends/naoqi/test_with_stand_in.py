@@ -5,6 +5,7 @@ import signal
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -20,6 +21,7 @@ from pepper_driver.backends.naoqi_server.launch import StandIn
 from pepper_driver.backends.naoqi_server.tls import Login
 from pepper_driver.cli.app import run
 from pepper_driver.config import PepperError, load_naoqi_settings, load_robot
+from pepper_driver.config.loading import package_file
 from pepper_driver.config.parts import FloatArray
 
 pytestmark = pytest.mark.usefixtures("qi")
@@ -33,7 +35,7 @@ STILL = np.zeros(3)
 @pytest.fixture(scope="module")
 def robot() -> Iterator[StandIn]:
     """Awake, without a life of its own; its owner has allowed everything."""
-    with StandIn("mujoco://?seed=5", consent=True) as running:
+    with StandIn("mujoco://?seed=5", consent=True, network="clear") as running:
         connection = connect(address_of(uri_of(running)))
         connection.call("ALMotion", "wakeUp", timeout=20.0)
         connection.close()
@@ -44,6 +46,7 @@ def robot() -> Iterator[StandIn]:
 def connection(robot: StandIn) -> Iterator[Connection]:
     connection = connect(address_of(uri_of(robot)))
     yield connection
+    connection.call("ALAutonomousLife", "setState", "disabled", timeout=20.0)
     connection.close()
 
 
@@ -58,15 +61,25 @@ def wait_until(condition: Callable[[], object], seconds: float = 10.0) -> bool:
     return bool(condition())
 
 
-def orders(robot: StandIn, seconds: float = 0.5) -> int:
+def orders(robot: StandIn) -> int:
     """How many orders the DCM took in a time in which nobody here gives any."""
     before = robot.black_box(last=1).orders[-1]
-    time.sleep(seconds)
+    time.sleep(0.3)
     return int(robot.black_box(last=1).orders[-1] - before)
+
+
+def quiet(robot: StandIn) -> bool:
+    """Whether nobody moves the robot; whoever did may be about to end."""
+    return wait_until(lambda: orders(robot) == 0, seconds=3.0)
 
 
 def position(robot: StandIn) -> FloatArray:
     newest: FloatArray = robot.black_box(last=1).position[-1]
+    return newest
+
+
+def stiffness(robot: StandIn) -> FloatArray:
+    newest: FloatArray = robot.black_box(last=1).stiffness[-1]
     return newest
 
 
@@ -75,33 +88,38 @@ def position(robot: StandIn) -> FloatArray:
 
 def test_nobody_else_moves_the_robot_meanwhile(robot: StandIn, connection: Connection) -> None:
     connection.call("ALAutonomousLife", "setState", "solitary", timeout=20.0)
-    assert orders(robot) > 5, "a living robot is moved all the time"
+    assert orders(robot) > 3, "a living robot is moved all the time"
     with TakeOver(connection, ROBOT, SETTINGS) as taken:
-        assert orders(robot) == 0
+        assert quiet(robot)
         assert connection.call("ALAutonomousLife", "getState") == "disabled"
         assert connection.call("ALMotion", "robotIsWakeUp")
         assert np.abs(taken.posture - position(robot)).max() < 0.1
     assert taken.left == ()
-    assert orders(robot) > 5
+    assert wait_until(lambda: orders(robot) > 3)
     assert connection.call("ALAutonomousLife", "getState") == "solitary"
-    connection.call("ALAutonomousLife", "setState", "disabled", timeout=20.0)
 
 
+@pytest.fixture
+def at_rest(connection: Connection) -> Iterator[None]:
+    connection.call("ALMotion", "rest", timeout=20.0)
+    yield
+    connection.call("ALMotion", "wakeUp", timeout=20.0)
+
+
+@pytest.mark.usefixtures("at_rest")
 def test_a_robot_at_rest(robot: StandIn, connection: Connection) -> None:
     """Is refused; on request woken up, and sent to rest again."""
-    connection.call("ALMotion", "rest", timeout=20.0)
     with make_backend(uri_of(robot)) as backend:
         backend.open()
         with pytest.raises(UnfitError, match=r"\?wake=1"):
             backend.activate()
-        assert orders(robot) == 0
+        assert quiet(robot)
     with TakeOver(connection, ROBOT, SETTINGS, wake=True):
         assert connection.call("ALMotion", "robotIsWakeUp")
         assert not connection.call("ALMotion", "getPushRecoveryEnabled")
-        assert orders(robot) == 0
+        assert quiet(robot)
     assert not connection.call("ALMotion", "robotIsWakeUp")
     assert connection.call("ALMotion", "getPushRecoveryEnabled")
-    connection.call("ALMotion", "wakeUp", timeout=20.0)
 
 
 def test_without_the_owners_consent() -> None:
@@ -171,7 +189,7 @@ def test_what_the_robot_finds_broken(robot: StandIn) -> None:
         finally:
             connection.call("ALMemory", "insertData", "Diagnosis/Passive/KneePitch/Error", 0)
             connection.close()
-    assert np.abs(position(robot) - before).max() < 0.01
+    assert np.abs(position(robot) - before).max() < 0.03, "its arms settle"
 
 
 def test_the_doctor(
@@ -252,37 +270,36 @@ def test_what_it_is_in_angles_mode(angles: AnglesBackend, robot: StandIn) -> Non
     info = angles.info
     assert info.identity.endswith("/angles"), "models of the other way are none of this one"
     assert info.response_delay == SETTINGS.angles.response_delay
-    with pytest.raises(BackendError, match="cannot be activated: it is closed"):
+    with pytest.raises(NotConnectedError, match="is not open"):
         angles.activate()
     angles.open()
     angles.activate()
     with pytest.raises(BackendError, match="by its own program"):
         angles.extras.rest()
-    assert robot.black_box(last=1).stiffness[-1].min() > 0.9
+    assert wait_until(lambda: stiffness(robot).min() > 0.9)
     angles.deactivate()
-    stiffness = robot.black_box(last=1).stiffness[-1]
     legs = [ROBOT.joint_index(name) for name in ROBOT.chains["legs"]]
-    assert stiffness[legs].min() > 0.5, "without it the robot would bow"
-    assert np.delete(stiffness, legs).max() < 0.1
+    assert wait_until(lambda: np.delete(stiffness(robot), legs).max() < 0.01)
+    assert stiffness(robot)[legs].min() > 0.5, "without it the robot would bow"
 
 
 def test_stiffness_is_passed_on_but_for_the_legs(robot: StandIn, angles: AnglesBackend) -> None:
     angles.open()
     hold = angles.activate()
-    stiffness = np.ones(17)
-    stiffness[HEAD] = 0.4
-    command = Command(position=hold.position, stiffness=stiffness, wheel_speed=STILL)
+    wanted = np.ones(17)
+    wanted[HEAD] = 0.4
+    command = Command(position=hold.position, stiffness=wanted, wheel_speed=STILL)
 
     def told() -> bool:
         angles.step(command)
-        return bool(abs(robot.black_box(last=1).stiffness[-1][HEAD] - 0.4) < 0.02)
+        return bool(abs(stiffness(robot)[HEAD] - 0.4) < 0.02)
 
     assert wait_until(told)
-    stiffness[ROBOT.joint_index("KneePitch")] = 0.0
+    wanted[ROBOT.joint_index("KneePitch")] = 0.0
     for _ in range(20):
         angles.step(command)
         time.sleep(ROBOT.cycle)
-    assert robot.black_box(last=1).stiffness[-1][ROBOT.joint_index("KneePitch")] > 0.9
+    assert stiffness(robot)[ROBOT.joint_index("KneePitch")] > 0.9
 
 
 def test_a_robot_that_hangs_in_angles_mode(robot: StandIn, angles: AnglesBackend) -> None:
@@ -300,32 +317,54 @@ def test_a_robot_that_hangs_in_angles_mode(robot: StandIn, angles: AnglesBackend
         os.kill(robot.naoqi_process.pid, signal.SIGCONT)
 
 
-def test_angles_mode_after_the_connection_is_lost() -> None:
-    with StandIn("mujoco://?seed=5") as robot:
-        backend = make_backend(uri_of(robot, "?mode=angles&wake=1"))
-        assert isinstance(backend, AnglesBackend)
-        backend.open()
-        hold = backend.activate()
-        sway(backend, hold.position, 100)
-        robot.naoqi_process.kill()
+def test_angles_mode_after_the_connection_is_lost(robot: StandIn, angles: AnglesBackend) -> None:
+    angles.open()
+    hold = angles.activate()
+    sway(angles, hold.position, 100)
+    robot.set_fault("cut")
 
-        def lost() -> bool:
-            try:
-                sway(backend, hold.position, 1)
-            except NotConnectedError:
-                return True
-            return False
+    def lost() -> bool:
+        try:
+            sway(angles, hold.position, 1)
+        except NotConnectedError:
+            return True
+        return False
 
-        assert wait_until(lost)
-        time.sleep(0.5)
-        held = position(robot)
-        time.sleep(0.5)
-        assert np.abs(position(robot) - held).max() < 0.01, "the joints stay where they are"
-        backend.close()
+    assert wait_until(lost)
+    time.sleep(0.5)
+    held = position(robot)
+    time.sleep(0.5)
+    assert np.abs(position(robot) - held).max() < 0.01, "the joints stay where they are"
 
 
-@pytest.mark.parametrize("options", ["?mode=angels", "?mode=angles&delay=3", "?wake=2"])
-def test_wrong_options(options: str) -> None:
-    with pytest.raises(PepperError) as caught:
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ("?mode=angels", "did you mean angles"),
+        ("?mode=angles&delay=3", "unknown key 'delay'"),
+        ("?wake=2", "wake takes 0 or 1"),
+        ("?settings=nowhere.yaml", "nowhere.yaml"),
+    ],
+)
+def test_wrong_options(options: str, message: str) -> None:
+    with pytest.raises(PepperError, match=message) as caught:
         make_backend(f"naoqi://127.0.0.1{options}")
     assert "\n" not in str(caught.value)
+
+
+def test_settings_of_ones_own(robot: StandIn, tmp_path: Path) -> None:
+    """With the charging flap open head and arms can be moved, where its user says so."""
+    mine = tmp_path / "mine.yaml"
+    shipped = package_file("naoqi_settings.yaml").read_text()
+    mine.write_text(shipped.replace("charging_flap: refuse", "charging_flap: stand"))
+    robot.set_fault("value:Platform/ILS/Sensor/Value,1")
+    try:
+        with make_backend(uri_of(robot, "?mode=angles")) as backend:
+            assert backend.open().charging_flap == 1.0
+            with pytest.raises(UnfitError, match="charging flap is open"):
+                backend.activate()
+        with make_backend(uri_of(robot, f"?mode=angles&settings={mine}")) as backend:
+            backend.open()
+            backend.activate()
+    finally:
+        robot.clear_faults()

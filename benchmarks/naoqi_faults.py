@@ -1,0 +1,299 @@
+"""What a robot does when its program, the link or NAOqi fails: against the stand-in, over real qi, in its black box.
+
+A program in a process of its own moves both arms and drives. Then it is killed, the link is cut or blocked, NAOqi hangs
+or is killed; or Ctrl-C ends it, also while NAOqi hangs, is dead or out of reach. Figures are of the simulated robot.
+Run: python benchmarks/naoqi_faults.py --repeat 5 --speed 0.15 --json naoqi_faults.json
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+
+from pepper_driver import Pepper
+from pepper_driver.backends.interface import FloatArray
+from pepper_driver.backends.naoqi.library import load_qi
+from pepper_driver.backends.naoqi_server.black_box import BlackBox
+from pepper_driver.backends.naoqi_server.launch import StandIn
+from pepper_driver.config import PepperError, load_doctor_settings, load_robot
+
+LOSSES: Mapping[str, str | None] = {
+    "program killed": None,
+    "link cut": "cut",
+    "link blocked": "blocked",
+    "NAOqi killed": "kill",
+    "NAOqi hangs": "hang",
+}
+"""What fails, and the fault of the stand-in that does it."""
+
+INTERRUPTED: Mapping[str, str | None] = {
+    "all is well": None,
+    "NAOqi hangs": "hang",
+    "NAOqi is dead": "kill",
+    "link blocked": "blocked",
+}
+"""What is wrong when Ctrl-C comes."""
+
+MOVING = "moving"
+ENOUGH = 0.8  # share of the speed that the wheels must have when it happens
+START_TRIES = 10
+STANDS = load_doctor_settings().wheel_rest  # [rad/s]
+
+
+# -- the program ------------------------------------------------------------------------------------------------
+
+
+def move(uri: str, speed: float) -> None:
+    """Move until something ends it, and say in a line of JSON what did."""
+    ended: dict[str, Any] = {}
+    try:
+        with Pepper(uri, observer=None) as pepper:
+            names = pepper.config.joint_names
+            goal = pepper.controller.position.copy()
+            pepper.controller.base_velocity.target = [speed, 0.0, 0.0]
+            try:
+                for number in range(1000):
+                    for joint in ("LShoulderPitch", "RShoulderPitch"):
+                        goal[names.index(joint)] = 1.0 + 0.5 * (-1) ** number
+                    pepper.set_posture(goal, duration=2.0)
+                    pepper.run(1.0)
+                    if number == 0:
+                        print(MOVING, flush=True)
+                    pepper.run(1.0)
+            except (PepperError, KeyboardInterrupt) as error:
+                ended = {"at": time.monotonic(), "error": f"{type(error).__name__}: {error}"}
+                raise
+    except (PepperError, KeyboardInterrupt) as error:
+        ended.setdefault("error", f"{type(error).__name__}: {error}")
+    print(json.dumps(ended), flush=True)
+
+
+class Program:
+    """The program in its process, moving the robot."""
+
+    def __init__(self, stand_in: StandIn, speed: float) -> None:
+        uri = f"naoqi://127.0.0.1:{stand_in.port}"
+        for _ in range(START_TRIES):
+            self.process = subprocess.Popen(
+                [sys.executable, __file__, "--program", uri, "--speed", str(speed)],
+                stdout=subprocess.PIPE,
+                stderr=subprocess.DEVNULL,
+                text=True,
+            )
+            assert self.process.stdout is not None
+            first = self.process.stdout.readline().strip()
+            time.sleep(0.5)
+            if first == MOVING and self._drives(stand_in, speed):
+                return
+            self.process.kill()
+            self.process.wait()
+            if "at" not in first and first != MOVING:
+                raise SystemExit(f"the program does not start: {first}")
+        raise SystemExit("the program does not keep moving: this machine is too busy")
+
+    def _drives(self, stand_in: StandIn, speed: float) -> bool:
+        """Whether the wheels turn and the program has not ended."""
+        wanted = ENOUGH * np.abs(load_robot().wheels.matrix @ [speed, 0.0, 0.0]).max()
+        turning = np.abs(stand_in.black_box(3).wheel_speed).max(axis=1)
+        return bool((turning > wanted).all()) and self.process.poll() is None
+
+    def end(self) -> dict[str, Any]:
+        """Wait for its end, and return what it said."""
+        out, _ = self.process.communicate(timeout=30)
+        line = out.strip().splitlines()[-1] if out.strip() else "{}"
+        ended: dict[str, Any] = json.loads(line)
+        return ended
+
+
+# -- the robot ---------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, kw_only=True)
+class Stop:
+    """How the robot came to rest. Times are from the last order for wheels that it took [ms].
+
+    Attributes:
+        told: Until the DCM told the wheels to stand.
+        stood: Until the last wheel of the plant stood.
+        fastest: Speed of the fastest wheel at that order [rad/s].
+        sway: The same after they stood, when the robot rocks back.
+        step: Largest change of a joint's command from a cycle to the next [mrad].
+        drift: Largest change of a joint from a tenth of a second later on [mrad].
+    """
+
+    told: float
+    stood: float
+    fastest: float
+    sway: float
+    step: float
+    drift: float
+
+    @classmethod
+    def of(cls, box: BlackBox, since: float) -> Stop:
+        """From cycles before and after the event."""
+        order = float(box.wheel_order[-1])
+        time_after = 1e3 * (box.begin - order)
+        commanded = np.abs(box.wheel_command).max(axis=1)
+        speed = np.abs(box.wheel_speed).max(axis=1)
+        stood = _first_below(time_after, speed, STANDS)
+        held = box.begin > since + 0.1
+        return cls(
+            told=_first_below(time_after, commanded, 0.0),
+            stood=stood,
+            fastest=float(speed[time_after >= 0.0][0]),
+            sway=float(speed[time_after > stood].max()),
+            step=1e3 * float(np.abs(np.diff(box.position_command, axis=0)).max()),
+            drift=1e3 * float(np.ptp(box.position[held], axis=0).max()),
+        )
+
+
+def _first_below(times: FloatArray, values: FloatArray, level: float) -> float:
+    """When values first come down to a level after time 0; in a straight line between two cycles."""
+    first = int(np.flatnonzero((times > 0.0) & (values <= level))[0])
+    before, after = values[first - 1], values[first]
+    share = (before - level) / (before - after) if before > after else 0.0
+    return float(times[first - 1] + share * (times[first] - times[first - 1]))
+
+
+def between(stand_in: StandIn, begin: float, end: float) -> BlackBox:
+    """Cycles that were due between two moments."""
+    box = stand_in.black_box()
+    chosen = (box.begin > begin) & (box.begin <= end)
+    return BlackBox(**{name: rows[chosen] for name, rows in vars(box).items()})
+
+
+# -- what is measured --------------------------------------------------------------------------------------------
+
+
+def lose(stand_in: StandIn, name: str, speed: float) -> dict[str, float | str]:
+    """Let one thing fail while the robot moves."""
+    program = Program(stand_in, speed)
+    fault = LOSSES[name]
+    begin = time.monotonic()
+    if fault is None:
+        program.process.kill()
+    else:
+        stand_in.set_fault(fault)
+    time.sleep(1.0)
+    box = between(stand_in, begin - 0.3, time.monotonic())
+    figures: dict[str, float | str] = vars(Stop.of(box, begin)).copy()
+    ended = program.end()
+    if "at" in ended:
+        last_sample = box.end[box.end <= begin][-1]
+        figures["error"] = str(ended["error"])
+        figures["noticed"] = 1e3 * (ended["at"] - last_sample)
+    goes_on = time.monotonic()
+    stand_in.clear_faults()
+    if fault in ("hang", "blocked"):
+        time.sleep(0.5)
+        late = between(stand_in, goes_on, time.monotonic())
+        figures["late orders"] = float(late.orders[-1] - box.orders[-1])
+        figures["late joints"] = 1e3 * float(
+            np.abs(late.position_command - box.position_command[-1]).max()
+        )
+        figures["late wheels"] = float(np.abs(late.wheel_speed).max())
+    return figures
+
+
+def interrupt(stand_in: StandIn, name: str, speed: float) -> dict[str, float | str]:
+    """Press Ctrl-C, with something else wrong."""
+    program = Program(stand_in, speed)
+    fault = INTERRUPTED[name]
+    if fault is not None:
+        stand_in.set_fault(fault)
+    begin = time.monotonic()
+    program.process.send_signal(signal.SIGINT)
+    program.process.wait(30)
+    figures: dict[str, float | str] = {"exit": 1e3 * (time.monotonic() - begin)}
+    program.end()
+    stand_in.clear_faults()
+    return figures
+
+
+def largest(runs: Sequence[Mapping[str, float | str]]) -> dict[str, Any]:
+    """The largest of each figure, and all errors."""
+    names = {name: None for run in runs for name in run if name != "error"}
+    worst: dict[str, Any] = {
+        name: max(float(run[name]) for run in runs if name in run) for name in names
+    }
+    worst["errors"] = sorted({str(run["error"]) for run in runs if "error" in run})
+    return worst
+
+
+def show(
+    console: Console, results: Mapping[str, Mapping[str, Any]], columns: Sequence[str]
+) -> None:
+    """A table of the largest figures."""
+    table = Table("", *columns)
+    for name, figures in results.items():
+        cells = [f"{figures[column]:.4g}" if column in figures else "" for column in columns]
+        table.add_row(name, *cells)
+    console.print(table)
+    for name, figures in results.items():
+        for error in figures["errors"]:
+            console.print(f"{name}: {error}")
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--repeat", type=int, default=5)
+    parser.add_argument("--speed", type=float, default=0.15, help="of the base [m/s]")
+    parser.add_argument("--json", type=Path)
+    parser.add_argument("--program", metavar="URI", help=argparse.SUPPRESS)
+    given = parser.parse_args()
+    if given.program is not None:
+        move(given.program, given.speed)
+        return
+    qi, console = load_qi(), Console(soft_wrap=True, width=140)
+    with StandIn("mujoco://?seed=3", network="clear", consent=True) as stand_in:
+        session = qi.Session()
+        session.connect(stand_in.url)
+        session.service("ALMotion").wakeUp()
+        session.close()
+        lost = {
+            name: largest([lose(stand_in, name, given.speed) for _ in range(given.repeat)])
+            for name in LOSSES
+        }
+        stopped = {
+            name: largest([interrupt(stand_in, name, given.speed) for _ in range(given.repeat)])
+            for name in INTERRUPTED
+        }
+    console.print(
+        f"largest of {given.repeat} runs at {given.speed:g} m/s; times in ms, joints in mrad"
+    )
+    show(
+        console,
+        lost,
+        [
+            "fastest",
+            "told",
+            "stood",
+            "sway",
+            "step",
+            "drift",
+            "noticed",
+            "late orders",
+            "late joints",
+            "late wheels",
+        ],
+    )
+    console.print("Ctrl-C: until the process has ended")
+    show(console, stopped, ["exit"])
+    if given.json is not None:
+        given.json.write_text(json.dumps({"lost": lost, "interrupted": stopped}, indent=1))
+
+
+if __name__ == "__main__":
+    main()

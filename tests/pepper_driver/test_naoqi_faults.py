@@ -1,0 +1,261 @@
+"""What a robot does when something goes wrong with NAOqi, the network or itself, and what its program then says.
+
+Over real qi against the stand-in; what the robot did is in its black box. Facts about the robot are counted in its own
+cycles; bounds of the clock on the wall are for busy machines, ``benchmarks/naoqi_faults.py`` measures.
+"""
+
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from pepper_driver import Pepper
+from pepper_driver.backends import NotConnectedError
+from pepper_driver.backends.naoqi_server.faults import parse_fault
+from pepper_driver.backends.naoqi_server.launch import StandIn
+from pepper_driver.config import PepperError
+from pepper_driver.safety import FaultError
+
+from naoqi_fault_cases import (  # isort: skip
+    STANDS,
+    TRIES,
+    assert_joints_hold,
+    assert_wheels_stop,
+    begin_to_move,
+    drive,
+    drive_through,
+    largest_step,
+    move_arms,
+    quick_settings,
+    since,
+    url,
+    what_is_still,
+)
+
+LARGEST_STEP = 0.02  # [rad] of a joint's command, from a cycle to the next
+
+
+@pytest.fixture(scope="module")
+def robot(qi: Any) -> Iterator[StandIn]:
+    """Awake, and its owner allows all."""
+    with StandIn("mujoco://?seed=3", network="clear", consent=True) as running, quick_settings():
+        wake_up(qi, running)
+        yield running
+
+
+def wake_up(qi: Any, robot: StandIn) -> None:
+    session = qi.Session()
+    session.connect(robot.url)
+    session.service("ALMotion").wakeUp()
+    session.close()
+
+
+# -- nobody hears the robot, or it hears nobody ---------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("fault", "kind", "words"),
+    [
+        ("cut", NotConnectedError, "connection was lost"),
+        ("kill", NotConnectedError, "connection was lost"),
+        ("blocked", FaultError, "newest sample is"),
+        ("stall:DCM", FaultError, "newest sample is"),
+        ("error:DCM", FaultError, "newest sample is"),
+        ("none:Position", FaultError, "newest sample is"),
+        ("dropped", FaultError, "newest sample is"),
+        ("slow:0.3", FaultError, "newest sample is"),
+    ],
+)
+def test_wheels_stop_and_joints_hold(
+    robot: StandIn, fault: str, kind: type[Exception], words: str
+) -> None:
+    slow = fault.startswith("slow")  # the two commands under way then still come
+    outcome = drive(robot, fault, 3.0, watch=1.2 if slow else 0.3)
+    assert isinstance(outcome.error, kind), outcome.error
+    assert words in str(outcome.error)
+    assert len(str(outcome.error).splitlines()) == 1
+    assert outcome.ended - outcome.begun < 1.0
+    assert_wheels_stop(outcome.box)
+    assert_joints_hold(outcome.box, outcome.ended, late=LARGEST_STEP if slow else 0.0)
+    assert largest_step(outcome.box) <= LARGEST_STEP
+    assert outcome.closed < 5.0  # a service that is asked to get back what it had may not answer
+
+
+def test_a_robot_that_goes_on_takes_at_most_two_commands(robot: StandIn) -> None:
+    """What waited is old: no wheel turns by it, and no joint goes far."""
+    outcome = drive(robot, "hang", 3.0)
+    assert isinstance(outcome.error, FaultError)
+    ages = [age for _, age in outcome.ages]
+    assert max(ages[:-1], default=0.0) <= 0.1 < ages[-1]  # the first tick beyond it is the last
+    assert outcome.closed < 1.0
+    assert_wheels_stop(outcome.box)
+    assert_joints_hold(outcome.box, outcome.ended)
+    orders, told = outcome.box.orders[-1], outcome.box.position_command[-1]
+    goes_on = time.monotonic()
+    robot.clear_faults()
+    time.sleep(0.3)
+    box = since(robot, goes_on)
+    assert box.orders[-1] - orders <= 2
+    assert np.abs(box.position_command - told).max() <= LARGEST_STEP
+    assert not box.wheel_command[-1].any()
+    assert np.abs(box.wheel_speed).max() <= STANDS
+
+
+# -- the robot is not well ------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("fault", "words"),
+    [("press:ChestBoard/Button", "chest"), ("hot:LElbowRoll,80", "LElbowRoll")],
+)
+def test_the_safety_gate_stops_a_robot_that_is_not_well(
+    robot: StandIn, fault: str, words: str
+) -> None:
+    outcome = drive(robot, fault, 5.0)
+    assert isinstance(outcome.error, FaultError)
+    assert words in str(outcome.error)
+    assert_wheels_stop(outcome.box)
+    assert_joints_hold(outcome.box, outcome.ended)
+
+
+def test_what_is_borne_moves_on_without_a_jump(robot: StandIn) -> None:
+    faults = ["network:wifi", "dropped:0.3", "none:Temperature", "slow:0.005", "press:FrontLeft"]
+    *borne, bumped = drive_through(robot, faults, 0.6)
+    for fault, outcome in zip(faults, borne, strict=False):
+        assert outcome.error is None, fault
+        assert largest_step(outcome.box) <= LARGEST_STEP, fault
+        assert outcome.box.wheel_command[-1].any(), fault
+    # A bumper stops the base alone.
+    assert bumped.error is None
+    assert_wheels_stop(bumped.box)
+    after = bumped.box.begin > bumped.begun
+    assert np.ptp(bumped.box.position_command[after], axis=0).max() > 0.02
+
+
+def test_a_disconnected_joint_is_told_and_sinks(robot: StandIn) -> None:
+    """It counts as following until it is 0.6 rad off for half a second; all others go on."""
+    outcome = drive(robot, "disconnected:LShoulderPitch", 4.0)
+    assert isinstance(outcome.error, FaultError)
+    assert "LShoulderPitch" in str(outcome.error)
+    assert_wheels_stop(outcome.box)
+    assert_joints_hold(outcome.box, outcome.ended, but=["LShoulderPitch"])
+
+
+def test_a_robot_that_falls_asleep_stands_and_lets_its_arms_sink(robot: StandIn) -> None:
+    """Nobody gives it stiffness again; nor does waking up make it go on where it was."""
+    outcome = drive(robot, "asleep", 1.0)
+    asleep = outcome.box.begin > outcome.begun + 0.1
+    assert not outcome.box.stiffness[asleep].any()
+    assert not outcome.box.wheel_command[asleep].any()
+    assert np.abs(outcome.box.wheel_speed[-1]).max() <= STANDS
+
+
+def test_the_clock_rolls_over_under_a_robot_that_moves(qi: Any) -> None:
+    """From 2^31 - 1 ms to -2^31: no sample is old, no command late, no joint jumps."""
+    faults = [parse_fault("rollover:7"), parse_fault("value:Battery/Charge/Sensor/Value,0.3")]
+    with StandIn("mujoco://?seed=3", consent=True, faults=faults) as robot, quick_settings():
+        wake_up(qi, robot)
+        with Pepper(url(robot), observer=None) as pepper:
+            begin_to_move(pepper)
+            begun = time.monotonic()
+            while robot.robot.time() > 0:
+                pepper.run(0.1)
+            move_arms(pepper)
+            pepper.run(0.6)
+            box = since(robot, begun)
+    dates = box.date.astype(np.int64)
+    assert (np.diff(dates) % 2**32 == 12 * np.diff(box.cycle)).all()
+    assert dates[0] > 0 > dates[-1]
+    assert largest_step(box) <= LARGEST_STEP
+    assert np.ptp(box.position_command[dates < 0], axis=0).max() > 0.02  # it moves on
+
+
+@pytest.mark.parametrize(
+    ("fault", "word"),
+    [
+        ("wrong-type:Nao", "Nao"),
+        ("missing:DCM", "DCM"),
+        ("none:LElbowRoll/Position", "LElbowRoll"),
+        ("error:ALMemory,text=no memory", "no memory"),
+        ("slow:0.03", "too slow"),
+    ],
+)
+def test_what_is_wrong_at_the_start_is_one_line_and_nothing_moves(
+    robot: StandIn, fault: str, word: str
+) -> None:
+    robot.clear_faults()
+    robot.set_fault(fault)
+    begun = time.monotonic()
+    with pytest.raises(PepperError, match=word) as caught, Pepper(url(robot), observer=None):
+        pass
+    assert len(str(caught.value).splitlines()) == 1
+    time.sleep(0.1)
+    box = since(robot, begun)
+    assert np.ptp(box.position, axis=0).max() < 0.01
+    assert not box.wheel_command.any()
+
+
+# -- the program dies -----------------------------------------------------------------------------------------------
+
+
+@contextmanager
+def program(stand_in: StandIn) -> Iterator[subprocess.Popen[str]]:
+    """One that moves the robot in a process of its own."""
+    command = [sys.executable, "-c", PROGRAM, str(Path(__file__).parent), url(stand_in)]
+    for _ in range(TRIES):
+        stand_in.clear_faults()
+        with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
+            try:
+                assert process.stdout is not None
+                moving = process.stdout.readline() == "moving\n"
+                if moving and not what_is_still(stand_in):
+                    yield process
+                    return
+            finally:
+                process.kill()
+    raise AssertionError("no program that moves the robot, perhaps because this machine is busy")
+
+
+PROGRAM = """
+import sys
+sys.path.insert(0, sys.argv[1])
+from naoqi_fault_cases import begin_to_move, quick_settings
+from pepper_driver import Pepper
+with quick_settings(), Pepper(sys.argv[2], observer=None) as pepper:
+    begin_to_move(pepper)
+    print("moving", flush=True)
+    pepper.run(60.0)
+"""
+
+
+def test_a_program_that_is_killed_leaves_a_robot_that_stands(robot: StandIn) -> None:
+    with program(robot) as process:
+        killed = time.monotonic()
+        process.kill()
+        process.wait()
+        time.sleep(0.5)
+    box = since(robot, killed - 0.5)
+    assert_wheels_stop(box)
+    assert_joints_hold(box, killed)
+    assert largest_step(box) <= LARGEST_STEP
+
+
+@pytest.mark.parametrize("fault", ["", "hang", "kill", "blocked"])
+def test_ctrl_c_ends_the_program(robot: StandIn, fault: str) -> None:
+    """Within a second on a machine that has nothing else to do; here others may have it."""
+    with program(robot) as process:
+        if fault:
+            robot.set_fault(fault)
+        begin = time.monotonic()
+        process.send_signal(signal.SIGINT)
+        process.wait(20.0)
+        assert time.monotonic() - begin < 4.0
+        time.sleep(0.3)
+    assert np.abs(robot.black_box(1).wheel_speed).max() <= 2 * STANDS
