@@ -80,7 +80,7 @@ class AnglesBackend(NaoqiRobot):
         self._link = AnglesLink(connection, self._robot, keys, self._settings.angles)
         return self._link.newest
 
-    def _ramp_up(self) -> Measurement:
+    def _ramp_up(self) -> tuple[FloatArray, Measurement]:
         """No joint gets less stiffness than it has already."""
         link, connection = self._open_link, self._connected()
         logger.warning(
@@ -104,7 +104,7 @@ class AnglesBackend(NaoqiRobot):
                     f"{1e3 * measurement.age:.0f} ms old; look at the network, then start again"
                 )
         self._moving, self._told = True, False
-        return measurement
+        return hold, measurement
 
     def _tick(
         self, position: FloatArray, stiffness: FloatArray, wheel_speed: FloatArray
