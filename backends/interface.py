@@ -314,10 +314,17 @@ class Backend(ABC):
     def activate(self) -> Measurement:
         """Ramp the stiffness up while holding the posture last measured, clipped into the joint limits.
 
+        A real robot may have moved before that, for example got up: ``held`` tells where it is held.
+
         Raises:
             NotConnectedError: Not open.
             BackendError: Already active, or the robot is not fit to move.
         """
+
+    @property
+    def held(self) -> FloatArray | None:
+        """(17,) where ``activate`` holds the joints [rad]; None where that is what was measured before it."""
+        return None
 
     @abstractmethod
     def step(self, command: Command) -> Measurement:

@@ -19,7 +19,7 @@ import time
 from collections.abc import Callable
 from dataclasses import asdict, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,7 +30,13 @@ from pepper_driver import Pepper
 from pepper_driver.backends import Command, make_backend
 from pepper_driver.backends.naoqi_server.black_box import BlackBox
 from pepper_driver.backends.naoqi_server.launch import StandIn
-from pepper_driver.config import PepperError, RobotConfig, load_robot, load_safety_settings
+from pepper_driver.config import (
+    PepperError,
+    RobotConfig,
+    load_network,
+    load_robot,
+    load_safety_settings,
+)
 from pepper_driver.controller import Tick
 from pepper_driver.observer import Observation
 from pepper_driver.output import check_writable, write_json
@@ -41,7 +47,8 @@ FloatArray = NDArray[np.float64]
 
 ROBOT = "mujoco://?seed={seed}"
 SWING, WAY, REST = 0.3, 1.5, 0.3  # [rad] around the starting posture, [s] there, [s] of rest
-WARM_UP = 2.0  # [s] before figures are taken
+WARM_UP = 1.0  # [s] before figures are taken
+LONGEST = 100.0  # [s] of a run
 PROCESSES = ("client", "NAOqi", "robot")
 
 
@@ -224,9 +231,8 @@ def direct(seed: int, robot: RobotConfig, seconds: float) -> Recorder:
 
 def compared(one: Recorder, other: Recorder) -> dict[str, Any]:
     """Where both answer the same command: rms difference of errors and residuals [deg], worst joint and its own rms."""
-    shift = min(
-        range(20), key=lambda n: float(np.abs(one.sent[n : n + 200] - other.sent[:200]).max())
-    )
+    start = other.sent[:100]
+    shift = min(range(20), key=lambda n: float(np.abs(one.sent[n : n + 100] - start).max()))
     count = min(len(one.ticks) - shift, len(other.ticks))
     part, rest = slice(shift, shift + count), slice(count)
     figures: dict[str, Any] = {
@@ -291,31 +297,48 @@ def shown(figures: dict[str, Any], robot: RobotConfig) -> list[Table]:
     return tables
 
 
+class Parser(argparse.ArgumentParser):
+    """What is wrong in one line."""
+
+    def error(self, message: str) -> NoReturn:
+        print(f"naoqi.py: {message}", file=sys.stderr)
+        sys.exit(2)
+
+
+def arguments() -> argparse.Namespace:
+    parser = Parser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--seconds", type=float, default=60.0, help="of each run (default: 60)")
+    parser.add_argument(
+        "--network", default="none", help="of the stand-in: clear, wired, wifi or a file"
+    )
+    parser.add_argument("--seed", type=int, default=3, help="of the sensors' noise (default: 3)")
+    parser.add_argument("--json", type=Path, metavar="FILE", help="also write the figures to FILE")
+    given = parser.parse_args()
+    if not 1.0 <= given.seconds <= LONGEST:
+        parser.error(f"--seconds must be 1 to {LONGEST:g}: the black box holds two minutes")
+    try:
+        if given.network != "none":
+            load_network(given.network)
+        if given.json is not None:
+            check_writable(given.json)
+    except PepperError as error:
+        parser.error(str(error))
+    return given
+
+
 def main() -> int:
     """Command line: 0 well, 2 a wrong input or a robot that refuses."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawTextHelpFormatter
-    )
-    parser.add_argument("--seconds", type=float, default=60.0, help="of each run")
-    parser.add_argument(
-        "--network",
-        default="none",
-        help="none, or a network of the stand-in's: clear, wired, wifi, FILE",
-    )
-    parser.add_argument("--seed", type=int, default=3)
-    parser.add_argument("--json", type=Path)
-    given = parser.parse_args()
+    given = arguments()
     robot = load_robot()
     network = None if given.network == "none" else given.network
+    figures: dict[str, Any] = {"simulated": True, "network": given.network}
     try:
-        if given.json:
-            check_writable(given.json)
         with StandIn(ROBOT.format(seed=given.seed), network=network, consent=True) as stand_in:
-            uri = f"naoqi://127.0.0.1:{stand_in.port}?wake=1"
-            figures: dict[str, Any] = {"simulated": True, "network": given.network}
+            uri = f"naoqi://127.0.0.1:{stand_in.port}"
+            sleeper = Pepper(uri, observer=None)
+            sleeper.extras.wake_up()
+            sleeper.close()
             figures["bare"] = bare(uri, stand_in, robot, given.seconds)
-        with StandIn(ROBOT.format(seed=given.seed), network=network, consent=True) as stand_in:
-            uri = f"naoqi://127.0.0.1:{stand_in.port}?wake=1"
             figures["whole"], over_naoqi = whole(uri, stand_in, robot, given.seconds)
     except PepperError as error:
         print(f"naoqi.py: {error}", file=sys.stderr)
@@ -326,7 +349,7 @@ def main() -> int:
     console = Console(soft_wrap=True, highlight=False)
     for table in shown(figures, robot):
         console.print(table)
-    if given.json:
+    if given.json is not None:
         write_json(given.json, figures)
     return 0
 

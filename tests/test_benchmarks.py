@@ -8,6 +8,7 @@ import runpy
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -110,3 +111,52 @@ def test_the_stand_in_is_measured(qi: object, tmp_path: Path) -> None:
         assert 0 < document[part]["published_ms"]["median"] <= document[part]["published_ms"]["max"]
         assert 0 <= document[part]["robot_cpu"] < 2
     assert len(document["calls_ms"]) == 3
+
+
+NAOQI = Path(__file__).parents[1] / "benchmarks" / "naoqi.py"
+
+
+def test_the_way_over_naoqi_is_measured(qi: Any, tmp_path: Path) -> None:
+    figures = tmp_path / "figures.json"
+    result = subprocess.run(
+        [sys.executable, str(NAOQI), "--seconds", "1", "--json", str(figures)],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert result.returncode == 0, result.stderr
+    assert "missed" in result.stdout
+    document = json.loads(figures.read_text())
+    assert document["simulated"] is True
+    for run in ("bare", "whole"):
+        part = document[run]
+        assert part["ticks"] > 50
+        assert 0.0 < part["tick_end_ms"]["median"] <= part["tick_end_ms"]["p99"]
+        assert set(part["processors"]) == {"client", "NAOqi", "robot"}
+    assert 0.0 <= document["whole"]["dcm_off_by_rad"] < 0.1
+    for kind in ("against_direct", "other_noise"):
+        assert 0.0 < document[kind]["error"]["median_deg"] < 2.0
+
+
+@pytest.mark.parametrize(
+    ("arguments", "word"),
+    [
+        (["--seconds", "long"], "--seconds"),
+        (["--seconds", "0"], "--seconds"),
+        (["--network", "wif"], "wifi"),
+        (["--json", "no/such/folder/figures.json"], "no/such/folder"),
+    ],
+)
+def test_wrong_options_of_the_way_over_naoqi_are_one_line(
+    qi: Any,
+    arguments: list[str],
+    word: str,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.setattr(sys, "argv", [str(NAOQI), *arguments])
+    with pytest.raises(SystemExit) as stopped:
+        runpy.run_path(str(NAOQI), run_name="__main__")
+    shown = capsys.readouterr()
+    assert (stopped.value.code, shown.out, shown.err.count("\n")) == (2, "", 1)
+    assert word in shown.err

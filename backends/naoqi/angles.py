@@ -76,7 +76,7 @@ class AnglesBackend(NaoqiRobot):
         keys = SensorKeys(self._robot, complete=False)
         return AnglesLink(connection, self._robot, keys, self._settings.angles)
 
-    def _ramp_up(self) -> Measurement:
+    def _ramp_up(self) -> tuple[FloatArray, Measurement]:
         logger.warning(
             "'%s' moves through ALMotion: some 40 commands a second, followed late; touch is not felt, the base stands "
             "still, stiffness is not ramped",
@@ -91,7 +91,7 @@ class AnglesBackend(NaoqiRobot):
         self._link = link = self._new_link(connection)
         link.start()
         self._moving, self._told = True, False
-        return link.newest
+        return hold, link.newest
 
     def _tick(
         self, position: FloatArray, stiffness: FloatArray, wheel_speed: FloatArray

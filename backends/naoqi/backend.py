@@ -71,7 +71,7 @@ class NaoqiBackend(NaoqiRobot):
         self._link = Link(connection, self._robot, self._settings.timing, self._delay)
         return self._link.newest
 
-    def _ramp_up(self) -> Measurement:
+    def _ramp_up(self) -> tuple[FloatArray, Measurement]:
         """No joint gets less stiffness than it has already."""
         return ramp_up(self._open_link, self._robot, self._settings, self._connected)
 

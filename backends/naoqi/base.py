@@ -75,6 +75,7 @@ class NaoqiRobot(Serial, Backend):
         self._info: BackendInfo | None = None
         self._plant: SimulatedPlant | None = None
         self._take_over: TakeOver | None = None
+        self._held: FloatArray | None = None
 
     # -- of each way --------------------------------------------------------------------------------------------
 
@@ -92,8 +93,8 @@ class NaoqiRobot(Serial, Backend):
         """Read for the first time."""
 
     @abstractmethod
-    def _ramp_up(self) -> Measurement:
-        """Raise the stiffness while holding the posture."""
+    def _ramp_up(self) -> tuple[FloatArray, Measurement]:
+        """Raise the stiffness while holding the posture, which comes back (17,) [rad] with what is measured then."""
 
     @abstractmethod
     def _tick(
@@ -153,10 +154,16 @@ class NaoqiRobot(Serial, Backend):
         self._take_over.begin()
         self._state = "active"
         try:
-            return self._ramp_up()
+            self._held, measurement = self._ramp_up()
+            return measurement
         except BaseException:
             self.deactivate()
             raise
+
+    @property
+    def held(self) -> FloatArray | None:
+        """(17,) where ``activate`` holds the joints [rad]: waking up may have moved them."""
+        return self._held
 
     @serial
     def step(self, command: Command) -> Measurement:

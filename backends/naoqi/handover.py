@@ -28,15 +28,15 @@ STANDING = 0.2
 LONGEST_STOP = 0.3
 """[s] for wheels to stand."""
 
-ARRIVED = 0.01
-"""[rad] within which legs are where they should be."""
+ARRIVED = 0.03
+"""[rad] within which legs are where they should be: what they droop by."""
 
 _STILL = np.zeros(3)
 
 
 def ramp_up(
     link: Link, robot: RobotConfig, settings: NaoqiSettings, check: Callable[[], object]
-) -> Measurement:
+) -> tuple[FloatArray, Measurement]:
     """Raise the stiffness to 1, of no joint from less than it has already, holding the posture measured.
 
     Args:
@@ -44,6 +44,9 @@ def ramp_up(
         robot: Its limits, into which the posture is clipped.
         settings: How long it takes.
         check: Raises when the connection is lost.
+
+    Returns:
+        (17,) the posture held [rad], and what is measured then.
 
     Raises:
         BackendError: The robot stopped answering meanwhile.
@@ -73,7 +76,7 @@ def ramp_up(
         raise BackendError(
             "the robot took no command to switch its wheels on; look at the network, then start again"
         )
-    return measurement
+    return hold, measurement
 
 
 def let_go(link: Link, robot: RobotConfig, settings: NaoqiSettings, posture: FloatArray) -> bool:

@@ -13,6 +13,7 @@ import pytest
 from pepper_driver.backends import BackendError, BackendInfo, Command, Measurement
 from pepper_driver.callbacks import Dispatcher, Subscription
 from pepper_driver.config import load_controller_settings, load_robot, load_safety_settings
+from pepper_driver.config.parts import FloatArray
 from pepper_driver.controller import Tick
 from pepper_driver.log import LogWriter, read_log
 from pepper_driver.observer import Contact, Observation, Observer
@@ -303,3 +304,27 @@ def test_a_slow_tick_is_missed_counted_and_told(monkeypatch: pytest.MonkeyPatch)
     assert statistics.late["deliver"] >= 1
     assert statistics.end is not None
     assert statistics.end.largest >= 100
+
+
+HEAD = ROBOT.joint_index("HeadYaw")
+
+
+class Rising(FakeBackend):
+    """Gets up before it is held, as a robot does that is woken up."""
+
+    @property
+    def held(self) -> FloatArray:
+        return self.robot.posture("Stand") + np.where(np.arange(17) == HEAD, 0.3, 0.0)
+
+    def activate(self) -> Measurement:
+        self.position = self.held
+        return super().activate()
+
+
+def test_a_robot_that_got_up_while_it_was_activated_is_not_sent_back_to_where_it_was() -> None:
+    backend = Rising()
+    session = make_session(backend)
+    session.run(range(3), None, None)
+    session.close()
+    for command in backend.commands:
+        np.testing.assert_allclose(command.position, backend.held, atol=1e-6)

@@ -369,3 +369,20 @@ def test_messages_go_before_other_programs_while_a_robot_is_open(backend: Backen
     assert set(priorities()) == {PRIORITY}
     backend.close()
     assert set(priorities()) == {0}
+
+
+def test_a_robot_that_is_woken_up_goes_on_from_where_it_then_stands(
+    qi: Any, robot: StandIn
+) -> None:
+    """Asleep its arms hang elsewhere: to go back there would be a jump. This leaves it asleep, and is the last test."""
+    session = qi.Session()
+    session.connect(robot.url)
+    session.service("ALMotion").rest()
+    session.close()
+    asleep = robot.black_box(1).position[-1]
+    with Pepper(f"naoqi://127.0.0.1:{robot.port}?wake=1", safety=PATIENT, observer=None) as pepper:
+        pepper.run(0.5)
+        box = recent(robot, 1.5)
+        moved = np.abs(pepper.target - asleep)
+    assert moved.max() > 0.2, "it did move while it woke up"
+    assert np.abs(np.diff(box.position_command, axis=0)).max() < 0.01
