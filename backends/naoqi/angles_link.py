@@ -64,8 +64,8 @@ class AnglesLink:
             raise BackendError(f"'{uri}': the robot does not say where its joints are")
         self._position: FloatArray = position
         self._values: Values = values
-        self._asked = self._sampled = time.monotonic()
-        self._step = self._withheld = 0
+        self._opened = self._asked = self._sampled = time.monotonic()
+        self._step = self._tick = self._withheld = 0
         self._stiffness = np.zeros(len(self.soft))
         self.newest = self._measurement()
 
@@ -82,6 +82,7 @@ class AnglesLink:
     def tick(self, position: FloatArray | None, stiffness: FloatArray | None) -> Measurement:
         """One tick: the newest sample. What is None is not told to the robot."""
         self._step += 1
+        self._count()
         self._take()
         if self._step % self._settings.every == 0:
             self._ask()
@@ -94,6 +95,14 @@ class AnglesLink:
                 self._tell(stiffness[self.places])
         self.newest = self._measurement()
         return self.newest
+
+    def _count(self) -> None:
+        """Ticks go on by one each, but neither run ahead of the time nor stay behind it."""
+        passed = (time.monotonic() - self._opened) / self._cycle
+        if self._tick < passed - 2:
+            self._tick = int(passed)
+        elif self._tick < passed:
+            self._tick += 1
 
     def _take(self) -> None:
         position = self._position_of(self._angles.answer())
@@ -133,8 +142,8 @@ class AnglesLink:
         usual = (self._settings.every + 1) * self._cycle
         values = {name: getattr(self._values, name) for name in VALUES if name != "position"}
         return Measurement(
-            time=self._step * self._cycle,
-            tick=self._step,
+            time=self._tick * self._cycle,
+            tick=self._tick,
             position=self._position,
             age=max(0.0, time.monotonic() - self._sampled - usual),
             withheld=self._withheld,
