@@ -256,11 +256,13 @@ def test_a_robot_that_hangs_is_not_waited_for() -> None:
         assert process.stdout is not None
         connection = connect(address_of(process.stdout.readline().strip()))
         taken = take_over(connection, load_naoqi_settings())
-        taken.begin()
-        os.kill(process.pid, signal.SIGSTOP)
-        started = time.monotonic()
-        taken.restore()
-        connection.close()
-        assert time.monotonic() - started < 2.5, "a part of a second to see that nobody answers"
-        assert len(taken.left) > 5
-        process.kill()
+        try:
+            taken.begin()
+            os.kill(process.pid, signal.SIGSTOP)
+            started = time.monotonic()
+            taken.restore()
+            connection.close()
+            assert time.monotonic() - started < 2.5, "a part of a second to see that nobody answers"
+            assert len(taken.left) > 5
+        finally:
+            process.kill()  # stopped, it would never end by itself
