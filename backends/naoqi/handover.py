@@ -112,7 +112,8 @@ def let_go(link: Link, robot: RobotConfig, settings: NaoqiSettings, posture: Flo
         standing = bool((np.abs(measurement.wheel_speed) < STANDING).all())
         if number >= 2 and standing and link.idle:
             break
-    link.switch_wheels([(2 * robot.cycle, 0.0)])
+    off = [(2 * robot.cycle, 0.0)]
+    wheels_off = link.switch_wheels(off)
 
     back = np.where(legs & np.isfinite(posture), posture, np.nan)
     if not _lead_back(link, back, settings.timing.legs_back_speed, robot.cycle, stiffness, tick):
@@ -121,9 +122,11 @@ def let_go(link: Link, robot: RobotConfig, settings: NaoqiSettings, posture: Flo
     soft = np.zeros(len(legs)) if settings.legs_go_soft else np.where(legs, stiffness, 0.0)
     ticks = round(settings.timing.ramp_down / robot.cycle)
     for number in range(1, ticks + 1):
+        wheels_off = wheels_off or link.switch_wheels(off)
         if tick(None, stiffness + (soft - stiffness) * number / ticks) is None:
             return False
-    while not link.idle or not np.array_equal(link.stiffness, soft):
+    while not (wheels_off and link.idle and np.array_equal(link.stiffness, soft)):
+        wheels_off = wheels_off or link.switch_wheels(off)
         if tick(None, soft) is None:
             return False
     return True

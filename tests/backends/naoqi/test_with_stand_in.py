@@ -273,7 +273,7 @@ def test_what_it_is_in_angles_mode(angles: AnglesBackend, robot: StandIn) -> Non
     info = angles.info
     assert info.identity.endswith("/angles"), "models of the other way are none of this one"
     assert info.response_delay == SETTINGS.angles.response_delay
-    with pytest.raises(NotConnectedError):
+    with pytest.raises(NotConnectedError, match="is not open"):
         angles.activate()
     angles.open()
     angles.activate()
