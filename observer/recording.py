@@ -296,8 +296,14 @@ class RecordingBuilder:
         return self._count
 
     def append(self, tick: Tick) -> None:
-        """Add one tick; its arrays are copied."""
+        """Add one tick; its arrays are copied.
+
+        A tick of the same cycle of the robot as the one before is left out: a real robot's clock is not this
+        computer's, and its next cycle may be still to come.
+        """
         row = self._count
+        if row and tick.measurement.time == self._columns["time"][row - 1]:
+            return
         if row == self._room:
             self._columns = {name: np.concatenate((a, a)) for name, a in self._columns.items()}
             self._room *= 2

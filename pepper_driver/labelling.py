@@ -5,6 +5,8 @@ from __future__ import annotations
 import logging
 import math
 
+import numpy as np
+
 from pepper_driver.config import PepperError, RobotConfig
 from pepper_driver.log import Label, LogData
 from pepper_driver.observer import Push, Recording, RecordingError
@@ -38,7 +40,7 @@ class LabelError(PepperError, ValueError):
 
 
 def recording_of(log: LogData, robot: RobotConfig) -> Recording:
-    """The recording that a log holds.
+    """The recording that a log holds; ticks that repeat a cycle of the robot are left out.
 
     Raises:
         RecordingError: Another robot, fewer than two ticks, a value that is not finite.
@@ -47,7 +49,8 @@ def recording_of(log: LogData, robot: RobotConfig) -> Recording:
         raise RecordingError(
             f"this log is of a robot with other joints, or another order of them, than '{robot.name}'"
         )
-    columns = {name: log[source] for name, source in _COLUMNS.items()}
+    goes_on = np.diff(log["time"], prepend=-np.inf) != 0
+    columns = {name: log[source][goes_on] for name, source in _COLUMNS.items()}
     return Recording(joint_names=log.joint_names, **columns)
 
 

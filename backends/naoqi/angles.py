@@ -1,33 +1,40 @@
 """A Pepper whose DCM cannot be reached, as with NAOqi 2.9: joints through ALMotion, some forty times a second.
 
 What that costs: ALMotion smooths what it is told and follows late, by a time that varies, so that no touch can be felt
-in the encoders; a stiffness changes at once, without a ramp, and that of the legs not at all; the base stands still,
-since ALMotion drives on when nobody tells it to stop. In return its own protections stay on. NAOqi 2.5 and 2.8 pages
-"Joint control API", "Locomotion control API" and "Stiffness control".
+in the encoders; the stiffness of the legs does not change; the base stands still, since ALMotion drives on when nobody
+tells it to stop. In return its own protections stay on. NAOqi 2.5 and 2.8 pages "Joint control API", "Locomotion
+control API" and "Stiffness control".
 """
 
 from __future__ import annotations
 
 import logging
-from collections.abc import Sequence
+import time
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
 
-from pepper_driver.backends.interface import Measurement
+from pepper_driver.backends.interface import BackendError, Measurement
 from pepper_driver.backends.naoqi.address import Address
 from pepper_driver.backends.naoqi.angles_link import AnglesLink
 from pepper_driver.backends.naoqi.base import NaoqiRobot
 from pepper_driver.backends.naoqi.connection import Connection
 from pepper_driver.backends.naoqi.keys import SensorKeys
 from pepper_driver.backends.naoqi.preflight import Preflight
-from pepper_driver.config import NaoqiSettings, PepperError, RobotConfig
+from pepper_driver.config import NaoqiSettings, RobotConfig
 from pepper_driver.config.parts import FloatArray
 
 logger = logging.getLogger("pepper_driver")
 
+STALE = 0.1
+"""[s] age of samples at which the stiffness is not raised any further, as the safety gate has it."""
+
 PATIENCE = 0.3
-"""[s] beyond the time that a ramp takes after which the end waits for the robot no longer."""
+"""[s] age of samples at which the end waits for the robot no longer."""
+
+FRESH, LAST = 6, 40
+"""Ticks in which a new sample comes, and in which the last change of stiffness is taken."""
 
 
 class AnglesBackend(NaoqiRobot):
@@ -69,63 +76,67 @@ class AnglesBackend(NaoqiRobot):
         return self._settings.angles.response_delay, f"{found.body_id}/angles"
 
     def _begin(self, connection: Connection) -> Measurement:
-        self._link = self._new_link(connection)
+        keys = SensorKeys(self._robot, complete=False)
+        self._link = AnglesLink(connection, self._robot, keys, self._settings.angles)
         return self._link.newest
 
-    def _new_link(self, connection: Connection) -> AnglesLink:
-        keys = SensorKeys(self._robot, complete=False)
-        return AnglesLink(connection, self._robot, keys, self._settings.angles)
-
     def _ramp_up(self) -> tuple[FloatArray, Measurement]:
+        """No joint gets less stiffness than it has already."""
+        link, connection = self._open_link, self._connected()
         logger.warning(
             "'%s' moves through ALMotion: some 40 commands a second, followed late; touch is not felt, the base stands "
-            "still, stiffness is not ramped",
+            "still",
             self._address.uri,
         )
-        connection = self._connected()
-        link = self._new_link(connection)  # taking over may have lasted, and moved the robot
-        hold = np.clip(link.newest.position, self._robot.lower, self._robot.upper)
-        names, speed = list(self._robot.joint_names), self._settings.angles.speed
-        connection.call("ALMotion", "setAngles", names, hold.tolist(), speed)
-        self._ramp(connection, link, 1.0, self._settings.timing.ramp_up, connection.call_time)
-        self._link = link = self._new_link(connection)
-        link.start()
+        before = np.ones(len(self._robot.joint_names))
+        before[link.places] = connection.call("ALMotion", "getStiffnesses", link.soft)
+        for _ in self._beats(FRESH):  # taking over may have lasted, and moved the robot
+            measurement = link.tick(None, None)
+        hold = np.clip(measurement.position, self._robot.lower, self._robot.upper)
+        link.start(before)
+        ticks = round(self._settings.timing.ramp_up / self._robot.cycle)
+        for tick in self._beats(ticks):
+            self._connected()
+            measurement = link.tick(hold, np.maximum(before, (tick + 1) / ticks))
+            if not measurement.age <= STALE:
+                raise BackendError(
+                    f"'{self._address.uri}' stopped answering while its stiffness was raised: the newest sample is "
+                    f"{1e3 * measurement.age:.0f} ms old; look at the network, then start again"
+                )
         self._moving, self._told = True, False
-        return hold, link.newest
+        return hold, measurement
 
     def _tick(
         self, position: FloatArray, stiffness: FloatArray, wheel_speed: FloatArray
     ) -> Measurement:
-        assert self._link is not None
-        if self._moving and wheel_speed.any() and not self._told:
+        if not self._moving:
+            return self._open_link.tick(None, None)
+        if wheel_speed.any() and not self._told:
             self._told = True
             logger.warning("'%s' keeps its base still in this mode", self._address.uri)
-        return self._link.tick(position if self._moving else None, stiffness)
+        return self._open_link.tick(position, stiffness)
 
     def _let_go(self, posture: FloatArray) -> bool:
         """ALMotion knows where all joints are, so nothing has to go back; the legs keep their stiffness."""
-        assert self._link is not None
-        self._moving = False
-        try:
-            self._ramp(
-                self._connected(), self._link, 0.0, self._settings.timing.ramp_down, PATIENCE
-            )
-        except PepperError as error:
-            logger.warning("%s", error)
-            return False
-        return True
+        link, self._moving = self._open_link, False
+        ticks = round(self._settings.timing.ramp_down / self._robot.cycle)
+        for tick in self._beats(ticks + LAST):
+            measurement = link.tick(None, np.full(len(posture), max(0.0, 1.0 - (tick + 1) / ticks)))
+            if self._lost or measurement.age > PATIENCE:
+                return False
+            if tick >= ticks and link.idle:
+                return True
+        return False
 
-    @staticmethod
-    def _ramp(
-        connection: Connection, link: AnglesLink, goal: float, duration: float, patience: float
-    ) -> None:
-        """Of the stiffness of arms and head, by ALMotion itself."""
-        goals, times = [[goal]] * len(link.soft), [[duration]] * len(link.soft)
-        connection.call(
-            "ALMotion",
-            "stiffnessInterpolation",
-            link.soft,
-            goals,
-            times,
-            timeout=duration + patience,
-        )
+    def _beats(self, ticks: int) -> Iterator[int]:
+        """Ticks a cycle apart, by number."""
+        due = time.monotonic()
+        for tick in range(ticks):
+            yield tick
+            due = max(due + self._robot.cycle, time.monotonic())
+            time.sleep(due - time.monotonic() if due > time.monotonic() else 0.0)
+
+    @property
+    def _open_link(self) -> AnglesLink:
+        assert self._link is not None
+        return self._link

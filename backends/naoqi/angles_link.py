@@ -38,6 +38,8 @@ class AnglesLink:
 
     Attributes:
         newest: What was measured last.
+        soft: Joints whose stiffness can be changed: ALMotion lets nobody change that of a Pepper's legs.
+        places: Of these in a joint vector.
 
     Raises:
         BackendError: The robot does not say where its joints are.
@@ -48,9 +50,8 @@ class AnglesLink:
     ) -> None:
         self._settings, self._cycle, self._keys = settings, robot.cycle, keys
         self._joints = list(robot.joint_names)
-        # ALMotion lets nobody change the stiffness of a Pepper's legs.
         self.soft = [name for name in self._joints if name not in robot.chains["legs"]]
-        self._places = [robot.joint_index(name) for name in self.soft]
+        self.places = [robot.joint_index(name) for name in self.soft]
         motion, memory = connection.service("ALMotion"), connection.service("ALMemory")
         uri = connection.address.uri
         self._angles = _Call(motion, "getAngles", uri)
@@ -63,26 +64,45 @@ class AnglesLink:
             raise BackendError(f"'{uri}': the robot does not say where its joints are")
         self._position: FloatArray = position
         self._values: Values = values
-        self._asked = self._sampled = time.monotonic()
-        self._step = self._withheld = 0
-        self._stiffness = np.full(len(self.soft), np.nan)
+        self._opened = self._asked = self._sampled = time.monotonic()
+        self._step = self._tick = self._withheld = 0
+        self._stiffness = np.zeros(len(self.soft))
         self.newest = self._measurement()
 
-    def start(self) -> None:
-        """From now on commands are counted; the stiffness is 1."""
+    def start(self, stiffness: FloatArray) -> None:
+        """From now on commands are counted, and changes from a stiffness (17,) are passed on."""
         self._withheld = 0
-        self._stiffness = np.ones(len(self.soft))
+        self._stiffness = stiffness[self.places]
 
-    def tick(self, position: FloatArray | None, stiffness: FloatArray) -> Measurement:
-        """One tick: the newest sample. Without a position nothing is told to the robot."""
+    @property
+    def idle(self) -> bool:
+        """Whether the robot has taken the last stiffness it was told."""
+        return self._stiffness_order.over
+
+    def tick(self, position: FloatArray | None, stiffness: FloatArray | None) -> Measurement:
+        """One tick: the newest sample. What is None is not told to the robot."""
         self._step += 1
+        self._count()
         self._take()
         if self._step % self._settings.every == 0:
             self._ask()
-        elif position is not None and self._step % self._settings.every == 1:
-            self._tell(position, stiffness)
+        elif self._step % self._settings.every == 1:
+            if position is not None and not self._order.begin(
+                self._joints, position.tolist(), self._settings.speed
+            ):
+                self._withheld += 1
+            if stiffness is not None:
+                self._tell(stiffness[self.places])
         self.newest = self._measurement()
         return self.newest
+
+    def _count(self) -> None:
+        """Ticks go on by one each, but neither run ahead of the time nor stay behind it."""
+        passed = (time.monotonic() - self._opened) / self._cycle
+        if self._tick < passed - 2:
+            self._tick = int(passed)
+        elif self._tick < passed:
+            self._tick += 1
 
     def _take(self) -> None:
         position = self._position_of(self._angles.answer())
@@ -98,13 +118,13 @@ class AnglesLink:
         if self._step % (SENSORS * self._settings.every) == 0:
             self._sensors.begin(self._keys.names)
 
-    def _tell(self, position: FloatArray, stiffness: FloatArray) -> None:
-        if not self._order.begin(self._joints, position.tolist(), self._settings.speed):
-            self._withheld += 1
-        wanted = stiffness[self._places]
-        changed = not np.abs(wanted - self._stiffness).max() < STIFFNESS_STEP
-        if changed and self._stiffness_order.begin(self.soft, wanted.tolist()):
-            self._stiffness = wanted
+    def _tell(self, stiffness: FloatArray) -> None:
+        way = np.abs(stiffness - self._stiffness)
+        arrives = (way > 0) & ((stiffness == 0) | (stiffness == 1))  # however near it is
+        if (way.max() >= STIFFNESS_STEP or arrives.any()) and self._stiffness_order.begin(
+            self.soft, stiffness.tolist()
+        ):
+            self._stiffness = stiffness
 
     def _position_of(self, answer: object) -> FloatArray | None:
         """(17,) angles [rad]; None where there is no answer, or no good one."""
@@ -122,8 +142,8 @@ class AnglesLink:
         usual = (self._settings.every + 1) * self._cycle
         values = {name: getattr(self._values, name) for name in VALUES if name != "position"}
         return Measurement(
-            time=self._step * self._cycle,
-            tick=self._step,
+            time=self._tick * self._cycle,
+            tick=self._tick,
             position=self._position,
             age=max(0.0, time.monotonic() - self._sampled - usual),
             withheld=self._withheld,
@@ -151,10 +171,15 @@ class _Call:
             return False
         return True
 
+    @property
+    def over(self) -> bool:
+        """Whether nothing is on its way."""
+        return self._future is None or not self._future.isRunning()
+
     def answer(self) -> Any:  # noqa: ANN401
         """What the last call brought; None while it is on its way, where it failed, and the second time."""
         future = self._future
-        if future is None or future.isRunning():
+        if future is None or not self.over:
             return None
         self._future = None
         try:

@@ -12,18 +12,14 @@ import numpy as np
 
 from pepper_driver.backends.commands import checked_command
 from pepper_driver.backends.interface import (
-    Backend,
     BackendError,
     BackendInfo,
     Capability,
-    CapabilityError,
     Command,
     DeviceError,
     Measurement,
     NotConnectedError,
-    SimulatedPlant,
 )
-from pepper_driver.backends.naoqi import stand_in
 from pepper_driver.backends.naoqi.address import Address
 from pepper_driver.backends.naoqi.coexistence import TakeOver
 from pepper_driver.backends.naoqi.connection import Connection, connect
@@ -32,6 +28,7 @@ from pepper_driver.backends.naoqi.extras import NaoqiExtras, abilities
 from pepper_driver.backends.naoqi.fitness import check_fit
 from pepper_driver.backends.naoqi.preflight import Preflight, preflight
 from pepper_driver.backends.naoqi.secret import Secret, find_secret
+from pepper_driver.backends.naoqi.stand_in import SERVICE, Handled
 from pepper_driver.backends.serial import Serial, serial
 from pepper_driver.config import NaoqiSettings, RobotConfig
 from pepper_driver.config.naoqi import TakeOverSettings
@@ -40,7 +37,7 @@ from pepper_driver.config.parts import FloatArray
 logger = logging.getLogger("pepper_driver")
 
 
-class NaoqiRobot(Serial, Backend):
+class NaoqiRobot(Serial, Handled):
     """A Pepper over NAOqi. Subclasses say by which of its services it is moved.
 
     ``open`` reads only. ``activate`` stills whoever else moves the robot and raises the stiffness; ``deactivate`` gives
@@ -73,7 +70,6 @@ class NaoqiRobot(Serial, Backend):
         self._connection: Connection | None = None
         self._lost = False
         self._info: BackendInfo | None = None
-        self._plant: SimulatedPlant | None = None
         self._take_over: TakeOver | None = None
         self._held: FloatArray | None = None
 
@@ -130,11 +126,9 @@ class NaoqiRobot(Serial, Backend):
         """Connect and look at the robot. Nothing moves."""
         if self._state != "closed":
             raise BackendError(f"'{self._address.uri}' is already open")
-        if self._connection is None or not self._connection.connected:
-            self._meet()
-        assert self._connection is not None
+        connection = self._met()
         try:
-            measurement = self._begin(self._connection)
+            measurement = self._begin(connection)
         except BaseException:
             self._disconnect()
             raise
@@ -219,76 +213,6 @@ class NaoqiRobot(Serial, Backend):
         """What the robot's own diagnosis finds broken now."""
         return diagnosis(self._connected(), self._robot)
 
-    def push(
-        self,
-        link: str,
-        force: FloatArray,
-        point: FloatArray | None = None,
-        duration: float = 0.5,
-        *,
-        frame: Literal["world", "link"] = "world",
-        delay: float = 0.0,
-        rise: float = 0.1,
-    ) -> None:
-        """Push a link of a stand-in; see :meth:`Backend.push`."""
-        self._handle(
-            "push",
-            link,
-            force=force,
-            point=point,
-            duration=duration,
-            frame=frame,
-            delay=delay,
-            rise=rise,
-        )
-
-    def grab(
-        self,
-        link: str,
-        pull: FloatArray,
-        point: FloatArray | None = None,
-        *,
-        stiffness: float = 1000.0,
-        rise: float = 0.5,
-        hold: float = 1.0,
-        release: float = 0.1,
-        largest_force: float = 100.0,
-        frame: Literal["world", "link"] = "world",
-        delay: float = 0.0,
-    ) -> None:
-        """Take a link of a stand-in in a springy hand; see :meth:`Backend.grab`."""
-        self._handle(
-            "grab",
-            link,
-            pull=pull,
-            point=point,
-            stiffness=stiffness,
-            rise=rise,
-            hold=hold,
-            release=release,
-            largest_force=largest_force,
-            frame=frame,
-            delay=delay,
-        )
-
-    @property
-    def plant(self) -> SimulatedPlant:
-        """What a stand-in simulates."""
-        if "push" not in self.info.capabilities:
-            return super().plant
-        if self._plant is None:
-            assert self._connection is not None
-            self._plant = stand_in.simulated_plant(self._connection, self._robot)
-        return self._plant
-
-    def _handle(self, method: Literal["push", "grab"], link: str, **arguments: object) -> None:
-        connection = self._connected()
-        if method not in self.info.capabilities:
-            raise CapabilityError(
-                f"'{self._address.uri}' cannot {method} itself: only simulated robots can"
-            )
-        stand_in.handle(connection, self._robot, method, link, **arguments)
-
     # -- inside -------------------------------------------------------------------------------------------------
 
     def _meet(self) -> None:
@@ -305,7 +229,7 @@ class NaoqiRobot(Serial, Backend):
             self._disconnect()
             raise
         capabilities: set[Capability] = set(abilities(services))
-        if stand_in.SERVICE in services:
+        if SERVICE in services:
             capabilities |= {"push", "grab"}
         delay, identity = self._described(found)
         self._info = BackendInfo(
@@ -317,6 +241,12 @@ class NaoqiRobot(Serial, Backend):
             capabilities=frozenset(capabilities),
             identity=identity,
         )
+
+    def _met(self) -> Connection:
+        if self._connection is None or not self._connection.connected:
+            self._meet()
+        assert self._connection is not None
+        return self._connection
 
     def _on_lost(self) -> None:
         self._lost = True

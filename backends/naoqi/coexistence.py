@@ -70,7 +70,6 @@ class TakeOver:
         self._policy = policy or settings.take_over
         self._wake = wake
         self._changes = Restoration()
-        self._off: list[tuple[Switch, bool]] = []
         self.posture: FloatArray = np.full(len(robot.joint_names), np.nan)
         self.kept: tuple[str, ...] = ()
         self.left: tuple[str, ...] = ()
@@ -109,28 +108,12 @@ class TakeOver:
                 ", ".join(self.kept),
             )
 
-    def again(self) -> tuple[str, ...]:
-        """Switch off what came on again, as it does when the robot wakes up; returns what that was.
-
-        Raises:
-            UnfitError: Something that must be off stays on.
-        """
-        on = [
-            (switch, must)
-            for switch, must in self._off
-            if switch.text not in self.kept and self._is_on(switch)
-        ]
-        for switch, must in on:
-            self._switch_off(switch, must=must)
-        return tuple(switch.text for switch, _ in on)
-
     def restore(self, connection: Connection | None = None) -> None:
         """Give all back. Does nothing where nothing was taken, or all is given back.
 
         Args:
             connection: Another one, where the first was lost.
         """
-        self._off.clear()
         self.kept = ()
         self.left = self._changes.undo(connection or self._connection)
 
@@ -190,9 +173,7 @@ class TakeOver:
 
     def _switch_off(self, switch: Switch, *, must: bool) -> None:
         setter = f"set{switch.name}Enabled"
-        if (switch, must) not in self._off:
-            self._off.append((switch, must))
-            self._undo_by(switch.text, "ALMotion", setter, *switch.arguments, True)
+        self._undo_by(switch.text, "ALMotion", setter, *switch.arguments, True)
         reason = ""
         try:
             self._connection.call("ALMotion", setter, *switch.arguments, False)

@@ -43,19 +43,13 @@ def load_qi() -> Any:  # noqa: ANN401
             "pinocchio was imported before NAOqi's library qi, and in this order they crash the process; in your "
             "program import pepper_driver, or qi, before pinocchio"
         )
-    os.environ.setdefault(
-        "QI_LOG_LEVEL", "0"
-    )  # else libqi writes into the standard output of every program
-    os.environ.setdefault("QI_TCP_PING_TIMEOUT", "10")  # [s] the least; 30 without
+    # Read when it is loaded: else it writes into the standard output of every program, and takes 30 s, not 10.
+    os.environ.setdefault("QI_LOG_LEVEL", "0")
+    os.environ.setdefault("QI_TCP_PING_TIMEOUT", "10")
     try:
         return importlib.import_module("qi")
     except ImportError as error:
-        here = (
-            f"{platform.system()} on {platform.machine()} with Python {platform.python_version()}"
-        )
-        fits = (
-            platform.system() == "Linux"
-            and platform.machine() == "x86_64"
-            and sys.version_info < (3, 13)
-        )
+        system, machine = platform.system(), platform.machine()
+        here = f"{system} on {machine} with Python {platform.python_version()}"
+        fits = (system, machine) == ("Linux", "x86_64") and sys.version_info < (3, 13)
         raise NoQiError(here, possible=fits) from error

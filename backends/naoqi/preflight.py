@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from pepper_driver.backends.interface import BackendError
@@ -26,16 +26,12 @@ class Preflight:
     """What was found at ``open``.
 
     Attributes:
-        values: Of all keys that were asked for.
         version: Of NAOqi, such as ``"2.5.10.7"``; ``"?"`` where it does not say.
         body_id: Serial number of the robot; ``"?"`` where it does not say.
-        dcm: Whether the DCM can be reached.
     """
 
-    values: Mapping[str, float]
     version: str
     body_id: str
-    dcm: bool
 
 
 def preflight(
@@ -60,8 +56,7 @@ def preflight(
             f"'{uri}': {connection.address.host} {what}, and not a Pepper; check the address"
         )
     version = _answer(connection, "ALSystem", "systemVersion") or "?"
-    dcm = "DCM" in connection.service_names
-    if need_dcm and not dcm:
+    if need_dcm and "DCM" not in connection.service_names:
         raise UnfitError(
             f"'{uri}': this robot (NAOqi {version}) has no DCM, so its joints cannot be commanded every "
             f"{robot.cycle * 1000:g} ms; with ?mode=angles it moves through ALMotion, slower, and touch is not felt"
@@ -74,12 +69,7 @@ def preflight(
             f"'{uri}': this robot (NAOqi {version}) has no value for {', '.join(missing[:3])}{more}; with "
             "NAOqi 2.5 a board is disconnected: restart the robot, or have it repaired"
         )
-    return Preflight(
-        values={key: float(value) for key, value in zip(keys, values, strict=True)},
-        version=version,
-        body_id=_text(connection, BODY_KEY) or "?",
-        dcm=dcm,
-    )
+    return Preflight(version=version, body_id=_text(connection, BODY_KEY) or "?")
 
 
 def is_number(value: object) -> bool:

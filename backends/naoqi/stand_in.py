@@ -2,16 +2,104 @@
 
 from __future__ import annotations
 
-from pepper_driver.backends.interface import CapabilityError, SimulatedPlant
+from abc import abstractmethod
+from typing import Literal
+
+from pepper_driver.backends.interface import Backend, CapabilityError, SimulatedPlant
 from pepper_driver.backends.naoqi.connection import Connection, ServiceError
 from pepper_driver.backends.selection import make_backend
 from pepper_driver.config import PepperError, RobotConfig, UnknownNameError
+from pepper_driver.config.parts import FloatArray
 
 SERVICE = "StandIn"
 
 
 class HandlingError(ServiceError, ValueError):
     """The stand-in cannot push or grab like that; the message says why."""
+
+
+class Handled(Backend):
+    """Pushes and grabs of a robot that may be a stand-in."""
+
+    _robot: RobotConfig
+    _plant: SimulatedPlant | None = None
+
+    @abstractmethod
+    def _connected(self) -> Connection:
+        """The connection of an open robot."""
+
+    @abstractmethod
+    def _met(self) -> Connection:
+        """The connection of a robot, made if there is none."""
+
+    def push(
+        self,
+        link: str,
+        force: FloatArray,
+        point: FloatArray | None = None,
+        duration: float = 0.5,
+        *,
+        frame: Literal["world", "link"] = "world",
+        delay: float = 0.0,
+        rise: float = 0.1,
+    ) -> None:
+        """Push a link of a stand-in; see :meth:`Backend.push`."""
+        self._handle(
+            "push",
+            link,
+            force=force,
+            point=point,
+            duration=duration,
+            frame=frame,
+            delay=delay,
+            rise=rise,
+        )
+
+    def grab(
+        self,
+        link: str,
+        pull: FloatArray,
+        point: FloatArray | None = None,
+        *,
+        stiffness: float = 1000.0,
+        rise: float = 0.5,
+        hold: float = 1.0,
+        release: float = 0.1,
+        largest_force: float = 100.0,
+        frame: Literal["world", "link"] = "world",
+        delay: float = 0.0,
+    ) -> None:
+        """Take a link of a stand-in in a springy hand; see :meth:`Backend.grab`."""
+        self._handle(
+            "grab",
+            link,
+            pull=pull,
+            point=point,
+            stiffness=stiffness,
+            rise=rise,
+            hold=hold,
+            release=release,
+            largest_force=largest_force,
+            frame=frame,
+            delay=delay,
+        )
+
+    @property
+    def plant(self) -> SimulatedPlant:
+        """What a stand-in simulates."""
+        if "push" not in self.info.capabilities:
+            return super().plant
+        if self._plant is None:
+            self._plant = simulated_plant(self._met(), self._robot)
+        return self._plant
+
+    def _handle(self, method: Literal["push", "grab"], link: str, **arguments: object) -> None:
+        connection = self._connected()
+        if method not in self.info.capabilities:
+            raise CapabilityError(
+                f"'{self.info.uri}' cannot {method} itself: only simulated robots can"
+            )
+        handle(connection, self._robot, method, link, **arguments)
 
 
 def handle(

@@ -38,6 +38,14 @@ def test_builder_keeps_every_tick_in_its_row(capacity: int) -> None:
     np.testing.assert_allclose(run.current, 0.2)
 
 
+def test_a_tick_that_repeats_a_cycle_is_left_out() -> None:
+    """A robot's clock is not this computer's: now and then its next cycle is still to come."""
+    builder = RecordingBuilder(ROBOT)
+    for k in (0, 1, 1, 2, 2, 2, 3):
+        builder.append(tick(k))
+    np.testing.assert_allclose(builder.finish().time, np.arange(4) * CYCLE)
+
+
 def test_tracking_error_is_what_was_sent_minus_what_was_measured() -> None:
     sample = tick(1)
     late = replace(sample, measurement=replace(sample.measurement, time=1.0))

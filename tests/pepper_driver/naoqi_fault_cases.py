@@ -139,12 +139,12 @@ def begin_to_move(pepper: Pepper) -> None:
 
 
 def move_arms(pepper: Pepper) -> None:
-    """Up where they are down, for three seconds; or down."""
+    """Up where they are down, for four seconds; or down."""
     goal = pepper.controller.position.copy()
     for joint in ("LShoulderPitch", "RShoulderPitch"):
         place = ROBOT.joint_names.index(joint)
-        goal[place] = 0.3 if goal[place] > 0.9 else 1.5
-    pepper.set_posture(goal, duration=3.0)
+        goal[place] = 0.0 if goal[place] > 0.9 else 1.8
+    pepper.set_posture(goal, duration=4.0)
 
 
 def what_is_still(stand_in: StandIn) -> str:

@@ -141,7 +141,7 @@ def test_what_is_borne_moves_on_without_a_jump(robot: StandIn) -> None:
 
 def test_a_disconnected_joint_is_told_and_sinks(robot: StandIn) -> None:
     """It counts as following until it is 0.6 rad off for half a second; all others go on."""
-    outcome = drive(robot, "disconnected:LShoulderPitch", 4.0)
+    outcome = drive(robot, "disconnected:LShoulderPitch", 5.0)
     assert isinstance(outcome.error, FaultError)
     assert "LShoulderPitch" in str(outcome.error)
     assert_wheels_stop(outcome.box)

@@ -200,6 +200,15 @@ def finite(tick: Tick, fake: FakeBackend, number: int) -> Tick:
     return replace(tick, measurement=measurement, reference=reference, sent=sent)
 
 
+def test_a_tick_that_repeats_a_cycle_is_left_out_of_the_recording(tmp_path: Path) -> None:
+    fake, samples, path = FakeBackend(ROBOT), Samples(1), tmp_path / "a.mcap"
+    with LogWriter(path, ROBOT, {}, lossless=True) as log:
+        for k in (0, 1, 2, 2, 3, 3, 4):
+            log.append(finite(samples.tick(k), fake, k), None)
+    assert len(read_log(path)["time"]) == 7
+    assert len(recording_of(read_log(path), ROBOT)) == 5
+
+
 def test_a_recording_of_another_robot_or_of_nothing_is_refused(tmp_path: Path) -> None:
     log, _ = written(tmp_path / "a.mcap")
     other = replace(log, joint_names=log.joint_names[::-1])

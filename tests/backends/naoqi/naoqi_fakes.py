@@ -104,7 +104,15 @@ class Motion:
 
     def getAngles(self, names: list[str], sensors: bool) -> list[float]:
         assert names == list(ROBOT.joint_names)
+        time.sleep(self.slow)
         return self.commanded
+
+    def setAngles(self, names: list[str], angles: list[float], fraction: float) -> None:
+        time.sleep(self.slow)
+        self.log.append(("setAngles", angles[0], fraction))
+
+    def setStiffnesses(self, names: list[str], stiffnesses: list[float]) -> None:
+        self.log.append(("setStiffnesses", len(names), stiffnesses[0]))
 
     def getBreathEnabled(self, chain: str) -> bool:
         return self.on.get(("Breath", chain), False)

@@ -141,6 +141,9 @@ def test_without_the_owners_consent() -> None:
             }
         connection.close()
         assert np.abs(position(robot) - before).max() < 0.02
+        with make_backend(uri_of(robot, "?mode=angles")) as backend:
+            backend.open()
+            backend.activate()  # leaves on what needs the owner
 
 
 # -- who is let in --------------------------------------------------------------------------------------------------
