@@ -338,8 +338,9 @@ def main() -> int:
             sleeper = Pepper(uri, observer=None)
             sleeper.extras.wake_up()
             sleeper.close()
-            figures["bare"] = bare(uri, stand_in, robot, given.seconds)
+            # First, while its motors are as cold as those of the robot it is compared with.
             figures["whole"], over_naoqi = whole(uri, stand_in, robot, given.seconds)
+            figures["bare"] = bare(uri, stand_in, robot, given.seconds)
     except PepperError as error:
         print(f"naoqi.py: {error}", file=sys.stderr)
         return 2

@@ -40,7 +40,7 @@ class RealTimePacer(Pacer):
     Sleeping ends 0.1 ms late at normal priority. Spinning through the last 0.3 ms would take that away and keep the
     interpreter from all other threads meanwhile; a robot that samples every 12 ms at a phase of its own gains nothing.
 
-    A robot's clock is not this computer's. The first tick of a run is put where its cycles want it, and the others
+    A robot's clock is not this computer's. The first tick after a pause is put where its cycles want it, and the others
     follow them by at most ``FOLLOW`` of a cycle each.
 
     Args:
@@ -73,8 +73,8 @@ class RealTimePacer(Pacer):
         now = self._clock()
         if self._fresh:
             self._fresh = False
-            self._next = max(self._next, now)
-            self._next += round(1e9 * self._off_beat(self._next)) % self._cycle
+            if self._next <= now:  # else the run before has kept the beat up to here
+                self._next = now + round(1e9 * self._off_beat(now)) % self._cycle
         missed = max(0, -((self._next - now) // self._cycle))  # rounded up: begun is too late
         due = self._next + missed * self._cycle
         if due > now:

@@ -223,3 +223,18 @@ def test_a_tick_that_was_missed_shifts_none_where_ticks_follow_a_robot() -> None
     clock.work(30 * MS)
     assert pacer.wait() == 2
     assert started(pacer) % CYCLE == 3 * MS
+
+
+@pytest.mark.parametrize("off", [-2e-6, 0.0, 2e-6])
+def test_short_runs_one_after_the_other_keep_a_robots_beat(off: float) -> None:
+    """To be a little late for it is no reason to wait for the next."""
+    clock = FakeClock()
+    pacer = RealTimePacer(0.012, off_beat=lambda _: off, clock=clock, sleep=clock.sleep)
+    begins = []
+    for _ in range(20):
+        with pacer.running():
+            for _ in range(3):
+                assert pacer.wait() == 0
+                begins.append(started(pacer))
+                clock.work(MS)
+    assert {b - a for a, b in pairwise(begins)} == {CYCLE + round(off * 1e9)}
