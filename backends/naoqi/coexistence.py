@@ -140,8 +140,8 @@ class TakeOver:
         if state in (None, "disabled"):
             return
         # Interactive and safeguard states are the robot's own to enter.
-        self._undo_by("autonomous life", "ALAutonomousLife", "setState", "solitary")
         limit = self._settings.take_over_time
+        self._undo_by("autonomous life", "ALAutonomousLife", "setState", "solitary", timeout=limit)
         self._connection.call("ALAutonomousLife", "setState", "disabled", timeout=limit)
         self._until(
             lambda: self._connection.call("ALAutonomousLife", "getState") == "disabled",
@@ -160,7 +160,7 @@ class TakeOver:
                 raise UnfitError(
                     f"'{uri}' fell asleep; wake it up by two presses of the chest button, or add ?wake=1"
                 )
-            self._undo_by("rest", "ALMotion", "rest")
+            self._undo_by("rest", "ALMotion", "rest", timeout=limit)
         self._connection.call("ALMotion", "wakeUp", timeout=limit)
         self._until(
             lambda: awake(self._connection),
@@ -197,8 +197,15 @@ class TakeOver:
     def _consent_page(self) -> str:
         return f"http://{self._connection.address.host}/advanced/#/settings"
 
-    def _undo_by(self, text: str, service: str, method: str, *arguments: object) -> None:
-        limit = self._settings.take_over_time
+    def _undo_by(
+        self,
+        text: str,
+        service: str,
+        method: str,
+        *arguments: object,
+        timeout: float | None = None,
+    ) -> None:
+        limit = self._settings.call_time if timeout is None else timeout
         self._changes.note(text, service, method, *arguments, timeout=limit)
 
     def _call_if_there(self, service: str, method: str, *arguments: object) -> Any:  # noqa: ANN401

@@ -8,6 +8,7 @@ import sys
 import time
 from collections.abc import Iterator
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -254,15 +255,17 @@ def test_a_robot_that_hangs_is_not_waited_for() -> None:
         [sys.executable, "-c", server], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
     ) as process:
         assert process.stdout is not None
-        connection = connect(address_of(process.stdout.readline().strip()))
-        taken = take_over(connection, load_naoqi_settings())
         try:
+            connection = connect(address_of(process.stdout.readline().strip()))
+            taken = take_over(connection, load_naoqi_settings())
             taken.begin()
             os.kill(process.pid, signal.SIGSTOP)
+            while Path(f"/proc/{process.pid}/stat").read_text().split()[2] != "T":
+                time.sleep(0.01)
             started = time.monotonic()
             taken.restore()
             connection.close()
-            assert time.monotonic() - started < 2.5, "a part of a second to see that nobody answers"
+            assert time.monotonic() - started < 2.5, "part of a second to see that nobody answers"
             assert len(taken.left) > 5
         finally:
-            process.kill()  # stopped, it would never end by itself
+            process.kill()
