@@ -88,7 +88,8 @@ class NaoqiBackend(NaoqiRobot):
 
     def off_beat(self, due: int) -> float:
         """How much later than ``due`` [ns] a tick would best begin [s]: well after the robot's cycle."""
-        return 0.0 if self._link is None else self._link.off_beat(due)
+        link = self._link  # another thread may close
+        return 0.0 if link is None else link.off_beat(due)
 
     def close(self) -> None:
         """Deactivate and disconnect."""

@@ -11,7 +11,7 @@ import numpy as np
 from pepper_driver.backends.interface import BackendError, Measurement
 from pepper_driver.backends.naoqi.keys import Alias
 from pepper_driver.backends.naoqi.link import Link
-from pepper_driver.config import NaoqiSettings, RobotConfig
+from pepper_driver.config import NaoqiSettings, PepperError, RobotConfig
 from pepper_driver.config.parts import FloatArray
 
 logger = logging.getLogger("pepper_driver")
@@ -144,7 +144,11 @@ def _lead_back(
 
     Broken off by the button on the chest, and without fresh samples: nobody else looks after the robot any more.
     """
-    start = link.commanded(Alias.POSITION)
+    try:
+        start = link.commanded(Alias.POSITION, PATIENCE)
+    except PepperError as error:
+        logger.warning("%s", error)
+        return False
     way = np.where(np.isfinite(goal), goal - start, 0.0)
     farthest = float(np.abs(way).max())
     if farthest <= ARRIVED:

@@ -24,7 +24,7 @@ ATTEMPTS = 3
 
 CURE = (
     "connect the robot by cable, or go nearer to the access point and end other traffic; "
-    "else take the position mode: mode=position in the URI"
+    "else move it through ALMotion, slower, by ?mode=angles"
 )
 
 

@@ -140,18 +140,20 @@ class Link:
         values = [[value for _, value in points]] * len(self._actuators[Alias.WHEEL_STIFFNESS])
         return self._writer.send(Alias.WHEEL_STIFFNESS, "ClearAll", dates, values)
 
-    def commanded(self, alias: Alias) -> FloatArray:
-        """What the DCM commands now. Waits for the answer.
+    def commanded(self, alias: Alias, timeout: float | None = None) -> FloatArray:
+        """What the DCM commands now. Waits for the answer, at most ``timeout`` [s].
 
         Raises:
             BackendError: The robot does not say.
+            NotConnectedError: The connection is lost.
         """
-        values = self._connection.call("ALMemory", "getListData", self._actuators[alias])
+        keys = self._actuators[alias]
+        values = self._connection.call("ALMemory", "getListData", keys, timeout=timeout)
         try:
             commanded = np.array(values, dtype=np.float64)
         except (TypeError, ValueError):
             commanded = np.full(1, np.nan)
-        if commanded.shape != (len(self._actuators[alias]),) or not np.isfinite(commanded).all():
+        if commanded.shape != (len(keys),) or not np.isfinite(commanded).all():
             uri = self._connection.address.uri
             raise BackendError(f"'{uri}': the robot does not say what its actuators are told now")
         return commanded

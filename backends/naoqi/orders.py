@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 
 import numpy as np
 
@@ -95,13 +95,6 @@ class Orders:
     def answers(self, step: int, cycle: int) -> int | None:
         """How many steps before ``step`` the command was given that the sample of a cycle answers; None if none was."""
         return self._dating.answers(step, cycle)
-
-    def set_wheel_stiffness(self, now: float, points: Sequence[tuple[float, float]]) -> bool:
-        """Let the wheels' stiffness run through points of (time from now [s], stiffness 0..1)."""
-        begin = self._last_cycle(now)
-        dates = [begin + round(1e3 * after) for after, _ in points]
-        values = [[value for _, value in points]] * 3
-        return self._writer.send(Alias.WHEEL_STIFFNESS, "ClearAll", dates, values)
 
     def _send_position(self, step: int, number: int, position: FloatArray) -> bool:
         def done(taken: bool) -> None:

@@ -54,7 +54,7 @@ class Writer:
     ) -> None:
         self._dcm, self._largest_step, self._now = dcm, largest_step, now
         self._on_the_way: list[_Sent] = []
-        self._unheard: int | None = None
+        self._unheard: dict[Alias, int] = {}
         self._refused_before: set[Alias] = set()
         self._taken: FloatArray | None = None
 
@@ -70,8 +70,10 @@ class Writer:
 
     @property
     def silence(self) -> float:
-        """For how long the robot has been taking nothing of what it was sent [s]; 0 where all was taken."""
-        return 0.0 if self._unheard is None else (self._now() - self._unheard) * 1e-9
+        """For how long the robot has been taking nothing of some kind of command [s]; 0 where all was taken."""
+        if not self._unheard:
+            return 0.0
+        return (self._now() - min(self._unheard.values())) * 1e-9
 
     def collect(self) -> None:
         """Take in the acknowledgements that have come meanwhile."""
@@ -82,14 +84,14 @@ class Writer:
                 continue
             taken = not sent.future.hasError()
             if taken:
-                self._unheard = None
+                self._unheard.pop(sent.alias, None)
             else:
                 self._refused(sent)
             if sent.done is not None:
                 sent.done(taken)
         self._on_the_way = waiting
-        if self._unheard is None and waiting:
-            self._unheard = waiting[0].at
+        for sent in waiting:
+            self._unheard.setdefault(sent.alias, sent.at)
 
     def position(self, wanted: FloatArray, date: int, done: Callable[[bool], None]) -> bool:
         """Let the joints be at (17,) positions [rad] at a date [ms]; returns whether the command was sent.
@@ -142,8 +144,7 @@ class Writer:
             logger.debug("not sent: %s", error)
             return False
         self._on_the_way.append(_Sent(future=future, at=now, alias=alias, done=done))
-        if self._unheard is None:
-            self._unheard = now
+        self._unheard.setdefault(alias, now)
         return True
 
     def _refused(self, sent: _Sent) -> None:

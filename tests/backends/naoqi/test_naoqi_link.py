@@ -304,11 +304,11 @@ def test_a_temperature_may_be_missing() -> None:
 def test_commands_that_the_robot_refuses_make_it_silent(caplog: pytest.LogCaptureFixture) -> None:
     run = Run(VirtualRobot(wire(9)))
     run.ticks(100)
-    run.robot.refuse = "DCM: the buffer is full"
-    assert run.ticks(12, until=lambda m: m.age > SAFETY.stale_fault)
+    run.robot.refuses = lambda alias: "DCM: the buffer is full" if "Position" in alias else ""
+    assert run.ticks(12, np.ones(3), until=lambda m: m.age > SAFETY.stale_fault)
     assert "buffer is full" in caplog.text
     assert len([record for record in caplog.records if "refused" in record.message]) == 1
-    run.robot.refuse = ""
+    run.robot.refuses = lambda _: ""
     run.ticks(5)
     assert run.measured[-1].age == 0.0
 
@@ -332,8 +332,8 @@ def test_an_actuator_that_the_dcm_does_not_know_is_named() -> None:
     robot = VirtualRobot()
     call = robot.call
 
-    def unknown(service: str, method: str, *arguments: Any) -> Any:
-        answer = call(service, method, *arguments)
+    def unknown(service: str, method: str, *arguments: Any, timeout: float | None = None) -> Any:
+        answer = call(service, method, *arguments, timeout=timeout)
         if method == "createAlias" and "Wheel" in answer[0]:
             return [answer[0], ["", *answer[1][1:]]]
         return answer

@@ -79,7 +79,7 @@ class VirtualRobot:
         time: Of the computer [ms].
         commanded: What the DCM had at its cycles, by date: joints, wheels.
         taken: How many commands it has taken.
-        refuse: Why it refuses commands; empty when it takes them.
+        refuses: Why it refuses a command for an alias; empty when it takes it.
         spoil: Changes what the robot answers to a question for its values.
     """
 
@@ -110,7 +110,7 @@ class VirtualRobot:
         self._last_arrival = {"there": 0.0, "back": 0.0}
         self._hung_until: float | None = None
         self.taken = 0
-        self.refuse = ""
+        self.refuses: Callable[[str], str] = lambda _: ""
         self.spoil: Callable[[list[Any]], Any] = lambda values: values
         self._plan(self._at(self.first_cycle), self._cycle)
 
@@ -167,9 +167,9 @@ class VirtualRobot:
         return [values[name] for name in names]
 
     def _take(self, request: list[Any]) -> None:
-        if self.refuse:
-            raise RuntimeError(self.refuse)
         alias, update, kind, _, dates, values = request
+        if reason := self.refuses(alias):
+            raise RuntimeError(reason)
         assert kind == "time-separate"
         commands = [list(zip(its, dates, strict=True)) for its in values]
         now = round(self.dcm_time(self.time))
@@ -182,7 +182,7 @@ class VirtualRobot:
         assert name in ("DCM", "ALMemory")
         return self
 
-    def call(self, service: str, method: str, *arguments: Any) -> Any:
+    def call(self, service: str, method: str, *arguments: Any, timeout: float | None = None) -> Any:
         if method == "createAlias":
             return arguments[0]
         future = getattr(self, method)(*arguments, _async=True)
