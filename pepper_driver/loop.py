@@ -228,7 +228,7 @@ class Loop:
             else:
                 task.target = wanted
             self._wanted = wanted.copy()
-        elif np.count_nonzero(control.returned) and not task.driven:
+        elif held is None and np.count_nonzero(control.returned) and not task.driven:
             # A spring would jerk at first, and creep at the end, where worn gears stick and slip.
             way = float(np.abs(wanted - self._controller.position)[control.returned].max())
             task.move_to(wanted, max(PEAK * way / RETURN_SPEED, SHORTEST_RETURN))

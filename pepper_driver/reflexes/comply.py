@@ -11,7 +11,7 @@ from pepper_driver.backends import Measurement
 from pepper_driver.config.parts import FloatArray
 from pepper_driver.controller.tasks import ComplianceTask
 from pepper_driver.controller.tasks.gains import MOST_DAMPING
-from pepper_driver.observer import Contact, Observation
+from pepper_driver.observer import Contact, JointState, Observation
 from pepper_driver.reflexes.control import Control
 from pepper_driver.reflexes.limbs import limb_of
 from pepper_driver.reflexes.reflex import Part, Reflex
@@ -23,8 +23,7 @@ STIFFNESS = 40.0
 """[N m/rad] That it seems to have, beside its own, at half the gain."""
 
 SURE = 2.0
-"""Standard deviations of the torque estimate that move nothing: joints would follow noise, and the friction that holds
-them off their place after the hand has gone."""
+"""Standard deviations of the torque estimate that move nothing: joints would follow the observer's noise."""
 
 STIFF = 0.01
 """Gain below which joints do not give way at all."""
@@ -42,8 +41,7 @@ class Comply(Reflex):
 
     Each moves as if it had a small inertia, some friction, and a spring to where it was: inertia qdd = torque -
     damping qd - K (1 - gain) / gain (q - q0), with K of 40 N m/rad. Torques within two standard deviations of their
-    estimate move nothing: the largest of this touch, for what friction may hold does not grow less when the hand lets
-    go. Afterwards the joints go back to the user's posture, or stay where they were led to.
+    estimate move nothing. Afterwards the joints go back to the user's posture, or stay where they were led to.
 
     Attributes:
         gain: 0..1, from stiff, where the joints stand still, to free, where they go on as long as somebody pushes.
@@ -69,8 +67,6 @@ class Comply(Reflex):
 
     def begin(self, contact: Contact, control: Control) -> None:
         """Lead the limb from here on, besides those that are led already."""
-        if not self.joints.any():
-            self._unsure = np.zeros(len(self.joints))
         joints = self.joints | limb_of(contact, self.robot)
         if np.array_equal(joints, self.joints):
             return
@@ -94,17 +90,17 @@ class Comply(Reflex):
         self.granted = bool(self.joints.any()) and control.claim(self.joints)
         if not self.granted:
             return
-        self._unsure = np.fmax(self._unsure, observation.torque_std)
-        felt = np.zeros(self._task.rows)
-        if self.touched and self.gain >= STIFF:
-            felt = self.felt(observation)
-        self._task.torque = felt
-        self._task.damping = self._damping if np.count_nonzero(felt) else BRAKING
+        # What is felt after the hand has gone is friction that holds the joints off their place.
+        pushed = np.count_nonzero(observation.state[self.joints] == JointState.CONTACT)
+        if self.gain >= STIFF and pushed:
+            self._task.torque, self._task.damping = self.felt(observation), self._damping
+        else:
+            self._task.torque, self._task.damping = np.zeros(self._task.rows), BRAKING
         control.do(self._task)
 
     def felt(self, observation: Observation) -> FloatArray:
         """(joints,) external torque beyond what may be noise [N m]; 0 where nothing is known."""
-        torque = observation.torque[self.joints]
-        beyond = np.abs(torque) - SURE * self._unsure[self.joints]
+        torque, unsure = observation.torque[self.joints], observation.torque_std[self.joints]
+        beyond = np.abs(torque) - SURE * unsure
         with np.errstate(invalid="ignore"):
             return np.where(beyond > 0.0, np.copysign(beyond, torque), 0.0)

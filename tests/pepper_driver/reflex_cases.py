@@ -58,25 +58,19 @@ class Stage:
     def time(self) -> float:
         return self.tick * ROBOT.cycle
 
-    def step(
-        self,
-        *contacts: Contact,
-        torque: Mapping[str, float] | None = None,
-        felt_as: JointState = JointState.CONTACT,
-        std: float = STD,
-    ) -> FloatArray:
+    def step(self, *contacts: Contact, torque: Mapping[str, float] | None = None) -> FloatArray:
         """One tick with these contacts and external torques [N m]; (17,) joint positions [rad] after it."""
         felt, state = np.zeros(17), np.full(17, JointState.FREE, dtype=np.int8)
         for name, value in (torque or {}).items():
             felt[ROBOT.joint_index(name)] = value
-            state[ROBOT.joint_index(name)] = felt_as
+            state[ROBOT.joint_index(name)] = JointState.CONTACT
         observation = Observation(
             contacts=contacts,
             expected=np.zeros(17),
             residual=np.zeros(17),
             threshold=np.ones(17),
             torque=felt,
-            torque_std=np.full(17, std),
+            torque_std=np.full(17, STD),
             state=state,
         )
         measurement = replace(BLANK, time=self.time, position=self.controller.position)
@@ -88,9 +82,6 @@ class Stage:
         self.tick += 1
         return self.controller.step().position
 
-    def run(
-        self, seconds: float, torque: Mapping[str, float] | None = None, **felt: Any
-    ) -> FloatArray:
+    def run(self, seconds: float, torque: Mapping[str, float] | None = None) -> FloatArray:
         """As long without events; (ticks, 17) joint positions [rad]."""
-        ticks = range(round(seconds / ROBOT.cycle))
-        return np.array([self.step(torque=torque, **felt) for _ in ticks])
+        return np.array([self.step(torque=torque) for _ in range(round(seconds / ROBOT.cycle))])

@@ -13,7 +13,6 @@ from hypothesis import strategies as st
 from pepper_driver import Pepper
 from pepper_driver.config import UnknownNameError
 from pepper_driver.controller import BaseVelocityTask
-from pepper_driver.observer import JointState
 from pepper_driver.reflexes import (
     Assist,
     Comply,
@@ -206,26 +205,6 @@ def test_it_follows_the_torque_its_way_and_only_its_limb() -> None:
     assert moved[ROBOT.joint_index("LElbowYaw")] < -0.05
     others = [k for k in range(17) if k not in ARM]
     np.testing.assert_allclose(moved[others], 0.0, atol=2e-3)
-
-
-def test_it_follows_a_hand_whose_residual_falls_below_the_threshold_for_a_moment() -> None:
-    """A worn joint that is led stands still now and then: the contact lasts, and so does the hand."""
-    stage = Stage(Comply())
-    stage.step(touch(), torque=PUSH)
-    before = stage.run(0.3, torque=PUSH)[-1, ROLL]
-    after = stage.run(0.3, torque=PUSH, felt_as=JointState.RELEASE)[-1, ROLL]
-    assert after > before + 0.1
-
-
-def test_friction_that_holds_a_joint_after_the_hand_has_gone_is_not_followed() -> None:
-    """The observer is surer of a torque as soon as the residual falls; friction holds no less for that."""
-    stage = Stage(Comply())
-    stage.step(touch(), torque=PUSH, std=0.5)
-    stage.run(0.5, torque=PUSH, std=0.5)
-    held = {"LShoulderRoll": 0.9}
-    rest = stage.run(0.2, torque=held, std=0.1)[-1, ROLL]
-    trail = stage.run(0.5, torque=held, std=0.1)[:, ROLL]
-    np.testing.assert_allclose(trail, rest, atol=1e-4)
 
 
 @pytest.mark.parametrize("then", ["resume", "stay"])
