@@ -247,7 +247,5 @@ class Loop:
                     time=self.time, kind="fault", name=fault.reason.value, text=fault.text
                 )
                 self._log.note(event)
-            with suppress(
-                Exception
-            ):  # whatever the backend says to it: the fault is what is raised
+            with suppress(Exception):  # of the backend: the fault is what is raised
                 self._backend.step(self._gate.hold())

@@ -113,14 +113,14 @@ class Session:
         backend = self._backend
         measurement = backend.open()
         self._gate.check_ready(measurement)
-        hold = measurement.position
+        measured = measurement.position
         log: LogWriter | None = None
         if path is not None:  # only now: a robot that is not there costs no earlier log
             log = LogWriter(path, robot, metadata, lossless=not backend.info.real_time)
             self._after_backend.callback(log.close)
         controller = WholeBodyController(robot, settings)  # takes long, and a real robot would wait
         measurement = backend.activate()
-        hold = np.clip(hold if backend.held is None else backend.held, robot.lower, robot.upper)
+        hold = np.clip(measured if backend.held is None else backend.held, robot.lower, robot.upper)
         controller.reset(hold)
         self._gate.activate(hold)
         if observer is not None:

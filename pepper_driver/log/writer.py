@@ -14,8 +14,8 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, NamedTuple, Self
 
-from pepper_driver.backends.interface import TruthSample
 from pepper_driver.backends.log_file import LogError, reason
+from pepper_driver.backends.simulated import TruthSample
 from pepper_driver.config import RobotConfig
 from pepper_driver.controller.tick import Sent, Tick
 from pepper_driver.log.contacts import CONTACTS
