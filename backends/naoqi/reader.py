@@ -5,10 +5,10 @@ from __future__ import annotations
 import logging
 import time
 from collections.abc import Callable
-from typing import Any
 
 from pepper_driver.backends.naoqi.clock import DcmClock, TimeReply
 from pepper_driver.backends.naoqi.keys import SensorKeys, Values
+from pepper_driver.backends.naoqi.library import Future, Proxy
 
 logger = logging.getLogger("pepper_driver")
 
@@ -40,8 +40,8 @@ class Reader:
 
     def __init__(
         self,
-        memory: Any,  # noqa: ANN401
-        dcm: Any,  # noqa: ANN401
+        memory: Proxy,
+        dcm: Proxy,
         keys: SensorKeys,
         clock: DcmClock,
         *,
@@ -54,7 +54,7 @@ class Reader:
         self._now = now
         self._clock_asked = now()
         self._warned: int | None = None
-        self._question: Any = None
+        self._question: Future | None = None
         self._time_question: _TimeQuestion | None = None
 
     def take(self) -> bool:
@@ -114,7 +114,7 @@ class _TimeQuestion:
         reply: The answer, if there was one.
     """
 
-    def __init__(self, dcm: Any, now: Callable[[], int]) -> None:  # noqa: ANN401
+    def __init__(self, dcm: Proxy, now: Callable[[], int]) -> None:
         self._dcm, self._now = dcm, now
         self.over = False
         self.reply: TimeReply | None = None
@@ -122,7 +122,7 @@ class _TimeQuestion:
     def ask(self, _: object) -> None:
         asked = self._now()
 
-        def answered(future: Any) -> None:  # noqa: ANN401
+        def answered(future: Future) -> None:
             received = self._now()
             try:
                 shown = int(future.value())

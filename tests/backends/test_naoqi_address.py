@@ -7,6 +7,7 @@ import pickle
 import sys
 from contextlib import suppress
 from types import SimpleNamespace
+from typing import Any
 
 import pytest
 from hypothesis import given
@@ -200,7 +201,7 @@ def test_a_computer_that_cannot_have_the_library(
 
 
 def test_pinocchio_first(monkeypatch: pytest.MonkeyPatch) -> None:
-    modules = {"pinocchio": SimpleNamespace()}
+    modules: dict[str, Any] = {"pinocchio": SimpleNamespace()}
     monkeypatch.setattr(library, "sys", SimpleNamespace(modules=modules))
     with pytest.raises(library.ImportOrderError, match="before pinocchio"):
         library.load_qi()
