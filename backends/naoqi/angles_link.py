@@ -8,9 +8,9 @@ import time
 import numpy as np
 
 from pepper_driver.backends.interface import BackendError, Measurement
-from pepper_driver.backends.naoqi.connection import Connection, one_line
+from pepper_driver.backends.naoqi.connection import Connection
 from pepper_driver.backends.naoqi.keys import VALUES, SensorKeys, Values
-from pepper_driver.backends.naoqi.library import Answer, Future, Proxy
+from pepper_driver.backends.naoqi.library import Answer, Future, Proxy, one_line
 from pepper_driver.config import RobotConfig
 from pepper_driver.config.naoqi import AnglesSettings
 from pepper_driver.config.parts import FloatArray

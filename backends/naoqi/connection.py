@@ -8,7 +8,14 @@ from collections.abc import Callable
 
 from pepper_driver.backends.interface import BackendError, NotConnectedError
 from pepper_driver.backends.naoqi.address import Address
-from pepper_driver.backends.naoqi.library import Answer, Future, Proxy, Session, load_qi
+from pepper_driver.backends.naoqi.library import (
+    Answer,
+    Future,
+    Proxy,
+    Session,
+    load_qi,
+    one_line,
+)
 from pepper_driver.backends.naoqi.peer import check_listening, refusal
 from pepper_driver.backends.naoqi.secret import Secret
 from pepper_driver.config import NaoqiSettings, load_naoqi_settings
@@ -181,12 +188,6 @@ def finished(future: Future, timeout: float) -> bool:
         if future.wait(max(1, round(min(left, LOOK) * 1000))) != running:
             return True
     return bool(future.wait(0) != running)
-
-
-def one_line(error: str) -> str:
-    """What a service said, without its traceback."""
-    text = " ".join(error.partition("\n\nAt:")[0].split())
-    return text if len(text) <= 300 else f"{text[:300]}..."
 
 
 def connect(

@@ -114,3 +114,9 @@ def load_qi() -> ModuleType:
         here = f"{system} on {machine} with Python {platform.python_version()}"
         fits = (system, machine) == ("Linux", "x86_64") and sys.version_info < (3, 13)
         raise NoQiError(here, possible=fits) from error
+
+
+def one_line(error: str) -> str:
+    """What a service said went wrong, without its traceback."""
+    text = " ".join(error.partition("\n\nAt:")[0].split())
+    return text if len(text) <= 300 else f"{text[:300]}..."

@@ -8,7 +8,7 @@ from collections.abc import Callable
 
 from pepper_driver.backends.naoqi.clock import DcmClock, TimeReply
 from pepper_driver.backends.naoqi.keys import SensorKeys, Values
-from pepper_driver.backends.naoqi.library import Future, Proxy
+from pepper_driver.backends.naoqi.library import Future, Proxy, one_line
 
 logger = logging.getLogger("pepper_driver")
 
@@ -67,7 +67,7 @@ class Reader:
         try:
             values = self._keys.values(question.value())
         except RuntimeError as error:
-            values = _first_line(error)
+            values = one_line(str(error))
         if isinstance(values, str):
             self._warn(values)
             return False
@@ -84,7 +84,7 @@ class Reader:
         try:
             self._question = self._memory.getListData(self._keys.names, _async=True)
         except RuntimeError as error:  # the connection is lost
-            self._warn(_first_line(error))
+            self._warn(one_line(str(error)))
             return
         now = self._now()
         if now - self._clock_asked >= CLOCK_PERIOD:
@@ -135,7 +135,3 @@ class _TimeQuestion:
             self._dcm.getTime(0, _async=True).addCallback(answered)
         except RuntimeError:
             self.over = True
-
-
-def _first_line(error: Exception) -> str:
-    return str(error).strip().partition("\n")[0]

@@ -17,7 +17,7 @@ import numpy as np
 
 from pepper_driver.backends.naoqi.clock import shown
 from pepper_driver.backends.naoqi.keys import Alias
-from pepper_driver.backends.naoqi.library import Future, Proxy
+from pepper_driver.backends.naoqi.library import Future, Proxy, one_line
 from pepper_driver.config.parts import FloatArray
 
 logger = logging.getLogger("pepper_driver")
@@ -155,5 +155,5 @@ class Writer:
         try:
             sent.future.value()
         except RuntimeError as error:
-            text = str(error).strip().partition("\n")[0]
-            logger.warning("the robot refused a command for %s: %s", sent.alias, text)
+            reason = one_line(str(error))
+            logger.warning("the robot refused a command for %s: %s", sent.alias, reason)
