@@ -51,14 +51,14 @@ class Future(Protocol):
 
 
 class Signal(Protocol):
-    """Tells what happens."""
+    """Something that happens, such as the loss of a connection."""
 
     def connect(self, callback: Callable[..., object]) -> object:
         """Have ``callback`` called each time, on a thread of the library."""
 
 
 class Session(Protocol):
-    """With a NAOqi."""
+    """A connection with a NAOqi."""
 
     disconnected: Signal
 
