@@ -7,7 +7,7 @@ from itertools import count
 from numbers import Real
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Literal, Self
+from typing import Literal, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -383,12 +383,12 @@ class Pepper(Listening):
     def _is_active(self) -> bool:
         return self._session is not None and self._session.active
 
-    def _resolve(self, posture: Posture, current: FloatArray) -> Any:  # noqa: ANN401
+    def _resolve(self, posture: Posture, current: FloatArray) -> ArrayLike:
         """Angles of a posture; joints that it does not name keep ``current``. Not checked yet."""
         if isinstance(posture, str):
             return self.config.posture(posture)
         if isinstance(posture, Mapping):
-            angles = current.tolist()
+            angles: list[float] = current.tolist()
             for name, angle in posture.items():
                 angles[self.config.joint_index(name)] = angle
             return angles
