@@ -31,8 +31,11 @@ LONGEST_STOP = 0.3
 ARRIVED = 0.03
 """[rad] within which legs are where they should be: what they droop by."""
 
-TAKEN = 0.2
+TAKEN = 0.4
 """By which joints are softer than they were told to be where somebody else did that: as the safety gate has it."""
+
+HARDLY = 0.1
+"""Stiffness below which a joint has none."""
 
 _STILL = np.zeros(3)
 
@@ -86,8 +89,8 @@ def let_go(link: Link, robot: RobotConfig, settings: NaoqiSettings, posture: Flo
     """Stop the wheels, lead the legs back, make all other joints soft.
 
     The legs keep their stiffness, unless the settings say otherwise: without brakes the robot would bow. No joint gets
-    back what somebody else took away meanwhile; where that was the legs', as of a robot that went to rest, only the
-    wheels are stopped.
+    back what somebody else took away meanwhile; where that was the legs', as of a robot that goes to rest, they are not
+    led back either.
 
     Args:
         link: With the robot.
@@ -119,27 +122,38 @@ def let_go(link: Link, robot: RobotConfig, settings: NaoqiSettings, posture: Flo
     off = [(2 * robot.cycle, 0.0)]
     wheels_off = link.switch_wheels(off)
 
-    soft, told = link.stiffness, link.newest.stiffness
-    taken = np.zeros(len(legs), dtype=np.bool_) if told is None else told < soft - TAKEN
+    stiffness = link.stiffness
+    taken = _shown(link, stiffness) < stiffness - TAKEN
     if (taken & legs).any():
-        logger.warning("somebody else made the legs soft: no joint is touched any more")
+        logger.warning("somebody else made the legs soft: they are not moved any more")
+        legs_home = np.full(len(legs), np.nan)
     else:
-        back = np.where(legs & np.isfinite(posture), posture, np.nan)
-        stiffness = soft if told is None else np.where(taken, told, soft)
-        speed = settings.timing.legs_back_speed
-        if not _lead_back(link, back, speed, robot.cycle, stiffness, tick):
+        legs_home = np.where(legs & np.isfinite(posture), posture, np.nan)
+    stiffness = np.where(taken, _shown(link, stiffness), stiffness)
+    speed = settings.timing.legs_back_speed
+    if not _lead_back(link, legs_home, speed, robot.cycle, stiffness, tick):
+        return False
+
+    soft = np.zeros(len(legs)) if settings.legs_go_soft else np.where(legs, stiffness, 0.0)
+    ticks = round(settings.timing.ramp_down / robot.cycle)
+    for number in range(1, ticks + 1):
+        wheels_off = wheels_off or link.switch_wheels(off)
+        # Whoever takes stiffness away may not have ended yet.
+        soft = np.where(taken, np.minimum(soft, _shown(link, soft)), soft)
+        wanted = stiffness + (soft - stiffness) * number / ticks
+        if tick(None, np.where(taken, soft, wanted)) is None:
             return False
-        soft = np.zeros(len(legs)) if settings.legs_go_soft else np.where(legs, stiffness, 0.0)
-        ticks = round(settings.timing.ramp_down / robot.cycle)
-        for number in range(1, ticks + 1):
-            wheels_off = wheels_off or link.switch_wheels(off)
-            if tick(None, stiffness + (soft - stiffness) * number / ticks) is None:
-                return False
     while not (wheels_off and link.idle and np.array_equal(link.stiffness, soft)):
         wheels_off = wheels_off or link.switch_wheels(off)
         if tick(None, soft) is None:
             return False
     return True
+
+
+def _shown(link: Link, otherwise: FloatArray) -> FloatArray:
+    """(17,) stiffness that the boards are told, as far as is known; hardly any is none."""
+    shown = link.newest.stiffness
+    return otherwise if shown is None else np.where(shown < HARDLY, 0.0, shown)
 
 
 def _lead_back(

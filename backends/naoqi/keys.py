@@ -16,7 +16,7 @@ MAY_LACK = ("temperature", "battery", "charging_flap")
 """Without which a sample is good all the same: who watches them knows what to do about it."""
 
 ONE_BOARD = 2
-"""Joints that a motor board drives at most: as many are missing when it is off."""
+"""Joints that a motor board drives at most, assumed: as many are missing when it is off."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -82,7 +82,7 @@ class SensorKeys:
             needed += [complete and group not in MAY_LACK] * len(keys)
         self._joint_at = {
             place: joint
-            for group in ("position", "current")
+            for group in ("position", "current", "stiffness")
             for place, joint in enumerate(robot.joint_names, self._places[group].start)
         }
         self._time = len(self.names)
