@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -36,12 +35,9 @@ class Tick:
         reference: What the controller wanted when it made the command this measurement answers.
         sent: That command, as it was really sent.
         changed: (17,) where the safety gate altered the position, so that ``sent`` differs from ``reference``.
-        unanswered: Commands older than ``sent`` that neither this tick nor one before answers: how many ticks before
-            this one they were given, and which.
     """
 
     measurement: Measurement
     reference: Reference
     sent: Command
     changed: NDArray[np.bool_]
-    unanswered: Sequence[tuple[int, Sent]] = ()

@@ -138,7 +138,6 @@ class Loop:
             reference=answered.reference,
             sent=answered.command,
             changed=answered.changed,
-            unanswered=unanswered,
         )
         observation: Observation | None = None
         events: list[ReflexEvent | SensorEvent] = []
@@ -169,6 +168,7 @@ class Loop:
                     observation,
                     truth,
                     events=[LogEvent.of(event) for event in events],
+                    unanswered=unanswered,
                     tick_end=np.nan if due is None else (perf_counter_ns() - due) * 1e-9,
                     missed=self.times.missed + missed,
                 )

@@ -17,7 +17,7 @@ from typing import Any, NamedTuple, Self
 from pepper_driver.backends.log_file import LogError, reason
 from pepper_driver.backends.simulated import TruthSample
 from pepper_driver.config import RobotConfig
-from pepper_driver.controller.tick import Tick
+from pepper_driver.controller.tick import Sent, Tick
 from pepper_driver.log.contacts import CONTACTS
 from pepper_driver.log.event import EVENTS, LogEvent
 from pepper_driver.log.json_topic import JsonTopic
@@ -45,6 +45,7 @@ class _Entry(NamedTuple):
     truth: TruthSample | None
     labels: Sequence[Label]
     events: Sequence[LogEvent]
+    unanswered: Sequence[tuple[int, Sent]]
     tick_end: float
     missed: int
 
@@ -120,6 +121,7 @@ class LogWriter:
         labels: Sequence[Label] = (),
         *,
         events: Sequence[LogEvent] = (),
+        unanswered: Sequence[tuple[int, Sent]] = (),
         tick_end: float = math.nan,
         missed: int = 0,
     ) -> None:
@@ -131,11 +133,15 @@ class LogWriter:
             truth: Ground truth of a simulation.
             labels: Ends of touches seen in this tick.
             events: What else happened in this tick.
+            unanswered: Commands that no tick answers, older than the one that this tick answers: how many ticks before
+                this one, and which.
             tick_end: From the deadline of the tick until now [s]; NaN where ticks are not paced.
             missed: Ticks missed since the start.
         """
         step, self._steps = self._steps, self._steps + 1
-        self._put(_Entry(step, tick, observation, truth, labels, events, tick_end, missed))
+        self._put(
+            _Entry(step, tick, observation, truth, labels, events, unanswered, tick_end, missed)
+        )
 
     def note(self, event: LogEvent) -> None:
         """Log what happened outside any tick. Never raises; waits only for room, when ``lossless``."""
@@ -223,8 +229,7 @@ class LogWriter:
             )
             passed_over = [
                 self._unanswered_rows.message(time, entry.step - ago, sent)
-                for ago, sent in tick.unanswered
-                if ago <= entry.step  # no tick gave it since the log began
+                for ago, sent in entry.unanswered
             ]
             truth_row = None if truth is None else self._truth_rows.message(time, truth)
         except Exception as error:  # of whoever made the arrays; not the disk's

@@ -58,20 +58,9 @@ class RecordedRun:
         log, backend = self.log, self.backend
         references = _each(Reference, "reference", log.fields)
         return tuple(
-            Tick(
-                measurement=measurement,
-                reference=reference,
-                sent=sent,
-                changed=changed,
-                unanswered=unanswered,
-            )
-            for measurement, reference, sent, changed, unanswered in zip(
-                backend.measurements,
-                references,
-                backend.commands,
-                log["changed"],
-                self._passed_over(),
-                strict=True,
+            Tick(measurement=measurement, reference=reference, sent=sent, changed=changed)
+            for measurement, reference, sent, changed in zip(
+                backend.measurements, references, backend.commands, log["changed"], strict=True
             )
         )
 
@@ -95,7 +84,8 @@ class RecordedRun:
             made.setdefault(step, tick.reference)
         return [made.get(step + 1) for step in self.backend.steps.tolist()]
 
-    def _passed_over(self) -> list[list[tuple[int, Sent]]]:
+    @cached_property
+    def passed_over(self) -> list[list[tuple[int, Sent]]]:
         """For each tick older commands than it answers that no tick does, and how many ticks before they were given."""
         newest, found = -1, []
         for step, answered in zip(

@@ -171,7 +171,12 @@ class _Taken:
         logged = [LogEvent.of(event) for event in events]
         self.events += [(row, event) for event in logged if event.kind == "reflex"]
         if self.log is not None:
-            self.log.append(self._run.ticks[row], observation, events=logged)
+            self.log.append(
+                self._run.ticks[row],
+                observation,
+                events=logged,
+                unanswered=self._run.passed_over[row],
+            )
 
     def values(self) -> dict[str, Column]:
         """All that the observer said."""

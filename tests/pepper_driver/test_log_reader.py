@@ -5,7 +5,7 @@ from __future__ import annotations
 import signal
 import subprocess
 import sys
-from dataclasses import fields, replace
+from dataclasses import fields
 from pathlib import Path
 
 import numpy as np
@@ -36,12 +36,12 @@ class Written:
         self.contacts: list[Contact] = []
         with LogWriter(path, ROBOT, {"seed": str(seed)}, lossless=True) as log:
             for number in range(count):
-                passed_over = [(k, samples.sent()) for k in range(number % 4, 1, -1)]
-                tick = replace(samples.tick(number), unanswered=passed_over)
+                tick = samples.tick(number)
                 contacts = [samples.contact(100 * number + i) for i in range(number % 3)]
                 observation = samples.observation(*contacts)
                 truth = samples.truth()
-                log.append(tick, observation, truth)
+                passed_over = [(k, samples.sent()) for k in range(number % 4, 1, -1)]
+                log.append(tick, observation, truth, unanswered=passed_over)
                 self.rows.append(flatten(tick, observation, number))
                 for ago, sent in passed_over:
                     step = number - ago

@@ -145,7 +145,7 @@ def test_several_commands_may_be_left_unanswered(tmp_path: Path) -> None:
         for answers in (3, None, 4, 1):
             measurement = replace(tick.measurement, answers=answers)
             late = sent if answers == 1 else ()
-            log.append(replace(tick, measurement=measurement, unanswered=late), None)
+            log.append(replace(tick, measurement=measurement), None, unanswered=late)
     read = read_log(tmp_path / "a.mcap")
     assert read["step"].tolist() == [0, 1, 2, 3]
     assert read["answers"].tolist() == [3, -1, 4, 1]
