@@ -154,17 +154,6 @@ def test_several_commands_may_be_left_unanswered(tmp_path: Path) -> None:
         assert same_bits(read.unanswered["sent_position"][row], one.command.position)
 
 
-def test_commands_given_before_the_log_began_are_not_in_it(tmp_path: Path) -> None:
-    """A log may begin while the robot runs."""
-    samples = Samples(8)
-    late = [(3, samples.sent()), (2, samples.sent()), (1, samples.sent())]
-    with LogWriter(tmp_path / "a.mcap", ROBOT, {}) as log:
-        for number in range(3):
-            unanswered = late if number == 2 else late[:1]
-            log.append(replace(samples.tick(number), unanswered=unanswered), None)
-    assert read_log(tmp_path / "a.mcap").unanswered["step"].tolist() == [0, 1]
-
-
 def test_a_row_that_is_none_keeps_its_events(tmp_path: Path) -> None:
     samples = Samples(4)
     bad = samples.tick(1)
