@@ -136,7 +136,7 @@ class LogWriter:
             unanswered: Commands that no tick answers, older than the one that this tick answers: how many ticks before
                 this one, and which.
             tick_end: From the deadline of the tick until now [s]; NaN where ticks are not paced.
-            missed: Ticks missed since the start.
+            missed: Ticks missed since the log began.
         """
         step, self._steps = self._steps, self._steps + 1
         self._put(

@@ -8,11 +8,10 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -50,18 +49,11 @@ PATIENT = replace(SAFETY, stale_hold=5.0, stale_fault=10.0)
 
 
 @pytest.fixture(scope="module")
-def robot(qi: Any) -> Iterator[StandIn]:
+def robot(wake_up: Callable[[StandIn], None]) -> Iterator[StandIn]:
     """Awake, and its owner allows all."""
     with StandIn("mujoco://?seed=3", network="clear", consent=True) as running, quick_settings():
-        wake_up(qi, running)
+        wake_up(running)
         yield running
-
-
-def wake_up(qi: Any, robot: StandIn) -> None:
-    session = qi.Session()
-    session.connect(robot.url)
-    session.service("ALMotion").wakeUp()
-    session.close()
 
 
 # -- nobody hears the robot, or it hears nobody ---------------------------------------------------------------------
@@ -215,11 +207,11 @@ def test_somebody_who_makes_an_arm_soft_stops_the_robot(
         session.close()
 
 
-def test_the_clock_rolls_over_under_a_robot_that_moves(qi: Any) -> None:
+def test_the_clock_rolls_over_under_a_robot_that_moves(wake_up: Callable[[StandIn], None]) -> None:
     """From 2^31 - 1 ms to -2^31: no sample is old, no command late, no joint jumps."""
     faults = [parse_fault("rollover:7"), parse_fault("value:Battery/Charge/Sensor/Value,0.3")]
     with StandIn("mujoco://?seed=3", consent=True, faults=faults) as robot, quick_settings():
-        wake_up(qi, robot)
+        wake_up(robot)
         with Pepper(url(robot), observer=None) as pepper:
             begin_to_move(pepper)
             begun = time.monotonic()
