@@ -151,10 +151,10 @@ def test_what_somebody_else_orders_is_seen_in_a_tenth_of_a_second() -> None:
 
 
 @pytest.fixture(scope="module")
-def robot(qi: Any) -> Iterator[StandIn]:
+def robot(wake_up: Callable[[StandIn], None]) -> Iterator[StandIn]:
     """Awake."""
     with StandIn("mujoco://?seed=3", consent=True, network="clear") as running:
-        wake_up(qi, running)
+        wake_up(running)
         yield running
 
 
@@ -167,13 +167,6 @@ def motion(qi: Any, robot: StandIn) -> Iterator[Any]:
     yield motion
     motion.wakeUp()
     motion.setStiffnesses("Body", 1.0)
-    session.close()
-
-
-def wake_up(qi: Any, robot: StandIn) -> None:
-    session = qi.Session()
-    session.connect(robot.url)
-    session.service("ALMotion").wakeUp()
     session.close()
 
 
