@@ -184,6 +184,34 @@ def hold(
                 return shown
 
 
+@pytest.mark.parametrize("fault", ["network:wifi", "dropped:0.3", "slow:0.01", "hang:0.2"])
+def test_our_own_ramps_are_no_theft_over_qi_either(robot: StandIn, fault: str) -> None:
+    """Half a second up and down again, on ways that are late, lose samples or stall."""
+    patient = replace(SAFETY, stale_hold=5.0, stale_fault=10.0, stiffness_ramp=0.5)
+    gate = SafetyGate(ROBOT, patient, load_controller_settings(ROBOT))
+    with make_backend(f"naoqi://127.0.0.1:{robot.port}") as backend:
+        backend.open()
+        posture = np.clip(backend.activate().position, ROBOT.lower, ROBOT.upper)
+        gate.activate(posture)
+        sent, lowest = [gate.sent] * 60, 1.0
+        pacer = RealTimePacer(ROBOT.cycle, off_beat=backend.off_beat)
+        with pacer.running():
+            for tick in range(300):
+                if tick == 10:
+                    robot.set_fault(fault)
+                pacer.wait()
+                measurement = backend.step(gate.sent)
+                lowest = min(lowest, _stiffness(measurement).min())
+                ago = 3 if measurement.answers is None else min(measurement.answers, 59)
+                gate.watch(measurement, sent[-1 - ago])
+                assert gate.fault is None
+                stiffness = np.where(LEGS, 1.0, float((tick // 50) % 2))
+                gate.gate(replace(_reference(), position=posture), stiffness, STILL, 0.0)
+                sent.append(gate.sent)
+        robot.clear_faults()
+    assert lowest < 0.4
+
+
 def recent(robot: StandIn, begun: float) -> BlackBox:
     time.sleep(0.1)  # what was said last is done
     return robot.black_box(round((time.monotonic() - begun) / ROBOT.cycle))
