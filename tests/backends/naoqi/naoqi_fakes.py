@@ -68,6 +68,8 @@ class Motion:
         self.refuses: set[str] = set()
         self.slow = 0.0
         self.commanded: list[float] = ROBOT.posture("Stand").tolist()
+        self.stiffnesses = [1.0] * 14
+        self.slow_stiffness = 0.0
         self.come_on()
 
     def come_on(self) -> None:
@@ -113,6 +115,11 @@ class Motion:
 
     def setStiffnesses(self, names: list[str], stiffnesses: list[float]) -> None:
         self.log.append(("setStiffnesses", len(names), stiffnesses[0]))
+        time.sleep(self.slow_stiffness)
+        self.stiffnesses = stiffnesses
+
+    def getStiffnesses(self, names: list[str]) -> list[float]:
+        return self.stiffnesses
 
     def getBreathEnabled(self, chain: str) -> bool:
         return self.on.get(("Breath", chain), False)

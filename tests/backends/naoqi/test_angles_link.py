@@ -90,6 +90,34 @@ def test_stiffness_is_passed_on_when_it_changes(fake: FakeRobot, connection: Con
     assert told[-1] == ("setStiffnesses", 14, 1.0), "the last bit of the way too"
 
 
+def test_stiffness_is_asked_for_and_unknown_while_ours_is_on_its_way(
+    fake: FakeRobot, connection: Connection
+) -> None:
+    """Else what the robot had before looks as if somebody had taken it away."""
+    link = made(connection)
+    link.start(np.ones(17))
+    soft = np.isin(ROBOT.joint_names, link.soft)
+    first, _ = ticks(link, 30)
+    assert first[0].stiffness is not None
+    assert np.isnan(first[0].stiffness).all()
+    assert first[-1].stiffness is not None
+    assert np.isnan(first[-1].stiffness[~soft]).all(), "nobody can change that of the legs"
+    assert (first[-1].stiffness[soft] == 1.0).all()
+    fake.motion.slow_stiffness = 0.3
+    on_the_way, _ = ticks(link, 20, stiffness=0.2)
+    fake.motion.slow_stiffness = 0.0
+    shown = np.array([measurement.stiffness for measurement in on_the_way])[3:, soft]
+    assert np.isnan(shown).all()
+    last, _ = ticks(link, 60, stiffness=0.2)
+    assert last[-1].stiffness is not None
+    assert (last[-1].stiffness[soft] == 0.2).all()
+    for nonsense in ([], [0.2] * 3, "soft"):
+        fake.motion.stiffnesses = nonsense  # type: ignore[assignment]
+        last, _ = ticks(link, 30, stiffness=0.2)
+        assert last[-1].stiffness is not None
+        assert np.isnan(last[-1].stiffness).all()
+
+
 def test_samples_that_are_none(fake: FakeRobot, connection: Connection) -> None:
     link = made(connection)
     for bad in ([float("nan")] * 17, [0.0] * 3, []):
