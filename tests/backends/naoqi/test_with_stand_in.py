@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from naoqi_fakes import address_of
+from waiting import wait_until
 
 from pepper_driver.backends import BackendError, Command, NotConnectedError, make_backend
 from pepper_driver.backends.naoqi.angles import AnglesBackend
@@ -52,13 +53,6 @@ def connection(robot: StandIn) -> Iterator[Connection]:
 
 def uri_of(robot: StandIn, options: str = "") -> str:
     return f"naoqi://127.0.0.1:{robot.port}{options}"
-
-
-def wait_until(condition: Callable[[], object], seconds: float = 10.0) -> bool:
-    end = time.monotonic() + seconds
-    while not condition() and time.monotonic() < end:
-        time.sleep(0.02)
-    return bool(condition())
 
 
 def orders(robot: StandIn) -> int:
