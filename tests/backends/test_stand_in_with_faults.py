@@ -1,12 +1,12 @@
 """Each fault as a client of qi sees it, and what the robot did meanwhile: the black box has it, which nothing stops."""
 
 import time
-from collections.abc import Callable
 from types import ModuleType
 from typing import Any
 
 import numpy as np
 import pytest
+from stand_ins import since
 from waiting import wait_until
 
 from pepper_driver.backends import BackendError
@@ -35,12 +35,6 @@ HARDNESS = key(ROBOT.naoqi.stiffness_command)
 def order(session: Any, actuator: str, value: float) -> None:
     dcm = session.service("DCM")
     dcm.set([actuator, "ClearAll", [[value, dcm.getTime(60)]]])
-
-
-def since(stand_in: StandIn, moment: float) -> BlackBox:
-    """The cycles that were due after a moment of the monotonic clock."""
-    box = stand_in.black_box()
-    return BlackBox(**{name: rows[box.begin > moment] for name, rows in vars(box).items()})
 
 
 # -- the robot ------------------------------------------------------------------------------------------------------
