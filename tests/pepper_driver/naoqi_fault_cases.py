@@ -102,8 +102,7 @@ def drive_through(
                     outcome.wrong = time.monotonic()
                     outcome.error = run(pepper, seconds, outcome)
                     outcome.ended = time.monotonic()
-                    cycles = round(watch / ROBOT.cycle)
-                    wait_until(lambda end=outcome.ended: len(since(stand_in, end)) >= cycles)
+                    wait_for_cycles(stand_in, round(watch / ROBOT.cycle))
                     outcome.box = since(stand_in, outcome.begun - 0.5)
                     outcomes.append(outcome)
                     if fault != faults[-1]:
@@ -116,6 +115,12 @@ def drive_through(
         outcome.closed = time.monotonic() - left
         return outcomes
     raise AssertionError(f"no robot that moves, perhaps because this machine is too busy: {why}")
+
+
+def wait_for_cycles(stand_in: StandIn, number: int) -> None:
+    """Until the robot has made so many more."""
+    now = time.monotonic()
+    assert wait_until(lambda: len(since(stand_in, now)) >= number)
 
 
 def run(pepper: Pepper, seconds: float, outcome: Outcome) -> PepperError | None:

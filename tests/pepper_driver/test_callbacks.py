@@ -202,7 +202,7 @@ def at_least(rest: int) -> Callable[[Contact], bool]:
     return lambda event: event.id % 4 >= rest
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(
     st.lists(
         st.tuples(

@@ -95,7 +95,10 @@ def test_same_bits_come_back(tmp_path: Path) -> None:
     written.check(read)
 
 
-@settings(max_examples=10, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(
+    max_examples=10,
+    suppress_health_check=[HealthCheck.too_slow, HealthCheck.function_scoped_fixture],
+)
 @given(seed=st.integers(0, 2**32), count=st.integers(0, 60))
 def test_same_bits_come_back_for_any_run(tmp_path: Path, seed: int, count: int) -> None:
     written = Written(tmp_path / "a.mcap", count, seed)

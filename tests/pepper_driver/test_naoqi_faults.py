@@ -38,6 +38,7 @@ from naoqi_fault_cases import (  # isort: skip
     move_arms,
     quick_settings,
     url,
+    wait_for_cycles,
     what_is_still,
 )
 
@@ -103,7 +104,7 @@ def test_a_robot_that_goes_on_takes_at_most_two_commands(robot: StandIn) -> None
     orders, told = outcome.box.orders[-1], outcome.box.position_command[-1]
     goes_on = time.monotonic()
     robot.clear_faults()
-    assert wait_until(lambda: len(since(robot, goes_on)) > 25)
+    wait_for_cycles(robot, 25)
     box = since(robot, goes_on)
     assert box.orders[-1] - orders <= 2
     assert np.abs(box.position_command - told).max() <= LARGEST_STEP
@@ -252,7 +253,7 @@ def test_a_program_that_is_killed_leaves_a_robot_that_stands(robot: StandIn) -> 
         process.kill()
         process.wait()
         killed = time.monotonic()
-        assert wait_until(lambda: len(since(robot, killed)) > 40)
+        wait_for_cycles(robot, 40)
     box = since(robot, killed - 0.5)
     assert_wheels_stop(box)
     assert_joints_hold(box, killed)

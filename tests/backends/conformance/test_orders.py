@@ -40,7 +40,8 @@ def opened(backend: Backend) -> Measurement:
 
 
 @settings(
-    max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
+    max_examples=40,
+    suppress_health_check=[HealthCheck.too_slow, HealthCheck.function_scoped_fixture],
 )
 @given(
     part=st.sampled_from(PARTS),

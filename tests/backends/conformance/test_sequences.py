@@ -126,7 +126,6 @@ def test_any_sequence_of_calls(case: Case) -> None:
         settings=settings(
             max_examples=case.examples,
             stateful_step_count=LENGTH,
-            deadline=None,
             suppress_health_check=list(HealthCheck),
         ),
     )
