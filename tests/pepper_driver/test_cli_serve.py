@@ -51,7 +51,7 @@ def test_it_says_when_it_is_ready_and_ends_when_told(number: signal.Signals, cod
         begin = time.monotonic()
         process.send_signal(number)
         out, err = process.communicate(timeout=20)
-        assert time.monotonic() - begin < 5.0
+        assert time.monotonic() - begin < 15.0
         assert process.returncode == code
         assert not out
         assert "Traceback" not in err
