@@ -1,7 +1,7 @@
 """What holds for all tests, and the stand-in robot that many of them share."""
 
 import signal
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import pytest
@@ -38,6 +38,19 @@ def qi() -> Any:
         return load_qi()
     except NoQiError as error:
         pytest.skip(str(error))
+
+
+@pytest.fixture(scope="session")
+def wake_up(qi: Any) -> Callable[[StandIn], None]:
+    """Wakes a robot up, as its owner does before a program begins."""
+
+    def wake(robot: StandIn) -> None:
+        session = qi.Session()
+        session.connect(robot.url)
+        session.service("ALMotion").wakeUp()
+        session.close()
+
+    return wake
 
 
 @pytest.fixture(scope="module")

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import logging
 import time
-from typing import Any
 
 import numpy as np
 
 from pepper_driver.backends.interface import BackendError, Measurement
-from pepper_driver.backends.naoqi.connection import Connection, one_line
+from pepper_driver.backends.naoqi.connection import Connection
 from pepper_driver.backends.naoqi.keys import VALUES, SensorKeys, Values
+from pepper_driver.backends.naoqi.library import Answer, Future, Proxy, one_line
 from pepper_driver.config import RobotConfig
 from pepper_driver.config.naoqi import AnglesSettings
 from pepper_driver.config.parts import FloatArray
@@ -154,9 +154,9 @@ class AnglesLink:
 class _Call:
     """One method of a service, at most once on its way."""
 
-    def __init__(self, proxy: Any, method: str, uri: str) -> None:  # noqa: ANN401
+    def __init__(self, proxy: Proxy, method: str, uri: str) -> None:
         self._proxy, self._method, self._what = proxy, method, f"'{uri}': {method}"
-        self._future: Any = None
+        self._future: Future | None = None
         self._warned = -WARNING_PERIOD
 
     def begin(self, *arguments: object) -> bool:
@@ -176,7 +176,7 @@ class _Call:
         """Whether nothing is on its way."""
         return self._future is None or not self._future.isRunning()
 
-    def answer(self) -> Any:  # noqa: ANN401
+    def answer(self) -> Answer:
         """What the last call brought; None while it is on its way, where it failed, and the second time."""
         future = self._future
         if future is None or not self.over:

@@ -8,8 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from pepper_driver.backends.interface import Command, TruthSample
+from pepper_driver.backends.interface import Command
 from pepper_driver.backends.log_file import CDR_HEADER, Field, row_type
+from pepper_driver.backends.simulated import TruthSample
 from pepper_driver.config import RobotConfig
 from pepper_driver.controller.reference import Reference
 from pepper_driver.controller.tick import Sent, Tick

@@ -53,7 +53,7 @@ def tick_fields(robot: RobotConfig) -> tuple[Field, ...]:
             "ticks before this one in which the command was given that this sample answers; -1 for response_delay",
             "int64",
         ),
-        _field("missed", None, "ticks missed since the start", "int64"),
+        _field("missed", None, "ticks missed since the log began", "int64"),
         _field("withheld", None, "commands held back since the start", "int64"),
         _field("position", joints, "[rad] measured"),
         _field("current", joints, "[A] absolute"),

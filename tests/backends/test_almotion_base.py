@@ -8,8 +8,8 @@ from almotion_cases import CONFIG, SETTINGS, Stage, wheel_key
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pepper_driver.backends.interface import FloatArray
 from pepper_driver.backends.naoqi_server.motion.base import DriveLimits, Move, wrapped_angle
+from pepper_driver.config.parts import FloatArray
 
 LIMITS = DriveLimits.of(SETTINGS, {})
 

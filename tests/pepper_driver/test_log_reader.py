@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from mcap.writer import Writer
 from test_log_samples import ROBOT, Samples, flatten, flatten_sent, same_bits
 
-from pepper_driver.backends.interface import TruthSample
+from pepper_driver.backends.simulated import TruthSample
 from pepper_driver.config import UnknownNameError
 from pepper_driver.log import LogData, LogError, LogWriter, read_log
 from pepper_driver.log.schema import layout_metadata, tick_fields

@@ -7,7 +7,8 @@ from dataclasses import fields
 import numpy as np
 from numpy.typing import NDArray
 
-from pepper_driver.backends.interface import Command, Imu, Measurement, TruthSample
+from pepper_driver.backends.interface import Command, Imu, Measurement
+from pepper_driver.backends.simulated import TruthSample
 from pepper_driver.config import load_robot
 from pepper_driver.controller.reference import Reference
 from pepper_driver.controller.tick import Sent, Tick

@@ -9,10 +9,9 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -46,18 +45,11 @@ LARGEST_STEP = 0.02  # [rad] of a joint's command, from a cycle to the next
 
 
 @pytest.fixture(scope="module")
-def robot(qi: Any) -> Iterator[StandIn]:
+def robot(wake_up: Callable[[StandIn], None]) -> Iterator[StandIn]:
     """Awake, and its owner allows all."""
     with StandIn("mujoco://?seed=3", network="clear", consent=True) as running, quick_settings():
-        wake_up(qi, running)
+        wake_up(running)
         yield running
-
-
-def wake_up(qi: Any, robot: StandIn) -> None:
-    session = qi.Session()
-    session.connect(robot.url)
-    session.service("ALMotion").wakeUp()
-    session.close()
 
 
 # -- nobody hears the robot, or it hears nobody ---------------------------------------------------------------------
@@ -162,7 +154,7 @@ def test_a_robot_that_falls_asleep_stands_and_lets_its_arms_sink(robot: StandIn)
     assert np.abs(outcome.box.wheel_speed[-1]).max() <= STANDS
 
 
-def test_the_clock_rolls_over_under_a_robot_that_moves(qi: Any) -> None:
+def test_the_clock_rolls_over_under_a_robot_that_moves(wake_up: Callable[[StandIn], None]) -> None:
     """From 2^31 - 1 ms to -2^31: no sample is old, no command late, no joint jumps."""
     for ahead in (7, 20, 60):  # [s] in which this machine must be ready
         faults = [
@@ -170,7 +162,7 @@ def test_the_clock_rolls_over_under_a_robot_that_moves(qi: Any) -> None:
             parse_fault("value:Battery/Charge/Sensor/Value,0.3"),
         ]
         with StandIn("mujoco://?seed=3", consent=True, faults=faults) as robot, quick_settings():
-            wake_up(qi, robot)
+            wake_up(robot)
             with Pepper(url(robot), observer=None, safety=PATIENT) as pepper:
                 begin_to_move(pepper)
                 begun, ready = time.monotonic(), robot.robot.time() > 0

@@ -52,18 +52,11 @@ def _patient() -> Iterator[None]:
 
 
 @pytest.fixture(scope="module")
-def robot(qi: Any) -> Iterator[StandIn]:
+def robot(wake_up: Callable[[StandIn], None]) -> Iterator[StandIn]:
     """Awake, and its owner allows all: as a robot is that somebody works with."""
     with StandIn("mujoco://?seed=3", consent=True) as running:
-        wake_up(qi, running)
+        wake_up(running)
         yield running
-
-
-def wake_up(qi: Any, robot: StandIn) -> None:
-    session = qi.Session()
-    session.connect(robot.url)
-    session.service("ALMotion").wakeUp()
-    session.close()
 
 
 @pytest.fixture
@@ -302,7 +295,7 @@ def test_a_whole_pepper_feels_a_push(robot: StandIn) -> None:
 
 
 def test_a_lost_connection_is_told_and_nothing_goes_on_by_itself(
-    qi: Any, robot: StandIn, backend: Backend
+    wake_up: Callable[[StandIn], None], robot: StandIn, backend: Backend
 ) -> None:
     backend.open()
     start = held(backend.activate())
@@ -327,7 +320,7 @@ def test_a_lost_connection_is_told_and_nothing_goes_on_by_itself(
     backend.activate()
     assert run(backend, 500, lambda _: start, until=lambda m: m.age < 0.03)[-1].age < 0.03
     backend.close()
-    wake_up(qi, robot)
+    wake_up(robot)
 
 
 def test_a_robot_that_hangs_is_left_as_it_is(

@@ -77,7 +77,7 @@ def test_the_tablet(bench: Bench) -> None:
         ("hideImage",),
     ]
     with pytest.raises(BackendError, match="an address that the tablet itself can reach"):
-        bench.extras.show_image("file:///tmp/a.png")
+        bench.extras.show_image("file:///images/a.png")
 
 
 def test_postures(bench: Bench) -> None:
