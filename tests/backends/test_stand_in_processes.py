@@ -213,7 +213,7 @@ def test_both_end_when_their_owner_is_killed(stopped: bool) -> None:
 
 
 def test_the_robot_outlives_its_owner_for_as_long_as_told() -> None:
-    owner = subprocess.Popen([sys.executable, "-c", OWNER, "2.5"], stdout=subprocess.PIPE)
+    owner = subprocess.Popen([sys.executable, "-c", OWNER, "1.5"], stdout=subprocess.PIPE)
     assert owner.stdout is not None
     robot, naoqi = map(int, owner.stdout.readline().split())
     begin = time.monotonic()
@@ -222,7 +222,7 @@ def test_the_robot_outlives_its_owner_for_as_long_as_told() -> None:
     owner.stdout.close()
     assert wait_until(lambda: not alive(naoqi))
     assert wait_until(lambda: not alive(robot))
-    assert time.monotonic() - begin > 2.0
+    assert time.monotonic() - begin > 1.5
 
 
 def test_what_cannot_start() -> None:

@@ -161,7 +161,7 @@ def test_ctrl_c_during_start_up_is_one_line(library: str) -> None:
 
 def test_a_reader_that_goes_away_leaves_no_traceback(tmp_path: Path) -> None:
     done = subprocess.run(
-        f"{sys.executable} -m pepper_driver demo --out {tmp_path} --seconds 16 | head -1",
+        f"{sys.executable} -m pepper_driver demo --out {tmp_path} --seconds 8 | head -1",
         shell=True,
         capture_output=True,
         text=True,
