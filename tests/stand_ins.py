@@ -7,13 +7,16 @@ tested in virtual time; how well an idle machine keeps to them, ``benchmarks/nao
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
+from pathlib import Path
+from typing import Any
 
 import pytest
 
-from pepper_driver.backends.naoqi import angles, coexistence, handover, restoration
+from pepper_driver.backends.naoqi import angles, backend, coexistence, handover, restoration
+from pepper_driver.backends.naoqi.lead import RoundTrips
 from pepper_driver.backends.naoqi_server.black_box import BlackBox
 from pepper_driver.backends.naoqi_server.launch import StandIn
-from pepper_driver.config import load_safety_settings
+from pepper_driver.config import NaoqiSettings, load_naoqi_settings, load_safety_settings
 
 SILENCE = 1.0
 """[s] that a stand-in may be silent."""
@@ -23,9 +26,20 @@ PATIENT = replace(load_safety_settings(), stale_hold=SILENCE / 2, stale_fault=SI
 
 
 @contextmanager
-def patient_driver() -> Iterator[None]:
-    """The driver bears it while it takes a robot over, and in the end."""
+def patient_driver(**timing: Any) -> Iterator[None]:
+    """The driver bears it: while it measures the way and takes a robot over, and in the end.
+
+    Commands are sent two cycles ahead, whatever was measured. ``timing``: further settings of this name.
+    """
+
+    def settings(path: Path | None = None) -> NaoqiSettings:
+        loaded = load_naoqi_settings(path)
+        changes = {"longest_round_trip": SILENCE, **timing}
+        return replace(loaded, timing=replace(loaded.timing, **changes))
+
     with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(backend, "load_naoqi_settings", settings)
+        patch.setattr(RoundTrips, "lead", lambda _, timing: timing.least_lead)
         for module in (handover, angles):
             patch.setattr(module, "STALE", SILENCE)
             patch.setattr(module, "PATIENCE", SILENCE)

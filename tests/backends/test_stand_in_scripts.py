@@ -49,7 +49,7 @@ def started(stand_in: StandIn, name: str) -> "subprocess.Popen[str]":
 def ended(process: "subprocess.Popen[str]") -> list[str]:
     """The rest of its lines; it must end well."""
     try:
-        out, error = process.communicate(timeout=60)
+        out, error = process.communicate(timeout=120)
     finally:
         process.kill()
     assert process.returncode == 0, error

@@ -6,21 +6,18 @@ import math
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
-import pytest
 from stand_ins import PATIENT, patient_driver, since
-from waiting import wait_until
+from waiting import PATIENCE, wait_until
 
-import pepper_driver.backends.naoqi.backend as naoqi_backend
 from pepper_driver import Pepper
 from pepper_driver.backends.naoqi_server.black_box import BlackBox, row_type
 from pepper_driver.backends.naoqi_server.launch import StandIn
 from pepper_driver.config import (
     PepperError,
     load_doctor_settings,
-    load_naoqi_settings,
     load_robot,
 )
 from pepper_driver.controller import Tick
@@ -67,12 +64,7 @@ def url(stand_in: StandIn) -> str:
 @contextmanager
 def quick_settings() -> Iterator[None]:
     """Ramps and measurements at the start that take no longer than tests need."""
-    settings = load_naoqi_settings()
-    timing = replace(settings.timing, burst=0.2, ramp_up=0.5, ramp_down=0.1)
-    with pytest.MonkeyPatch.context() as patch, patient_driver():
-        patch.setattr(
-            naoqi_backend, "load_naoqi_settings", lambda *_: replace(settings, timing=timing)
-        )
+    with patient_driver(burst=0.2, ramp_up=0.5, ramp_down=0.1):
         yield
 
 
@@ -92,6 +84,9 @@ def drive_through(
         try:
             with Pepper(url(stand_in), observer=None, safety=PATIENT) as pepper:
                 begin_to_move(pepper)
+                end = time.monotonic() + PATIENCE
+                while what_is_still(stand_in) and time.monotonic() < end:
+                    pepper.run(0.1)
                 if problem := what_is_still(stand_in):
                     why.append(problem)
                     continue

@@ -132,7 +132,7 @@ def test_ctrl_c_ends_the_demo_cleanly(tmp_path: Path) -> None:
     for _ in range(2):
         assert "contact" in process.stdout.readline()
     process.send_signal(signal.SIGINT)
-    _, errors = process.communicate(timeout=30)
+    _, errors = process.communicate(timeout=60)
     assert process.returncode == 130
     assert "Traceback" not in errors
     assert "interrupted" in errors

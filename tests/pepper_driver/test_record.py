@@ -267,7 +267,7 @@ def test_the_command_in_a_terminal(tmp_path: Path) -> None:
         bufsize=1,
     )
     os.close(near)
-    guard = threading.Timer(60.0, process.kill)  # readline would wait for ever
+    guard = threading.Timer(120.0, process.kill)  # readline would wait for ever
     guard.start()
     try:
         assert process.stdout is not None
