@@ -5,6 +5,7 @@ from collections.abc import Callable, Iterator
 from typing import Any
 
 import pytest
+from hypothesis import HealthCheck, settings
 
 import pepper_driver.backends.naoqi.before_pinocchio  # noqa: F401
 from pepper_driver.backends.naoqi.library import NoQiError, load_qi
@@ -12,6 +13,12 @@ from pepper_driver.backends.naoqi_server.launch import StandIn
 
 # Started in the background of a shell, tests ignore Ctrl-C, and so do the commands that they start and interrupt.
 signal.signal(signal.SIGINT, signal.default_int_handler)
+
+# How long an example takes says something of the machine, and of what else it does.
+settings.register_profile(
+    "any machine", deadline=None, suppress_health_check=[HealthCheck.too_slow]
+)
+settings.load_profile("any machine")
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:

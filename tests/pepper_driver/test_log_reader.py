@@ -95,7 +95,10 @@ def test_same_bits_come_back(tmp_path: Path) -> None:
     written.check(read)
 
 
-@settings(max_examples=10, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(
+    max_examples=10,
+    suppress_health_check=[HealthCheck.too_slow, HealthCheck.function_scoped_fixture],
+)
 @given(seed=st.integers(0, 2**32), count=st.integers(0, 60))
 def test_same_bits_come_back_for_any_run(tmp_path: Path, seed: int, count: int) -> None:
     written = Written(tmp_path / "a.mcap", count, seed)
@@ -233,11 +236,10 @@ from test_log_samples import ROBOT, Samples
 from pepper_driver.log import LogWriter
 samples = Samples(0)
 log = LogWriter(Path({path!r}), ROBOT, {{}})
-start = time.monotonic()
 for number in range(10**6):
     log.append(samples.tick(number), samples.observation())
     print(number, flush=True)
-    time.sleep(max(0.0, start + 0.012 * (number + 1) - time.monotonic()))
+    time.sleep(0.012)
 """
 
 

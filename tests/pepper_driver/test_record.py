@@ -16,6 +16,7 @@ import numpy as np
 import pytest
 from jitter_cases import Jittery
 from numpy.typing import NDArray
+from waiting import wait_until
 
 from pepper_driver.cli.app import run
 from pepper_driver.config import load_motion, load_robot, load_scenario
@@ -180,10 +181,7 @@ def press(terminal: int) -> None:
 
 
 def wait_for(bar: SpaceBar, on: bool) -> None:
-    deadline = time.monotonic() + 5.0
-    while bar.on != on:
-        assert time.monotonic() < deadline, "the key was not seen"
-        time.sleep(0.01)
+    assert wait_until(lambda: bar.on == on), "the key was not seen"
 
 
 def test_each_press_of_the_space_bar_turns_it(terminal: int) -> None:
@@ -216,12 +214,12 @@ def test_a_key_labels_a_simulated_run_in_real_time(terminal: int, tmp_path: Path
         "mujoco",
         tmp_path / "run.mcap",
         "key",
-        seconds=1.2,
+        seconds=2.4,
         link="LForeArm",
         on_label=answer,
         on_start=lambda _: press(terminal),
     )
-    assert time.monotonic() - begin > 1.1
+    assert time.monotonic() - begin > 2.3
     assert phases == ["onset", "release", "onset"]
     assert (done.touches, done.released) == (2, False)
     log = read_log(tmp_path / "run.mcap")
@@ -269,7 +267,7 @@ def test_the_command_in_a_terminal(tmp_path: Path) -> None:
         bufsize=1,
     )
     os.close(near)
-    guard = threading.Timer(60.0, process.kill)  # readline would wait for ever
+    guard = threading.Timer(120.0, process.kill)  # readline would wait for ever
     guard.start()
     try:
         assert process.stdout is not None
@@ -284,7 +282,9 @@ def test_the_command_in_a_terminal(tmp_path: Path) -> None:
         process.kill()
         os.close(far)
     assert process.returncode == 130
-    assert err.splitlines() == ["pepper: interrupted"]
+    *missed, last = err.splitlines()
+    assert last == "pepper: interrupted"
+    assert all("missed so far" in line for line in missed), err  # on a busy machine
     assert out.splitlines()[-2].endswith(" s, 1 touch")
     log = read_log(path)
     assert log.complete

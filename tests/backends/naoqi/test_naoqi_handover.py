@@ -1,4 +1,4 @@
-"""The stiffness goes up at the begin, on a robot whose clock, network and DCM are reckoned."""
+"""The stiffness goes up at the begin and down in the end, on a robot whose clock, network and DCM are reckoned."""
 
 from __future__ import annotations
 
@@ -23,7 +23,9 @@ def robot(monkeypatch: pytest.MonkeyPatch) -> VirtualRobot:
     """Soft; time passes when somebody sleeps."""
     made = VirtualRobot()
     clock = SimpleNamespace(
-        perf_counter_ns=made.now, sleep=lambda seconds: made.pass_time(made.time + 1e3 * seconds)
+        perf_counter_ns=made.now,
+        monotonic=lambda: 1e-3 * made.time,
+        sleep=lambda seconds: made.pass_time(made.time + 1e3 * seconds),
     )
     monkeypatch.setattr(handover, "time", clock)
     return made
@@ -61,3 +63,26 @@ def test_wheels_that_cannot_be_switched_on_are_an_error(
     monkeypatch.setattr(robot, "setAlias", lose)
     with pytest.raises(BackendError, match="switch its wheels on"):
         handover.ramp_up(link, ROBOT, SETTINGS, lambda: None)
+
+
+def test_a_robot_that_falls_silent_gets_no_more_stiffness(robot: VirtualRobot, link: Link) -> None:
+    looks: list[float] = []
+
+    def look() -> None:
+        looks.append(robot.time)
+        if len(looks) == 30:
+            robot.hang(robot.time + 10_000.0)
+
+    with pytest.raises(BackendError, match="stopped answering"):
+        handover.ramp_up(link, ROBOT, SETTINGS, look)
+    assert looks[-1] - looks[29] <= 100.0, "[ms]"
+
+
+def test_a_robot_that_is_silent_in_the_end_is_not_waited_for(
+    robot: VirtualRobot, link: Link
+) -> None:
+    handover.ramp_up(link, ROBOT, SETTINGS, lambda: None)
+    hung = robot.time
+    robot.hang(hung + 10_000.0)
+    assert not handover.let_go(link, ROBOT, SETTINGS, np.full(17, np.nan))
+    assert robot.time - hung < 200.0, "[ms]"
