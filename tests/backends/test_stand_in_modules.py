@@ -13,6 +13,8 @@ from stand_in_cases import PREFIX, connected, wait_until
 from pepper_driver.backends.naoqi_server.launch import StandIn
 from pepper_driver.config import load_robot
 
+pytestmark = pytest.mark.usefixtures("qi")
+
 CONFIG = load_robot()
 
 

@@ -12,6 +12,8 @@ from stand_in_cases import connected, wait_until
 from pepper_driver.backends.naoqi_server.launch import StandIn
 from pepper_driver.config import load_robot
 
+pytestmark = pytest.mark.usefixtures("qi")
+
 SCRIPTS = Path(__file__).parent / "naoqi_scripts"
 
 
