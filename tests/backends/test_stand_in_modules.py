@@ -14,6 +14,8 @@ from waiting import wait_until
 from pepper_driver.backends.naoqi_server.launch import StandIn
 from pepper_driver.config import load_robot
 
+pytestmark = pytest.mark.usefixtures("qi")
+
 CONFIG = load_robot()
 
 

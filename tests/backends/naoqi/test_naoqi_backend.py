@@ -137,6 +137,7 @@ def test_a_wrong_key_is_told_before_anything_is_looked_for(query: str, word: str
     assert "\n" not in str(caught.value)
 
 
+@pytest.mark.usefixtures("qi")
 def test_nobody_there_is_one_line() -> None:
     backend = make_backend("naoqi://127.0.0.1:1")
     with pytest.raises(NotConnectedError, match=r"127\.0\.0\.1") as caught:
