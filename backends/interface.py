@@ -68,6 +68,9 @@ class Measurement:
         answers: How many steps before this one the command was given that a sample without ``age`` answers, 0 for that
             of this step; None where it is ``BackendInfo.response_delay``.
         withheld: Commands since ``activate`` that were not sent, because too many were on their way.
+        stiffness: (17,) that the boards are told to have, by whomever, 0..1; NaN for joints, or None for a robot, of
+            which nobody knows.
+        missing: Why there is no younger sample, for people; empty where there is, or where nobody knows.
     """
 
     time: float
@@ -85,6 +88,8 @@ class Measurement:
     charging_flap: float = nan
     answers: int | None = None
     withheld: int = 0
+    stiffness: FloatArray | None = None
+    missing: str = ""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

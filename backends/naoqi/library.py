@@ -10,6 +10,7 @@ import os
 import platform
 import sys
 from collections.abc import Callable
+from importlib.util import find_spec
 from types import ModuleType
 from typing import Any, Protocol, Self, TypeAlias
 
@@ -99,7 +100,8 @@ def load_qi() -> ModuleType:
         NoQiError: It is not installed.
         ImportOrderError: Pinocchio is there before it; see :mod:`pepper_driver.backends.naoqi.before_pinocchio`.
     """
-    if "pinocchio" in sys.modules and "qi" not in sys.modules:
+    late = "pinocchio" in sys.modules and "qi" not in sys.modules
+    if late and find_spec("qi") is not None:  # without a library no order helps
         raise ImportOrderError(
             "pinocchio was imported before NAOqi's library qi, and in this order they crash the process; in your "
             "program import pepper_driver, or qi, before pinocchio"

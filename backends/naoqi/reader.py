@@ -36,6 +36,7 @@ class Reader:
     Attributes:
         newest: The newest good sample.
         date: Its date [ms].
+        missing: Why the last answer was no good sample, for people; empty where it was one.
     """
 
     def __init__(
@@ -50,7 +51,7 @@ class Reader:
         now: Callable[[], int] = time.perf_counter_ns,
     ) -> None:
         self._memory, self._dcm, self._keys, self._clock = memory, dcm, keys, clock
-        self.newest, self.date = first, date
+        self.newest, self.date, self.missing = first, date, ""
         self._now = now
         self._clock_asked = now()
         self._warned: int | None = None
@@ -71,6 +72,7 @@ class Reader:
         if isinstance(values, str):
             self._warn(values)
             return False
+        self.missing = ""
         date = self._clock.date(values.shown, self._now())
         if date <= self.date:
             return False
@@ -100,6 +102,7 @@ class Reader:
                 self._clock.add(question.reply)
 
     def _warn(self, problem: str) -> None:
+        self.missing = problem
         now = self._now()
         if self._warned is None or now - self._warned >= WARNING_PERIOD:
             self._warned = now

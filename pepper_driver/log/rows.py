@@ -33,6 +33,7 @@ class TickRows:
     def __init__(self, robot: RobotConfig) -> None:
         self._arrays = _Arrays(tick_fields(robot))
         self._unobserved = unobserved(robot)
+        self._unknown = np.full(len(robot.joints), np.nan)
 
     def message(
         self,
@@ -81,6 +82,7 @@ class TickRows:
                 m.bumpers,
                 m.buttons,
                 m.temperature,
+                self._unknown if m.stiffness is None else m.stiffness,
                 tick.changed,
                 seen.state,
             ),

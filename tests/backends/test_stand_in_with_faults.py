@@ -105,6 +105,9 @@ def test_a_disconnected_joint_shows_what_was_and_sinks(stand_in: StandIn, sessio
     assert wait_until(lambda: abs(stand_in.black_box(1).position[0, PLACE] - 0.5) < 0.05)
     stand_in.set_fault(f"disconnected:{JOINT}")
     assert wait_until(lambda: stand_in.black_box(1).stiffness[0, PLACE] == 0.0)
+    assert session.service("ALMemory").getData(HARDNESS) == 1.0, (
+        "what the DCM orders is another matter"
+    )
     shown = session.service("ALMemory").getData(POSITION)
     begin = time.monotonic()
     assert wait_until(lambda: abs(stand_in.black_box(1).position[0, PLACE] - shown) > 0.2)

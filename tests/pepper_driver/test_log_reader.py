@@ -296,11 +296,11 @@ def test_missing_and_foreign_files(tmp_path: Path) -> None:
 
 def test_later_layout_is_refused(tmp_path: Path) -> None:
     written = Written(tmp_path / "a.mcap", 1)
-    old, new = (b"\x07\x00\x00\x00version\x01\x00\x00\x00" + digit for digit in (b"3", b"9"))
+    old, new = (b"\x07\x00\x00\x00version\x01\x00\x00\x00" + digit for digit in (b"4", b"9"))
     data = written.path.read_bytes()
     assert data.count(old) == 1
     written.path.write_bytes(data.replace(old, new))
-    assert "has layout 9, this version reads 3" in message(written.path)
+    assert "has layout 9, this version reads 4" in message(written.path)
 
 
 def test_flipped_bits_never_pass_for_data(tmp_path: Path) -> None:

@@ -61,6 +61,7 @@ class Samples:
                 charging_flap=float(self.random.random()),
                 answers=int(self.random.integers(5)),
                 withheld=int(self.random.integers(1000)),
+                stiffness=self.vector(N),
             ),
             reference=Reference(
                 position=self.vector(N),
@@ -134,7 +135,7 @@ def flatten(tick: Tick, observation: Observation, step: int = 0) -> dict[str, ob
     """The values of one tick, in no real time, under the names they have in the log."""
     m = tick.measurement
     values: dict[str, object] = {
-        f.name: getattr(m, f.name) for f in fields(Measurement) if f.name != "imu"
+        f.name: getattr(m, f.name) for f in fields(Measurement) if f.name not in ("imu", "missing")
     }
     values |= {f"imu_{f.name}": getattr(m.imu, f.name) for f in fields(Imu)}
     values |= {f"sent_{f.name}": getattr(tick.sent, f.name) for f in fields(Command)}

@@ -12,10 +12,11 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
-from stand_ins import PATIENT, since
+from stand_ins import PATIENT, SILENCE, since
 from waiting import PATIENCE, wait_until
 
 from pepper_driver import Pepper
@@ -23,10 +24,13 @@ from pepper_driver.backends import NotConnectedError
 from pepper_driver.backends.naoqi import backend as naoqi_backend
 from pepper_driver.backends.naoqi_server.faults import parse_fault
 from pepper_driver.backends.naoqi_server.launch import StandIn
-from pepper_driver.config import PepperError, load_naoqi_settings
-from pepper_driver.safety import FaultError
+from pepper_driver.config import PepperError, load_naoqi_settings, load_safety_settings
+from pepper_driver.events import FaultEvent
+from pepper_driver.log import read_log
+from pepper_driver.safety import FaultError, FaultReason
 
 from naoqi_fault_cases import (  # isort: skip
+    ROBOT,
     STANDS,
     TRIES,
     assert_joints_hold,
@@ -43,6 +47,7 @@ from naoqi_fault_cases import (  # isort: skip
 )
 
 LARGEST_STEP = 0.02  # [rad] of a joint's command, from a cycle to the next
+SAFETY = load_safety_settings()
 
 
 @pytest.fixture(scope="module")
@@ -138,21 +143,72 @@ def test_what_is_borne_moves_on_without_a_jump(robot: StandIn) -> None:
 
 
 def test_a_disconnected_joint_is_told_and_sinks(robot: StandIn) -> None:
-    """It counts as following until it is 0.6 rad off for half a second; all others go on."""
+    """The others go on until its command has left what it shows: at rest nobody could tell."""
     outcome = drive(robot, "disconnected:LShoulderPitch", 5.0)
     assert isinstance(outcome.error, FaultError)
-    assert "LShoulderPitch" in str(outcome.error)
+    assert outcome.error.fault.reason is FaultReason.SILENT_JOINT
+    assert "LShoulderPitch does not answer" in str(outcome.error)
+    place = ROBOT.joint_index("LShoulderPitch")
+    box = outcome.box
+    dead = int(np.argmax(box.stiffness[:, place] == 0.0))
+    way = np.abs(box.position_command[:, place] - box.position_command[dead, place]).max()
+    assert SAFETY.silent - 0.05 < way < SAFETY.divergence, "sooner than by its distance alone"
+    assert_wheels_stop(box)
+    assert_joints_hold(box, outcome.ended, but=["LShoulderPitch"])
+
+
+def test_a_joint_without_values_is_named(robot: StandIn) -> None:
+    outcome = drive(robot, "none:RElbowYaw", 3.0)
+    assert isinstance(outcome.error, FaultError)
+    assert outcome.error.fault.reason is FaultReason.STALE_SAMPLE
+    assert "no answer from RElbowYaw" in str(outcome.error)
     assert_wheels_stop(outcome.box)
-    assert_joints_hold(outcome.box, outcome.ended, but=["LShoulderPitch"])
 
 
-def test_a_robot_that_falls_asleep_stands_and_lets_its_arms_sink(robot: StandIn) -> None:
+def test_a_robot_that_falls_asleep_stops_and_lets_its_arms_sink(robot: StandIn) -> None:
     """Nobody gives it stiffness again; nor does waking up make it go on where it was."""
-    outcome = drive(robot, "asleep", 1.0)
-    asleep = outcome.box.begin > outcome.wrong
-    assert not outcome.box.stiffness[asleep].any()
-    assert not outcome.box.wheel_command[asleep].any()
-    assert np.abs(outcome.box.wheel_speed[-1]).max() <= STANDS
+    outcome = drive(robot, "asleep", 5.0, watch=1.2)  # wheels without power run out
+    assert isinstance(outcome.error, FaultError)
+    assert outcome.error.fault.reason is FaultReason.STIFFNESS
+    assert "all joints" in str(outcome.error)
+    box = outcome.box
+    asleep = box.begin > outcome.wrong
+    assert not box.stiffness[asleep].any()
+    assert not box.wheel_command[asleep].any()
+    assert np.abs(box.wheel_speed[-1]).max() <= STANDS
+    # In cycles of the robot: from the first without stiffness to the last order.
+    fell = int(np.argmax(~box.stiffness.any(axis=1)))
+    last = int(np.flatnonzero(np.diff(box.orders))[-1])
+    assert SAFETY.stiffness_time < (last - fell) * ROBOT.cycle < SAFETY.stiffness_time + SILENCE
+
+
+@pytest.mark.parametrize("mode", ["dcm", "angles"])
+def test_somebody_who_makes_an_arm_soft_stops_the_robot(
+    qi: Any, robot: StandIn, tmp_path: Path, mode: str
+) -> None:
+    """By the way of all faults: FAULT, the log and callbacks have it; the arm stays soft."""
+    robot.clear_faults()
+    session = qi.Session()
+    session.connect(robot.url)
+    motion = session.service("ALMotion")
+    log, told = tmp_path / "run.mcap", list[FaultEvent]()
+    try:
+        pepper = Pepper(f"{url(robot)}?mode={mode}", observer=None, log=log, safety=PATIENT)
+        pepper.on_fault()(told.append)
+        with pepper:
+            pepper.run(0.5)
+            motion.setStiffnesses("RArm", 0.0)
+            with pytest.raises(FaultError, match="RShoulderPitch, RShoulderRoll, RElbowYaw and 3"):
+                pepper.run(10.0)
+        assert [event.fault.reason for event in told] == [FaultReason.STIFFNESS]
+        (event,) = (event for event in read_log(log).events if event.kind == "fault")
+        assert (event.name, event.text) == ("stiffness", told[0].fault.text)
+        logged = read_log(log)["stiffness"]
+        arm = [ROBOT.joint_index(name) for name in ROBOT.chains["right_arm"]]
+        assert not logged[-1, arm].any()
+    finally:
+        motion.setStiffnesses("Body", 1.0)
+        session.close()
 
 
 def test_the_clock_rolls_over_under_a_robot_that_moves(wake_up: Callable[[StandIn], None]) -> None:

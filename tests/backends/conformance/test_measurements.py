@@ -48,6 +48,11 @@ def check(measurement: Measurement) -> None:
     assert isinstance(measurement.tick, int)
     assert measurement.answers is None or measurement.answers >= 0
     assert measurement.withheld >= 0
+    if measurement.stiffness is not None:
+        known = measurement.stiffness[~np.isnan(measurement.stiffness)]
+        assert measurement.stiffness.shape == (17,)
+        assert ((known >= 0.0) & (known <= 1.0)).all()
+    assert len(measurement.missing.splitlines()) <= 1
 
 
 Course = list[tuple[Measurement, Measurement]]

@@ -69,6 +69,9 @@ class Motion:
         self.may_answer = threading.Event()
         self.may_answer.set()
         self.commanded: list[float] = ROBOT.posture("Stand").tolist()
+        self.stiffnesses = [1.0] * 14
+        self.may_soften = threading.Event()
+        self.may_soften.set()
         self.come_on()
 
     def come_on(self) -> None:
@@ -113,6 +116,11 @@ class Motion:
 
     def setStiffnesses(self, names: list[str], stiffnesses: list[float]) -> None:
         self.log.append(("setStiffnesses", len(names), stiffnesses[0]))
+        self.may_soften.wait(30.0)
+        self.stiffnesses = stiffnesses
+
+    def getStiffnesses(self, names: list[str]) -> list[float]:
+        return self.stiffnesses
 
     def getBreathEnabled(self, chain: str) -> bool:
         return self.on.get(("Breath", chain), False)

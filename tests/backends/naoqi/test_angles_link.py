@@ -14,6 +14,7 @@ from pepper_driver.backends.naoqi.angles_link import AnglesLink
 from pepper_driver.backends.naoqi.connection import Connection, connect
 from pepper_driver.backends.naoqi.keys import SensorKeys
 from pepper_driver.config import load_naoqi_settings
+from pepper_driver.config.parts import FloatArray
 
 pytestmark = pytest.mark.usefixtures("qi")
 
@@ -100,6 +101,34 @@ def test_stiffness_is_passed_on_when_it_changes(fake: FakeRobot, connection: Con
     assert told(0.8) == [0.5, 0.8]
     assert told(0.99) == [0.5, 0.8, 0.99]
     assert told(1.0) == [0.5, 0.8, 0.99, 1.0], "the last bit of the way too"
+
+
+def test_stiffness_is_asked_for_and_unknown_while_ours_is_on_its_way(
+    fake: FakeRobot, connection: Connection
+) -> None:
+    """Else what the robot had before looks as if somebody had taken it away."""
+    link = made(connection)
+    link.start(np.ones(17))
+    soft = np.isin(ROBOT.joint_names, link.soft)
+
+    def shown(stiffness: float) -> FloatArray:
+        found = ticks(link, 1, stiffness)[-1].stiffness
+        assert found is not None
+        return found
+
+    assert np.isnan(shown(1.0)).all()
+    assert wait_until(lambda: (shown(1.0)[soft] == 1.0).all())
+    assert np.isnan(shown(1.0)[~soft]).all(), "nobody can change that of the legs"
+    fake.motion.may_soften.clear()
+    ticks(link, 3, 0.2)
+    assert all(np.isnan(shown(0.2)).all() for _ in range(20))
+    fake.motion.may_soften.set()
+    assert wait_until(lambda: (shown(0.2)[soft] == 0.2).all())
+    for nonsense in ([], [0.2] * 3, "soft"):
+        fake.motion.stiffnesses = nonsense  # type: ignore[assignment]
+        assert wait_until(lambda: np.isnan(shown(0.2)).all())
+        fake.motion.stiffnesses = [0.2] * 14
+        assert wait_until(lambda: (shown(0.2)[soft] == 0.2).all())
 
 
 def test_samples_that_are_none(fake: FakeRobot, connection: Connection) -> None:
