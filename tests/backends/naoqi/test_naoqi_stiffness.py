@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from stand_ins import patient_driver, since
 from virtual_robot import CYCLE, ROBOT, Network, VirtualRobot
 
 from pepper_driver.backends import Backend, Command, Measurement, make_backend
@@ -153,7 +154,10 @@ def test_what_somebody_else_orders_is_seen_in_a_tenth_of_a_second() -> None:
 @pytest.fixture(scope="module")
 def robot(wake_up: Callable[[StandIn], None]) -> Iterator[StandIn]:
     """Awake."""
-    with StandIn("mujoco://?seed=3", consent=True, network="clear") as running:
+    with (
+        StandIn("mujoco://?seed=3", consent=True, network="clear") as running,
+        patient_driver(),
+    ):
         wake_up(running)
         yield running
 
@@ -214,7 +218,7 @@ def test_our_own_ramps_are_no_theft_over_qi_either(robot: StandIn, fault: str) -
 
 def recent(robot: StandIn, begun: float) -> BlackBox:
     time.sleep(0.1)  # what was said last is done
-    return robot.black_box(round((time.monotonic() - begun) / ROBOT.cycle))
+    return since(robot, begun)
 
 
 @pytest.mark.parametrize("mode", ["dcm", "angles"])
