@@ -13,10 +13,9 @@ from pepper_driver.backends.interface import (
     Imu,
     Measurement,
     NotConnectedError,
-    SimulatedPlant,
-    Truth,
 )
 from pepper_driver.backends.selection import make_backend
+from pepper_driver.backends.simulated import SimulatedPlant, Truth
 
 __all__ = [
     "Backend",

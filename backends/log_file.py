@@ -29,7 +29,7 @@ UNANSWERED_TOPIC = "/unanswered"
 CDR_HEADER = b"\x00\x01\x00\x00"
 """Plain CDR, little-endian, no options."""
 
-LAYOUT_VERSION = "3"
+LAYOUT_VERSION = "4"
 
 FieldType = Literal["float64", "int64", "bool", "int8"]
 

@@ -229,7 +229,7 @@ def _measurements(file: LogFile, robot: RobotConfig) -> tuple[Measurement, ...]:
         Imu(**dict(zip((f.name for f in fields(Imu)), values, strict=True)))
         for values in zip(*(_frozen(table[f"imu_{f.name}"]) for f in fields(Imu)), strict=True)
     ]
-    names = [f.name for f in fields(Measurement) if f.name != "imu"]
+    names = [f.name for f in fields(Measurement) if f.name not in ("imu", "missing")]
     columns = [
         table[name].tolist() if table[name].ndim == 1 else _frozen(table[name]) for name in names
     ]

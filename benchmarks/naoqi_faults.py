@@ -1,7 +1,8 @@
 """What a robot does when its program, the link or NAOqi fails: against the stand-in, over real qi, in its black box.
 
 A program in a process of its own moves both arms and drives. Then it is killed, the link is cut or blocked, NAOqi hangs
-or is killed; or Ctrl-C ends it, also while NAOqi hangs, is dead or out of reach. Figures are of the simulated robot.
+or is killed; the robot falls asleep, an arm is made soft, a joint is unplugged; or Ctrl-C ends it, also while NAOqi
+hangs, is dead or out of reach. Figures are of the simulated robot.
 Run: python benchmarks/naoqi_faults.py --repeat 5 --speed 0.15 --json naoqi_faults.json
 """
 
@@ -13,7 +14,7 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -23,11 +24,11 @@ from rich.console import Console
 from rich.table import Table
 
 from pepper_driver import Pepper
-from pepper_driver.backends.interface import FloatArray
 from pepper_driver.backends.naoqi.library import load_qi
 from pepper_driver.backends.naoqi_server.black_box import BlackBox
 from pepper_driver.backends.naoqi_server.launch import StandIn
 from pepper_driver.config import PepperError, load_doctor_settings, load_robot
+from pepper_driver.config.parts import FloatArray
 
 LOSSES: Mapping[str, str | None] = {
     "program killed": None,
@@ -37,6 +38,14 @@ LOSSES: Mapping[str, str | None] = {
     "NAOqi hangs": "hang",
 }
 """What fails, and the fault of the stand-in that does it."""
+
+GONE: Mapping[str, tuple[str | None, str]] = {
+    "robot falls asleep": ("asleep", "RShoulderPitch"),
+    "arm made soft by another program": (None, "RShoulderPitch"),
+    "moving joint unplugged": ("disconnected:RShoulderPitch", "RShoulderPitch"),
+    "joint without values": ("none:RShoulderPitch", ""),
+}
+"""Motors that are gone: the fault of the stand-in, and the joint by which the black box dates it."""
 
 INTERRUPTED: Mapping[str, str | None] = {
     "all is well": None,
@@ -207,6 +216,33 @@ def lose(stand_in: StandIn, name: str, speed: float) -> dict[str, float | str]:
     return figures
 
 
+def go(
+    stand_in: StandIn, set_stiffness: Callable[[str, float], object], name: str, speed: float
+) -> dict[str, float | str]:
+    """Let motors be gone while the robot moves, until the program ends."""
+    program = Program(stand_in, speed)
+    fault, joint = GONE[name]
+    begin = time.monotonic()
+    if fault is None:
+        set_stiffness("RArm", 0.0)
+    else:
+        stand_in.set_fault(fault)
+    ended = program.end()
+    box = between(stand_in, begin - 0.1, time.monotonic())
+    since = box.end[box.end <= begin][-1]
+    figures: dict[str, float | str] = {}
+    if joint:
+        place = load_robot().joint_index(joint)
+        gone = int(np.argmax(box.stiffness[:, place] < 0.5))
+        held = box.end <= ended["at"]
+        way = box.position_command[held, place] - box.position_command[gone, place]
+        since, figures["command's way"] = box.end[gone], 1e3 * float(np.abs(way[gone:]).max())
+    figures |= {"noticed": 1e3 * (ended["at"] - since), "error": str(ended["error"])}
+    stand_in.clear_faults()
+    set_stiffness("Body", 1.0)
+    return figures
+
+
 def interrupt(stand_in: StandIn, name: str, speed: float) -> dict[str, float | str]:
     """Press Ctrl-C, with something else wrong."""
     program = Program(stand_in, speed)
@@ -260,16 +296,26 @@ def main() -> None:
     with StandIn("mujoco://?seed=3", network="clear", consent=True) as stand_in:
         session = qi.Session()
         session.connect(stand_in.url)
-        session.service("ALMotion").wakeUp()
-        session.close()
+        motion = session.service("ALMotion")
+        motion.wakeUp()
         lost = {
             name: largest([lose(stand_in, name, given.speed) for _ in range(given.repeat)])
             for name in LOSSES
+        }
+        gone = {
+            name: largest(
+                [
+                    go(stand_in, motion.setStiffnesses, name, given.speed)
+                    for _ in range(given.repeat)
+                ]
+            )
+            for name in GONE
         }
         stopped = {
             name: largest([interrupt(stand_in, name, given.speed) for _ in range(given.repeat)])
             for name in INTERRUPTED
         }
+        session.close()
     console.print(
         f"largest of {given.repeat} runs at {given.speed:g} m/s; times in ms, joints in mrad"
     )
@@ -289,10 +335,14 @@ def main() -> None:
             "late wheels",
         ],
     )
+    console.print("motors that are gone: since the first cycle without them")
+    show(console, gone, ["command's way", "noticed"])
     console.print("Ctrl-C: until the process has ended")
     show(console, stopped, ["exit"])
     if given.json is not None:
-        given.json.write_text(json.dumps({"lost": lost, "interrupted": stopped}, indent=1))
+        given.json.write_text(
+            json.dumps({"lost": lost, "gone": gone, "interrupted": stopped}, indent=1)
+        )
 
 
 if __name__ == "__main__":

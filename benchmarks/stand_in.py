@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 from rich.console import Console
 from rich.table import Table
 
@@ -62,7 +63,7 @@ def _size(process: Path) -> float:
     return float(next(line.split()[1] for line in lines if line.startswith("RssAnon")))
 
 
-def spread(milliseconds: Any) -> dict[str, float]:  # noqa: ANN401
+def spread(milliseconds: ArrayLike) -> dict[str, float]:
     """Median, p99 and largest [ms]."""
     found = np.percentile(milliseconds, [50, 99, 100]).round(3).tolist()
     return dict(zip(("median", "p99", "max"), found, strict=True))

@@ -39,7 +39,7 @@ Duration = Annotated[float, Field(ge=SHORTEST, le=LONGEST)]
 Pause = Annotated[float, Field(ge=0, le=LONGEST)]
 
 
-def _one_or_more(cls: Any) -> WrapValidator:  # noqa: ANN401
+def _one_or_more(cls: Any) -> WrapValidator:  # noqa: ANN401 a class, of which mypy makes no tuple[cls, ...]
     """One mapping, or a list of them, becomes a tuple; errors carry a number only where there is a list."""
 
     def build(value: object, _: object) -> object:

@@ -14,7 +14,7 @@ class PluginError(PepperError, ImportError):
     """A registered part exists, but cannot be loaded."""
 
 
-def load_plugin(kind: str, group: str, name: str, builtin: Mapping[str, str]) -> Any:  # noqa: ANN401
+def load_plugin(kind: str, group: str, name: str, builtin: Mapping[str, str]) -> Any:  # noqa: ANN401 the group says what
     """The object registered as ``name``.
 
     Args:

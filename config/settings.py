@@ -121,6 +121,10 @@ class SafetySettings:
     acceleration_margin: Annotated[float, Field(ge=1)]
     divergence: Positive
     divergence_time: Positive
+    stiffness_taken: Positive
+    stiffness_time: NotNegative
+    silent: Positive
+    silent_time: Positive
     stale_hold: Positive
     stale_fault: Positive
     stiffness_ramp: Positive

@@ -256,7 +256,7 @@ def _model(kind: ModelKind, entry: object, joint: str) -> JointModel:
     return parse(MODEL_TYPES[kind], entry, f"model of {joint}")
 
 
-def _plain(value: Any) -> dict[str, Any]:  # noqa: ANN401
+def _plain(value: BaseModel | Mapping[str, float]) -> dict[str, Any]:
     return asdict(value) if isinstance(value, BaseModel) else dict(value)
 
 

@@ -1,7 +1,7 @@
 """Lets a Pepper humanoid feel where, when and how hard it is touched, from its joint encoders alone."""
 
 from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from pepper_driver.config import PepperError
@@ -88,7 +88,7 @@ _HOMES = {
 }
 
 
-def __getattr__(name: str) -> Any:  # noqa: ANN401
+def __getattr__(name: str) -> object:
     if name not in _HOMES:
         raise AttributeError(f"module 'pepper_driver' has no attribute '{name}'")
     return getattr(import_module(_HOMES[name]), name)

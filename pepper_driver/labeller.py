@@ -31,6 +31,9 @@ class Labeller:
         pressed: Whether it is, given a measurement.
         link: What is touched then; None where nobody knows.
         joint: The last joint of its chain that moves the link; None on trunk and base.
+
+    Attributes:
+        latest: What the last step returned.
     """
 
     def __init__(
@@ -40,6 +43,7 @@ class Labeller:
         self._link, self._joint = link, joint
         self._ready = source == "key"
         self._touched = False
+        self.latest: tuple[Label, ...] = ()
 
     @property
     def touched(self) -> bool:
@@ -50,18 +54,16 @@ class Labeller:
         """The label of this tick, if there is one."""
         pressed = self._pressed(measurement)
         self._ready = self._ready or not pressed
-        if not self._ready or pressed == self._touched:
-            return ()
-        self._touched = pressed
-        phase: LabelPhase = "onset" if pressed else "release"
-        label = Label(
-            time=float(measurement.time),
-            phase=phase,
-            source=self._source,
-            link=self._link,
-            joint=self._joint,
+        self.latest = ()
+        if self._ready and pressed != self._touched:
+            self._touched = pressed
+            self.latest = (self._label(float(measurement.time), "onset" if pressed else "release"),)
+        return self.latest
+
+    def _label(self, time: float, phase: LabelPhase) -> Label:
+        return Label(
+            time=time, phase=phase, source=self._source, link=self._link, joint=self._joint
         )
-        return (label,)
 
 
 def make_labeller(

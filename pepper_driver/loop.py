@@ -20,7 +20,7 @@ from pepper_driver.config import RobotConfig
 from pepper_driver.config.parts import FloatArray
 from pepper_driver.controller import Reference, Sent, Tick, WholeBodyController
 from pepper_driver.events import ReflexEvent, SensorEvent
-from pepper_driver.log import LogEvent, LogWriter
+from pepper_driver.log import Label, LogEvent, LogWriter
 from pepper_driver.observer import Observation, Observer
 from pepper_driver.reflexes import Control, Reflexes
 from pepper_driver.safety import FaultError, FaultReason, SafetyGate
@@ -35,6 +35,9 @@ SHORTEST_RETURN = 0.8
 
 PEAK = 1.875
 """Largest speed of a motion of least jerk over its mean."""
+
+Labelling = Callable[[Measurement], Sequence[Label]]
+"""Makes the labels of a tick, inside it: must be quick."""
 
 
 class Loop:
@@ -79,6 +82,8 @@ class Loop:
         self._observer = observer
         self._reflexes = reflexes
         self._log = log
+        self._label: Labelling | None = None
+        self._missed = 0
         self._deliver = deliver
         self._truth: Truth | None = backend.truth if "truth" in backend.info.capabilities else None
         self.control = Control(controller, robot)
@@ -111,6 +116,10 @@ class Loop:
         self.target, self._duration = target, duration
         self._wanted = None
 
+    def start_log(self, log: LogWriter, label: Labelling | None = None) -> None:
+        """Log every tick from the next one on, with the labels made of its measurement."""
+        self._log, self._label, self._missed = log, label, 0
+
     def note(self, event: LogEvent) -> None:
         """Log what happened outside the stages of a tick."""
         if self._log is not None:
@@ -133,6 +142,7 @@ class Loop:
         if self._gate.fault is not None:
             self._halt()
             raise FaultError(self._gate.fault)
+        self._missed += missed
         marks = [perf_counter_ns()]
         measurement = self._backend.step(self._on_the_way[-1].command)
         self.time = measurement.time
@@ -176,10 +186,11 @@ class Loop:
                     tick,
                     observation,
                     truth,
+                    () if self._label is None else self._label(measurement),
                     events=[LogEvent.of(event) for event in events],
                     unanswered=unanswered,
                     tick_end=np.nan if due is None else (perf_counter_ns() - due) * 1e-9,
-                    missed=self.times.missed + missed,
+                    missed=self._missed,
                 )
             marks.append(perf_counter_ns())
             self._deliver(tick, observation, events)
@@ -260,7 +271,5 @@ class Loop:
                     time=self.time, kind="fault", name=fault.reason.value, text=fault.text
                 )
                 self._log.note(event)
-            with suppress(
-                Exception
-            ):  # whatever the backend says to it: the fault is what is raised
+            with suppress(Exception):  # of the backend: the fault is what is raised
                 self._backend.step(self._gate.hold())

@@ -22,6 +22,9 @@ Each of the simulation's steps lets go of the interpreter, and so does a sleep; 
 each. With Python's own 5 ms, one computing callback costs two ticks of three; below 20 us, switching costs more.
 """
 
+PYTHONS_OWN = 1000
+"""Frozen objects, at most, that are Python's own: 3.12 starts with some hundred. Whoever freezes has thousands."""
+
 
 @contextmanager
 def realtime() -> Iterator[None]:
@@ -57,7 +60,7 @@ class _Process:
                 return
             self._switch_interval = sys.getswitchinterval()
             self._collecting = gc.isenabled()
-            self._frozen = gc.get_freeze_count() > 0  # by the user: stays so
+            self._frozen = gc.get_freeze_count() > PYTHONS_OWN  # by the user: stays so
             sys.setswitchinterval(min(SWITCH_INTERVAL, self._switch_interval))
             gc.freeze()
             gc.disable()

@@ -12,7 +12,7 @@ from pepper_driver.controller import Tick
 from pepper_driver.keys import SpaceBar
 from pepper_driver.labeller import make_labeller
 from pepper_driver.labelling import LabelError
-from pepper_driver.log import Label, LogWriter
+from pepper_driver.log import Label
 from pepper_driver.observer import Observation
 from pepper_driver.robot import Pepper
 from pepper_driver.staging import Stage, scenario_uri
@@ -88,39 +88,34 @@ def record_labelled(
         if scenario is None
         else Stage(pepper, scenario, scenario.seed if seed is None else seed)
     )
-    info = pepper.backend.info
-    truth = pepper.backend.truth if "truth" in info.capabilities else None
     ticks = touches = 0
     interrupted = False
+
+    def on_tick(tick: Tick, observation: Observation | None) -> None:
+        nonlocal ticks, touches
+        ticks += 1
+        for label in labeller.latest:
+            touches += label.phase == "onset"
+            if on_label is not None:
+                on_label(label)
+
     with space_bar if by_key else nullcontext(), pepper:
-        log = LogWriter(out, robot, pepper.run_metadata(), lossless=not info.real_time)
-
-        def on_tick(tick: Tick, observation: Observation | None) -> None:
-            nonlocal ticks, touches
-            labels = labeller.step(tick.measurement)
-            log.append(tick, observation, None if truth is None else truth.sample(), labels)
-            ticks += 1
-            for label in labels:
-                touches += label.phase == "onset"
-                if on_label is not None:
-                    on_label(label)
-
-        with log:
-            space_bar.forget()  # what was pressed while the robot started
-            if on_start is not None:
-                on_start(pepper)
-            try:
-                if stage is not None:
-                    stage.perform(on_tick=on_tick)
-                elif motion is None:
-                    pepper.run(length, on_tick=on_tick)
-                else:
-                    end = pepper.time + length
+        space_bar.forget()  # what was pressed while the robot started
+        log = pepper.start_log(out, labeller.step)
+        if on_start is not None:
+            on_start(pepper)
+        try:
+            if stage is not None:
+                stage.perform(on_tick=on_tick, settling=True)
+            elif motion is None:
+                pepper.run(length, on_tick=on_tick)
+            else:
+                end = pepper.time + length
+                pepper.play(motion, on_tick=on_tick)
+                while pepper.time < end:
                     pepper.play(motion, on_tick=on_tick)
-                    while pepper.time < end:
-                        pepper.play(motion, on_tick=on_tick)
-            except KeyboardInterrupt:
-                interrupted = True
+        except KeyboardInterrupt:
+            interrupted = True
     return LabelledRun(
         seconds=ticks * robot.cycle,
         touches=touches,

@@ -7,7 +7,7 @@ from itertools import count
 from numbers import Real
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Literal, Self
+from typing import Literal, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -30,7 +30,8 @@ from pepper_driver.controller.tasks import checked_stiffness
 from pepper_driver.events import CueEvent, PushEvent, StepEvent
 from pepper_driver.extras import RobotExtras
 from pepper_driver.listening import Listening
-from pepper_driver.log import run_metadata
+from pepper_driver.log import LogWriter, run_metadata
+from pepper_driver.loop import Labelling
 from pepper_driver.motion import Conductor, OnStep, Player
 from pepper_driver.motion_report import MotionReport
 from pepper_driver.observer import Observation, Observer
@@ -153,6 +154,18 @@ class Pepper(Listening):
             self._session.close()
         else:
             self.backend.close()
+
+    def start_log(self, path: Path | str, label: Labelling | None = None) -> LogWriter:
+        """Log from the next tick on, where ``log`` would also log how the robot got ready; it ends with the run.
+
+        Args:
+            path: An existing file is replaced.
+            label: Makes the labels of each tick, inside it: must be quick.
+
+        Raises:
+            PepperError: The robot is not active or runs, the file cannot be opened, or there is a log already.
+        """
+        return self._active().start_log(Path(path), self.run_metadata(), label)
 
     def run_metadata(self) -> dict[str, str]:
         """What a log says of a run that begins now: robot, observer, reflexes, settings, versions, as text."""
@@ -370,12 +383,12 @@ class Pepper(Listening):
     def _is_active(self) -> bool:
         return self._session is not None and self._session.active
 
-    def _resolve(self, posture: Posture, current: FloatArray) -> Any:  # noqa: ANN401
+    def _resolve(self, posture: Posture, current: FloatArray) -> ArrayLike:
         """Angles of a posture; joints that it does not name keep ``current``. Not checked yet."""
         if isinstance(posture, str):
             return self.config.posture(posture)
         if isinstance(posture, Mapping):
-            angles = current.tolist()
+            angles: list[float] = current.tolist()
             for name, angle in posture.items():
                 angles[self.config.joint_index(name)] = angle
             return angles

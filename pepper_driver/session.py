@@ -23,7 +23,7 @@ from pepper_driver.events import (
     TickEvent,
 )
 from pepper_driver.log import LogEvent, LogWriter
-from pepper_driver.loop import Loop
+from pepper_driver.loop import Labelling, Loop
 from pepper_driver.observer import Contact, Observation, Observer
 from pepper_driver.pacing import Pacer
 from pepper_driver.reflexes import Reflexes
@@ -79,6 +79,8 @@ class Session:
         pacer: Pacer,
     ) -> None:
         self._backend = backend
+        self._robot = robot
+        self._log: LogWriter | None = None
         self._pacer = pacer
         self.cycle = robot.cycle
         self.runner = Runner()
@@ -113,14 +115,13 @@ class Session:
         backend = self._backend
         measurement = backend.open()
         self._gate.check_ready(measurement)
-        hold = measurement.position
+        measured = measurement.position
         log: LogWriter | None = None
         if path is not None:  # only now: a robot that is not there costs no earlier log
-            log = LogWriter(path, robot, metadata, lossless=not backend.info.real_time)
-            self._after_backend.callback(log.close)
+            log = self._open_log(path, metadata)
         controller = WholeBodyController(robot, settings)  # takes long, and a real robot would wait
         measurement = backend.activate()
-        hold = np.clip(hold if backend.held is None else backend.held, robot.lower, robot.upper)
+        hold = np.clip(measured if backend.held is None else backend.held, robot.lower, robot.upper)
         controller.reset(hold)
         self._gate.activate(hold)
         if observer is not None:
@@ -137,6 +138,23 @@ class Session:
             log=log,
             deliver=self.deliver,
         )
+
+    def _open_log(self, path: Path, metadata: Mapping[str, str]) -> LogWriter:
+        lossless = not self._backend.info.real_time
+        self._log = LogWriter(path, self._robot, metadata, lossless=lossless)
+        self._after_backend.callback(self._log.close)
+        return self._log
+
+    def start_log(
+        self, path: Path, metadata: Mapping[str, str], label: Labelling | None
+    ) -> LogWriter:
+        """Log from the next tick on; see :meth:`pepper_driver.Pepper.start_log`."""
+        self.runner.check_free()
+        if self._log is not None:
+            raise BackendError(f"this run is logged already, to '{self._log.path}'")
+        log = self._open_log(path, metadata)
+        self.loop.start_log(log, label)
+        return log
 
     def close(self) -> None:
         """End the robot's part, then the log, then the callbacks. Does nothing when closed. From any thread."""

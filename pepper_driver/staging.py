@@ -67,12 +67,14 @@ class Stage:
         self,
         *,
         on_tick: OnTick | None = None,
+        settling: bool = False,
         on_progress: Callable[[float], None] | None = None,
     ) -> None:
         """Move and touch the robot, which must be active, from the first scene to the last.
 
         Args:
-            on_tick: Called inside every tick of the motion, not while it settles: must be quick.
+            on_tick: Called inside every tick of the motion: must be quick.
+            settling: Whether it is called while the robot settles, too.
             on_progress: Told the share of the time that is over, 0..1.
 
         Raises:
@@ -83,7 +85,7 @@ class Stage:
         total = sum(scene.leg.ticks for scene in self._scenes)
         done = 0
         for scene in self._scenes:
-            listener = self._begin(scene, None if scene.leg.settling else on_tick)
+            listener = self._begin(scene, on_tick if settling or not scene.leg.settling else None)
             end = done + scene.leg.ticks
             while done < end:
                 ticks = min(report, end - done)

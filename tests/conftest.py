@@ -1,10 +1,11 @@
 """What holds for all tests, and the stand-in robot that many of them share."""
 
 import signal
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import pytest
+from hypothesis import HealthCheck, settings
 
 import pepper_driver.backends.naoqi.before_pinocchio  # noqa: F401
 from pepper_driver.backends.naoqi.library import NoQiError, load_qi
@@ -12,6 +13,12 @@ from pepper_driver.backends.naoqi_server.launch import StandIn
 
 # Started in the background of a shell, tests ignore Ctrl-C, and so do the commands that they start and interrupt.
 signal.signal(signal.SIGINT, signal.default_int_handler)
+
+# How long an example takes says something of the machine, and of what else it does.
+settings.register_profile(
+    "any machine", deadline=None, suppress_health_check=[HealthCheck.too_slow]
+)
+settings.load_profile("any machine")
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
@@ -31,6 +38,19 @@ def qi() -> Any:
         return load_qi()
     except NoQiError as error:
         pytest.skip(str(error))
+
+
+@pytest.fixture(scope="session")
+def wake_up(qi: Any) -> Callable[[StandIn], None]:
+    """Wakes a robot up, as its owner does before a program begins."""
+
+    def wake(robot: StandIn) -> None:
+        session = qi.Session()
+        session.connect(robot.url)
+        session.service("ALMotion").wakeUp()
+        session.close()
+
+    return wake
 
 
 @pytest.fixture(scope="module")

@@ -16,8 +16,6 @@ from pepper_driver.backends.interface import (
     Command,
     Measurement,
     NotConnectedError,
-    SimulatedPlant,
-    Truth,
 )
 from pepper_driver.backends.mujoco_.handling import planned_hand, planned_push
 from pepper_driver.backends.mujoco_.readings import Readings
@@ -28,6 +26,7 @@ from pepper_driver.backends.mujoco_.truth import MujocoTruth
 from pepper_driver.backends.mujoco_.window import Window, check_display
 from pepper_driver.backends.selection import BackendUri
 from pepper_driver.backends.serial import Serial, serial
+from pepper_driver.backends.simulated import SimulatedPlant, Truth
 from pepper_driver.config import (
     ConfigError,
     PlantConfig,
@@ -61,11 +60,11 @@ class Snapshot:
 class MujocoBackend(Serial, Backend):
     """A simulated Pepper, with the physics of its motors, gears, boards, wheels and battery.
 
-    Attributes:
-        wheel_stiffness: (3,) 0..1, the share of its torque that each wheel's drive may use while the robot is active.
-
     Same seed, same commands, same bits (on one kind of processor and one version of MuJoCo). Not simulated: contact
     of the robot with itself, sonar and laser.
+
+    Attributes:
+        wheel_stiffness: (3,) 0..1, the share of its torque that each wheel's drive may use while the robot is active.
     """
 
     def __init__(
@@ -96,7 +95,7 @@ class MujocoBackend(Serial, Backend):
         self.wheel_stiffness = np.ones(3)
         self._shown = window
         self._window: Window | None = None
-        self._truth = MujocoTruth(plant, self._simulation)
+        self._truth = MujocoTruth(self._simulation)
         self._info = BackendInfo(
             uri=uri,
             joint_names=robot.joint_names,

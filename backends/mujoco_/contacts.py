@@ -6,7 +6,6 @@ from typing import Any
 
 import mujoco
 
-from pepper_driver.backends.interface import TrueContact
 from pepper_driver.backends.mujoco_.collisions import Collisions
 from pepper_driver.backends.mujoco_.hands import Hands
 from pepper_driver.backends.mujoco_.model import PlantModel
@@ -15,6 +14,7 @@ from pepper_driver.backends.mujoco_.pushes import Pushes
 from pepper_driver.backends.mujoco_.resumable import Resumable
 from pepper_driver.backends.mujoco_.tally import Tally
 from pepper_driver.backends.mujoco_.touch import TouchSensors
+from pepper_driver.backends.simulated import TrueContact
 from pepper_driver.config import RobotConfig, World
 from pepper_driver.config.parts import FloatArray
 

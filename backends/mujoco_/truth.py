@@ -6,10 +6,10 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from pepper_driver.backends.interface import TrueContact, Truth
 from pepper_driver.backends.mujoco_.rolling import FALLEN
 from pepper_driver.backends.mujoco_.simulation import Simulation
-from pepper_driver.config import PlantConfig, UnknownNameError
+from pepper_driver.backends.simulated import TrueContact, Truth
+from pepper_driver.config import UnknownNameError
 from pepper_driver.config.parts import FloatArray
 
 LYING = 0.05
@@ -19,8 +19,7 @@ LYING = 0.05
 class MujocoTruth(Truth):
     """Ground truth of the simulated robot."""
 
-    def __init__(self, plant: PlantConfig, simulation: Simulation) -> None:
-        self._plant = plant
+    def __init__(self, simulation: Simulation) -> None:
         self._simulation = simulation
         mj, names = simulation.model.mj, ("base_x", "base_y", "base_yaw", "base_pitch", "base_roll")
         self._places = None

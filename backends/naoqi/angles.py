@@ -117,11 +117,16 @@ class AnglesBackend(NaoqiRobot):
         return self._open_link.tick(position, stiffness)
 
     def _let_go(self, posture: FloatArray) -> bool:
-        """ALMotion knows where all joints are, so nothing has to go back; the legs keep their stiffness."""
+        """ALMotion knows where all joints are, so nothing has to go back; the legs keep their stiffness.
+
+        No joint gets back what somebody else took away.
+        """
         link, self._moving = self._open_link, False
+        told, ones = link.newest.stiffness, np.ones(len(posture))
+        had = ones if told is None else np.fmin(told, ones)  # 1 where nobody knows
         ticks = round(self._settings.timing.ramp_down / self._robot.cycle)
         for tick in self._beats(ticks + LAST):
-            measurement = link.tick(None, np.full(len(posture), max(0.0, 1.0 - (tick + 1) / ticks)))
+            measurement = link.tick(None, had * max(0.0, 1.0 - (tick + 1) / ticks))
             if self._lost or measurement.age > PATIENCE:
                 return False
             if tick >= ticks and link.idle:

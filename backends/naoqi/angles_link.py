@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import logging
 import time
-from typing import Any
 
 import numpy as np
 
 from pepper_driver.backends.interface import BackendError, Measurement
-from pepper_driver.backends.naoqi.connection import Connection, one_line
+from pepper_driver.backends.naoqi.connection import Connection
 from pepper_driver.backends.naoqi.keys import VALUES, SensorKeys, Values
+from pepper_driver.backends.naoqi.library import Answer, Future, Proxy, one_line
 from pepper_driver.config import RobotConfig
 from pepper_driver.config.naoqi import AnglesSettings
 from pepper_driver.config.parts import FloatArray
@@ -18,7 +18,8 @@ from pepper_driver.config.parts import FloatArray
 logger = logging.getLogger("pepper_driver")
 
 SENSORS = 5
-"""Questions for the angles to one for all other sensors, which some robots refresh twice a second."""
+"""Questions for the angles to one for the stiffness and for all other sensors, which some robots refresh twice a
+second."""
 
 STIFFNESS_STEP = 0.02
 """Smallest change of a stiffness that is passed on."""
@@ -58,6 +59,9 @@ class AnglesLink:
         self._sensors = _Call(memory, "getListData", uri)
         self._order = _Call(motion, "setAngles", uri)
         self._stiffness_order = _Call(motion, "setStiffnesses", uri)
+        self._stiffnesses = _Call(motion, "getStiffnesses", uri)
+        self._unknown = self._found = np.full(len(self._joints), np.nan)
+        self._told_meanwhile = False
         position = self._position_of(connection.call("ALMotion", "getAngles", self._joints, True))
         values = keys.values(connection.call("ALMemory", "getListData", keys.names))
         if position is None or isinstance(values, str):
@@ -111,12 +115,17 @@ class AnglesLink:
         answer = self._sensors.answer()
         if answer is not None and not isinstance(values := self._keys.values(answer), str):
             self._values = values
+        stiffnesses = self._stiffnesses.answer()
+        if stiffnesses is not None and not self._told_meanwhile:
+            self._found = self._stiffness_of(stiffnesses)
 
     def _ask(self) -> None:
         if self._angles.begin(self._joints, True):
             self._asked = time.monotonic()
         if self._step % (SENSORS * self._settings.every) == 0:
             self._sensors.begin(self._keys.names)
+            if self._stiffness_order.over and self._stiffnesses.begin(self.soft):
+                self._told_meanwhile = False
 
     def _tell(self, stiffness: FloatArray) -> None:
         way = np.abs(stiffness - self._stiffness)
@@ -125,6 +134,17 @@ class AnglesLink:
             self.soft, stiffness.tolist()
         ):
             self._stiffness = stiffness
+            # What is on its way to the robot, it may have or not.
+            self._found, self._told_meanwhile = self._unknown, True
+
+    def _stiffness_of(self, answer: object) -> FloatArray:
+        """(17,) what ALMotion says of the soft joints; NaN for the legs, and where it says nothing sensible."""
+        found = self._unknown.copy()
+        try:
+            found[self.places] = np.array(answer, dtype=np.float64)
+        except (TypeError, ValueError):
+            return self._unknown
+        return found
 
     def _position_of(self, answer: object) -> FloatArray | None:
         """(17,) angles [rad]; None where there is no answer, or no good one."""
@@ -140,11 +160,13 @@ class AnglesLink:
 
     def _measurement(self) -> Measurement:
         usual = (self._settings.every + 1) * self._cycle
-        values = {name: getattr(self._values, name) for name in VALUES if name != "position"}
+        values = {name: getattr(self._values, name) for name in VALUES} | {
+            "position": self._position,
+            "stiffness": self._found,
+        }
         return Measurement(
             time=self._tick * self._cycle,
             tick=self._tick,
-            position=self._position,
             age=max(0.0, time.monotonic() - self._sampled - usual),
             withheld=self._withheld,
             **values,
@@ -154,9 +176,9 @@ class AnglesLink:
 class _Call:
     """One method of a service, at most once on its way."""
 
-    def __init__(self, proxy: Any, method: str, uri: str) -> None:  # noqa: ANN401
+    def __init__(self, proxy: Proxy, method: str, uri: str) -> None:
         self._proxy, self._method, self._what = proxy, method, f"'{uri}': {method}"
-        self._future: Any = None
+        self._future: Future | None = None
         self._warned = -WARNING_PERIOD
 
     def begin(self, *arguments: object) -> bool:
@@ -176,7 +198,7 @@ class _Call:
         """Whether nothing is on its way."""
         return self._future is None or not self._future.isRunning()
 
-    def answer(self) -> Any:  # noqa: ANN401
+    def answer(self) -> Answer:
         """What the last call brought; None while it is on its way, where it failed, and the second time."""
         future = self._future
         if future is None or not self.over:

@@ -60,7 +60,7 @@ class NaoqiBackend(NaoqiRobot):
     @property
     def _needed(self) -> Sequence[str]:
         commanded = [key for keys in actuator_keys(self._robot).values() for key in keys]
-        return [*SensorKeys(self._robot).needed, *commanded]
+        return list(dict.fromkeys([*SensorKeys(self._robot).needed, *commanded]))
 
     def _described(self, found: Preflight) -> tuple[int, str]:
         return self._delay, found.body_id

@@ -9,12 +9,13 @@ import logging
 import time
 from collections.abc import Callable
 from types import TracebackType
-from typing import Any, Self
+from typing import Self
 
 import numpy as np
 
 from pepper_driver.backends.naoqi.connection import Connection, MissingServiceError, ServiceError
 from pepper_driver.backends.naoqi.fitness import awake
+from pepper_driver.backends.naoqi.library import Answer
 from pepper_driver.backends.naoqi.preflight import UnfitError
 from pepper_driver.backends.naoqi.restoration import Restoration
 from pepper_driver.backends.naoqi.switches import Switch, chosen
@@ -208,7 +209,7 @@ class TakeOver:
         limit = self._settings.call_time if timeout is None else timeout
         self._changes.note(text, service, method, *arguments, timeout=limit)
 
-    def _call_if_there(self, service: str, method: str, *arguments: object) -> Any:  # noqa: ANN401
+    def _call_if_there(self, service: str, method: str, *arguments: object) -> Answer:
         """The answer; None where the robot has no such thing, or not of this kind."""
         try:
             return self._connection.call(service, method, *arguments)

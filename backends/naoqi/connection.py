@@ -5,11 +5,17 @@ from __future__ import annotations
 import logging
 import time
 from collections.abc import Callable
-from typing import Any
 
 from pepper_driver.backends.interface import BackendError, NotConnectedError
 from pepper_driver.backends.naoqi.address import Address
-from pepper_driver.backends.naoqi.library import load_qi
+from pepper_driver.backends.naoqi.library import (
+    Answer,
+    Future,
+    Proxy,
+    Session,
+    load_qi,
+    one_line,
+)
 from pepper_driver.backends.naoqi.peer import check_listening, refusal
 from pepper_driver.backends.naoqi.secret import Secret
 from pepper_driver.config import NaoqiSettings, load_naoqi_settings
@@ -54,7 +60,7 @@ class Connection:
     def __init__(
         self,
         address: Address,
-        session: Any,  # noqa: ANN401
+        session: Session,
         on_lost: Callable[[], None] | None,
         call_time: float,
     ) -> None:
@@ -64,7 +70,7 @@ class Connection:
         self._session = session  # services do not keep it alive
         self._on_lost = on_lost
         self._closed = False
-        self._services: dict[str, Any] = {}
+        self._services: dict[str, Proxy] = {}
         session.disconnected.connect(self._lost)
 
     @property
@@ -81,7 +87,7 @@ class Connection:
         found = self._wait(lambda: self._session.services(_async=True), "its services", None)
         return frozenset(service["name"] for service in found)
 
-    def service(self, name: str, timeout: float | None = None) -> Any:  # noqa: ANN401
+    def service(self, name: str, timeout: float | None = None) -> Proxy:
         """The proxy of a service, as ``qi`` makes it: its errors are RuntimeErrors.
 
         Raises:
@@ -97,7 +103,7 @@ class Connection:
 
     def call(
         self, service: str, method: str, *arguments: object, timeout: float | None = None
-    ) -> Any:  # noqa: ANN401
+    ) -> Answer:
         """What a method of a service answers.
 
         Args:
@@ -134,7 +140,7 @@ class Connection:
         except AttributeError as error:
             raise MissingServiceError(f"{what}: this robot has none") from error
 
-        def ended(future: Any) -> None:  # noqa: ANN401
+        def ended(future: Future) -> None:
             if future.hasError() and not self._closed:
                 logger.warning("%s failed: %s", what, one_line(future.error()))
 
@@ -150,7 +156,7 @@ class Connection:
         if not self._closed and self._on_lost is not None:
             self._on_lost()
 
-    def _wait(self, start: Callable[[], Any], what: str, timeout: float | None) -> Any:  # noqa: ANN401
+    def _wait(self, start: Callable[[], Future], what: str, timeout: float | None) -> Answer:
         """The value of the future that ``start`` gives."""
         limit = self.call_time if timeout is None else timeout
         uri = self.address.uri
@@ -174,7 +180,7 @@ class Connection:
         return value
 
 
-def finished(future: Any, timeout: float) -> bool:  # noqa: ANN401
+def finished(future: Future, timeout: float) -> bool:
     """Wait until a future of ``qi`` has finished, one way or another, at most ``timeout`` [s]; hears Ctrl-C."""
     running = load_qi().FutureState.Running
     end = time.monotonic() + timeout
@@ -182,12 +188,6 @@ def finished(future: Any, timeout: float) -> bool:  # noqa: ANN401
         if future.wait(max(1, round(min(left, LOOK) * 1000))) != running:
             return True
     return bool(future.wait(0) != running)
-
-
-def one_line(error: str) -> str:
-    """What a service said, without its traceback."""
-    text = " ".join(error.partition("\n\nAt:")[0].split())
-    return text if len(text) <= 300 else f"{text[:300]}..."
 
 
 def connect(

@@ -31,6 +31,12 @@ LONGEST_STOP = 0.3
 ARRIVED = 0.03
 """[rad] within which legs are where they should be: what they droop by."""
 
+TAKEN = 0.4
+"""By which joints are softer than they were told to be where somebody else did that: as the safety gate has it."""
+
+HARDLY = 0.1
+"""Stiffness below which a joint has none."""
+
 _STILL = np.zeros(3)
 
 
@@ -82,7 +88,9 @@ def ramp_up(
 def let_go(link: Link, robot: RobotConfig, settings: NaoqiSettings, posture: FloatArray) -> bool:
     """Stop the wheels, lead the legs back, make all other joints soft.
 
-    The legs keep their stiffness, unless the settings say otherwise: without brakes the robot would bow.
+    The legs keep their stiffness, unless the settings say otherwise: without brakes the robot would bow. No joint gets
+    back what somebody else took away meanwhile; where that was the legs', as of a robot that goes to rest, they are not
+    led back either.
 
     Args:
         link: With the robot.
@@ -95,7 +103,6 @@ def let_go(link: Link, robot: RobotConfig, settings: NaoqiSettings, posture: Flo
         Whether the robot took part; False as soon as it does not answer.
     """
     legs = np.array([name in robot.chains["legs"] for name in robot.joint_names])
-    stiffness = link.stiffness
     beats, begin = _beats(link, robot.cycle), time.monotonic()
 
     def tick(position: FloatArray | None, wanted: FloatArray) -> Measurement | None:
@@ -106,7 +113,7 @@ def let_go(link: Link, robot: RobotConfig, settings: NaoqiSettings, posture: Flo
         return measurement if link.connected and patient else None
 
     for number in range(round(LONGEST_STOP / robot.cycle)):
-        measurement = tick(None, stiffness)
+        measurement = tick(None, link.stiffness)
         if measurement is None:
             return False
         standing = bool((np.abs(measurement.wheel_speed) < STANDING).all())
@@ -115,21 +122,38 @@ def let_go(link: Link, robot: RobotConfig, settings: NaoqiSettings, posture: Flo
     off = [(2 * robot.cycle, 0.0)]
     wheels_off = link.switch_wheels(off)
 
-    back = np.where(legs & np.isfinite(posture), posture, np.nan)
-    if not _lead_back(link, back, settings.timing.legs_back_speed, robot.cycle, stiffness, tick):
+    stiffness = link.stiffness
+    taken = _shown(link, stiffness) < stiffness - TAKEN
+    if (taken & legs).any():
+        logger.warning("somebody else made the legs soft: they are not moved any more")
+        legs_home = np.full(len(legs), np.nan)
+    else:
+        legs_home = np.where(legs & np.isfinite(posture), posture, np.nan)
+    stiffness = np.where(taken, _shown(link, stiffness), stiffness)
+    speed = settings.timing.legs_back_speed
+    if not _lead_back(link, legs_home, speed, robot.cycle, stiffness, tick):
         return False
 
     soft = np.zeros(len(legs)) if settings.legs_go_soft else np.where(legs, stiffness, 0.0)
     ticks = round(settings.timing.ramp_down / robot.cycle)
     for number in range(1, ticks + 1):
         wheels_off = wheels_off or link.switch_wheels(off)
-        if tick(None, stiffness + (soft - stiffness) * number / ticks) is None:
+        # Whoever takes stiffness away may not have ended yet.
+        soft = np.where(taken, np.minimum(soft, _shown(link, soft)), soft)
+        wanted = stiffness + (soft - stiffness) * number / ticks
+        if tick(None, np.where(taken, soft, wanted)) is None:
             return False
     while not (wheels_off and link.idle and np.array_equal(link.stiffness, soft)):
         wheels_off = wheels_off or link.switch_wheels(off)
         if tick(None, soft) is None:
             return False
     return True
+
+
+def _shown(link: Link, otherwise: FloatArray) -> FloatArray:
+    """(17,) stiffness that the boards are told, as far as is known; hardly any is none."""
+    shown = link.newest.stiffness
+    return otherwise if shown is None else np.where(shown < HARDLY, 0.0, shown)
 
 
 def _lead_back(

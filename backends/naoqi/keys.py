@@ -15,6 +15,9 @@ from pepper_driver.config.parts import FloatArray
 MAY_LACK = ("temperature", "battery", "charging_flap")
 """Without which a sample is good all the same: who watches them knows what to do about it."""
 
+ONE_BOARD = 2
+"""Joints that a motor board drives at most, assumed: as many are missing when it is off."""
+
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Values:
@@ -32,6 +35,7 @@ class Values:
     bumpers: FloatArray
     buttons: FloatArray
     temperature: FloatArray
+    stiffness: FloatArray
     battery: float
     charging_flap: float
 
@@ -58,6 +62,7 @@ class SensorKeys:
             "position": [naoqi.position.format(joint=name) for name in robot.joint_names],
             "current": [naoqi.current.format(joint=name) for name in robot.joint_names],
             "temperature": [naoqi.temperature.format(joint=name) for name in robot.joint_names],
+            "stiffness": [naoqi.stiffness_command.format(joint=name) for name in robot.joint_names],
             "wheel_speed": [naoqi.wheel_speed.format(wheel=name) for name in robot.wheels.names],
             "acceleration": list(naoqi.accelerometer),
             "angular_velocity": list(naoqi.gyroscope),
@@ -75,6 +80,11 @@ class SensorKeys:
             self._places[group] = slice(len(self.names), len(self.names) + len(keys))
             self.names += [naoqi.prefix + key for key in keys]
             needed += [complete and group not in MAY_LACK] * len(keys)
+        self._joint_at = {
+            place: joint
+            for group in ("position", "current", "stiffness")
+            for place, joint in enumerate(robot.joint_names, self._places[group].start)
+        }
         self._time = len(self.names)
         self.names.append(naoqi.time)
         self._needed = np.array([*needed, complete])
@@ -91,9 +101,7 @@ class SensorKeys:
             return f"{values.size} values in place of {len(self.names)}"
         bad = ~np.isfinite(values) & self._needed
         if np.count_nonzero(bad):
-            count = int(np.count_nonzero(bad))
-            more = f" and {count - 1} more" if count > 1 else ""
-            return f"no number for {self.names[int(bad.argmax())]}{more}"
+            return self._without(np.flatnonzero(bad).tolist())
         values.setflags(write=False)  # goes into measurements, which nobody changes
         part = {group: values[place] for group, place in self._places.items()}
         return Values(
@@ -110,9 +118,19 @@ class SensorKeys:
             bumpers=part["bumpers"],
             buttons=part["buttons"],
             temperature=part["temperature"],
+            stiffness=part["stiffness"],
             battery=float(part["battery"][0]),
             charging_flap=float(part["charging_flap"][0]),
         )
+
+    def _without(self, places: list[int]) -> str:
+        """What it means that there is no number at some places."""
+        more = f" and {len(places) - 1} more" if len(places) > 1 else ""
+        lacking = f"no number for {self.names[places[0]]}{more}"
+        joints = list(dict.fromkeys(self._joint_at.get(place, "") for place in places))
+        if "" in joints or len(joints) > ONE_BOARD:
+            return lacking
+        return f"no answer from {' and '.join(joints)}, whose board is off or unplugged ({lacking})"
 
 
 class Alias(StrEnum):

@@ -1,4 +1,7 @@
-"""The library ``qi``, imported when a robot is asked for and not before: it exists for one kind of computer only."""
+"""The library ``qi``, imported when a robot is asked for and not before: it exists for one kind of computer only.
+
+It has no types: what is used of it here is named here.
+"""
 
 from __future__ import annotations
 
@@ -6,12 +9,71 @@ import importlib
 import os
 import platform
 import sys
-from typing import Any
+from collections.abc import Callable
+from importlib.util import find_spec
+from types import ModuleType
+from typing import Any, Protocol, Self, TypeAlias
 
 from pepper_driver.config import MissingExtraError, PepperError
 
 PLATFORMS = "Linux on x86-64 with Python 3.11 or 3.12"
 """For which there is a package ``qi``."""
+
+Answer: TypeAlias = Any
+"""What a service answers: plain Python values, of which kind only the service knows."""
+
+Proxy: TypeAlias = Any
+"""A service of a robot, as ``qi`` makes it: its methods are known only at run time.
+
+Called with ``_async=True`` each gives a :class:`Future`; without, it waits. Errors are RuntimeErrors.
+"""
+
+
+class Future(Protocol):
+    """The answer of a service, to come."""
+
+    def isRunning(self) -> bool:
+        """Whether the answer is still to come."""
+
+    def wait(self, timeout: int) -> object:
+        """Wait for the answer, at most so many [ms]; returns the state it is in then, one of ``qi.FutureState``."""
+
+    def hasError(self) -> bool:
+        """Whether it failed; waits for it."""
+
+    def error(self) -> str:
+        """Why it failed."""
+
+    def value(self) -> Answer:
+        """The answer; waits for it, and raises a RuntimeError where it failed."""
+
+    def addCallback(self, callback: Callable[[Self], object]) -> object:
+        """Have ``callback`` called with this once it is over, on a thread of the library."""
+
+
+class Signal(Protocol):
+    """Something that happens, such as the loss of a connection."""
+
+    def connect(self, callback: Callable[..., object]) -> object:
+        """Have ``callback`` called each time, on a thread of the library."""
+
+
+class Session(Protocol):
+    """A connection with a NAOqi."""
+
+    disconnected: Signal
+
+    def isConnected(self) -> bool:
+        """Whether the link stands."""
+
+    def service(self, name: str, *, _async: bool) -> Future:
+        """The :data:`Proxy` of a service."""
+
+    def services(self, *, _async: bool) -> Future:
+        """What services there are."""
+
+    def close(self) -> None:
+        """Disconnect."""
 
 
 class NoQiError(MissingExtraError):
@@ -31,14 +93,15 @@ class ImportOrderError(PepperError, ImportError):
     """The library ``qi`` would crash this process; the message says how to avoid it."""
 
 
-def load_qi() -> Any:  # noqa: ANN401
+def load_qi() -> ModuleType:
     """The module ``qi``, quiet, and set to notice a link that was cut within about ten seconds.
 
     Raises:
         NoQiError: It is not installed.
         ImportOrderError: Pinocchio is there before it; see :mod:`pepper_driver.backends.naoqi.before_pinocchio`.
     """
-    if "pinocchio" in sys.modules and "qi" not in sys.modules:
+    late = "pinocchio" in sys.modules and "qi" not in sys.modules
+    if late and find_spec("qi") is not None:  # without a library no order helps
         raise ImportOrderError(
             "pinocchio was imported before NAOqi's library qi, and in this order they crash the process; in your "
             "program import pepper_driver, or qi, before pinocchio"
@@ -53,3 +116,9 @@ def load_qi() -> Any:  # noqa: ANN401
         here = f"{system} on {machine} with Python {platform.python_version()}"
         fits = (system, machine) == ("Linux", "x86_64") and sys.version_info < (3, 13)
         raise NoQiError(here, possible=fits) from error
+
+
+def one_line(error: str) -> str:
+    """What a service said went wrong, without its traceback."""
+    text = " ".join(error.partition("\n\nAt:")[0].split())
+    return text if len(text) <= 300 else f"{text[:300]}..."

@@ -202,5 +202,6 @@ class Link:
             age=age,
             answers=None if orders is None else orders.answers(self._step, cycle),
             withheld=0 if orders is None else orders.withheld,
+            missing=self._reader.missing,
             **{name: getattr(values, name) for name in VALUES},
         )

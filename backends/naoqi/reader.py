@@ -5,10 +5,10 @@ from __future__ import annotations
 import logging
 import time
 from collections.abc import Callable
-from typing import Any
 
 from pepper_driver.backends.naoqi.clock import DcmClock, TimeReply
 from pepper_driver.backends.naoqi.keys import SensorKeys, Values
+from pepper_driver.backends.naoqi.library import Future, Proxy, one_line
 
 logger = logging.getLogger("pepper_driver")
 
@@ -36,12 +36,13 @@ class Reader:
     Attributes:
         newest: The newest good sample.
         date: Its date [ms].
+        missing: Why the last answer was no good sample, for people; empty where it was one.
     """
 
     def __init__(
         self,
-        memory: Any,  # noqa: ANN401
-        dcm: Any,  # noqa: ANN401
+        memory: Proxy,
+        dcm: Proxy,
         keys: SensorKeys,
         clock: DcmClock,
         *,
@@ -50,11 +51,11 @@ class Reader:
         now: Callable[[], int] = time.perf_counter_ns,
     ) -> None:
         self._memory, self._dcm, self._keys, self._clock = memory, dcm, keys, clock
-        self.newest, self.date = first, date
+        self.newest, self.date, self.missing = first, date, ""
         self._now = now
         self._clock_asked = now()
         self._warned: int | None = None
-        self._question: Any = None
+        self._question: Future | None = None
         self._time_question: _TimeQuestion | None = None
 
     def take(self) -> bool:
@@ -67,10 +68,11 @@ class Reader:
         try:
             values = self._keys.values(question.value())
         except RuntimeError as error:
-            values = _first_line(error)
+            values = one_line(str(error))
         if isinstance(values, str):
             self._warn(values)
             return False
+        self.missing = ""
         date = self._clock.date(values.shown, self._now())
         if date <= self.date:
             return False
@@ -84,7 +86,7 @@ class Reader:
         try:
             self._question = self._memory.getListData(self._keys.names, _async=True)
         except RuntimeError as error:  # the connection is lost
-            self._warn(_first_line(error))
+            self._warn(one_line(str(error)))
             return
         now = self._now()
         if now - self._clock_asked >= CLOCK_PERIOD:
@@ -100,6 +102,7 @@ class Reader:
                 self._clock.add(question.reply)
 
     def _warn(self, problem: str) -> None:
+        self.missing = problem
         now = self._now()
         if self._warned is None or now - self._warned >= WARNING_PERIOD:
             self._warned = now
@@ -114,7 +117,7 @@ class _TimeQuestion:
         reply: The answer, if there was one.
     """
 
-    def __init__(self, dcm: Any, now: Callable[[], int]) -> None:  # noqa: ANN401
+    def __init__(self, dcm: Proxy, now: Callable[[], int]) -> None:
         self._dcm, self._now = dcm, now
         self.over = False
         self.reply: TimeReply | None = None
@@ -122,7 +125,7 @@ class _TimeQuestion:
     def ask(self, _: object) -> None:
         asked = self._now()
 
-        def answered(future: Any) -> None:  # noqa: ANN401
+        def answered(future: Future) -> None:
             received = self._now()
             try:
                 shown = int(future.value())
@@ -135,7 +138,3 @@ class _TimeQuestion:
             self._dcm.getTime(0, _async=True).addCallback(answered)
         except RuntimeError:
             self.over = True
-
-
-def _first_line(error: Exception) -> str:
-    return str(error).strip().partition("\n")[0]

@@ -5,9 +5,10 @@ from __future__ import annotations
 from abc import abstractmethod
 from typing import Literal
 
-from pepper_driver.backends.interface import Backend, CapabilityError, SimulatedPlant
+from pepper_driver.backends.interface import Backend, CapabilityError
 from pepper_driver.backends.naoqi.connection import Connection, ServiceError
 from pepper_driver.backends.selection import make_backend
+from pepper_driver.backends.simulated import SimulatedPlant
 from pepper_driver.config import PepperError, RobotConfig, UnknownNameError
 from pepper_driver.config.parts import FloatArray
 

@@ -11,12 +11,13 @@ import logging
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 
 from pepper_driver.backends.naoqi.clock import shown
 from pepper_driver.backends.naoqi.keys import Alias
+from pepper_driver.backends.naoqi.library import Future, Proxy, one_line
 from pepper_driver.config.parts import FloatArray
 
 logger = logging.getLogger("pepper_driver")
@@ -31,7 +32,7 @@ OUTSTANDING = 2
 class _Sent:
     """A command on its way; ``done`` is told whether the robot took it."""
 
-    future: Any
+    future: Future
     at: int
     alias: Alias
     done: Callable[[bool], None] | None
@@ -48,7 +49,7 @@ class Writer:
 
     def __init__(
         self,
-        dcm: Any,  # noqa: ANN401
+        dcm: Proxy,
         largest_step: float,
         now: Callable[[], int] = time.perf_counter_ns,
     ) -> None:
@@ -154,5 +155,5 @@ class Writer:
         try:
             sent.future.value()
         except RuntimeError as error:
-            text = str(error).strip().partition("\n")[0]
-            logger.warning("the robot refused a command for %s: %s", sent.alias, text)
+            reason = one_line(str(error))
+            logger.warning("the robot refused a command for %s: %s", sent.alias, reason)

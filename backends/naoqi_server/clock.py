@@ -1,4 +1,7 @@
-"""The clock of the DCM: milliseconds in 32 bits with a sign, which roll over every 49.7 days."""
+"""The clock of the DCM: milliseconds in 32 bits with a sign, which roll over every 49.7 days.
+
+The driver's ``naoqi.clock`` has the same arithmetic, apart on purpose: shared, no test would see a mistake in it.
+"""
 
 from __future__ import annotations
 

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 from pepper_driver.backends.naoqi_server.clock import wrapped
 from pepper_driver.backends.naoqi_server.context import Context
+from pepper_driver.backends.naoqi_server.dcm import TimedCommand, UpdateType
 from pepper_driver.backends.naoqi_server.requests import (
     RequestError,
     alias_request,
@@ -34,7 +33,7 @@ class DcmService:
             raise RequestError(f"the offset must be a whole number of ms, got {offset!r}")
         return wrapped(self._robot.time() + offset)
 
-    def createAlias(self, request: Any) -> list[Any]:  # noqa: ANN401
+    def createAlias(self, request: object) -> list[object]:
         """Make or change an alias: ``[name, [actuator, ...]]``; returned with "" for actuators that do not exist.
 
         A command for one of those is taken and does nothing.
@@ -44,13 +43,13 @@ class DcmService:
         self._aliases[name] = [self._key(actuator) for actuator in actuators]
         return [name, found]
 
-    def set(self, request: Any) -> None:  # noqa: ANN401
+    def set(self, request: object) -> None:
         """The same commands for an actuator, or for all of an alias: ``[name, update type, [[value, time], ...]]``."""
         name, update, commands = set_request(request)
         keys = [self._key(name)] if self._key(name) else self._alias(name)
         self._order(keys, update, [commands] * len(keys))
 
-    def setAlias(self, request: Any) -> None:  # noqa: ANN401
+    def setAlias(self, request: object) -> None:
         """Commands for each actuator of an alias, "time-mixed" or "time-separate"."""
         name, update, commands = set_alias_request(request)
         keys = self._alias(name)
@@ -60,7 +59,9 @@ class DcmService:
             )
         self._order(keys, update, commands)
 
-    def _order(self, keys: list[str], update: Any, commands: list[Any]) -> None:  # noqa: ANN401
+    def _order(
+        self, keys: list[str], update: UpdateType, commands: list[list[TimedCommand]]
+    ) -> None:
         known = [place for place, key in enumerate(keys) if key]
         self._robot.order(
             [keys[place] for place in known], update, [commands[place] for place in known]

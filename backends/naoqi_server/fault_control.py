@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import signal
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
-from typing import Any, Protocol
+from typing import Protocol
 
 from pepper_driver.backends.interface import BackendError
 from pepper_driver.backends.naoqi_server.faults import Fault, make_fault
@@ -72,10 +72,12 @@ class FaultControl:
         self._parts.robot.clear_faults()
         self._parts.tell_naoqi(None)
 
-    def obey(self, what: str, **arguments: Any) -> None:  # noqa: ANN401
+    def obey(
+        self, what: str, name: str = "", arguments: Mapping[str, object] | None = None
+    ) -> None:
         """Do what a client asked of NAOqi that is not NAOqi's own affair; set faults begin once it has its answer."""
         if what == "set_fault":
-            fault = make_fault(**arguments)
+            fault = make_fault(name, arguments)
             self.set(replace(fault, after=max(fault.after, MOMENT)))
         else:
             self._schedule.clear()

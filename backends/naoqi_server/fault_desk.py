@@ -82,8 +82,10 @@ class FaultDesk:
         self.services.clear()
         self._schedule.clear()
 
-    def _obey(self, what: str, **arguments: Any) -> None:  # noqa: ANN401
+    def _obey(
+        self, what: str, name: str = "", arguments: Mapping[str, object] | None = None
+    ) -> None:
         if what == "set_fault":
-            self.set_service_fault(make_fault(**arguments))
+            self.set_service_fault(make_fault(name, arguments))
         else:
             self.clear_service_faults()

@@ -52,7 +52,7 @@ def _guarded(service: str, method: Callable[..., Any], faults: ServiceFaults) ->
     name = getattr(method, "__qi_name__", None) or method.__name__
 
     @wraps(method)
-    def call(*arguments: Any) -> Any:  # noqa: ANN401
+    def call(*arguments: object) -> object:
         try:
             return faults.call(service, name, arguments, partial(method, *arguments))
         except Exception as error:

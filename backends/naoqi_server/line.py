@@ -42,7 +42,7 @@ class Line:
         end.settimeout(None)
         Thread(target=self._listen, name=f"line to {other}", daemon=True).start()
 
-    def ask(self, what: str, **arguments: Any) -> None:  # noqa: ANN401
+    def ask(self, what: str, **arguments: object) -> None:
         """Ask the other end, and wait until it is done.
 
         Raises:

@@ -81,15 +81,15 @@ class RobotLink:
         for keys, lists in parts:
             self.ask("order", actuators=keys, update=update, commands=lists)
 
-    def push(self, **arguments: Any) -> None:  # noqa: ANN401
+    def push(self, **arguments: object) -> None:
         """Push a link; see :meth:`Robot.push`."""
         self.ask("push", **arguments)
 
-    def grab(self, **arguments: Any) -> None:  # noqa: ANN401
+    def grab(self, **arguments: object) -> None:
         """Take a link in a springy hand; see :meth:`Robot.grab`."""
         self.ask("grab", **arguments)
 
-    def set_fault(self, name: str, **arguments: Any) -> None:  # noqa: ANN401
+    def set_fault(self, name: str, **arguments: object) -> None:
         """Let something be wrong with the robot; see :meth:`Robot.set_fault`."""
         self.ask("set_fault", name=name, arguments=arguments)
 
@@ -101,7 +101,7 @@ class RobotLink:
         """What the robot really did in the last cycles."""
         return self._table.black_box(last)
 
-    def ask(self, what: str, **arguments: Any) -> None:  # noqa: ANN401
+    def ask(self, what: str, **arguments: object) -> None:
         """Send one request and wait until the robot process took it.
 
         Raises:

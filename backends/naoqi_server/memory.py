@@ -7,14 +7,17 @@ from collections import defaultdict
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from threading import RLock
-from typing import Any, Literal
+from typing import Any, Literal, TypeAlias
 
 from pepper_driver.backends.naoqi_server.clock import wrapped
 from pepper_driver.backends.naoqi_server.robot import Robot
 
 Kind = Literal["Data", "Event", "MicroEvent"]
 
-Listener = Callable[[Any], None]
+Value: TypeAlias = Any
+"""A value as NAOqi's services take and give it: number, text, truth value, None, or a list or mapping of those."""
+
+Listener = Callable[[Value], None]
 
 
 class NoDataError(LookupError):
@@ -23,7 +26,7 @@ class NoDataError(LookupError):
 
 @dataclass(slots=True)
 class _Entry:
-    value: Any
+    value: Value
     stamp: float
     kind: Kind
 
@@ -37,14 +40,14 @@ class Memory:
         data: What is there from the start.
     """
 
-    def __init__(self, robot: Robot, time_key: str, data: Mapping[str, Any]) -> None:
+    def __init__(self, robot: Robot, time_key: str, data: Mapping[str, Value]) -> None:
         self._robot = robot
         self._time_key = time_key
         self._data = {key: _Entry(value, time.time(), "Data") for key, value in data.items()}
         self._listeners: dict[str, list[Listener]] = defaultdict(list)
         self._lock = RLock()
 
-    def get(self, key: str) -> Any:  # noqa: ANN401
+    def get(self, key: str) -> Value:
         """The value of a key.
 
         Raises:
@@ -55,10 +58,10 @@ class Memory:
             return int(value) if key == self._time_key else value
         return self._entry(key).value
 
-    def get_list(self, keys: Sequence[str]) -> list[Any]:
+    def get_list(self, keys: Sequence[str]) -> list[Value]:
         """Values of several keys, the robot's all of one cycle; None where there is none."""
         places, values = self._robot.keys, self._robot.values()
-        found: list[Any] = []
+        found: list[Value] = []
         for key in keys:
             place = places.get(key)
             if place is None:
@@ -96,7 +99,7 @@ class Memory:
         """
         return "Data" if key in self._robot.keys else self._entry(key).kind
 
-    def insert(self, key: str, value: Any) -> None:  # noqa: ANN401
+    def insert(self, key: str, value: Value) -> None:
         """Put a value in; those who wait for an event of this name are not told."""
         with self._lock:
             if key in self._robot.keys:
@@ -111,7 +114,7 @@ class Memory:
             entry = self._data.get(name)
             self._data[name] = _Entry(None if entry is None else entry.value, time.time(), kind)
 
-    def raise_event(self, name: str, value: Any, kind: Kind = "Event") -> None:  # noqa: ANN401
+    def raise_event(self, name: str, value: Value, kind: Kind = "Event") -> None:
         """Keep the value, and tell it everybody who listens to this name."""
         with self._lock:
             self._data[name] = _Entry(value, time.time(), kind)

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import qi
 
 from pepper_driver.backends.naoqi_server.context import Context
 from pepper_driver.backends.naoqi_server.front import named
-from pepper_driver.backends.naoqi_server.memory import Kind
+from pepper_driver.backends.naoqi_server.memory import Kind, Value
 
 
 class Subscriber:
@@ -27,22 +25,22 @@ class MemoryService:
         self._modules: dict[tuple[str, str], tuple[str, str]] = {}
         self._heard: set[str] = set()
 
-    def getData(self, key: str) -> Any:  # noqa: ANN401
+    def getData(self, key: str) -> Value:
         """Value of one key; an error where there is none."""
         return self._memory.get(_text(key))
 
     @named("getData")
-    def _get_data(self, key: str, unused: int) -> Any:  # noqa: ANN401
+    def _get_data(self, key: str, unused: int) -> Value:
         """As old programs call it."""
         return self.getData(key)
 
-    def getListData(self, keys: Any) -> list[Any]:  # noqa: ANN401
+    def getListData(self, keys: object) -> list[Value]:
         """Values of many keys, None where there is none."""
         if not isinstance(keys, list | tuple):
             raise ValueError(f"expected a list of keys, got {keys!r}")
         return self._memory.get_list(keys)
 
-    def getTimestamp(self, key: str) -> list[Any]:
+    def getTimestamp(self, key: str) -> list[Value]:
         """``[value, seconds, microseconds]`` of the last write."""
         stamp = self._memory.stamp(_text(key))
         return [self._memory.get(key), int(stamp), int(stamp % 1.0 * 1e6)]
@@ -67,11 +65,11 @@ class MemoryService:
         """Whether a key is "Data", an "Event" or a "MicroEvent"."""
         return self._memory.kind(_text(key))
 
-    def insertData(self, key: str, value: Any) -> None:  # noqa: ANN401
+    def insertData(self, key: str, value: Value) -> None:
         """Put a value in; no event."""
         self._memory.insert(_text(key), value)
 
-    def insertListData(self, pairs: Any) -> None:  # noqa: ANN401
+    def insertListData(self, pairs: Value) -> None:
         """Put many values in: ``[[key, value], ...]``."""
         for key, value in pairs:
             self._memory.insert(_text(key), value)
@@ -89,11 +87,11 @@ class MemoryService:
         """Likewise, with the name of who will raise it."""
         self.declareEvent(name)
 
-    def raiseEvent(self, name: str, value: Any) -> None:  # noqa: ANN401
+    def raiseEvent(self, name: str, value: Value) -> None:
         """Tell a value to all who listen to this event."""
         self._memory.raise_event(_text(name), value)
 
-    def raiseMicroEvent(self, name: str, value: Any) -> None:  # noqa: ANN401
+    def raiseMicroEvent(self, name: str, value: Value) -> None:
         """Likewise for a micro-event."""
         self._memory.raise_event(_text(name), value, "MicroEvent")
 
@@ -139,13 +137,13 @@ class MemoryService:
             self._heard.add(name)
             self._memory.listen(name, lambda value: self._tell(name, value))
 
-    def _tell(self, name: str, value: Any) -> None:  # noqa: ANN401
+    def _tell(self, name: str, value: Value) -> None:
         for (event, module), (method, message) in list(self._modules.items()):
             if event == name:
                 self._call(module, method, name, value, message)
 
 
-def _text(value: Any) -> str:  # noqa: ANN401
+def _text(value: object) -> str:
     if not isinstance(value, str):
         raise ValueError(f"expected text, got {value!r}")
     return value

@@ -45,21 +45,21 @@ class Robot(Protocol):
             BackendError: A buffer is full, or the robot does not answer.
         """
 
-    def push(self, **arguments: Any) -> None:  # noqa: ANN401
+    def push(self, **arguments: object) -> None:
         """Push a link; arguments of :meth:`Backend.push`.
 
         Raises:
             BackendError: Not possible, for the reason given.
         """
 
-    def grab(self, **arguments: Any) -> None:  # noqa: ANN401
+    def grab(self, **arguments: object) -> None:
         """Take a link in a springy hand; arguments of :meth:`Backend.grab`.
 
         Raises:
             BackendError: Not possible, for the reason given.
         """
 
-    def set_fault(self, name: str, **arguments: Any) -> None:  # noqa: ANN401
+    def set_fault(self, name: str, **arguments: object) -> None:
         """Let something be wrong with the robot, or change how.
 
         Raises:

@@ -43,7 +43,7 @@ class Asleep(RobotFault):
 
 
 class Disconnected(RobotFault):
-    """The sensors of a joint stand where they were; its motor gets nothing."""
+    """The sensors of a joint stand where they were; its motor gets nothing, whatever the DCM shows that it orders."""
 
     def __init__(
         self, robot: RobotConfig, keys: Mapping[str, int], arguments: Mapping[str, Value]
@@ -58,13 +58,16 @@ class Disconnected(RobotFault):
             dtype=np.intp,
         )
         self._stands: FloatArray | None = None
+        self._ordered: float | None = None
 
     def actuators(self, values: list[float]) -> None:
         """No current."""
-        values[self._motor] = 0.0
+        self._ordered, values[self._motor] = values[self._motor], 0.0
 
     def sensors(self, values: FloatArray) -> None:
         """As they were."""
+        if self._ordered is not None:
+            values[self._motor] = self._ordered
         if self._stands is None:
             self._stands = values[self._sensors]
         values[self._sensors] = self._stands

@@ -13,7 +13,6 @@ import signal
 import socket
 import sys
 from contextlib import suppress
-from typing import Any
 
 os.environ.setdefault("QI_LOG_LEVEL", "0")  # libqi logs to stdout
 
@@ -110,10 +109,10 @@ class NaoqiServer:
         elif not there and name in self._offered:
             self._session.unregisterService(self._offered.pop(name))
 
-    def _call(self, service: str, method: str, *arguments: Any) -> None:  # noqa: ANN401
+    def _call(self, service: str, method: str, *arguments: object) -> None:
         """Call a service, whoever offers it, without waiting for it or caring whether it fails."""
 
-        def made(future: Any) -> None:  # noqa: ANN401
+        def made(future: qi.Future) -> None:
             if not future.hasError():
                 future.value().call(method, *arguments, _async=True)
 

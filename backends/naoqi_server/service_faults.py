@@ -7,10 +7,10 @@ import threading
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 from pepper_driver.backends.interface import BackendError
 from pepper_driver.backends.naoqi_server.faults import Fault
+from pepper_driver.backends.naoqi_server.memory import Value
 
 BODY_TYPE = "RobotConfig/Body/Type"
 """Key of ALMemory that says which robot it is."""
@@ -55,8 +55,8 @@ class ServiceFaults:
             self._changed.notify_all()
 
     def call(
-        self, service: str, method: str, arguments: Sequence[Any], proceed: Callable[[], Any]
-    ) -> Any:  # noqa: ANN401
+        self, service: str, method: str, arguments: Sequence[Value], proceed: Callable[[], Value]
+    ) -> Value:
         """Answer a call of a client: what the service answers when asked to ``proceed``, or something else, or later.
 
         Those of the service ``StandIn`` pass, so that faults can be cleared.
@@ -77,8 +77,8 @@ class ServiceFaults:
                 self._changed.wait(min(stalls[0].end - self._clock(), threading.TIMEOUT_MAX))
 
     def _answer(
-        self, service: str, method: str, arguments: Sequence[Any], proceed: Callable[[], Any]
-    ) -> Any:  # noqa: ANN401
+        self, service: str, method: str, arguments: Sequence[Value], proceed: Callable[[], Value]
+    ) -> Value:
         for error in self._active("error", service, method):
             raise BackendError(str(error.fault.arguments["text"]))
         answer = proceed()
@@ -111,11 +111,11 @@ class ServiceFaults:
 def _replaced(
     service: str,
     method: str,
-    arguments: Sequence[Any],
-    answer: Any,  # noqa: ANN401
+    arguments: Sequence[Value],
+    answer: Value,
     chosen: Callable[[str], bool],
     value: object,
-) -> Any:  # noqa: ANN401
+) -> Value:
     """The answer of ALMemory with another value for some keys."""
     if service == "ALMemory" and method == "getData" and chosen(arguments[0]):
         return value

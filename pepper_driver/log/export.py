@@ -10,11 +10,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pepper_driver.config import MissingExtraError, UnknownNameError
 from pepper_driver.log.json_topic import JsonTopic
 from pepper_driver.log.reader import LogData
-from pepper_driver.log.tables import Table, item_tables, tick_table, truth_table
+from pepper_driver.log.tables import Column, Table, item_tables, tick_table, truth_table
 from pepper_driver.output import OutputError, make_folder, replacing
 
 FORMATS = ("parquet", "csv", "npz")
@@ -122,7 +123,7 @@ def _write_csv(part: Path, topic: JsonTopic[Any] | None, table: Table) -> None:
         writer.writerows(zip(*(_cells(column) for column in table.values()), strict=True))
 
 
-def _cells(column: Any) -> list[Any]:  # noqa: ANN401
+def _cells(column: Column) -> list[Any]:
     if isinstance(column, np.ndarray):
         listed: list[Any] = (
             column.astype(np.int8) if column.dtype == np.bool_ else column
@@ -150,7 +151,7 @@ def _write_npz(log: LogData, part: Path) -> None:
         np.savez_compressed(stream, **arrays)
 
 
-def _array(column: Any, kind: str) -> Any:  # noqa: ANN401
+def _array(column: Column, kind: str) -> NDArray[Any]:
     """Text, or numbers as float64; None is no text or NaN."""
     if kind in ("number", "integer"):
         return np.array([np.nan if cell is None else cell for cell in column], dtype=np.float64)

@@ -8,8 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from pepper_driver.backends.interface import Command, TruthSample
+from pepper_driver.backends.interface import Command
 from pepper_driver.backends.log_file import CDR_HEADER, Field, row_type
+from pepper_driver.backends.simulated import TruthSample
 from pepper_driver.config import RobotConfig
 from pepper_driver.controller.reference import Reference
 from pepper_driver.controller.tick import Sent, Tick
@@ -32,6 +33,7 @@ class TickRows:
     def __init__(self, robot: RobotConfig) -> None:
         self._arrays = _Arrays(tick_fields(robot))
         self._unobserved = unobserved(robot)
+        self._unknown = np.full(len(robot.joints), np.nan)
 
     def message(
         self,
@@ -80,6 +82,7 @@ class TickRows:
                 m.bumpers,
                 m.buttons,
                 m.temperature,
+                self._unknown if m.stiffness is None else m.stiffness,
                 tick.changed,
                 seen.state,
             ),

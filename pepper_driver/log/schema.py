@@ -53,7 +53,7 @@ def tick_fields(robot: RobotConfig) -> tuple[Field, ...]:
             "ticks before this one in which the command was given that this sample answers; -1 for response_delay",
             "int64",
         ),
-        _field("missed", None, "ticks missed since the start", "int64"),
+        _field("missed", None, "ticks missed since the log began", "int64"),
         _field("withheld", None, "commands held back since the start", "int64"),
         _field("position", joints, "[rad] measured"),
         _field("current", joints, "[A] absolute"),
@@ -71,6 +71,7 @@ def tick_fields(robot: RobotConfig) -> tuple[Field, ...]:
         _field("bumpers", sensors.bumpers, "1 where pressed"),
         _field("buttons", sensors.buttons, "1 where pressed"),
         _field("temperature", joints, "[deg C] motors"),
+        _field("stiffness", joints, "0..1 that the boards are told, NaN where nobody knows"),
         _changed_field(robot),
         _field(
             "state", joints, ", ".join(f"{s.value} {s.name.lower()}" for s in JointState), "int8"

@@ -14,8 +14,8 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, NamedTuple, Self
 
-from pepper_driver.backends.interface import TruthSample
 from pepper_driver.backends.log_file import LogError, reason
+from pepper_driver.backends.simulated import TruthSample
 from pepper_driver.config import RobotConfig
 from pepper_driver.controller.tick import Sent, Tick
 from pepper_driver.log.contacts import CONTACTS
@@ -136,7 +136,7 @@ class LogWriter:
             unanswered: Commands that no tick answers, older than the one that this tick answers: how many ticks before
                 this one, and which.
             tick_end: From the deadline of the tick until now [s]; NaN where ticks are not paced.
-            missed: Ticks missed since the start.
+            missed: Ticks missed since the log began.
         """
         step, self._steps = self._steps, self._steps + 1
         self._put(

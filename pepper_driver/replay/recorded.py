@@ -217,7 +217,7 @@ class RecordedRun:
     def _settings(self, key: str, cls: type[T]) -> T:
         return parse(cls, self._json(key), f"{self.path}: {key}")
 
-    def _json(self, key: str) -> Any:  # noqa: ANN401
+    def _json(self, key: str) -> Any:  # noqa: ANN401 JSON, which those who ask check
         try:
             return json.loads(self.log.metadata[key])
         except (KeyError, ValueError) as error:

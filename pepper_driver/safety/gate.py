@@ -141,7 +141,7 @@ class SafetyGate:
 
     def watch(self, measurement: Measurement, answered: Command) -> None:
         """Compare a measurement with the command it answers; goes to FAULT when the robot cannot be trusted."""
-        fault = self._watch.check(measurement, answered)
+        fault = self._watch.check(measurement, answered, self._sent)
         if fault is not None:
             self._machine.fail(fault)
         self._base.see(measurement)

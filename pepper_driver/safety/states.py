@@ -37,6 +37,8 @@ class FaultReason(Enum):
     STALE_SAMPLE = "stale sample"
     SENSOR = "sensor"
     DIVERGENCE = "divergence"
+    STIFFNESS = "stiffness"
+    SILENT_JOINT = "silent joint"
     COMMAND = "command"
     TEMPERATURE = "temperature"
     BATTERY = "battery"

@@ -1,4 +1,4 @@
-"""What the measurements must be for a robot to go on: fresh, finite, near what was commanded, not hot, not empty."""
+"""What the measurements must be for a robot to go on: fresh, finite, as commanded, not hot, not empty."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ import numpy as np
 
 from pepper_driver.backends import Command, Measurement
 from pepper_driver.config import RobotConfig, SafetySettings
+from pepper_driver.safety.motors import FULL_STIFFNESS, MotorWatch
 from pepper_driver.safety.states import Fault, FaultReason
 
 logger = logging.getLogger("pepper_driver")
@@ -19,9 +20,6 @@ LOOK_PERIOD = 0.5
 
 LOOKS = 3
 """Looks in a row that must agree before a robot is stopped: one odd sample stops none."""
-
-FULL_STIFFNESS = 0.5
-"""Of a joint below it, no one expects that it follows its command."""
 
 
 class Watch:
@@ -36,7 +34,8 @@ class Watch:
         self._names = robot.joint_names
         self._settings = settings
         self._divergence_ticks = round(settings.divergence_time / robot.cycle)
-        self._square = settings.divergence**2
+        self._square = min(settings.divergence, settings.silent) ** 2
+        self._motors = MotorWatch(robot, settings)
         self._look_ticks = round(LOOK_PERIOD / robot.cycle)
         self._distance = np.zeros(len(self._names))
         self.reset()
@@ -45,25 +44,38 @@ class Watch:
         """Nothing has been seen."""
         self._diverging = np.zeros(len(self._names), dtype=np.int64)
         self._far = False
+        self._motors.reset()
         self._until_look = 1
         self._hot, self._low = np.zeros(len(self._names), dtype=np.int64), 0
         self._warned: set[str] = set()
 
-    def check(self, measurement: Measurement, answered: Command) -> Fault | None:
-        """What is wrong with a measurement, or with the robot it tells of; None when it may go on."""
+    def check(self, measurement: Measurement, answered: Command, newest: Command) -> Fault | None:
+        """What is wrong with a measurement, or with the robot it tells of; None when it may go on.
+
+        Args:
+            measurement: The newest.
+            answered: The command whose effect it shows.
+            newest: The last one that was sent.
+        """
         if not measurement.age <= self._settings.stale_fault:  # NaN is old too
-            text = f"the newest sample is {measurement.age * 1e3:.0f} ms old"
+            why = f": {measurement.missing}" if measurement.missing else ""
+            text = f"the newest sample is {measurement.age * 1e3:.0f} ms old{why}"
             return Fault(reason=FaultReason.STALE_SAMPLE, text=text)
         buttons = measurement.buttons
         if self._settings.chest_button and buttons.dot(buttons) != 0.0:
             fault = self._button(measurement)
             if fault is not None:
                 return fault
+        fault = self._motors.stiffness(measurement, answered, newest)
+        if fault is not None:
+            return fault
         distance = self._distance
         np.subtract(answered.position, measurement.position, distance)
         # Together no further than one alone may be: by far the usual case. NaN is not.
         if self._far or not distance.dot(distance) <= self._square:
-            fault = self._divergence(measurement, answered)
+            fault = self._motors.silent(measurement, answered, distance) or self._divergence(
+                measurement, answered
+            )
             if fault is not None:
                 return fault
         self._until_look -= 1

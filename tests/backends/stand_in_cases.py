@@ -14,21 +14,11 @@ def connected(url: str) -> Iterator[Any]:
     import qi
 
     session = qi.Session()
-    session.connect(url, _async=True).value(10_000)
+    session.connect(url, _async=True).value(30_000)
     try:
         yield session
     finally:
         session.close()
-
-
-def wait_until(condition: Callable[[], object], seconds: float = 10.0) -> bool:
-    """Whether the condition came true; the time is for a busy machine."""
-    end = time.monotonic() + seconds
-    while time.monotonic() < end:
-        if condition():
-            return True
-        time.sleep(0.005)
-    return bool(condition())
 
 
 def stays(value: Callable[[], object], seconds: float = 0.2) -> bool:

@@ -8,8 +8,8 @@ from almotion_cases import CONFIG, SETTINGS, Stage, wheel_key
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pepper_driver.backends.interface import FloatArray
 from pepper_driver.backends.naoqi_server.motion.base import DriveLimits, Move, wrapped_angle
+from pepper_driver.config.parts import FloatArray
 
 LIMITS = DriveLimits.of(SETTINGS, {})
 
@@ -91,7 +91,7 @@ def test_a_stop_at_once_is_one(stage: Stage) -> None:
     assert twists(stage)[-1] == pytest.approx(np.zeros(3), abs=1e-9)
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(*[st.floats(-5.0, 5.0)] * 3)
 def test_wheels_keep_their_limit_and_the_base_its_direction(
     x: float, y: float, turn: float

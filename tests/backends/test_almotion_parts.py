@@ -93,7 +93,7 @@ def test_other_values_are_refused(call: Callable[[], object]) -> None:
         call()
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(st.lists(st.floats(0.0, 1.0), min_size=17, max_size=17))
 def test_parts_are_where_the_controllers_model_has_them(shares: list[float]) -> None:
     """Against Pinocchio on the same URDF."""

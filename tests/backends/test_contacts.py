@@ -7,8 +7,9 @@ import pytest
 from contact_cases import CYCLE, FIXED, ROBOT, ROLLING, STEP, Array, Robot, world
 from scipy.spatial.transform import Rotation
 
-from pepper_driver.backends.interface import Measurement, TrueContact
+from pepper_driver.backends.interface import Measurement
 from pepper_driver.backends.mujoco_ import MujocoBackend
+from pepper_driver.backends.simulated import TrueContact
 from pepper_driver.config import UnknownNameError, load_plant, load_world
 from pepper_driver.controller.model import RobotModel
 

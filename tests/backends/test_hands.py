@@ -6,9 +6,9 @@ import pytest
 from contact_cases import CYCLE, FIXED, ROBOT, ROLLING, STEP, Array, Robot
 
 from pepper_driver.backends import Backend, CapabilityError, NotConnectedError
-from pepper_driver.backends.interface import TrueContact
 from pepper_driver.backends.mujoco_ import MujocoBackend
 from pepper_driver.backends.mujoco_.hands import HAND_MASS, first_overlap
+from pepper_driver.backends.simulated import TrueContact
 from pepper_driver.config import UnknownNameError
 from pepper_driver.controller.model import RobotModel
 

@@ -8,10 +8,13 @@ from typing import Any
 
 import numpy as np
 import pytest
-from stand_in_cases import PREFIX, connected, wait_until
+from stand_in_cases import PREFIX, connected, stays
+from waiting import wait_until
 
 from pepper_driver.backends.naoqi_server.launch import StandIn
 from pepper_driver.config import load_robot
+
+pytestmark = pytest.mark.usefixtures("qi")
 
 CONFIG = load_robot()
 
@@ -72,6 +75,11 @@ def heard(service: Callable[[str], Any], *events: str) -> list[tuple[str, Any]]:
 log_keeps: list[Any] = []
 
 
+def told(log: list[tuple[str, Any]], event: str) -> list[Any]:
+    """The values of one event."""
+    return [value for name, value in log if name == event]
+
+
 def test_a_joint_gets_where_set_angles_sends_it(stand_in: StandIn, motion: Any) -> None:
     motion.setAngles(["HeadYaw", "LShoulderPitch"], [0.5, 1.0], [0.2, 0.2])
     goals = {"HeadYaw": 0.5, "LShoulderPitch": 1.0}
@@ -91,12 +99,10 @@ def test_a_blocking_move_holds_up_nobody(stand_in: StandIn, motion: Any) -> None
     start = stand_in.black_box(1).base[0]
     moving = motion.moveTo(0.3, 0.0, 0.0, _async=True)
     waits = [motion.waitUntilMoveIsFinished(_async=True) for _ in range(10)]
-    begin = time.monotonic()
-    for _ in range(20):
-        assert len(motion.getAngles("Body", True)) == 17
-        assert motion.moveIsActive()
-    assert moving.isRunning()
-    assert time.monotonic() - begin < 1.5  # of about 2.7 s that the way takes
+    assert wait_until(motion.moveIsActive)
+    questions = [motion.getAngles("Body", True, _async=True) for _ in range(40)]
+    assert all(len(question.value()) == 17 for question in questions)
+    assert moving.isRunning()  # so none of them had to wait for it
     assert moving.value() is True
     assert all(wait.value() is None for wait in waits)
     end = stand_in.black_box(1).base[0]
@@ -179,11 +185,20 @@ def quiet(motion: Any) -> None:
     motion.setPushRecoveryEnabled(False)
 
 
-def orders(stand_in: StandIn, seconds: float = 0.5) -> int:
-    """How many orders the DCM takes in a while."""
-    before = stand_in.black_box(1).orders[0]
-    time.sleep(seconds)
-    return int(stand_in.black_box(1).orders[0] - before)
+def orders(stand_in: StandIn) -> int:
+    """How many orders the DCM has taken."""
+    return int(stand_in.black_box(1).orders[0])
+
+
+def is_left_alone(stand_in: StandIn) -> bool:
+    """Whether the DCM takes no order for a while."""
+    return stays(lambda: orders(stand_in), 0.3)
+
+
+def is_written_to(stand_in: StandIn) -> bool:
+    """Whether somebody gives the DCM one order after the other."""
+    before = orders(stand_in)
+    return wait_until(lambda: orders(stand_in) > before + 10)
 
 
 def test_almotion_fights_a_user_of_the_dcm_until_all_is_off(
@@ -193,27 +208,30 @@ def test_almotion_fights_a_user_of_the_dcm_until_all_is_off(
     dcm.createAlias(["yaw", [f"{name}/Position/Actuator/Value"]])
     motion.angleInterpolation(name, 0.0, 0.5, True)
 
-    def sway() -> float:
-        """Swing the head by the DCM; how far apart two values were that the DCM sent one after the other [rad]."""
-        begin = dcm.getTime(0)
-        while (passed := dcm.getTime(0) - begin) < 1000:
-            value = 0.3 * float(np.sin(passed / 300))
-            dcm.setAlias(["yaw", "ClearAfter", "time-separate", 0, [dcm.getTime(36)], [[value]]])
-            time.sleep(0.012)
+    def swing(value: float) -> None:
+        dcm.setAlias(["yaw", "ClearAfter", "time-separate", 0, [dcm.getTime(36)], [[value]]])
+        time.sleep(0.012)
+
+    def jumps() -> bool:
+        """Whether the DCM sent two values one after the other that are far apart: one is ours, one is not."""
+        swing(0.3)
         sent = stand_in.black_box(80).position_command[:, index(name)]
-        return float(np.abs(np.diff(sent)).max())
+        return bool(np.abs(np.diff(sent)).max() > 0.1)
 
     motion.setDiagnosisEffectEnabled(True)
-    fought = sway()
+    for step in range(25):
+        swing(0.012 * step)
+    assert wait_until(jumps)
     quiet(motion)
-    assert wait_until(lambda: orders(stand_in, 0.3) == 0)
-    alone = sway()
-    assert fought > 0.1
-    assert alone < 0.1  # of a swing of 1 rad/s, on a machine that may be late
+    assert wait_until(lambda: is_left_alone(stand_in))
+    before = orders(stand_in)
+    for step in range(25):
+        swing(0.3 - 0.012 * step)
+    assert orders(stand_in) == before + 25  # none but ours
     motion.wakeUp()
     assert motion.getFallManagerEnabled()
     assert not motion.getDiagnosisEffectEnabled()
-    assert orders(stand_in) > 10
+    assert is_written_to(stand_in)
 
 
 def test_a_living_robot_writes_by_itself(
@@ -225,14 +243,14 @@ def test_a_living_robot_writes_by_itself(
     life.setState("solitary")
     quiet(motion)
     assert life.getState() == "solitary"
+    assert wait_until(lambda: [value for _, value in states] == ["solitary"])
     assert service("ALBackgroundMovement").isRunning()
-    assert orders(stand_in) > 10
+    assert is_written_to(stand_in)
     service("ALBasicAwareness").setEnabled(False)
     service("ALBackgroundMovement").setEnabled(False)
-    assert wait_until(lambda: orders(stand_in, 0.3) == 0)
+    assert wait_until(lambda: is_left_alone(stand_in))
     life.setState("disabled")
-    assert wait_until(lambda: len(states) == 2)
-    assert [value for _, value in states] == ["solitary", "disabled"]
+    assert wait_until(lambda: [value for _, value in states] == ["solitary", "disabled"])
     with pytest.raises(RuntimeError, match="possible: solitary"):
         life.setState("asleep")
 
@@ -241,7 +259,7 @@ def test_bumpers_stop_a_move(motion: Any, outside: Any, service: Callable[[str],
     failed = heard(service, "ALMotion/MoveFailed")
     motion.wakeUp()  # its protection on again
     moving = motion.moveTo(3.0, 0.0, 0.0, _async=True)
-    time.sleep(0.5)
+    assert wait_until(motion.moveIsActive)
     outside.setFault("press", {"sensors": "FrontLeft"})
     assert moving.value() is False
     assert motion.moveTo(0.1, 0.0, 0.0) is False
@@ -256,7 +274,7 @@ def test_postures(motion: Any, service: Callable[[str], Any]) -> None:
     assert posture.goToPosture("Crouch", 1.0) is True
     assert (posture.getPosture(), posture.getPostureFamily()) == ("Crouch", "Crouching")
     going = posture.goToPosture("StandInit", 0.2, _async=True)
-    time.sleep(0.3)
+    assert wait_until(lambda: posture.getPosture() == "Unknown")  # it has left the other one
     posture.stopMove()
     assert going.value() is False
     assert posture.goToPosture("Stand", 1.0) is True
@@ -266,18 +284,19 @@ def test_postures(motion: Any, service: Callable[[str], Any]) -> None:
 
 def test_speech_takes_its_time_and_tells_its_events(service: Callable[[str], Any]) -> None:
     tts = service("ALTextToSpeech")
-    events = heard(service, "ALTextToSpeech/TextStarted", "ALTextToSpeech/TextDone")
+    started, done, status = (
+        f"ALTextToSpeech/{event}" for event in ("TextStarted", "TextDone", "Status")
+    )
+    events = heard(service, started, done, status)
     begin = time.monotonic()
     tts.say("I stand in for others")
     assert time.monotonic() - begin > 1.2
-    assert wait_until(lambda: ("ALTextToSpeech/TextStarted", 0) in events)
-    assert ("ALTextToSpeech/TextDone", 1) in events
-    long = [tts.say("word " * 200, _async=True) for _ in range(2)]
-    time.sleep(0.2)
+    ends = [(started, 0), (done, 1)]  # qi tells each on a thread of its own, in any order
+    assert wait_until(lambda: all(event in events for event in ends))
+    long = [tts.say("word " * 2000, _async=True) for _ in range(2)]
+    assert wait_until(lambda: [state for _, state in told(events, status)].count("enqueued") == 3)
     tts.stopAll()
-    for future in long:
-        assert future.wait(5000) is not None
-        assert future.isFinished()
+    assert wait_until(lambda: not any(future.isRunning() for future in long))
     with pytest.raises(RuntimeError, match="English"):
         tts.setLanguage("Englisch")
 
@@ -287,9 +306,12 @@ def test_lights_fade_in_memory(service: Callable[[str], Any]) -> None:
     key = PREFIX + "Face/Led/Red/Left/0Deg/Actuator/Value"
     leds.off("FaceLeds")
     assert wait_until(lambda: memory.getData(key) == 0.0)
-    fading = leds.fadeRGB("FaceLeds", 1.0, 0.5, 0.0, 1.0, _async=True)
-    assert wait_until(lambda: 0.1 < memory.getData(key) < 0.9)
-    fading.value()
+    slow = leds.fadeRGB("FaceLeds", 1.0, 0.5, 0.0, 100.0, _async=True)
+    assert wait_until(lambda: 0.0 < memory.getData(key) < 1.0)
+    assert slow.isRunning()
+    begin = time.monotonic()
+    leds.fadeRGB("FaceLeds", 1.0, 0.5, 0.0, 0.3)
+    assert time.monotonic() - begin > 0.3
     assert wait_until(lambda: memory.getData(key) == 1.0)
     assert memory.getData(key.replace("Red", "Green")) == pytest.approx(0.5)
     assert memory.getData(key.replace("Red", "Blue")) == 0.0

@@ -11,7 +11,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from stand_in_cases import PREFIX, alive, connected, stays, wait_until
+from stand_in_cases import PREFIX, alive, connected, stays
+from waiting import wait_until
 
 from pepper_driver.backends import BackendError
 from pepper_driver.backends.naoqi_server.launch import StandIn
@@ -58,15 +59,16 @@ def test_the_robot_goes_on_when_naoqi_dies_or_hangs(
 ) -> None:
     """What was ordered is carried out to its end: here, that the wheels stop."""
     with connected(stand_in.url) as session:
-        end = drive(session, 1.0, 1.5)
+        end = drive(session, 1.0, 2.5)
         assert wait_until(lambda: is_driving(stand_in))
         os.kill(stand_in.naoqi_process.pid, number)
         killed = stand_in.robot.time()
-        assert wait_until(lambda: stand_in.robot.time() > end + 600)
+        assert wait_until(lambda: (stand_in.black_box().date >= end).sum() > 50)
     box = stand_in.black_box()
     assert (box.date > killed).sum() > 50, "cycles went on"
-    assert (np.abs(box.wheel_command[box.date >= end]) == 0.0).all()
-    assert np.abs(box.wheel_speed[box.date > end + 400]).max() < 0.05
+    over = np.flatnonzero(box.date >= end)
+    assert (np.abs(box.wheel_command[over]) == 0.0).all()
+    assert np.abs(box.wheel_speed[over[34:]]).max() < 0.05
     between = (box.date > killed) & (box.date < end - 100)
     assert np.abs(box.wheel_speed[between]).min() > 0.5, "they turned until then"
     if number == signal.SIGSTOP:
@@ -149,11 +151,19 @@ def test_a_robot_process_that_was_stopped_leaves_cycles_out(stand_in: StandIn) -
     time.sleep(0.3)
     with connected(stand_in.url) as session:
         memory = session.service("ALMemory")
-        _, *first = memory.getTimestamp(f"{PREFIX}HeadYaw/Position/Sensor/Value")
+
+        def stamp() -> float:
+            """When the newest sample was taken [s]; reckoned from its age by two clocks, so the first of many."""
+            stamps = [
+                memory.getTimestamp(f"{PREFIX}HeadYaw/Position/Sensor/Value") for _ in range(9)
+            ]
+            return min(float(seconds + 1e-6 * micro) for _, seconds, micro in stamps)
+
+        first = stamp()
         time.sleep(0.5)
-        _, *second = memory.getTimestamp(f"{PREFIX}HeadYaw/Position/Sensor/Value")
+        second = stamp()
     os.kill(stand_in.robot_process.pid, signal.SIGCONT)
-    assert second[0] + 1e-6 * second[1] == pytest.approx(first[0] + 1e-6 * first[1], abs=0.02)
+    assert second == pytest.approx(first, abs=0.02)
     assert wait_until(lambda: np.diff(stand_in.black_box().cycle).max() > 30)
     box = stand_in.black_box()
     np.testing.assert_array_equal(np.diff(box.date), 12 * np.diff(box.cycle))
@@ -165,7 +175,7 @@ def test_a_clock_that_is_about_to_roll_over() -> None:
     with StandIn("mujoco", clock=2**31 - 700) as stand_in, connected(stand_in.url) as session:
         dcm, memory = session.service("DCM"), session.service("ALMemory")
         dcm.set(["HeadYaw/Hardness/Actuator/Value", "ClearAll", [[1.0, dcm.getTime(0)]]])
-        far = dcm.getTime(1200)
+        far = dcm.getTime(2000)
         dcm.set(["HeadYaw/Position/Actuator/Value", "ClearAll", [[0.6, far]]])
         assert wait_until(lambda: memory.getData("DCM/Time") < 0)
         assert far < 0
@@ -173,9 +183,9 @@ def test_a_clock_that_is_about_to_roll_over() -> None:
         assert wait_until(lambda: memory.getData(key) == 0.6)
         assert stays(lambda: memory.getData(key))
         box = stand_in.black_box()
-    steps = np.diff(box.position_command[:, 3])
+    steps = np.diff(box.position_command[:, 3]) / np.diff(box.cycle)
     assert steps.min() >= 0.0
-    assert steps.max() < 0.6 / 1200 * 12 * 1.2 * 5, "no jump, even where a cycle was left out"
+    assert steps.max() < 0.6 / 1000 * 12, "no jump, even if the order took a second to come"
     assert (box.date < 0).any()
     assert (box.date > 0).any()
 
@@ -185,7 +195,7 @@ def test_both_end_with_the_block() -> None:
         pids = stand_in.robot_process.pid, stand_in.naoqi_process.pid
         os.kill(pids[1], signal.SIGSTOP)  # even so
         begin = time.monotonic()
-    assert time.monotonic() - begin < 5.0
+    assert time.monotonic() - begin < 15.0
     assert not any(alive(pid) for pid in pids)
 
 
@@ -203,16 +213,16 @@ def test_both_end_when_their_owner_is_killed(stopped: bool) -> None:
 
 
 def test_the_robot_outlives_its_owner_for_as_long_as_told() -> None:
-    owner = subprocess.Popen([sys.executable, "-c", OWNER, "2.5"], stdout=subprocess.PIPE)
+    owner = subprocess.Popen([sys.executable, "-c", OWNER, "1.5"], stdout=subprocess.PIPE)
     assert owner.stdout is not None
     robot, naoqi = map(int, owner.stdout.readline().split())
+    begin = time.monotonic()
     owner.kill()
     owner.wait()
     owner.stdout.close()
-    begin = time.monotonic()
     assert wait_until(lambda: not alive(naoqi))
     assert wait_until(lambda: not alive(robot))
-    assert time.monotonic() - begin > 2.0
+    assert time.monotonic() - begin > 1.5
 
 
 def test_what_cannot_start() -> None:

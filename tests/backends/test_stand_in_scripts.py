@@ -7,10 +7,13 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from stand_in_cases import connected, wait_until
+from stand_in_cases import connected
+from waiting import wait_until
 
 from pepper_driver.backends.naoqi_server.launch import StandIn
 from pepper_driver.config import load_robot
+
+pytestmark = pytest.mark.usefixtures("qi")
 
 SCRIPTS = Path(__file__).parent / "naoqi_scripts"
 
@@ -48,7 +51,7 @@ def started(stand_in: StandIn, name: str) -> "subprocess.Popen[str]":
 def ended(process: "subprocess.Popen[str]") -> list[str]:
     """The rest of its lines; it must end well."""
     try:
-        out, error = process.communicate(timeout=60)
+        out, error = process.communicate(timeout=120)
     finally:
         process.kill()
     assert process.returncode == 0, error

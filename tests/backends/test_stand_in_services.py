@@ -4,8 +4,10 @@ import time
 from collections.abc import Iterator
 from typing import Any
 
+import numpy as np
 import pytest
-from stand_in_cases import PREFIX, connected, wait_until
+from stand_in_cases import PREFIX, connected
+from waiting import wait_until
 
 from pepper_driver.backends.naoqi_server.clock import wrapped
 from pepper_driver.backends.naoqi_server.launch import StandIn
@@ -45,23 +47,31 @@ def outside(session: Any) -> Iterator[Any]:
 
 def test_prefix_and_time(dcm: Any, memory: Any) -> None:
     assert dcm.getPrefix() == ["Device/SubDeviceList/", "Device/DeviceList/"]
-    before = dcm.getTime(0)
-    assert 0 <= wrapped(dcm.getTime(1000) - before - 1000) < 500
+    before, ahead, after = dcm.getTime(0), dcm.getTime(1000), dcm.getTime(0)
+    assert 0 <= wrapped(ahead - 1000 - before) <= wrapped(after - before)
+    assert dcm.getTime(-1000) < before
     assert isinstance(memory.getData("DCM/Time"), int)
     assert isinstance(memory.getListData(["DCM/Time"])[0], int)
-    assert -100 <= wrapped(memory.getData("DCM/Time") - before) < 500
-    assert dcm.getTime(-1000) < before
+    assert wait_until(lambda: wrapped(memory.getData("DCM/Time") - before) >= 0)
+    sample = memory.getData("DCM/Time")
+    assert wrapped(dcm.getTime(0) - sample) >= 0, "no sample is of a cycle to come"
 
 
 def test_the_clock_and_the_samples_go_at_the_pace_of_time(dcm: Any, memory: Any) -> None:
-    begin, first = time.monotonic(), dcm.getTime(0)
-    sample = memory.getData("DCM/Time")
+    def now() -> tuple[float, int, float]:
+        """The DCM's time, and ours before and after it was asked for [ms]."""
+        before, shown = 1000 * time.monotonic(), dcm.getTime(0)
+        return before, shown, 1000 * time.monotonic()
+
+    sample, (before, first, after) = memory.getData("DCM/Time"), now()
     time.sleep(0.5)
-    passed = 1000 * (time.monotonic() - begin)
-    assert wrapped(dcm.getTime(0) - first) == pytest.approx(passed, abs=100)
-    later = wrapped(memory.getData("DCM/Time") - sample)
-    assert later == pytest.approx(passed, abs=150)
-    assert later % 12 == 0, "dates are those of cycles"
+    later_before, second, later_after = now()
+    passed = wrapped(second - first)
+    assert later_before - after - 1 <= passed <= later_after - before + 1
+    assert wait_until(lambda: wrapped(memory.getData("DCM/Time") - second) >= 0)
+    newest = memory.getData("DCM/Time")
+    assert wrapped(dcm.getTime(0) - newest) >= 0
+    assert wrapped(newest - sample) % 12 == 0, "dates are those of cycles"
 
 
 def test_an_alias_tells_which_actuators_do_not_exist(dcm: Any) -> None:
@@ -98,7 +108,7 @@ def test_a_joint_moves_along_a_straight_line_in_time(
     dcm: Any, memory: Any, stand_in: StandIn
 ) -> None:
     dcm.set(["HeadYaw/Hardness/Actuator/Value", "ClearAll", [[1.0, dcm.getTime(0)]]])
-    start = dcm.getTime(200)
+    start = dcm.getTime(1000)  # on a busy machine the order is slow to come
     dcm.set([HEAD, "ClearAll", [[0.1, start], [0.5, wrapped(start + 400)]]])
     assert wait_until(lambda: memory.getData(HEAD) == 0.5)
     assert wait_until(
@@ -107,7 +117,7 @@ def test_a_joint_moves_along_a_straight_line_in_time(
     box = stand_in.black_box()
     yaw = box.position_command[:, 3]
     on_way = (box.date > start) & (box.date < start + 400)
-    assert on_way.sum() in (33, 34)
+    assert on_way.sum() > 10
     expected = 0.1 + 0.4 * (box.date[on_way] - start) / 400
     assert yaw[on_way] == pytest.approx(expected, abs=1e-12)
     assert box.position[-1, 3] == pytest.approx(0.5, abs=0.03)
@@ -193,6 +203,7 @@ def test_events(memory: Any) -> None:
     link = subscriber.signal.connect(heard.append)
     memory.raiseEvent("My/Event", [1, "a"])
     memory.insertData("My/Event", "no event")
+    assert wait_until(lambda: heard == [[1, "a"]]), heard
     memory.raiseMicroEvent("My/Event", 2.5)
     assert wait_until(lambda: heard == [[1, "a"], 2.5]), heard
     assert memory.getData("My/Event") == 2.5
@@ -270,10 +281,17 @@ def test_pushes_and_truth(outside: Any, stand_in: StandIn) -> None:
     info = outside.info()
     assert info["pid"] == stand_in.robot_process.pid
     assert info["plant"] == "nominal"
-    before = stand_in.black_box(1).position[-1, 5]
+    (before,) = stand_in.black_box(1).position[:, 5]
+    (begin,) = stand_in.black_box(1).cycle
+
+    def swing() -> float:
+        """How far the arm was away since then [rad]."""
+        box = stand_in.black_box()
+        return float(np.abs(box.position[box.cycle >= begin, 5] - before).max())
+
     outside.push({"link": "LBicep", "force": [30.0, 0.0, 0.0], "duration": 0.5})
     outside.grab({"link": "RBicep", "pull": [0.0, -0.05, 0.0], "hold": 0.2})
-    assert wait_until(lambda: abs(stand_in.black_box(1).position[-1, 5] - before) > 0.05)
+    assert wait_until(lambda: swing() > 0.05)
     with pytest.raises(RuntimeError, match="did you mean LBicep"):
         outside.push({"link": "LBicp", "force": [1.0, 0.0, 0.0]})
     with pytest.raises(RuntimeError, match="unknown fault"):

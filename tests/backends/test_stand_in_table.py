@@ -5,9 +5,11 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator
+from itertools import count
 
 import numpy as np
 import pytest
+from waiting import PATIENCE
 
 from pepper_driver.backends.naoqi_server import table as table_module
 from pepper_driver.backends.naoqi_server.black_box import CYCLES
@@ -61,15 +63,17 @@ def test_a_sample_is_of_one_cycle_while_another_process_writes(file: int) -> Non
     reader = Table(file, 200_000, ROBOT)  # so many that reading takes as long as writing
     writer = subprocess.Popen([sys.executable, "-c", WRITER, str(file)], pass_fds=[file])
     try:
-        end = time.monotonic() + 20.0
+        end = time.monotonic() + PATIENCE
         while reader.count < 10 and time.monotonic() < end:
             time.sleep(0.01)
         seen = set()
-        for _ in range(1000):
+        for read in count():
             values = reader.read()
             assert values.min() == values.max()
             seen.add(values[0])
-        assert len(seen) > 10, "the writer was not at work"
+            if read >= 1000 and len(seen) > 10:
+                break
+            assert time.monotonic() < end, "the writer was not at work"
     finally:
         writer.kill()
         writer.wait()

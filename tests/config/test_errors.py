@@ -5,6 +5,7 @@ from typing import Any
 
 import pytest
 
+from pepper_driver.backends.naoqi.library import NoQiError
 from pepper_driver.config import ConfigError, MissingExtraError, PepperError, UnknownNameError
 from pepper_driver.controller import GainError, LimitError, TargetError
 from pepper_driver.log import LogError
@@ -19,6 +20,7 @@ def leaves(root: type[PepperError]) -> list[type[PepperError]]:
 EXAMPLES: list[PepperError] = [
     UnknownNameError("joint", "LShoulderRol", ["LShoulderRoll", "HeadYaw"]),
     MissingExtraError("plotting", "plot"),
+    NoQiError("another computer", possible=False),
     FaultError(Fault(reason=FaultReason.TEMPERATURE, text="a joint is on fire")),
     GainError("stiffness", -1.0),
     LimitError("share", -1.0, "above 0"),
@@ -30,7 +32,7 @@ EXAMPLES: list[PepperError] = [
 
 @pytest.mark.parametrize("error", EXAMPLES, ids=lambda error: type(error).__name__)
 def test_an_error_survives_the_way_from_a_worker(error: PepperError) -> None:
-    copy: Any = pickle.loads(pickle.dumps(error))
+    copy: Any = pickle.loads(pickle.dumps(error))  # what joblib does with it
     assert type(copy) is type(error)
     assert str(copy) == str(error)
     assert vars(copy) == vars(error)

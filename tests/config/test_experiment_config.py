@@ -215,7 +215,7 @@ STEPS = st.recursive(
 )
 
 
-@settings(deadline=None, max_examples=60)
+@settings(max_examples=60)
 @given(st.lists(STEPS, min_size=1, max_size=4))
 def test_count_and_length_are_those_of_the_steps_played(steps: list[dict[str, Any]]) -> None:
     experiment = make(*steps)

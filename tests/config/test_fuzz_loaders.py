@@ -61,7 +61,6 @@ LOADERS: dict[str, tuple[Path, Loader]] = {
 WHOLE: dict[str, Any] = {name: read_yaml(path) for name, (path, _) in LOADERS.items()}
 FEW = settings(
     max_examples=60,
-    deadline=None,
     suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large],
 )
 

@@ -4,7 +4,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pepper_driver.config import ConfigError, PlantConfig
@@ -44,7 +44,7 @@ def damaged(draw: st.DrawFn) -> dict[str, Any]:
     return data
 
 
-@settings(max_examples=150, suppress_health_check=[HealthCheck.too_slow], deadline=None)
+@settings(max_examples=150)
 @given(damaged())
 def test_a_damaged_plant_loads_or_says_one_line(data: dict[str, Any]) -> None:
     try:
@@ -56,7 +56,7 @@ def test_a_damaged_plant_loads_or_says_one_line(data: dict[str, Any]) -> None:
         assert plant.physics.timestep > 0
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=150)
 @given(st.text())
 def test_any_text_is_yaml_or_one_error(tmp_path_factory: pytest.TempPathFactory, text: str) -> None:
     path = tmp_path_factory.mktemp("yaml") / "any.yaml"

@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 import yaml
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pepper_driver.config import (
@@ -227,7 +227,7 @@ def test_random_pushes_keep_away_from_stated_hands(tmp_path: Path) -> None:
         max_size=5,
     )
 )
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100)
 def test_hands_on_one_link_never_overlap(
     tmp_path_factory: pytest.TempPathFactory, spans: list[tuple[int, int, str]]
 ) -> None:
@@ -289,7 +289,7 @@ def damaged(draw: st.DrawFn) -> dict[str, Any]:
     return data
 
 
-@settings(max_examples=200, suppress_health_check=[HealthCheck.too_slow], deadline=None)
+@settings(max_examples=200)
 @given(data=damaged())
 def test_a_damaged_scenario_loads_or_says_one_line(
     tmp_path_factory: pytest.TempPathFactory, data: dict[str, Any]

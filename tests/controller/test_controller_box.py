@@ -80,7 +80,7 @@ def test_the_velocity_never_turns_round_on_the_way_to_a_limit(joint: int) -> Non
     mode=st.sampled_from(["edge", "switch", "both", "inside"]),
     dt=st.sampled_from([DT, DT / 8, 4 * DT]),
 )
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 def test_no_way_through_the_box_breaks_a_limit(seed: int, mode: str, dt: float) -> None:
     """Whatever is chosen inside the box, the next box still holds all limits: none is ever relaxed."""
     random = np.random.default_rng(seed)

@@ -93,7 +93,7 @@ def test_the_other_solvers_agree_with_daqp(name: str, m: int) -> None:
 
 
 @given(power=st.integers(-6, 6), seed=st.integers(0, 1000))
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @pytest.mark.parametrize("name", SOLVERS)
 def test_the_unit_of_the_cost_does_not_matter(name: str, power: int, seed: int) -> None:
     cost, gradient, *limits = good_problem(np.random.default_rng(seed), 2)

@@ -202,7 +202,7 @@ def hills(draw: st.DrawFn) -> tuple[tuple[float, float, float], ...]:
 
 
 @given(table=hills(), seed=st.integers(0, 2**31), velocity=st.sampled_from(["safe", "robot"]))
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 def test_other_tables_are_kept_too(
     table: tuple[tuple[float, float, float], ...], seed: int, velocity: Velocity
 ) -> None:

@@ -120,7 +120,7 @@ def test_at_the_velocities_of_the_urdf_it_overshoots_and_the_braking_distance_do
     fast=st.floats(0, 1000),
     acceleration=st.sampled_from([1.0, 20.0, 100.0, 1e6]),
 )
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 def test_its_box_is_never_empty_and_never_runs_away(
     seed: int, far: float, fast: float, acceleration: float
 ) -> None:

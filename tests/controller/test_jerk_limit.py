@@ -40,7 +40,7 @@ TINY = 1e-9
     hard=st.floats(0, 1000),
     law=st.sampled_from(["braking", "damper"]),
 )
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=200)
 def test_the_box_is_never_empty(
     seed: int, far: float, fast: float, hard: float, law: Literal["braking", "damper"]
 ) -> None:

@@ -136,7 +136,7 @@ def test_knowledge_of_a_touched_joint_grows_old() -> None:
     assert before < target.variance(asked)[0] < adapt(1).variance(asked)[0]
 
 
-@settings(deadline=None, max_examples=30)
+@settings(max_examples=30)
 @given(st.integers(0, 1000), st.integers(1, 120), st.floats(0.0, 0.1))
 def test_variance_never_exceeds_the_prior(seed: int, n: int, size: float) -> None:
     rng = np.random.default_rng(seed)

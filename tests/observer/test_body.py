@@ -291,7 +291,7 @@ PART = st.tuples(
 )
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=150)
 @given(st.lists(PART, max_size=20))
 def test_events_make_sense_for_any_residuals(
     parts: list[tuple[int, dict[str, float], float]],

@@ -268,7 +268,7 @@ def test_observations_are_not_written_to_later() -> None:
         np.testing.assert_array_equal(array, copy)
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(
     st.lists(
         st.tuples(

@@ -584,7 +584,7 @@ PART = st.tuples(
 )
 
 
-@settings(max_examples=25, deadline=None, phases=NO_SHRINKING)
+@settings(max_examples=25, phases=NO_SHRINKING)
 @given(st.lists(PART, max_size=12), st.booleans())
 def test_events_make_sense_for_any_ticks(
     parts: list[tuple[int, float, float, tuple[int, ...], float, float, float]], adapt: bool

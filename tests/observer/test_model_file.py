@@ -248,7 +248,8 @@ def test_a_file_cut_short_is_refused_wherever_it_is_cut(file: Path) -> None:
 
 
 @settings(
-    max_examples=400, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
+    max_examples=400,
+    suppress_health_check=[HealthCheck.too_slow, HealthCheck.function_scoped_fixture],
 )
 @given(st.randoms(use_true_random=False), st.integers(1, 4))
 @example(random.Random(0), 1)
@@ -379,7 +380,8 @@ def test_what_is_wrong_with_a_fusion_file_is_said_in_one_line(
 
 
 @settings(
-    max_examples=150, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
+    max_examples=150,
+    suppress_health_check=[HealthCheck.too_slow, HealthCheck.function_scoped_fixture],
 )
 @given(st.randoms(use_true_random=False), st.integers(1, 3))
 def test_a_fusion_file_with_bytes_altered_is_refused_or_makes_a_valid_model(

@@ -73,7 +73,7 @@ def defined(
     return min(MARGIN * largest, MEDIAN_MARGIN * kept[len(kept) // 2]), known
 
 
-@settings(deadline=None, max_examples=25)
+@settings(max_examples=25)
 @given(
     st.integers(1, 5000),
     st.floats(0.3, 1.0),

@@ -197,7 +197,7 @@ PARAMETER_SETS = st.builds(
 )
 
 
-@settings(deadline=None, max_examples=25)
+@settings(max_examples=25)
 @given(PARAMETER_SETS, st.floats(-1.0, 1.0), st.floats(-2.0, 2.0))
 def test_always_comes_to_rest_where_friction_can_hold_it(
     twin: TwinParameters, goal: float, load: float

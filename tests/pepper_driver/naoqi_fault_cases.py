@@ -2,22 +2,22 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
-import pytest
+from stand_ins import PATIENT, patient_driver, since
+from waiting import PATIENCE, wait_until
 
-import pepper_driver.backends.naoqi.backend as naoqi_backend
 from pepper_driver import Pepper
 from pepper_driver.backends.naoqi_server.black_box import BlackBox, row_type
 from pepper_driver.backends.naoqi_server.launch import StandIn
 from pepper_driver.config import (
     PepperError,
     load_doctor_settings,
-    load_naoqi_settings,
     load_robot,
 )
 from pepper_driver.controller import Tick
@@ -37,7 +37,8 @@ class Outcome:
     """What came of it. Times are of ``time.monotonic()``.
 
     Attributes:
-        begun: When the fault was set.
+        begun: When the fault was about to be set.
+        wrong: When it was set.
         ended: When the client's run ended.
         closed: When it had left the robot.
         error: With which its run ended; None where it did not.
@@ -47,6 +48,7 @@ class Outcome:
     """
 
     begun: float
+    wrong: float = 0.0
     ended: float = 0.0
     closed: float = 0.0
     error: PepperError | None = None
@@ -59,21 +61,10 @@ def url(stand_in: StandIn) -> str:
     return f"naoqi://127.0.0.1:{stand_in.port}"
 
 
-def since(stand_in: StandIn, moment: float) -> BlackBox:
-    """The cycles that were due after a moment."""
-    box = stand_in.black_box()
-    return BlackBox(**{name: rows[box.begin > moment] for name, rows in vars(box).items()})
-
-
 @contextmanager
 def quick_settings() -> Iterator[None]:
     """Ramps and measurements at the start that take no longer than tests need."""
-    settings = load_naoqi_settings()
-    timing = replace(settings.timing, burst=0.2, ramp_up=0.5, ramp_down=0.1)
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(
-            naoqi_backend, "load_naoqi_settings", lambda *_: replace(settings, timing=timing)
-        )
+    with patient_driver(burst=0.2, ramp_up=0.5, ramp_down=0.1):
         yield
 
 
@@ -91,8 +82,11 @@ def drive_through(
         stand_in.clear_faults()
         outcomes: list[Outcome] = []
         try:
-            with Pepper(url(stand_in), observer=None) as pepper:
+            with Pepper(url(stand_in), observer=None, safety=PATIENT) as pepper:
                 begin_to_move(pepper)
+                end = time.monotonic() + PATIENCE
+                while what_is_still(stand_in) and time.monotonic() < end:
+                    pepper.run(0.1)
                 if problem := what_is_still(stand_in):
                     why.append(problem)
                     continue
@@ -100,9 +94,10 @@ def drive_through(
                     move_arms(pepper)
                     outcome = Outcome(begun=time.monotonic())
                     stand_in.set_fault(fault)
+                    outcome.wrong = time.monotonic()
                     outcome.error = run(pepper, seconds, outcome)
                     outcome.ended = time.monotonic()
-                    time.sleep(watch)
+                    wait_for_cycles(stand_in, round(watch / ROBOT.cycle))
                     outcome.box = since(stand_in, outcome.begun - 0.5)
                     outcomes.append(outcome)
                     if fault != faults[-1]:
@@ -115,6 +110,12 @@ def drive_through(
         outcome.closed = time.monotonic() - left
         return outcomes
     raise AssertionError(f"no robot that moves, perhaps because this machine is too busy: {why}")
+
+
+def wait_for_cycles(stand_in: StandIn, number: int) -> None:
+    """Until the robot has made so many more."""
+    now = time.monotonic()
+    assert wait_until(lambda: len(since(stand_in, now)) >= number)
 
 
 def run(pepper: Pepper, seconds: float, outcome: Outcome) -> PepperError | None:
@@ -158,7 +159,10 @@ def what_is_still(stand_in: StandIn) -> str:
 
 def assert_wheels_stop(box: BlackBox) -> None:
     """With nobody's help: 150 ms after the last order for wheels that was taken, all wheels of the plant stand."""
-    after = box.begin - box.wheel_order[-1] >= DEAD_MAN
+    ordered = int(
+        np.searchsorted(box.begin, box.wheel_order[-1])
+    )  # cycles may have been left out since
+    after = slice(ordered + math.ceil(DEAD_MAN / ROBOT.cycle), None)
     speed = np.abs(box.wheel_speed[after]).max(axis=1)
     assert len(speed) > 10
     assert speed[0] <= STANDS, speed.round(3).tolist()

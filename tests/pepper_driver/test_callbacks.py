@@ -202,7 +202,7 @@ def at_least(rest: int) -> Callable[[Contact], bool]:
     return lambda event: event.id % 4 >= rest
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(
     st.lists(
         st.tuples(
@@ -395,7 +395,7 @@ def test_flush_and_close_have_one_limit_for_all_callbacks() -> None:
     for wait in (dispatcher.flush, dispatcher.close):
         start = time.monotonic()
         assert not wait(0.5)
-        assert 0.45 < time.monotonic() - start < 3.0  # not eight times as long
+        assert 0.45 < time.monotonic() - start < 3.9  # not eight times as long
     for blocker in blockers:
         blocker.release.set()
     assert dispatcher.close(LONG)

@@ -5,10 +5,10 @@ import os
 import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import pytest
+from waiting import wait_until
 
 from pepper_driver.cli.app import run
 from pepper_driver.log import read_log
@@ -129,38 +129,39 @@ def test_ctrl_c_ends_the_demo_cleanly(tmp_path: Path) -> None:
         env=os.environ | {"PYTHONUNBUFFERED": "1"},
     )
     assert process.stdout is not None
-    process.stdout.readline()  # the first contact: it runs
-    time.sleep(0.5)
+    for _ in range(2):
+        assert "contact" in process.stdout.readline()
     process.send_signal(signal.SIGINT)
-    _, errors = process.communicate(timeout=30)
+    _, errors = process.communicate(timeout=60)
     assert process.returncode == 130
     assert "Traceback" not in errors
     assert "interrupted" in errors
     log = read_log(tmp_path / "demo.mcap")
     assert log.complete
-    assert len(log) > 50
+    assert len(log) > 300, "about five seconds lie between the first two"
 
 
-def test_ctrl_c_during_start_up_is_one_line() -> None:
-    for wait in (0.05, 0.3):
-        process = subprocess.Popen(
-            [sys.executable, "-m", "pepper_driver", "bench"],
-            stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
-            text=True,
-        )
-        time.sleep(wait + 0.1)
-        process.send_signal(signal.SIGINT)
-        _, errors = process.communicate(timeout=30)
-        assert process.returncode in (130, -signal.SIGINT)
-        # Before the interpreter has reached our code, its own traceback of one frame is out of our hands.
-        assert "pepper_driver/" not in errors
-    assert errors.strip() == "pepper: interrupted"
+@pytest.mark.parametrize("library", ["numpy", "mujoco"])
+def test_ctrl_c_during_start_up_is_one_line(library: str) -> None:
+    """While libraries are imported; before the interpreter has reached our code, its traceback is out of our hands."""
+    process = subprocess.Popen(
+        [sys.executable, "-m", "pepper_driver", "bench"],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    assert wait_until(lambda: library in Path(f"/proc/{process.pid}/maps").read_text())
+    process.send_signal(signal.SIGINT)
+    _, errors = process.communicate(timeout=60)
+    assert process.returncode == 130
+    first, *rest = errors.splitlines()
+    assert first == "pepper: interrupted"
+    assert "pepper_driver/" not in "".join(rest), "a process of a library may miss its reader"
 
 
 def test_a_reader_that_goes_away_leaves_no_traceback(tmp_path: Path) -> None:
     done = subprocess.run(
-        f"{sys.executable} -m pepper_driver demo --out {tmp_path} --seconds 16 | head -1",
+        f"{sys.executable} -m pepper_driver demo --out {tmp_path} --seconds 8 | head -1",
         shell=True,
         capture_output=True,
         text=True,

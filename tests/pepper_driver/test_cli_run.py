@@ -5,7 +5,6 @@ import os
 import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 from typing import Any
 
@@ -142,11 +141,12 @@ def test_ctrl_c_stops_the_robot_and_keeps_the_log(tmp_path: Path) -> None:
         for line in process.stdout:
             if "step wait" in line:
                 break
-        time.sleep(0.2)
         os.kill(process.pid, signal.SIGINT)
         _, errors = process.communicate(timeout=60)
     finally:
         process.kill()
     assert process.returncode == 130
-    assert errors.strip() == "pepper: interrupted"
+    *missed, last = errors.splitlines()
+    assert last == "pepper: interrupted"
+    assert all("missed so far" in line for line in missed), errors  # on a busy machine
     assert read_log(log).complete

@@ -3,7 +3,7 @@
 from typing import Any
 
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from reflex_cases import touch
 
@@ -126,7 +126,7 @@ ON = st.fixed_dictionaries(
 )
 
 
-@settings(deadline=None, max_examples=200)
+@settings(max_examples=200)
 @given(
     ON,
     ON,
@@ -146,7 +146,7 @@ def test_two_that_answer_one_contact_overlap(
     assert overlap(*reflexes, ROBOT) == overlap(reflexes[1], reflexes[0], ROBOT)
 
 
-@settings(deadline=None, max_examples=150, suppress_health_check=[HealthCheck.too_slow])
+@settings(max_examples=150)
 @given(
     st.sampled_from(["hold", "retract", "follow_hand", "assist", "x"]),
     st.dictionaries(st.sampled_from(["on", "distance", "name", "then", "lead", "pause"]), ANYTHING),

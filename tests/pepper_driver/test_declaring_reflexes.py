@@ -36,7 +36,7 @@ def again(entry: dict[str, Any]) -> Reflex:
 
 
 @pytest.mark.parametrize("kind", ALL)
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 @given(
     link=st.sampled_from([None, "LForeArm", "base_link"]),
     joint=st.sampled_from([None, "HeadYaw"]),
@@ -101,7 +101,6 @@ VALUES = st.recursive(
 KEYS = st.sampled_from(["do", "on", "name", "gain", "pause", "then", "lead", "class"]) | st.text()
 
 
-@settings(deadline=None)
 @given(entry=st.dictionaries(KEYS, VALUES), kind=st.sampled_from(["hold", "comply", "follow_hand"]))
 def test_whatever_stands_there_is_a_reflex_or_one_error(entry: dict[str, Any], kind: str) -> None:
     for candidate in (entry, {**entry, "do": kind}):

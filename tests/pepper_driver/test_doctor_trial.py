@@ -41,7 +41,7 @@ def tried(uri: str, models: ModelSet = NOMINAL) -> Trial:
 # -- what moves -------------------------------------------------------------------------------------------------------
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(shares=st.lists(st.floats(0.0, 1.0), min_size=17, max_size=17))
 def test_goals_are_within_the_limits_from_any_posture_and_legs_stand(shares: list[float]) -> None:
     start = ROBOT.lower + np.array(shares) * (ROBOT.upper - ROBOT.lower)

@@ -22,7 +22,6 @@ def test_a_damaged_experiment_begins_nothing(
 
     @settings(
         max_examples=40,
-        deadline=None,
         suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large],
     )
     @given(damaged(read_yaml(example)))

@@ -69,7 +69,7 @@ def test_columns_are_named_by_what_they_are(log: LogData) -> None:
         "tick_end",
     } <= set(ticks)
     assert {"time", "contact_torque.HeadYaw", "base.yaw", "tilt.roll"} <= set(truth)
-    assert len(ticks) == 10 + 16 * 17 + 2 * 3 + 3 + 3 * 3 + 5 + 3 + 1
+    assert len(ticks) == 10 + 17 * 17 + 2 * 3 + 3 + 3 * 3 + 5 + 3 + 1
 
 
 def test_parquet_comes_back_bit_for_bit(log: LogData, tmp_path: Path) -> None:

@@ -7,7 +7,8 @@ from dataclasses import fields
 import numpy as np
 from numpy.typing import NDArray
 
-from pepper_driver.backends.interface import Command, Imu, Measurement, TruthSample
+from pepper_driver.backends.interface import Command, Imu, Measurement
+from pepper_driver.backends.simulated import TruthSample
 from pepper_driver.config import load_robot
 from pepper_driver.controller.reference import Reference
 from pepper_driver.controller.tick import Sent, Tick
@@ -60,6 +61,7 @@ class Samples:
                 charging_flap=float(self.random.random()),
                 answers=int(self.random.integers(5)),
                 withheld=int(self.random.integers(1000)),
+                stiffness=self.vector(N),
             ),
             reference=Reference(
                 position=self.vector(N),
@@ -133,7 +135,7 @@ def flatten(tick: Tick, observation: Observation, step: int = 0) -> dict[str, ob
     """The values of one tick, in no real time, under the names they have in the log."""
     m = tick.measurement
     values: dict[str, object] = {
-        f.name: getattr(m, f.name) for f in fields(Measurement) if f.name != "imu"
+        f.name: getattr(m, f.name) for f in fields(Measurement) if f.name not in ("imu", "missing")
     }
     values |= {f"imu_{f.name}": getattr(m.imu, f.name) for f in fields(Imu)}
     values |= {f"sent_{f.name}": getattr(tick.sent, f.name) for f in fields(Command)}

@@ -89,7 +89,7 @@ class Notebook:
         self.unanswered.append(unanswered)
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(
     st.lists(
         st.integers(0, 6) | st.integers(0, LONGEST_WAY + 30), min_size=1, max_size=LONGEST_WAY + 40

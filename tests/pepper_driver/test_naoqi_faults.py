@@ -4,26 +4,33 @@ Over real qi against the stand-in; what the robot did is in its black box. Facts
 cycles; bounds of the clock on the wall are for busy machines, ``benchmarks/naoqi_faults.py`` measures.
 """
 
+import os
 import signal
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from stand_ins import PATIENT, SILENCE, since
+from waiting import PATIENCE, wait_until
 
 from pepper_driver import Pepper
 from pepper_driver.backends import NotConnectedError
+from pepper_driver.backends.naoqi import backend as naoqi_backend
 from pepper_driver.backends.naoqi_server.faults import parse_fault
 from pepper_driver.backends.naoqi_server.launch import StandIn
-from pepper_driver.config import PepperError
-from pepper_driver.safety import FaultError
+from pepper_driver.config import PepperError, load_naoqi_settings, load_safety_settings
+from pepper_driver.events import FaultEvent
+from pepper_driver.log import read_log
+from pepper_driver.safety import FaultError, FaultReason
 
 from naoqi_fault_cases import (  # isort: skip
+    ROBOT,
     STANDS,
     TRIES,
     assert_joints_hold,
@@ -34,27 +41,21 @@ from naoqi_fault_cases import (  # isort: skip
     largest_step,
     move_arms,
     quick_settings,
-    since,
     url,
+    wait_for_cycles,
     what_is_still,
 )
 
 LARGEST_STEP = 0.02  # [rad] of a joint's command, from a cycle to the next
+SAFETY = load_safety_settings()
 
 
 @pytest.fixture(scope="module")
-def robot(qi: Any) -> Iterator[StandIn]:
+def robot(wake_up: Callable[[StandIn], None]) -> Iterator[StandIn]:
     """Awake, and its owner allows all."""
     with StandIn("mujoco://?seed=3", network="clear", consent=True) as running, quick_settings():
-        wake_up(qi, running)
+        wake_up(running)
         yield running
-
-
-def wake_up(qi: Any, robot: StandIn) -> None:
-    session = qi.Session()
-    session.connect(robot.url)
-    session.service("ALMotion").wakeUp()
-    session.close()
 
 
 # -- nobody hears the robot, or it hears nobody ---------------------------------------------------------------------
@@ -70,22 +71,21 @@ def wake_up(qi: Any, robot: StandIn) -> None:
         ("error:DCM", FaultError, "newest sample is"),
         ("none:Position", FaultError, "newest sample is"),
         ("dropped", FaultError, "newest sample is"),
-        ("slow:0.3", FaultError, "newest sample is"),
+        ("slow:1.5", FaultError, "newest sample is"),
     ],
 )
 def test_wheels_stop_and_joints_hold(
     robot: StandIn, fault: str, kind: type[Exception], words: str
 ) -> None:
     slow = fault.startswith("slow")  # the two commands under way then still come
-    outcome = drive(robot, fault, 3.0, watch=1.2 if slow else 0.3)
+    outcome = drive(robot, fault, 3.0, watch=2.0 if slow else 0.3)
     assert isinstance(outcome.error, kind), outcome.error
     assert words in str(outcome.error)
     assert len(str(outcome.error).splitlines()) == 1
-    assert outcome.ended - outcome.begun < 1.0
     assert_wheels_stop(outcome.box)
     assert_joints_hold(outcome.box, outcome.ended, late=LARGEST_STEP if slow else 0.0)
     assert largest_step(outcome.box) <= LARGEST_STEP
-    assert outcome.closed < 5.0  # a service that is asked to get back what it had may not answer
+    assert outcome.closed < 10.0  # a service that is asked to get back what it had may not answer
 
 
 def test_a_robot_that_goes_on_takes_at_most_two_commands(robot: StandIn) -> None:
@@ -93,14 +93,16 @@ def test_a_robot_that_goes_on_takes_at_most_two_commands(robot: StandIn) -> None
     outcome = drive(robot, "hang", 3.0)
     assert isinstance(outcome.error, FaultError)
     ages = [age for _, age in outcome.ages]
-    assert max(ages[:-1], default=0.0) <= 0.1 < ages[-1]  # the first tick beyond it is the last
-    assert outcome.closed < 1.0
+    assert (
+        max(ages[:-1], default=0.0) <= PATIENT.stale_fault < ages[-1]
+    )  # the first tick beyond it is the last
+    assert outcome.closed < 10.0
     assert_wheels_stop(outcome.box)
     assert_joints_hold(outcome.box, outcome.ended)
     orders, told = outcome.box.orders[-1], outcome.box.position_command[-1]
     goes_on = time.monotonic()
     robot.clear_faults()
-    time.sleep(0.3)
+    wait_for_cycles(robot, 25)
     box = since(robot, goes_on)
     assert box.orders[-1] - orders <= 2
     assert np.abs(box.position_command - told).max() <= LARGEST_STEP
@@ -130,8 +132,9 @@ def test_what_is_borne_moves_on_without_a_jump(robot: StandIn) -> None:
     *borne, bumped = drive_through(robot, faults, 0.6)
     for fault, outcome in zip(faults, borne, strict=False):
         assert outcome.error is None, fault
+        assert np.median([age for _, age in outcome.ages]) < 0.08, fault
         assert largest_step(outcome.box) <= LARGEST_STEP, fault
-        assert outcome.box.wheel_command[-1].any(), fault
+        assert outcome.box.wheel_command[-25:].any(), fault
     # A bumper stops the base alone.
     assert bumped.error is None
     assert_wheels_stop(bumped.box)
@@ -140,36 +143,93 @@ def test_what_is_borne_moves_on_without_a_jump(robot: StandIn) -> None:
 
 
 def test_a_disconnected_joint_is_told_and_sinks(robot: StandIn) -> None:
-    """It counts as following until it is 0.6 rad off for half a second; all others go on."""
+    """The others go on until its command has left what it shows: at rest nobody could tell."""
     outcome = drive(robot, "disconnected:LShoulderPitch", 5.0)
     assert isinstance(outcome.error, FaultError)
-    assert "LShoulderPitch" in str(outcome.error)
+    assert outcome.error.fault.reason is FaultReason.SILENT_JOINT
+    assert "LShoulderPitch does not answer" in str(outcome.error)
+    place = ROBOT.joint_index("LShoulderPitch")
+    box = outcome.box
+    dead = int(np.argmax(box.stiffness[:, place] == 0.0))
+    way = np.abs(box.position_command[:, place] - box.position_command[dead, place]).max()
+    assert SAFETY.silent - 0.05 < way < SAFETY.divergence, "sooner than by its distance alone"
+    assert_wheels_stop(box)
+    assert_joints_hold(box, outcome.ended, but=["LShoulderPitch"])
+
+
+def test_a_joint_without_values_is_named(robot: StandIn) -> None:
+    outcome = drive(robot, "none:RElbowYaw", 3.0)
+    assert isinstance(outcome.error, FaultError)
+    assert outcome.error.fault.reason is FaultReason.STALE_SAMPLE
+    assert "no answer from RElbowYaw" in str(outcome.error)
     assert_wheels_stop(outcome.box)
-    assert_joints_hold(outcome.box, outcome.ended, but=["LShoulderPitch"])
 
 
-def test_a_robot_that_falls_asleep_stands_and_lets_its_arms_sink(robot: StandIn) -> None:
+def test_a_robot_that_falls_asleep_stops_and_lets_its_arms_sink(robot: StandIn) -> None:
     """Nobody gives it stiffness again; nor does waking up make it go on where it was."""
-    outcome = drive(robot, "asleep", 1.0)
-    asleep = outcome.box.begin > outcome.begun + 0.1
-    assert not outcome.box.stiffness[asleep].any()
-    assert not outcome.box.wheel_command[asleep].any()
-    assert np.abs(outcome.box.wheel_speed[-1]).max() <= STANDS
+    outcome = drive(robot, "asleep", 5.0, watch=1.2)  # wheels without power run out
+    assert isinstance(outcome.error, FaultError)
+    assert outcome.error.fault.reason is FaultReason.STIFFNESS
+    assert "all joints" in str(outcome.error)
+    box = outcome.box
+    asleep = box.begin > outcome.wrong
+    assert not box.stiffness[asleep].any()
+    assert not box.wheel_command[asleep].any()
+    assert np.abs(box.wheel_speed[-1]).max() <= STANDS
+    # In cycles of the robot: from the first without stiffness to the last order.
+    fell = int(np.argmax(~box.stiffness.any(axis=1)))
+    last = int(np.flatnonzero(np.diff(box.orders))[-1])
+    assert SAFETY.stiffness_time < (last - fell) * ROBOT.cycle < SAFETY.stiffness_time + SILENCE
 
 
-def test_the_clock_rolls_over_under_a_robot_that_moves(qi: Any) -> None:
+@pytest.mark.parametrize("mode", ["dcm", "angles"])
+def test_somebody_who_makes_an_arm_soft_stops_the_robot(
+    qi: Any, robot: StandIn, tmp_path: Path, mode: str
+) -> None:
+    """By the way of all faults: FAULT, the log and callbacks have it; the arm stays soft."""
+    robot.clear_faults()
+    session = qi.Session()
+    session.connect(robot.url)
+    motion = session.service("ALMotion")
+    log, told = tmp_path / "run.mcap", list[FaultEvent]()
+    try:
+        pepper = Pepper(f"{url(robot)}?mode={mode}", observer=None, log=log, safety=PATIENT)
+        pepper.on_fault()(told.append)
+        with pepper:
+            pepper.run(0.5)
+            motion.setStiffnesses("RArm", 0.0)
+            with pytest.raises(FaultError, match="RShoulderPitch, RShoulderRoll, RElbowYaw and 3"):
+                pepper.run(10.0)
+        assert [event.fault.reason for event in told] == [FaultReason.STIFFNESS]
+        (event,) = (event for event in read_log(log).events if event.kind == "fault")
+        assert (event.name, event.text) == ("stiffness", told[0].fault.text)
+        logged = read_log(log)["stiffness"]
+        arm = [ROBOT.joint_index(name) for name in ROBOT.chains["right_arm"]]
+        assert not logged[-1, arm].any()
+    finally:
+        motion.setStiffnesses("Body", 1.0)
+        session.close()
+
+
+def test_the_clock_rolls_over_under_a_robot_that_moves(wake_up: Callable[[StandIn], None]) -> None:
     """From 2^31 - 1 ms to -2^31: no sample is old, no command late, no joint jumps."""
-    faults = [parse_fault("rollover:7"), parse_fault("value:Battery/Charge/Sensor/Value,0.3")]
-    with StandIn("mujoco://?seed=3", consent=True, faults=faults) as robot, quick_settings():
-        wake_up(qi, robot)
-        with Pepper(url(robot), observer=None) as pepper:
-            begin_to_move(pepper)
-            begun = time.monotonic()
-            while robot.robot.time() > 0:
-                pepper.run(0.1)
-            move_arms(pepper)
-            pepper.run(0.6)
-            box = since(robot, begun)
+    for ahead in (7, 20, 60):  # [s] in which this machine must be ready
+        faults = [
+            parse_fault(f"rollover:{ahead}"),
+            parse_fault("value:Battery/Charge/Sensor/Value,0.3"),
+        ]
+        with StandIn("mujoco://?seed=3", consent=True, faults=faults) as robot, quick_settings():
+            wake_up(robot)
+            with Pepper(url(robot), observer=None, safety=PATIENT) as pepper:
+                begin_to_move(pepper)
+                begun, ready = time.monotonic(), robot.robot.time() > 0
+                while robot.robot.time() > 0:
+                    pepper.run(0.1)
+                move_arms(pepper)
+                pepper.run(0.6)
+                box = since(robot, begun)
+        if ready:
+            break
     dates = box.date.astype(np.int64)
     assert (np.diff(dates) % 2**32 == 12 * np.diff(box.cycle)).all()
     assert dates[0] > 0 > dates[-1]
@@ -188,8 +248,9 @@ def test_the_clock_rolls_over_under_a_robot_that_moves(qi: Any) -> None:
     ],
 )
 def test_what_is_wrong_at_the_start_is_one_line_and_nothing_moves(
-    robot: StandIn, fault: str, word: str
+    robot: StandIn, fault: str, word: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    monkeypatch.setattr(naoqi_backend, "load_naoqi_settings", load_naoqi_settings)
     robot.clear_faults()
     robot.set_fault(fault)
     begun = time.monotonic()
@@ -208,14 +269,15 @@ def test_what_is_wrong_at_the_start_is_one_line_and_nothing_moves(
 @contextmanager
 def program(stand_in: StandIn) -> Iterator[subprocess.Popen[str]]:
     """One that moves the robot in a process of its own."""
-    command = [sys.executable, "-c", PROGRAM, str(Path(__file__).parent), url(stand_in)]
+    folders = os.pathsep.join([str(Path(__file__).parent), str(Path(__file__).parents[1])])
+    command = [sys.executable, "-c", PROGRAM, folders, url(stand_in)]
     for _ in range(TRIES):
         stand_in.clear_faults()
         with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
             try:
                 assert process.stdout is not None
                 moving = process.stdout.readline() == "moving\n"
-                if moving and not what_is_still(stand_in):
+                if moving and wait_until(lambda: not what_is_still(stand_in)):
                     yield process
                     return
             finally:
@@ -224,11 +286,12 @@ def program(stand_in: StandIn) -> Iterator[subprocess.Popen[str]]:
 
 
 PROGRAM = """
-import sys
-sys.path.insert(0, sys.argv[1])
+import os, sys
+sys.path[:0] = sys.argv[1].split(os.pathsep)
 from naoqi_fault_cases import begin_to_move, quick_settings
 from pepper_driver import Pepper
-with quick_settings(), Pepper(sys.argv[2], observer=None) as pepper:
+from stand_ins import PATIENT
+with quick_settings(), Pepper(sys.argv[2], observer=None, safety=PATIENT) as pepper:
     begin_to_move(pepper)
     print("moving", flush=True)
     pepper.run(60.0)
@@ -237,10 +300,10 @@ with quick_settings(), Pepper(sys.argv[2], observer=None) as pepper:
 
 def test_a_program_that_is_killed_leaves_a_robot_that_stands(robot: StandIn) -> None:
     with program(robot) as process:
-        killed = time.monotonic()
         process.kill()
         process.wait()
-        time.sleep(0.5)
+        killed = time.monotonic()
+        wait_for_cycles(robot, 40)
     box = since(robot, killed - 0.5)
     assert_wheels_stop(box)
     assert_joints_hold(box, killed)
@@ -255,7 +318,6 @@ def test_ctrl_c_ends_the_program(robot: StandIn, fault: str) -> None:
             robot.set_fault(fault)
         begin = time.monotonic()
         process.send_signal(signal.SIGINT)
-        process.wait(20.0)
-        assert time.monotonic() - begin < 4.0
-        time.sleep(0.3)
-    assert np.abs(robot.black_box(1).wheel_speed).max() <= 2 * STANDS
+        process.wait(PATIENCE)
+        assert time.monotonic() - begin < 10.0
+    assert wait_until(lambda: np.abs(robot.black_box(20).wheel_speed).max() <= 2 * STANDS)

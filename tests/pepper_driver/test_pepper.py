@@ -293,6 +293,27 @@ def test_a_robot_that_does_not_open_costs_no_earlier_log(tmp_path: Path) -> None
     assert path.read_bytes() == b"an earlier log"
 
 
+def test_a_log_begins_when_it_is_told_to(tmp_path: Path) -> None:
+    first, second = tmp_path / "first.mcap", tmp_path / "second.mcap"
+    with Pepper("mujoco", observer=None) as pepper:
+        pepper.run(0.6)
+        pepper.start_log(first)
+        pepper.run(0.24)
+        with pytest.raises(BackendError, match=r"logged already, to '.*first\.mcap'"):
+            pepper.start_log(second)
+    log = read_log(first)
+    assert log.complete
+    assert (len(log), log["missed"].max()) == (20, 0)
+    assert not second.exists()
+    with Pepper("mujoco", observer=None, log=second) as pepper:
+        with pytest.raises(BackendError, match="logged already"):
+            pepper.start_log(first)
+        pepper.run(0.12)
+    assert (len(read_log(first)), len(read_log(second))) == (20, 10)
+    with pytest.raises(BackendError, match="not active"):
+        pepper.start_log(first)
+
+
 def test_an_unwritable_log_is_refused_before_anything_moves(tmp_path: Path) -> None:
     blocked = tmp_path / "file"
     blocked.write_text("")

@@ -14,7 +14,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from jitter_cases import Jittery
 from numpy.typing import NDArray
+from waiting import wait_until
 
 from pepper_driver.cli.app import run
 from pepper_driver.config import load_motion, load_robot, load_scenario
@@ -22,6 +24,7 @@ from pepper_driver.keys import SpaceBar
 from pepper_driver.labelling import LabelError, pushes_of, recording_of
 from pepper_driver.log import Label, read_log
 from pepper_driver.record import record_labelled
+from pepper_driver.replay import compare, load_run, replay
 from pepper_driver.robot import Pepper
 
 ROBOT = load_robot()
@@ -69,6 +72,8 @@ def test_touches_of_a_sensor_are_labelled_when_they_happen(
         assert push.release - start == pytest.approx(onset + 0.5, abs=0.07)
         assert push.onset in log["time"]
         assert (push.link, push.joint) == (link, joint)
+    sensed = [event for event in log.events if event.kind not in ("step", "cue", "push")]
+    assert len(sensed) >= 4, "what the sensors told is logged as in any other run"
     recording = recording_of(log, ROBOT)
     np.testing.assert_array_equal(recording.position, log["position"])
     assert log.truth is not None
@@ -76,6 +81,20 @@ def test_touches_of_a_sensor_are_labelled_when_they_happen(
     pushed = log["time"][torque > 0]
     if joint is not None:  # a push on the base turns no joint
         assert abs(pushed[0] - pushes_of(log)[0].onset) < 0.07
+
+
+def test_a_recording_over_a_network_replays_to_the_bit(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    late = np.random.default_rng(1).choice([0, 0, 0, 1, 2, 4], 400)
+    monkeypatch.setattr("pepper_driver.robot.make_backend", lambda uri, _: Jittery(uri, late))
+    path, motion = tmp_path / "run.mcap", load_motion("wave", ROBOT)
+    record_labelled("mujoco", path, "head", motion=motion)
+    assert len(read_log(path).unanswered["step"]) > 20
+    run = load_run(path)
+    result = compare(run, replay(run, run.observer(), run.reflexes()))
+    assert result.identical, result.differences
+    assert result.commands.compared > len(run.log) - 10
 
 
 def test_a_motion_is_repeated_until_the_time_is_over(tmp_path: Path) -> None:
@@ -93,9 +112,10 @@ def test_a_motion_is_repeated_until_the_time_is_over(tmp_path: Path) -> None:
 def test_a_scenario_is_performed(tmp_path: Path) -> None:
     (tmp_path / "nod.yaml").write_text(SCENARIO)
     scenario = load_scenario(tmp_path / "nod.yaml", ROBOT)
-    record_labelled("mujoco", tmp_path / "run.mcap", "head", scenario=scenario)
+    done = record_labelled("mujoco", tmp_path / "run.mcap", "head", scenario=scenario)
     log = read_log(tmp_path / "run.mcap")
-    assert len(log) == 100
+    assert len(log) == 150, "the way to its first posture is logged, too"
+    assert done.seconds == pytest.approx(150 * CYCLE)
     assert np.ptp(log["reference_position"][:, ROBOT.joint_index("HeadPitch")]) > 0.1
 
 
@@ -161,10 +181,7 @@ def press(terminal: int) -> None:
 
 
 def wait_for(bar: SpaceBar, on: bool) -> None:
-    deadline = time.monotonic() + 5.0
-    while bar.on != on:
-        assert time.monotonic() < deadline, "the key was not seen"
-        time.sleep(0.01)
+    assert wait_until(lambda: bar.on == on), "the key was not seen"
 
 
 def test_each_press_of_the_space_bar_turns_it(terminal: int) -> None:
@@ -197,12 +214,12 @@ def test_a_key_labels_a_simulated_run_in_real_time(terminal: int, tmp_path: Path
         "mujoco",
         tmp_path / "run.mcap",
         "key",
-        seconds=1.2,
+        seconds=2.4,
         link="LForeArm",
         on_label=answer,
         on_start=lambda _: press(terminal),
     )
-    assert time.monotonic() - begin > 1.1
+    assert time.monotonic() - begin > 2.3
     assert phases == ["onset", "release", "onset"]
     assert (done.touches, done.released) == (2, False)
     log = read_log(tmp_path / "run.mcap")
@@ -210,6 +227,7 @@ def test_a_key_labels_a_simulated_run_in_real_time(terminal: int, tmp_path: Path
     assert {(label.source, label.link, label.joint) for label in log.labels} == {
         ("key", "LForeArm", "LElbowRoll")
     }
+    assert np.isfinite(log["tick_end"]).all(), "ticks were paced"
 
 
 def test_keys_need_a_terminal(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
@@ -249,7 +267,7 @@ def test_the_command_in_a_terminal(tmp_path: Path) -> None:
         bufsize=1,
     )
     os.close(near)
-    guard = threading.Timer(60.0, process.kill)  # readline would wait for ever
+    guard = threading.Timer(120.0, process.kill)  # readline would wait for ever
     guard.start()
     try:
         assert process.stdout is not None
@@ -264,7 +282,9 @@ def test_the_command_in_a_terminal(tmp_path: Path) -> None:
         process.kill()
         os.close(far)
     assert process.returncode == 130
-    assert err.splitlines() == ["pepper: interrupted"]
+    *missed, last = err.splitlines()
+    assert last == "pepper: interrupted"
+    assert all("missed so far" in line for line in missed), err  # on a busy machine
     assert out.splitlines()[-2].endswith(" s, 1 touch")
     log = read_log(path)
     assert log.complete

@@ -51,7 +51,7 @@ EXTREMES: dict[str, tuple[Any, ...]] = {
 """Of every argument of a reflex."""
 
 
-@settings(deadline=None, max_examples=120)
+@settings(max_examples=120)
 @given(st.sampled_from(ALL), st.data())
 def test_whatever_arguments_are_taken_nothing_is_raised_inside_a_tick(
     kind: type[Reflex], data: st.DataObject
@@ -426,7 +426,7 @@ def test_unknown_names_are_refused_before_anything_moves() -> None:
         Pepper("mujoco", observer=None, reflexes=[Hold])  # type: ignore[list-item]
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(
     st.lists(
         st.tuples(

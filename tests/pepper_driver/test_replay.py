@@ -14,6 +14,7 @@ from jitter_cases import Jittery
 from test_log_samples import same_bits
 
 from pepper_driver import Comply, FaultError, Hold, Pepper, Reflex, Retract, Soften, StopBase
+from pepper_driver.backends import Command, Measurement
 from pepper_driver.backends.log_file import LogError
 from pepper_driver.cli.app import run as pepper_command
 from pepper_driver.config import PepperError, load_observer_settings, load_robot
@@ -228,6 +229,42 @@ def test_a_stopped_run_ends_as_then(tmp_path: Path) -> None:
     without = compare(run, replay(run, run.observer()))
     (difference,) = without.differences
     assert re.fullmatch(r"stop of the robot: KeyError.*: recorded only", difference.text)
+
+
+class Harmed(Jittery):
+    """From a step on all measurements are changed."""
+
+    def __init__(self, uri: str, change: dict[str, Any]) -> None:
+        super().__init__(uri, np.zeros(0, dtype=np.int_))
+        self._change, self._steps = change, 0
+
+    def step(self, command: Command) -> Measurement:
+        self._steps += 1
+        measurement = super().step(command)
+        return replace(measurement, **self._change) if self._steps > 20 else measurement
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"stiffness": np.zeros(17)}, "somebody took the stiffness of all joints"),
+        ({"age": 0.2, "missing": "no answer from RElbowYaw"}, "200 ms old: no answer from RElbow"),
+    ],
+)
+def test_a_robot_that_was_not_well_stops_the_replay_as_well(
+    tmp_path: Path, change: dict[str, Any], words: str
+) -> None:
+    """Why samples stayed away is in the recorded text alone."""
+    path = tmp_path / "a.mcap"
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("pepper_driver.robot.make_backend", lambda uri, _: Harmed(uri, change))
+        with Pepper(URI, log=path) as pepper, pytest.raises(FaultError, match=words):
+            pepper.run(1.0)
+    found, result = replayed(path)
+    assert found.fault is not None
+    assert result.identical, result.differences
+    (difference,) = compare(load_run(path), replace(found, fault=None)).differences
+    assert difference.text.startswith("stop of the robot")
 
 
 def test_a_stop_by_hand_is_told_and_is_no_difference(tmp_path: Path) -> None:

@@ -165,5 +165,5 @@ class GateLife(RuleBasedStateMachine):
         assert fault is None or fault.reason is self.reason
 
 
-GateLife.TestCase.settings = settings(max_examples=60, stateful_step_count=25, deadline=None)
+GateLife.TestCase.settings = settings(max_examples=60, stateful_step_count=25)
 TestGateLife = GateLife.TestCase

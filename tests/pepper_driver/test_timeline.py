@@ -36,7 +36,7 @@ def test_it_begins_in_the_posture_with_the_stiffness() -> None:
     assert tuple(first.joints) == ROBOT.joint_names
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(seed=st.integers(0, 2**32), share=st.floats(0, 1), also=st.floats(0, 1), n=st.integers(1, 6))
 def test_setpoints_lie_in_their_share_of_the_range(
     seed: int, share: float, also: float, n: int

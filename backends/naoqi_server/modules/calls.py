@@ -46,7 +46,7 @@ def blocking(method: Method) -> Method:
     """
 
     @functools.wraps(method)
-    def begin(*arguments: Any) -> Any:  # noqa: ANN401
+    def begin(*arguments: object) -> object:
         promise = qi.Promise()
 
         def run() -> None:

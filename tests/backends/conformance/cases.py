@@ -9,16 +9,17 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from stand_ins import patient_driver
 
 from pepper_driver import Pepper
-from pepper_driver.backends import Backend, BackendError, Command, Measurement, make_backend
+from pepper_driver.backends import Backend, Command, Measurement, make_backend
 from pepper_driver.backends.naoqi.library import NoQiError, load_qi
 from pepper_driver.backends.naoqi_server.launch import StandIn
 from pepper_driver.config import load_robot
 from pepper_driver.config.parts import FloatArray
 
 ROBOT = load_robot()
-LATEST = 5.0
+LATEST = 20.0
 """[s] A call that has not come back by then hangs: far beyond what any of them takes, also on a busy machine."""
 
 Make = Callable[[], Backend]
@@ -71,7 +72,7 @@ def naoqi() -> Iterator[Case]:
         qi = load_qi()
     except NoQiError as error:
         pytest.skip(str(error))
-    with StandIn("mujoco://?seed=7", consent=True) as stand_in:
+    with StandIn("mujoco://?seed=7", consent=True) as stand_in, patient_driver():
         session = qi.Session()
         session.connect(stand_in.url, _async=True).value(10_000)
         session.service("ALMotion").wakeUp(_async=True).value(20_000)
@@ -113,35 +114,30 @@ def hold(measurement: Measurement) -> Command:
     return command(np.clip(measurement.position, ROBOT.lower, ROBOT.upper))
 
 
-def activated(backend: Backend) -> Measurement:
-    """Activate; a robot in real time once more, after opening it anew, if it refuses.
-
-    A machine that is busy may hold up a stand-in for longer than a robot may be silent.
-    """
-    try:
-        return backend.activate()
-    except BackendError:
-        if not backend.info.real_time:
-            raise
-    backend.close()
-    backend.open()
-    return backend.activate()
-
-
 def run(backend: Backend, wanted: Command, seconds: float) -> list[Measurement]:
     """Give the same command for a time, as the loop would: once a cycle."""
     return list(steps(backend, wanted, round(seconds / backend.info.cycle)))
 
 
 def steps(backend: Backend, wanted: Command, count: int) -> Iterator[Measurement]:
-    """So many steps, a cycle apart where time passes by itself."""
+    """So many steps, a cycle apart where time passes by itself, or more on a machine that is late."""
     cycle, paced = backend.info.cycle, backend.info.real_time
     due = time.monotonic()
     for _ in range(count):
         yield backend.step(wanted)
-        due += cycle
-        if paced and due > time.monotonic():
-            time.sleep(due - time.monotonic())
+        due = max(due + cycle, time.monotonic())
+        if paced:
+            time.sleep(max(0.0, due - time.monotonic()))
+
+
+def until(
+    backend: Backend, wanted: Command, reached: Callable[[Measurement], object]
+) -> Measurement:
+    """Give the same command until a sample is as it should be; returns that, or the last."""
+    for measurement in steps(backend, wanted, round(LATEST / backend.info.cycle)):
+        if reached(measurement):
+            break
+    return measurement
 
 
 def move(backend: Backend, start: FloatArray, goal: FloatArray, seconds: float) -> Measurement:

@@ -22,10 +22,10 @@ def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
     """All backends, or those that the command line names."""
     if "case" in metafunc.fixturenames:
         names = metafunc.config.getoption("--backend") or list(FACTORIES)
-        metafunc.parametrize("case", names, indirect=True, scope="session")
+        metafunc.parametrize("case", names, indirect=True, scope="package")
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="package")
 def case(
     request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory
 ) -> Iterator[Case]:

@@ -9,7 +9,7 @@ from contextlib import suppress
 import numpy as np
 import pytest
 
-from conformance.cases import Case, activated, hold, run
+from conformance.cases import Case, hold, run
 from pepper_driver.backends import (
     Backend,
     BackendError,
@@ -80,7 +80,7 @@ def test_a_push_is_felt(backend: Backend, case: Case) -> None:
     backend.open()
     if "push" not in backend.info.capabilities or not case.follows:
         pytest.skip("it cannot be pushed")
-    wanted = hold(activated(backend))
+    wanted = hold(backend.activate())
     still = run(backend, wanted, 0.3)[-1]
     backend.push("l_wrist", np.array([0.0, 0.0, -25.0]), duration=0.6)
     samples = run(backend, wanted, 0.6)
@@ -101,7 +101,7 @@ def test_the_truth_is_there_where_it_says_so(backend: Backend) -> None:
     sample = truth.sample()
     assert np.abs(sample.position - first.position).max() < 0.1
     kept = sample.position.copy()
-    activated(backend)
+    backend.activate()
     np.testing.assert_array_equal(sample.position, kept)
 
 
@@ -162,7 +162,7 @@ def test_extras_are_done_or_said_to_be_lacking(
 
 def test_only_one_program_moves_the_robot(backend: Backend) -> None:
     backend.open()
-    wanted = hold(activated(backend))
+    wanted = hold(backend.activate())
     for name in ("postures", "wake"):
         if name in backend.info.capabilities:
             with pytest.raises(BackendError):

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from conformance.cases import ROBOT, Case, activated, command, hold, move, run
+from conformance.cases import ROBOT, Case, command, hold, move, run
 from pepper_driver.backends import Backend, Command, CommandError, Measurement
 
 SMALL = 0.12
@@ -40,7 +40,8 @@ def opened(backend: Backend) -> Measurement:
 
 
 @settings(
-    max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
+    max_examples=40,
+    suppress_health_check=[HealthCheck.too_slow, HealthCheck.function_scoped_fixture],
 )
 @given(
     part=st.sampled_from(PARTS),
@@ -75,7 +76,7 @@ def test_no_joint_goes_beyond_its_limits(backend: Backend, case: Case) -> None:
     if not case.follows:
         pytest.skip("it moves as it did then")
     backend.open()
-    start = hold(activated(backend)).position
+    start = hold(backend.activate()).position
     names = ("HeadYaw", "LElbowYaw", "RElbowYaw", "LWristYaw", "LHand", "RHand")
     joints = [ROBOT.joint_index(name) for name in names]
     goal = start.copy()
@@ -99,7 +100,7 @@ def test_each_joint_does_what_it_was_told(backend: Backend, case: Case) -> None:
     if not case.follows:
         pytest.skip("it moves as it did then")
     backend.open()
-    start = hold(activated(backend)).position
+    start = hold(backend.activate()).position
     inward = np.where(start < 0.5 * (ROBOT.lower + ROBOT.upper), 1.0, -1.0) * SMALL
     numbers = np.arange(1, 18)
     here, code = start, np.zeros(17, dtype=np.int64)
@@ -118,7 +119,7 @@ def test_each_wheel_does_what_it_was_told(backend: Backend, case: Case) -> None:
     if not case.drives:
         pytest.skip("its wheels take no commands")
     backend.open()
-    start = hold(activated(backend)).position
+    start = hold(backend.activate()).position
     for wanted in ([0.8, 0.0, 0.0], [0.0, -0.8, 0.0], [0.0, 0.0, 0.8]):
         speed = np.array(wanted)
         samples = run(backend, command(start, wheel_speed=speed), 0.5)

@@ -7,7 +7,7 @@ from typing import get_args
 import numpy as np
 import pytest
 
-from conformance.cases import ROBOT, Case, activated, hold, run
+from conformance.cases import ROBOT, Case, hold, run
 from pepper_driver.backends import Backend, BackendError, Capability, Command, NotConnectedError
 from pepper_driver.config import PepperError
 
@@ -58,7 +58,7 @@ def test_it_is_opened_once(backend: Backend) -> None:
 
 def test_it_is_activated_once(backend: Backend, case: Case) -> None:
     backend.open()
-    measurement = activated(backend)
+    measurement = backend.activate()
     with pytest.raises(BackendError):
         backend.activate()
     with pytest.raises(BackendError):
@@ -70,7 +70,7 @@ def test_it_is_activated_once(backend: Backend, case: Case) -> None:
 
 def test_activation_holds_the_measured_posture(backend: Backend) -> None:
     before = backend.open()
-    after = activated(backend)
+    after = backend.activate()
     assert np.abs(after.position - before.position).max() < STILL
     assert after.tick >= before.tick
 
@@ -84,7 +84,7 @@ def test_nothing_moves_before_activation_nor_after_deactivation(
     joints = [ROBOT.joint_index(name) for name in ("HeadYaw", "KneePitch")]
     for after in (False, True):
         if after:
-            activated(backend)
+            backend.activate()
             backend.deactivate()
             backend.deactivate()
             first = run(backend, hold(first), 0.1)[-1]
@@ -100,7 +100,7 @@ def test_deactivation_stops_the_wheels(backend: Backend, case: Case) -> None:
     if not case.drives:
         pytest.skip("its wheels take no commands")
     backend.open()
-    rolling = hold(activated(backend))
+    rolling = hold(backend.activate())
     rolling.wheel_speed[:] = [1.0, -1.0, 0.0]
     assert np.abs([m.wheel_speed for m in run(backend, rolling, 0.5)]).max() > 0.5
     backend.deactivate()
@@ -115,7 +115,7 @@ def test_it_closes_from_any_state_and_can_be_opened_again(backend: Backend, case
         if case.starts_at_zero:
             assert (first.tick, first.time) == (0, 0.0)
         if active:
-            activated(backend)
+            backend.activate()
         backend.close()
         backend.close()
     again = backend.open()
@@ -131,7 +131,7 @@ def test_leaving_the_block_closes_whatever_happened(backend: Backend, active: bo
             assert entered is backend
             backend.open()
             if active:
-                activated(backend)
+                backend.activate()
             raise KeyError("a user's mistake")
 
     with pytest.raises(KeyError, match="a user's mistake"):

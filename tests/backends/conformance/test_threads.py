@@ -7,8 +7,9 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
+from waiting import wait_until
 
-from conformance.cases import LATEST, Case, activated, hold, steps
+from conformance.cases import LATEST, Case, hold, steps
 from pepper_driver.backends import Backend, Command, Measurement, NotConnectedError
 from pepper_driver.config import PepperError
 
@@ -79,7 +80,7 @@ def test_two_threads_that_step_wait_for_each_other(backend: Backend) -> None:
 def test_it_can_be_closed_while_another_thread_steps(backend: Backend, active: bool) -> None:
     for _ in range(1 if backend.info.real_time else 5):
         first = backend.open()
-        wanted = hold(activated(backend) if active else first)
+        wanted = hold(backend.activate() if active else first)
         worker = Worker(paced(backend, wanted))
         assert worker.begun.wait(LATEST)
         within(backend.close)
@@ -136,11 +137,12 @@ def test_other_threads_may_ask_and_push_while_it_steps(backend: Backend) -> None
     if "push" in backend.info.capabilities:
         calls.append(lambda: backend.push("LForeArm", np.array([1.0, 0, 0]), duration=0.02))
     others = [Worker(call) for call in calls]
-    threading.Event().wait(0.3)
+    assert wait_until(
+        lambda: stepping.calls > 5 and all(worker.begun.is_set() for worker in others)
+    )
     for worker in (*others, stepping):
         worker.end()
         assert worker.error is None
-    assert stepping.calls > 5
 
 
 def within(call: Callable[[], object]) -> None:

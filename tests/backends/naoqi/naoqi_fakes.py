@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import time
+import threading
 from functools import lru_cache
 from types import TracebackType
 from typing import Any, Self
@@ -66,8 +66,12 @@ class Motion:
         self.allowed = True
         self.stuck: set[str] = set()
         self.refuses: set[str] = set()
-        self.slow = 0.0
+        self.may_answer = threading.Event()
+        self.may_answer.set()
         self.commanded: list[float] = ROBOT.posture("Stand").tolist()
+        self.stiffnesses = [1.0] * 14
+        self.may_soften = threading.Event()
+        self.may_soften.set()
         self.come_on()
 
     def come_on(self) -> None:
@@ -80,7 +84,6 @@ class Motion:
 
     def _set(self, name: str, chain: str | None, enable: bool) -> None:
         self.log.append((name, chain, enable))
-        time.sleep(self.slow)
         critical = name in ("FallManager", "PushRecovery") or chain == "Move"
         if (critical and not self.allowed and not enable) or name in self.refuses:
             raise RuntimeError(CONSENT.format(name))
@@ -104,15 +107,20 @@ class Motion:
 
     def getAngles(self, names: list[str], sensors: bool) -> list[float]:
         assert names == list(ROBOT.joint_names)
-        time.sleep(self.slow)
+        self.may_answer.wait(30.0)
         return self.commanded
 
     def setAngles(self, names: list[str], angles: list[float], fraction: float) -> None:
-        time.sleep(self.slow)
+        self.may_answer.wait(30.0)
         self.log.append(("setAngles", angles[0], fraction))
 
     def setStiffnesses(self, names: list[str], stiffnesses: list[float]) -> None:
         self.log.append(("setStiffnesses", len(names), stiffnesses[0]))
+        self.may_soften.wait(30.0)
+        self.stiffnesses = stiffnesses
+
+    def getStiffnesses(self, names: list[str]) -> list[float]:
+        return self.stiffnesses
 
     def getBreathEnabled(self, chain: str) -> bool:
         return self.on.get(("Breath", chain), False)
@@ -224,15 +232,16 @@ class Launcher:
 
 
 class Speech:
-    """Takes its time, as a voice does."""
+    """Takes its time, as a voice does: speaks until ``may_end``."""
 
     def __init__(self, log: list[tuple[Any, ...]]) -> None:
         self.log = log
-        self.seconds = 0.0
+        self.may_end = threading.Event()
+        self.may_end.set()
         self.mute = False
 
     def say(self, text: str) -> None:
-        time.sleep(self.seconds)
+        self.may_end.wait(30.0)
         if self.mute:
             raise RuntimeError("ALTextToSpeech::say\n\tno voice")
         self.log.append(("say", text))

@@ -7,12 +7,14 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from naoqi_fakes import ROBOT, FakeRobot
+from waiting import wait_until
 
 from pepper_driver.backends import BackendError, Measurement
 from pepper_driver.backends.naoqi.angles_link import AnglesLink
 from pepper_driver.backends.naoqi.connection import Connection, connect
 from pepper_driver.backends.naoqi.keys import SensorKeys
 from pepper_driver.config import load_naoqi_settings
+from pepper_driver.config.parts import FloatArray
 
 pytestmark = pytest.mark.usefixtures("qi")
 
@@ -37,64 +39,103 @@ def made(connection: Connection) -> AnglesLink:
     return AnglesLink(connection, ROBOT, SensorKeys(ROBOT, complete=False), ANGLES)
 
 
-def ticks(link: AnglesLink, count: int, stiffness: float = 1.0) -> tuple[list[Measurement], float]:
-    """Measurements of ticks in real time, and how long the longest took [s]."""
-    measured, longest, due = [], 0.0, time.perf_counter()
+def ticks(link: AnglesLink, count: int, stiffness: float = 1.0) -> list[Measurement]:
+    """Measurements of ticks in real time."""
+    measured, due = [], time.monotonic()
     for _ in range(count):
-        begin = time.perf_counter()
         measured.append(link.tick(GOAL, np.full(17, stiffness)))
-        longest = max(longest, time.perf_counter() - begin)
         due += ROBOT.cycle
-        time.sleep(max(0.0, due - time.perf_counter()))
-    return measured, longest
+        time.sleep(max(0.0, due - time.monotonic()))
+    return measured
 
 
 def test_every_second_tick_sends_a_command(fake: FakeRobot, connection: Connection) -> None:
+    begin = time.monotonic()
     link = made(connection)
     link.start(np.ones(17))
-    measured, _ = ticks(link, 100)
-    sent = [entry for entry in fake.log if entry[0] == "setAngles"]
-    assert 50 - measured[-1].withheld >= len(sent) >= 45 - measured[-1].withheld
-    assert sent[0] == ("setAngles", pytest.approx(GOAL[0]), ANGLES.speed)
-    assert measured[-1].tick == pytest.approx(100, abs=10)
+    measured = ticks(link, 100)
+    passed = (time.monotonic() - begin) / ROBOT.cycle
+    assert wait_until(lambda: len(fake.log) == 50 - measured[-1].withheld)
+    assert set(fake.log) == {("setAngles", GOAL[0], ANGLES.speed)}
+    assert 95 <= measured[-1].tick <= passed + 1
     assert all(later.tick >= m.tick for m, later in pairwise(measured))
-    np.testing.assert_allclose(measured[-1].position, fake.motion.commanded)
+    np.testing.assert_array_equal(measured[-1].position, fake.motion.commanded)
     assert np.isnan(measured[-1].current).all(), "this robot has no such keys"
 
 
-def test_a_slow_robot_holds_no_tick_up_and_its_samples_are_old(
+def test_a_robot_that_does_not_answer_holds_no_tick_up_and_its_samples_are_old(
     fake: FakeRobot, connection: Connection
 ) -> None:
     link = made(connection)
     link.start(np.ones(17))
-    fake.motion.slow = 0.3
-    measured, longest = ticks(link, 110)
-    fake.motion.slow = 0.0
-    assert longest < 0.15
-    assert min(m.age for m in measured[60:]) > 0.2, "from when it was asked for"
-    assert measured[-1].withheld > 30
-    assert len(fake.log) < 8, "one command on its way at most"
+    fake.motion.may_answer.clear()
+    measured = ticks(link, 60)
+    assert measured[-1].age > 0.5
+    assert measured[-1].withheld == 29, "one command is on its way"
+    assert not fake.log
+    fake.motion.commanded = (GOAL + 0.1).tolist()
+    fake.motion.may_answer.set()
+
+    def come() -> bool:
+        measured.extend(ticks(link, 1))
+        return bool(measured[-1].position[0] != GOAL[0])
+
+    assert wait_until(come)
+    assert measured[-1].age > 0.5, "from when it was asked for"
 
 
 def test_stiffness_is_passed_on_when_it_changes(fake: FakeRobot, connection: Connection) -> None:
     link = made(connection)
     link.start(np.ones(17))
-    for stiffness in (1.0, 1.0, 0.5, 0.5, 0.51, 0.8):
-        ticks(link, 12, stiffness)
-    told = [entry for entry in fake.log if entry[0] == "setStiffnesses"]
-    assert told == [("setStiffnesses", 14, 0.5), ("setStiffnesses", 14, 0.8)], "not the legs"
-    ticks(link, 12, 0.99)
-    ticks(link, 12, 1.0)
-    assert fake.log[-1] != ("setStiffnesses", 14, 0.99)
-    told = [entry for entry in fake.log if entry[0] == "setStiffnesses"]
-    assert told[-1] == ("setStiffnesses", 14, 1.0), "the last bit of the way too"
+
+    def told(stiffness: float) -> list[float]:
+        """All that the robot was told by the time it has taken what it was told last."""
+        ticks(link, 4, stiffness)
+        assert wait_until(lambda: ticks(link, 2, stiffness) and link.idle)
+        entries = [entry for entry in fake.log if entry[0] == "setStiffnesses"]
+        assert {number for _, number, _ in entries} <= {14}, "not the legs"
+        return [value for *_, value in entries]
+
+    assert told(1.0) == []
+    assert told(0.5) == told(0.5) == told(0.51) == [0.5]
+    assert told(0.8) == [0.5, 0.8]
+    assert told(0.99) == [0.5, 0.8, 0.99]
+    assert told(1.0) == [0.5, 0.8, 0.99, 1.0], "the last bit of the way too"
+
+
+def test_stiffness_is_asked_for_and_unknown_while_ours_is_on_its_way(
+    fake: FakeRobot, connection: Connection
+) -> None:
+    """Else what the robot had before looks as if somebody had taken it away."""
+    link = made(connection)
+    link.start(np.ones(17))
+    soft = np.isin(ROBOT.joint_names, link.soft)
+
+    def shown(stiffness: float) -> FloatArray:
+        found = ticks(link, 1, stiffness)[-1].stiffness
+        assert found is not None
+        return found
+
+    assert np.isnan(shown(1.0)).all()
+    assert wait_until(lambda: (shown(1.0)[soft] == 1.0).all())
+    assert np.isnan(shown(1.0)[~soft]).all(), "nobody can change that of the legs"
+    fake.motion.may_soften.clear()
+    ticks(link, 3, 0.2)
+    assert all(np.isnan(shown(0.2)).all() for _ in range(20))
+    fake.motion.may_soften.set()
+    assert wait_until(lambda: (shown(0.2)[soft] == 0.2).all())
+    for nonsense in ([], [0.2] * 3, "soft"):
+        fake.motion.stiffnesses = nonsense  # type: ignore[assignment]
+        assert wait_until(lambda: np.isnan(shown(0.2)).all())
+        fake.motion.stiffnesses = [0.2] * 14
+        assert wait_until(lambda: (shown(0.2)[soft] == 0.2).all())
 
 
 def test_samples_that_are_none(fake: FakeRobot, connection: Connection) -> None:
     link = made(connection)
     for bad in ([float("nan")] * 17, [0.0] * 3, []):
         fake.motion.commanded = bad
-        measured, _ = ticks(link, 20)
+        measured = ticks(link, 20)
         np.testing.assert_allclose(measured[-1].position, GOAL)
     assert measured[-1].age > 0.3
     with pytest.raises(BackendError, match="where its joints are"):

@@ -14,6 +14,7 @@ from dataclasses import replace
 
 import pytest
 from naoqi_fakes import FakeRobot, address_of
+from waiting import PATIENCE
 
 from pepper_driver.backends import NotConnectedError
 from pepper_driver.backends.naoqi import peer
@@ -25,11 +26,14 @@ from pepper_driver.backends.naoqi.connection import (
 )
 from pepper_driver.backends.naoqi.peer import LoginError, NoAnswerError
 from pepper_driver.backends.naoqi.secret import Secret
-from pepper_driver.config import PepperError, load_naoqi_settings
+from pepper_driver.config import NaoqiSettings, PepperError, load_naoqi_settings
 
 pytestmark = pytest.mark.usefixtures("qi")
 
-QUICK = replace(load_naoqi_settings(), connect_time=0.5, call_time=0.5)
+PATIENT = replace(load_naoqi_settings(), connect_time=PATIENCE, call_time=PATIENCE)
+QUICK_CONNECT = replace(PATIENT, connect_time=0.5)
+QUICK_CALL = replace(PATIENT, call_time=0.5)
+"""For answers that never come."""
 SECRET = Secret("xyzzy-7")
 
 SERVER = """
@@ -123,14 +127,21 @@ def tls_door(context: ssl.SSLContext, *, polite: bool = True) -> Callable[[socke
 
 
 @pytest.fixture(autouse=True)
-def _impatient(monkeypatch: pytest.MonkeyPatch) -> None:
+def _patient(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(peer, "PROBE_TIME", PATIENCE)
+
+
+@pytest.fixture
+def impatient(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(peer, "PROBE_TIME", 0.5)
 
 
-def failure(uri: str, secret: Secret | None = None) -> PepperError:
+def failure(
+    uri: str, secret: Secret | None = None, settings: NaoqiSettings = PATIENT
+) -> PepperError:
     """Why one cannot connect: one line that names the URI and holds no secret."""
     with pytest.raises(PepperError) as caught:
-        connect(address_of(uri), secret, settings=QUICK)
+        connect(address_of(uri), secret, settings=settings)
     assert "\n" not in str(caught.value)
     assert uri in str(caught.value)
     assert SECRET.value not in str(caught.value)
@@ -191,7 +202,8 @@ def test_a_wrong_password(certificate: ssl.SSLContext) -> None:
 
 def test_a_door_that_says_nothing_about_the_password(certificate: ssl.SSLContext) -> None:
     with listener(tls_door(certificate, polite=False)) as port:
-        assert isinstance(failure(f"naoqis://nao@127.0.0.1:{port}", SECRET), NoAnswerError)
+        error = failure(f"naoqis://nao@127.0.0.1:{port}", SECRET, QUICK_CONNECT)
+    assert isinstance(error, NoAnswerError)
 
 
 def test_somebody_else_listens() -> None:
@@ -200,20 +212,23 @@ def test_somebody_else_listens() -> None:
         assert "speaks no TLS" in str(failure(f"naoqis://127.0.0.1:{port}", SECRET))
 
 
+@pytest.mark.usefixtures("impatient")
 @pytest.mark.parametrize("scheme", ["naoqi", "naoqis"])
 def test_somebody_listens_and_says_nothing(scheme: str) -> None:
     with listener(None) as port:
         started = time.monotonic()
-        error = failure(f"{scheme}://127.0.0.1:{port}", SECRET)
+        error = failure(f"{scheme}://127.0.0.1:{port}", SECRET, QUICK_CONNECT)
     assert isinstance(error, NoAnswerError)
     assert isinstance(error, TimeoutError)
     assert time.monotonic() - started < 10, "half a second of trying, and of probing"
 
 
+@pytest.mark.usefixtures("impatient")
 def test_a_robot_that_hangs_while_one_connects() -> None:
     with other_process() as (process, uri):
         os.kill(process.pid, signal.SIGSTOP)
-        assert "takes connections and says nothing" in str(failure(uri))
+        error = failure(uri, settings=QUICK_CONNECT)
+    assert "takes connections and says nothing" in str(error)
 
 
 def test_the_password_reaches_the_robot_and_calls_go_through(
@@ -266,7 +281,7 @@ def test_what_a_service_refuses_is_one_line_with_its_reason() -> None:
 
 def test_a_call_that_takes_too_long() -> None:
     with other_process() as (_, uri):
-        connection = connect(address_of(uri), settings=QUICK)
+        connection = connect(address_of(uri), settings=QUICK_CALL)
         with pytest.raises(CallTimeoutError, match=r"in 0\.5 s"):
             connection.call("Slow", "wait", 30.0)
         with pytest.raises(CallTimeoutError, match=r"in 0\.1 s"):
@@ -282,8 +297,8 @@ def test_the_robot_dies_in_a_call() -> None:
         started = time.monotonic()
         with pytest.raises(NotConnectedError, match="lost"):
             connection.call("Slow", "wait", 30.0, timeout=20.0)
-        assert time.monotonic() - started < 5
-        assert lost.wait(5)
+        assert time.monotonic() - started < 15
+        assert lost.wait(PATIENCE)
         assert not connection.connected
         with pytest.raises(NotConnectedError):
             connection.call("Slow", "wait", 0.0)
@@ -299,14 +314,14 @@ def test_closing_is_no_loss(fake: FakeRobot) -> None:
 def test_a_robot_that_hangs_holds_nobody_up() -> None:
     """Neither a call, nor closing."""
     with other_process() as (process, uri):
-        connection = connect(address_of(uri), settings=QUICK)
-        connection.service("Slow")
+        connection = connect(address_of(uri), settings=QUICK_CALL)
+        connection.service("Slow", PATIENCE)
         os.kill(process.pid, signal.SIGSTOP)
         started = time.monotonic()
         with pytest.raises(CallTimeoutError):
             connection.call("Slow", "wait", 0.0)
         connection.close()
-        assert time.monotonic() - started < 3
+        assert time.monotonic() - started < 10
 
 
 def test_ctrl_c_is_heard_in_a_call() -> None:
@@ -316,5 +331,5 @@ def test_ctrl_c_is_heard_in_a_call() -> None:
         started = time.monotonic()
         with pytest.raises(KeyboardInterrupt):
             connection.call("Slow", "wait", 30.0, timeout=20.0)
-        assert time.monotonic() - started < 3
+        assert time.monotonic() - started < 15
         connection.close()

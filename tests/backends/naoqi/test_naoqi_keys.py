@@ -33,9 +33,15 @@ def test_every_value_is_found_at_its_place() -> None:
         return 0.001 * KEYS.names.index(PREFIX + key)
 
     joints, wheels = ROBOT.joint_names, ROBOT.wheels.names
-    for name, position, current, temperature in zip(
-        joints, values.position, values.current, values.temperature, strict=True
+    for name, position, current, temperature, stiffness in zip(
+        joints,
+        values.position,
+        values.current,
+        values.temperature,
+        values.stiffness,
+        strict=True,
     ):
+        assert stiffness == value(f"{name}/Hardness/Actuator/Value")
         assert position == value(f"{name}/Position/Sensor/Value")
         assert current == value(f"{name}/ElectricCurrent/Sensor/Value")
         assert temperature == value(f"{name}/Temperature/Sensor/Value")
@@ -69,6 +75,21 @@ def test_a_needed_value_that_is_no_number_spoils_the_sample(bad: Any) -> None:
         assert isinstance(found, str)
         assert key in found
         assert "\n" not in found
+
+
+def test_joints_without_values_are_named_as_far_as_one_board_explains_it() -> None:
+    def lacking(*keys: str) -> str:
+        places = {f"at_{KEYS.names.index(PREFIX + key + '/Sensor/Value')}": None for key in keys}
+        found = KEYS.values(answer(**places))
+        assert isinstance(found, str)
+        return found
+
+    elbow = ("RElbowYaw/Position", "RElbowYaw/ElectricCurrent", "RElbowYaw/Temperature")
+    assert lacking(*elbow).startswith("no answer from RElbowYaw, whose board is off or unplugged")
+    both = lacking("RElbowYaw/Position", "RElbowRoll/Position")
+    assert both.startswith("no answer from RElbowYaw and RElbowRoll, whose")
+    for more in ("HeadYaw/Position", "WheelB/Speed"):
+        assert lacking(*elbow, "RElbowRoll/Position", more).startswith("no number for")
 
 
 @pytest.mark.parametrize("bad", [None, float("nan"), "warm"])

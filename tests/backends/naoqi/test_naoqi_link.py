@@ -91,7 +91,7 @@ def wire(seed: int = 0, jitter: float = 0.3) -> Network:
 # -- dates and pairs ----------------------------------------------------------------------------------------------
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(
     drift=st.floats(-100e-6, 100e-6),
     phase=st.floats(0.0, 12.0),

@@ -3,13 +3,15 @@
 import os
 import signal
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from naoqi_fakes import address_of
+from stand_ins import SILENCE, patient_driver, since
+from waiting import wait_until
 
 from pepper_driver.backends import BackendError, Command, NotConnectedError, make_backend
 from pepper_driver.backends.naoqi.angles import AnglesBackend
@@ -30,6 +32,12 @@ ROBOT = load_robot()
 SETTINGS = load_naoqi_settings()
 HEAD = ROBOT.joint_index("HeadYaw")
 STILL = np.zeros(3)
+
+
+@pytest.fixture(autouse=True, scope="module")
+def _patient() -> Iterator[None]:
+    with patient_driver():
+        yield
 
 
 @pytest.fixture(scope="module")
@@ -54,13 +62,6 @@ def uri_of(robot: StandIn, options: str = "") -> str:
     return f"naoqi://127.0.0.1:{robot.port}{options}"
 
 
-def wait_until(condition: Callable[[], object], seconds: float = 10.0) -> bool:
-    end = time.monotonic() + seconds
-    while not condition() and time.monotonic() < end:
-        time.sleep(0.02)
-    return bool(condition())
-
-
 def orders(robot: StandIn) -> int:
     """How many orders the DCM took in a time in which nobody here gives any."""
     before = robot.black_box(last=1).orders[-1]
@@ -70,7 +71,7 @@ def orders(robot: StandIn) -> int:
 
 def quiet(robot: StandIn) -> bool:
     """Whether nobody moves the robot; whoever did may be about to end."""
-    return wait_until(lambda: orders(robot) == 0, seconds=3.0)
+    return wait_until(lambda: orders(robot) == 0)
 
 
 def position(robot: StandIn) -> FloatArray:
@@ -88,7 +89,7 @@ def stiffness(robot: StandIn) -> FloatArray:
 
 def test_nobody_else_moves_the_robot_meanwhile(robot: StandIn, connection: Connection) -> None:
     connection.call("ALAutonomousLife", "setState", "solitary", timeout=20.0)
-    assert orders(robot) > 3, "a living robot is moved all the time"
+    assert wait_until(lambda: orders(robot) > 3), "a living robot is moved all the time"
     with TakeOver(connection, ROBOT, SETTINGS) as taken:
         assert quiet(robot)
         assert connection.call("ALAutonomousLife", "getState") == "disabled"
@@ -217,14 +218,14 @@ def sway(
 ) -> FloatArray:
     """Let the head sway, in real time; returns how old each sample was."""
     ages = np.zeros(steps)
-    due = time.perf_counter()
+    due = time.monotonic()
     for step in range(steps):
         goal = centre.copy()
         goal[HEAD] += size * np.sin(2 * np.pi * 0.4 * step * ROBOT.cycle)
         command = Command(position=goal, stiffness=np.ones(17), wheel_speed=np.full(3, 0.5))
         ages[step] = backend.step(command).age
-        due += ROBOT.cycle
-        time.sleep(max(0.0, due - time.perf_counter()))
+        due = max(due + ROBOT.cycle, time.monotonic())
+        time.sleep(max(0.0, due - time.monotonic()))
     return ages
 
 
@@ -260,7 +261,7 @@ def test_joints_follow_through_almotion(robot: StandIn, angles: AnglesBackend) -
     hold = angles.activate()
     base = robot.black_box(last=1).base[-1]
     sway(angles, hold.position, 420)
-    seen = robot.black_box(last=200)
+    seen = robot.black_box(last=400)
     assert np.ptp(seen.position[:, HEAD]) == pytest.approx(0.6, abs=0.12)
     others = np.delete(np.arange(17), [HEAD])
     assert np.ptp(seen.position[:, others], axis=0).max() < 0.1
@@ -315,7 +316,7 @@ def test_a_robot_that_hangs_in_angles_mode(robot: StandIn, angles: AnglesBackend
         assert ages[-1] > 0.3
         started = time.monotonic()
         angles.close()
-        assert time.monotonic() - started < 3.0
+        assert time.monotonic() - started < 5 * SILENCE, "it waits for no answer any more"
     finally:
         os.kill(robot.naoqi_process.pid, signal.SIGCONT)
 
@@ -334,10 +335,10 @@ def test_angles_mode_after_the_connection_is_lost(robot: StandIn, angles: Angles
         return False
 
     assert wait_until(lost)
-    time.sleep(0.5)
-    held = position(robot)
-    time.sleep(0.5)
-    assert np.abs(position(robot) - held).max() < 0.01, "the joints stay where they are"
+    lost_at = time.monotonic()
+    assert wait_until(lambda: len(since(robot, lost_at)) > 80)
+    stays = since(robot, lost_at).position[40:]
+    assert np.ptp(stays, axis=0).max() < 0.01, "the joints stay where they are"
 
 
 @pytest.mark.parametrize(

@@ -25,18 +25,21 @@ def main(session):
     print("moved", rounded([end[0] - start[0], end[1] - start[1]]))
 
     motion.moveToward(0.5, 0.0, 0.0, [["MaxVelXY", 0.4]])
-    time.sleep(1.2)
+    while motion.getRobotVelocity()[0] < 0.19:
+        time.sleep(0.1)
     velocity = motion.getRobotVelocity()
     print("forward", rounded(velocity), motion.moveIsActive())
     motion.move(0.0, 0.0, -0.5)
-    time.sleep(1.0)
-    print("turning", motion.getRobotVelocity()[2] < -0.3)
+    while motion.getRobotVelocity()[2] > -0.3:
+        time.sleep(0.1)
+    print("turning", motion.moveIsActive())
     print("stopped", motion.stopMove(), motion.moveIsActive())
 
     # Start a long way, and think better of it.
     future = motion.moveTo(2.0, 0.0, 0.0, _async=True)
-    time.sleep(0.5)
-    print("on its way", motion.moveIsActive())
+    while not motion.moveIsActive():
+        time.sleep(0.1)
+    print("on its way", future.isRunning())
     motion.stopMove()
     print("interrupted", future.value())
 

@@ -36,7 +36,8 @@ def main(session):
 
     # Look around without waiting.
     motion.setAngles("HeadYaw", 0.6, 0.2)
-    time.sleep(1.0)
+    while abs(motion.getAngles("HeadYaw", True)[0] - 0.6) > 0.04:
+        time.sleep(0.1)
     print("yaw", round(motion.getAngles("HeadYaw", True)[0], 1))
     motion.changeAngles("HeadYaw", -0.6, 0.1)
     motion.angleInterpolationWithSpeed(["HeadPitch"], [-0.2], 0.2)

@@ -2,6 +2,7 @@
 """Pepper speaks, lights up, shows a picture and tells of itself."""
 
 import argparse
+import time
 
 import qi
 
@@ -32,6 +33,8 @@ def main(session):
     tts.setParameter("speed", 200)
     tts.say("\\rspd=90\\ Guten Tag!")
     tts.say("Good bye", "English")
+    while done.count(1) < 2:  # events take their own way
+        time.sleep(0.05)
     print("language", tts.getLanguage(), "done", done.count(1))
     animated.say(
         "Hello ^start(animations/Stand/Gestures/Hey_1) everybody",

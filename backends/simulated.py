@@ -1,0 +1,153 @@
+"""What only a simulated robot can tell: its parameters, and what really happens to it."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pepper_driver.config import PlantConfig
+from pepper_driver.config.parts import FloatArray
+
+ContactKind = Literal["push", "hand", "object"]
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class SimulatedPlant:
+    """The robot that a simulation simulates: what pushes are planned with, and nothing of what happens to it.
+
+    Attributes:
+        config: Its parameters.
+        stiffness: (17,) proportional stiffness K = kp N Kt / R of each joint [N m/rad].
+        torque_limit: (17,) largest torque each board can hold at stiffness 1 [N m], gear friction left out.
+    """
+
+    config: PlantConfig
+    stiffness: FloatArray
+    torque_limit: FloatArray
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class TrueContact:
+    """What one thing did to one link in the last cycle of a simulation. Vectors are in the world.
+
+    Attributes:
+        kind: A scheduled ``push``, a ``hand`` that holds on, or an ``object`` of the world.
+        link: Name of the link it acted on.
+        object: Name of the object, None for a push or a hand.
+        point: (3,) where it acted [m]; the centre of the forces where that was more than one point.
+        force: (3,) on the robot, mean over the cycle [N].
+        peak: Size of the largest force in a step of physics [N].
+        torque: (17,) J^T f, mean over the cycle [N m].
+    """
+
+    kind: ContactKind
+    link: str
+    object: str | None
+    point: FloatArray
+    force: FloatArray
+    peak: float
+    torque: FloatArray
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class TruthSample:
+    """What a simulation knew at the end of one cycle; each value as in :class:`Truth`, copied."""
+
+    contact_torque: FloatArray
+    peak_torque: FloatArray
+    position: FloatArray
+    base: FloatArray
+    tilt: FloatArray
+    wheel_load: FloatArray
+    in_gap: NDArray[np.bool_]
+    saturated: NDArray[np.bool_]
+
+
+class Truth(ABC):
+    """What only a simulation knows, now. For the log and for evaluation; no estimator may hold a reference to it.
+
+    Arrays are copies.
+    """
+
+    @property
+    @abstractmethod
+    def contact_torque(self) -> FloatArray:
+        """(17,) external torque on each joint, J^T f, mean over the last cycle [N m]: the sum of ``contacts``."""
+
+    @property
+    @abstractmethod
+    def peak_torque(self) -> FloatArray:
+        """(17,) largest size of the external torque on each joint in a step of the last cycle [N m]."""
+
+    @property
+    @abstractmethod
+    def contacts(self) -> tuple[TrueContact, ...]:
+        """What touched the robot in the last cycle. The floor under the wheels does not count."""
+
+    @property
+    @abstractmethod
+    def base(self) -> FloatArray:
+        """(3,) pose of base_link in the world: x, y [m], yaw [rad], counted on over full turns."""
+
+    @property
+    @abstractmethod
+    def tilt(self) -> FloatArray:
+        """(2,) pitch and roll of the base [rad], applied after the yaw in this order."""
+
+    @property
+    @abstractmethod
+    def fallen(self) -> bool:
+        """Whether the robot has fallen over."""
+
+    @property
+    @abstractmethod
+    def wheel_load(self) -> FloatArray:
+        """(3,) force with which the floor carries each wheel [N]; zero on a fixed base."""
+
+    @property
+    @abstractmethod
+    def kinetic_energy(self) -> float:
+        """Of all links, rotors and wheels, with the objects of the world [J]."""
+
+    @property
+    @abstractmethod
+    def in_gap(self) -> NDArray[np.bool_]:
+        """(17,) whether the joint was inside its backlash at the end of the last cycle."""
+
+    @property
+    @abstractmethod
+    def saturated(self) -> NDArray[np.bool_]:
+        """(17,) whether the board was at its current or voltage limit at any time of the last cycle.
+
+        At stiffness 0 the limit is no current: a motor that is off is at it.
+        """
+
+    @property
+    @abstractmethod
+    def position(self) -> FloatArray:
+        """(17,) link-side joint positions now, without encoder or transport [rad]."""
+
+    @abstractmethod
+    def link_pose(self, link: str) -> FloatArray:
+        """(4, 4) transform of a link in the world now, with flexible joints and the tilt of the base.
+
+        Raises:
+            UnknownNameError: No such link.
+        """
+
+    def sample(self) -> TruthSample:
+        """What of it goes into a log, as it is now."""
+        return TruthSample(
+            contact_torque=self.contact_torque,
+            peak_torque=self.peak_torque,
+            position=self.position,
+            base=self.base,
+            tilt=self.tilt,
+            wheel_load=self.wheel_load,
+            in_gap=self.in_gap,
+            saturated=self.saturated,
+        )

@@ -1,0 +1,88 @@
+"""The stiffness goes up at the begin and down in the end, on a robot whose clock, network and DCM are reckoned."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from virtual_robot import ROBOT, VirtualRobot
+
+from pepper_driver.backends.interface import BackendError
+from pepper_driver.backends.naoqi import handover
+from pepper_driver.backends.naoqi.keys import Alias
+from pepper_driver.backends.naoqi.link import Link
+from pepper_driver.config import load_naoqi_settings
+
+SETTINGS = load_naoqi_settings()
+
+
+@pytest.fixture
+def robot(monkeypatch: pytest.MonkeyPatch) -> VirtualRobot:
+    """Soft; time passes when somebody sleeps."""
+    made = VirtualRobot()
+    clock = SimpleNamespace(
+        perf_counter_ns=made.now,
+        monotonic=lambda: 1e-3 * made.time,
+        sleep=lambda seconds: made.pass_time(made.time + 1e3 * seconds),
+    )
+    monkeypatch.setattr(handover, "time", clock)
+    return made
+
+
+@pytest.fixture
+def link(robot: VirtualRobot) -> Link:
+    return Link(robot, ROBOT, SETTINGS.timing, 3, now=robot.now)  # type: ignore[arg-type]
+
+
+def test_joints_and_wheels_get_stiff_and_nothing_moves(robot: VirtualRobot, link: Link) -> None:
+    """The wheels as well, though each tick already has two commands on their way, and no more are allowed."""
+    stands = ROBOT.posture("Stand")
+    hold, measurement = handover.ramp_up(link, ROBOT, SETTINGS, lambda: None)
+    robot.pass_time(robot.time + 100.0)
+    np.testing.assert_array_equal(link.commanded(Alias.WHEEL_STIFFNESS), 1.0)
+    np.testing.assert_array_equal(link.commanded(Alias.STIFFNESS), 1.0)
+    np.testing.assert_array_equal(hold, stands)
+    np.testing.assert_array_equal(measurement.position, stands)
+    for joints, wheels in robot.commanded.values():
+        np.testing.assert_allclose(joints, stands)
+        assert not wheels.any()
+
+
+def test_wheels_that_cannot_be_switched_on_are_an_error(
+    robot: VirtualRobot, link: Link, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    send = robot.setAlias
+
+    def lose(request: list[Any], *, _async: bool) -> object:
+        if request[0] == Alias.WHEEL_STIFFNESS:
+            raise RuntimeError("Endpoint disconnected")
+        return send(request, _async=_async)
+
+    monkeypatch.setattr(robot, "setAlias", lose)
+    with pytest.raises(BackendError, match="switch its wheels on"):
+        handover.ramp_up(link, ROBOT, SETTINGS, lambda: None)
+
+
+def test_a_robot_that_falls_silent_gets_no_more_stiffness(robot: VirtualRobot, link: Link) -> None:
+    looks: list[float] = []
+
+    def look() -> None:
+        looks.append(robot.time)
+        if len(looks) == 30:
+            robot.hang(robot.time + 10_000.0)
+
+    with pytest.raises(BackendError, match="stopped answering"):
+        handover.ramp_up(link, ROBOT, SETTINGS, look)
+    assert looks[-1] - looks[29] <= 100.0, "[ms]"
+
+
+def test_a_robot_that_is_silent_in_the_end_is_not_waited_for(
+    robot: VirtualRobot, link: Link
+) -> None:
+    handover.ramp_up(link, ROBOT, SETTINGS, lambda: None)
+    hung = robot.time
+    robot.hang(hung + 10_000.0)
+    assert not handover.let_go(link, ROBOT, SETTINGS, np.full(17, np.nan))
+    assert robot.time - hung < 200.0, "[ms]"

@@ -1,0 +1,267 @@
+"""The stiffness that boards are told, read back: by whomever it was lowered, and on whatever way the values come."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from stand_ins import patient_driver, since
+from virtual_robot import CYCLE, ROBOT, Network, VirtualRobot
+
+from pepper_driver.backends import Backend, Command, Measurement, make_backend
+from pepper_driver.backends.naoqi.keys import Alias, actuator_keys
+from pepper_driver.backends.naoqi.link import Link
+from pepper_driver.backends.naoqi_server.black_box import BlackBox
+from pepper_driver.backends.naoqi_server.launch import StandIn
+from pepper_driver.config import (
+    load_controller_settings,
+    load_naoqi_settings,
+    load_safety_settings,
+)
+from pepper_driver.config.parts import FloatArray
+from pepper_driver.controller import Reference
+from pepper_driver.pacing import RealTimePacer
+from pepper_driver.safety import FaultReason, RobotState, SafetyGate
+
+TIMING = load_naoqi_settings().timing
+SAFETY = replace(load_safety_settings(), battery_fault=0.0)
+"""The virtual robot has nothing but joints: no battery either."""
+STAND = ROBOT.posture("Stand")
+ONES, STILL = np.ones(17), np.zeros(3)
+LEGS = np.array([name in ROBOT.chains["legs"] for name in ROBOT.joint_names])
+ARM = ROBOT.joint_index("RElbowYaw")
+HARDNESS = actuator_keys(ROBOT)[Alias.STIFFNESS]
+
+
+class Run:
+    """Ticks of a virtual robot under a gate, which is asked for a stiffness in each tick.
+
+    Attributes:
+        gate: That watches all measurements.
+        measured: Of all ticks.
+    """
+
+    def __init__(self, robot: VirtualRobot) -> None:
+        self.robot, self.due = robot, robot.time
+        self.link = Link(robot, ROBOT, TIMING, 3, now=robot.now)  # type: ignore[arg-type]
+        self.link.start()
+        self.measured: list[Measurement] = []
+        for tick in range(1, 101):
+            self._tick(np.full(17, tick / 100))
+        self.gate = SafetyGate(ROBOT, SAFETY, load_controller_settings(ROBOT))
+        self.gate.activate(STAND)
+        self._sent = [self.gate.sent]
+
+    def ticks(self, number: int, stiffness: Callable[[int], FloatArray]) -> None:
+        """Until their number is over, or the gate is in FAULT."""
+        for tick in range(number):
+            measurement = self._tick(self.gate.sent.stiffness)
+            ago = 3 if measurement.answers is None else measurement.answers
+            self.gate.watch(measurement, self._sent[-1 - min(ago, len(self._sent) - 1)])
+            if self.gate.state is RobotState.FAULT:
+                return
+            self.gate.gate(_reference(), stiffness(tick), STILL, measurement.age)
+            self._sent.append(self.gate.sent)
+
+    def _tick(self, stiffness: FloatArray) -> Measurement:
+        self.robot.pass_time(max(self.due, self.robot.time))
+        self.due += CYCLE
+        self.measured.append(self.link.tick(STAND, stiffness, STILL))
+        return self.measured[-1]
+
+
+def _reference() -> Reference:
+    zero = np.zeros(17)
+    return Reference(
+        position=STAND,
+        velocity=zero,
+        acceleration=zero,
+        load_torque=zero,
+        base_twist=np.zeros(3),
+    )
+
+
+def _stiffness(measurement: Measurement) -> FloatArray:
+    assert measurement.stiffness is not None
+    return measurement.stiffness
+
+
+def up_and_down(tick: int) -> FloatArray:
+    """What a reflex that softens an arm asks for; the legs keep theirs."""
+    return np.where(LEGS, 1.0, 0.2 if (tick // 130) % 2 == 0 else 1.0)
+
+
+def jitter(mean: float, seed: int = 0) -> Network:
+    random = np.random.default_rng(seed)
+    return lambda _: 0.3 + float(random.exponential(mean))
+
+
+def wifi(seed: int = 0) -> Network:
+    """As the stand-in's network of this name."""
+    random = np.random.default_rng(seed)
+    return lambda _: 1.5 + float(random.exponential(1.0)) + 60.0 * (random.random() < 0.003)
+
+
+def test_stiffness_is_that_of_its_sample() -> None:
+    run = Run(VirtualRobot(jitter(0.2)))
+    shown = [_stiffness(measurement)[ARM] for measurement in run.measured]
+    assert shown[0] == 0.0
+    assert (np.diff(shown) >= 0.0).all()
+    run.ticks(200, up_and_down)
+    shown = [_stiffness(measurement)[ARM] for measurement in run.measured[-100:]]
+    assert min(shown) == 0.2
+    assert _stiffness(run.measured[-1])[LEGS].min() == 1.0
+
+
+@pytest.mark.parametrize("network", [jitter(0.2), jitter(1.5), wifi(1), wifi(2)])
+def test_our_own_ramps_are_no_theft(network: Network) -> None:
+    run = Run(VirtualRobot(network))
+    run.ticks(3000, up_and_down)
+    fault = run.gate.fault
+    assert fault is None or fault.reason is FaultReason.STALE_SAMPLE, fault
+
+
+@pytest.mark.parametrize("tick", range(0, 260, 13))
+def test_a_hang_in_a_ramp_is_no_theft(tick: int) -> None:
+    """Neither while it lasts nor when what was sent meanwhile has come."""
+    run = Run(VirtualRobot(jitter(0.2)))
+    run.ticks(tick, up_and_down)
+    run.robot.hang(until=run.robot.time + 70.0)
+    run.ticks(200, lambda later: up_and_down(tick + later))
+    assert run.gate.fault is None
+
+
+def test_what_somebody_else_orders_is_seen_in_a_tenth_of_a_second() -> None:
+    run = Run(VirtualRobot(jitter(0.2)))
+    run.ticks(20, lambda _: ONES)
+    now = round(run.robot.dcm_time(run.robot.time))
+    run.robot._dcm.order([HARDNESS[ARM]], "ClearAll", [[(0.0, now)]], now)
+    begin = len(run.measured)
+    run.ticks(100, lambda _: ONES)
+    assert run.gate.fault is not None
+    assert run.gate.fault.reason is FaultReason.STIFFNESS
+    assert "RElbowYaw" in run.gate.fault.text
+    assert (len(run.measured) - begin) * ROBOT.cycle <= SAFETY.stiffness_time + 0.05
+
+
+# -- over real qi -------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def robot(wake_up: Callable[[StandIn], None]) -> Iterator[StandIn]:
+    """Awake."""
+    with (
+        StandIn("mujoco://?seed=3", consent=True, network="clear") as running,
+        patient_driver(),
+    ):
+        wake_up(running)
+        yield running
+
+
+@pytest.fixture
+def motion(qi: Any, robot: StandIn) -> Iterator[Any]:
+    """ALMotion of another program; in the end the robot is awake and stiff."""
+    session = qi.Session()
+    session.connect(robot.url)
+    motion = session.service("ALMotion")
+    yield motion
+    motion.wakeUp()
+    motion.setStiffnesses("Body", 1.0)
+    session.close()
+
+
+def hold(
+    backend: Backend, posture: FloatArray, until: Callable[[FloatArray], bool], seconds: float
+) -> FloatArray:
+    """(17,) stiffness shown by the last of ticks in real time, in all of which full stiffness is ordered."""
+    pacer, end = RealTimePacer(ROBOT.cycle, off_beat=backend.off_beat), time.monotonic() + seconds
+    command = Command(position=posture, stiffness=ONES, wheel_speed=STILL)
+    with pacer.running():
+        while True:
+            pacer.wait()
+            shown = _stiffness(backend.step(command))
+            if until(shown) or time.monotonic() > end:
+                return shown
+
+
+@pytest.mark.parametrize("fault", ["network:wifi", "dropped:0.3", "slow:0.01", "hang:0.2"])
+def test_our_own_ramps_are_no_theft_over_qi_either(robot: StandIn, fault: str) -> None:
+    """Half a second up and down again, on ways that are late, lose samples or stall."""
+    patient = replace(SAFETY, stale_hold=5.0, stale_fault=10.0, stiffness_ramp=0.5)
+    gate = SafetyGate(ROBOT, patient, load_controller_settings(ROBOT))
+    with make_backend(f"naoqi://127.0.0.1:{robot.port}") as backend:
+        backend.open()
+        posture = np.clip(backend.activate().position, ROBOT.lower, ROBOT.upper)
+        gate.activate(posture)
+        sent, lowest = [gate.sent] * 60, 1.0
+        pacer = RealTimePacer(ROBOT.cycle, off_beat=backend.off_beat)
+        with pacer.running():
+            for tick in range(300):
+                if tick == 10:
+                    robot.set_fault(fault)
+                pacer.wait()
+                measurement = backend.step(gate.sent)
+                lowest = min(lowest, _stiffness(measurement).min())
+                ago = 3 if measurement.answers is None else min(measurement.answers, 59)
+                gate.watch(measurement, sent[-1 - ago])
+                assert gate.fault is None
+                stiffness = np.where(LEGS, 1.0, float((tick // 50) % 2))
+                gate.gate(replace(_reference(), position=posture), stiffness, STILL, 0.0)
+                sent.append(gate.sent)
+        robot.clear_faults()
+    assert lowest < 0.4
+
+
+def recent(robot: StandIn, begun: float) -> BlackBox:
+    time.sleep(0.1)  # what was said last is done
+    return since(robot, begun)
+
+
+@pytest.mark.parametrize("mode", ["dcm", "angles"])
+def test_who_makes_an_arm_soft_is_seen_and_it_stays_soft(
+    robot: StandIn, motion: Any, mode: str
+) -> None:
+    arm = np.zeros(17, dtype=np.bool_)
+    arm[[ROBOT.joint_index(name) for name in ROBOT.chains["right_arm"]]] = True
+    others = ~LEGS & ~arm
+    with make_backend(f"naoqi://127.0.0.1:{robot.port}?mode={mode}") as backend:
+        backend.open()
+        posture = np.clip(backend.activate().position, ROBOT.lower, ROBOT.upper)
+        shown = hold(backend, posture, lambda shown: bool((shown[~LEGS] == 1.0).all()), 10.0)
+        assert (shown[~LEGS] == 1.0).all()
+        if mode == "dcm":
+            assert (shown[LEGS] == 1.0).all()
+        else:
+            assert np.isnan(shown[LEGS]).all(), "nobody can change it"
+        motion.setStiffnesses("RArm", 0.0)
+        shown = hold(backend, posture, lambda shown: not shown[arm].any(), 10.0)
+        assert not shown[arm].any()
+        assert (shown[others] == 1.0).all()
+        begun = time.monotonic()
+        backend.deactivate()
+        box = recent(robot, begun)
+    soft = int(np.argmax(box.stiffness[:, others].max(axis=1) < 0.01))
+    assert soft > 0
+    gained = np.diff(box.stiffness[: soft + 1, arm], axis=0).max()
+    assert gained <= 0.0, "nobody gives back what somebody took"
+
+
+def test_a_robot_that_went_to_rest_is_left_at_rest(robot: StandIn, motion: Any) -> None:
+    """Its legs are not led back, nor does any joint get stiffness, when the program then ends."""
+    with make_backend(f"naoqi://127.0.0.1:{robot.port}") as backend:
+        backend.open()
+        posture = np.clip(backend.activate().position, ROBOT.lower, ROBOT.upper)
+        resting = motion.rest(_async=True)
+        shown = hold(backend, posture, lambda shown: not shown.any(), 20.0)
+        assert not shown.any()
+        resting.wait(10_000)
+        begun = time.monotonic()
+        backend.deactivate()
+        box = recent(robot, begun)
+    assert not box.stiffness.any()
+    assert not box.wheel_stiffness[-1].any()
+    assert np.ptp(box.position_command[:, LEGS], axis=0).max() == 0.0

@@ -1,0 +1,54 @@
+"""What tests with a stand-in robot share: what it did since then, and a driver that bears a busy machine.
+
+Such a machine holds the stand-in up, which looks like a robot that is silent. What the driver's bounds on silence do is
+tested in virtual time; how well an idle machine keeps to them, ``benchmarks/naoqi.py`` and ``naoqi_faults.py`` measure.
+"""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from pepper_driver.backends.naoqi import angles, backend, coexistence, handover, restoration
+from pepper_driver.backends.naoqi.lead import RoundTrips
+from pepper_driver.backends.naoqi_server.black_box import BlackBox
+from pepper_driver.backends.naoqi_server.launch import StandIn
+from pepper_driver.config import NaoqiSettings, load_naoqi_settings, load_safety_settings
+
+SILENCE = 1.0
+"""[s] that a stand-in may be silent."""
+
+PATIENT = replace(load_safety_settings(), stale_hold=SILENCE / 2, stale_fault=SILENCE)
+"""A safety gate that bears it."""
+
+
+@contextmanager
+def patient_driver(**timing: Any) -> Iterator[None]:
+    """The driver bears it: while it measures the way and takes a robot over, and in the end.
+
+    Commands are sent two cycles ahead, whatever was measured. ``timing``: further settings of this name.
+    """
+
+    def settings(path: Path | None = None) -> NaoqiSettings:
+        loaded = load_naoqi_settings(path)
+        changes = {"longest_round_trip": SILENCE, **timing}
+        return replace(loaded, timing=replace(loaded.timing, **changes))
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(backend, "load_naoqi_settings", settings)
+        patch.setattr(RoundTrips, "lead", lambda _, timing: timing.least_lead)
+        for module in (handover, angles):
+            patch.setattr(module, "STALE", SILENCE)
+            patch.setattr(module, "PATIENCE", SILENCE)
+        patch.setattr(restoration, "ALIVE", SILENCE)
+        patch.setattr(coexistence, "SETTLE", 5 * SILENCE)
+        yield
+
+
+def since(stand_in: StandIn, moment: float) -> BlackBox:
+    """The cycles that were due after a moment of the monotonic clock."""
+    box = stand_in.black_box()
+    return BlackBox(**{name: rows[box.begin > moment] for name, rows in vars(box).items()})
