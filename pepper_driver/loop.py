@@ -27,6 +27,15 @@ from pepper_driver.safety import FaultError, FaultReason, SafetyGate
 from pepper_driver.sensor_edges import SensorEdges
 from pepper_driver.timing import StageTimes
 
+RETURN_SPEED = 0.6
+"""[rad/s] At most, of joints that a reflex has led away and that go back to the user's posture."""
+
+SHORTEST_RETURN = 0.8
+"""[s] For small ways, so that nothing jerks."""
+
+PEAK = 1.875
+"""Largest speed of a motion of least jerk over its mean."""
+
 Labelling = Callable[[Measurement], Sequence[Label]]
 """Makes the labels of a tick, inside it: must be quick."""
 
@@ -230,6 +239,10 @@ class Loop:
             else:
                 task.target = wanted
             self._wanted = wanted.copy()
+        elif held is None and np.count_nonzero(control.returned) and not task.driven:
+            # A spring would jerk at first, and creep at the end, where worn gears stick and slip.
+            way = float(np.abs(wanted - self._controller.position)[control.returned].max())
+            task.move_to(wanted, max(PEAK * way / RETURN_SPEED, SHORTEST_RETURN))
         stiffness = control.posture_stiffness
         task.stiffness = self.posture_stiffness if stiffness is None else stiffness
         return self._controller.step(measurement, answered.position)

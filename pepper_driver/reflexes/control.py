@@ -32,6 +32,7 @@ class Control:
         stiffness: (17,) wanted stiffness of the motors 0..1; the safety gate ramps towards it.
         claimed: (17,) joints that a reflex has in this tick.
         left: (17,) joints that the user's posture shall find, from now on, where they come to rest.
+        returned: (17,) joints that go back, from now on, to the user's posture.
     """
 
     def __init__(self, controller: WholeBodyController, robot: RobotConfig) -> None:
@@ -50,6 +51,7 @@ class Control:
         self.posture_stiffness: float | None = None
         self.stiffness: FloatArray = np.ones(self._width)
         self.left: BoolArray = np.zeros(self._width, dtype=np.bool_)
+        self.returned: BoolArray = np.zeros(self._width, dtype=np.bool_)
         self.claimed: BoolArray = np.zeros(self._width, dtype=np.bool_)
         self._base_claimed = False
         self._wanted = {}

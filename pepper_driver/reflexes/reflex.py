@@ -181,8 +181,11 @@ class Reflex:
 
     def _end(self, control: Control) -> None:
         self._began = self._until = None
+        free = self.had & ~control.claimed
         if self.then == "stay":
-            control.left |= self.had & ~control.claimed
+            control.left |= free
+        else:
+            control.returned |= free
 
     # -- what a reflex does -------------------------------------------------------------------------------------
 

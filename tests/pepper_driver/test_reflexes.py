@@ -214,12 +214,14 @@ def test_afterwards_joints_go_back_or_the_user_is_told_that_they_stay(then: Any)
     led = stage.run(0.5, torque=PUSH)[-1, ROLL]
     assert led > home + 0.2
     stage.step(touch(phase="end"))
-    left = np.zeros(17, dtype=np.bool_)
+    left, returned = np.zeros((2, 17), dtype=np.bool_)
     trail = []
     for _ in range(300):
         trail.append(stage.step()[ROLL])
         left |= stage.control.left
+        returned |= stage.control.returned
     assert left[ROLL] == (then == "stay")
+    assert returned[ROLL] == (then == "resume")
     if then == "resume":
         assert abs(trail[-1] - home) < 0.05
         # It turns round once.
