@@ -211,9 +211,8 @@ def _shorter(run: Run, share: float) -> Run | None:
         return None
     goals = motion.count if run.goals is None else run.goals
     random = (c.after for c in run.scenario.contacts if isinstance(c, RandomTouch))
-    free = ceil(
-        max(random, default=0.0) / motion.period - 1e-6
-    )  # stay: else nothing would be touched
+    # These stay: else nothing would be touched.
+    free = ceil(max(random, default=0.0) / motion.period - 1e-6)
     return replace(run, goals=min(goals, free + max(1, round((goals - free) * share))))
 
 

@@ -139,7 +139,7 @@ def let_go(link: Link, robot: RobotConfig, settings: NaoqiSettings, posture: Flo
     for number in range(1, ticks + 1):
         wheels_off = wheels_off or link.switch_wheels(off)
         # Whoever takes stiffness away may not have ended yet.
-        soft = np.where(taken, np.minimum(soft, _shown(link, soft)), soft)
+        soft = np.where(taken, np.fmin(soft, _shown(link, soft)), soft)
         wanted = stiffness + (soft - stiffness) * number / ticks
         if tick(None, np.where(taken, soft, wanted)) is None:
             return False
@@ -177,9 +177,8 @@ def _lead_back(
     farthest = float(np.abs(way).max())
     if farthest <= ARRIVED:
         return True
-    ticks = round(
-        1.875 * farthest / speed / cycle
-    )  # the peak of a minimum-jerk way is 1.875 of its mean speed
+    # The peak of a minimum-jerk way is 1.875 of its mean speed.
+    ticks = round(1.875 * farthest / speed / cycle)
     for number in range(1, ticks + 1):
         s = number / ticks
         measurement = tick(start + way * s**3 * (10.0 - 15.0 * s + 6.0 * s**2), stiffness)

@@ -159,9 +159,8 @@ def what_is_still(stand_in: StandIn) -> str:
 
 def assert_wheels_stop(box: BlackBox) -> None:
     """With nobody's help: 150 ms after the last order for wheels that was taken, all wheels of the plant stand."""
-    ordered = int(
-        np.searchsorted(box.begin, box.wheel_order[-1])
-    )  # cycles may have been left out since
+    # Cycles may have been left out since.
+    ordered = int(np.searchsorted(box.begin, box.wheel_order[-1]))
     after = slice(ordered + math.ceil(DEAD_MAN / ROBOT.cycle), None)
     speed = np.abs(box.wheel_speed[after]).max(axis=1)
     assert len(speed) > 10

@@ -93,9 +93,8 @@ def test_a_robot_that_goes_on_takes_at_most_two_commands(robot: StandIn) -> None
     outcome = drive(robot, "hang", 3.0)
     assert isinstance(outcome.error, FaultError)
     ages = [age for _, age in outcome.ages]
-    assert (
-        max(ages[:-1], default=0.0) <= PATIENT.stale_fault < ages[-1]
-    )  # the first tick beyond it is the last
+    # The first tick beyond it is the last.
+    assert max(ages[:-1], default=0.0) <= PATIENT.stale_fault < ages[-1]
     assert outcome.closed < 10.0
     assert_wheels_stop(outcome.box)
     assert_joints_hold(outcome.box, outcome.ended)

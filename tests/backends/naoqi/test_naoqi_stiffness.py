@@ -245,9 +245,8 @@ def test_who_makes_an_arm_soft_is_seen_and_it_stays_soft(
         backend.deactivate()
         box = recent(robot, begun)
     stiffest = box.stiffness[:, others].max(axis=1)
-    soft = int(
-        np.argmin(stiffest)
-    )  # ALMotion gives them stiffness in the next cycle, or in the very one
+    # ALMotion gives them stiffness in the next cycle, or in the very one.
+    soft = int(np.argmin(stiffest))
     assert stiffest[soft] < 0.2
     gained = np.diff(box.stiffness[: soft + 1, arm], axis=0).max()
     assert gained <= 0.0, "nobody gives back what somebody took"
