@@ -14,7 +14,8 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -24,7 +25,7 @@ from rich.console import Console
 from rich.table import Table
 
 from pepper_driver import Pepper
-from pepper_driver.backends.naoqi.library import load_qi
+from pepper_driver.backends.naoqi.library import Proxy, load_qi
 from pepper_driver.backends.naoqi_server.black_box import BlackBox
 from pepper_driver.backends.naoqi_server.launch import StandIn
 from pepper_driver.config import PepperError, load_doctor_settings, load_robot
@@ -216,15 +217,25 @@ def lose(stand_in: StandIn, name: str, speed: float) -> dict[str, float | str]:
     return figures
 
 
-def go(
-    stand_in: StandIn, set_stiffness: Callable[[str, float], object], name: str, speed: float
-) -> dict[str, float | str]:
+@contextmanager
+def motion_of(stand_in: StandIn) -> Iterator[Proxy]:
+    """ALMotion over a connection of its own: some faults end all there are."""
+    session = load_qi().Session()
+    session.connect(stand_in.url)
+    try:
+        yield session.service("ALMotion")
+    finally:
+        session.close()
+
+
+def go(stand_in: StandIn, name: str, speed: float) -> dict[str, float | str]:
     """Let motors be gone while the robot moves, until the program ends."""
     program = Program(stand_in, speed)
     fault, joint = GONE[name]
     begin = time.monotonic()
     if fault is None:
-        set_stiffness("RArm", 0.0)
+        with motion_of(stand_in) as motion:
+            motion.setStiffnesses("RArm", 0.0)
     else:
         stand_in.set_fault(fault)
     ended = program.end()
@@ -239,7 +250,8 @@ def go(
         since, figures["command's way"] = box.end[gone], 1e3 * float(np.abs(way[gone:]).max())
     figures |= {"noticed": 1e3 * (ended["at"] - since), "error": str(ended["error"])}
     stand_in.clear_faults()
-    set_stiffness("Body", 1.0)
+    with motion_of(stand_in) as motion:
+        motion.setStiffnesses("Body", 1.0)
     return figures
 
 
@@ -292,30 +304,22 @@ def main() -> None:
     if given.program is not None:
         move(given.program, given.speed)
         return
-    qi, console = load_qi(), Console(soft_wrap=True, width=140)
+    console = Console(soft_wrap=True, width=140)
     with StandIn("mujoco://?seed=3", network="clear", consent=True) as stand_in:
-        session = qi.Session()
-        session.connect(stand_in.url)
-        motion = session.service("ALMotion")
-        motion.wakeUp()
+        with motion_of(stand_in) as motion:
+            motion.wakeUp()
         lost = {
             name: largest([lose(stand_in, name, given.speed) for _ in range(given.repeat)])
             for name in LOSSES
         }
         gone = {
-            name: largest(
-                [
-                    go(stand_in, motion.setStiffnesses, name, given.speed)
-                    for _ in range(given.repeat)
-                ]
-            )
+            name: largest([go(stand_in, name, given.speed) for _ in range(given.repeat)])
             for name in GONE
         }
         stopped = {
             name: largest([interrupt(stand_in, name, given.speed) for _ in range(given.repeat)])
             for name in INTERRUPTED
         }
-        session.close()
     console.print(
         f"largest of {given.repeat} runs at {given.speed:g} m/s; times in ms, joints in mrad"
     )
