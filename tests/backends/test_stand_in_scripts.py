@@ -1,5 +1,6 @@
 """Programs as people write them for the robot run against the stand-in unchanged: those in ``naoqi_scripts``."""
 
+import signal
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -16,6 +17,7 @@ from pepper_driver.config import load_robot
 pytestmark = pytest.mark.usefixtures("qi")
 
 SCRIPTS = Path(__file__).parent / "naoqi_scripts"
+LIBQI_LEAVES = "terminate called without an active exception"
 
 
 @pytest.fixture(scope="module")
@@ -54,7 +56,10 @@ def ended(process: "subprocess.Popen[str]") -> list[str]:
         out, error = process.communicate(timeout=120)
     finally:
         process.kill()
-    assert process.returncode == 0, error
+    # Now and then libqi aborts a program that is over, while threads of its own still end. What the program
+    # had to say it has said by then.
+    left = process.returncode == -signal.SIGABRT and error.strip() == LIBQI_LEAVES
+    assert process.returncode == 0 or left, error
     return [line for line in out.splitlines() if not line.startswith("[")]  # libqi logs there too
 
 

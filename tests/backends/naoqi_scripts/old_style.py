@@ -43,3 +43,4 @@ if __name__ == "__main__":
     reaction.hit.wait(20)
     print("hits", reaction.memory.getData("BumperReaction/Hits"))
     session.unregisterService(number)
+    session.close()
