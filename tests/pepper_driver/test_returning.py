@@ -16,7 +16,8 @@ from pepper_driver.reflexes.control import OVER_ALL
 # isort: off
 from motion_cases import ROBOT
 from reflex_cases import touch
-from test_holding import make_pepper
+from fakes import FakeBackend
+from test_holding import Holder, Scripted, make_pepper
 # isort: on
 
 ROLL = ROBOT.joint_index("LShoulderRoll")
@@ -79,3 +80,16 @@ def test_a_motion_under_way_keeps_its_time() -> None:
         assert pepper.controller.position[ROBOT.joint_index("HeadYaw")] == pytest.approx(
             0.8, abs=1e-3
         )
+
+
+def test_while_another_reflex_holds_the_posture_nothing_is_led_back() -> None:
+    """A held posture moves no other joint, so there is no way back; a spline would hold it less firmly."""
+    script = {1.0: touch(), 2.0: touch(phase="end")}
+    reflexes = [Lead(way=0.3, pause=0.0), Holder(0.5, 6.0)]
+    pepper = Pepper("mujoco", observer=Scripted(script), reflexes=reflexes)
+    pepper.backend = FakeBackend()
+    with pepper:
+        home = pepper.controller.position[ROLL]
+        pepper.run(2.2)
+        assert not pepper.controller.posture.driven
+        assert pepper.controller.position[ROLL] == pytest.approx(home, abs=1e-3)
