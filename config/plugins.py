@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from importlib import import_module
 from importlib.metadata import entry_points
-from typing import Any
 
 from pepper_driver.config.errors import PepperError, UnknownNameError
 
@@ -14,8 +13,10 @@ class PluginError(PepperError, ImportError):
     """A registered part exists, but cannot be loaded."""
 
 
-def load_plugin(kind: str, group: str, name: str, builtin: Mapping[str, str]) -> Any:  # noqa: ANN401 the group says what
-    """The object registered as ``name``.
+def load_plugin(
+    kind: str, group: str, name: str, builtin: Mapping[str, str]
+) -> Callable[..., object]:
+    """The class or factory registered as ``name``.
 
     Args:
         kind: What it is, for messages, for example ``"backend"``.
@@ -25,21 +26,27 @@ def load_plugin(kind: str, group: str, name: str, builtin: Mapping[str, str]) ->
 
     Raises:
         UnknownNameError: Nobody registered this name.
-        PluginError: The package that registered it fails to import.
+        PluginError: The package that registered it fails to import, or it cannot be called.
         MissingExtraError: The part needs an extra that is not installed.
     """
     registered = {point.name: point for point in entry_points(group=group)}
     if name in builtin:
         module, _, attribute = builtin[name].partition(":")
-        return getattr(import_module(module), attribute)
+        own: Callable[..., object] = getattr(import_module(module), attribute)
+        return own
     if name not in registered:
         raise UnknownNameError(kind, name, [*builtin, *registered])
     point = registered[name]
     try:
-        return point.load()
+        part: object = point.load()
     except PepperError:
         raise
     except Exception as error:
         raise PluginError(
             f"{kind} '{name}' of {point.value} cannot be loaded: {type(error).__name__}: {error}"
         ) from error
+    if not callable(part):
+        raise PluginError(
+            f"{kind} '{name}': {point.value} is {type(part).__name__}, no class or factory"
+        )
+    return part

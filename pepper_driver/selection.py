@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from pepper_driver.config import (
+    ConfigError,
     ObserverSettings,
     RobotConfig,
     UnknownNameError,
@@ -44,9 +45,14 @@ def make_observer(
     Raises:
         UnknownNameError: No observer of this name.
         ModelFileError: The models cannot be used here.
+        ConfigError: What another package registered makes no observer.
     """
     factory = load_plugin("observer", OBSERVER_GROUP, name, _OBSERVERS)
-    observer: Observer = factory(robot, identity, models)
+    observer = factory(robot, identity, models)
+    if not isinstance(observer, Observer):
+        raise ConfigError(
+            f"observer '{name}': its factory returned {type(observer).__name__}, no Observer"
+        )
     return observer
 
 

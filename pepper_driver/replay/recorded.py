@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields
 from functools import cached_property
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TypeVar
 
 from pepper_driver.backends import Command
 from pepper_driver.backends.log_file import Column, read_log_file
@@ -215,15 +215,19 @@ class RecordedRun:
             )
 
     def _settings(self, key: str, cls: type[T]) -> T:
-        return parse(cls, self._json(key), f"{self.path}: {key}")
+        settings = self._json(key)
+        if not isinstance(settings, dict):
+            raise ReplayError(f"{self.path}: its metadata has no '{key}' that can be read")
+        return parse(cls, settings, f"{self.path}: {key}")
 
-    def _json(self, key: str) -> Any:  # noqa: ANN401 JSON, which those who ask check
+    def _json(self, key: str) -> object:
         try:
-            return json.loads(self.log.metadata[key])
+            found: object = json.loads(self.log.metadata[key])
         except (KeyError, ValueError) as error:
             raise ReplayError(
                 f"{self.path}: its metadata has no '{key}' that can be read"
             ) from error
+        return found
 
 
 def _each(kind: type[T], prefix: str, table: Mapping[str, Column]) -> Iterator[T]:

@@ -68,6 +68,7 @@ def test_another_package_registers_a_backend(monkeypatch: pytest.MonkeyPatch) ->
             EntryPoint(name="theirs", value=f"{__name__}:third_party", group=group),
             EntryPoint(name="broken", value="no_such_module:x", group=group),
             EntryPoint(name="odd", value=f"{__name__}:not_a_backend", group=group),
+            EntryPoint(name="text", value=f"{__name__}:__name__", group=group),
         ]
     )
     monkeypatch.setattr(plugins_module, "entry_points", lambda group: points.select(group=group))
@@ -76,5 +77,7 @@ def test_another_package_registers_a_backend(monkeypatch: pytest.MonkeyPatch) ->
         make_backend("broken")
     with pytest.raises(PepperError, match="no Backend"):
         make_backend("odd")
+    with pytest.raises(PluginError, match="is str, no class or factory"):
+        make_backend("text")
     with pytest.raises(PepperError, match="theirs"):
         make_backend("thiers")
