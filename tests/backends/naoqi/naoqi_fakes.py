@@ -69,7 +69,7 @@ class Motion:
         self.may_answer = threading.Event()
         self.may_answer.set()
         self.commanded: list[float] = ROBOT.posture("Stand").tolist()
-        self.stiffnesses = [1.0] * 14
+        self.stiffnesses: object = [1.0] * 14
         self.may_soften = threading.Event()
         self.may_soften.set()
         self.come_on()
@@ -119,7 +119,7 @@ class Motion:
         self.may_soften.wait(30.0)
         self.stiffnesses = stiffnesses
 
-    def getStiffnesses(self, names: list[str]) -> list[float]:
+    def getStiffnesses(self, names: list[str]) -> object:
         return self.stiffnesses
 
     def getBreathEnabled(self, chain: str) -> bool:

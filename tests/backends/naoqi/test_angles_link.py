@@ -125,7 +125,7 @@ def test_stiffness_is_asked_for_and_unknown_while_ours_is_on_its_way(
     fake.motion.may_soften.set()
     assert wait_until(lambda: (shown(0.2)[soft] == 0.2).all())
     for nonsense in ([], [0.2] * 3, "soft"):
-        fake.motion.stiffnesses = nonsense  # type: ignore[assignment]
+        fake.motion.stiffnesses = nonsense
         assert wait_until(lambda: np.isnan(shown(0.2)).all())
         fake.motion.stiffnesses = [0.2] * 14
         assert wait_until(lambda: (shown(0.2)[soft] == 0.2).all())

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from virtual_robot import ROBOT, VirtualRobot
+from virtual_robot import ROBOT, VirtualRobot, link_with
 
 from pepper_driver.backends.interface import BackendError
 from pepper_driver.backends.naoqi import handover
@@ -33,7 +33,7 @@ def robot(monkeypatch: pytest.MonkeyPatch) -> VirtualRobot:
 
 @pytest.fixture
 def link(robot: VirtualRobot) -> Link:
-    return Link(robot, ROBOT, SETTINGS.timing, 3, now=robot.now)  # type: ignore[arg-type]
+    return link_with(robot, SETTINGS.timing)
 
 
 def test_joints_and_wheels_get_stiff_and_nothing_moves(robot: VirtualRobot, link: Link) -> None:

@@ -9,12 +9,11 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from virtual_robot import CYCLE, ROBOT, Network, VirtualRobot
+from virtual_robot import CYCLE, ROBOT, Network, VirtualRobot, link_with
 
 from pepper_driver.backends.interface import BackendError, Measurement
 from pepper_driver.backends.naoqi.keys import SensorKeys
 from pepper_driver.backends.naoqi.lead import SlowLinkError
-from pepper_driver.backends.naoqi.link import Link
 from pepper_driver.config import load_naoqi_settings, load_safety_settings
 from pepper_driver.config.parts import FloatArray
 
@@ -36,7 +35,7 @@ class Run:
 
     def __init__(self, robot: VirtualRobot, *, follow: bool = True, speed: float = 1.0) -> None:
         self.robot, self._follow, self._speed = robot, follow, speed
-        self.link = Link(robot, ROBOT, TIMING, 3, now=robot.now)  # type: ignore[arg-type]
+        self.link = link_with(robot, TIMING)
         self.link.start()
         self.given: list[FloatArray] = []
         self.measured: list[Measurement] = []
@@ -350,7 +349,7 @@ def test_a_bad_way_is_refused() -> None:
 
 def test_before_the_start_nothing_is_sent() -> None:
     robot = VirtualRobot()
-    link = Link(robot, ROBOT, TIMING, 3, now=robot.now)  # type: ignore[arg-type]
+    link = link_with(robot, TIMING)
     for _ in range(10):
         robot.pass_time(robot.time + CYCLE)
         assert link.tick(STAND + 0.5, ONES, np.ones(3)).answers is None

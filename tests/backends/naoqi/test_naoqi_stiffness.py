@@ -10,11 +10,10 @@ from typing import Any
 import numpy as np
 import pytest
 from stand_ins import patient_driver, since
-from virtual_robot import CYCLE, ROBOT, Network, VirtualRobot
+from virtual_robot import CYCLE, ROBOT, Network, VirtualRobot, link_with
 
 from pepper_driver.backends import Backend, Command, Measurement, make_backend
 from pepper_driver.backends.naoqi.keys import Alias, actuator_keys
-from pepper_driver.backends.naoqi.link import Link
 from pepper_driver.backends.naoqi_server.black_box import BlackBox
 from pepper_driver.backends.naoqi_server.launch import StandIn
 from pepper_driver.config import (
@@ -47,7 +46,7 @@ class Run:
 
     def __init__(self, robot: VirtualRobot) -> None:
         self.robot, self.due = robot, robot.time
-        self.link = Link(robot, ROBOT, TIMING, 3, now=robot.now)  # type: ignore[arg-type]
+        self.link = link_with(robot, TIMING)
         self.link.start()
         self.measured: list[Measurement] = []
         for tick in range(1, 101):

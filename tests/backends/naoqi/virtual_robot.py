@@ -8,14 +8,17 @@ from __future__ import annotations
 import heapq
 from collections.abc import Callable, Sequence
 from itertools import count
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
 from pepper_driver.backends.naoqi.clock import shown
+from pepper_driver.backends.naoqi.connection import Connection
 from pepper_driver.backends.naoqi.keys import Alias, SensorKeys, actuator_keys
+from pepper_driver.backends.naoqi.link import Link
 from pepper_driver.backends.naoqi_server.dcm import Dcm
 from pepper_driver.config import load_robot
+from pepper_driver.config.naoqi import TimingSettings
 from pepper_driver.config.parts import FloatArray
 
 ROBOT = load_robot()
@@ -217,3 +220,8 @@ class VirtualRobot:
 
     def setAlias(self, request: list[Any], *, _async: bool) -> Future:
         return self._ask(lambda: self._take(request))
+
+
+def link_with(robot: VirtualRobot, timing: TimingSettings) -> Link:
+    """The client's end of it."""
+    return Link(cast(Connection, robot), ROBOT, timing, 3, now=robot.now)
