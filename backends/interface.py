@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from math import nan
 from types import TracebackType
-from typing import Literal, Self
+from typing import ClassVar, Literal, Self
 
 from pepper_driver.backends.extras import Extras
 from pepper_driver.backends.simulated import SimulatedPlant, Truth
@@ -15,7 +15,7 @@ from pepper_driver.config import PepperError
 from pepper_driver.config.parts import FloatArray
 
 LONGEST_WAY = 50
-"""[steps] From a command to the sample that answers it, at most: beyond, the safety gate has long stopped the robot."""
+"""[commands] From a command to the sample that answers it, at most: by then the safety gate has stopped the robot."""
 
 Capability = Literal["push", "grab", "truth", "speech", "leds", "tablet", "postures", "wake"]
 
@@ -65,8 +65,8 @@ class Measurement:
         battery: Charge, 0..1.
         age: Time since the sample was taken [s], beyond the transport that is always there.
         charging_flap: 1.0 while the flap over the charging socket is open, NaN where nobody knows.
-        answers: How many steps before this one the command was given that a sample without ``age`` answers, 0 for that
-            of this step; None where it is ``BackendInfo.response_delay``.
+        answers: How many commands before the last written one the command was written that a sample without ``age``
+            answers, 0 for the last one; None where it is ``BackendInfo.response_delay``.
         withheld: Commands since ``activate`` that were not sent, because too many were on their way.
         stiffness: (17,) that the boards are told to have, by whomever, 0..1; NaN for joints, or None for a robot, of
             which nobody knows.
@@ -124,45 +124,57 @@ class DeviceError:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class BackendInfo:
-    """What is known of a backend before it is opened.
+    """Facts about the robot behind a backend.
 
     Attributes:
-        uri: How it was asked for.
         joint_names: Order of every joint vector.
-        cycle: Period of ``step`` [s].
-        real_time: True where time passes by itself: ``step`` does not wait, whoever calls it does, once a cycle. False
-            where each ``step`` lets a simulated cycle pass.
+        cycle: Period of ``read`` and ``write`` [s].
         response_delay: Whole ticks from a command to the sample that shows the joint at the time the command was to
             be reached. A measurement answers the command sent this many ticks before the last one.
         capabilities: What this backend can do beyond the interface.
         identity: Hash of the simulated robot, or the body id of a real one. Models carry it.
     """
 
-    uri: str
     joint_names: tuple[str, ...]
     cycle: float
-    real_time: bool
     response_delay: int
     capabilities: frozenset[Capability]
     identity: str
 
 
+DEAD_MAN_CYCLES = 3
+"""Cycles for which wheels obey their last command: then they are told to stand."""
+
+
 class Backend(ABC):
     """A robot. States: closed, open (reads only), active (takes commands).
+
+    One cycle is one ``read`` and then one ``write``: the command that is computed from a sample leaves at once.
 
     ``open`` and ``close`` bracket everything; ``activate`` and ``deactivate`` bracket motion. Closed, it can be opened
     again, and ticks and time begin anew. Use it as a context manager: leaving the block deactivates and closes,
     whatever happened.
 
-    Any thread may call any method: ``open``, ``activate``, ``step``, ``deactivate`` and ``close`` wait for each other,
-    and each finds the state that the one before left. All errors are a PepperError; no exception of a third-party
-    library leaves a backend.
+    Any thread may call any method: ``open``, ``activate``, ``read``, ``write``, ``deactivate`` and ``close`` wait for
+    each other, and each finds the state that the one before left. All errors are a PepperError; no exception of a
+    third-party library leaves a backend.
+
+    Attributes:
+        real_time: True where time passes by itself: ``read`` does not wait, its caller does, once a cycle. False where
+            each ``read`` lets a simulated cycle pass.
     """
+
+    real_time: ClassVar[bool] = False
+
+    @property
+    @abstractmethod
+    def uri(self) -> str:
+        """The URI it was asked for; never connects."""
 
     @property
     @abstractmethod
     def info(self) -> BackendInfo:
-        """Valid before ``open``."""
+        """Facts about the robot, valid before ``open``; a real robot is asked for them when this is first read."""
 
     @abstractmethod
     def open(self) -> Measurement:
@@ -190,19 +202,46 @@ class Backend(ABC):
         return None
 
     @abstractmethod
-    def step(self, command: Command) -> Measurement:
-        """Send a command and return the newest sample.
+    def read(self) -> Measurement:
+        """Return the newest sample.
 
-        In simulated time exactly one cycle passes. In real time this returns at once, whether the sample is new or not:
-        its ``age`` tells. The loop calls it once every cycle, and now and then misses one.
-
-        While the backend is not active the command is checked, but moves nothing. What lies beyond the limits of joints
-        and wheels, or stiffness outside 0..1, is done as far as they go. The arrays may be changed afterwards.
+        In simulated time exactly one cycle passes, under the command last written. In real time this returns at once,
+        whether the sample is new or not: its ``age`` tells. The loop calls it once every cycle, and now and then misses
+        one. Where nothing was written since the last ``read``, the joints stay at the last command, and after
+        ``DEAD_MAN_CYCLES`` the wheels are told to stand.
 
         Raises:
-            CommandError: Wrong shape, or a value that is not finite: nothing is sent, no cycle passes.
             NotConnectedError: Not open, or another thread has closed it.
             BackendError: The robot is lost, for the reason given.
+        """
+
+    @abstractmethod
+    def write(self, command: Command) -> None:
+        """Send a command for the cycle to come; never waits.
+
+        While the backend is not active the command is checked, but moves nothing. Values beyond the limits of joints
+        and wheels, or a stiffness outside 0..1, are clipped to them. The arrays may be changed afterwards.
+
+        Raises:
+            CommandError: Wrong shape, or a value that is not finite: nothing is sent.
+            NotConnectedError: Not open, or another thread has closed it.
+            BackendError: The robot is lost, for the reason given.
+        """
+
+    def exchange(self, command: Command) -> Measurement:
+        """Write a command and read: for a path known beforehand, where no command depends on the newest sample."""
+        self.write(command)
+        return self.read()
+
+    @property
+    def request_lead(self) -> float:
+        """Time before a ``read`` at which :meth:`request` is best called [s]; 0 where that makes no difference."""
+        return 0.0
+
+    def request(self) -> None:  # noqa: B027 a robot that is simulated has nothing to do
+        """Ask the robot for the sample that the next ``read`` returns; never waits, and raises nothing.
+
+        The pacer calls it ``request_lead`` before each tick. Without it ``read`` asks for the sample of the next one.
         """
 
     @abstractmethod
@@ -213,8 +252,8 @@ class Backend(ABC):
     def close(self) -> None:
         """Deactivate and disconnect. Does nothing when closed."""
 
-    def off_beat(self, due: int) -> float:
-        """How much later than ``due`` a tick would best begin, so that it finds a fresh sample; negative if earlier.
+    def phase_error(self, due: int) -> float:
+        """Return how much later than ``due`` a tick best begins, so that it finds a fresh sample; negative if earlier.
 
         For the pacing of a robot whose cycles pass by themselves. Costs a microsecond, and may be asked in any state.
 
@@ -262,7 +301,7 @@ class Backend(ABC):
             NotConnectedError: Not open.
             CommandError: A number that is not finite, or a duration that is not positive.
         """
-        raise CapabilityError(f"'{self.info.uri}' cannot push itself: only simulated backends do")
+        raise CapabilityError(f"'{self.uri}' cannot push itself: only simulated backends do")
 
     def grab(
         self,
@@ -302,12 +341,12 @@ class Backend(ABC):
             CommandError: A number that is not finite or out of range, another hand on this link at that time, or a
                 point too light for a hand this stiff.
         """
-        raise CapabilityError(f"'{self.info.uri}' cannot grab itself: only simulated backends do")
+        raise CapabilityError(f"'{self.uri}' cannot grab itself: only simulated backends do")
 
     @cached_property
     def extras(self) -> Extras:
         """Speech, lights and the like. Where the robot has none of it they do nothing and say so."""
-        return Extras(self.info.uri)
+        return Extras(self.uri)
 
     @property
     def plant(self) -> SimulatedPlant:
@@ -316,7 +355,7 @@ class Backend(ABC):
         Raises:
             CapabilityError: A real robot has no such parameters.
         """
-        raise CapabilityError(f"'{self.info.uri}' is no simulation: nobody knows its parameters")
+        raise CapabilityError(f"'{self.uri}' is no simulation: nobody knows its parameters")
 
     @property
     def truth(self) -> Truth:
@@ -325,7 +364,7 @@ class Backend(ABC):
         Raises:
             CapabilityError: There is none on a real robot.
         """
-        raise CapabilityError(f"'{self.info.uri}' has no ground truth: only simulated backends do")
+        raise CapabilityError(f"'{self.uri}' has no ground truth: only simulated backends do")
 
     def __enter__(self) -> Self:
         return self

@@ -70,7 +70,7 @@ class ReplayBackend(Serial, Backend):
                 f"{file.path}: is of a robot with other joints, or another order of them, than '{robot.name}'"
             )
         self._robot = robot
-        self._info = _info(file, uri)
+        self._uri, self._info = uri, _info(file)
         try:
             self._measurements = _measurements(file, robot)
             self.commands = _commands(file, TICK_TOPIC)
@@ -85,8 +85,13 @@ class ReplayBackend(Serial, Backend):
         self.differences = CommandDifferences(robot)
 
     @property
+    def uri(self) -> str:
+        """The URI it was asked for."""
+        return self._uri
+
+    @property
     def info(self) -> BackendInfo:
-        """As recorded; time passes with each step."""
+        """As recorded; time passes with each ``read``."""
         return self._info
 
     @property
@@ -98,7 +103,7 @@ class ReplayBackend(Serial, Backend):
     def open(self) -> Measurement:
         """Begin anew. The robot is where it was told to be, a cycle before the first tick."""
         if self._state != "closed":
-            raise BackendError(f"'{self._info.uri}' is already open")
+            raise BackendError(f"'{self.uri}' is already open")
         self._state, self._next = "open", 0
         self.differences = CommandDifferences(self._robot)
         return self._before_the_first()
@@ -108,28 +113,35 @@ class ReplayBackend(Serial, Backend):
         """Compare commands from now on."""
         self._check_open()
         if self._state == "active":
-            raise BackendError(f"'{self._info.uri}' is already active")
+            raise BackendError(f"'{self.uri}' is already active")
         self._state = "active"
         return self._measurements[self._next - 1] if self._next else self._before_the_first()
 
     @serial
-    def step(self, command: Command) -> Measurement:
-        """The next measurement.
+    def read(self) -> Measurement:
+        """Return the next measurement.
 
         Raises:
             EndOfLogError: There is none.
         """
         self._check_open()
-        position, stiffness, wheel_speed = checked_command(command, len(self._robot.joint_names))
         row = self._next
         if row == len(self._measurements):
-            raise EndOfLogError(f"'{self._info.uri}': the recording is over after {row} ticks")
-        recorded = self._given.get(int(self.steps[row]))
-        if self._state == "active" and recorded is not None:
-            given = Command(position=position, stiffness=stiffness, wheel_speed=wheel_speed)
-            self.differences.compare(recorded[0], given, recorded[1])
+            raise EndOfLogError(f"'{self.uri}': the recording is over after {row} ticks")
         self._next += 1
         return self._measurements[row]
+
+    @serial
+    def write(self, command: Command) -> None:
+        """Compare a command with the one recorded for the coming tick."""
+        self._check_open()
+        position, stiffness, wheel_speed = checked_command(command, len(self._robot.joint_names))
+        if self._state != "active" or self._next == len(self._measurements):
+            return
+        recorded = self._given.get(int(self.steps[self._next]))
+        if recorded is not None:
+            given = Command(position=position, stiffness=stiffness, wheel_speed=wheel_speed)
+            self.differences.compare(recorded[0], given, recorded[1])
 
     @serial
     def deactivate(self) -> None:
@@ -144,7 +156,7 @@ class ReplayBackend(Serial, Backend):
 
     def _check_open(self) -> None:
         if self._state == "closed":
-            raise NotConnectedError(f"'{self._info.uri}' is not open")
+            raise NotConnectedError(f"'{self.uri}' is not open")
 
     def _commands_by_step(self, file: LogFile) -> dict[int, tuple[float, Command]]:
         """Each by the step it was given in, with the time of the first sample that answers it, or a later one."""
@@ -179,7 +191,7 @@ def from_uri(uri: BackendUri, robot: RobotConfig) -> ReplayBackend:
     return ReplayBackend(robot, read_log_file(Path(path)), uri.text)
 
 
-def _info(file: LogFile, uri: str) -> BackendInfo:
+def _info(file: LogFile) -> BackendInfo:
     run = file.metadata
     try:
         cycle, delay, identity = float(run["cycle"]), int(run["response_delay"]), run["identity"]
@@ -190,10 +202,8 @@ def _info(file: LogFile, uri: str) -> BackendInfo:
     if not (0.0 < cycle < math.inf and delay >= 0):
         raise LogError(f"{file.path}: a cycle of {cycle} s or a delay of {delay} ticks is none")
     return BackendInfo(
-        uri=uri,
         joint_names=file.joint_names,
         cycle=cycle,
-        real_time=False,
         response_delay=delay,
         capabilities=frozenset(),
         identity=identity,

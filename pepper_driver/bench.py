@@ -111,7 +111,7 @@ def _alone(plant: str, seconds: float) -> float:
         for tick in range(ticks):
             position = hold.copy()
             position[index] += 0.3 * (1 - np.cos(tick * backend.info.cycle * 3.0))
-            backend.step(Command(position=position, stiffness=stiffness, wheel_speed=wheels))
+            backend.exchange(Command(position=position, stiffness=stiffness, wheel_speed=wheels))
         return seconds / (perf_counter() - begin)
 
 

@@ -115,7 +115,7 @@ def plan_pushes(experiment: Experiment, robot: RobotConfig, backend: Backend) ->
         return PlannedPushes(
             in_step={},
             skipped=f"pushes are left out: only a simulated robot can be pushed by software, and"
-            f" '{backend.info.uri}' is none",
+            f" '{backend.uri}' is none",
         )
     model = RobotModel(robot)
     targets = [target for _, target in postures(experiment, robot)]

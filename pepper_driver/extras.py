@@ -136,7 +136,7 @@ class RobotExtras:
     def _check_inactive(self, what: str, instead: str) -> None:
         if self._is_active():
             raise BackendError(
-                f"'{self._backend.info.uri}' cannot {what} by its own program while the loop moves it: {instead}"
+                f"'{self._backend.uri}' cannot {what} by its own program while the loop moves it: {instead}"
             )
 
     @contextmanager

@@ -107,6 +107,7 @@ class Loop:
         # The last is the one of the next step.
         self._on_the_way = deque([sent], maxlen=max(LONGEST_WAY, backend.info.response_delay) + 1)
         self._step = self._answered_step = 0
+        backend.write(gate.sent)
 
     def move_to(self, target: FloatArray, duration: float | None = None) -> None:
         """Want a posture (17,) [rad] from the next tick on, reached within ``duration`` [s] along a spline.
@@ -144,7 +145,7 @@ class Loop:
             raise FaultError(self._gate.fault)
         self._missed += missed
         marks = [perf_counter_ns()]
-        measurement = self._backend.step(self._on_the_way[-1].command)
+        measurement = self._backend.read()
         self.time = measurement.time
         truth = None
         if self._truth is not None and self._log is not None:
@@ -257,6 +258,7 @@ class Loop:
             self._controller.accept(sent.position, self._robot.wheels.inverse @ sent.wheel_speed)
         elif gated.joints_changed:
             self._controller.accept(sent.position)
+        self._backend.write(gated.command)
         self._on_the_way.append(
             Sent(reference=reference, command=gated.command, changed=gated.changed)
         )
@@ -272,4 +274,4 @@ class Loop:
                 )
                 self._log.note(event)
             with suppress(Exception):  # of the backend: the fault is what is raised
-                self._backend.step(self._gate.hold())
+                self._backend.write(self._gate.hold())

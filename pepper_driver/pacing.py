@@ -6,6 +6,7 @@ import time
 from collections.abc import Callable
 from contextlib import AbstractContextManager, nullcontext
 
+from pepper_driver.backends import Backend
 from pepper_driver.realtime import realtime
 
 FOLLOW = 0.005
@@ -45,7 +46,9 @@ class RealTimePacer(Pacer):
 
     Args:
         cycle: Between two ticks [s].
-        off_beat: How much later than a time [ns] a tick would best begin [s]; see :meth:`Backend.off_beat`.
+        phase_error: How much later than a time [ns] a tick best begins [s]; see :meth:`Backend.phase_error`.
+        request: Asks for the sample of the coming tick.
+        request_lead: How long before the tick it is called [s]; 0 for never.
         clock: Monotonic [ns].
         sleep: Waits [s].
     """
@@ -54,12 +57,15 @@ class RealTimePacer(Pacer):
         self,
         cycle: float,
         *,
-        off_beat: Callable[[int], float] = lambda _: 0.0,
+        phase_error: Callable[[int], float] = lambda _: 0.0,
+        request: Callable[[], None] = lambda: None,
+        request_lead: Callable[[], float] = lambda: 0.0,
         clock: Callable[[], int] = time.perf_counter_ns,
         sleep: Callable[[float], None] = time.sleep,
     ) -> None:
         self._cycle = round(cycle * 1e9)
-        self._off_beat, self._clock, self._sleep = off_beat, clock, sleep
+        self._phase_error, self._clock, self._sleep = phase_error, clock, sleep
+        self._request, self._request_lead = request, request_lead
         self._next = clock()
         self._fresh = True
 
@@ -74,9 +80,15 @@ class RealTimePacer(Pacer):
         if self._fresh:
             self._fresh = False
             if self._next <= now:  # else the run before has kept the beat up to here
-                self._next = now + round(1e9 * self._off_beat(now)) % self._cycle
+                self._next = now + round(1e9 * self._phase_error(now)) % self._cycle
         missed = max(0, -((self._next - now) // self._cycle))  # rounded up: begun is too late
         due = self._next + missed * self._cycle
+        lead = round(1e9 * self._request_lead())
+        if lead and due > now:
+            if due - lead > now:
+                self._sleep((due - lead - now) * 1e-9)
+            self._request()
+            now = self._clock()
         if due > now:
             self._sleep((due - now) * 1e-9)
             overslept = max(0, (self._clock() - due) // self._cycle)
@@ -84,5 +96,15 @@ class RealTimePacer(Pacer):
             due += overslept * self._cycle
         self.due, self._next = due, due + self._cycle
         most = FOLLOW * self._cycle
-        self._next += round(max(-most, min(most, 1e9 * self._off_beat(self._next))))
+        self._next += round(max(-most, min(most, 1e9 * self._phase_error(self._next))))
         return missed
+
+
+def robot_pacer(backend: Backend, cycle: float) -> RealTimePacer:
+    """Return a pacer that follows the cycles of a robot and requests each sample in time."""
+    return RealTimePacer(
+        cycle,
+        phase_error=backend.phase_error,
+        request=backend.request,
+        request_lead=lambda: backend.request_lead,
+    )

@@ -35,7 +35,7 @@ from pepper_driver.loop import Labelling
 from pepper_driver.motion import Conductor, OnStep, Player
 from pepper_driver.motion_report import MotionReport
 from pepper_driver.observer import Observation, Observer
-from pepper_driver.pacing import Pacer, RealTimePacer
+from pepper_driver.pacing import Pacer, robot_pacer
 from pepper_driver.reflexes import Reflex, Reflexes
 from pepper_driver.safety import FaultReason, RobotState, SafetyGate
 from pepper_driver.selection import make_observer
@@ -101,9 +101,8 @@ class Pepper(Listening):
             observer = make_observer(observer, self.config, self.backend.info.identity, path)
         self._observer = observer
         self._log_path = None if log is None else Path(log)
-        self.paced = real_time or self.backend.info.real_time
-        off_beat = self.backend.off_beat
-        self._pacer = RealTimePacer(self.config.cycle, off_beat=off_beat) if self.paced else Pacer()
+        self.paced = real_time or self.backend.real_time
+        self._pacer = robot_pacer(self.backend, self.config.cycle) if self.paced else Pacer()
         self._about = dict(about or {})
         self._controller_settings = controller or load_controller_settings(self.config)
         self._safety_settings = safety or load_safety_settings()
@@ -133,7 +132,7 @@ class Pepper(Listening):
                 emergency stop came meanwhile.
         """
         if self._is_active():
-            raise BackendError(f"'{self.backend.info.uri}' is already active")
+            raise BackendError(f"'{self.backend.uri}' is already active")
         self._gate = SafetyGate(self.config, self._safety_settings, self._controller_settings)
         self._session = Session(
             self.backend,
@@ -170,7 +169,7 @@ class Pepper(Listening):
     def run_metadata(self) -> dict[str, str]:
         """What a log says of a run that begins now: robot, observer, reflexes, settings, versions, as text."""
         known = run_metadata(
-            self.backend.info,
+            self.backend,
             self._observer,
             self.config,
             self._controller_settings,
@@ -376,7 +375,7 @@ class Pepper(Listening):
     def _active(self) -> Session:
         if self._session is None or not self._session.active:
             raise BackendError(
-                f"'{self.backend.info.uri}' is not active; use it inside 'with Pepper(...) as pepper:'"
+                f"'{self.backend.uri}' is not active; use it inside 'with Pepper(...) as pepper:'"
             )
         return self._session
 

@@ -140,7 +140,7 @@ class Session:
         )
 
     def _open_log(self, path: Path, metadata: Mapping[str, str]) -> LogWriter:
-        lossless = not self._backend.info.real_time
+        lossless = not self._backend.real_time
         self._log = LogWriter(path, self._robot, metadata, lossless=lossless)
         self._after_backend.callback(self._log.close)
         return self._log

@@ -88,7 +88,7 @@ def run_soak(
                 tell(tick / ticks)
             share = (tick % period + 1) / period
             smooth = share**3 * (10 - 15 * share + 6 * share**2)
-            measurement = backend.step(
+            measurement = backend.exchange(
                 Command(
                     position=start + smooth * (goal - start),
                     stiffness=np.ones(len(goal)),

@@ -43,7 +43,7 @@ class TouchPlanner:
         if "push" not in backend.info.capabilities:
             raise ConfigError(
                 f"{scenario.source}: key 'contacts': only a simulated robot can be pushed by software, and "
-                f"'{backend.info.uri}' is none"
+                f"'{backend.uri}' is none"
             )
         self._scenario, self._robot, self._plant = scenario, robot, backend.plant
         self._model = RobotModel(robot)

@@ -10,6 +10,7 @@ import numpy as np
 
 from pepper_driver.backends.commands import checked_command
 from pepper_driver.backends.interface import (
+    DEAD_MAN_CYCLES,
     Backend,
     BackendError,
     BackendInfo,
@@ -41,7 +42,7 @@ from pepper_driver.config.parts import FloatArray
 RAMP_TIME = 1.0
 """[s] in which activation raises the stiffness from 0 to 1, and deactivation lowers it."""
 
-_OWN_STATE = ("_seed", "_state", "_sent", "wheel_stiffness")
+_OWN_STATE = ("_seed", "_state", "_written", "_repeats", "wheel_stiffness")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -96,19 +97,23 @@ class MujocoBackend(Serial, Backend):
         self._shown = window
         self._window: Window | None = None
         self._truth = MujocoTruth(self._simulation)
+        self._uri = uri
         self._info = BackendInfo(
-            uri=uri,
             joint_names=robot.joint_names,
             cycle=robot.cycle,
-            real_time=False,
             response_delay=plant.response_delay,
             capabilities=frozenset({"push", "grab", "truth"}),
             identity=plant_hash(plant, robot),
         )
 
     @property
+    def uri(self) -> str:
+        """The URI it was asked for."""
+        return self._uri
+
+    @property
     def info(self) -> BackendInfo:
-        """Valid before ``open``."""
+        """Facts about the simulated robot."""
         return self._info
 
     @property
@@ -130,7 +135,7 @@ class MujocoBackend(Serial, Backend):
     def open(self) -> Measurement:
         """Put the robot into its starting posture, motors off, brakes on."""
         if self._state != "closed":
-            raise BackendError(f"'{self._info.uri}' is already open")
+            raise BackendError(f"'{self.uri}' is already open")
         measurement = self._begin()
         if self._shown:
             self._window = Window(self._model.mj, self._data)
@@ -191,49 +196,55 @@ class MujocoBackend(Serial, Backend):
         """Simulation, sensors and noise as they start."""
         self._simulation.reset(self._start)
         self._commands.reset(self._start)
-        self._sent = self._start
+        self._write(self._start, np.zeros(len(self._start)), np.zeros(3))
         return self._readings.begin(self._seed)
+
+    def _write(self, position: FloatArray, stiffness: FloatArray, wheel_speed: FloatArray) -> None:
+        self._written = Command(position=position, stiffness=stiffness, wheel_speed=wheel_speed)
+        self._repeats = 0
 
     @serial
     def activate(self) -> Measurement:
         """Ramp the stiffness to 1 in a second of simulated time, holding the posture last measured."""
         self._check_open()
         if self._state == "active":
-            raise BackendError(f"'{self._info.uri}' is already active")
+            raise BackendError(f"'{self.uri}' is already active")
         hold = np.clip(self._readings.position, self._robot.lower, self._robot.upper)
         self._commands.reset(hold)
         self._state = "active"
         ticks = round(RAMP_TIME / self._robot.cycle)
         for tick in range(ticks):
-            stiffness = np.full(len(hold), (tick + 1) / ticks)
-            measurement = self.step(
-                Command(position=hold, stiffness=stiffness, wheel_speed=np.zeros(3))
-            )
+            self._write(hold, np.full(len(hold), (tick + 1) / ticks), np.zeros(3))
+            measurement = self.read()
         return measurement
 
     @serial
     def switch_on(self) -> None:
         """Be active without the ramp of :meth:`activate`: for a device manager, whose users raise the stiffness."""
         if self._state != "open":
-            raise BackendError(f"'{self._info.uri}' cannot be switched on: it is {self._state}")
+            raise BackendError(f"'{self.uri}' cannot be switched on: it is {self._state}")
         self._state = "active"
 
     @serial
-    def step(self, command: Command) -> Measurement:
-        """Simulate one cycle of 12 ms."""
+    def write(self, command: Command) -> None:
+        """Take the command for the cycle that the next ``read`` simulates."""
         self._check_open()
         position, stiffness, wheel_speed = checked_command(command, len(self._start))
         position = np.clip(position, self._robot.lower, self._robot.upper)  # as the DCM does
-        stiffness = np.clip(stiffness, 0.0, 1.0)
-        if self._state == "open":
-            stiffness, wheel_speed = np.zeros_like(stiffness), np.zeros(3)
-        self._sent = position
-        simulation = self._simulation
-        simulation.cycle(
-            self._commands.send(position),
-            stiffness,
-            wheel_speed,
-            self.wheel_stiffness if self._state == "active" else np.zeros(3),
+        self._write(position, np.clip(stiffness, 0.0, 1.0), wheel_speed.copy())
+
+    @serial
+    def read(self) -> Measurement:
+        """Simulate one cycle of 12 ms."""
+        self._check_open()
+        written, active = self._written, self._state == "active"
+        rolls = active and self._repeats < DEAD_MAN_CYCLES
+        self._repeats += 1
+        self._simulation.cycle(
+            self._commands.send(written.position),
+            written.stiffness if active else np.zeros(len(self._start)),
+            written.wheel_speed if rolls else np.zeros(3),
+            self.wheel_stiffness if active else np.zeros(3),
         )
         if self._model.diverged(self._data):
             self._close()
@@ -250,11 +261,11 @@ class MujocoBackend(Serial, Backend):
         """Wheels to zero, stiffness to 0 in a second of simulated time; the brakes then hold the legs."""
         if self._state != "active":
             return
-        hold = self._sent.copy()
+        hold = self._written.position
         ticks = round(RAMP_TIME / self._robot.cycle)
         for tick in range(ticks):
-            stiffness = np.full(len(hold), 1.0 - (tick + 1) / ticks)
-            self.step(Command(position=hold, stiffness=stiffness, wheel_speed=np.zeros(3)))
+            self._write(hold, np.full(len(hold), 1.0 - (tick + 1) / ticks), np.zeros(3))
+            self.read()
         self._state = "open"
 
     @serial
@@ -323,7 +334,7 @@ class MujocoBackend(Serial, Backend):
 
     def _check_open(self) -> None:
         if self._state == "closed":
-            raise NotConnectedError(f"'{self._info.uri}' is not open")
+            raise NotConnectedError(f"'{self.uri}' is not open")
 
 
 def from_uri(uri: BackendUri, robot: RobotConfig) -> MujocoBackend:

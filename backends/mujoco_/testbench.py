@@ -224,7 +224,7 @@ def _hold_part(
         goal[columns] = (lower + upper) / 2 + rng.uniform(-reach, reach)
         path = [here + share * (goal - here) for share in move] + [goal] * wait
         last = [
-            backend.step(Command(position=position, stiffness=ones, wheel_speed=still))
+            backend.exchange(Command(position=position, stiffness=ones, wheel_speed=still))
             for position in path
         ][-mean:]
         errors.append((goal - last[-1].position)[columns])
@@ -259,12 +259,12 @@ def real_time_factor(
     ticks = round(seconds / robot.cycle)
     backend.grab(GRABBED, np.array(PULL), hold=(repeats + 1) * seconds)
     for _ in range(ticks // 2):
-        backend.step(command)
+        backend.exchange(command)
     times = []
     for _ in range(repeats):
         begin = perf_counter()
         for _ in range(ticks):
-            backend.step(command)
+            backend.exchange(command)
         times.append(perf_counter() - begin)
     backend.close()
     return ticks * robot.cycle / float(np.median(times))

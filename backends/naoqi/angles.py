@@ -40,7 +40,7 @@ FRESH, LAST = 6, 40
 class AnglesBackend(NaoqiRobot):
     """Joints of a Pepper through ALMotion. Chosen by ``?mode=angles``, never by itself.
 
-    A loop calls ``step`` every 12 ms as ever; every second time a command goes out. When the connection is lost, the
+    A loop reads and writes every 12 ms; every second time a command goes out. When the connection is lost, the
     joints stay where they are.
 
     Args:
@@ -91,13 +91,13 @@ class AnglesBackend(NaoqiRobot):
         before = np.ones(len(self._robot.joint_names))
         before[link.places] = connection.call("ALMotion", "getStiffnesses", link.soft)
         for _ in self._beats(FRESH):  # taking over may have lasted, and moved the robot
-            measurement = link.tick(None, None)
+            measurement = link.exchange(None, None)
         hold = np.clip(measurement.position, self._robot.lower, self._robot.upper)
         link.start(before)
         ticks = round(self._settings.timing.ramp_up / self._robot.cycle)
         for tick in self._beats(ticks):
             self._connected()
-            measurement = link.tick(hold, np.maximum(before, (tick + 1) / ticks))
+            measurement = link.exchange(hold, np.maximum(before, (tick + 1) / ticks))
             if not measurement.age <= STALE:
                 raise BackendError(
                     f"'{self._address.uri}' stopped answering while its stiffness was raised: the newest sample is "
@@ -106,15 +106,16 @@ class AnglesBackend(NaoqiRobot):
         self._moving, self._told = True, False
         return hold, measurement
 
-    def _tick(
-        self, position: FloatArray, stiffness: FloatArray, wheel_speed: FloatArray
-    ) -> Measurement:
+    def _read(self) -> Measurement:
+        return self._open_link.read()
+
+    def _write(self, position: FloatArray, stiffness: FloatArray, wheel_speed: FloatArray) -> None:
         if not self._moving:
-            return self._open_link.tick(None, None)
+            return
         if wheel_speed.any() and not self._told:
             self._told = True
             logger.warning("'%s' keeps its base still in this mode", self._address.uri)
-        return self._open_link.tick(position, stiffness)
+        self._open_link.write(position, stiffness)
 
     def _let_go(self, posture: FloatArray) -> bool:
         """ALMotion knows where all joints are, so nothing has to go back; the legs keep their stiffness.
@@ -126,7 +127,7 @@ class AnglesBackend(NaoqiRobot):
         had = ones if told is None else np.fmin(told, ones)  # 1 where nobody knows
         ticks = round(self._settings.timing.ramp_down / self._robot.cycle)
         for tick in self._beats(ticks + LAST):
-            measurement = link.tick(None, had * max(0.0, 1.0 - (tick + 1) / ticks))
+            measurement = link.exchange(None, had * max(0.0, 1.0 - (tick + 1) / ticks))
             if self._lost or measurement.age > PATIENCE:
                 return False
             if tick >= ticks and link.idle:

@@ -1,4 +1,4 @@
-"""What a tick does where joints go through ALMotion: take what has come, ask, tell, and never wait."""
+"""Joints through ALMotion as the tick uses them: take what has come, ask, tell, and never wait."""
 
 from __future__ import annotations
 
@@ -83,22 +83,30 @@ class AnglesLink:
         """Whether the robot has taken the last stiffness it was told."""
         return self._stiffness_order.over
 
-    def tick(self, position: FloatArray | None, stiffness: FloatArray | None) -> Measurement:
-        """One tick: the newest sample. What is None is not told to the robot."""
+    def read(self) -> Measurement:
+        """Return the newest sample, and ask for the next one where that is due."""
         self._step += 1
         self._count()
         self._take()
         if self._step % self._settings.every == 0:
             self._ask()
-        elif self._step % self._settings.every == 1:
+        self.newest = self._measurement()
+        return self.newest
+
+    def write(self, position: FloatArray | None, stiffness: FloatArray | None) -> None:
+        """Tell the robot where that is due; what is None is not told."""
+        if self._step % self._settings.every == 1:
             if position is not None and not self._order.begin(
                 self._joints, position.tolist(), self._settings.speed
             ):
                 self._withheld += 1
             if stiffness is not None:
                 self._tell(stiffness[self.places])
-        self.newest = self._measurement()
-        return self.newest
+
+    def exchange(self, position: FloatArray | None, stiffness: FloatArray | None) -> Measurement:
+        """Write, then read: for the begin and the end of a run, which follow no sample."""
+        self.write(position, stiffness)
+        return self.read()
 
     def _count(self) -> None:
         """Ticks go on by one each, but neither run ahead of the time nor stay behind it."""

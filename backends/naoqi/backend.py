@@ -16,6 +16,7 @@ from pepper_driver.backends.naoqi.link import Link
 from pepper_driver.backends.naoqi.preflight import Preflight
 from pepper_driver.backends.naoqi.priority import prefer_messages
 from pepper_driver.backends.selection import BackendUri
+from pepper_driver.backends.serial import serial
 from pepper_driver.config import (
     ConfigError,
     NaoqiSettings,
@@ -75,10 +76,11 @@ class NaoqiBackend(NaoqiRobot):
         """No joint gets less stiffness than it has already."""
         return ramp_up(self._open_link, self._robot, self._settings, self._connected)
 
-    def _tick(
-        self, position: FloatArray, stiffness: FloatArray, wheel_speed: FloatArray
-    ) -> Measurement:
-        return self._open_link.tick(position, stiffness, wheel_speed)
+    def _read(self) -> Measurement:
+        return self._open_link.read()
+
+    def _write(self, position: FloatArray, stiffness: FloatArray, wheel_speed: FloatArray) -> None:
+        self._open_link.write(position, stiffness, wheel_speed)
 
     def _let_go(self, posture: FloatArray) -> bool:
         try:
@@ -86,10 +88,22 @@ class NaoqiBackend(NaoqiRobot):
         finally:
             self._open_link.end()
 
-    def off_beat(self, due: int) -> float:
-        """How much later than ``due`` [ns] a tick would best begin [s]: well after the robot's cycle."""
+    def phase_error(self, due: int) -> float:
+        """Return how much later than ``due`` [ns] a tick best begins [s]: well after the robot's cycle."""
         link = self._link  # another thread may close
-        return 0.0 if link is None else link.off_beat(due)
+        return 0.0 if link is None else link.phase_error(due)
+
+    @property
+    def request_lead(self) -> float:
+        """Round trip of a sample, 99th percentile of a burst at ``open`` [s]."""
+        link = self._link
+        return 0.0 if link is None else link.request_lead
+
+    @serial
+    def request(self) -> None:
+        """Ask for the sample of the tick that begins ``request_lead`` later."""
+        if self._link is not None and not self._lost:
+            self._link.request()
 
     def close(self) -> None:
         """Deactivate and disconnect."""

@@ -52,6 +52,7 @@ class NaoqiRobot(Serial, Handled):
     """
 
     NEED_DCM: ClassVar[bool]
+    real_time = True
 
     def __init__(
         self,
@@ -93,10 +94,12 @@ class NaoqiRobot(Serial, Handled):
         """Raise the stiffness while holding the posture, which comes back (17,) [rad] with what is measured then."""
 
     @abstractmethod
-    def _tick(
-        self, position: FloatArray, stiffness: FloatArray, wheel_speed: FloatArray
-    ) -> Measurement:
-        """Send and read, without waiting. Sends nothing but between ``_ramp_up`` and ``_let_go``."""
+    def _read(self) -> Measurement:
+        """Take the newest sample, without waiting."""
+
+    @abstractmethod
+    def _write(self, position: FloatArray, stiffness: FloatArray, wheel_speed: FloatArray) -> None:
+        """Send, without waiting; nothing but between ``_ramp_up`` and ``_let_go``."""
 
     @abstractmethod
     def _let_go(self, posture: FloatArray) -> bool:
@@ -107,6 +110,11 @@ class NaoqiRobot(Serial, Handled):
         """
 
     # -- life ---------------------------------------------------------------------------------------------------
+
+    @property
+    def uri(self) -> str:
+        """The URI it was asked for, without a password."""
+        return self._address.uri
 
     @property
     def info(self) -> BackendInfo:
@@ -160,18 +168,26 @@ class NaoqiRobot(Serial, Handled):
         return self._held
 
     @serial
-    def step(self, command: Command) -> Measurement:
-        """Send what may be sent and return the newest sample, at once.
+    def read(self) -> Measurement:
+        """Return the newest sample, at once.
 
         Raises:
             NotConnectedError: Not open, or the connection was lost.
         """
-        # No call where all is well: the library takes its time, even for whether it is connected.
-        if self._state == "closed" or self._lost:
-            self._connected()
+        self._check_connection()
+        return self._read()
+
+    @serial
+    def write(self, command: Command) -> None:
+        """Send what may be sent, at once.
+
+        Raises:
+            NotConnectedError: Not open, or the connection was lost.
+        """
+        self._check_connection()
         position, stiffness, wheel_speed = checked_command(command, len(self._robot.joint_names))
         stiffness = np.minimum(np.maximum(stiffness, 0.0), 1.0)
-        return self._tick(position.copy(), stiffness, wheel_speed)
+        self._write(position.copy(), stiffness, wheel_speed)
 
     @serial
     def deactivate(self) -> None:
@@ -233,10 +249,8 @@ class NaoqiRobot(Serial, Handled):
             capabilities |= {"push", "grab"}
         delay, identity = self._described(found)
         self._info = BackendInfo(
-            uri=self._address.uri,
             joint_names=self._robot.joint_names,
             cycle=self._robot.cycle,
-            real_time=True,
             response_delay=delay,
             capabilities=frozenset(capabilities),
             identity=identity,
@@ -255,6 +269,11 @@ class NaoqiRobot(Serial, Handled):
         if self._connection is not None:
             self._connection.close()
         self._connection = None
+
+    def _check_connection(self) -> None:
+        """Raise where the connection is known to be lost, without a call: the library takes its time for one."""
+        if self._state == "closed" or self._lost:
+            self._connected()
 
     def _connected(self) -> Connection:
         """The connection of an open robot."""

@@ -62,7 +62,7 @@ def ramp_up(
     for _ in range(3):  # taking the robot over may have lasted: what was measured before is old
         next(beats)
         check()
-        measurement = link.tick(None, _STILL, _STILL)
+        measurement = link.exchange(None, _STILL, _STILL)
     hold = np.clip(measurement.position, robot.lower, robot.upper)
     before = link.start()
     ticks, wheels_on = round(settings.timing.ramp_up / cycle), False
@@ -72,7 +72,7 @@ def ramp_up(
         if not wheels_on and tick > ticks // 10:  # by now the wheels have been told to stand
             # Before the tick's own commands: with them as many would be on their way as may be.
             wheels_on = link.switch_wheels([((ticks - tick) * cycle, 1.0)])
-        measurement = link.tick(hold, np.maximum(before, tick / ticks), _STILL)
+        measurement = link.exchange(hold, np.maximum(before, tick / ticks), _STILL)
         if not measurement.age <= STALE:
             raise BackendError(
                 f"the robot stopped answering while its stiffness was raised: the newest sample is "
@@ -108,7 +108,7 @@ def let_go(link: Link, robot: RobotConfig, settings: NaoqiSettings, posture: Flo
     def tick(position: FloatArray | None, wanted: FloatArray) -> Measurement | None:
         """None where the robot does not answer."""
         next(beats)
-        measurement = link.tick(position, wanted, _STILL)
+        measurement = link.exchange(position, wanted, _STILL)
         patient = min(link.silence, time.monotonic() - begin) <= PATIENCE
         return measurement if link.connected and patient else None
 
@@ -197,7 +197,7 @@ def _beats(link: Link, cycle: float) -> Iterator[None]:
     due = time.perf_counter_ns()
     while True:
         yield
-        due += round(1e9 * (cycle + np.clip(link.off_beat(due), -0.001, 0.001)))
+        due += round(1e9 * (cycle + np.clip(link.phase_error(due), -0.001, 0.001)))
         rest = due - time.perf_counter_ns()
         if rest > 0:
             time.sleep(rest * 1e-9)

@@ -1,4 +1,4 @@
-"""What a tick does with an open connection: take the sample that has come, ask for the next, give commands."""
+"""An open connection as the tick uses it: request a sample, take the one that has come, send commands."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from pepper_driver.backends.naoqi.connection import Connection
 from pepper_driver.backends.naoqi.cycles import Cycles, Dating
 from pepper_driver.backends.naoqi.keys import VALUES, Alias, SensorKeys, actuator_keys
 from pepper_driver.backends.naoqi.lead import measure
+from pepper_driver.backends.naoqi.library import Answer
 from pepper_driver.backends.naoqi.orders import Orders
 from pepper_driver.backends.naoqi.playout import Playout
 from pepper_driver.backends.naoqi.reader import Reader
@@ -22,8 +23,17 @@ from pepper_driver.config import RobotConfig
 from pepper_driver.config.naoqi import TimingSettings
 from pepper_driver.config.parts import FloatArray
 
-BEAT = 0.6
+TICK_PHASE = 0.6
 """[cycles] after a cycle of the robot at which ticks best begin: its values are there by then, and the next is far."""
+
+REQUEST_CALLS = 25
+"""Samples read in a burst, to see how long before a tick its sample must be requested."""
+
+MAX_REQUEST_LEAD = 0.45
+"""[cycles] Before that the robot's values of the cycle may not be there yet."""
+
+REQUEST_MARGIN = 0.0005
+"""[s] Added to the measured round trip."""
 
 
 class Link:
@@ -39,6 +49,7 @@ class Link:
     Attributes:
         trips: Round trips of calls.
         lead: From sending a command to its date [s].
+        request_lead: From requesting a sample to the tick that takes it [s].
         newest: What was measured last.
 
     Raises:
@@ -70,19 +81,21 @@ class Link:
         self._clock = DcmClock(min(replies, key=lambda reply: reply.round_trip))
         dcm, memory = connection.service("DCM"), connection.service("ALMemory")
         keys = SensorKeys(robot)
-        first = keys.values(connection.call("ALMemory", "getListData", keys.names))
+        self.request_lead, values = self._measure_request(keys)
+        first = keys.values(values)
         if isinstance(first, str):
             raise BackendError(
                 f"'{connection.address.uri}': the robot sends no good sample: {first}"
             )
-        self._stepped = self._watched = now()
-        date = self._clock.date(first.shown, self._stepped)
+        self._read_at = self._watched = now()
+        date = self._clock.date(first.shown, self._read_at)
         self._cycles = Cycles(1e3 * robot.cycle, date)
         self._playout = Playout(1e3 * robot.cycle, first)
         self._reader = Reader(memory, dcm, keys, self._clock, first=first, date=date, now=now)
         self._writer = Writer(dcm, timing.largest_step, now)
         self._orders: Orders | None = None
-        self._step = 0
+        self._written = 0
+        self._requested = False
         self.newest = self._measurement(0.0)
         self._reader.ask()
 
@@ -97,23 +110,24 @@ class Link:
         """Give no commands any more."""
         self._orders = None
 
-    def tick(
-        self, position: FloatArray | None, stiffness: FloatArray, wheel_speed: FloatArray
-    ) -> Measurement:
-        """One tick, which never waits: the newest sample. Commands go out after ``start``; see :meth:`Orders.give`."""
+    def request(self) -> None:
+        """Ask for the sample of the next ``read``, unless a question is on its way; never waits."""
+        self._take()
+        self._reader.ask()
+        self._requested = True
+
+    def read(self) -> Measurement:
+        """Return the newest sample of the tick's cycle; never waits."""
         now = self._now()
-        elapsed, self._stepped = (now - self._stepped) * 1e-6, now
+        elapsed, self._read_at = (now - self._read_at) * 1e-6, now
         if elapsed > PAUSE * 1e3 * self._cycle:
             self._watched = now
-        self._step += 1
-        if self._reader.take():
-            self._playout.add(self._cycles.see(self._reader.date), self._reader.newest)
-        self._reader.ask()
+        self._take()
+        if not self._requested:  # the sample of the next tick is then the one that comes meanwhile
+            self._reader.ask()
+        self._requested = False
         self._writer.collect()
-        date = self._clock.now(now)
-        if self._orders is not None:
-            self._orders.give(self._step, date, position, stiffness, wheel_speed)
-        since = date - self._reader.date
+        since = self._clock.now(now) - self._reader.date
         self._playout.step(elapsed, since)
         self.newest = self._measurement(
             sample_age(
@@ -126,11 +140,27 @@ class Link:
         )
         return self.newest
 
-    def off_beat(self, due: int) -> float:
-        """How much later than ``due`` [ns] a tick would best begin [s]; see :meth:`Backend.off_beat`."""
+    def write(
+        self, position: FloatArray | None, stiffness: FloatArray, wheel_speed: FloatArray
+    ) -> None:
+        """Send a command, after ``start`` and before ``end``; see :meth:`Orders.give`. Never waits."""
+        if self._orders is not None:
+            self._written += 1
+            date = self._clock.now(self._now())
+            self._orders.give(self._written, date, position, stiffness, wheel_speed)
+
+    def exchange(
+        self, position: FloatArray | None, stiffness: FloatArray, wheel_speed: FloatArray
+    ) -> Measurement:
+        """Write, then read: for the begin and the end of a run, which follow no sample."""
+        self.write(position, stiffness, wheel_speed)
+        return self.read()
+
+    def phase_error(self, due: int) -> float:
+        """Return how much later than ``due`` [ns] a tick best begins [s]; see :meth:`Backend.phase_error`."""
         after = 1e-3 * self._cycles.since(self._clock.now(due))
         half = self._cycle / 2
-        return (BEAT * self._cycle - after + half) % self._cycle - half
+        return (TICK_PHASE * self._cycle - after + half) % self._cycle - half
 
     def switch_wheels(self, points: list[tuple[float, float]]) -> bool:
         """Let the wheels' stiffness go through (time from now [s], stiffness); returns whether that was sent."""
@@ -180,6 +210,20 @@ class Link:
         self._writer.collect()
         return self._writer.idle
 
+    def _take(self) -> None:
+        if self._reader.take():
+            self._playout.add(self._cycles.see(self._reader.date), self._reader.newest)
+
+    def _measure_request(self, keys: SensorKeys) -> tuple[float, Answer]:
+        """Return how long before a tick its sample is requested [s], and the last of the samples read to see that."""
+        trips = []
+        for _ in range(REQUEST_CALLS):
+            asked = self._now()
+            answer = self._connection.call("ALMemory", "getListData", keys.names)
+            trips.append((self._now() - asked) * 1e-9)
+        lead = float(np.percentile(trips, 99)) + REQUEST_MARGIN
+        return min(lead, MAX_REQUEST_LEAD * self._cycle), answer
+
     def _make_aliases(self) -> None:
         """Let the DCM know the groups of actuators. It answers with their names, empty where it knows none."""
         uri = self._connection.address.uri
@@ -200,7 +244,7 @@ class Link:
             time=cycle * self._cycle,
             tick=cycle,
             age=age,
-            answers=None if orders is None else orders.answers(self._step, cycle),
+            answers=None if orders is None else orders.answers(self._written, cycle),
             withheld=0 if orders is None else orders.withheld,
             missing=self._reader.missing,
             **{name: getattr(values, name) for name in VALUES},

@@ -62,7 +62,7 @@ class Orders:
         """Send what is due.
 
         Args:
-            step: Number of the tick.
+            step: Number of the command.
             now: The DCM's date [ms].
             position: (17,) [rad]; None leaves the joints where the DCM holds them.
             stiffness: (17,) 0..1.

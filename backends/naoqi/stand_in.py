@@ -97,9 +97,7 @@ class Handled(Backend):
     def _handle(self, method: Literal["push", "grab"], link: str, **arguments: object) -> None:
         connection = self._connected()
         if method not in self.info.capabilities:
-            raise CapabilityError(
-                f"'{self.info.uri}' cannot {method} itself: only simulated robots can"
-            )
+            raise CapabilityError(f"'{self.uri}' cannot {method} itself: only simulated robots can")
         handle(connection, self._robot, method, link, **arguments)
 
 

@@ -90,7 +90,8 @@ class Body:
         self.values[: self._actuators] = actuators
         self.sent = self._command()
         self.backend.wheel_stiffness = np.clip(self.values[self._wheel_stiffness], 0.0, 1.0)
-        self.measurement = self.backend.step(self.sent)
+        self.backend.write(self.sent)
+        self.measurement = self.backend.read()
         self._take(self.measurement)
         self.values[self._date] = date
 
@@ -122,7 +123,7 @@ class Body:
         info = self.backend.info
         return {
             "identity": info.identity,
-            "uri": info.uri,
+            "uri": self.backend.uri,
             "plant": self.backend.plant.config.name,
             "response_delay": info.response_delay,
             "cycle_ms": round(1000 * info.cycle),

@@ -83,7 +83,7 @@ def examine(
     controller = load_controller_settings(robot)
     backend = make_backend(uri, robot)
     results = list(_robot(backend, robot, settings, safety, on_progress))
-    results += [check_settings(safety, controller), check_computer(backend.info)]
+    results += [check_settings(safety, controller), check_computer(backend)]
     found, result = _models(backend.info.identity, models, robot)
     return Examination(info=backend.info, results=(*results, result), models=found)
 

@@ -9,10 +9,10 @@ from operator import attrgetter
 
 import numpy as np
 
-from pepper_driver.backends import Backend, Command, DeviceError, Measurement
+from pepper_driver.backends import Backend, DeviceError, Measurement
 from pepper_driver.config import RobotConfig
 from pepper_driver.config.parts import FloatArray
-from pepper_driver.pacing import Pacer, RealTimePacer
+from pepper_driver.pacing import Pacer, robot_pacer
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -47,7 +47,7 @@ def look(
     seconds: float,
     on_progress: Callable[[float], None] | None = None,
 ) -> Look:
-    """Open a robot and watch it; it is closed again, and was never active: what it is sent has no stiffness.
+    """Open a robot and watch it; it is closed again, and was never active: nothing is sent to it.
 
     Args:
         backend: Closed.
@@ -59,23 +59,20 @@ def look(
         PepperError: The robot refuses, or is lost.
     """
     pacer = Pacer()
-    if backend.info.real_time:
-        pacer = RealTimePacer(robot.cycle, off_beat=backend.off_beat)
+    if backend.real_time:
+        pacer = robot_pacer(backend, robot.cycle)
     tell = on_progress or (lambda share: None)
     ticks = round(seconds / robot.cycle)
     missed = 0
     try:
         samples = [backend.open()]
         diagnosis = backend.diagnosis()  # before the clock runs: it may take long
-        # Nothing that it could go to, should it not be limp after all.
-        here = np.clip(np.nan_to_num(samples[0].position), robot.lower, robot.upper)
-        limp = Command(position=here, stiffness=np.zeros(len(here)), wheel_speed=np.zeros(3))
         with pacer.running():
-            samples.append(backend.step(limp))
+            samples.append(backend.read())
             began = time.perf_counter()
             for tick in range(ticks):
                 missed += pacer.wait()
-                samples.append(backend.step(limp))
+                samples.append(backend.read())
                 tell((tick + 1) / ticks)
             wall = time.perf_counter() - began
     finally:
@@ -83,6 +80,6 @@ def look(
     return Look(
         samples=tuple(samples[1:]),  # the first may be from long before
         missed=missed,
-        wall=wall if backend.info.real_time else None,
+        wall=wall if backend.real_time else None,
         diagnosis=diagnosis,
     )

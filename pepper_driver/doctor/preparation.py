@@ -8,7 +8,7 @@ from importlib.metadata import PackageNotFoundError, version
 
 import numpy as np
 
-from pepper_driver.backends import BackendInfo
+from pepper_driver.backends import Backend
 from pepper_driver.config import ControllerSettings, RobotConfig, SafetySettings
 from pepper_driver.doctor.body import named
 from pepper_driver.doctor.result import Result, rated
@@ -38,10 +38,10 @@ def check_settings(safety: SafetySettings, controller: ControllerSettings) -> Re
     )
 
 
-def check_computer(info: BackendInfo) -> Result:
+def check_computer(backend: Backend) -> Result:
     """Whether ticks can come in time here."""
     found = f"Python {platform.python_version()}, {os.cpu_count()} processors"
-    if not info.real_time:
+    if not backend.real_time:
         return rated("computer", f"{found}; simulated time needs no priority")
     obstacle = priority_obstacle()
     if obstacle:

@@ -55,7 +55,7 @@ def untouched_error(recording: Recording, uri: str, robot: RobotConfig) -> Float
         ramp = np.linspace(0.0, 1.0, round(APPROACH / robot.cycle))
         way = ramp**3 * (10.0 - 15.0 * ramp + 6.0 * ramp**2)
         for share in (*way, *[1.0] * round(REST / robot.cycle)):
-            backend.step(
+            backend.exchange(
                 Command(
                     position=start + share * (first - start),
                     stiffness=recording.stiffness[0],
@@ -68,7 +68,7 @@ def untouched_error(recording: Recording, uri: str, robot: RobotConfig) -> Float
                 stiffness=recording.stiffness[row],
                 wheel_speed=recording.sent_wheel_speed[row],
             )
-            backend.step(command)
+            backend.exchange(command)
             positions.append(backend.truth.position.copy())
     error: FloatArray = recording.sent_position - np.array(positions[delay:])
     return error

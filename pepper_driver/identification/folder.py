@@ -14,7 +14,7 @@ from typing import Annotated, Literal
 from pydantic import Field
 from pydantic.dataclasses import dataclass
 
-from pepper_driver.backends import BackendInfo
+from pepper_driver.backends import Backend
 from pepper_driver.config import ConfigError, PepperError, RobotConfig, Scenario
 from pepper_driver.config.loading import STRICT, parse
 from pepper_driver.identification.recordings import IdentificationRecordings, JointRecordings
@@ -98,7 +98,7 @@ class Manifest:
 
 def make_manifest(
     robot: RobotConfig,
-    info: BackendInfo,
+    backend: Backend,
     runs: Sequence[Run],
     scenario: Scenario,
     calibration: Scenario | None,
@@ -111,9 +111,9 @@ def make_manifest(
         format=FORMAT,
         robot=robot.name,
         joint_names=robot.joint_names,
-        backend=info.uri,
-        identity=info.identity,
-        simulated=not info.real_time,
+        backend=backend.uri,
+        identity=backend.info.identity,
+        simulated=not backend.real_time,
         scenario=scenario.name,
         scenario_hash=scenario_hash(scenario),
         calibration=None if calibration is None else calibration.name,

@@ -137,14 +137,14 @@ def record_joints(
     runs = plan_runs(robot, joints, scenario, tested=tested, calibration=calibration, seed=seed)
     uri = scenario_uri(uri, scenario)
     _check_plant(scenario, calibration)
-    info = make_backend(uri, robot).info
-    open_folder(folder, make_manifest(robot, info, runs, scenario, calibration, seed))
+    backend = make_backend(uri, robot)
+    open_folder(folder, make_manifest(robot, backend, runs, scenario, calibration, seed))
     record_missing(
         uri,
         runs,
         folder,
         robot,
-        real_time=info.real_time,
+        real_time=backend.real_time,
         workers=workers,
         confirm=confirm,
         progress=progress,

@@ -28,13 +28,16 @@ class IdealRobot(Backend):
         self._tick = 0
 
     @property
+    def uri(self) -> str:
+        """Of no robot."""
+        return "ideal"
+
+    @property
     def info(self) -> BackendInfo:
         """Of no real robot."""
         return BackendInfo(
-            uri="ideal",
             joint_names=self._robot.joint_names,
             cycle=self._robot.cycle,
-            real_time=False,
             response_delay=0,
             capabilities=frozenset(),
             identity="ideal",
@@ -48,11 +51,14 @@ class IdealRobot(Backend):
         """Standing."""
         return self._measure()
 
-    def step(self, command: Command) -> Measurement:
-        """What was commanded."""
-        self._position, self._wheel_speed = command.position, command.wheel_speed
+    def read(self) -> Measurement:
+        """Measure the last command."""
         self._tick += 1
         return self._measure()
+
+    def write(self, command: Command) -> None:
+        """Be there at once."""
+        self._position, self._wheel_speed = command.position, command.wheel_speed
 
     def deactivate(self) -> None:
         """Nothing to do."""

@@ -14,7 +14,7 @@ from importlib.metadata import PackageNotFoundError, version
 
 import numpy as np
 
-from pepper_driver.backends import BackendInfo
+from pepper_driver.backends import Backend
 from pepper_driver.backends.selection import parse_uri
 from pepper_driver.config import ControllerSettings, RobotConfig, SafetySettings
 from pepper_driver.observer import Observer
@@ -27,7 +27,7 @@ _SECRET = re.compile(r"(?i)([?&][^=&]*(?:pass|pwd|secret|token|auth|key)[^=&]*=)
 
 
 def run_metadata(
-    info: BackendInfo,
+    backend: Backend,
     observer: Observer | None,
     robot: RobotConfig,
     controller: ControllerSettings,
@@ -39,7 +39,7 @@ def run_metadata(
     """Who runs what on which robot, with which settings and versions, as text; no name of a person or a machine.
 
     Args:
-        info: Of the backend.
+        backend: Of the robot.
         observer: Or None.
         robot: Its description.
         controller: Settings in force.
@@ -47,10 +47,11 @@ def run_metadata(
         observer_name: By which it was asked for; None for an object.
         reflexes: As declared, see :func:`pepper_driver.reflexes.declared.declare`.
     """
+    info = backend.info
     settings = {"controller": _text(asdict(controller)), "safety": _text(asdict(safety))}
     metadata = {
         "start": datetime.now(UTC).isoformat(timespec="seconds"),
-        "backend": without_secrets(info.uri),
+        "backend": without_secrets(backend.uri),
         "robot": robot.name,
         "identity": info.identity,
         "cycle": str(info.cycle),
@@ -58,7 +59,7 @@ def run_metadata(
         "observer": observer.describe() if observer is not None else "none",
         "reflexes": _text(reflexes),
     }
-    if (seed := parse_uri(info.uri).query.get("seed")) is not None:
+    if (seed := parse_uri(backend.uri).query.get("seed")) is not None:
         metadata["seed"] = seed
     if observer_name is not None:
         metadata["observer_name"] = observer_name

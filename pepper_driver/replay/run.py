@@ -185,10 +185,9 @@ class _Taken:
 
 def _metadata(run: RecordedRun, observer: Observer | None, reflexes: Reflexes) -> dict[str, str]:
     """Of the log of a replay: the robot is that of then."""
-    info = run.backend.info
     then = run.log.metadata
     now = run_metadata(
-        info,
+        run.backend,
         observer,
         run.robot,
         run.controller_settings,
