@@ -223,6 +223,8 @@ class MujocoBackend(Serial, Backend):
         """Be active without the ramp of :meth:`activate`: for a device manager, whose users raise the stiffness."""
         if self._state != "open":
             raise BackendError(f"'{self.uri}' cannot be switched on: it is {self._state}")
+        # A command from before moves nothing.
+        self._write(self._written.position, np.zeros(len(self._start)), np.zeros(3))
         self._state = "active"
 
     @serial
