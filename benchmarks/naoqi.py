@@ -41,7 +41,7 @@ from pepper_driver.controller import Tick
 from pepper_driver.observer import Observation
 from pepper_driver.output import check_writable, write_json
 from pepper_driver.pacing import RealTimePacer
-from pepper_driver.timing import Spread
+from pepper_driver.realtime import Spread
 
 FloatArray = NDArray[np.float64]
 

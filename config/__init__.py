@@ -29,7 +29,7 @@ from pepper_driver.config.recordings import (
     load_calibration,
     load_recordings,
 )
-from pepper_driver.config.robot import RobotConfig, load_robot
+from pepper_driver.config.robot import JointArray, RobotConfig, load_robot
 from pepper_driver.config.scenario import (
     Scenario,
     load_scenario,
@@ -60,6 +60,7 @@ __all__ = [
     "DoctorSettings",
     "Experiment",
     "HoldStatistics",
+    "JointArray",
     "MissingExtraError",
     "Motion",
     "MotionStep",

@@ -6,6 +6,7 @@ import xml.etree.ElementTree as ElementTree
 from dataclasses import dataclass as plain_dataclass
 from functools import cached_property, lru_cache
 from pathlib import Path
+from typing import Any, Self
 
 import numpy as np
 from pydantic.dataclasses import dataclass
@@ -27,6 +28,33 @@ from pepper_driver.config.parts import (
 
 POSTURE_TOLERANCE = 2 * np.pi / 4096
 """[rad] Recorded postures touch the limits to one count of the encoder."""
+
+
+class JointArray(np.ndarray[tuple[int], np.dtype[np.float64]]):
+    """(17,) values of the joints, an array that also takes their names: ``position["HeadYaw"]``.
+
+    Args:
+        values: (17,) in the order of the robot's joints; copied.
+        robot: Names the joints.
+    """
+
+    _robot: RobotConfig | None = None
+
+    def __new__(cls, values: FloatArray, robot: RobotConfig) -> Self:
+        """Copy the values."""
+        array = np.array(values, dtype=np.float64).view(cls)
+        array._robot = robot
+        return array
+
+    def __getitem__(self, key: Any) -> Any:  # noqa: ANN401 as of NumPy's
+        """Return what the key selects; of a name the joint's value, a float.
+
+        Raises:
+            UnknownNameError: No such joint.
+        """
+        if isinstance(key, str) and self._robot is not None:
+            return float(self.view(np.ndarray)[self._robot.joint_index(key)])
+        return self.view(np.ndarray)[key]
 
 
 @plain_dataclass(frozen=True, kw_only=True)

@@ -73,6 +73,7 @@ class WholeBodyController:
         settings: ControllerSettings | None = None,
         *,
         dt: float | None = None,
+        changes: object = None,
     ) -> None:
         settings = settings or load_controller_settings(robot)
         self._robot = robot

@@ -10,9 +10,9 @@ import numpy as np
 
 from pepper_driver.config.parts import FloatArray
 from pepper_driver.controller import ComTask, PositionTask
+from pepper_driver.realtime import Statistics
 from pepper_driver.reflexes import Hold
 from pepper_driver.robot import Pepper
-from pepper_driver.timing import Statistics
 
 TARGET_TIME = 2.4
 """[s] from one pair of targets of the hands to the next."""

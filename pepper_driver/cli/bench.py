@@ -19,9 +19,9 @@ from pepper_driver.cli.console import (
     make_progress,
     save_json,
 )
+from pepper_driver.realtime import Statistics
 from pepper_driver.soak import run_soak
 from pepper_driver.tick_bench import run_tick_bench
-from pepper_driver.timing import Statistics
 
 
 def bench(

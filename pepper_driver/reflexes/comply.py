@@ -12,9 +12,9 @@ from pepper_driver.config.parts import FloatArray
 from pepper_driver.controller.tasks import ComplianceTask
 from pepper_driver.controller.tasks.gains import MOST_DAMPING
 from pepper_driver.observer import Contact, JointState, Observation
-from pepper_driver.reflexes.control import Control
 from pepper_driver.reflexes.limbs import limb_of
 from pepper_driver.reflexes.reflex import Part, Reflex
+from pepper_driver.reflexes.requests import ReflexRequests
 
 INERTIA = 0.1
 """[kg m2] That a joint seems to have."""
@@ -65,7 +65,7 @@ class Comply(Reflex):
         """The limb."""
         return frozenset({"joints"})
 
-    def begin(self, contact: Contact, control: Control) -> None:
+    def begin(self, contact: Contact, requests: ReflexRequests) -> None:
         """Lead the limb from here on, besides those that are led already."""
         joints = self.joints | limb_of(contact, self.robot)
         if np.array_equal(joints, self.joints):
@@ -85,9 +85,11 @@ class Comply(Reflex):
             name=f"reflex: {self.name}",
         )
 
-    def act(self, observation: Observation, measurement: Measurement, control: Control) -> None:
+    def act(
+        self, observation: Observation, measurement: Measurement, requests: ReflexRequests
+    ) -> None:
         """Follow the torque."""
-        self.granted = bool(self.joints.any()) and control.claim(self.joints)
+        self.granted = bool(self.joints.any()) and requests.claim(self.joints)
         if not self.granted:
             return
         # What is felt after the hand has gone is friction that holds the joints off their place.
@@ -96,7 +98,7 @@ class Comply(Reflex):
             self._task.torque, self._task.damping = self.felt(observation), self._damping
         else:
             self._task.torque, self._task.damping = np.zeros(self._task.rows), BRAKING
-        control.do(self._task)
+        requests.add_task(self._task)
 
     def felt(self, observation: Observation) -> FloatArray:
         """(joints,) external torque beyond what may be noise [N m]; 0 where nothing is known."""

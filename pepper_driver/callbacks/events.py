@@ -1,10 +1,15 @@
-"""What callbacks are told of, besides contacts. All of it happened inside one tick."""
+"""Events besides contacts, the edges of sensors, and the contacts that last. All of it happened inside one tick."""
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, get_args
 
+import numpy as np
+
+from pepper_driver.backends import Measurement
+from pepper_driver.config import RobotConfig
 from pepper_driver.controller import Tick
 from pepper_driver.observer import Contact, Observation
 from pepper_driver.safety import Fault
@@ -134,3 +139,60 @@ class PushEvent:
 Event = (
     Contact | TickEvent | SensorEvent | FaultEvent | ReflexEvent | StepEvent | CueEvent | PushEvent
 )
+
+
+class SensorEdges:
+    """Finds when touch sensors, bumpers and buttons are pressed and released.
+
+    Args:
+        robot: Names the sensors.
+        first: What is pressed in it already is no event; its release is one.
+    """
+
+    def __init__(self, robot: RobotConfig, first: Measurement) -> None:
+        names = (robot.sensors.touch, robot.sensors.bumpers, robot.sensors.buttons)
+        kinds = get_args(SensorKind)
+        self._sensors = [(kind, n) for kind, of in zip(kinds, names, strict=True) for n in of]
+        self._pressed, self._values = _pressed(first), b""
+
+    def step(self, measurement: Measurement) -> list[SensorEvent]:
+        """Return the edges of one tick: touch sensors, bumpers, buttons, each in the order of ``sensors.yaml``."""
+        arrays = (measurement.touch, measurement.bumpers, measurement.buttons)
+        values = b"".join([array.tobytes() for array in arrays])  # the quickest to compare
+        if values == self._values:
+            return []
+        before, self._pressed, self._values = self._pressed, _pressed(measurement), values
+        return [
+            SensorEvent(kind=kind, name=name, pressed=pressed, time=measurement.time)
+            for (kind, name), pressed, was in zip(self._sensors, self._pressed, before, strict=True)
+            if pressed != was
+        ]
+
+
+def _pressed(measurement: Measurement) -> list[bool]:
+    """Return which sensors are pressed; a value that is not a number presses nothing."""
+    values = (measurement.touch, measurement.bumpers, measurement.buttons)
+    pressed: list[bool] = (np.concatenate(values) > 0.5).tolist()
+    return pressed
+
+
+class Touches:
+    """Contacts that last: those that have begun and not ended. A rebound is none.
+
+    Attributes:
+        now: The newest event of each, in the order in which they began. Replaced, never changed: any thread may read it.
+    """
+
+    def __init__(self) -> None:
+        self.now: tuple[Contact, ...] = ()
+
+    def step(self, contacts: Iterable[Contact]) -> None:
+        """Take in the contact events of one tick."""
+        if contacts:
+            lasting = {contact.id: contact for contact in self.now}
+            for contact in contacts:
+                if contact.phase == "end" or contact.kind == "rebound":
+                    lasting.pop(contact.id, None)
+                else:
+                    lasting[contact.id] = contact
+            self.now = tuple(lasting.values())
