@@ -50,8 +50,12 @@ from pepper_driver.config import (
 from pepper_driver.controller import Tick
 from pepper_driver.observer import Observation
 from pepper_driver.output import check_writable, write_json
-from pepper_driver.pacing import RealTimePacer
-from pepper_driver.realtime import Spread
+from pepper_driver.realtime import (
+    Quantiles,
+    RealTimePacer,
+    realtime_process,
+    realtime_thread,
+)
 
 FloatArray = NDArray[np.float64]
 
@@ -103,8 +107,8 @@ def bare(uri: str, stand_in: StandIn, robot: RobotConfig, seconds: float) -> dic
         backend.open()
         measurement = backend.activate()
         hold = np.clip(measurement.position, robot.lower, robot.upper)
-        pacer = RealTimePacer(robot.cycle, off_beat=backend.off_beat)
-        with pacer.running():
+        pacer = RealTimePacer.from_backend(backend, robot.cycle)
+        with realtime_process(), realtime_thread():
             pacer.wait()
             warm = round(WARM_UP / robot.cycle)
             for tick in range(warm + round(seconds / robot.cycle)):
@@ -113,9 +117,10 @@ def bare(uri: str, stand_in: StandIn, robot: RobotConfig, seconds: float) -> dic
                     withheld = measurement.withheld
                 missed += pacer.wait()
                 began = time.perf_counter_ns()
+                measurement = backend.read()
                 posture = np.clip(swing(tick * robot.cycle, hold), robot.lower, robot.upper)
                 command = Command(position=posture, stiffness=np.ones(17), wheel_speed=np.zeros(3))
-                measurement = backend.step(command)
+                backend.write(command)
                 now = time.perf_counter_ns()
                 assert pacer.due is not None
                 ends.append((now - pacer.due) * 1e-6)
@@ -125,9 +130,9 @@ def bare(uri: str, stand_in: StandIn, robot: RobotConfig, seconds: float) -> dic
     return {
         "ticks": len(ends) - warm,
         "missed": missed,
-        "tick_end_ms": asdict(Spread.of(np.array(ends[warm:]))),
-        "step_ms": asdict(Spread.of(np.array(steps[warm:]))),
-        "sample_age_ms": asdict(Spread.of(np.array(ages[warm:]))),
+        "tick_end_ms": asdict(Quantiles.from_values(np.array(ends[warm:]))),
+        "step_ms": asdict(Quantiles.from_values(np.array(steps[warm:]))),
+        "sample_age_ms": asdict(Quantiles.from_values(np.array(ages[warm:]))),
         "withheld": measurement.withheld - withheld,
         "processors": shares,
     }
@@ -333,7 +338,7 @@ def median_and_p99(values: Sequence[float]) -> dict[str, float] | None:
     """Return both; None where there are no values."""
     if not values:
         return None
-    spread = Spread.of(np.array(values, dtype=np.float64))
+    spread = Quantiles.from_values(np.array(values, dtype=np.float64))
     return {"median": spread.median, "p99": spread.p99}
 
 
@@ -374,7 +379,7 @@ def compared(one: Recorder, other: Recorder) -> dict[str, Any]:
 
 
 def spread(figures: dict[str, float], digits: int = 2) -> str:
-    return " / ".join(f"{figures[key]:.{digits}f}" for key in ("median", "p99", "largest"))
+    return " / ".join(f"{figures[key]:.{digits}f}" for key in ("median", "p99", "max"))
 
 
 def pair(figures: dict[str, float] | None, digits: int = 2) -> str:
@@ -391,7 +396,7 @@ def shown(figures: dict[str, Any], robot: RobotConfig) -> list[Table]:
         "ticks": lambda f: str(f["ticks"]),
         "missed": lambda f: str(f["missed"]),
         "tick ends after, median / p99 / largest [ms]": lambda f: spread(f["tick_end_ms"]),
-        "backend's step [ms]": lambda f: spread(f["step_ms"]),
+        "backend's read, bare: with write [ms]": lambda f: spread(f["step_ms"]),
         "age of samples [ms]": lambda f: spread(f["sample_age_ms"], 0),
         "commands withheld": lambda f: str(f["withheld"]),
         "processor of client / NAOqi / robot": lambda f: " / ".join(
@@ -469,7 +474,7 @@ def main() -> int:
             uri = f"naoqi://127.0.0.1:{stand_in.port}"
             sleeper = Pepper(uri, observer=None)
             sleeper.extras.wake_up()
-            sleeper.close()
+            sleeper.stop()
             # First, while its motors are as cold as those of the robot it is compared with.
             figures["whole"], over_naoqi = whole(uri, stand_in, robot, given.seconds)
             figures["bare"] = bare(uri, stand_in, robot, given.seconds)
