@@ -11,7 +11,6 @@ import sys
 from dataclasses import dataclass, replace
 from pathlib import Path
 from types import SimpleNamespace
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -522,77 +521,6 @@ def test_inputs_of_the_observer_are_rebuilt_with_other_classes(
     ],
 )
 def test_wrong_options_of_the_comparison_are_one_line(
-CODE_LINES = Path(__file__).parents[1] / "benchmarks" / "code_lines.py"
-
-
-def code_lines(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], *arguments: str
-) -> tuple[object, str, str]:
-    """Exit status, standard output and error of the script, in this process."""
-    monkeypatch.setattr(sys, "argv", [str(CODE_LINES), *arguments])
-    with pytest.raises(SystemExit) as ended:
-        runpy.run_path(str(CODE_LINES), run_name="__main__")
-    return ended.value.code, *capsys.readouterr()
-
-
-def test_lines_without_code_are_not_counted(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
-) -> None:
-    file = tmp_path / "some.py"
-    file.write_text('''"""Module
-docstring."""
-
-# a comment
-LIMIT = 1  # counts
-"""Of something."""
-
-class Empty:
-    """Docstring."""
-
-    def run(self) -> str:
-        """Docstring
-
-        of three lines."""
-        return (
-            # a comment
-            """text,
-
-            which is no docstring"""
-        )
-''')
-    status, shown, _ = code_lines(monkeypatch, capsys, str(file), str(file))
-    assert (status, shown.split()[-3]) == (0, "16")  # 8 lines, twice
-
-
-def test_facade_and_loop_are_compared_with_what_they_were(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    script = runpy.run_path(str(CODE_LINES))
-    status, shown, _ = code_lines(monkeypatch, capsys, "--facade")
-    now = sum(script["code_lines"](CODE_LINES.parents[1] / name) for name in script["FACADE"])
-    assert status == 0
-    assert f"{now / script['BASELINE_TOTAL']:.3f}" in shown
-    commit = script["BASELINE_COMMIT"]
-    try:
-        then = [script["code_lines"](CODE_LINES.parents[1] / f, commit) for f in script["BASELINE"]]
-    except script["SourceError"] as error:
-        pytest.skip(str(error))  # the sources without their history
-    assert sum(then) == script["BASELINE_TOTAL"]
-
-
-@pytest.mark.parametrize(
-    ("arguments", "word"),
-    [
-        ([], "--facade"),
-        (["--facade", str(CODE_LINES)], "--facade"),
-        (["no_such.py"], "no_such.py"),
-        ([str(CODE_LINES.parent)], "benchmarks"),
-        ([str(CODE_LINES.parents[1] / "README.md")], "not Python"),
-        (["--commit", "no-such-commit", str(CODE_LINES)], "commit"),
-        (["--commit", "HEAD", "/elsewhere.py"], "repository"),
-    ],
-)
-def test_files_that_cannot_be_counted_are_one_line(
     arguments: list[str],
     word: str,
     monkeypatch: pytest.MonkeyPatch,
@@ -604,6 +532,3 @@ def test_files_that_cannot_be_counted_are_one_line(
     shown = capsys.readouterr()
     assert (stopped.value.code, shown.out, shown.err.count("\n")) == (2, "", 1)
     assert word in shown.err
-    status, shown, error = code_lines(monkeypatch, capsys, *arguments)
-    assert (status, shown, error.count("\n")) == (2, "", 1)
-    assert word in error
