@@ -1,4 +1,4 @@
-"""What a caller of the controller can do wrong."""
+"""Errors that callers of the controller can make."""
 
 from __future__ import annotations
 
@@ -54,3 +54,7 @@ class GainError(PepperError, ValueError):
     ) -> None:
         self.name, self.value = name, value
         super().__init__(f"{name} must be {what}, got {value!r}")
+
+
+class ChangesError(PepperError, RuntimeError):
+    """The robot was told to run inside a group of changes, which are made only when the group is complete."""
