@@ -79,8 +79,8 @@ class Ours:
         posture.weight, posture.stiffness = POSTURE_WEIGHT, POSTURE_STIFFNESS
         base.weight, base.stiffness = TASK_WEIGHT, BASE_STIFFNESS
         gains = {"weight": TASK_WEIGHT, "stiffness": TASK_STIFFNESS, "base": True}
-        self._wrists = [FrameTask(robot, link, **gains) for link in WRISTS]
-        for task in (*self._wrists, ComTask(robot, **gains)):
+        self._wrists = [FrameTask(link, robot=robot, **gains) for link in WRISTS]
+        for task in (*self._wrists, ComTask(robot=robot, **gains)):
             self._controller.add(task)
         self._frames = [self._controller.model.body_frame(link) for link in WRISTS]
         self.tick = self._controller.step

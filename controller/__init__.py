@@ -2,7 +2,14 @@
 
 import pepper_driver.backends.naoqi.before_pinocchio  # noqa: F401
 from pepper_driver.controller.changes import Changes
-from pepper_driver.controller.errors import ChangesError, GainError, LimitError, TargetError
+from pepper_driver.controller.errors import (
+    ChangesError,
+    GainError,
+    LimitError,
+    RobotMismatchError,
+    TargetError,
+    TaskCountError,
+)
 from pepper_driver.controller.model import LoadTorque, RobotModel
 from pepper_driver.controller.reference import Reference
 from pepper_driver.controller.report import ControllerStatus, TaskReport
@@ -44,10 +51,12 @@ __all__ = [
     "PositionTask",
     "PostureTask",
     "Reference",
+    "RobotMismatchError",
     "RobotModel",
     "Sent",
     "TargetError",
     "Task",
+    "TaskCountError",
     "TaskReport",
     "Tick",
     "WholeBodyController",

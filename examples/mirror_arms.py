@@ -16,7 +16,7 @@ MIRROR = np.diag([1.0, -1.0, 1.0, 1.0])  # across the plane y = 0 of base_link
 
 with Pepper(BACKEND, observer=None) as pepper:
     model = pepper.controller.model
-    right = FrameTask(pepper.config, "r_wrist", seen_from="base_link", joints=RIGHT_ARM)
+    right = FrameTask("r_wrist", root="base_link", joints=RIGHT_ARM)
     right.stiffness = 100.0  # [1/s2]
     right.dim_weight = [1.0, 1.0, 1.0, 0.1, 0.1, 0.1]  # five joints: the place before the turn
 

@@ -12,9 +12,9 @@ PLACES = ([0.25, 0.20, 0.85], [0.25, 0.05, 0.95], [0.15, 0.40, 0.90])  # [m] in 
 ARM = ("LShoulderPitch", "LShoulderRoll", "LElbowYaw", "LElbowRoll", "LWristYaw")
 
 with Pepper(BACKEND, observer=None) as pepper:
-    reach = PositionTask(pepper.config, "l_gripper", seen_from="base_link", joints=ARM)
+    reach = PositionTask("l_gripper", root="base_link", joints=ARM)
     look = LookAtTask(  # the head follows the hand wherever it goes
-        pepper.config, target_link="l_gripper", joints=("HeadYaw", "HeadPitch"), stiffness=40.0
+        target_link="l_gripper", joints=("HeadYaw", "HeadPitch"), stiffness=40.0
     )
     pepper.controller.add(reach)
     pepper.controller.add(look)

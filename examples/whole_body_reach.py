@@ -12,7 +12,7 @@ MOVING = ("LShoulderPitch", "LShoulderRoll", "LElbowYaw", "LElbowRoll", "LWristY
 with Pepper(BACKEND, observer=None) as pepper:
     controller = pepper.controller
     # The arm alone first: it stretches out and stops short.
-    alone = PositionTask(pepper.config, "l_gripper", joints=MOVING)
+    alone = PositionTask("l_gripper", joints=MOVING)
     alone.target = PLACE
     controller.add(alone)
     pepper.run(3.0)
@@ -22,7 +22,7 @@ with Pepper(BACKEND, observer=None) as pepper:
     # The controller holds the base at rest by a task of its own; it must weigh less than the reach.
     held = controller.base_velocity.weight
     controller.base_velocity.weight = 10.0
-    reach = PositionTask(pepper.config, "l_gripper", joints=MOVING, base=True)
+    reach = PositionTask("l_gripper", joints=MOVING, base=True)
     controller.add(reach)
     reach.move_to(PLACE, duration=5.0)
     arrived = pepper.run(10.0, until=lambda: reach.reached(0.005))

@@ -166,35 +166,39 @@ def _make_task(spec: AnyTask, robot: RobotConfig) -> Targeted:
         joints, base, name = expand(spec, robot), spec.base, spec.label
         if isinstance(spec, PositionSpec):
             task = PositionTask(
-                robot,
                 spec.link,
                 spec.point,
-                seen_from=spec.seen_from,
+                root=spec.root,
                 joints=joints,
                 base=base,
                 name=name,
+                robot=robot,
             )
         elif isinstance(spec, OrientationSpec):
             task = OrientationTask(
-                robot, spec.link, seen_from=spec.seen_from, joints=joints, base=base, name=name
+                spec.link, root=spec.root, joints=joints, base=base, name=name, robot=robot
             )
         elif isinstance(spec, PoseSpec):
             task = FrameTask(
-                robot,
                 spec.link,
                 spec.point,
-                seen_from=spec.seen_from,
+                root=spec.root,
                 joints=joints,
                 base=base,
                 name=name,
+                robot=robot,
             )
         elif isinstance(spec, LookAtSpec):
             task = LookAtTask(
-                robot, LOOKING_LINK, target_link=spec.link, joints=joints, base=base, name=name
+                LOOKING_LINK,
+                target_link=spec.link,
+                joints=joints,
+                base=base,
+                name=name,
+                robot=robot,
             )
         else:
-            inside = spec.seen_from is not None
-            task = ComTask(robot, seen_from_base=inside, joints=joints, base=base, name=name)
+            task = ComTask(root=spec.root, joints=joints, base=base, name=name, robot=robot)
     if spec.stiffness is not None:
         task.stiffness = spec.stiffness
     if spec.weight is not None:

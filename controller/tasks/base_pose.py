@@ -46,8 +46,13 @@ class BasePoseTask(Task):
 
     @target.setter
     def target(self, value: ArrayLike) -> None:
-        self._target = self.checked(value)
-        self._stop_moving()
+        target = self.checked(value)
+
+        def change() -> None:
+            self._target = target  # as given: only a trajectory's heading is wrapped
+            self._stop_moving()
+
+        self._change(change)
 
     def checked(self, target: Target) -> FloatArray:
         """The target; see :meth:`Task.checked`."""

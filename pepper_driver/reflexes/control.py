@@ -89,5 +89,5 @@ class Control:
                 self.controller.remove(task)
         for key, task in self._wanted.items():
             if key not in self._tasks:
-                self.controller.add(task)
+                self.controller.add(task, enforce_limit=False)
         self._tasks = self._wanted

@@ -126,7 +126,7 @@ def test_a_twist_has_no_target_to_move_to() -> None:
 
 def test_a_hand_opens_and_closes() -> None:
     control = controller()
-    task = HandTask(ROBOT, "RHand")
+    task = HandTask("RHand")
     control.add(task)
     hand = ROBOT.joint_index("RHand")
     for aperture in (1.0, 0.0, 0.3):
@@ -146,7 +146,7 @@ def test_a_hand_opens_and_closes() -> None:
     [1.01, -0.01, np.nan, [0.1, 0.2], None, "open", {"RHand": 1.1}, [[0.1], [0.1, 0.2]], np.eye(1)],
 )
 def test_an_aperture_that_is_none_is_refused(wrong: Any) -> None:
-    task = HandTask(ROBOT, "RHand")
+    task = HandTask("RHand")
     task.target = [0.25]
     refused(task, wrong, r"Hand|posture")
     assert task.target.tolist() == [0.25]
@@ -155,4 +155,4 @@ def test_an_aperture_that_is_none_is_refused(wrong: Any) -> None:
     with pytest.raises(UnknownNameError):
         task.target = {"LHand": 0.5}
     with pytest.raises(UnknownNameError, match="RHand"):
-        HandTask(ROBOT, "Rhand")
+        HandTask("Rhand")

@@ -31,7 +31,7 @@ class Lead(Reflex):
 
     def begin(self, contact: Contact, control: Control) -> None:
         self.joints[ROLL] = True
-        self._task = PostureTask(ROBOT, ["LShoulderRoll"], stiffness=100.0, weight=OVER_ALL)
+        self._task = PostureTask(["LShoulderRoll"], stiffness=100.0, weight=OVER_ALL)
         self._task.target = [control.controller.position[ROLL] + self.way]
 
     def act(self, observation: Observation, measurement: Measurement, control: Control) -> None:
