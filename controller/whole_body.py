@@ -63,7 +63,8 @@ class WholeBodyController:
         changes: What :meth:`add`, :meth:`remove` and the setters of tasks in use go through.
         model: At the state of the last cycle.
         posture: The posture task that is there from the start.
-        base_velocity: The base velocity task that is there from the start; its target is zero.
+        base_velocity: The base velocity task that is there from the start; its target is zero. While a task in use
+            moves the base, it gives way, unless its target is a motion.
         odometry: Where the wheels have rolled to.
         hold: Whether only the posture task acts and the base comes to rest, whatever other tasks there are; they stand
             still meanwhile, and go on afterwards.
@@ -394,6 +395,7 @@ class WholeBodyController:
         self._laid_out, self._holding = True, self.hold
         own = (self.posture, self._standing)
         tasks: Sequence[Task] = own if self._holding else self._tasks
+        self.base_velocity.relax(any(task.moves_base for task in tasks))
         self._program.lay_out(tasks, self.model)
         parts: Sequence[Task | Constraint] = [*tasks, *self._constraints]
         self._needs_kinematics = any(part.needs_kinematics for part in parts)

@@ -19,9 +19,7 @@ with Pepper(BACKEND, observer=None) as pepper:
     print(f"arm alone: {1e3 * np.linalg.norm(alone.error):.0f} mm short")
     controller.remove(alone)
 
-    # The controller holds the base at rest by a task of its own; it must weigh less than the reach.
-    held = controller.base_velocity.weight
-    controller.base_velocity.weight = 10.0
+    # A reach that may use the base: the controller holds the base no longer, until this task is removed.
     reach = PositionTask("l_gripper", joints=MOVING, base=True)
     controller.add(reach)
     reach.move_to(PLACE, duration=5.0)
@@ -37,6 +35,5 @@ with Pepper(BACKEND, observer=None) as pepper:
     # Stay there: the posture becomes what the arm has, the base is held again.
     pepper.set_posture(controller.position)
     controller.remove(reach)
-    controller.base_velocity.weight = held
     pepper.run(1.0)
     print(f"it stands: base at {np.linalg.norm(controller.model.v[:2]):.3f} m/s")

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from pepper_driver.backends import Measurement
 from pepper_driver.config import Motion, MotionStep, RobotConfig, check_motion
-from pepper_driver.config.parts import FloatArray
+from pepper_driver.controller.model import BASE
 from pepper_driver.events import StepEvent
 from pepper_driver.loop import Loop
 from pepper_driver.motion_goals import Goal, Measured, PostureGoal
@@ -17,9 +17,6 @@ from pepper_driver.motion_report import GoalReport, MotionReport, StepReport
 
 TOLERANCE = 0.01
 """[m] and [rad] of a step that waits for its targets and gives none."""
-
-BASE_AT_EASE = 10.0
-"""Weight of the controller's own base velocity task while a task may move the base: that of the posture."""
 
 AFRESH = 1.0
 """[s] A way goes on for at least this long after a reflex let go."""
@@ -52,7 +49,7 @@ class Conductor:
 class Player:
     """One motion on one active robot; everything it needs is made here, and nothing has moved then.
 
-    Between :meth:`begin` and :meth:`end` the posture and its stiffness, the base velocity task and the motion's tasks
+    Between :meth:`begin` and :meth:`end` the posture and its stiffness, the base's velocity and the motion's tasks
     belong to the player; tasks of the user's stay untouched.
 
     While a reflex holds the posture the motion waits: the controller lets no task act, and the clock stands.
@@ -91,9 +88,7 @@ class Player:
         self._posture: PostureGoal | None = None
         self._reports: list[StepReport] = []
         self._waiting = self._over = False
-        own = self._controller.base_velocity
-        self._stiffness, self._base_weight = loop.posture_stiffness, own.weight
-        self._at_rest = np.zeros_like(own.target)
+        self._stiffness = loop.posture_stiffness
 
     @property
     def report(self) -> MotionReport:
@@ -131,7 +126,7 @@ class Player:
         if not self._over:
             self._stay(np.ones(len(self._robot.joint_names), dtype=np.bool_))
         self._loop.posture_stiffness = self._stiffness
-        self._move_base(self._at_rest, at_ease=False)
+        self._controller.base_velocity.target = np.zeros(BASE)
 
     # -- steps --------------------------------------------------------------------------------------------------
 
@@ -160,9 +155,8 @@ class Player:
             goal.begin(self._controller, step.duration)
             self._active.append(goal)  # each at once: a later one may be refused
         twist = step.base_velocity
-        self._move_base(
-            self._at_rest if twist is None else np.array([twist.vx, twist.vy, twist.wz]),
-            at_ease=twist is None and any(goal.moves_base for goal in self._active),
+        self._controller.base_velocity.target = (
+            np.zeros(BASE) if twist is None else np.array([twist.vx, twist.vy, twist.wz])
         )
         if self._on_begin is not None:
             self._on_begin(StepEvent(step=step.name or str(number), time=self._loop.time))
@@ -264,7 +258,3 @@ class Player:
         """Want those joints, a mask (17,), where they come to rest without turning round."""
         rest = self._controller.rest(self._loop.posture_stiffness)
         self._loop.move_to(np.where(joints, rest, self._loop.target))
-
-    def _move_base(self, twist: FloatArray, *, at_ease: bool) -> None:
-        own = self._controller.base_velocity
-        own.target, own.weight = twist, BASE_AT_EASE if at_ease else self._base_weight

@@ -51,7 +51,6 @@ class Goal:
         name: As the motion calls it.
         task: For the controller.
         keep: Whether it outlives its step.
-        moves_base: Whether the base may move for it.
         joints: (17,) which joints may move for it.
 
     Raises:
@@ -64,7 +63,6 @@ class Goal:
         self.task, self._twin = _make_task(spec, robot), _make_task(spec, robot)
         self._metres, self._radians = _units(spec)
         self._wanted: FloatArray = np.zeros(0)  # known once it begins
-        self.moves_base = isinstance(spec, BaseSpec) or spec.base
         self.joints: NDArray[np.bool_] = np.zeros(len(robot.joint_names), dtype=np.bool_)
         if isinstance(spec, TaskSpec):
             moving = expand(spec, robot) or robot.joint_names

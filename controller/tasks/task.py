@@ -47,6 +47,7 @@ class Task(GainsMixin, ABC):
         needs_kinematics: True if the controller must compute placements and Jacobians before :meth:`measure`.
         owner: Controller that has it.
         robot: Description that its joints and links belong to; None for a task that names none.
+        moves_base: True if it was told to move the base: then the controller's own base task gives way.
         up_to_date: True if the error is that of the target there is now: False from setting it to the next cycle.
         driven: True if there is a reference motion: something to do in :meth:`advance` and :meth:`refer`.
     """
@@ -60,6 +61,7 @@ class Task(GainsMixin, ABC):
         self.rows = rows
         self.name = name or type(self).__name__
         self.robot: RobotConfig | None = None
+        self.moves_base = False
         self.owner: ReferenceType[Any] | None = None
         self._moving: tuple[str, ...] | None = None
         self._with_base = True
@@ -277,7 +279,7 @@ class Task(GainsMixin, ABC):
         """
         base_alone = base and isinstance(joints, Sequence) and not joints
         self._moving = () if base_alone else checked_joints(robot, joints)
-        self._with_base = base
+        self._with_base = self.moves_base = base
         self.robot = robot
 
     def columns(self, model: RobotModel) -> FloatArray:

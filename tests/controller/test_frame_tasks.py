@@ -197,7 +197,6 @@ def test_only_selected_joints_move() -> None:
 @pytest.mark.parametrize("base", [False, True])
 def test_the_base_moves_for_a_task_only_if_it_may(base: bool) -> None:
     control = controller()
-    control.base_velocity.weight = 1.0
     task = PositionTask("l_wrist", base=base)
     control.add(task)
     start = control.model.link_pose("l_wrist", MIDDLE)[:3, 3]
