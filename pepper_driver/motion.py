@@ -48,7 +48,7 @@ class Conductor:
 class Player:
     """One motion on one active robot; everything it needs is made here, and nothing has moved then.
 
-    Between :meth:`begin` and :meth:`end` the posture and its stiffness, the base velocity task and the motion's tasks
+    Between :meth:`begin` and :meth:`end` the posture and its stiffness, the base's velocity and the motion's tasks
     belong to the player; tasks of the user's stay untouched.
 
     While a reflex holds the posture the motion waits: the controller lets no task act, and the clock stands.

@@ -82,7 +82,7 @@ def compute(seconds: float) -> None:
 def _five_tasks(pepper: Pepper) -> tuple[list[PositionTask], list[FloatArray]]:
     """Both hands and the centre of mass, beside the posture and the base; and where the hands are."""
     controller = pepper.controller
-    wrists = [PositionTask(pepper.config, link, base=True) for link in WRISTS]
-    for task in (*wrists, ComTask(pepper.config, base=True)):
+    wrists = [PositionTask(link, base=True, robot=pepper.config) for link in WRISTS]
+    for task in (*wrists, ComTask(base=True, robot=pepper.config)):
         controller.add(task)
     return wrists, [controller.model.link_pose(link, controller.position)[:3, 3] for link in WRISTS]

@@ -151,7 +151,7 @@ class Arbiter:
         for task in [task for key, task in before.items() if key not in now]:
             self.controller.remove(task)
         for task in [task for key, task in now.items() if key not in before]:
-            self.controller.add(task)
+            self.controller.add(task, enforce_limit=False)
 
     def _follow_posture(self) -> None:
         """Lead the posture task to the posture of user or motion, or to the one that holds the whole robot."""

@@ -10,7 +10,7 @@ import numpy as np
 from pepper_driver.backends import Measurement
 from pepper_driver.config.parts import FloatArray
 from pepper_driver.controller.tasks import ComplianceTask
-from pepper_driver.controller.tasks.gains import MOST_DAMPING
+from pepper_driver.controller.tasks.gains import MAX_DAMPING
 from pepper_driver.observer import Contact, JointState, Observation
 from pepper_driver.reflexes.limbs import limb_of
 from pepper_driver.reflexes.reflex import Part, Reflex
@@ -57,7 +57,7 @@ class Comply(Reflex):
     def __post_init__(self) -> None:
         super().__post_init__()
         self.check("gain", 0.0, 1.0)
-        self.check("damping", 0.05, MOST_DAMPING * INERTIA)
+        self.check("damping", 0.05, MAX_DAMPING * INERTIA)
         self.check("largest_torque", 0.1, 100.0)
 
     @property
@@ -75,7 +75,6 @@ class Comply(Reflex):
         spring = min(STIFFNESS / INERTIA * (1.0 - self.gain) / max(self.gain, STIFF), STIFFEST)
         self._damping = max(self.damping / INERTIA, 2.0 * sqrt(spring))
         self._task = ComplianceTask(
-            self.robot,
             names,
             inertia=INERTIA,
             stiffness=spring,
@@ -83,6 +82,7 @@ class Comply(Reflex):
             dead_band=0.0,
             largest_torque=self.largest_torque,
             name=f"reflex: {self.name}",
+            robot=self.robot,
         )
 
     def act(

@@ -62,11 +62,11 @@ class Retract(Reflex):
             self.joints = joints
             names = [self.robot.joint_names[joint] for joint in np.flatnonzero(joints)]
             self._task = PostureTask(
-                self.robot,
                 names,
                 stiffness=STIFFNESS,
                 weight=DOMINANT_WEIGHT,
                 name=f"reflex: {self.name}",
+                robot=self.robot,
             )
             self._task.target = requests.controller.rest(STIFFNESS)[joints]
         self._answers, self._way, self._left = contact, np.zeros(len(joints)), 0.0
