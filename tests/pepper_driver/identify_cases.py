@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 import yaml
 
-from pepper_driver.backends import Backend, BackendInfo, Command, Measurement
+from pepper_driver.backends import Backend, BackendInfo, Measurement
 from pepper_driver.config import RobotConfig, Scenario, load_robot, load_scenario
 from pepper_driver.config.loading import package_file, read_yaml
 from pepper_driver.config.scenario_motion import Setpoints
@@ -57,22 +57,23 @@ class SlowRobot(FakeBackend):
     """Claims to be a real robot; its joints are where they were told to be three cycles ago."""
 
     identity = "body 1"
+    real_time = True
 
     def __init__(self) -> None:
         super().__init__(ROBOT, delay=3)
 
     @property
     def info(self) -> BackendInfo:
-        return replace(super().info, real_time=True, response_delay=0, identity=self.identity)
+        return replace(super().info, response_delay=0, identity=self.identity)
 
 
 class InterruptedRobot(SlowRobot):
     """The same; somebody presses Ctrl-C in the middle of a run."""
 
-    def step(self, command: Command) -> Measurement:
+    def read(self) -> Measurement:
         if len(self.commands) == 250:
             raise KeyboardInterrupt
-        return super().step(command)
+        return super().read()
 
 
 def use_backends(monkeypatch: pytest.MonkeyPatch, *kinds: type[FakeBackend]) -> list[FakeBackend]:
@@ -89,6 +90,6 @@ def use_backends(monkeypatch: pytest.MonkeyPatch, *kinds: type[FakeBackend]) -> 
 
     monkeypatch.setattr("pepper_driver.identification.identify.make_backend", make)
     monkeypatch.setattr("pepper_driver.robot.make_backend", make)
-    monkeypatch.setattr("pepper_driver.robot.RealTimePacer", lambda cycle, **_: Pacer())
+    monkeypatch.setattr("pepper_driver.pacing.RealTimePacer", lambda cycle, **_: Pacer())
     monkeypatch.setattr("pepper_driver.identification.driving.rehearse", lambda run: None)
     return made
