@@ -14,7 +14,7 @@ from pepper_driver.config.parts import FloatArray
 from pepper_driver.doctor import Examination, Result, examine
 from pepper_driver.observer import ModelSet
 from pepper_driver.observer.model_file import shipped
-from pepper_driver.pacing import Pacer
+from pepper_driver.realtime import Pacer, RealTimePacer
 
 from fakes import FakeBackend, Fault  # isort: skip
 
@@ -66,7 +66,7 @@ def use(monkeypatch: pytest.MonkeyPatch, backend: Backend) -> None:
 
     monkeypatch.setattr("pepper_driver.doctor.examination.make_backend", make)
     monkeypatch.setattr("pepper_driver.robot.make_backend", make)
-    monkeypatch.setattr("pepper_driver.pacing.RealTimePacer", lambda cycle, **_: Pacer())
+    monkeypatch.setattr(RealTimePacer, "from_backend", lambda *_: Pacer())
 
 
 def models_for(identity: str, folder: Path) -> Path:

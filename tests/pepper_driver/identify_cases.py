@@ -12,7 +12,6 @@ from pepper_driver.config import RobotConfig, Scenario, load_robot, load_scenari
 from pepper_driver.config.loading import package_file, read_yaml
 from pepper_driver.config.scenario_motion import Setpoints
 from pepper_driver.identification import sweeps_of
-from pepper_driver.pacing import Pacer
 
 from fakes import FakeBackend  # isort: skip
 
@@ -77,7 +76,9 @@ class InterruptedRobot(SlowRobot):
 
 
 def use_backends(monkeypatch: pytest.MonkeyPatch, *kinds: type[FakeBackend]) -> list[FakeBackend]:
-    """Whatever the URI says, robots are of these kinds: the first for what is known, then one for each run. None waits.
+    """Whatever the URI says, robots are of these kinds: the first for what is known, then one for each run.
+
+    Those that run let time pass only with their ticks, so that nobody waits.
 
     Returns:
         The robots that were made, in order.
@@ -88,8 +89,12 @@ def use_backends(monkeypatch: pytest.MonkeyPatch, *kinds: type[FakeBackend]) -> 
         made.append(kinds[min(len(made), len(kinds) - 1)]())
         return made[-1]
 
+    def make_running(uri: str, robot: RobotConfig | None = None) -> Backend:
+        backend = make(uri, robot)
+        backend.real_time = False  # type: ignore[misc]
+        return backend
+
     monkeypatch.setattr("pepper_driver.identification.identify.make_backend", make)
-    monkeypatch.setattr("pepper_driver.robot.make_backend", make)
-    monkeypatch.setattr("pepper_driver.pacing.RealTimePacer", lambda cycle, **_: Pacer())
+    monkeypatch.setattr("pepper_driver.robot.make_backend", make_running)
     monkeypatch.setattr("pepper_driver.identification.driving.rehearse", lambda run: None)
     return made

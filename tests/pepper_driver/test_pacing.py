@@ -10,8 +10,10 @@ from fakes import FakeBackend
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pepper_driver.pacing import Pacer, RealTimePacer, robot_pacer
+from pepper_driver.config import load_robot
+from pepper_driver.realtime import Pacer, RealTimePacer
 
+ROBOT = load_robot()
 CYCLE = 12_000_000  # ns
 MS = 1_000_000
 
@@ -37,9 +39,7 @@ class FakeClock:
 
 
 def make_pacer(clock: FakeClock) -> RealTimePacer:
-    pacer = RealTimePacer(0.012, clock=clock, sleep=clock.sleep)
-    with pacer.running():
-        return pacer
+    return RealTimePacer(0.012, clock=clock, sleep=clock.sleep)
 
 
 def started(pacer: Pacer) -> int:
@@ -106,12 +106,12 @@ def test_short_runs_keep_the_beat_and_pauses_between_them_miss_nothing() -> None
         pacer.wait()
         clock.work(MS)
     clock.work(4 * MS)
-    with pacer.running():
-        assert pacer.wait() == 0
+    pacer.restart()
+    assert pacer.wait() == 0
     assert started(pacer) == clock.now == 36 * MS
     clock.work(100 * MS)
-    with pacer.running():
-        assert pacer.wait() == 0
+    pacer.restart()
+    assert pacer.wait() == 0
     assert started(pacer) == clock.now == 136 * MS
 
 
@@ -152,11 +152,12 @@ def test_ten_thousand_ticks_end_where_they_should(seed: int) -> None:
 def test_no_pacing_waits_for_nothing_and_changes_nothing() -> None:
     pacer = Pacer()
     interval = sys.getswitchinterval()
-    with pacer.running():
-        assert gc.isenabled()
-        assert sys.getswitchinterval() == interval
-        assert pacer.wait() == 0
-        assert pacer.due is None
+    pacer.restart()
+    assert pacer.wait() == 0
+    assert pacer.due is None
+    assert not pacer.paced
+    assert gc.isenabled()
+    assert sys.getswitchinterval() == interval
 
 
 def following(clock: FakeClock, beat: float, drift: float = 0.0) -> RealTimePacer:
@@ -167,9 +168,7 @@ def following(clock: FakeClock, beat: float, drift: float = 0.0) -> RealTimePace
         late = (beat * MS - due) % cycle
         return (late - cycle if late > cycle / 2 else late) * 1e-9
 
-    pacer = RealTimePacer(0.012, phase_error=phase_error, clock=clock, sleep=clock.sleep)
-    with pacer.running():
-        return pacer
+    return RealTimePacer(0.012, phase_error=phase_error, clock=clock, sleep=clock.sleep)
 
 
 @pytest.mark.parametrize("beat", [0.0, 1.0, 4.9, 5.1, 11.9])
@@ -205,8 +204,7 @@ def test_a_robot_whose_cycles_jump_is_followed_slowly() -> None:
         clock=clock,
         sleep=clock.sleep,
     )
-    with pacer.running():
-        pacer.wait()
+    pacer.wait()
     beat[0] = 8.0
     begins = [started(pacer)]
     for _ in range(100):
@@ -233,11 +231,11 @@ def test_short_runs_one_after_the_other_keep_a_robots_beat(off: float) -> None:
     pacer = RealTimePacer(0.012, phase_error=lambda _: off, clock=clock, sleep=clock.sleep)
     begins = []
     for _ in range(20):
-        with pacer.running():
-            for _ in range(3):
-                assert pacer.wait() == 0
-                begins.append(started(pacer))
-                clock.work(MS)
+        pacer.restart()
+        for _ in range(3):
+            assert pacer.wait() == 0
+            begins.append(started(pacer))
+            clock.work(MS)
     assert {b - a for a, b in pairwise(begins)} == {CYCLE + round(off * 1e9)}
 
 
@@ -257,8 +255,6 @@ class Requested:
             clock=clock,
             sleep=clock.sleep,
         )
-        with self.pacer.running():
-            pass
 
     def request(self) -> None:
         self.at.append(self.clock.now)
@@ -399,8 +395,7 @@ def test_the_pacer_of_a_robot_follows_it_and_requests_its_samples() -> None:
             return 0.0
 
     robot = Robot()
-    pacer = robot_pacer(robot, 0.0001)
-    with pacer.running():
-        for _ in range(3):
-            pacer.wait()
+    pacer = RealTimePacer.from_backend(robot, ROBOT.cycle)
+    for _ in range(3):
+        pacer.wait()
     assert set(robot.calls) == {"request", "phase"}
