@@ -194,10 +194,8 @@ def test_a_rehearsal_refuses_what_the_controller_or_the_gate_would_stop(
             match=r"run KneePitch-1 would fail 0\.\d s after .*\(balance at rest\); nothing has moved",
         ):
             rehearse(knee)
-    step = IdealRobot.step
-    monkeypatch.setattr(
-        IdealRobot, "step", lambda self, command: replace(step(self, command), age=0.2)
-    )
+    read = IdealRobot.read
+    monkeypatch.setattr(IdealRobot, "read", lambda self: replace(read(self), age=0.2))
     with pytest.raises(RehearsalError, match="the newest sample is 200 ms old; nothing has moved"):
         rehearse(knee)
 
