@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import threading
+import time
+from collections import deque
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager
 
@@ -10,6 +12,9 @@ from pepper_driver.controller.errors import ChangesError
 
 Change = Callable[[], None]
 """Must be quick: it holds up the next tick."""
+
+GIVE_WAY_TIME = 20e-6
+"""[s] between two looks at whether other threads have made their changes."""
 
 
 class Changes:
@@ -21,6 +26,7 @@ class Changes:
 
     def __init__(self) -> None:
         self._lock = threading.RLock()
+        self._waiting: deque[None] = deque()  # one for each thread that makes a change, or wants to
         self._thread = _Thread()
 
     def tick(self) -> AbstractContextManager[bool]:
@@ -43,10 +49,24 @@ class Changes:
         """
         group = self._thread.group
         if group is None:
-            with self._lock:
+            with self._between_ticks():
                 change()
         else:
             group.append(change)
+
+    def give_way(self) -> None:
+        """Let threads that wait to make a change go first: ticks without a pause would keep the lock from them."""
+        while self._waiting:
+            time.sleep(GIVE_WAY_TIME)
+
+    @contextmanager
+    def _between_ticks(self) -> Iterator[None]:
+        self._waiting.append(None)
+        try:
+            with self._lock:
+                yield
+        finally:
+            self._waiting.pop()
 
     @contextmanager
     def together(self) -> Iterator[None]:
@@ -66,7 +86,7 @@ class Changes:
             outer.extend(group)
             return
         refused: Exception | None = None
-        with self._lock:
+        with self._between_ticks():
             for change in group:
                 try:
                     change()

@@ -342,6 +342,7 @@ class Session:
     def _tick(self) -> None:
         """Make one tick when it is due. Whatever ends it stops the robot."""
         missed = self._pacer.wait()
+        self._changes.give_way()
         with self._changes.tick():
             self._ticking = threading.current_thread()
             try:
