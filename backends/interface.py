@@ -9,6 +9,8 @@ from math import nan
 from types import TracebackType
 from typing import ClassVar, Literal, Self
 
+from numpy.typing import ArrayLike
+
 from pepper_driver.backends.extras import Extras
 from pepper_driver.backends.simulated import SimulatedPlant, Truth
 from pepper_driver.config import PepperError
@@ -276,8 +278,8 @@ class Backend(ABC):
     def push(
         self,
         link: str,
-        force: FloatArray,
-        point: FloatArray | None = None,
+        force: ArrayLike,
+        point: ArrayLike | None = None,
         duration: float = 0.5,
         *,
         frame: Literal["world", "link"] = "world",
@@ -306,8 +308,8 @@ class Backend(ABC):
     def grab(
         self,
         link: str,
-        pull: FloatArray,
-        point: FloatArray | None = None,
+        pull: ArrayLike,
+        point: ArrayLike | None = None,
         *,
         stiffness: float = 1000.0,
         rise: float = 0.5,

@@ -10,9 +10,6 @@ from pathlib import Path
 from types import TracebackType
 from typing import Literal, Self, Unpack
 
-import numpy as np
-from numpy.typing import ArrayLike
-
 from pepper_driver.backends import Backend, BackendError, Measurement, make_backend
 from pepper_driver.callbacks.callback_registry import CallbackRegistry
 from pepper_driver.callbacks.dispatcher import CallbackStatistics
@@ -23,6 +20,7 @@ from pepper_driver.config import (
     ControllerSettings,
     JointArray,
     Motion,
+    Posture,
     RobotConfig,
     SafetySettings,
     load_controller_settings,
@@ -51,8 +49,8 @@ from pepper_driver.safety import FaultReason, RobotState, SafetyGate
 from pepper_driver.selection import check_observer, make_observer
 from pepper_driver.session import OnTick, Session
 
-Posture = str | Mapping[str, float] | ArrayLike
-"""A posture by name, joints by name with their angles [rad] (the others stay), or all 17 angles [rad]."""
+MAX_RUN = 1e9
+"""[s] Longest run: thirty years."""
 
 DRIVE_TIME = 0.5
 """[s] for which the base follows one :meth:`Pepper.drive`."""
@@ -95,6 +93,9 @@ class Pepper:
         paced: True where ticks wait for the wall clock: on a real robot, or with ``real_time``.
         observer: The observer in use; of a real robot, by name, once it is connected.
         reflexes: In the order in which they are asked.
+        push, grab: Push or grab a link of a simulated robot; see :meth:`pepper_driver.backends.Backend.push`.
+        on_contact, on_tick, on_touch, on_bumper, on_button, on_fault, on_reflex, on_step, on_cue, on_push: Decorators
+            for callbacks; see :class:`~pepper_driver.callbacks.callback_registry.CallbackRegistry`.
 
     Raises:
         PepperError: An argument is wrong.
@@ -146,6 +147,7 @@ class Pepper:
         )
         self._session: Session | None = None  # the one that runs, or the last one
         self._callbacks = CallbackRegistry(self.config, [reflex.name for reflex in self.reflexes])
+        self.push, self.grab = self.backend.push, self.backend.grab
         self.on_contact = self._callbacks.on_contact
         self.on_tick = self._callbacks.on_tick
         self.on_touch = self._callbacks.on_touch
@@ -341,23 +343,14 @@ class Pepper:
                 duration that is none. Nothing changes.
         """
         arbiter = self._active().loop.arbiter
-        target = arbiter.controller.posture.checked(self._resolve(posture, arbiter.target))
+        target = arbiter.controller.posture.checked(
+            self.config.resolve_posture(posture, arbiter.target)
+        )
         if stiffness is not None and checked_stiffness(stiffness) == 0:
-            # Nothing would stop a joint.
-            raise GainError("stiffness", stiffness, "above 0 for a posture")
-        if duration is not None and not (
-            isinstance(duration, Real) and SHORTEST <= duration <= LONGEST
-        ):
-            raise TargetError(
-                f"a duration is a time from {SHORTEST:g} s to {LONGEST:g} s, got {duration!r}"
-            )
-
-        def change() -> None:
-            if stiffness is not None:
-                arbiter.posture_stiffness = float(stiffness)
-            arbiter.move_to(target, None if duration is None else float(duration))
-
-        self._changes.make(change)
+            raise GainError("stiffness", stiffness, "above 0 for a posture")  # to stop the joints
+        if duration is not None:
+            duration = _checked_time("duration", duration, SHORTEST, LONGEST)
+        self._changes.make(lambda: arbiter.move_to(target, duration, stiffness))
 
     def drive(self, vx: float, vy: float, wz: float, *, hold: bool = False) -> None:
         """Drive the base from the next tick on; returns at once.
@@ -432,9 +425,7 @@ class Pepper:
             FaultError: The safety gate stopped the robot.
             BackendError: Another thread runs it, or this is inside a tick or a callback.
         """
-        if not (isinstance(seconds, Real) and 0 <= seconds < np.inf):
-            raise TargetError(f"seconds must be a time that is not negative, got {seconds!r}")
-        ticks = round(seconds / self.config.cycle)
+        ticks = round(_checked_time("seconds", seconds, 0.0, MAX_RUN) / self.config.cycle)
         wait = self._active().run(ticks, on_tick, None if until is None else lambda _: until())
         return wait.stopped
 
@@ -495,28 +486,6 @@ class Pepper:
             self._gate.stop(FaultReason.EMERGENCY_STOP, text)
         if self._session is not None:
             self._session.publish_fault()
-
-    def push(
-        self,
-        link: str,
-        force: ArrayLike,
-        point: ArrayLike | None = None,
-        duration: float = 0.5,
-        *,
-        frame: Literal["world", "link"] = "world",
-        delay: float = 0.0,
-        rise: float = 0.1,
-    ) -> None:
-        """Push a link of a simulated robot; see :meth:`pepper_driver.backends.Backend.push`."""
-        self.backend.push(
-            link,
-            np.asarray(force, dtype=np.float64),
-            None if point is None else np.asarray(point, dtype=np.float64),
-            duration,
-            frame=frame,
-            delay=delay,
-            rise=rise,
-        )
 
     # -- hear of it -----------------------------------------------------------------------------------------------
 
@@ -590,13 +559,9 @@ class Pepper:
     def _latest(self) -> TickRecord:
         return self._loop.latest
 
-    def _resolve(self, posture: Posture, current: FloatArray) -> ArrayLike:
-        """Return the angles of a posture, not checked yet; joints that it does not name keep ``current``."""
-        if isinstance(posture, str):
-            return self.config.posture(posture)
-        if isinstance(posture, Mapping):
-            angles: list[float] = current.tolist()
-            for name, angle in posture.items():
-                angles[self.config.joint_index(name)] = angle
-            return angles
-        return posture
+
+def _checked_time(name: str, value: float, least: float, most: float) -> float:
+    """Return a time [s] within bounds, else raise a TargetError."""
+    if isinstance(value, Real) and least <= value <= most:
+        return float(value)
+    raise TargetError(f"{name} must be a time from {least:g} to {most:g} s, got {value!r}")

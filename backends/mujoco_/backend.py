@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from pepper_driver.backends.commands import checked_command
 from pepper_driver.backends.interface import (
@@ -286,8 +287,8 @@ class MujocoBackend(Serial, Backend):
     def push(
         self,
         link: str,
-        force: FloatArray,
-        point: FloatArray | None = None,
+        force: ArrayLike,
+        point: ArrayLike | None = None,
         duration: float = 0.5,
         *,
         frame: Literal["world", "link"] = "world",
@@ -305,8 +306,8 @@ class MujocoBackend(Serial, Backend):
     def grab(
         self,
         link: str,
-        pull: FloatArray,
-        point: FloatArray | None = None,
+        pull: ArrayLike,
+        point: ArrayLike | None = None,
         *,
         stiffness: float = 1000.0,
         rise: float = 0.5,

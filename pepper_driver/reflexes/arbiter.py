@@ -92,11 +92,15 @@ class Arbiter:
 
     # -- lasting requests of user and motion ----------------------------------------------------------------------
 
-    def move_to(self, target: FloatArray, duration: float | None = None) -> None:
+    def move_to(
+        self, target: FloatArray, duration: float | None = None, stiffness: float | None = None
+    ) -> None:
         """Request a posture (17,) [rad], reached within ``duration`` [s] along a spline; without one a set-point.
 
-        A motion under way ends here, even one to the same posture.
+        A motion under way ends here, even one to the same posture. A stiffness [1/s2] of the posture task stays.
         """
+        if stiffness is not None:
+            self.posture_stiffness = stiffness
         self.target, self._duration = target, duration
         self._followed = None
 

@@ -8,6 +8,7 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
+from pepper_driver.timing import STAGES
 
 from pepper_driver.backends import Truth
 from pepper_driver.backends.interface import LONGEST_WAY
@@ -24,7 +25,6 @@ from pepper_driver.observer import Contact, Observation, Observer
 from pepper_driver.reflexes import Control, Reflex, Reflexes
 from pepper_driver.robot import Pepper
 from pepper_driver.safety import FaultError, FaultReason, RobotState, SafetyGate
-from pepper_driver.timing import STAGES
 
 from fakes import FakeBackend, Fault, aged, displaced, slowed  # isort: skip
 

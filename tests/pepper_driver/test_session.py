@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from pepper_driver.pacing import Pacer, RealTimePacer
 
 from pepper_driver.backends import BackendError, Command, Measurement
 from pepper_driver.callbacks import Dispatcher, Subscription
@@ -16,7 +17,6 @@ from pepper_driver.config.parts import FloatArray
 from pepper_driver.controller import Tick
 from pepper_driver.log import LogWriter, read_log
 from pepper_driver.observer import Contact, Observation, Observer
-from pepper_driver.pacing import Pacer, RealTimePacer
 from pepper_driver.reflexes import Control, Reflex, Reflexes
 from pepper_driver.robot import Pepper
 from pepper_driver.safety import FaultError, FaultReason, RobotState, SafetyGate
