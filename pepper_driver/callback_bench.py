@@ -10,7 +10,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from statistics import median
 
-from pepper_driver.events import TickEvent
+from pepper_driver.callbacks.events import TickEvent
 from pepper_driver.reflexes import Hold
 from pepper_driver.robot import Pepper
 from pepper_driver.timing import Statistics

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from pathlib import Path
 
+from pepper_driver.callbacks.events import CueEvent, PushEvent, ReflexEvent
+from pepper_driver.callbacks.filters import ContactPredicate, contact_filter
 from pepper_driver.config import Experiment, Motion, RobotConfig, load_experiment, load_robot
 from pepper_driver.config.experiment_steps import (
     ContactWait,
@@ -14,10 +16,8 @@ from pepper_driver.config.experiment_steps import (
     WaitStep,
 )
 from pepper_driver.controller import Tick
-from pepper_driver.events import CueEvent, PushEvent, ReflexEvent
 from pepper_driver.experiment_plan import check_postures, plan_pushes, push_text
 from pepper_driver.experiment_report import ExperimentReport, WaitReport
-from pepper_driver.filters import ContactFilter, contact_filter
 from pepper_driver.motion import Conductor
 from pepper_driver.observer import Observation
 from pepper_driver.reflexes.declared import make_reflexes
@@ -124,7 +124,7 @@ class _Director(Conductor):
     def __init__(self, run: ExperimentRun) -> None:
         self._pepper, self._experiment, self._pushes = run.pepper, run.experiment, run.pushes
         self._steps: tuple[PlayedStep, ...] = tuple(run.experiment.written.values())
-        self._wanted: dict[int, ContactFilter] = {
+        self._wanted: dict[int, ContactPredicate] = {
             number: contact_filter(
                 run.pepper.config,
                 link=wait.link,
@@ -136,7 +136,7 @@ class _Director(Conductor):
             for number, step in enumerate(self._steps)
             if isinstance(step, WaitStep) and isinstance(wait := step.wait, ContactWait)
         }
-        self._listening: ContactFilter | None = None
+        self._listening: ContactPredicate | None = None
         self._heard = self._begun = False
         self._since: set[int] = set()
         self.waits: list[WaitReport] = []

@@ -16,15 +16,14 @@ from pepper_driver.backends import (
     Truth,
 )
 from pepper_driver.backends.interface import LONGEST_WAY
+from pepper_driver.callbacks.events import ReflexEvent, SensorEdges, SensorEvent
 from pepper_driver.config import RobotConfig
 from pepper_driver.config.parts import FloatArray
 from pepper_driver.controller import Reference, Sent, Tick, WholeBodyController
-from pepper_driver.events import ReflexEvent, SensorEvent
 from pepper_driver.log import Label, LogEvent, LogWriter
 from pepper_driver.observer import Observation, Observer
 from pepper_driver.reflexes import Control, Reflexes
 from pepper_driver.safety import FaultError, FaultReason, SafetyGate
-from pepper_driver.sensor_edges import SensorEdges
 from pepper_driver.timing import StageTimes
 
 RETURN_SPEED = 0.6

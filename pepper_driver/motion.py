@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pepper_driver.backends import Measurement
+from pepper_driver.callbacks.events import StepEvent
 from pepper_driver.config import Motion, MotionStep, RobotConfig, check_motion
 from pepper_driver.config.parts import FloatArray
-from pepper_driver.events import StepEvent
 from pepper_driver.loop import Loop
 from pepper_driver.motion_goals import Goal, Measured, PostureGoal
 from pepper_driver.motion_report import GoalReport, MotionReport, StepReport

@@ -2,17 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import AsyncGenerator, Callable, Mapping, Sequence
+from functools import wraps
 from itertools import count
 from numbers import Real
 from pathlib import Path
 from types import TracebackType
-from typing import Literal, Self
+from typing import Concatenate, Literal, ParamSpec, Self, TypeVar, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from pepper_driver.backends import Backend, BackendError, make_backend
+from pepper_driver.callbacks.callback_registry import CallbackRegistry
+from pepper_driver.callbacks.dispatcher import CallbackStatistics
+from pepper_driver.callbacks.events import CueEvent, PushEvent, StepEvent
+from pepper_driver.callbacks.filters import ContactSelector, contact_filter
+from pepper_driver.callbacks.waiting import stream_contacts, wait_for_contact
 from pepper_driver.config import (
     ControllerSettings,
     Motion,
@@ -27,14 +33,12 @@ from pepper_driver.config.motion import LONGEST, SHORTEST
 from pepper_driver.config.parts import FloatArray
 from pepper_driver.controller import GainError, TargetError, Tick, WholeBodyController
 from pepper_driver.controller.tasks import checked_stiffness
-from pepper_driver.events import CueEvent, PushEvent, StepEvent
 from pepper_driver.extras import RobotExtras
-from pepper_driver.listening import Listening
 from pepper_driver.log import LogWriter, run_metadata
 from pepper_driver.loop import Labelling
 from pepper_driver.motion import Conductor, OnStep, Player
 from pepper_driver.motion_report import MotionReport
-from pepper_driver.observer import Observation, Observer
+from pepper_driver.observer import Contact, Observation, Observer
 from pepper_driver.pacing import Pacer, RealTimePacer
 from pepper_driver.reflexes import Reflex, Reflexes
 from pepper_driver.safety import FaultReason, RobotState, SafetyGate
@@ -45,8 +49,23 @@ from pepper_driver.timing import Statistics
 Posture = str | Mapping[str, float] | ArrayLike
 """A posture by name, joints by name with their angles [rad] (the others stay), or all 17 angles [rad]."""
 
+P = ParamSpec("P")
+R = TypeVar("R")
 
-class Pepper(Listening):
+
+def _registers(
+    method: Callable[Concatenate[CallbackRegistry, P], R],
+) -> Callable[Concatenate[Pepper, P], R]:
+    """Return a method of the registry as one of the robot, with its signature and docstring."""
+
+    @wraps(method)
+    def register(self: Pepper, /, *args: P.args, **kwargs: P.kwargs) -> R:
+        return method(self._callbacks, *args, **kwargs)
+
+    return register
+
+
+class Pepper:
     """A Pepper, real or simulated, that feels where it is touched.
 
     >>> with Pepper("mujoco") as pepper:
@@ -90,9 +109,10 @@ class Pepper(Listening):
         safety: SafetySettings | None = None,
         about: Mapping[str, str] | None = None,
     ) -> None:
-        robot = robot or load_robot()
-        self._reflexes = Reflexes(reflexes, robot)
-        super().__init__(robot, self._reflexes.names)
+        self.config = robot or load_robot()
+        self._reflexes = Reflexes(reflexes, self.config)
+        self._callbacks = CallbackRegistry(self.config, self._reflexes.names)
+        self._session: Session | None = None  # the one that runs, or the last one
         self.backend: Backend = make_backend(uri, self.config)
         self.extras = RobotExtras(self.backend, self._is_active)
         self._observer_name = observer if isinstance(observer, str) else None
@@ -144,7 +164,7 @@ class Pepper(Listening):
             reflexes=self._reflexes,
             log=self._log_path,
             metadata={} if self._log_path is None else self.run_metadata(),
-            subscriptions=self._subscriptions,
+            dispatcher=self._callbacks.make_dispatcher(),
             pacer=self._pacer,
         )
 
@@ -343,6 +363,68 @@ class Pepper(Listening):
             delay=delay,
             rise=rise,
         )
+
+    # -- callbacks ----------------------------------------------------------------------------------------------
+
+    on_contact = _registers(CallbackRegistry.on_contact)
+    on_tick = _registers(CallbackRegistry.on_tick)
+    on_touch = _registers(CallbackRegistry.on_touch)
+    on_bumper = _registers(CallbackRegistry.on_bumper)
+    on_button = _registers(CallbackRegistry.on_button)
+    on_fault = _registers(CallbackRegistry.on_fault)
+    on_reflex = _registers(CallbackRegistry.on_reflex)
+    on_step = _registers(CallbackRegistry.on_step)
+    on_cue = _registers(CallbackRegistry.on_cue)
+    on_push = _registers(CallbackRegistry.on_push)
+
+    @property
+    def callback_statistics(self) -> tuple[CallbackStatistics, ...]:
+        """Calls and lost events of each callback in the run that is under way, or in the last one."""
+        return () if self._session is None else self._session.dispatcher.statistics()
+
+    def wait_for_contact(
+        self, *, timeout: float | None = None, **selector: Unpack[ContactSelector]
+    ) -> Contact | None:
+        """Wait for the next contact.
+
+        The thread that activated the robot runs it meanwhile. Any other thread, and that one too while another runs the
+        robot, waits for the ticks of the thread that runs it.
+
+        Args:
+            timeout: Longest wait [s] on the robot's clock, or on the wall's while no thread ticks; None waits for ever.
+            **selector: ``link``, ``joint``, ``kind``, ``phase``, ``min_intensity`` as in :meth:`on_contact`.
+
+        Returns:
+            The contact; None after the timeout, or when the robot was closed meanwhile.
+
+        Raises:
+            UnknownNameError: No such link, joint, kind or phase.
+            SubscriptionError: A number that is none, or a robot without an observer.
+            FaultError: The robot was stopped.
+            BackendError: The robot is not active, or this is inside a tick.
+        """
+        return wait_for_contact(self._active(), contact_filter(self.config, **selector), timeout)
+
+    def contacts(self, **selector: Unpack[ContactSelector]) -> AsyncGenerator[Contact, None]:
+        """Return contacts for ``async for``, until the robot is closed or stopped.
+
+        Another thread has to run the robot: ``await asyncio.to_thread(pepper.run, 10)``.
+
+        Args:
+            **selector: ``link``, ``joint``, ``kind``, ``phase``, ``min_intensity`` as in :meth:`on_contact`.
+
+        Raises:
+            UnknownNameError: No such link, joint, kind or phase.
+            SubscriptionError: An intensity that is none.
+            BackendError: The robot is not active.
+        """
+        predicate = contact_filter(self.config, **selector)
+        return stream_contacts(self._active().dispatcher, predicate)
+
+    @property
+    def contact_history(self) -> tuple[Contact, ...]:
+        """All contact events since the start, oldest first."""
+        return () if self._session is None else tuple(self._session.contact_history)
 
     # -- parts --------------------------------------------------------------------------------------------------
 

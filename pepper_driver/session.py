@@ -10,10 +10,8 @@ from pathlib import Path
 import numpy as np
 
 from pepper_driver.backends import Backend, BackendError
-from pepper_driver.callbacks import Dispatcher, Subscription
-from pepper_driver.config import ControllerSettings, RobotConfig
-from pepper_driver.controller import Tick, WholeBodyController
-from pepper_driver.events import (
+from pepper_driver.callbacks.dispatcher import Dispatcher
+from pepper_driver.callbacks.events import (
     CueEvent,
     FaultEvent,
     PushEvent,
@@ -22,6 +20,8 @@ from pepper_driver.events import (
     StepEvent,
     TickEvent,
 )
+from pepper_driver.config import ControllerSettings, RobotConfig
+from pepper_driver.controller import Tick, WholeBodyController
 from pepper_driver.log import LogEvent, LogWriter
 from pepper_driver.loop import Labelling, Loop
 from pepper_driver.observer import Contact, Observation, Observer
@@ -48,15 +48,15 @@ class Session:
         reflexes: Asked in every tick.
         log: Where to write the MCAP log; None for no log.
         metadata: What the log says of the run.
-        subscriptions: Callbacks from the first tick on.
+        dispatcher: Calls the callbacks; the session closes it.
         pacer: Says when ticks begin.
 
     Attributes:
         active: Until it is closed.
         loop: Runs the ticks.
-        dispatcher: Calls the callbacks.
+        dispatcher: Publishes the events of the run.
         runner: Who runs it now.
-        feels: Whether there is an observer.
+        has_observer: Whether contacts can be detected.
         cycle: Period of the ticks [s].
         contact_history: All contact events so far, oldest first.
 
@@ -75,7 +75,7 @@ class Session:
         reflexes: Reflexes,
         log: Path | None,
         metadata: Mapping[str, str],
-        subscriptions: Sequence[Subscription],
+        dispatcher: Dispatcher,
         pacer: Pacer,
     ) -> None:
         self._backend = backend
@@ -85,19 +85,17 @@ class Session:
         self.cycle = robot.cycle
         self.runner = Runner()
         self._closing = threading.RLock()  # re-entrant, for signal handlers
-        self.feels = observer is not None
+        self.has_observer = observer is not None
         self._fault_told = threading.Lock()  # taken by the first who tells, and never given back
         self._listeners: list[Callable[[Tick, Observation | None], None]] = []
         self.active = False
         self.contact_history: list[Contact] = []
         self._gate = gate
-        self.dispatcher = Dispatcher()
+        self.dispatcher = dispatcher
         self._after_backend = ExitStack()  # closed when the robot is, the last first
         self._after_backend.callback(self.dispatcher.close, timeout=CALLBACK_TIME)
         try:
             self.loop = self._start(robot, controller, observer, reflexes, log, metadata)
-            for subscription in subscriptions:
-                self.dispatcher.subscribe(subscription)
             self.active = True
         except BaseException:
             self.close()
@@ -165,6 +163,19 @@ class Session:
             with self._after_backend:  # each is done even if the one before fails
                 self._backend.close()
 
+    @property
+    def time(self) -> float:
+        """Clock of the robot at the last measurement [s]."""
+        return self.loop.time
+
+    def ticks_here(self) -> bool:
+        """Return whether the calling thread is to tick while it waits: no other thread does.
+
+        Raises:
+            BackendError: The thread is inside a tick.
+        """
+        return self.runner.is_mine()
+
     def run(
         self,
         ticks: Iterable[int],
@@ -223,7 +234,7 @@ class Session:
                 publish(contact)
         for event in events:
             publish(event)
-        if self.dispatcher.wants(TickEvent):
+        if self.dispatcher.has_receiver(TickEvent):
             publish(TickEvent(tick=tick, observation=observation))
         for listener in self._listeners:
             listener(tick, observation)

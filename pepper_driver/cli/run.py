@@ -10,6 +10,7 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
+from pepper_driver.callbacks.events import CueEvent, PushEvent, ReflexEvent, StepEvent
 from pepper_driver.cli.console import (
     JsonOption,
     RealTimeOption,
@@ -28,7 +29,6 @@ from pepper_driver.config.experiment_steps import (
     WaitStep,
     is_open,
 )
-from pepper_driver.events import CueEvent, PushEvent, ReflexEvent, StepEvent
 from pepper_driver.experiment import ExperimentRun
 from pepper_driver.experiment_plan import push_text
 from pepper_driver.keys import StopKey

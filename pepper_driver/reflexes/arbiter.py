@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from pepper_driver.backends import Measurement
+from pepper_driver.callbacks.events import ReflexEvent
 from pepper_driver.config import RobotConfig
-from pepper_driver.events import ReflexEvent
 from pepper_driver.observer import Observation
 from pepper_driver.reflexes.control import Control
 from pepper_driver.reflexes.declared import declare

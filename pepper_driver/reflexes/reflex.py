@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pepper_driver.backends import Measurement
+from pepper_driver.callbacks.filters import contact_filter
 from pepper_driver.config import PepperError, RobotConfig
-from pepper_driver.filters import contact_filter
 from pepper_driver.observer import Contact, Observation
 from pepper_driver.observer.contact import Kind
 from pepper_driver.reflexes.control import Control

@@ -12,9 +12,9 @@ import numpy as np
 from pepper_driver.backends.command_differences import CommandDifferences
 from pepper_driver.backends.log_file import Column
 from pepper_driver.backends.replay import EndOfLogError
+from pepper_driver.callbacks.events import ReflexEvent, SensorEvent
 from pepper_driver.controller import Tick
 from pepper_driver.controller.recorded import RecordedController
-from pepper_driver.events import ReflexEvent, SensorEvent
 from pepper_driver.log import LogEvent, LogWriter, run_metadata
 from pepper_driver.log.rows import unobserved
 from pepper_driver.loop import Loop
