@@ -319,7 +319,7 @@ class Pepper:
     @property
     def callback_statistics(self) -> tuple[CallbackStatistics, ...]:
         """Calls and lost events of each callback in the run that is under way, or in the last one."""
-        return self._callbacks.statistics
+        return () if self._session is None else self._session.dispatcher.statistics()
 
     # -- move it --------------------------------------------------------------------------------------------------
 

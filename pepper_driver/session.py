@@ -401,7 +401,7 @@ class Session:
                 publish(contact)
         for event in record.events:
             publish(event)
-        if self.dispatcher.wants(TickEvent):
+        if self.dispatcher.has_receiver(TickEvent):
             publish(TickEvent(tick=record.tick, observation=observation))
         if (wait := self._wait) is not None:
             wait.take(record, self._gate.fault is not None)

@@ -3,19 +3,14 @@
 from __future__ import annotations
 
 import inspect
+import threading
 from collections.abc import Callable, Iterable, Sequence
 from typing import Any, TypeVar, Unpack, get_args
 
-from pepper_driver.callbacks.dispatcher import (
-    QUEUE,
-    CallbackStatistics,
-    Dispatcher,
-    Subscription,
-)
+from pepper_driver.callbacks.dispatcher import QUEUE, Dispatcher, Subscription
 from pepper_driver.callbacks.events import (
     CueEvent,
     CueKind,
-    Event,
     FaultEvent,
     PushEvent,
     ReflexEvent,
@@ -38,7 +33,7 @@ from pepper_driver.observer import Contact
 
 E = TypeVar("E")
 Register = Callable[[Callable[[E], object]], Callable[[E], object]]
-"""A decorator for functions that take an event; it returns them as they are."""
+"""Decorator for functions that take an event; it returns them as they are."""
 
 
 class CallbackRegistry:
@@ -56,21 +51,18 @@ class CallbackRegistry:
         self._config, self._reflexes = config, reflexes
         self._callbacks: list[tuple[Callable[[Any], object], Subscription]] = []
         self._dispatcher: Dispatcher | None = None  # of the run under way, or of the last one
+        self._lock = threading.RLock()
 
     def make_dispatcher(self) -> Dispatcher:
         """Return a dispatcher for a new run, which calls the callbacks, those that are registered later too."""
-        self._dispatcher = Dispatcher()
-        for callback, subscription in self._callbacks:
-            self._dispatcher.subscribe(callback, subscription)
-        return self._dispatcher
-
-    @property
-    def statistics(self) -> tuple[CallbackStatistics, ...]:
-        """Calls and lost events of each callback in the run that is under way, or in the last one."""
-        return () if self._dispatcher is None else self._dispatcher.statistics()
+        with self._lock:
+            self._dispatcher = Dispatcher()
+            for callback, subscription in self._callbacks:
+                self._dispatcher.subscribe(callback, subscription)
+            return self._dispatcher
 
     def on_contact(self, **selector: Unpack[ContactSelector]) -> Register[Contact]:
-        """Decorator: call a function with each contact felt.
+        """Call the decorated function with each contact.
 
         Args:
             **selector: Which contacts: ``link``, ``joint``, ``kind`` (``contact``, ``collision`` or ``rebound``; None,
@@ -81,10 +73,10 @@ class CallbackRegistry:
             UnknownNameError: No such link, joint, kind or phase.
             SubscriptionError: An intensity that is negative or not a number.
         """
-        return self._register(Contact, contact_filter(self._config, **selector))
+        return self._register(Subscription(Contact, contact_filter(self._config, **selector)))
 
     def on_tick(self, *, every: int = 1, queue: int = QUEUE) -> Register[TickEvent]:
-        """Decorator: call a function after the ticks. What must happen inside them is for ``run(on_tick=...)``.
+        """Call the decorated function after the ticks. What must happen inside them is for ``run(on_tick=...)``.
 
         Args:
             every: Only one tick in so many.
@@ -95,12 +87,12 @@ class CallbackRegistry:
             SubscriptionError: A number that is not from 1 up.
         """
         check_count("queue", queue)
-        return self._register(TickEvent, tick_filter(every), queue)
+        return self._register(Subscription(TickEvent, tick_filter(every), queue))
 
     def on_touch(
         self, *, sensor: str | None = None, pressed: bool | None = True
     ) -> Register[SensorEvent]:
-        """Decorator: call a function when a touch sensor of the head or the hands answers.
+        """Call the decorated function when a touch sensor of the head or the hands is touched.
 
         Args:
             sensor: Only this one, such as ``Head/Touch/Front``.
@@ -114,23 +106,23 @@ class CallbackRegistry:
     def on_bumper(
         self, *, bumper: str | None = None, pressed: bool | None = True
     ) -> Register[SensorEvent]:
-        """Decorator: call a function when a bumper of the base is pressed; otherwise as :meth:`on_touch`."""
+        """Call the decorated function when a bumper of the base is pressed; otherwise as :meth:`on_touch`."""
         return self._on_sensor("bumper", bumper, self._config.sensors.bumpers, pressed)
 
     def on_button(
         self, *, button: str | None = None, pressed: bool | None = True
     ) -> Register[SensorEvent]:
-        """Decorator: call a function when the button on the chest is pressed; otherwise as :meth:`on_touch`."""
+        """Call the decorated function when the button on the chest is pressed; otherwise as :meth:`on_touch`."""
         return self._on_sensor("button", button, self._config.sensors.buttons, pressed)
 
     def on_fault(self) -> Register[FaultEvent]:
-        """Decorator: call a function when the robot is stopped, once in a run."""
-        return self._register(FaultEvent, match())
+        """Call the decorated function when the robot is stopped, once in a run."""
+        return self._register(Subscription(FaultEvent))
 
     def on_reflex(
         self, *, name: str | None = None, phase: ReflexPhase | None = "begin"
     ) -> Register[ReflexEvent]:
-        """Decorator: call a function when a reflex begins or ceases to act.
+        """Call the decorated function when a reflex begins or ceases to act.
 
         Args:
             name: Only this one of the robot's reflexes.
@@ -148,14 +140,14 @@ class CallbackRegistry:
             reflex=("reflex", name, self._reflexes),
             phase=("phase of a reflex", phase, get_args(ReflexPhase)),
         )
-        return self._register(ReflexEvent, predicate)
+        return self._register(Subscription(ReflexEvent, predicate))
 
     def on_step(self) -> Register[StepEvent]:
-        """Decorator: call a function when a step of a motion or an experiment begins."""
-        return self._register(StepEvent, match())
+        """Call the decorated function when a step of a motion or an experiment begins."""
+        return self._register(Subscription(StepEvent))
 
     def on_cue(self, *, kind: CueKind | None = None) -> Register[CueEvent]:
-        """Decorator: call a function when an experiment wants something said or shown.
+        """Call the decorated function when an experiment has something said or shown.
 
         Args:
             kind: Only ``say`` or only ``leds``; None for both.
@@ -163,11 +155,12 @@ class CallbackRegistry:
         Raises:
             UnknownNameError: No such kind.
         """
-        return self._register(CueEvent, match(kind=("kind of cue", kind, get_args(CueKind))))
+        predicate = match(kind=("kind of cue", kind, get_args(CueKind)))
+        return self._register(Subscription(CueEvent, predicate))
 
     def on_push(self) -> Register[PushEvent]:
-        """Decorator: call a function when an experiment has a simulated robot pushed."""
-        return self._register(PushEvent, match())
+        """Call the decorated function when an experiment has a simulated robot pushed."""
+        return self._register(Subscription(PushEvent))
 
     def _on_sensor(
         self, kind: SensorKind, name: str | None, known: Iterable[str], pressed: bool | None
@@ -177,26 +170,19 @@ class CallbackRegistry:
             name=("touch sensor" if kind == "touch" else kind, name, known),
             pressed=("value of pressed", pressed, (True, False)),
         )
-        return self._register(SensorEvent, predicate)
+        return self._register(Subscription(SensorEvent, predicate))
 
-    def _register(
-        self, event: type[Event], predicate: Callable[[Any], bool], queue: int = QUEUE
-    ) -> Register[Any]:
-        subscription = Subscription(event, predicate, queue)
-
+    def _register(self, subscription: Subscription) -> Register[Any]:
         def register(callback: Callable[[Any], object]) -> Callable[[Any], object]:
-            if inspect.iscoroutinefunction(callback):
+            if inspect.iscoroutinefunction(callback) or not callable(callback):
                 raise SubscriptionError(
-                    f"{callback!r} is a coroutine, which nothing would await; for asyncio there is"
-                    " 'async for contact in pepper.contacts()'"
+                    f"a callback must be a function that takes the event, and not a coroutine, got {callback!r};"
+                    " for asyncio there is 'async for contact in pepper.contacts()'"
                 )
-            if not callable(callback):
-                raise SubscriptionError(
-                    f"a callback must be a function that takes the event, got {callback!r}"
-                )
-            self._callbacks.append((callback, subscription))
-            if self._dispatcher is not None:
-                self._dispatcher.subscribe(callback, subscription)
+            with self._lock:
+                self._callbacks.append((callback, subscription))
+                if self._dispatcher is not None:
+                    self._dispatcher.subscribe(callback, subscription)
             return callback
 
         return register

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal, get_args
 
@@ -136,13 +136,13 @@ class PushEvent:
     time: float
 
 
-Event = (
-    Contact | TickEvent | SensorEvent | FaultEvent | ReflexEvent | StepEvent | CueEvent | PushEvent
-)
+@dataclass(frozen=True, slots=True)
+class EndEvent:
+    """The run is over: no more events will come. For those that wait."""
 
 
 class SensorEdges:
-    """Finds when touch sensors, bumpers and buttons are pressed and released.
+    """Detection of touch sensors, bumpers and buttons that are pressed or released.
 
     Args:
         robot: Names the sensors.
@@ -153,7 +153,8 @@ class SensorEdges:
         names = (robot.sensors.touch, robot.sensors.bumpers, robot.sensors.buttons)
         kinds = get_args(SensorKind)
         self._sensors = [(kind, n) for kind, of in zip(kinds, names, strict=True) for n in of]
-        self._pressed, self._values = _pressed(first), b""
+        self._pressed, self._values = [False] * len(self._sensors), b""
+        self.step(first)
 
     def step(self, measurement: Measurement) -> list[SensorEvent]:
         """Return the edges of one tick: touch sensors, bumpers, buttons, each in the order of ``sensors.yaml``."""
@@ -161,7 +162,8 @@ class SensorEdges:
         values = b"".join([array.tobytes() for array in arrays])  # the quickest to compare
         if values == self._values:
             return []
-        before, self._pressed, self._values = self._pressed, _pressed(measurement), values
+        before, self._values = self._pressed, values
+        self._pressed = (np.concatenate(arrays) > 0.5).tolist()  # NaN presses nothing
         return [
             SensorEvent(kind=kind, name=name, pressed=pressed, time=measurement.time)
             for (kind, name), pressed, was in zip(self._sensors, self._pressed, before, strict=True)
@@ -169,24 +171,17 @@ class SensorEdges:
         ]
 
 
-def _pressed(measurement: Measurement) -> list[bool]:
-    """Return which sensors are pressed; a value that is not a number presses nothing."""
-    values = (measurement.touch, measurement.bumpers, measurement.buttons)
-    pressed: list[bool] = (np.concatenate(values) > 0.5).tolist()
-    return pressed
-
-
 class Touches:
     """Contacts that last: those that have begun and not ended. A rebound is none.
 
     Attributes:
-        now: The newest event of each, in the order in which they began. Replaced, never changed: any thread may read it.
+        now: The newest event of each, in the order in which they began. Never changed in place: any thread may read it.
     """
 
     def __init__(self) -> None:
         self.now: tuple[Contact, ...] = ()
 
-    def step(self, contacts: Iterable[Contact]) -> None:
+    def step(self, contacts: Sequence[Contact]) -> None:
         """Take in the contact events of one tick."""
         if contacts:
             lasting = {contact.id: contact for contact in self.now}

@@ -60,9 +60,7 @@ def contact_filter(
     )
     in_phase = match(phase=("phase of a contact", phase, get_args(Phase)))
     if not (isinstance(min_intensity, Real) and min_intensity >= 0):  # NaN is neither
-        raise SubscriptionError(
-            f"min_intensity must be an angle [deg] of 0 or more, got {min_intensity!r}"
-        )
+        raise SubscriptionError(f"min_intensity must be degrees from 0 up, got {min_intensity!r}")
     begun: set[int] = set()  # and not picked yet
 
     def predicate(contact: Contact) -> bool:

@@ -11,7 +11,7 @@ from queue import Empty, SimpleQueue
 from typing import Protocol
 
 from pepper_driver.callbacks.dispatcher import QUEUE, Dispatcher, EventSink, Subscription
-from pepper_driver.callbacks.events import FaultEvent, TickEvent
+from pepper_driver.callbacks.events import EndEvent, FaultEvent, TickEvent
 from pepper_driver.callbacks.filters import ContactPredicate, SubscriptionError
 from pepper_driver.observer import Contact
 
@@ -68,29 +68,26 @@ def wait_for_contact(
         BackendError: Called inside a tick.
     """
     if timeout is not None and not (isinstance(timeout, Real) and 0 <= timeout < math.inf):
-        raise SubscriptionError(
-            f"timeout must be a time [s] that is not negative, or None, got {timeout!r}"
-        )
+        raise SubscriptionError(f"timeout must be a time [s] from 0 up, or None, got {timeout!r}")
     if not session.has_observer:
-        raise SubscriptionError(
-            "without an observer no contact is felt: waiting for one has no end"
-        )
+        raise SubscriptionError("without an observer no contact is detected: none can be awaited")
     ticks_here = session.ticks_here()
-    bell: SimpleQueue[object] = SimpleQueue()
-    sink = EventSink("wait_for_contact()", bell.put)
     end = math.inf if timeout is None else session.time + timeout - 0.5 * session.cycle
-    first = [  # of these ends the wait; a tick comes behind its contacts
+    bell: SimpleQueue[None] = SimpleQueue()
+    sink = EventSink("wait_for_contact()", lambda: bell.put(None))
+    with session.dispatcher.attached(
+        sink,  # for the first of these; a tick comes behind its contacts
         Subscription(Contact, predicate, 1),
         Subscription(TickEvent, lambda event: event.tick.measurement.time >= end, 1),
-        Subscription(FaultEvent, lambda _: True, 1),
-    ]
-    with session.dispatcher.attached(sink, *first):
+        Subscription(FaultEvent, queue=1),
+        Subscription(EndEvent, queue=1),
+    ):
         session.check_fault()  # a fault from before is published no more
         if ticks_here:
             ticks = None if timeout is None else round(timeout / session.cycle)
-            session.run(ticks, until=lambda _: bool(sink.events) or sink.over)
+            session.run(ticks, until=lambda _: bool(sink.events))
         time = -math.inf
-        while not (ticks_here or sink.events or sink.over) and time != session.time:
+        while not (ticks_here or sink.events) and time != session.time:
             time = session.time
             with suppress(Empty):
                 bell.get(timeout=timeout)
@@ -110,20 +107,18 @@ async def stream_contacts(
     """
     loop, woken = asyncio.get_running_loop(), asyncio.Event()
 
-    def wake(_: object) -> None:
+    def wake() -> None:
         with suppress(RuntimeError):  # the event loop is closed
             loop.call_soon_threadsafe(woken.set)
 
     sink = EventSink("'async for contact in contacts()'", wake)
-    contacts = Subscription(Contact, predicate)
-    fault = Subscription(FaultEvent, lambda _: True, QUEUE + 1)
-    with dispatcher.attached(sink, contacts, fault):
+    ends = [Subscription(event, queue=QUEUE + 1) for event in (FaultEvent, EndEvent)]
+    with dispatcher.attached(sink, Subscription(Contact, predicate), *ends):
         while True:
-            over = sink.over  # before the last look: what came before the end is not lost
             event = sink.take()
             if isinstance(event, Contact):
                 yield event
-            elif over or event is not None:
+            elif event is not None:
                 return
             else:
                 await woken.wait()

@@ -4,14 +4,15 @@ import gc
 import sys
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from pepper_driver.pacing import Pacer, RealTimePacer
 
-from pepper_driver.backends import BackendError, Command, Measurement
-from pepper_driver.callbacks import Dispatcher, Subscription
+from pepper_driver.backends import BackendError, BackendInfo, Command, Measurement
+from pepper_driver.callbacks.dispatcher import Dispatcher, Subscription
 from pepper_driver.config import load_controller_settings, load_robot, load_safety_settings
 from pepper_driver.config.parts import FloatArray
 from pepper_driver.controller import Tick
@@ -37,6 +38,8 @@ def make_session(
     reflexes: tuple[Reflex, ...] = (),
     gate: SafetyGate | None = None,
 ) -> Session:
+    dispatcher = Dispatcher()
+    dispatcher.subscribe(lambda _: None, Subscription(Contact))
     return Session(
         backend,
         ROBOT,
@@ -46,7 +49,7 @@ def make_session(
         reflexes=Reflexes(reflexes, ROBOT),
         log=log,
         metadata={},
-        subscriptions=[Subscription(callback=lambda _: None, event=Contact, wanted=lambda _: True)],
+        dispatcher=dispatcher,
         pacer=Pacer(),
     )
 
@@ -61,7 +64,7 @@ def ended(monkeypatch: pytest.MonkeyPatch) -> list[str]:
         calls.append("log")
         end_log(self)
 
-    def close_dispatcher(self: Dispatcher, timeout: float | None = None) -> bool:
+    def close_dispatcher(self: Dispatcher, timeout: float) -> bool:
         calls.append("callbacks")
         return end_callbacks(self, timeout)
 
@@ -192,16 +195,15 @@ class Recorder(FakeBackend):
 
     def __init__(self, real_time: bool, calls: list[str]) -> None:
         super().__init__()
-        self.calls = calls
-        self.real_time = real_time  # type: ignore[misc]
+        self._real_time, self.calls = real_time, calls
 
-    def read(self) -> Measurement:
-        self.calls.append("read")
-        return super().read()
+    @property
+    def info(self) -> BackendInfo:
+        return replace(super().info, real_time=self._real_time)
 
-    def write(self, command: Command) -> None:
-        self.calls.append(f"write {command.position[6]:.6f}")
-        super().write(command)
+    def step(self, command: Command) -> Measurement:
+        self.calls.append(f"step {command.position[6]:.6f}")
+        return super().step(command)
 
 
 class Noting(Observer):
@@ -249,7 +251,7 @@ def calls_of_a_run(monkeypatch: pytest.MonkeyPatch, *, real: bool, paced: bool) 
         now += round(seconds * 1e9)
 
     monkeypatch.setattr(
-        "pepper_driver.pacing.RealTimePacer",
+        "pepper_driver.robot.RealTimePacer",
         lambda cycle, **_: RealTimePacer(cycle, clock=lambda: now, sleep=sleep),
     )
     monkeypatch.setattr("pepper_driver.robot.make_backend", lambda *_: Recorder(real, calls))
@@ -265,14 +267,8 @@ def calls_of_a_run(monkeypatch: pytest.MonkeyPatch, *, real: bool, paced: bool) 
 
 def test_all_backends_see_the_same_calls_in_the_same_order(monkeypatch: pytest.MonkeyPatch) -> None:
     simulated = calls_of_a_run(monkeypatch, real=False, paced=False)
-    assert [call.split()[0] for call in simulated[:4]] == ["open", "activate", "reset", "write"]
-    assert [call.split()[0] for call in simulated[4:9]] == [
-        "read",
-        "observe",
-        "react",
-        "write",
-        "listen",
-    ]
+    assert simulated[:3] == ["open", "activate", "reset"]
+    assert [call.split()[0] for call in simulated[3:7]] == ["step", "observe", "react", "listen"]
     assert len(simulated) > 100
     assert calls_of_a_run(monkeypatch, real=True, paced=False) == simulated
     assert calls_of_a_run(monkeypatch, real=False, paced=True) == simulated
