@@ -9,7 +9,6 @@ from functools import partial
 from typing import Any
 
 import pytest
-from pepper_driver.pacing import RealTimePacer
 
 from pepper_driver import (
     Contact,
@@ -27,6 +26,7 @@ from pepper_driver.callbacks.events import ReflexPhase
 from pepper_driver.callbacks.filters import SubscriptionError
 from pepper_driver.config import UnknownNameError
 from pepper_driver.controller import Tick
+from pepper_driver.loop import TickRecord
 from pepper_driver.observer import Observation
 from pepper_driver.safety import Fault, FaultReason
 from pepper_driver.session import CALLBACK_TIME
@@ -113,7 +113,7 @@ def test_a_callback_sees_a_tick_from_its_contacts_to_its_end() -> None:
         assert isinstance(tick, TickEvent)
         session = pepper._session
         assert session is not None
-        session.deliver(tick.tick, None, [begin])
+        session._publish(TickRecord(tick=tick.tick, events=[begin]))
     kinds = [type(event).__name__ for event in seen]
     one = ["TickEvent"]
     assert kinds == [
@@ -141,7 +141,7 @@ def test_reflexes_are_told_by_name_and_phase() -> None:
     with pepper:
         session = pepper._session
         assert session is not None
-        session.deliver(session.loop.tick(), None, events)
+        session._publish(TickRecord(tick=session.loop.tick().tick, events=events))
     assert seen == events[:1]
 
 
@@ -332,7 +332,7 @@ def test_a_callback_may_close_the_robot() -> None:
 
     @pepper.on_contact()
     def enough(event: Contact) -> None:
-        pepper.close()
+        pepper.stop()
         closed.set()
 
     def slow(tick: Tick, observation: Observation | None) -> None:
@@ -351,8 +351,7 @@ def test_a_callback_may_close_the_robot() -> None:
 
 
 def test_real_time_does_not_wait_for_callbacks_between_runs() -> None:
-    pepper = make_pepper({1: (contact(1),)})
-    pepper._pacer = RealTimePacer(CYCLE)
+    pepper = make_pepper({1: (contact(1),)}, real_time=True)
     blocker = Blocker()
     pepper.on_contact()(blocker)
     with pepper:
