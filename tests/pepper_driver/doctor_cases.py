@@ -36,7 +36,7 @@ class Patient(FakeBackend):
     ) -> None:
         super().__init__(ROBOT)
         self._errors, self._opens = errors, opens
-        self.real_time = real_time  # type: ignore[misc]
+        self.real_time = real_time
         if sickness is not None:
             self.faults = dict.fromkeys(range(TICKS) if tick is None else (tick,), sickness)
 

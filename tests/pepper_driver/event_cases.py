@@ -81,11 +81,12 @@ def make_pepper(
     at: dict[int, tuple[Contact, ...]] | None = None,
     faults: dict[int, Fault] | None = None,
     reflexes: tuple[Reflex, ...] = (),
+    real_time: bool = False,
 ) -> Pepper:
     """A robot without physics. ``at``: what it feels in which tick; ``faults``: what happens to its measurements."""
     observer = Scripted()
     observer.at = at or {}
-    pepper = Pepper("mujoco", observer=observer, reflexes=reflexes)
+    pepper = Pepper("mujoco", observer=observer, reflexes=reflexes, real_time=real_time)
     backend = FakeBackend()
     backend.faults = faults or {}
     pepper.backend = backend

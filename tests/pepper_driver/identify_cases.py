@@ -91,7 +91,7 @@ def use_backends(monkeypatch: pytest.MonkeyPatch, *kinds: type[FakeBackend]) -> 
 
     def make_running(uri: str, robot: RobotConfig | None = None) -> Backend:
         backend = make(uri, robot)
-        backend.real_time = False  # type: ignore[misc]
+        backend.real_time = False
         return backend
 
     monkeypatch.setattr("pepper_driver.identification.identify.make_backend", make)
