@@ -6,6 +6,7 @@ import logging
 import threading
 import time
 from functools import partial
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -23,6 +24,7 @@ from pepper_driver import (
 )
 from pepper_driver.backends import BackendError
 from pepper_driver.backends.mock import MockBackend
+from pepper_driver.callbacks.callback_registry import CallbackRegistry
 from pepper_driver.callbacks.events import ReflexPhase
 from pepper_driver.callbacks.filters import SubscriptionError
 from pepper_driver.config import UnknownNameError
@@ -219,6 +221,26 @@ def test_callbacks_that_hang_raise_or_flood_cost_no_tick_and_no_contact(
     assert statistics["Blocker"].dropped >= 2000 - 1001  # one is being handled, a thousand wait
     assert statistics["flooded"].dropped >= 2000 - 1001
     assert statistics["broken"].failures == statistics["broken"].calls > 0
+
+
+def test_a_tick_callback_gets_the_room_it_asks_for() -> None:
+    registry = CallbackRegistry(ROBOT, ())
+    entered, release = threading.Event(), threading.Event()
+
+    @registry.on_tick(queue=2)
+    def slow(event: TickEvent) -> None:
+        entered.set()
+        release.wait(LONG)
+
+    dispatcher = registry.make_dispatcher()
+    for number in range(1, 11):
+        tick: Any = SimpleNamespace(measurement=SimpleNamespace(tick=number))
+        dispatcher.publish(TickEvent(tick=tick, observation=None))
+        assert entered.wait(LONG)
+    release.set()
+    assert dispatcher.close(LONG)
+    (statistics,) = dispatcher.statistics()
+    assert (statistics.calls, statistics.dropped) == (3, 7)
 
 
 def test_what_is_registered_late_hears_from_then_on() -> None:
