@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from math import nan
 from types import TracebackType
-from typing import ClassVar, Literal, Self
+from typing import Literal, Self
 
 from numpy.typing import ArrayLike
 
@@ -166,7 +166,7 @@ class Backend(ABC):
             each ``read`` lets a simulated cycle pass.
     """
 
-    real_time: ClassVar[bool] = False
+    real_time: bool = False
 
     @property
     @abstractmethod

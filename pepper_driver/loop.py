@@ -104,7 +104,9 @@ class Loop:
         sent = Sent(reference=standing, command=gate.sent, changed=np.zeros(n, dtype=np.bool_))
         # The last one is in force.
         self._in_flight = deque([sent], maxlen=max(LONGEST_WAY, backend.info.response_delay) + 1)
-        self._step = self._answered_step = 0
+        self._written = self._answered = (
+            0  # numbers of the last command, and of the last one answered
+        )
         self.latest = TickRecord(tick=_tick(first, sent))
         backend.write(sent.command)
 
@@ -172,6 +174,7 @@ class Loop:
         else:
             self._backend.write(sent.command)
             self._in_flight.append(sent)
+            self._written += 1
             marks.append(perf_counter_ns())
         try:
             record = TickRecord(
@@ -208,10 +211,9 @@ class Loop:
         if ago is None:
             ago = self._backend.info.response_delay
         ago = min(ago, len(sent) - 1)
-        since = self._step - ago - self._answered_step
+        since = self._written - ago - self._answered
         unmatched = [(before, sent[-1 - before]) for before in range(ago + since - 1, ago, -1)]
-        self._answered_step += max(since, 0)
-        self._step += 1
+        self._answered += max(since, 0)
         return sent[-1 - ago], unmatched
 
     def _pass_gate(self, reference: Reference, measurement: Measurement, tick: Tick) -> Sent:

@@ -20,6 +20,7 @@ from pepper_driver.config import (
     ControllerSettings,
     JointArray,
     Motion,
+    PepperError,
     Posture,
     RobotConfig,
     SafetySettings,
@@ -36,6 +37,7 @@ from pepper_driver.controller.constraints import Constraint
 from pepper_driver.controller.model import RobotModel
 from pepper_driver.controller.tasks import Task, checked_stiffness
 from pepper_driver.controller.tasks.targets import finite_vector
+from pepper_driver.controller.whole_body import check_part
 from pepper_driver.extras import RobotExtras
 from pepper_driver.log import LogWriter, run_metadata
 from pepper_driver.loop import Labelling, Loop, TickRecord
@@ -43,7 +45,7 @@ from pepper_driver.motion import Conductor, OnStep, Player
 from pepper_driver.motion_report import MotionReport
 from pepper_driver.observer import Contact, Observation, Observer
 from pepper_driver.realtime import Pacer, RealTimePacer, Statistics
-from pepper_driver.reflexes import Reflex, prepare_reflexes
+from pepper_driver.reflexes import Arbiter, Reflex, prepare_reflexes
 from pepper_driver.reflexes.declared import declare
 from pepper_driver.safety import FaultReason, RobotState, SafetyGate
 from pepper_driver.selection import check_observer, make_observer
@@ -141,7 +143,7 @@ class Pepper:
         self._changes = Changes()
         self._parts: tuple[Task | Constraint, ...] = ()  # of the user, added before the start
         self._model: RobotModel | None = None
-        self._model_lock = threading.Lock()
+        self._model_lock, self._starting = threading.Lock(), threading.Lock()
         self._gate: SafetyGate | None = (
             None  # before the session: a stop finds it while that starts
         )
@@ -162,7 +164,13 @@ class Pepper:
     # -- life -----------------------------------------------------------------------------------------------------
 
     def __enter__(self) -> Self:
-        self.start()
+        before = self._session
+        try:
+            self.start()
+        except BaseException:
+            if self._session is not before:  # Ctrl-C as it ended
+                self.stop()
+            raise
         return self
 
     def __exit__(
@@ -172,7 +180,12 @@ class Pepper:
         traceback: TracebackType | None,
     ) -> None:
         session = self._session
-        self.stop()
+        try:
+            self.stop()
+        except PepperError as problem:
+            if error is None:
+                raise
+            error.add_note(f"and in the end: {problem}")
         if error is None and session is not None:
             session.check_failure(again=False)
 
@@ -183,8 +196,16 @@ class Pepper:
             PepperError: The robot or the log cannot be opened, the robot is not ready to move (``NotReadyError``), or
                 an emergency stop came meanwhile.
         """
-        if self._is_active():
-            raise BackendError(f"'{self.backend.uri}' is already active")
+        if not self._starting.acquire(blocking=False):
+            raise BackendError(f"'{self.backend.uri}' is being started already")
+        try:
+            if self._is_active():
+                raise BackendError(f"'{self.backend.uri}' is already active")
+            self._start()
+        finally:
+            self._starting.release()
+
+    def _start(self) -> None:
         self._gate = SafetyGate(self.config, self._safety_settings, self._controller_settings)
         self._session = Session(
             self.backend,
@@ -343,14 +364,16 @@ class Pepper:
                 duration that is none. Nothing changes.
         """
         arbiter = self._active().loop.arbiter
-        target = arbiter.controller.posture.checked(
-            self.config.resolve_posture(posture, arbiter.target)
-        )
+        self._resolve_posture(posture, arbiter)
         if stiffness is not None and checked_stiffness(stiffness) == 0:
             raise GainError("stiffness", stiffness, "above 0 for a posture")  # to stop the joints
         if duration is not None:
             duration = _checked_time("duration", duration, SHORTEST, LONGEST)
-        self._changes.make(lambda: arbiter.move_to(target, duration, stiffness))
+
+        def change() -> None:  # the target may have changed meanwhile, in the same group too
+            arbiter.move_to(self._resolve_posture(posture, arbiter), duration, stiffness)
+
+        self._changes.make(change)
 
     def drive(self, vx: float, vy: float, wz: float, *, hold: bool = False) -> None:
         """Drive the base from the next tick on; returns at once.
@@ -376,15 +399,26 @@ class Pepper:
             PepperError: The task is for another robot, or there are too many.
             TypeError: It is neither.
         """
-        if self._is_active():
-            self._active().loop.arbiter.controller.add(part)
-        self._parts = (*(p for p in self._parts if p is not part), part)
+        check_part(part, self.config)
+        controller = self._active().loop.arbiter.controller if self._is_active() else None
+
+        def change() -> None:
+            if controller is not None:
+                controller.add(part)
+            self._parts = (*(p for p in self._parts if p is not part), part)
+
+        self._changes.make(change)
 
     def remove(self, part: Task | Constraint) -> None:
         """Take a task or constraint back; one that is not there is no error."""
-        self._parts = tuple(p for p in self._parts if p is not part)
-        if self._is_active():
-            self._active().loop.arbiter.controller.remove(part)
+        controller = self._active().loop.arbiter.controller if self._is_active() else None
+
+        def change() -> None:
+            self._parts = tuple(p for p in self._parts if p is not part)
+            if controller is not None:
+                controller.remove(part)
+
+        self._changes.make(change)
 
     def changes(self) -> AbstractContextManager[None]:
         """Return a block whose changes of tasks, postures and the like take effect between the same two ticks."""
@@ -456,7 +490,6 @@ class Pepper:
             FaultError: The safety gate stopped the robot.
         """
         session = self._active()
-        session.check_free()
         if not isinstance(motion, Motion):
             motion = load_motion(motion, self.config)
         player = Player(
@@ -467,11 +500,13 @@ class Pepper:
             on_begin=session.publish,
             conductor=conductor,
         )
-        try:
-            self._changes.make(player.begin)
-            session.run(None, on_tick, lambda record: player.advance(record.tick.measurement))
-        finally:
-            self._changes.make(player.end)
+        session.run(
+            None,
+            on_tick,
+            lambda record: player.advance(record.tick.measurement),
+            begin=player.begin,
+            end=player.end,
+        )
         return player.report
 
     def emergency_stop(self, text: str = "emergency stop") -> None:
@@ -546,6 +581,10 @@ class Pepper:
 
     def _is_active(self) -> bool:
         return self._session is not None and self._session.active
+
+    def _resolve_posture(self, posture: Posture, arbiter: Arbiter) -> FloatArray:
+        target = self.config.resolve_posture(posture, arbiter.target)
+        return arbiter.controller.posture.checked(target)
 
     @property
     def _loop(self) -> Loop:

@@ -184,7 +184,9 @@ class Arbiter:
             # A spring would jerk at first, and creep at the end, where worn gears stick and slip.
             way = np.abs(wanted - controller.position)[requests.released_to_posture].max()
             task.move_to(wanted, max(PEAK_SPEED_RATIO * way / MAX_RETURN_SPEED, MIN_RETURN_TIME))
-        task.stiffness = self.posture_stiffness if stiffness is None else stiffness
+        stiffness = self.posture_stiffness if stiffness is None else stiffness
+        if task.stiffness != stiffness:
+            task.stiffness = stiffness
 
     def _event(self, reflex: Reflex, time: float) -> ReflexEvent:
         names, contact = self._robot.joint_names, reflex.contact

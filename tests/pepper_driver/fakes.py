@@ -1,16 +1,15 @@
 """A backend without physics: joints follow at once, and faults can be injected."""
 
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
 
 from pepper_driver.backends import Backend, BackendInfo, Command, Imu, Measurement
+from pepper_driver.backends.mock import Fault as Fault
+from pepper_driver.backends.mock import MockBackend
 from pepper_driver.config import ControllerSettings, RobotConfig, load_robot
 from pepper_driver.config.parts import FloatArray
 from pepper_driver.controller import Reference
-
-Fault = Callable[[Measurement], Measurement]
 
 
 class FakeBackend(Backend):
@@ -86,6 +85,11 @@ class FakeBackend(Backend):
             battery=1.0,
             age=0.0,
         )
+
+
+def quiet() -> Measurement:
+    """A sample of a robot that stands, and that nothing touches."""
+    return MockBackend().open()
 
 
 def aged(seconds: float) -> Fault:

@@ -10,7 +10,7 @@ from pepper_driver.backends import Measurement
 from pepper_driver.config.parts import FloatArray
 from pepper_driver.controller import PositionTask, Tick
 from pepper_driver.observer import Contact, Observation, Observer
-from pepper_driver.reflexes import Control
+from pepper_driver.reflexes import ReflexRequests
 
 # isort: off
 from fakes import FakeBackend
@@ -59,11 +59,13 @@ class Holder(Reflex):
         super().__init__()
         self._from, self._to, self._change = begin, end, change or (lambda position: position)
 
-    def step(self, observation: Observation, measurement: Measurement, control: Control) -> None:
+    def step(
+        self, observation: Observation, measurement: Measurement, requests: ReflexRequests
+    ) -> None:
         if self._from <= measurement.time < self._to:
             if self._posture is None:
-                self._posture = self._change(control.controller.position)
-            control.posture, control.posture_stiffness = self._posture, 400.0
+                self._posture = self._change(requests.controller.position)
+            requests.hold_posture(self._posture, 400.0)
 
     def reset(self) -> None:
         self._posture = None

@@ -1,5 +1,6 @@
 """The tick: what is paired with what, in which order, and what happens when something fails."""
 
+from collections.abc import Callable
 from dataclasses import fields, is_dataclass, replace
 from typing import Any, Literal
 
@@ -8,7 +9,6 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
-from pepper_driver.timing import STAGES
 
 from pepper_driver.backends import Truth
 from pepper_driver.backends.interface import LONGEST_WAY
@@ -19,10 +19,11 @@ from pepper_driver.config import (
     load_robot,
     load_safety_settings,
 )
-from pepper_driver.controller import Reference, Sent, Tick, WholeBodyController
-from pepper_driver.loop import Loop
+from pepper_driver.controller import Reference, Tick, WholeBodyController
+from pepper_driver.loop import Loop, TickRecord
 from pepper_driver.observer import Contact, Observation, Observer
-from pepper_driver.reflexes import Control, Reflex, Reflexes
+from pepper_driver.realtime import STAGES
+from pepper_driver.reflexes import Arbiter, Reflex, ReflexRequests, prepare_reflexes
 from pepper_driver.robot import Pepper
 from pepper_driver.safety import FaultError, FaultReason, RobotState, SafetyGate
 
@@ -36,10 +37,9 @@ def make_loop(
     backend: FakeBackend,
     observer: Observer | None = None,
     reflexes: tuple[Reflex, ...] = (),
-    delivered: list[Tick] | None = None,
+    publish: Callable[[TickRecord], None] = lambda _: None,
     feedback: Literal["none", "joints"] = "none",
     gated: tuple[RobotConfig, ControllerSettings] | None = None,
-    log: Any = None,
 ) -> tuple[Loop, SafetyGate, WholeBodyController]:
     gains = replace(load_controller_settings(ROBOT), feedback=feedback)
     controller = WholeBodyController(ROBOT, gains)
@@ -52,41 +52,35 @@ def make_loop(
     loop = Loop(
         backend,
         ROBOT,
-        controller,
+        Arbiter(controller, ROBOT, prepare_reflexes(reflexes, ROBOT)),
         gate,
         first=first,
         observer=observer,
-        reflexes=Reflexes(reflexes, ROBOT),
-        log=log,
-        deliver=lambda tick, *_: delivered.append(tick) if delivered is not None else None,
+        publish=publish,
     )
     return loop, gate, controller
+
+
+def turn(loop: Loop, angle: float) -> None:
+    """Request that the left shoulder goes by an angle [rad]."""
+    target = loop.arbiter.target.copy()
+    target[6] += angle
+    loop.arbiter.move_to(target)
 
 
 @pytest.mark.parametrize("delay", [0, 1, 3])
 def test_a_measurement_is_paired_with_the_command_it_answers(delay: int) -> None:
     """The fake joint shows the command of ``delay`` ticks ago, so the tracking error must vanish."""
     loop, _, _ = make_loop(FakeBackend(delay=delay))
-    loop.target = loop.target.copy()
-    loop.target[6] += 0.5
+    turn(loop, 0.5)
     for _ in range(60):
-        tick = loop.tick()
+        tick = loop.tick().tick
         np.testing.assert_array_equal(tick.sent.position, tick.measurement.position)
     assert abs(tick.sent.position[6] - ROBOT.posture("Stand")[6]) > 0.1
 
 
 def answering(ago: int) -> Fault:
     return lambda measurement: replace(measurement, answers=ago)
-
-
-class Notebook:
-    """In place of a log: keeps what no tick answers."""
-
-    def __init__(self) -> None:
-        self.unanswered: list[list[tuple[int, Sent]]] = []
-
-    def append(self, *_: object, unanswered: list[tuple[int, Sent]], **__: object) -> None:
-        self.unanswered.append(unanswered)
 
 
 @settings(max_examples=25)
@@ -98,18 +92,17 @@ class Notebook:
 @example([0, 3] + 70 * [80] + [2, 0])
 def test_each_command_is_answered_or_known_not_to_be(answers: list[int]) -> None:
     """Whatever a backend says of its samples: late, twice, lost, older than all that is known."""
-    backend, notebook = FakeBackend(), Notebook()
-    loop, _, _ = make_loop(backend, log=notebook)
-    loop.target = loop.target.copy()
-    loop.target[6] += 0.5
+    backend = FakeBackend()
+    loop, _, _ = make_loop(backend)
+    turn(loop, 0.5)
     answered: list[int] = []
     for step, ago in enumerate(answers):
         backend.faults[step + 1] = answering(ago)
-        sent = loop.tick().sent
+        record = loop.tick()
         place = max(0, step - ago, step - LONGEST_WAY)
-        assert sent is backend.commands[place]
+        assert record.tick.sent is backend.commands[place]
         first = max(answered, default=0) + 1
-        late = [(ago, entry.command) for ago, entry in notebook.unanswered[-1]]
+        late = [(ago, entry.command) for ago, entry in record.unmatched]
         expected = range(max(first, step - LONGEST_WAY), place)
         assert late == [(step - k, backend.commands[k]) for k in expected]
         answered.append(place)
@@ -117,10 +110,9 @@ def test_each_command_is_answered_or_known_not_to_be(answers: list[int]) -> None
 
 def test_the_reference_in_a_tick_is_the_one_its_command_was_made_from() -> None:
     loop, _, _ = make_loop(FakeBackend(delay=2))
-    loop.target = loop.target.copy()
-    loop.target[6] += 0.3
+    turn(loop, 0.3)
     for _ in range(40):
-        tick = loop.tick()
+        tick = loop.tick().tick
         np.testing.assert_array_equal(tick.reference.position, tick.sent.position)
 
 
@@ -131,8 +123,7 @@ def test_transport_is_no_error_of_a_closed_loop() -> None:
     for feedback in ("none", "joints"):
         backend = FakeBackend(delay=3)
         loop, _, _ = make_loop(backend, feedback=feedback)
-        loop.target = loop.target.copy()
-        loop.target[6] += 0.5
+        turn(loop, 0.5)
         for _ in range(100):
             loop.tick()
         trails.append(np.array([command.position[6] for command in backend.commands]))
@@ -173,13 +164,13 @@ class Reach(Reflex):
     def __init__(self) -> None:
         self.calls = 0
 
-    def step(self, observation: Observation, measurement: Any, control: Control) -> None:
+    def step(self, observation: Observation, measurement: Any, requests: ReflexRequests) -> None:
         self.calls += 1
         if self.calls == 3:
-            self.wanted = control.controller.position
+            self.wanted = requests.controller.position
             self.wanted[6] += 0.2
         if self.calls >= 3:
-            control.posture = self.wanted
+            requests.hold_posture(self.wanted, 100.0)
 
     def reset(self) -> None:
         self.calls = 0
@@ -200,11 +191,11 @@ class Creep(Reflex):
 
     wanted: Array | None = None
 
-    def step(self, observation: Observation, measurement: Any, control: Control) -> None:
+    def step(self, observation: Observation, measurement: Any, requests: ReflexRequests) -> None:
         if self.wanted is None:
-            self.wanted = control.controller.position
+            self.wanted = requests.controller.position
         self.wanted[6] += 0.002
-        control.posture = self.wanted
+        requests.hold_posture(self.wanted, 5.0)
 
     def reset(self) -> None:
         self.wanted = None
@@ -222,11 +213,11 @@ def test_a_posture_that_a_reflex_changes_in_place_is_followed() -> None:
 def test_a_listener_that_fails_does_not_keep_a_fault_from_the_robot() -> None:
     backend = FakeBackend()
 
-    def fail(tick: Tick, observation: Observation | None, events: object) -> None:
-        raise KeyError("a user's mistake")
+    def fail(record: TickRecord) -> None:
+        if record.tick.measurement.tick == 61:
+            raise KeyError("a user's mistake")
 
-    loop, gate = driving(backend, observer=Spy(), reflexes=(Broken("raises"),))
-    loop._deliver = fail
+    loop, gate = driving(backend, observer=Spy(), reflexes=(Broken("raises"),), publish=fail)
     with pytest.raises(KeyError):
         loop.tick()
     assert gate.state is RobotState.FAULT
@@ -263,8 +254,7 @@ def test_the_controller_does_not_run_ahead_of_a_robot_that_the_gate_slows() -> N
     backend = FakeBackend()
     slow = slowed(load_controller_settings(ROBOT), 0.001 / ROBOT.cycle / 1.5)
     loop, gate, controller = make_loop(backend, gated=(ROBOT, slow))
-    loop.target = loop.target.copy()
-    loop.target[6] += 0.5
+    turn(loop, 0.5)
     for _ in range(60):
         loop.tick()
         assert abs(controller.position[6] - gate.sent.position[6]) < 1e-12
@@ -277,8 +267,7 @@ def test_the_controller_does_not_run_ahead_of_a_robot_that_the_gate_slows() -> N
 def test_a_fault_stops_the_robot_and_is_told(fault: Any, word: str) -> None:
     backend = FakeBackend()
     loop, gate, _ = make_loop(backend)
-    loop.target = loop.target.copy()
-    loop.target[6] += 0.5
+    turn(loop, 0.5)
     backend.faults[20] = fault
     for _ in range(19):
         loop.tick()
@@ -305,10 +294,9 @@ def stands_still(backend: FakeBackend, loop: Loop, commands: int) -> None:
 
 def driving(backend: FakeBackend, **parts: Any) -> tuple[Loop, SafetyGate]:
     """A loop whose arm and wheels move."""
-    loop, gate, controller = make_loop(backend, **parts)
-    loop.target = loop.target.copy()
-    loop.target[6] += 0.5
-    controller.base_velocity.target = np.array([0.2, 0.0, 0.0])
+    loop, gate, _ = make_loop(backend, **parts)
+    turn(loop, 0.5)
+    loop.arbiter.drive(np.array([0.2, 0.0, 0.0]))
     for _ in range(60):
         loop.tick()
     assert np.abs(backend.commands[-1].wheel_speed).max() > 0.3
@@ -330,34 +318,36 @@ class Broken(Reflex):
     def __init__(self, harm: str) -> None:
         self.harm, self.calls = harm, 0
 
-    def step(self, observation: Observation, measurement: Any, control: Control) -> None:
+    def step(self, observation: Observation, measurement: Any, requests: ReflexRequests) -> None:
         self.calls += 1
         if self.calls <= 60:
             return
         if self.harm == "raises":
             raise ZeroDivisionError("a user's mistake")
         if self.harm == "posture":
-            control.posture = np.full(17, np.nan)
+            requests.posture = np.full(17, np.nan)
         if self.harm == "stiffness":
-            control.stiffness = np.zeros(16)
+            requests.stiffness = np.zeros(16)
         if self.harm == "gain":
-            control.posture_stiffness = -1.0
+            requests.hold_posture(requests.controller.position, -1.0)
 
     def reset(self) -> None:
         self.calls = 0
 
 
 @pytest.mark.parametrize("harm", ["raises", "posture", "stiffness", "gain"])
-def test_a_broken_reflex_stops_the_robot_and_the_tick_is_delivered(harm: str) -> None:
-    backend, delivered = FakeBackend(), list[Tick]()
-    loop, gate = driving(backend, observer=Spy(), reflexes=(Broken(harm),), delivered=delivered)
+def test_a_broken_reflex_stops_the_robot_and_the_tick_is_published(harm: str) -> None:
+    backend, published = FakeBackend(), list[TickRecord]()
+    loop, gate = driving(
+        backend, observer=Spy(), reflexes=(Broken(harm),), publish=published.append
+    )
     with pytest.raises(FaultError) as caught:
         loop.tick()
     assert gate.state is RobotState.FAULT
     if harm == "raises":
         assert "ZeroDivisionError" in str(caught.value)
         assert isinstance(caught.value.__cause__, ZeroDivisionError)
-    assert len(delivered) == 61
+    assert len(published) == 61
     stands_still(backend, loop, 61)
 
 
@@ -433,9 +423,9 @@ def test_wheels_that_the_gate_slows_keep_the_direction_and_the_controller_knows(
     slow = replace(ROBOT, wheels=replace(ROBOT.wheels, speed_limit=0.5))
     loop, _, controller = make_loop(backend, gated=(slow, load_controller_settings(ROBOT)))
     twist = np.array([0.15, 0.05, 0.2])
-    controller.base_velocity.target = twist
+    loop.arbiter.drive(twist)
     for _ in range(200):
-        tick = loop.tick()
+        tick = loop.tick().tick
     sent = np.linalg.solve(ROBOT.wheels.matrix, tick.sent.wheel_speed)
     assert np.abs(tick.sent.wheel_speed).max() == pytest.approx(0.5)
     wanted = tick.reference.base_twist

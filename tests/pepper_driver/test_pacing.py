@@ -6,10 +6,10 @@ from itertools import pairwise
 from random import Random
 
 import pytest
-from fakes import FakeBackend
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from pepper_driver.backends.mock import MockBackend
 from pepper_driver.config import load_robot
 from pepper_driver.realtime import Pacer, RealTimePacer
 
@@ -99,22 +99,6 @@ def test_who_wakes_up_a_whole_cycle_late_has_missed_ticks(
     assert clock.now == 12 * MS + round(oversleep_ms * MS)
 
 
-def test_short_runs_keep_the_beat_and_pauses_between_them_miss_nothing() -> None:
-    clock = FakeClock(0)
-    pacer = make_pacer(clock)
-    for _ in range(3):
-        pacer.wait()
-        clock.work(MS)
-    clock.work(4 * MS)
-    pacer.restart()
-    assert pacer.wait() == 0
-    assert started(pacer) == clock.now == 36 * MS
-    clock.work(100 * MS)
-    pacer.restart()
-    assert pacer.wait() == 0
-    assert started(pacer) == clock.now == 136 * MS
-
-
 @given(
     st.lists(st.tuples(st.integers(0, 40 * MS), st.integers(0, 15 * MS)), min_size=1, max_size=300)
 )
@@ -152,7 +136,6 @@ def test_ten_thousand_ticks_end_where_they_should(seed: int) -> None:
 def test_no_pacing_waits_for_nothing_and_changes_nothing() -> None:
     pacer = Pacer()
     interval = sys.getswitchinterval()
-    pacer.restart()
     assert pacer.wait() == 0
     assert pacer.due is None
     assert not pacer.paced
@@ -222,21 +205,6 @@ def test_a_tick_that_was_missed_shifts_none_where_ticks_follow_a_robot() -> None
     clock.work(30 * MS)
     assert pacer.wait() == 2
     assert started(pacer) % CYCLE == 3 * MS
-
-
-@pytest.mark.parametrize("off", [-2e-6, 0.0, 2e-6])
-def test_short_runs_one_after_the_other_keep_a_robots_beat(off: float) -> None:
-    """To be a little late for it is no reason to wait for the next."""
-    clock = FakeClock()
-    pacer = RealTimePacer(0.012, phase_error=lambda _: off, clock=clock, sleep=clock.sleep)
-    begins = []
-    for _ in range(20):
-        pacer.restart()
-        for _ in range(3):
-            assert pacer.wait() == 0
-            begins.append(started(pacer))
-            clock.work(MS)
-    assert {b - a for a, b in pairwise(begins)} == {CYCLE + round(off * 1e9)}
 
 
 # -- requests for samples ---------------------------------------------------------------------------------------
@@ -384,7 +352,7 @@ def test_the_lead_may_change_from_tick_to_tick() -> None:
 
 
 def test_the_pacer_of_a_robot_follows_it_and_requests_its_samples() -> None:
-    class Robot(FakeBackend):
+    class Robot(MockBackend):
         request_lead = 0.003
 
         def request(self) -> None:

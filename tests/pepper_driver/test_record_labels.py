@@ -20,6 +20,7 @@ from pepper_driver.labeller import Labeller, make_labeller
 from pepper_driver.labelling import LabelError, pushes_of, recording_of
 from pepper_driver.log import Label, LogData, LogWriter, read_log
 from pepper_driver.log.label import LabelPhase
+from pepper_driver.loop import TickRecord
 from pepper_driver.observer import RecordingBuilder, RecordingError
 
 TOUCH = list(ROBOT.sensors.touch)
@@ -134,7 +135,7 @@ def written(path: Path, *labels: Label, ticks: int = 5) -> tuple[LogData, list[T
     made = [samples.tick(k) for k in range(ticks)]
     with LogWriter(path, ROBOT, {}, lossless=True) as log:
         for k, tick in enumerate(made):
-            log.append(tick, None, labels=labels if k == 0 else ())
+            log.append(TickRecord(tick=tick, labels=labels if k == 0 else ()))
     return read_log(path), made
 
 
@@ -157,7 +158,7 @@ def test_a_recording_comes_back_from_a_log(tmp_path: Path) -> None:
         for k in range(20):
             tick = finite(samples.tick(k), fake, k)
             builder.append(tick)
-            log.append(tick, None)
+            log.append(TickRecord(tick=tick))
     expected, found = builder.finish(), recording_of(read_log(path), ROBOT)
     assert found.joint_names == ROBOT.joint_names
     for name, array in expected._arrays():
@@ -204,7 +205,7 @@ def test_a_tick_that_repeats_a_cycle_is_left_out_of_the_recording(tmp_path: Path
     fake, samples, path = FakeBackend(ROBOT), Samples(1), tmp_path / "a.mcap"
     with LogWriter(path, ROBOT, {}, lossless=True) as log:
         for k in (0, 1, 2, 2, 3, 3, 4):
-            log.append(finite(samples.tick(k), fake, k), None)
+            log.append(TickRecord(tick=finite(samples.tick(k), fake, k)))
     assert len(read_log(path)["time"]) == 7
     assert len(recording_of(read_log(path), ROBOT)) == 5
 

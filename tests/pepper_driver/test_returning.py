@@ -4,14 +4,14 @@ from dataclasses import dataclass
 
 import numpy as np
 import pytest
-from pepper_driver.reflexes.control import OVER_ALL
 
 from pepper_driver import Pepper, Reflex
 from pepper_driver.backends import Measurement
 from pepper_driver.config.parts import FloatArray
 from pepper_driver.controller import PostureTask, Tick
 from pepper_driver.observer import Contact, Observation
-from pepper_driver.reflexes import Control
+from pepper_driver.reflexes import ReflexRequests
+from pepper_driver.reflexes.requests import DOMINANT_WEIGHT
 
 # isort: off
 from motion_cases import ROBOT
@@ -29,14 +29,16 @@ class Lead(Reflex):
 
     way: float
 
-    def begin(self, contact: Contact, control: Control) -> None:
+    def begin(self, contact: Contact, requests: ReflexRequests) -> None:
         self.joints[ROLL] = True
-        self._task = PostureTask(["LShoulderRoll"], stiffness=100.0, weight=OVER_ALL)
-        self._task.target = [control.controller.position[ROLL] + self.way]
+        self._task = PostureTask(["LShoulderRoll"], stiffness=100.0, weight=DOMINANT_WEIGHT)
+        self._task.target = [requests.controller.position[ROLL] + self.way]
 
-    def act(self, observation: Observation, measurement: Measurement, control: Control) -> None:
-        if control.claim(self.joints):
-            control.do(self._task)
+    def act(
+        self, observation: Observation, measurement: Measurement, requests: ReflexRequests
+    ) -> None:
+        if requests.claim(self.joints):
+            requests.add_task(self._task)
 
 
 def trace(pepper: Pepper, seconds: float) -> FloatArray:

@@ -22,7 +22,7 @@ from pepper_driver.config.loading import package_file
 from pepper_driver.config.parts import FloatArray
 from pepper_driver.controller import WholeBodyController
 from pepper_driver.loop import Loop
-from pepper_driver.reflexes import Reflexes
+from pepper_driver.reflexes import Arbiter
 from pepper_driver.safety import FaultError, FaultReason, NotReadyError, RobotState, SafetyGate
 
 from fakes import FakeBackend, aged, displaced, drained, heated, pressed  # isort: skip
@@ -51,21 +51,20 @@ def drive(
     loop = Loop(
         backend,
         ROBOT,
-        controller,
+        arbiter := Arbiter(controller, ROBOT),
         gate,
         first=first,
         observer=None,
-        reflexes=Reflexes((), ROBOT),
-        log=None,
-        deliver=lambda tick, observation, events: None,
+        publish=lambda record: None,
     )
-    loop.target = loop.target.copy()
-    loop.target[6] += 0.8
-    controller.base_velocity.target = np.array([0.2, 0.0, 0.0])
+    target = arbiter.target.copy()
+    target[6] += 0.8
+    arbiter.move_to(target)
+    arbiter.drive(np.array([0.2, 0.0, 0.0]))
     for tick in range(BEGIN, min(ticks, BEGIN + lasting)):
         backend.faults[tick] = harm
     for _ in range(ticks):
-        seen(loop.tick().reference.position)
+        seen(loop.tick().tick.reference.position)
     return loop, gate
 
 
@@ -240,7 +239,7 @@ def test_a_robot_that_is_not_fit_is_not_activated(
     pepper = Pepper("mujoco", observer=None)
     pepper.backend = backend
     with pytest.raises(NotReadyError, match=word):
-        pepper.activate()
+        pepper.start()
     assert backend.calls == ["open", "close"]
     assert backend.commands == []
     assert pepper.state is RobotState.INACTIVE

@@ -185,7 +185,7 @@ def test_an_emergency_stop_while_the_robot_starts_ends_the_start(ended: list[str
     pepper = Pepper("mujoco", observer=None)
     pepper.backend = Stopped(ended, pepper.emergency_stop)
     with pytest.raises(FaultError, match="emergency stop"):
-        pepper.activate()
+        pepper.start()
     assert ended == ["open", "activate", "close", "callbacks"]
     assert pepper.state is RobotState.FAULT
 

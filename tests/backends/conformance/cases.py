@@ -51,6 +51,11 @@ def mujoco() -> Iterator[Case]:
     yield Case(name="mujoco", make=lambda: make_backend("mujoco://?seed=7"))
 
 
+def mock() -> Iterator[Case]:
+    """The robot without physics."""
+    yield Case(name="mock", make=lambda: make_backend("mock://?delay=2"))
+
+
 def replay(folder: Path) -> Iterator[Case]:
     """A recording of it, long enough for every test."""
     path = folder / "run.mcap"
