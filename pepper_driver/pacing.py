@@ -76,28 +76,31 @@ class RealTimePacer(Pacer):
 
     def wait(self) -> int:
         """Return when the next tick is to begin, with the number of ticks missed before it."""
-        now = self._clock()
+        now, lead = self._clock(), round(1e9 * self._request_lead())
         if self._fresh:
             self._fresh = False
             if self._next <= now:  # else the run before has kept the beat up to here
                 self._next = now + round(1e9 * self._phase_error(now)) % self._cycle
+                if lead and self._next - now < lead:  # the sample would come too late
+                    self._next += self._cycle
         missed = max(0, -((self._next - now) // self._cycle))  # rounded up: begun is too late
         due = self._next + missed * self._cycle
-        lead = round(1e9 * self._request_lead())
-        if lead and due > now:
-            if due - lead > now:
-                self._sleep((due - lead - now) * 1e-9)
+        if lead:
+            self._sleep_until(due - lead)
             self._request()
-            now = self._clock()
-        if due > now:
-            self._sleep((due - now) * 1e-9)
-            overslept = max(0, (self._clock() - due) // self._cycle)
-            missed += overslept
-            due += overslept * self._cycle
+        self._sleep_until(due)
+        overslept = max(0, (self._clock() - due) // self._cycle)
+        missed += overslept
+        due += overslept * self._cycle
         self.due, self._next = due, due + self._cycle
         most = FOLLOW * self._cycle
         self._next += round(max(-most, min(most, 1e9 * self._phase_error(self._next))))
         return missed
+
+    def _sleep_until(self, moment: int) -> None:
+        rest = moment - self._clock()
+        if rest > 0:
+            self._sleep(rest * 1e-9)
 
 
 def robot_pacer(backend: Backend, cycle: float) -> RealTimePacer:
