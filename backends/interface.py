@@ -7,7 +7,9 @@ from dataclasses import dataclass
 from functools import cached_property
 from math import nan
 from types import TracebackType
-from typing import ClassVar, Literal, Self
+from typing import Literal, Self
+
+from numpy.typing import ArrayLike
 
 from pepper_driver.backends.extras import Extras
 from pepper_driver.backends.simulated import SimulatedPlant, Truth
@@ -167,7 +169,7 @@ class Backend(ABC):
             each ``read`` lets a simulated cycle pass.
     """
 
-    real_time: ClassVar[bool] = False
+    real_time: bool = False
 
     @property
     @abstractmethod
@@ -279,8 +281,8 @@ class Backend(ABC):
     def push(
         self,
         link: str,
-        force: FloatArray,
-        point: FloatArray | None = None,
+        force: ArrayLike,
+        point: ArrayLike | None = None,
         duration: float = 0.5,
         *,
         frame: Literal["world", "link"] = "world",
@@ -309,8 +311,8 @@ class Backend(ABC):
     def grab(
         self,
         link: str,
-        pull: FloatArray,
-        point: FloatArray | None = None,
+        pull: ArrayLike,
+        point: ArrayLike | None = None,
         *,
         stiffness: float = 1000.0,
         rise: float = 0.5,

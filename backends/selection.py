@@ -15,6 +15,7 @@ GROUP = "pepper_driver.backends"
 """Entry-point group for backends of other packages: ``scheme = "module:factory"``."""
 
 _BUILTIN = {
+    "mock": "pepper_driver.backends.mock:from_uri",
     "mujoco": "pepper_driver.backends.mujoco_:from_uri",
     "naoqi": "pepper_driver.backends.naoqi.backend:from_uri",
     "naoqis": "pepper_driver.backends.naoqi.backend:from_uri",

@@ -30,7 +30,13 @@ from rich.progress import track
 from rich.table import Table
 
 from pepper_driver.config import PepperError, RobotConfig, load_controller_settings, load_robot
-from pepper_driver.controller import ComTask, FrameTask, RobotModel, WholeBodyController
+from pepper_driver.controller import (
+    BaseVelocityTask,
+    ComTask,
+    FrameTask,
+    RobotModel,
+    WholeBodyController,
+)
 from pepper_driver.output import check_writable, write_json
 
 FloatArray = NDArray[np.float64]
@@ -75,12 +81,14 @@ class Ours:
         switches = replace(settings.constraints, self_collision=self.bodies, balance=self.bodies)
         self._controller = WholeBodyController(robot, replace(settings, constraints=switches))
         self._controller.reset(start)
-        posture, base = self._controller.posture, self._controller.base_velocity
+        posture = self._controller.posture
         posture.weight, posture.stiffness = POSTURE_WEIGHT, POSTURE_STIFFNESS
-        base.weight, base.stiffness = TASK_WEIGHT, BASE_STIFFNESS
+        # Not the controller's own, which would give way: the peers hold the base with this weight too.
+        self._controller.remove(self._controller.base_velocity)
+        self._controller.add(BaseVelocityTask(weight=TASK_WEIGHT, stiffness=BASE_STIFFNESS))
         gains = {"weight": TASK_WEIGHT, "stiffness": TASK_STIFFNESS, "base": True}
-        self._wrists = [FrameTask(robot, link, **gains) for link in WRISTS]
-        for task in (*self._wrists, ComTask(robot, **gains)):
+        self._wrists = [FrameTask(link, robot=robot, **gains) for link in WRISTS]
+        for task in (*self._wrists, ComTask(robot=robot, **gains)):
             self._controller.add(task)
         self._frames = [self._controller.model.body_frame(link) for link in WRISTS]
         self.tick = self._controller.step

@@ -7,6 +7,11 @@ to answer, by the stand-in's black box; and tracking errors and residuals agains
 simulation driven directly, beside what another seed of the sensors' noise makes of them. The gate lets old samples pass
 here, and it is counted how often it would have held or stopped the robot.
 
+The reaction is counted in cycles of the robot: from the cycle of a sample to the cycle in which the device manager
+follows the command computed from it, in the first tick that has the sample. The command is found in the stand-in's
+black box by its value. Ticks count while the joints move, so that each command has a value of its own. The median is
+over ticks with a fresh sample only; the p99 also counts samples that came late.
+
 Run on an idle machine: python benchmarks/naoqi.py --seconds 60 --json naoqi.json
 """
 
@@ -16,10 +21,12 @@ import argparse
 import os
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any, NoReturn
+from unittest.mock import patch
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,7 +34,10 @@ from rich.console import Console
 from rich.table import Table
 
 from pepper_driver import Pepper
-from pepper_driver.backends import Command, make_backend
+from pepper_driver.backends import Backend, Command, make_backend
+from pepper_driver.backends.interface import LONGEST_WAY
+from pepper_driver.backends.naoqi.backend import NaoqiBackend
+from pepper_driver.backends.naoqi.watchdog import NORMAL_AGE
 from pepper_driver.backends.naoqi_server.black_box import BlackBox
 from pepper_driver.backends.naoqi_server.launch import StandIn
 from pepper_driver.config import (
@@ -40,8 +50,12 @@ from pepper_driver.config import (
 from pepper_driver.controller import Tick
 from pepper_driver.observer import Observation
 from pepper_driver.output import check_writable, write_json
-from pepper_driver.pacing import RealTimePacer
-from pepper_driver.timing import Spread
+from pepper_driver.realtime import (
+    Quantiles,
+    RealTimePacer,
+    realtime_process,
+    realtime_thread,
+)
 
 FloatArray = NDArray[np.float64]
 
@@ -50,6 +64,8 @@ SWING, WAY, REST = 0.3, 1.5, 0.3  # [rad] around the starting posture, [s] there
 WARM_UP = 1.0  # [s] before figures are taken
 LONGEST = 100.0  # [s] of a run
 PROCESSES = ("client", "NAOqi", "robot")
+SAME_POSTURE = 1e-9  # [rad] commands reach the black box as the numbers they are
+MIN_MOTION = 1e-7  # [rad] between the commands of two ticks that count for the reaction
 
 
 class Processors:
@@ -91,8 +107,8 @@ def bare(uri: str, stand_in: StandIn, robot: RobotConfig, seconds: float) -> dic
         backend.open()
         measurement = backend.activate()
         hold = np.clip(measurement.position, robot.lower, robot.upper)
-        pacer = RealTimePacer(robot.cycle, off_beat=backend.off_beat)
-        with pacer.running():
+        pacer = RealTimePacer.from_backend(backend, robot.cycle)
+        with realtime_process(), realtime_thread():
             pacer.wait()
             warm = round(WARM_UP / robot.cycle)
             for tick in range(warm + round(seconds / robot.cycle)):
@@ -101,9 +117,10 @@ def bare(uri: str, stand_in: StandIn, robot: RobotConfig, seconds: float) -> dic
                     withheld = measurement.withheld
                 missed += pacer.wait()
                 began = time.perf_counter_ns()
+                measurement = backend.read()
                 posture = np.clip(swing(tick * robot.cycle, hold), robot.lower, robot.upper)
                 command = Command(position=posture, stiffness=np.ones(17), wheel_speed=np.zeros(3))
-                measurement = backend.step(command)
+                backend.write(command)
                 now = time.perf_counter_ns()
                 assert pacer.due is not None
                 ends.append((now - pacer.due) * 1e-6)
@@ -113,23 +130,56 @@ def bare(uri: str, stand_in: StandIn, robot: RobotConfig, seconds: float) -> dic
     return {
         "ticks": len(ends) - warm,
         "missed": missed,
-        "tick_end_ms": asdict(Spread.of(np.array(ends[warm:]))),
-        "step_ms": asdict(Spread.of(np.array(steps[warm:]))),
-        "sample_age_ms": asdict(Spread.of(np.array(ages[warm:]))),
+        "tick_end_ms": asdict(Quantiles.from_values(np.array(ends[warm:]))),
+        "step_ms": asdict(Quantiles.from_values(np.array(steps[warm:]))),
+        "sample_age_ms": asdict(Quantiles.from_values(np.array(ages[warm:]))),
         "withheld": measurement.withheld - withheld,
         "processors": shares,
     }
 
 
-class Recorder:
-    """Keeps what ticks were, after a warm-up."""
+@contextmanager
+def request_leads(backend: type[Backend]) -> Iterator[list[float]]:
+    """Note the time from each request for a sample to the beginning of its tick [ms], as long as the block lasts.
 
-    def __init__(self) -> None:
+    The list stays empty where a backend is not asked ahead of its tick.
+    """
+    leads: list[float] = []
+    request, read = getattr(backend, "request", None), getattr(backend, "read", None)
+    if request is None or read is None:
+        yield leads
+        return
+    requested: int | None = None
+
+    def timed_request(self: Backend) -> None:
+        nonlocal requested
+        requested = time.perf_counter_ns()
+        request(self)
+
+    def timed_read(self: Backend) -> object:
+        nonlocal requested
+        if requested is not None:
+            leads.append((time.perf_counter_ns() - requested) * 1e-6)
+            requested = None
+        return read(self)
+
+    # In the class: the pacer may have taken the method from the robot before anything runs.
+    with patch.object(backend, "request", timed_request), patch.object(backend, "read", timed_read):
+        yield leads
+
+
+class Recorder:
+    """Keeps the ticks of a robot, and the posture that each of them computed."""
+
+    def __init__(self, pepper: Pepper) -> None:
+        self._pepper = pepper
         self.ticks: list[Tick] = []
+        self.computed: list[FloatArray] = []
         self.residuals: list[FloatArray] = []
 
     def __call__(self, tick: Tick, observation: Observation | None) -> None:
         self.ticks.append(tick)
+        self.computed.append(self._pepper.controller.position)
         assert observation is not None
         self.residuals.append(observation.residual)
 
@@ -163,16 +213,22 @@ def whole(
     uri: str, stand_in: StandIn, robot: RobotConfig, seconds: float
 ) -> tuple[dict[str, Any], Recorder]:
     """Figures of a moving Pepper, and its ticks."""
-    recorder, safety = Recorder(), load_safety_settings()
+    safety = load_safety_settings()
     patient = replace(safety, stale_hold=9.0, stale_fault=10.0)
-    with Pepper(uri, robot=robot, safety=patient) as pepper:
+    with (
+        request_leads(NaoqiBackend) as leads,
+        Pepper(uri, robot=robot, safety=patient) as pepper,
+    ):
         pepper.run(WARM_UP)
         pepper.clear_statistics()
-        processors = Processors(stand_in)
+        leads.clear()
+        recorder, processors = Recorder(pepper), Processors(stand_in)
         move(pepper, recorder, seconds)
         shares, statistics = processors.shares(), pepper.statistics
         contacts = len(pepper.contact_history)
-    box = stand_in.black_box()
+        delay = pepper.backend.info.response_delay
+    commands = commands_by_cycle(stand_in.black_box())
+    begin, off_by = matched(recorder, commands)
     first, last = recorder.ticks[0].measurement, recorder.ticks[-1].measurement
     assert statistics.end is not None
     return {
@@ -188,7 +244,9 @@ def whole(
         "would_stop": gaps(recorder, safety.stale_fault),
         "contacts": contacts,
         "answers": answers(recorder),
-        "dcm_off_by_rad": off_by(recorder, box),
+        "dcm_off_by_rad": off_by,
+        "reaction_cycles": reaction(recorder, commands, begin + delay, robot.cycle),
+        "request_lead_ms": median_and_p99(leads),
     }, recorder
 
 
@@ -204,27 +262,91 @@ def answers(recorder: Recorder) -> dict[str, int]:
     return {str(n): ago.count(n) for n in sorted({n for n in ago if n is not None})}
 
 
-def off_by(recorder: Recorder, box: BlackBox) -> float:
-    """Largest distance of the DCM's command from the one that a fresh sample is said to answer [rad].
+def commands_by_cycle(box: BlackBox) -> FloatArray:
+    """Return what the DCM sent to the joints (n, 17) [rad], from the first cycle kept on; NaN for one left out."""
+    cycles = box.cycle - box.cycle[0]
+    commands = np.full((int(cycles[-1]) + 1, box.position_command.shape[1]), np.nan)
+    commands[cycles] = box.position_command
+    return commands
 
-    The black box and the ticks count the robot's cycles from different ones on: by how many is what fits best.
+
+def matched(recorder: Recorder, commands: FloatArray) -> tuple[int, float]:
+    """Match the cycles that the ticks count with those of the black box, by the commands that fresh samples answer.
+
+    Returns:
+        The row of ``commands`` that is tick 0 of the robot, where it shows the answered commands; and the largest
+        distance of the two [rad].
     """
     fresh = [tick for tick in recorder.ticks if tick.measurement.age == 0.0]
     cycles = np.array([tick.measurement.tick for tick in fresh])
     sent = np.array([tick.sent.position for tick in fresh])
-    best = np.inf
-    for begin in range(len(box) - int(cycles[-1] - cycles[0])):
-        rows = begin + cycles - cycles[0]
-        if np.abs(box.position_command[rows[0]] - sent[0]).max() < 1e-3:
-            best = min(best, float(np.abs(box.position_command[rows] - sent).max()))
-    return best
+    best, begin, off_by = np.inf, 0, np.inf
+    for row in range(len(commands) - int(cycles[-1] - cycles[0])):
+        if np.abs(commands[row] - sent[0]).max() > 1e-3:
+            continue
+        off = np.abs(commands[row + cycles - cycles[0]] - sent)
+        if np.nanmean(off) < best:
+            best, begin, off_by = (
+                float(np.nanmean(off)),
+                row - int(cycles[0]),
+                float(np.nanmax(off)),
+            )
+    return begin, off_by
+
+
+def reaction(
+    recorder: Recorder, commands: FloatArray, begin: int, cycle: float
+) -> dict[str, float | int | None]:
+    """Return how many cycles after that of a sample the DCM follows the command computed from it.
+
+    Args:
+        recorder: The ticks.
+        commands: (n, 17) what the DCM sent to the joints in each cycle [rad].
+        begin: The row of ``commands`` of the robot's cycle 0, as ticks count.
+        cycle: Of the robot [s].
+
+    Returns:
+        ``median`` over ``ticks`` with a fresh sample, and ``p99`` over these and those whose new sample was ``late``,
+        None where there are none; and how many commands the DCM was never at (``not_followed``).
+    """
+    computed = np.array(recorder.computed)
+    moved = np.abs(np.diff(computed, axis=0)).max(axis=1) > MIN_MOTION
+    fresh: list[int] = []
+    late: list[int] = []
+    not_followed = 0
+    for number in np.flatnonzero(moved[:-1] & moved[1:]) + 1:
+        before, now = (recorder.ticks[n].measurement for n in (number - 1, number))
+        # Above NORMAL_AGE the age does not tell the cycle of the sample.
+        if now.age > NORMAL_AGE or np.array_equal(now.current, before.current):
+            continue
+        sample = begin + now.tick - round(now.age / cycle)
+        off = np.abs(commands[sample : sample + LONGEST_WAY] - computed[number]).max(axis=1)
+        if (off <= SAME_POSTURE).any():
+            (late if now.age > 0.0 else fresh).append(int(np.argmax(off <= SAME_POSTURE)))
+        else:
+            not_followed += 1
+    return {
+        "median": float(np.median(fresh)) if fresh else None,
+        "p99": float(np.percentile(fresh + late, 99)) if fresh + late else None,
+        "ticks": len(fresh),
+        "late": len(late),
+        "not_followed": not_followed,
+    }
+
+
+def median_and_p99(values: Sequence[float]) -> dict[str, float] | None:
+    """Return both; None where there are no values."""
+    if not values:
+        return None
+    spread = Quantiles.from_values(np.array(values, dtype=np.float64))
+    return {"median": spread.median, "p99": spread.p99}
 
 
 def direct(seed: int, robot: RobotConfig, seconds: float) -> Recorder:
     """The same motion of the same robot, simulated without NAOqi."""
-    recorder = Recorder()
     with Pepper(ROBOT.format(seed=seed), robot=robot) as pepper:
         pepper.run(WARM_UP)
+        recorder = Recorder(pepper)
         move(pepper, recorder, seconds)
     return recorder
 
@@ -257,7 +379,13 @@ def compared(one: Recorder, other: Recorder) -> dict[str, Any]:
 
 
 def spread(figures: dict[str, float], digits: int = 2) -> str:
-    return " / ".join(f"{figures[key]:.{digits}f}" for key in ("median", "p99", "largest"))
+    return " / ".join(f"{figures[key]:.{digits}f}" for key in ("median", "p99", "max"))
+
+
+def pair(figures: dict[str, float] | None, digits: int = 2) -> str:
+    if figures is None or figures["median"] is None:
+        return ""
+    return " / ".join(f"{figures[key]:.{digits}f}" for key in ("median", "p99"))
 
 
 def shown(figures: dict[str, Any], robot: RobotConfig) -> list[Table]:
@@ -268,7 +396,7 @@ def shown(figures: dict[str, Any], robot: RobotConfig) -> list[Table]:
         "ticks": lambda f: str(f["ticks"]),
         "missed": lambda f: str(f["missed"]),
         "tick ends after, median / p99 / largest [ms]": lambda f: spread(f["tick_end_ms"]),
-        "backend's step [ms]": lambda f: spread(f["step_ms"]),
+        "backend's read, bare: with write [ms]": lambda f: spread(f["step_ms"]),
         "age of samples [ms]": lambda f: spread(f["sample_age_ms"], 0),
         "commands withheld": lambda f: str(f["withheld"]),
         "processor of client / NAOqi / robot": lambda f: " / ".join(
@@ -279,6 +407,15 @@ def shown(figures: dict[str, Any], robot: RobotConfig) -> list[Table]:
         ),
         "contacts": lambda f: str(f.get("contacts", "")),
         "DCM off by [rad]": lambda f: f"{f['dcm_off_by_rad']:.1e}" if "dcm_off_by_rad" in f else "",
+        "reaction, median of fresh samples / p99 [cycles]": lambda f: pair(
+            f.get("reaction_cycles"), 0
+        ),
+        "fresh samples / late ones / commands not followed": lambda f: (
+            " / ".join(str(f["reaction_cycles"][key]) for key in ("ticks", "late", "not_followed"))
+            if "reaction_cycles" in f
+            else ""
+        ),
+        "request before the tick, median / p99 [ms]": lambda f: pair(f.get("request_lead_ms")),
     }
     for label, cell in rows.items():
         table.add_row(label, *(cell(run) for run in runs.values()))
@@ -337,7 +474,7 @@ def main() -> int:
             uri = f"naoqi://127.0.0.1:{stand_in.port}"
             sleeper = Pepper(uri, observer=None)
             sleeper.extras.wake_up()
-            sleeper.close()
+            sleeper.stop()
             # First, while its motors are as cold as those of the robot it is compared with.
             figures["whole"], over_naoqi = whole(uri, stand_in, robot, given.seconds)
             figures["bare"] = bare(uri, stand_in, robot, given.seconds)
@@ -347,7 +484,7 @@ def main() -> int:
     once = direct(given.seed, robot, given.seconds)
     figures["against_direct"] = compared(over_naoqi, once)
     figures["other_noise"] = compared(direct(given.seed + 1, robot, given.seconds), once)
-    console = Console(soft_wrap=True, highlight=False)
+    console = Console(soft_wrap=True, highlight=False, markup=False)  # units stand in brackets
     for table in shown(figures, robot):
         console.print(table)
     if given.json is not None:

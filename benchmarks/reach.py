@@ -69,7 +69,7 @@ def run(plant: str, feedback: str, count: int, seed: int) -> dict[str, Any]:
         posture = pepper.target
         for number in range(count):
             link = list(HANDS)[number % 2]
-            task = PositionTask(robot, link, PALM, stiffness=STIFFNESS)
+            task = PositionTask(link, PALM, stiffness=STIFFNESS, robot=robot)
             task.target = target = random_targets(model, posture, link, rng)
             controller = pepper.controller
             controller.add(task)

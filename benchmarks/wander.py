@@ -108,8 +108,8 @@ class Wanderer:
         control.remove(control.base_velocity)
         self._base = BasePoseTask()
         self._wrists = [
-            PositionTask(robot, "l_wrist", PALM, base=True),
-            FrameTask(robot, "r_wrist", PALM),
+            PositionTask("l_wrist", PALM, base=True, robot=robot),
+            FrameTask("r_wrist", PALM, robot=robot),
         ]
         for task in (self._base, *self._wrists):
             control.add(task)

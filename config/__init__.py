@@ -29,7 +29,7 @@ from pepper_driver.config.recordings import (
     load_calibration,
     load_recordings,
 )
-from pepper_driver.config.robot import RobotConfig, load_robot
+from pepper_driver.config.robot import JointArray, Posture, RobotConfig, load_robot
 from pepper_driver.config.scenario import (
     Scenario,
     load_scenario,
@@ -60,6 +60,7 @@ __all__ = [
     "DoctorSettings",
     "Experiment",
     "HoldStatistics",
+    "JointArray",
     "MissingExtraError",
     "Motion",
     "MotionStep",
@@ -69,6 +70,7 @@ __all__ = [
     "ObserverSettings",
     "PepperError",
     "PlantConfig",
+    "Posture",
     "RampProtocol",
     "Recordings",
     "RobotConfig",

@@ -72,21 +72,21 @@ class TaskSpec:
 
 @dataclass(frozen=True, kw_only=True, config=STRICT)
 class FrameSpec(TaskSpec):
-    """``link``, with targets in the link ``seen_from``; None for the world."""
+    """``link``, with targets in the link ``root``; None for the world."""
 
     link: str
-    seen_from: str | None = None
+    root: str | None = None
 
     def __post_init__(self) -> None:
-        if self.seen_from == self.link:
-            raise ValueError(f"'seen_from': {self.link} cannot be seen from itself")
+        if self.root == self.link:
+            raise ValueError(f"'root': {self.link} cannot be the root of its own target")
 
     def names(self) -> Iterator[Named]:
         """Names the robot must know."""
         yield from super().names()
         yield "link", "link", self.link
-        if self.seen_from is not None:
-            yield "seen_from", "link", self.seen_from
+        if self.root is not None:
+            yield "root", "link", self.root
 
 
 @dataclass(frozen=True, kw_only=True, config=STRICT)
@@ -167,7 +167,7 @@ class ComSpec(TaskSpec):
     """The centre of mass goes to ``target``, in the world or in base_link."""
 
     target: Place
-    seen_from: Literal["base_link"] | None = None
+    root: Literal["base_link"] | None = None
 
     @property
     def usual_name(self) -> str:

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import xml.etree.ElementTree as ElementTree
+from collections.abc import Mapping
 from dataclasses import dataclass as plain_dataclass
 from functools import cached_property, lru_cache
 from pathlib import Path
+from typing import Any, Self
 
 import numpy as np
+from numpy.typing import ArrayLike
 from pydantic.dataclasses import dataclass
 
 from pepper_driver.config.errors import ConfigError, UnknownNameError, suggestion
@@ -25,8 +28,38 @@ from pepper_driver.config.parts import (
     Wheels,
 )
 
+Posture = str | Mapping[str, float] | ArrayLike
+"""A posture by name, joints by name with their angles [rad] (the others stay), or all 17 angles [rad]."""
+
 POSTURE_TOLERANCE = 2 * np.pi / 4096
 """[rad] Recorded postures touch the limits to one count of the encoder."""
+
+
+class JointArray(np.ndarray[tuple[int], np.dtype[np.float64]]):
+    """(17,) values of the joints, an array that also takes their names: ``position["HeadYaw"]``.
+
+    Args:
+        values: (17,) in the order of the robot's joints; copied.
+        robot: Names the joints.
+    """
+
+    _robot: RobotConfig | None = None
+
+    def __new__(cls, values: FloatArray, robot: RobotConfig) -> Self:
+        """Copy the values."""
+        array = np.array(values, dtype=np.float64).view(cls)
+        array._robot = robot
+        return array
+
+    def __getitem__(self, key: Any) -> Any:  # noqa: ANN401 as of NumPy's
+        """Return what the key selects; of a name the joint's value, a float.
+
+        Raises:
+            UnknownNameError: No such joint.
+        """
+        if isinstance(key, str) and self._robot is not None:
+            return float(self.view(np.ndarray)[self._robot.joint_index(key)])
+        return self.view(np.ndarray)[key]
 
 
 @plain_dataclass(frozen=True, kw_only=True)
@@ -141,6 +174,21 @@ class RobotConfig:
     def chain_of(self, joint: str) -> tuple[str, ...]:
         """The chain that ``joint`` belongs to, from the trunk outwards."""
         return next(chain for chain in self.chains.values() if joint in chain)
+
+    def resolve_posture(self, posture: Posture, current: FloatArray) -> ArrayLike:
+        """Return the angles of a posture, not checked yet; joints that it does not name keep ``current`` (17,) [rad].
+
+        Raises:
+            UnknownNameError: No such posture or joint.
+        """
+        if isinstance(posture, str):
+            return self.posture(posture)
+        if isinstance(posture, Mapping):
+            angles: list[float] = current.tolist()
+            for name, angle in posture.items():
+                angles[self.joint_index(name)] = angle
+            return angles
+        return posture
 
     def posture(self, name: str) -> FloatArray:
         """(17,) a named posture [rad], a copy.

@@ -1,7 +1,15 @@
 """The task-space whole-body controller: tasks and limits in, reference and load torque out."""
 
 import pepper_driver.backends.naoqi.before_pinocchio  # noqa: F401
-from pepper_driver.controller.errors import GainError, LimitError, TargetError
+from pepper_driver.controller.changes import Changes
+from pepper_driver.controller.errors import (
+    ChangesError,
+    GainError,
+    LimitError,
+    RobotMismatchError,
+    TargetError,
+    TaskCountError,
+)
 from pepper_driver.controller.model import LoadTorque, RobotModel
 from pepper_driver.controller.reference import Reference
 from pepper_driver.controller.report import ControllerStatus, TaskReport
@@ -26,6 +34,8 @@ from pepper_driver.controller.whole_body import WholeBodyController
 __all__ = [
     "BasePoseTask",
     "BaseVelocityTask",
+    "Changes",
+    "ChangesError",
     "ComTask",
     "ComplianceTask",
     "ControllerStatus",
@@ -41,10 +51,12 @@ __all__ = [
     "PositionTask",
     "PostureTask",
     "Reference",
+    "RobotMismatchError",
     "RobotModel",
     "Sent",
     "TargetError",
     "Task",
+    "TaskCountError",
     "TaskReport",
     "Tick",
     "WholeBodyController",

@@ -1,8 +1,13 @@
-"""What a caller of the controller can do wrong."""
+"""Errors that callers of the controller can make."""
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 from pepper_driver.config import PepperError
+
+MAX_LISTED = 6
+"""Names in a message."""
 
 
 class TargetError(PepperError, ValueError):
@@ -54,3 +59,40 @@ class GainError(PepperError, ValueError):
     ) -> None:
         self.name, self.value = name, value
         super().__init__(f"{name} must be {what}, got {value!r}")
+
+
+class ChangesError(PepperError, RuntimeError):
+    """The robot was told to run inside a group of changes, which are made only when the group is complete."""
+
+
+class RobotMismatchError(PepperError, ValueError):
+    """A task for another robot than the controller's.
+
+    Attributes:
+        task: Name of the task.
+        names: Joints and links that only one of the two descriptions has; none where only their order differs.
+    """
+
+    def __init__(self, task: str, made_for: str, moved: str, names: Iterable[str]) -> None:
+        self.task, self.names = task, tuple(names)
+        differing = ", ".join(self.names[:MAX_LISTED]) or "the order of joints or links"
+        super().__init__(
+            f"the task '{task}' was made for another description ('{made_for}') than the controller moves"
+            f" ('{moved}'); they differ in {differing}: give the task robot=... as the controller has it"
+        )
+
+
+class TaskCountError(PepperError, ValueError):
+    """One task more than a controller takes.
+
+    Attributes:
+        task: Name of the task that was refused.
+        limit: Number of tasks that may be in use.
+    """
+
+    def __init__(self, task: str, limit: int) -> None:
+        self.task, self.limit = task, limit
+        super().__init__(
+            f"the task '{task}' is one too many: {limit} are in use, and more would not fit into a cycle."
+            " Tasks stay until they are removed: keep one task and set its target"
+        )

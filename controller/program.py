@@ -100,10 +100,8 @@ class Program:
             if task.driven:
                 driven.append(task)
                 task.advance(model, dt)
-            task.measured = (
-                True  # before it is: a target set meanwhile, by another thread, says no again
-            )
             task.measure(model)
+            task.up_to_date = True
             if task.gains is not slot.gains:
                 self._take_gains(slot)
         wanted, damped, weighted = self._wanted, self._damped, self._weighted

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from pepper_driver.backends.interface import Measurement
 from pepper_driver.config import ControllerSettings, RobotConfig, load_controller_settings
+from pepper_driver.controller.changes import Changes
 from pepper_driver.controller.constraints import (
     AccelerationBox,
     Constraint,
@@ -19,7 +20,7 @@ from pepper_driver.controller.constraints import (
     Stopping,
     standard_constraints,
 )
-from pepper_driver.controller.errors import GainError
+from pepper_driver.controller.errors import GainError, RobotMismatchError, TaskCountError
 from pepper_driver.controller.feedback import Feedback
 from pepper_driver.controller.model import BASE, LoadTorque, RobotModel
 from pepper_driver.controller.program import Answer, Outcome, Program
@@ -34,6 +35,9 @@ FloatArray = NDArray[np.float64]
 
 STANDING = 400.0
 """[1/s2] Of the base that is held: it brakes as fast as its acceleration limits allow."""
+
+MAX_TASKS = 64
+"""Tasks in use at a time, the two own ones among them: as many of the most expensive kind take 2.4 ms of a cycle."""
 
 MET = 1e-6
 """[rad/s2] By how much a row may be missed and still count as kept."""
@@ -53,11 +57,14 @@ class WholeBodyController:
         robot: Its description.
         settings: Gains, limits, solver; by default those of ``controller.yaml``.
         dt: Cycle [s], by default the robot's.
+        changes: Keeper of what other threads change between two ticks, by default one of its own.
 
     Attributes:
+        changes: What :meth:`add`, :meth:`remove` and the setters of tasks in use go through.
         model: At the state of the last cycle.
         posture: The posture task that is there from the start.
-        base_velocity: The base velocity task that is there from the start; its target is zero.
+        base_velocity: The base velocity task that is there from the start; its target is zero. While a task in use
+            moves the base, it gives way, unless its target is a motion.
         odometry: Where the wheels have rolled to.
         hold: Whether only the posture task acts and the base comes to rest, whatever other tasks there are; they stand
             still meanwhile, and go on afterwards.
@@ -73,9 +80,11 @@ class WholeBodyController:
         settings: ControllerSettings | None = None,
         *,
         dt: float | None = None,
+        changes: Changes | None = None,
     ) -> None:
         settings = settings or load_controller_settings(robot)
         self._robot = robot
+        self.changes = Changes() if changes is None else changes
         self._dt = robot.cycle if dt is None else _checked_cycle(dt)
         self._jerk_limited = settings.jerk_limit is not None
         self.model = RobotModel(robot)
@@ -91,7 +100,7 @@ class WholeBodyController:
             share = min(1.0, self._dt / settings.feedback_time)
             self._feedback = Feedback(self.model, self.odometry, share)
         self.posture = PostureTask(
-            robot, stiffness=settings.posture.stiffness, weight=settings.posture.weight
+            stiffness=settings.posture.stiffness, weight=settings.posture.weight, robot=robot
         )
         self.base_velocity = BaseVelocityTask(
             stiffness=settings.base.stiffness, weight=settings.base.weight
@@ -120,36 +129,65 @@ class WholeBodyController:
         """The constraints in use, beyond the box of limits of single joints."""
         return tuple(self._constraints)
 
-    def add(self, part: Task | Constraint) -> None:
+    def add(self, part: Task | Constraint, *, enforce_limit: bool = True) -> None:
         """Take a task or a constraint into the QP from the next cycle on; one already there stays once.
 
-        A task that another controller has is taken from it. May be called from any thread, also while :meth:`step`
-        runs in another.
+        A task that another controller has is taken from it. From any thread: what is added acts from the next tick on.
+
+        Args:
+            part: The task or constraint.
+            enforce_limit: False for a task that must act however many there are, such as one of a reflex.
 
         Raises:
             TypeError: It is neither.
+            RobotMismatchError: The task was made for a robot with other joints or links.
+            TaskCountError: :data:`MAX_TASKS` are in use.
         """
         if isinstance(part, Task):
-            owner = part.owner() if part.owner is not None else None
-            if owner is not None and owner is not self:
-                owner.remove(part)
-            part.owner = weakref.ref(self)
-            self._tasks = [*self._without(part), part]
+            task = part
+            self._check_robot(task)
+            self.changes.make(lambda: self._add_task(task, enforce_limit))
         elif isinstance(part, Constraint):
-            others = [constraint for constraint in self._constraints if constraint is not part]
-            self._constraints = [*others, part]
+            constraint = part
+            self.changes.make(lambda: self._add_constraint(constraint))
         else:
             raise TypeError(f"add takes a task or a constraint, got {type(part).__name__}")
+
+    def _check_robot(self, task: Task) -> None:
+        made_for, moved = task.robot, self._robot
+        if made_for is None or made_for is moved:
+            return
+        if (made_for.joint_names, made_for.links) != (moved.joint_names, moved.links):
+            names = {*made_for.joint_names, *made_for.links} ^ {*moved.joint_names, *moved.links}
+            raise RobotMismatchError(task.name, made_for.name, moved.name, sorted(names))
+
+    def _add_task(self, task: Task, enforce_limit: bool) -> None:
+        others = self._without(task)
+        if enforce_limit and len(others) >= MAX_TASKS:
+            raise TaskCountError(task.name, MAX_TASKS)
+        owner = task.owner() if task.owner is not None else None
+        if owner is not None and owner is not self:
+            owner.remove(task)
+        task.owner, task.changes = weakref.ref(self), self.changes
+        self._tasks = [*others, task]
+        self._laid_out = False
+
+    def _add_constraint(self, constraint: Constraint) -> None:
+        others = [other for other in self._constraints if other is not constraint]
+        self._constraints = [*others, constraint]
         self._laid_out = False
 
     def remove(self, part: Task | Constraint) -> None:
         """Take a task or a constraint out of the QP; one that is not there is no error.
 
-        A motion of the task by ``move_to`` ends.
+        A motion of the task by ``move_to`` ends. From any thread: what is removed acts until the next tick.
         """
+        self.changes.make(lambda: self._remove(part))
+
+    def _remove(self, part: Task | Constraint) -> None:
         if isinstance(part, Task) and part in self._tasks:
             part.stop()
-            part.owner = None
+            part.owner = part.changes = None
         self._tasks = self._without(part)
         self._constraints = [
             constraint for constraint in self._constraints if constraint is not part
@@ -167,8 +205,12 @@ class WholeBodyController:
         Raises:
             TargetError: Not 17 finite numbers; nothing changes.
         """
+        position = finite_vector("a posture", position, len(self._robot.joint_names))
+        with self.changes.tick():
+            self._reset(position)
+
+    def _reset(self, position: FloatArray) -> None:
         robot = self._robot
-        position = finite_vector("a posture", position, len(robot.joint_names))
         self.posture.target = np.clip(position, robot.lower, robot.upper)
         self.posture.reference_velocity = np.zeros(len(position))
         self.posture.reference_acceleration = np.zeros(len(position))
@@ -269,6 +311,10 @@ class WholeBodyController:
         Returns:
             Position, velocity, acceleration and load torque at the end of the cycle, all of that one instant.
         """
+        with self.changes.tick():
+            return self._step(measurement, answered)
+
+    def _step(self, measurement: Measurement | None, answered: FloatArray | None) -> Reference:
         model, dt, q, v = self.model, self._dt, self._q, self._v
         self._before = q
         model.set_state(q, v)
@@ -349,6 +395,7 @@ class WholeBodyController:
         self._laid_out, self._holding = True, self.hold
         own = (self.posture, self._standing)
         tasks: Sequence[Task] = own if self._holding else self._tasks
+        self.base_velocity.relax(any(task.moves_base for task in tasks))
         self._program.lay_out(tasks, self.model)
         parts: Sequence[Task | Constraint] = [*tasks, *self._constraints]
         self._needs_kinematics = any(part.needs_kinematics for part in parts)

@@ -9,34 +9,30 @@ BACKEND = "mujoco"
 PLACE = [1.0, 0.35, 0.85]  # [m] in the world, which is where the base started
 MOVING = ("LShoulderPitch", "LShoulderRoll", "LElbowYaw", "LElbowRoll", "LWristYaw")
 
+alone = PositionTask("l_gripper", joints=MOVING)
+reach = PositionTask("l_gripper", joints=MOVING, base=True)
+
 with Pepper(BACKEND, observer=None) as pepper:
-    controller = pepper.controller
     # The arm alone first: it stretches out and stops short.
-    alone = PositionTask(pepper.config, "l_gripper", joints=MOVING)
     alone.target = PLACE
-    controller.add(alone)
+    pepper.add(alone)
     pepper.run(3.0)
     print(f"arm alone: {1e3 * np.linalg.norm(alone.error):.0f} mm short")
-    controller.remove(alone)
 
-    # The controller holds the base at rest by a task of its own; it must weigh less than the reach.
-    held = controller.base_velocity.weight
-    controller.base_velocity.weight = 10.0
-    reach = PositionTask(pepper.config, "l_gripper", joints=MOVING, base=True)
-    controller.add(reach)
+    with pepper.changes():  # both between the same two ticks
+        pepper.remove(alone)
+        pepper.add(reach)
     reach.move_to(PLACE, duration=5.0)
     arrived = pepper.run(10.0, until=lambda: reach.reached(0.005))
-    x, y, heading = controller.base_pose
-    rolled = controller.odometry.pose
+    x, y, heading = pepper.base_pose
     print(
         f"with the base: {'reached' if arrived else 'NOT reached'}, off by"
-        f" {1e3 * np.linalg.norm(reach.error):.1f} mm; the base went to x {x:.2f} m, y {y:.2f} m,"
-        f" heading {np.degrees(heading):.0f} deg (by its wheels {rolled[0]:.2f}, {rolled[1]:.2f})"
+        f" {1e3 * np.linalg.norm(reach.error):.1f} mm; by its wheels the base went to"
+        f" x {x:.2f} m, y {y:.2f} m, heading {np.degrees(heading):.0f} deg"
     )
 
-    # Stay there: the posture becomes what the arm has, the base is held again.
-    pepper.set_posture(controller.position)
-    controller.remove(reach)
-    controller.base_velocity.weight = held
+    with pepper.changes():  # stay there: the posture becomes what the arm has
+        pepper.set_posture(pepper.controller.position)
+        pepper.remove(reach)
     pepper.run(1.0)
-    print(f"it stands: base at {np.linalg.norm(controller.model.v[:2]):.3f} m/s")
+    print(f"it stands: wheels at {np.abs(pepper.measurement.wheel_speed).max():.3f} rad/s")

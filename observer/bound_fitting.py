@@ -68,8 +68,9 @@ def fit_bounds(
         everything, nothing = np.ones(len(names), dtype=bool), np.zeros(len(names), dtype=bool)
         rows = []
         for tick in recording.ticks():
-            rows.append(signal.step(tick).residual)
-            signal.learn(everything, nothing, True)
+            made = signal.step(tick)
+            rows.append(made.residual)
+            signal.learn(made, everything, nothing, True)
         residual = np.abs(np.array(rows))
         residual[: min(round(GETTING_USED / cycle), len(residual) // 2)] = np.nan
         speed = np.abs(recording.velocity)

@@ -180,7 +180,7 @@ class ContactObserver(Observer):
         signal = self._signal.step(tick)
         self._history.append(self._time, signal.raw, signal.base_raw)
         contacts, state, free, settled = self._events(signal)
-        self._signal.learn(free, settled, self._tracker.idle)
+        self._signal.learn(signal, free, settled, self._tracker.idle)
         self._ticks += 1
         if self._ticks % WEAR_PERIOD == 0:
             self._look_for_wear()

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -29,6 +31,15 @@ SETTLING_TICKS = 40
 
 DOUBT_PERIOD = 4
 """Ticks between two looks at how sure all this is; a threshold that it raises stays up longer."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class _Detail:
+    """Values of a tick, (n,) each: what was expected, measured [rad], and changed by the safety gate."""
+
+    then: Expected
+    measured: FloatArray
+    changed: BoolArray
 
 
 class FusionSignal:
@@ -160,7 +171,6 @@ class FusionSignal:
         )
         torque, torque_std = self._torque.step(filtered, then.friction, threshold)
         expected_error = then.target - then.position + then.remainder
-        self._now = (filtered, then, measured, blind, tick.changed)
         if np.count_nonzero(blind):
             for values in (expected_error, filtered, threshold, torque, torque_std):
                 values[blind] = np.nan
@@ -178,6 +188,7 @@ class FusionSignal:
             blind=blind,
             base_raw=base[0],
             base_residual=base[1],
+            detail=_Detail(then=then, measured=measured, changed=tick.changed),
         )
 
     def _unsettled(self) -> FloatArray | None:
@@ -237,9 +248,11 @@ class FusionSignal:
         """What each hand holds, by arm."""
         return {} if self._hands is None else self._hands.held()
 
-    def learn(self, free: BoolArray, settled: BoolArray, untouched: bool) -> None:
-        """Take in what the events make of the last tick; see :class:`ResidualSignal`."""
-        residual, then, measured, blind, changed = self._now
+    def learn(self, signal: Signal, free: BoolArray, settled: BoolArray, untouched: bool) -> None:
+        """Take in what the events make of a tick; see :class:`ResidualSignal`."""
+        detail, residual, blind = signal.detail, signal.residual, signal.blind
+        assert isinstance(detail, _Detail)
+        then, measured, changed = detail.then, detail.measured, detail.changed
         self._settle(settled, blind, measured)
         judged = ~(blind | changed)
         seen, size = free & judged, np.abs(residual)

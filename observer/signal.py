@@ -33,6 +33,7 @@ class Signal:
         blind: Joints that cannot be judged.
         base_raw: Residual of the base before the filter, as a share of its bound; NaN where it cannot be judged.
         base_residual: The same, filtered.
+        detail: More that the same generator learns from, once the events of the tick are known.
     """
 
     expected: FloatArray
@@ -45,6 +46,7 @@ class Signal:
     blind: BoolArray
     base_raw: float = np.nan
     base_residual: float = np.nan
+    detail: object = None
 
 
 class Unchanging:
@@ -62,7 +64,7 @@ class Unchanging:
         """Nothing."""
         return {}
 
-    def learn(self, free: BoolArray, settled: BoolArray, untouched: bool) -> None:
+    def learn(self, signal: Signal, free: BoolArray, settled: BoolArray, untouched: bool) -> None:
         """Nothing: its constants stay as they are."""
 
 
@@ -91,10 +93,11 @@ class ResidualSignal(Protocol):
         """What is known of what the hands hold, by arm; empty in modes that do not follow it."""
         ...
 
-    def learn(self, free: BoolArray, settled: BoolArray, untouched: bool) -> None:
-        """Take in what the events make of the last tick.
+    def learn(self, signal: Signal, free: BoolArray, settled: BoolArray, untouched: bool) -> None:
+        """Take in what the events make of a tick.
 
         Args:
+            signal: What :meth:`step` returned in it.
             free: (n,) joints that nothing touches, nor has shortly before.
             settled: (n,) joints whose contact ended in this tick.
             untouched: Whether nothing touches the robot anywhere, nor has shortly before.

@@ -4,8 +4,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from pepper_driver.config import PepperError
-    from pepper_driver.events import (
+    from pepper_driver.callbacks.events import (
         CueEvent,
         FaultEvent,
         PushEvent,
@@ -14,6 +13,7 @@ if TYPE_CHECKING:
         StepEvent,
         TickEvent,
     )
+    from pepper_driver.config import PepperError
     from pepper_driver.experiment import ExperimentRun
     from pepper_driver.observer import Contact, Observation, Observer
     from pepper_driver.reflexes import (
@@ -63,10 +63,10 @@ _HOMES = {
     "Assist": "pepper_driver.reflexes",
     "Comply": "pepper_driver.reflexes",
     "Contact": "pepper_driver.observer",
-    "CueEvent": "pepper_driver.events",
+    "CueEvent": "pepper_driver.callbacks.events",
     "ExperimentRun": "pepper_driver.experiment",
     "FaultError": "pepper_driver.safety",
-    "FaultEvent": "pepper_driver.events",
+    "FaultEvent": "pepper_driver.callbacks.events",
     "FaultReason": "pepper_driver.safety",
     "FollowHand": "pepper_driver.reflexes",
     "Hold": "pepper_driver.reflexes",
@@ -75,16 +75,16 @@ _HOMES = {
     "Observer": "pepper_driver.observer",
     "Pepper": "pepper_driver.robot",
     "PepperError": "pepper_driver.config",
-    "PushEvent": "pepper_driver.events",
+    "PushEvent": "pepper_driver.callbacks.events",
     "Reflex": "pepper_driver.reflexes",
-    "ReflexEvent": "pepper_driver.events",
+    "ReflexEvent": "pepper_driver.callbacks.events",
     "Retract": "pepper_driver.reflexes",
     "RobotState": "pepper_driver.safety",
-    "SensorEvent": "pepper_driver.events",
+    "SensorEvent": "pepper_driver.callbacks.events",
     "Soften": "pepper_driver.reflexes",
-    "StepEvent": "pepper_driver.events",
+    "StepEvent": "pepper_driver.callbacks.events",
     "StopBase": "pepper_driver.reflexes",
-    "TickEvent": "pepper_driver.events",
+    "TickEvent": "pepper_driver.callbacks.events",
 }
 
 

@@ -16,9 +16,9 @@ import numpy as np
 from pepper_driver.backends import Command, make_backend
 from pepper_driver.config import load_scenario
 from pepper_driver.observer import shipped
+from pepper_driver.realtime import Statistics
 from pepper_driver.reflexes import Hold
 from pepper_driver.robot import Pepper
-from pepper_driver.timing import Statistics
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -10,10 +10,10 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from statistics import median
 
-from pepper_driver.events import TickEvent
+from pepper_driver.callbacks.events import TickEvent
+from pepper_driver.realtime import Statistics
 from pepper_driver.reflexes import Hold
 from pepper_driver.robot import Pepper
-from pepper_driver.timing import Statistics
 
 ROUND = 2.4
 """[s] for which a robot runs before the next has its turn."""

@@ -13,10 +13,10 @@ from pepper_driver.config import ConfigError, RobotConfig, Scenario, load_robot,
 from pepper_driver.config.scenario_motion import Script, Setpoints
 from pepper_driver.observer import Contact, Push, Score, score
 from pepper_driver.output import check_writable, make_folder, write_json
+from pepper_driver.realtime import Statistics
 from pepper_driver.reflexes import Hold
 from pepper_driver.robot import Pepper
 from pepper_driver.staging import Stage, scenario_uri
-from pepper_driver.timing import Statistics
 
 LOG_NAME, CONTACTS_NAME, FIGURE_NAME = "demo.mcap", "contacts.json", "contacts.png"
 

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from pathlib import Path
 
+from pepper_driver.callbacks.events import CueEvent, PushEvent, ReflexEvent
+from pepper_driver.callbacks.filters import ContactPredicate, contact_filter
 from pepper_driver.config import Experiment, Motion, RobotConfig, load_experiment, load_robot
 from pepper_driver.config.experiment_steps import (
     ContactWait,
@@ -14,10 +16,13 @@ from pepper_driver.config.experiment_steps import (
     WaitStep,
 )
 from pepper_driver.controller import Tick
-from pepper_driver.events import CueEvent, PushEvent, ReflexEvent
-from pepper_driver.experiment_plan import check_postures, plan_pushes, push_text
+from pepper_driver.experiment_plan import (
+    PlannedPushes,
+    check_postures,
+    plan_pushes,
+    push_text,
+)
 from pepper_driver.experiment_report import ExperimentReport, WaitReport
-from pepper_driver.filters import ContactFilter, contact_filter
 from pepper_driver.motion import Conductor
 from pepper_driver.observer import Observation
 from pepper_driver.reflexes.declared import make_reflexes
@@ -41,7 +46,6 @@ class ExperimentRun:
     Attributes:
         experiment: What is performed.
         pepper: With the observer and the reflexes of the experiment, not active yet: register callbacks here.
-        pushes: What a simulated robot is pushed by.
 
     Raises:
         PepperError: The experiment, or what it asks of the robot, is wrong; the message names file, line and key.
@@ -76,7 +80,21 @@ class ExperimentRun:
             about=_about(experiment),
         )
         self.pepper.on_cue()(self.pepper.extras.perform)
-        self.pushes = plan_pushes(experiment, robot, self.pepper.backend)
+        self._pushes: PlannedPushes | None = None
+        if not self.pepper.backend.real_time:
+            self.plan()
+
+    def plan(self) -> PlannedPushes:
+        """Return what the robot is pushed by, which depends on what kind it is: a real robot is asked for that.
+
+        Raises:
+            ConfigError: A push that the robot could not take.
+            NotConnectedError: The robot does not answer.
+        """
+        if self._pushes is None:
+            robot = self.pepper.config
+            self._pushes = plan_pushes(self.experiment, robot, self.pepper.backend)
+        return self._pushes
 
     def perform(
         self, *, on_tick: Callable[[Tick, Observation | None], None] | None = None
@@ -93,7 +111,8 @@ class ExperimentRun:
         pepper, experiment = self.pepper, self.experiment
         begun: list[ReflexEvent] = []
         pepper.on_reflex()(begun.append)
-        director = _Director(self)
+        pushes = self.plan()
+        director = _Director(self, pushes)
 
         def listener(tick: Tick, observation: Observation | None) -> None:
             director.listen(observation)
@@ -114,17 +133,17 @@ class ExperimentRun:
             contacts=pepper.contact_history,
             reflexes=tuple(begun),
             pushes=director.pushed,
-            skipped=self.pushes.skipped,
+            skipped=pushes.skipped,
         )
 
 
 class _Director(Conductor):
     """Goes along with the steps of one run: cues, pushes, waits for contacts."""
 
-    def __init__(self, run: ExperimentRun) -> None:
-        self._pepper, self._experiment, self._pushes = run.pepper, run.experiment, run.pushes
+    def __init__(self, run: ExperimentRun, pushes: PlannedPushes) -> None:
+        self._pepper, self._experiment, self._pushes = run.pepper, run.experiment, pushes
         self._steps: tuple[PlayedStep, ...] = tuple(run.experiment.written.values())
-        self._wanted: dict[int, ContactFilter] = {
+        self._wanted: dict[int, ContactPredicate] = {
             number: contact_filter(
                 run.pepper.config,
                 link=wait.link,
@@ -136,7 +155,7 @@ class _Director(Conductor):
             for number, step in enumerate(self._steps)
             if isinstance(step, WaitStep) and isinstance(wait := step.wait, ContactWait)
         }
-        self._listening: ContactFilter | None = None
+        self._listening: ContactPredicate | None = None
         self._heard = self._begun = False
         self._since: set[int] = set()
         self.waits: list[WaitReport] = []
@@ -153,9 +172,9 @@ class _Director(Conductor):
         self._listening, self._heard = self._wanted.get(number), False
         self._since.clear()
         if isinstance(step, SayStep):
-            self._pepper.tell(CueEvent(kind="say", text=step.say, time=time))
+            self._pepper.publish(CueEvent(kind="say", text=step.say, time=time))
         elif isinstance(step, LedsStep):
-            self._pepper.tell(
+            self._pepper.publish(
                 CueEvent(
                     kind="leds",
                     group=step.leds.group,
@@ -204,7 +223,7 @@ class _Director(Conductor):
             self.pushed += 1
         except ValueError as error:  # a hand of an earlier step still holds the link
             text = f"left out: {text}: {error}"
-        self._pepper.tell(PushEvent(link=link, text=text, time=self._pepper.time))
+        self._pepper.publish(PushEvent(link=link, text=text, time=self._pepper.time))
 
 
 def _about(experiment: Experiment) -> dict[str, str]:

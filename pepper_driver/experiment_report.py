@@ -6,7 +6,7 @@ from collections import Counter
 from dataclasses import dataclass
 from typing import Any
 
-from pepper_driver.events import ReflexEvent
+from pepper_driver.callbacks.events import ReflexEvent
 from pepper_driver.motion_report import MotionReport
 from pepper_driver.observer import Contact
 

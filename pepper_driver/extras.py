@@ -8,8 +8,8 @@ from contextlib import contextmanager
 from numbers import Real
 
 from pepper_driver.backends import Backend, BackendError, Capability, Extras
+from pepper_driver.callbacks.events import CueEvent
 from pepper_driver.config import PepperError
-from pepper_driver.events import CueEvent
 
 logger = logging.getLogger("pepper_driver")
 

@@ -8,18 +8,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pepper_driver.backends import Measurement
+from pepper_driver.callbacks.events import StepEvent
 from pepper_driver.config import Motion, MotionStep, RobotConfig, check_motion
-from pepper_driver.config.parts import FloatArray
-from pepper_driver.events import StepEvent
 from pepper_driver.loop import Loop
 from pepper_driver.motion_goals import Goal, Measured, PostureGoal
 from pepper_driver.motion_report import GoalReport, MotionReport, StepReport
 
 TOLERANCE = 0.01
 """[m] and [rad] of a step that waits for its targets and gives none."""
-
-BASE_AT_EASE = 10.0
-"""Weight of the controller's own base velocity task while a task may move the base: that of the posture."""
 
 AFRESH = 1.0
 """[s] A way goes on for at least this long after a reflex let go."""
@@ -52,7 +48,7 @@ class Conductor:
 class Player:
     """One motion on one active robot; everything it needs is made here, and nothing has moved then.
 
-    Between :meth:`begin` and :meth:`end` the posture and its stiffness, the base velocity task and the motion's tasks
+    Between :meth:`begin` and :meth:`end` the posture and its stiffness, the base's velocity and the motion's tasks
     belong to the player; tasks of the user's stay untouched.
 
     While a reflex holds the posture the motion waits: the controller lets no task act, and the clock stands.
@@ -81,7 +77,7 @@ class Player:
     ) -> None:
         check_motion(motion, robot)
         self._motion, self._robot, self._loop = motion, robot, loop
-        self._controller = loop.control.controller
+        self._arbiter, self._controller = loop.arbiter, loop.arbiter.controller
         self._on_step, self._on_begin = on_step, on_begin
         self._conductor = conductor or Conductor()
         self._plan = [[Goal(task, robot) for _, task in step.tasks()] for step in motion.steps]
@@ -91,9 +87,8 @@ class Player:
         self._posture: PostureGoal | None = None
         self._reports: list[StepReport] = []
         self._waiting = self._over = False
-        own = self._controller.base_velocity
-        self._stiffness, self._base_weight = loop.posture_stiffness, own.weight
-        self._at_rest = np.zeros_like(own.target)
+        self._stiffness = loop.arbiter.posture_stiffness
+        self._at_rest = np.zeros(3)
 
     @property
     def report(self) -> MotionReport:
@@ -106,7 +101,7 @@ class Player:
 
     def advance(self, measurement: Measurement) -> bool:
         """Go on after a tick, with what it measured; True once the motion is over."""
-        if self._loop.control.posture is not None:
+        if self._arbiter.holds:
             self._waiting = True
             return False
         if self._waiting:
@@ -130,8 +125,8 @@ class Player:
         self._active = []
         if not self._over:
             self._stay(np.ones(len(self._robot.joint_names), dtype=np.bool_))
-        self._loop.posture_stiffness = self._stiffness
-        self._move_base(self._at_rest, at_ease=False)
+        self._arbiter.posture_stiffness = self._stiffness
+        self._arbiter.drive(self._at_rest)
 
     # -- steps --------------------------------------------------------------------------------------------------
 
@@ -145,7 +140,7 @@ class Player:
         self._reached: bool | None = None
         step, fresh = self._step, self._plan[number]
         if step.stiffness is not None:
-            self._loop.posture_stiffness = step.stiffness
+            self._arbiter.posture_stiffness = step.stiffness
         replaced = {goal.name for goal in fresh}
         if step.base_velocity is not None:
             replaced.add("base")
@@ -155,21 +150,20 @@ class Player:
         self._active = [goal for goal in self._active if goal.name not in replaced]
         self._posture = self._posture_goal(step) if step.moves_joints else None
         if self._posture is not None:
-            self._loop.move_to(self._posture.target, step.duration)
+            self._arbiter.move_to(self._posture.target, step.duration)
         for goal in fresh:
             goal.begin(self._controller, step.duration)
             self._active.append(goal)  # each at once: a later one may be refused
         twist = step.base_velocity
-        self._move_base(
-            self._at_rest if twist is None else np.array([twist.vx, twist.vy, twist.wz]),
-            at_ease=twist is None and any(goal.moves_base for goal in self._active),
+        self._arbiter.drive(
+            self._at_rest if twist is None else np.array([twist.vx, twist.vy, twist.wz])
         )
         if self._on_begin is not None:
             self._on_begin(StepEvent(step=step.name or str(number), time=self._loop.time))
         self._conductor.begin(number)
 
     def _posture_goal(self, step: MotionStep) -> PostureGoal:
-        robot, target = self._robot, self._loop.target.copy()
+        robot, target = self._robot, self._arbiter.target.copy()
         named = np.zeros(len(target), dtype=np.bool_)
         if step.posture is not None:
             target, named[:] = robot.posture(step.posture), True
@@ -254,7 +248,7 @@ class Player:
         self._ticks = way - left
         seconds = max(left, 1) * cycle
         if self._posture is not None:
-            self._loop.move_to(self._posture.target, seconds)
+            self._arbiter.move_to(self._posture.target, seconds)
         for goal in self._active:
             goal.go_on(seconds)
 
@@ -262,9 +256,5 @@ class Player:
 
     def _stay(self, joints: NDArray[np.bool_]) -> None:
         """Want those joints, a mask (17,), where they come to rest without turning round."""
-        rest = self._controller.rest(self._loop.posture_stiffness)
-        self._loop.move_to(np.where(joints, rest, self._loop.target))
-
-    def _move_base(self, twist: FloatArray, *, at_ease: bool) -> None:
-        own = self._controller.base_velocity
-        own.target, own.weight = twist, BASE_AT_EASE if at_ease else self._base_weight
+        rest = self._controller.rest(self._arbiter.posture_stiffness)
+        self._arbiter.move_to(np.where(joints, rest, self._arbiter.target))

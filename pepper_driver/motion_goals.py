@@ -51,7 +51,6 @@ class Goal:
         name: As the motion calls it.
         task: For the controller.
         keep: Whether it outlives its step.
-        moves_base: Whether the base may move for it.
         joints: (17,) which joints may move for it.
 
     Raises:
@@ -64,7 +63,6 @@ class Goal:
         self.task, self._twin = _make_task(spec, robot), _make_task(spec, robot)
         self._metres, self._radians = _units(spec)
         self._wanted: FloatArray = np.zeros(0)  # known once it begins
-        self.moves_base = isinstance(spec, BaseSpec) or spec.base
         self.joints: NDArray[np.bool_] = np.zeros(len(robot.joint_names), dtype=np.bool_)
         if isinstance(spec, TaskSpec):
             moving = expand(spec, robot) or robot.joint_names
@@ -166,35 +164,39 @@ def _make_task(spec: AnyTask, robot: RobotConfig) -> Targeted:
         joints, base, name = expand(spec, robot), spec.base, spec.label
         if isinstance(spec, PositionSpec):
             task = PositionTask(
-                robot,
                 spec.link,
                 spec.point,
-                seen_from=spec.seen_from,
+                root=spec.root,
                 joints=joints,
                 base=base,
                 name=name,
+                robot=robot,
             )
         elif isinstance(spec, OrientationSpec):
             task = OrientationTask(
-                robot, spec.link, seen_from=spec.seen_from, joints=joints, base=base, name=name
+                spec.link, root=spec.root, joints=joints, base=base, name=name, robot=robot
             )
         elif isinstance(spec, PoseSpec):
             task = FrameTask(
-                robot,
                 spec.link,
                 spec.point,
-                seen_from=spec.seen_from,
+                root=spec.root,
                 joints=joints,
                 base=base,
                 name=name,
+                robot=robot,
             )
         elif isinstance(spec, LookAtSpec):
             task = LookAtTask(
-                robot, LOOKING_LINK, target_link=spec.link, joints=joints, base=base, name=name
+                LOOKING_LINK,
+                target_link=spec.link,
+                joints=joints,
+                base=base,
+                name=name,
+                robot=robot,
             )
         else:
-            inside = spec.seen_from is not None
-            task = ComTask(robot, seen_from_base=inside, joints=joints, base=base, name=name)
+            task = ComTask(root=spec.root, joints=joints, base=base, name=name, robot=robot)
     if spec.stiffness is not None:
         task.stiffness = spec.stiffness
     if spec.weight is not None:

@@ -2,20 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from itertools import count
+import threading
+from collections.abc import AsyncGenerator, Callable, Mapping, Sequence
+from contextlib import AbstractContextManager
 from numbers import Real
 from pathlib import Path
 from types import TracebackType
-from typing import Literal, Self
+from typing import Literal, Self, Unpack
 
-import numpy as np
-from numpy.typing import ArrayLike
-
-from pepper_driver.backends import Backend, BackendError, make_backend
+from pepper_driver.backends import Backend, BackendError, Measurement, make_backend
+from pepper_driver.callbacks.callback_registry import CallbackRegistry
+from pepper_driver.callbacks.dispatcher import CallbackStatistics
+from pepper_driver.callbacks.events import CueEvent, PushEvent, StepEvent
+from pepper_driver.callbacks.filters import ContactSelector, contact_filter
+from pepper_driver.callbacks.waiting import stream_contacts, wait_for_contact
 from pepper_driver.config import (
     ControllerSettings,
+    JointArray,
     Motion,
+    Posture,
     RobotConfig,
     SafetySettings,
     load_controller_settings,
@@ -25,55 +30,75 @@ from pepper_driver.config import (
 )
 from pepper_driver.config.motion import LONGEST, SHORTEST
 from pepper_driver.config.parts import FloatArray
-from pepper_driver.controller import GainError, TargetError, Tick, WholeBodyController
-from pepper_driver.controller.tasks import checked_stiffness
-from pepper_driver.events import CueEvent, PushEvent, StepEvent
+from pepper_driver.controller import GainError, TargetError, WholeBodyController
+from pepper_driver.controller.changes import Changes
+from pepper_driver.controller.constraints import Constraint
+from pepper_driver.controller.model import RobotModel
+from pepper_driver.controller.tasks import Task, checked_stiffness
+from pepper_driver.controller.tasks.targets import finite_vector
 from pepper_driver.extras import RobotExtras
-from pepper_driver.listening import Listening
 from pepper_driver.log import LogWriter, run_metadata
-from pepper_driver.loop import Labelling
+from pepper_driver.loop import Labelling, Loop, TickRecord
 from pepper_driver.motion import Conductor, OnStep, Player
 from pepper_driver.motion_report import MotionReport
-from pepper_driver.observer import Observation, Observer
-from pepper_driver.pacing import Pacer, robot_pacer
-from pepper_driver.reflexes import Reflex, Reflexes
+from pepper_driver.observer import Contact, Observation, Observer
+from pepper_driver.realtime import Pacer, RealTimePacer, Statistics
+from pepper_driver.reflexes import Reflex, prepare_reflexes
+from pepper_driver.reflexes.declared import declare
 from pepper_driver.safety import FaultReason, RobotState, SafetyGate
-from pepper_driver.selection import make_observer
-from pepper_driver.session import Session
-from pepper_driver.timing import Statistics
+from pepper_driver.selection import check_observer, make_observer
+from pepper_driver.session import OnTick, Session
 
-Posture = str | Mapping[str, float] | ArrayLike
-"""A posture by name, joints by name with their angles [rad] (the others stay), or all 17 angles [rad]."""
+MAX_RUN = 1e9
+"""[s] Longest run: thirty years."""
+
+DRIVE_TIME = 0.5
+"""[s] for which the base follows one :meth:`Pepper.drive`."""
 
 
-class Pepper(Listening):
+class Pepper:
     """A Pepper, real or simulated, that feels where it is touched.
 
     >>> with Pepper("mujoco") as pepper:
     ...     pepper.set_posture({"LShoulderRoll": 0.6})
     ...     pepper.run(3.0)
 
-    Entering the block connects, raises the stiffness and starts to hold the posture; leaving it, for whatever reason,
-    stops the wheels, lowers the stiffness, closes the log and disconnects.
+    Making one checks and loads; nothing connects or moves. Entering the block connects, raises the stiffness and starts
+    to hold the posture; leaving it, for whatever reason, stops the wheels, lowers the stiffness, closes the log and
+    disconnects. :meth:`start` and :meth:`stop` do the same without a block.
+
+    In between the robot ticks every 12 ms. Where time passes by itself, a thread ticks all the time, whatever the
+    program does; in a simulation that is not paced, time passes only inside :meth:`run` and :meth:`step`. What other
+    threads change takes effect between two ticks.
 
     Args:
-        uri: Which robot: ``mujoco``, ``mujoco://?plant=nominal&seed=3``, ...
+        uri: Which robot: ``mujoco``, ``mujoco://?plant=nominal&seed=3``, ``naoqi://pepper.local``, ...
         observer: Name of an observer, an observer, or None to feel nothing.
         models: Model file of the observer, by default the one shipped for this robot.
         log: Where to write the MCAP log; None for no log.
         reflexes: Reactions inside the tick, asked in the order of their priority.
         real_time: Pace a simulation to the wall clock.
+        loop: ``thread`` or ``caller`` makes the ticks. The default is a thread wherever time passes by itself. With
+            ``caller``, the thread that calls :meth:`run` or :meth:`step` does; when it does not for 60 ms, the robot
+            comes to rest.
         robot: Description of the robot, by default the shipped Pepper.
         controller: Gains, limits, feedback and solver, by default those of ``controller.yaml``.
         safety: Limits of the safety gate, by default those of ``safety.yaml``.
         about: More that the log shall say of its runs.
 
     Attributes:
+        config: Description of the robot.
+        backend: The robot or simulation behind it.
         extras: Speech, lights, tablet, postures, wake-up and rest, where the robot has them.
-        paced: Whether ticks wait for the wall clock: on a real robot, or with ``real_time``.
+        paced: True where ticks wait for the wall clock: on a real robot, or with ``real_time``.
+        observer: The observer in use; of a real robot, by name, once it is connected.
+        reflexes: In the order in which they are asked.
+        push, grab: Push or grab a link of a simulated robot; see :meth:`pepper_driver.backends.Backend.push`.
+        on_contact, on_tick, on_touch, on_bumper, on_button, on_fault, on_reflex, on_step, on_cue, on_push: Decorators
+            for callbacks; see :class:`~pepper_driver.callbacks.callback_registry.CallbackRegistry`.
 
     Raises:
-        PepperError: Anything that is wrong with the arguments, before anything moves.
+        PepperError: An argument is wrong.
     """
 
     def __init__(
@@ -85,35 +110,59 @@ class Pepper(Listening):
         log: Path | str | None = None,
         reflexes: Sequence[Reflex] = (),
         real_time: bool = False,
+        loop: Literal["thread", "caller"] | None = None,
         robot: RobotConfig | None = None,
         controller: ControllerSettings | None = None,
         safety: SafetySettings | None = None,
         about: Mapping[str, str] | None = None,
     ) -> None:
-        robot = robot or load_robot()
-        self._reflexes = Reflexes(reflexes, robot)
-        super().__init__(robot, self._reflexes.names)
+        self.config = robot or load_robot()
+        self.reflexes = prepare_reflexes(reflexes, self.config)
         self.backend: Backend = make_backend(uri, self.config)
         self.extras = RobotExtras(self.backend, self._is_active)
-        self._observer_name = observer if isinstance(observer, str) else None
-        if isinstance(observer, str):
-            path = None if models is None else Path(models)
-            observer = make_observer(observer, self.config, self.backend.info.identity, path)
-        self._observer = observer
-        self._log_path = None if log is None else Path(log)
         self.paced = real_time or self.backend.real_time
-        self._pacer = robot_pacer(self.backend, self.config.cycle) if self.paced else Pacer()
+        if loop not in (None, "thread", "caller") or (loop == "thread" and not self.paced):
+            raise BackendError(
+                f"loop is 'thread' or 'caller', got {loop!r}; a simulation that is not paced, without real_time=True, "
+                "always ticks in the caller"
+            )
+        self._loop_thread = self.paced and loop != "caller"
+        self._observer_name = observer if isinstance(observer, str) else None
+        self._models = None if models is None else Path(models)
+        self.observer = observer if isinstance(observer, Observer) else None
+        if self._observer_name is not None:
+            check_observer(self._observer_name, self._models)
+            if not self.backend.real_time:  # a real robot is not asked before it is connected
+                self._make_observer()
+        self._log_path = None if log is None else Path(log)
         self._about = dict(about or {})
         self._controller_settings = controller or load_controller_settings(self.config)
         self._safety_settings = safety or load_safety_settings()
+        self._changes = Changes()
+        self._parts: tuple[Task | Constraint, ...] = ()  # of the user, added before the start
+        self._model: RobotModel | None = None
+        self._model_lock = threading.Lock()
         self._gate: SafetyGate | None = (
-            None  # there before the session, so that a stop finds it while that starts
+            None  # before the session: a stop finds it while that starts
         )
+        self._session: Session | None = None  # the one that runs, or the last one
+        self._callbacks = CallbackRegistry(self.config, [reflex.name for reflex in self.reflexes])
+        self.push, self.grab = self.backend.push, self.backend.grab
+        self.on_contact = self._callbacks.on_contact
+        self.on_tick = self._callbacks.on_tick
+        self.on_touch = self._callbacks.on_touch
+        self.on_bumper = self._callbacks.on_bumper
+        self.on_button = self._callbacks.on_button
+        self.on_fault = self._callbacks.on_fault
+        self.on_reflex = self._callbacks.on_reflex
+        self.on_step = self._callbacks.on_step
+        self.on_cue = self._callbacks.on_cue
+        self.on_push = self._callbacks.on_push
 
-    # -- life ---------------------------------------------------------------------------------------------------
+    # -- life -----------------------------------------------------------------------------------------------------
 
     def __enter__(self) -> Self:
-        self.activate()
+        self.start()
         return self
 
     def __exit__(
@@ -122,14 +171,17 @@ class Pepper(Listening):
         error: BaseException | None,
         traceback: TracebackType | None,
     ) -> None:
-        self.close()
+        session = self._session
+        self.stop()
+        if error is None and session is not None:
+            session.check_failure(again=False)
 
-    def activate(self) -> None:
-        """Connect, open the log, raise the stiffness, hold the measured posture.
+    def start(self) -> None:
+        """Connect, open the log, raise the stiffness, hold the measured posture; tick from now on.
 
         Raises:
-            PepperError: The robot or the log cannot be opened, the robot is not fit to move (``NotReadyError``), or an
-                emergency stop came meanwhile.
+            PepperError: The robot or the log cannot be opened, the robot is not ready to move (``NotReadyError``), or
+                an emergency stop came meanwhile.
         """
         if self._is_active():
             raise BackendError(f"'{self.backend.uri}' is already active")
@@ -137,22 +189,26 @@ class Pepper(Listening):
         self._session = Session(
             self.backend,
             self.config,
-            self._controller_settings,
             self._gate,
-            observer=self._observer,
-            reflexes=self._reflexes,
-            log=self._log_path,
-            metadata={} if self._log_path is None else self.run_metadata(),
-            subscriptions=self._subscriptions,
-            pacer=self._pacer,
+            dispatcher=self._callbacks.make_dispatcher(),
+            pacer=RealTimePacer.from_backend(self.backend, self.config.cycle)
+            if self.paced
+            else Pacer(),
+            changes=self._changes,
+            loop_thread=self._loop_thread,
+        )
+        self._session.start(
+            self._controller_settings,
+            observer=self._make_observer,
+            reflexes=self.reflexes,
+            parts=self._parts,
+            log=lambda: None if self._log_path is None else (self._log_path, self.run_metadata()),
         )
 
-    def close(self) -> None:
-        """Stop, lower the stiffness, close the log, disconnect. Does nothing when closed."""
+    def stop(self) -> None:
+        """Stop, lower the stiffness, close the log, disconnect. Does nothing when stopped."""
         if self._session is not None:
             self._session.close()
-        else:
-            self.backend.close()
 
     def start_log(self, path: Path | str, label: Labelling | None = None) -> LogWriter:
         """Log from the next tick on, where ``log`` would also log how the robot got ready; it ends with the run.
@@ -162,39 +218,110 @@ class Pepper(Listening):
             label: Makes the labels of each tick, inside it: must be quick.
 
         Raises:
-            PepperError: The robot is not active or runs, the file cannot be opened, or there is a log already.
+            PepperError: The robot is not active, the file cannot be opened, or there is a log already.
         """
         return self._active().start_log(Path(path), self.run_metadata(), label)
 
     def run_metadata(self) -> dict[str, str]:
-        """What a log says of a run that begins now: robot, observer, reflexes, settings, versions, as text."""
+        """Return what a log says of a run that begins now: robot, observer, reflexes, settings, versions."""
         known = run_metadata(
             self.backend,
-            self._observer,
+            self.observer,
             self.config,
             self._controller_settings,
             self._safety_settings,
             observer_name=self._observer_name,
-            reflexes=self._reflexes.declarations,
+            reflexes=[declare(reflex) for reflex in self.reflexes],
         )
         return {**self._about, **known}
+
+    # -- read it --------------------------------------------------------------------------------------------------
 
     @property
     def state(self) -> RobotState:
         """INACTIVE, ACTIVE, or FAULT, which only a new start leaves."""
         return self._gate.state if self._gate is not None else RobotState.INACTIVE
 
-    # -- motion -------------------------------------------------------------------------------------------------
-
     @property
     def time(self) -> float:
-        """Clock of the robot at the last measurement [s]."""
-        return self._active().loop.time
+        """Clock of the robot at the newest measurement [s]."""
+        return self.measurement.time
 
     @property
-    def target(self) -> FloatArray:
-        """(17,) where the joints were last told to go [rad], a copy."""
-        return self._active().loop.target.copy()
+    def measurement(self) -> Measurement:
+        """The newest measurement."""
+        return self._latest.tick.measurement
+
+    @property
+    def observation(self) -> Observation | None:
+        """The newest observation; None without an observer, and before the first tick."""
+        return self._latest.observation
+
+    @property
+    def position(self) -> JointArray:
+        """(17,) newest measured joint positions [rad], a copy; also by name: ``pepper.position["HeadYaw"]``."""
+        return JointArray(self.measurement.position, self.config)
+
+    @property
+    def target(self) -> JointArray:
+        """(17,) joint positions that user or motion request [rad], a copy; also by name."""
+        return JointArray(self._loop.arbiter.target, self.config)
+
+    @property
+    def touches(self) -> tuple[Contact, ...]:
+        """Contacts that last now, the newest event of each, the oldest contact first."""
+        return () if self._session is None else self._session.touches.now
+
+    @property
+    def contact_history(self) -> tuple[Contact, ...]:
+        """All contact events since the start, oldest first."""
+        return () if self._session is None else tuple(self._session.contact_history)
+
+    @property
+    def base_pose(self) -> FloatArray:
+        """(3,) x [m], y [m], heading [rad] of the base by its wheels, since the start."""
+        return self.controller.odometry.pose.copy()
+
+    def link_pose(self, link: str, of: Literal["measured", "commanded"] = "measured") -> FloatArray:
+        """Return the (4, 4) transform of a link in base_link.
+
+        Args:
+            link: Name of the link.
+            of: At the newest measured joint positions, or at those commanded last.
+
+        Raises:
+            UnknownNameError: No such link.
+            TargetError: ``of`` is neither.
+            BackendError: The robot was never started.
+        """
+        if of not in ("measured", "commanded"):
+            raise TargetError(f"of is 'measured' or 'commanded', got {of!r}")
+        joints = self.measurement.position if of == "measured" else self._loop.commanded
+        with self._model_lock:
+            if self._model is None:
+                self._model = RobotModel(self.config)
+            return self._model.link_pose(link, joints)
+
+    @property
+    def controller(self) -> WholeBodyController:
+        """The controller in use, to be read: its state, model, status and report."""
+        return self._loop.arbiter.controller
+
+    @property
+    def statistics(self) -> Statistics:
+        """Times of the stages of the ticks, and how many ticks were late or missed, since the start."""
+        return self._loop.times.statistics
+
+    def clear_statistics(self) -> None:
+        """Let the statistics begin anew with the next tick."""
+        self._changes.make(self._active().loop.times.clear)
+
+    @property
+    def callback_statistics(self) -> tuple[CallbackStatistics, ...]:
+        """Calls and lost events of each callback in the run that is under way, or in the last one."""
+        return () if self._session is None else self._session.dispatcher.statistics()
+
+    # -- move it --------------------------------------------------------------------------------------------------
 
     def set_posture(
         self,
@@ -215,29 +342,73 @@ class Pepper(Listening):
             PepperError: Unknown name, an angle that is not finite or outside the joint's limits, a stiffness or
                 duration that is none. Nothing changes.
         """
-        loop = self._active().loop
-        target = loop.control.controller.posture.checked(self._resolve(posture, loop.target))
+        arbiter = self._active().loop.arbiter
+        target = arbiter.controller.posture.checked(
+            self.config.resolve_posture(posture, arbiter.target)
+        )
         if stiffness is not None and checked_stiffness(stiffness) == 0:
-            # Nothing would stop a joint.
-            raise GainError("stiffness", stiffness, "above 0 for a posture")
-        if duration is not None and not (
-            isinstance(duration, Real) and SHORTEST <= duration <= LONGEST
-        ):
-            raise TargetError(
-                f"a duration is a time from {SHORTEST:g} s to {LONGEST:g} s, got {duration!r}"
-            )
-        if stiffness is not None:
-            loop.posture_stiffness = float(stiffness)
-        loop.move_to(target, None if duration is None else float(duration))
+            raise GainError("stiffness", stiffness, "above 0 for a posture")  # to stop the joints
+        if duration is not None:
+            duration = _checked_time("duration", duration, SHORTEST, LONGEST)
+        self._changes.make(lambda: arbiter.move_to(target, duration, stiffness))
+
+    def drive(self, vx: float, vy: float, wz: float, *, hold: bool = False) -> None:
+        """Drive the base from the next tick on; returns at once.
+
+        Args:
+            vx: Forwards [m/s].
+            vy: To the left [m/s].
+            wz: Turn to the left [rad/s].
+            hold: Drive on until told otherwise. By default the base stops half a second after the last call.
+
+        Raises:
+            TargetError: Not finite numbers; nothing changes.
+        """
+        arbiter = self._active().loop.arbiter
+        twist = finite_vector("a base twist (vx, vy, wz)", [vx, vy, wz], 3)
+        ticks = None if hold else round(DRIVE_TIME / self.config.cycle)
+        self._changes.make(lambda: arbiter.drive(twist, ticks))
+
+    def add(self, part: Task | Constraint) -> None:
+        """Have the robot follow a task, or keep a constraint, from the next tick on; before the start too.
+
+        Raises:
+            PepperError: The task is for another robot, or there are too many.
+            TypeError: It is neither.
+        """
+        if self._is_active():
+            self._active().loop.arbiter.controller.add(part)
+        self._parts = (*(p for p in self._parts if p is not part), part)
+
+    def remove(self, part: Task | Constraint) -> None:
+        """Take a task or constraint back; one that is not there is no error."""
+        self._parts = tuple(p for p in self._parts if p is not part)
+        if self._is_active():
+            self._active().loop.arbiter.controller.remove(part)
+
+    def changes(self) -> AbstractContextManager[None]:
+        """Return a block whose changes of tasks, postures and the like take effect between the same two ticks."""
+        return self._changes.together()
+
+    def step(self) -> tuple[Measurement, Observation | None]:
+        """Wait for the next tick, or make it where no thread does; return its measurement and observation.
+
+        Raises:
+            FaultError: The safety gate stopped the robot.
+            BackendError: Another thread runs it, or this is inside a tick or a callback.
+        """
+        record = self._active().run(1).record
+        assert record is not None
+        return record.tick.measurement, record.observation
 
     def run(
         self,
         seconds: float,
         *,
-        on_tick: Callable[[Tick, Observation | None], None] | None = None,
+        on_tick: OnTick | None = None,
         until: Callable[[], bool] | None = None,
     ) -> bool:
-        """Run for a time.
+        """Wait for a time, or let it pass where no thread ticks.
 
         In a simulation that is not paced, callbacks then get up to 2 s to catch up before the robot's time goes on.
 
@@ -247,24 +418,23 @@ class Pepper(Listening):
             until: Asked after every tick, such as ``lambda: task.reached(0.005)``; True ends the run early.
 
         Returns:
-            Whether ``until`` ended it.
+            True where ``until`` ended it.
 
         Raises:
             TargetError: That is no time; nothing runs.
             FaultError: The safety gate stopped the robot.
-            BackendError: Another thread runs it, or this is inside a tick.
+            BackendError: Another thread runs it, or this is inside a tick or a callback.
         """
-        if not (isinstance(seconds, Real) and 0 <= seconds < np.inf):
-            raise TargetError(f"seconds must be a time that is not negative, got {seconds!r}")
-        ticks = range(round(seconds / self.config.cycle))
-        return self._active().run(ticks, on_tick, None if until is None else lambda _: until())
+        ticks = round(_checked_time("seconds", seconds, 0.0, MAX_RUN) / self.config.cycle)
+        wait = self._active().run(ticks, on_tick, None if until is None else lambda _: until())
+        return wait.stopped
 
     def play(
         self,
         motion: Motion | str | Path,
         *,
         on_step: OnStep | None = None,
-        on_tick: Callable[[Tick, Observation | None], None] | None = None,
+        on_tick: OnTick | None = None,
         conductor: Conductor | None = None,
     ) -> MotionReport:
         """Play a motion to its end; callbacks then catch up as after :meth:`run`.
@@ -286,7 +456,7 @@ class Pepper(Listening):
             FaultError: The safety gate stopped the robot.
         """
         session = self._active()
-        session.runner.check_free()
+        session.check_free()
         if not isinstance(motion, Motion):
             motion = load_motion(motion, self.config)
         player = Player(
@@ -294,19 +464,15 @@ class Pepper(Listening):
             self.config,
             session.loop,
             on_step=on_step,
-            on_begin=session.tell,
+            on_begin=session.publish,
             conductor=conductor,
         )
         try:
-            player.begin()
-            session.run(count(), on_tick, lambda tick: player.advance(tick.measurement))
+            self._changes.make(player.begin)
+            session.run(None, on_tick, lambda record: player.advance(record.tick.measurement))
         finally:
-            player.end()
+            self._changes.make(player.end)
         return player.report
-
-    def tell(self, event: StepEvent | CueEvent | PushEvent) -> None:
-        """Have the log and the callbacks that want it learn of something that a program does with the robot."""
-        self._active().tell(event)
 
     def emergency_stop(self, text: str = "emergency stop") -> None:
         """Hold the joints and stop the wheels from the next tick on; only a new start leaves this state.
@@ -319,76 +485,83 @@ class Pepper(Listening):
         if self._gate is not None:
             self._gate.stop(FaultReason.EMERGENCY_STOP, text)
         if self._session is not None:
-            self._session.tell_fault()
+            self._session.publish_fault()
 
-    def push(
-        self,
-        link: str,
-        force: ArrayLike,
-        point: ArrayLike | None = None,
-        duration: float = 0.5,
-        *,
-        frame: Literal["world", "link"] = "world",
-        delay: float = 0.0,
-        rise: float = 0.1,
-    ) -> None:
-        """Push a link of a simulated robot; see :meth:`pepper_driver.backends.Backend.push`."""
-        self.backend.push(
-            link,
-            np.asarray(force, dtype=np.float64),
-            None if point is None else np.asarray(point, dtype=np.float64),
-            duration,
-            frame=frame,
-            delay=delay,
-            rise=rise,
-        )
+    # -- hear of it -----------------------------------------------------------------------------------------------
 
-    # -- parts --------------------------------------------------------------------------------------------------
+    def wait_for_contact(
+        self, *, timeout: float | None = None, **selector: Unpack[ContactSelector]
+    ) -> Contact | None:
+        """Wait for the next contact. Where no thread ticks, the thread that calls this does meanwhile.
 
-    @property
-    def observer(self) -> Observer | None:
-        """The observer in use."""
-        return self._observer
+        Args:
+            timeout: Longest wait [s] on the robot's clock, or on the wall's while no thread ticks; None waits for ever.
+            **selector: Which contacts, as in :meth:`on_contact`.
 
-    @property
-    def reflexes(self) -> tuple[Reflex, ...]:
-        """The reflexes, in the order in which they are asked."""
-        return self._reflexes.all
+        Returns:
+            The contact; None after the timeout, or when the robot was stopped meanwhile by :meth:`stop`.
 
-    @property
-    def statistics(self) -> Statistics:
-        """How long the stages of the ticks took, and how many ticks were late or missed, since the start."""
-        session = self._session if self._session is not None else self._active()
-        return session.loop.times.statistics
+        Raises:
+            UnknownNameError: No such link, joint, kind or phase.
+            SubscriptionError: A number that is none, or a robot without an observer.
+            FaultError: The robot was stopped.
+            BackendError: The robot is not active, or this is inside a tick.
+        """
+        return wait_for_contact(self._active(), contact_filter(self.config, **selector), timeout)
 
-    def clear_statistics(self) -> None:
-        """Let the statistics begin anew with the next tick."""
-        self._active().loop.times.clear()
+    def contacts(self, **selector: Unpack[ContactSelector]) -> AsyncGenerator[Contact, None]:
+        """Return contacts for ``async for``, until the robot is stopped.
 
-    @property
-    def controller(self) -> WholeBodyController:
-        """The controller in use. Target and stiffness of its posture task belong to :meth:`set_posture`."""
-        return self._active().loop.control.controller
+        Args:
+            **selector: Which contacts, as in :meth:`on_contact`.
 
-    # -- inside -------------------------------------------------------------------------------------------------
+        Raises:
+            UnknownNameError: No such link, joint, kind or phase.
+            SubscriptionError: An intensity that is none.
+            BackendError: The robot is not active.
+        """
+        predicate = contact_filter(self.config, **selector)
+        return stream_contacts(self._active().dispatcher, predicate)
+
+    def publish(self, event: StepEvent | CueEvent | PushEvent) -> None:
+        """Have the log and the callbacks that want it learn of something that a program does with the robot."""
+        self._active().publish(event)
+
+    # -- inside ---------------------------------------------------------------------------------------------------
+
+    def _make_observer(self) -> Observer | None:
+        if self.observer is None and self._observer_name is not None:
+            identity = self.backend.info.identity
+            self.observer = make_observer(self._observer_name, self.config, identity, self._models)
+        return self.observer
 
     def _active(self) -> Session:
+        """Return the session under way; raise what has ended its ticks."""
         if self._session is None or not self._session.active:
             raise BackendError(
                 f"'{self.backend.uri}' is not active; use it inside 'with Pepper(...) as pepper:'"
             )
+        self._session.check_failure()
         return self._session
 
     def _is_active(self) -> bool:
         return self._session is not None and self._session.active
 
-    def _resolve(self, posture: Posture, current: FloatArray) -> ArrayLike:
-        """Angles of a posture; joints that it does not name keep ``current``. Not checked yet."""
-        if isinstance(posture, str):
-            return self.config.posture(posture)
-        if isinstance(posture, Mapping):
-            angles: list[float] = current.tolist()
-            for name, angle in posture.items():
-                angles[self.config.joint_index(name)] = angle
-            return angles
-        return posture
+    @property
+    def _loop(self) -> Loop:
+        """The loop of the run under way, or of the last one."""
+        loop: Loop | None = getattr(self._session, "loop", None)
+        if loop is None:
+            raise BackendError(f"'{self.backend.uri}' was never started")
+        return loop
+
+    @property
+    def _latest(self) -> TickRecord:
+        return self._loop.latest
+
+
+def _checked_time(name: str, value: float, least: float, most: float) -> float:
+    """Return a time [s] within bounds, else raise a TargetError."""
+    if isinstance(value, Real) and least <= value <= most:
+        return float(value)
+    raise TargetError(f"{name} must be a time from {least:g} to {most:g} s, got {value!r}")

@@ -56,6 +56,18 @@ def make_observer(
     return observer
 
 
+def check_observer(name: str, models: Path | None) -> None:
+    """Check what can be known of an observer before its robot is.
+
+    Raises:
+        UnknownNameError: No observer of this name.
+        ModelFileError: There is no such file of models.
+    """
+    load_plugin("observer", OBSERVER_GROUP, name, _OBSERVERS)
+    if models is not None and not models.is_file():
+        raise ModelFileError(f"{models}: there is no such file of models")
+
+
 def contact_observer(
     mode: str,
     robot: RobotConfig,

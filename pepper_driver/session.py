@@ -1,248 +1,435 @@
-"""One active run of a robot: all that it takes, from the first connection to the last callback."""
+"""One active run of a robot: connection, log, the thread that ticks, and whoever waits for its ticks."""
 
 from __future__ import annotations
 
+import gc
 import threading
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from contextlib import ExitStack
+import time
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import ExitStack, contextmanager, nullcontext
 from pathlib import Path
 
 import numpy as np
 
 from pepper_driver.backends import Backend, BackendError
-from pepper_driver.callbacks import Dispatcher, Subscription
-from pepper_driver.config import ControllerSettings, RobotConfig
-from pepper_driver.controller import Tick, WholeBodyController
-from pepper_driver.events import (
+from pepper_driver.callbacks.dispatcher import Dispatcher
+from pepper_driver.callbacks.events import (
     CueEvent,
     FaultEvent,
     PushEvent,
-    ReflexEvent,
-    SensorEvent,
     StepEvent,
     TickEvent,
+    Touches,
 )
+from pepper_driver.config import ControllerSettings, RobotConfig
+from pepper_driver.controller import Tick, WholeBodyController
+from pepper_driver.controller.changes import Changes
+from pepper_driver.controller.constraints import Constraint
+from pepper_driver.controller.tasks import Task
 from pepper_driver.log import LogEvent, LogWriter
-from pepper_driver.loop import Labelling, Loop
+from pepper_driver.loop import Labelling, Loop, TickRecord
 from pepper_driver.observer import Contact, Observation, Observer
-from pepper_driver.pacing import Pacer
-from pepper_driver.reflexes import Reflexes
-from pepper_driver.runner import Runner
-from pepper_driver.safety import FaultError, SafetyGate
+from pepper_driver.realtime import COLLECTION_PERIOD, Pacer, realtime_process, realtime_thread
+from pepper_driver.reflexes import Arbiter, Reflex
+from pepper_driver.safety import FaultError, FaultReason, SafetyGate
 
 CALLBACK_TIME = 2.0
 """[s] that the end of a run waits for all callbacks that are still busy."""
-LONGEST_TICK = 1.0
-"""[s] that closing waits for a tick under way in another thread."""
+
+MAX_TICK_TIME = 1.0
+"""[s] that a caller waits for a tick under way in another thread."""
+
+MAX_CALLER_SILENCE = 0.06
+"""[s] without a tick after which a robot whose caller ticks is brought to rest."""
+
+OnTick = Callable[[Tick, Observation | None], object]
+
+
+class Wait:
+    """Ticks that a caller waits for.
+
+    Attributes:
+        over: Set when there is nothing more to wait for.
+        record: Newest tick of the wait.
+        stopped: True once ``until`` has ended it.
+        error: Exception for the caller's thread.
+    """
+
+    def __init__(
+        self,
+        ticks: int | None,
+        on_tick: OnTick | None,
+        until: Callable[[TickRecord], bool] | None,
+    ) -> None:
+        self._left, self._on_tick, self._until = ticks, on_tick, until
+        self.over = threading.Event()
+        self.record: TickRecord | None = None
+        self.stopped = False
+        self.error: BaseException | None = None
+        if ticks == 0:
+            self.over.set()
+
+    def take(self, record: TickRecord, faulty: bool) -> None:
+        """Take in one tick, inside it; what the caller's functions raise ends the wait, and not the tick."""
+        if self.over.is_set():
+            return
+        self.record = record
+        try:
+            if self._on_tick is not None:
+                self._on_tick(record.tick, record.observation)
+            self.stopped = self._until is not None and not faulty and self._until(record)
+        except BaseException as error:
+            self.error = error
+        if self._left is not None:
+            self._left -= 1
+        if self.stopped or self.error is not None or self._left == 0:
+            self.over.set()
+
+    def fail(self, error: BaseException) -> None:
+        """End the wait with an error, unless it is over."""
+        if not self.over.is_set():
+            self.error = error
+            self.over.set()
 
 
 class Session:
-    """Connects, opens the log, raises the stiffness, holds the measured posture; runs ticks until it is closed.
+    """Connects, opens the log, raises the stiffness, holds the measured posture; ticks until it is closed.
+
+    Without a pacer that waits, time passes only inside :meth:`run`. Else a thread ticks from the start to the end; or,
+    with ``loop_thread`` False, it ticks whenever the caller has not done so for ``MAX_CALLER_SILENCE``: base and joints
+    then come to rest, and the robot is watched on.
 
     Args:
         backend: Closed.
         robot: Its description.
-        controller: Gains, limits, feedback and solver.
-        gate: What all commands pass.
-        observer: Or None to feel nothing.
-        reflexes: Asked in every tick.
-        log: Where to write the MCAP log; None for no log.
-        metadata: What the log says of the run.
-        subscriptions: Callbacks from the first tick on.
+        gate: Passed by all commands.
+        dispatcher: Calls the callbacks.
         pacer: Says when ticks begin.
+        changes: Lock of what other threads change.
+        loop_thread: True where a thread of the session makes all ticks.
 
     Attributes:
-        active: Until it is closed.
-        loop: Runs the ticks.
-        dispatcher: Calls the callbacks.
-        runner: Who runs it now.
-        feels: Whether there is an observer.
+        active: True until it is closed.
+        dispatcher: The same.
+        loop: Runs the ticks, once started.
+        ticks_itself: True where a thread of the session makes all ticks.
+        has_observer: True where contacts can be detected.
         cycle: Period of the ticks [s].
         contact_history: All contact events so far, oldest first.
-
-    Raises:
-        PepperError: The robot or the log cannot be opened. What was open is closed again.
+        touches: Contacts that last now.
     """
+
+    loop: Loop
 
     def __init__(
         self,
         backend: Backend,
         robot: RobotConfig,
-        controller: ControllerSettings,
         gate: SafetyGate,
         *,
-        observer: Observer | None,
-        reflexes: Reflexes,
-        log: Path | None,
-        metadata: Mapping[str, str],
-        subscriptions: Sequence[Subscription],
+        dispatcher: Dispatcher,
         pacer: Pacer,
+        changes: Changes,
+        loop_thread: bool,
     ) -> None:
-        self._backend = backend
-        self._robot = robot
-        self._log: LogWriter | None = None
-        self._pacer = pacer
-        self.cycle = robot.cycle
-        self.runner = Runner()
-        self._closing = threading.RLock()  # re-entrant, for signal handlers
-        self.feels = observer is not None
-        self._fault_told = threading.Lock()  # taken by the first who tells, and never given back
-        self._listeners: list[Callable[[Tick, Observation | None], None]] = []
-        self.active = False
+        self._backend, self._robot, self._gate = backend, robot, gate
+        self._pacer, self._changes = pacer, changes
+        self.ticks_itself, self.cycle = loop_thread, robot.cycle
+        self.active = self.has_observer = False
         self.contact_history: list[Contact] = []
-        self._gate = gate
-        self.dispatcher = Dispatcher()
-        self._after_backend = ExitStack()  # closed when the robot is, the last first
-        self._after_backend.callback(self.dispatcher.close, timeout=CALLBACK_TIME)
+        self.touches = Touches()
+        self._failure: BaseException | None = None  # what ended the thread
+        self._failure_raised = False
+        self._log: LogWriter | None = None
+        self._wait: Wait | None = None
+        self._turn = threading.Lock()  # of who ticks, or waits for ticks
+        self._runner: threading.Thread | None = None
+        self._ticking: threading.Thread | None = None
+        self._home = threading.current_thread()
+        self._callers = 0  # that want the turn
+        self._ticked = time.monotonic()
+        self._thread: threading.Thread | None = None
+        self._ending = threading.Event()
+        self._closing = threading.RLock()  # re-entrant, for signal handlers
+        self._fault_lock = threading.Lock()  # taken by the first who publishes a fault, for good
+        self.dispatcher = dispatcher
+        self._rest = ExitStack()  # closed after the robot, the last first
+        self._rest.callback(self.dispatcher.close, timeout=CALLBACK_TIME)
+
+    # -- begin and end --------------------------------------------------------------------------------------------
+
+    def start(
+        self,
+        settings: ControllerSettings,
+        *,
+        observer: Callable[[], Observer | None],
+        reflexes: tuple[Reflex, ...],
+        parts: Iterable[Task | Constraint],
+        log: Callable[[], tuple[Path, Mapping[str, str]] | None],
+    ) -> None:
+        """Take the robot over and begin to tick; what fails leaves it closed.
+
+        Args:
+            settings: Gains, limits, feedback and solver of the controller.
+            observer: Makes the observer, or None, once it is known which robot this is.
+            reflexes: In the order in which they are asked.
+            parts: Tasks and constraints from the first tick on.
+            log: Returns file and metadata of the log, or None, once the observer is made.
+
+        Raises:
+            PepperError: The robot or the log cannot be opened, or the robot is not ready to move.
+        """
+        backend, robot = self._backend, self._robot
         try:
-            self.loop = self._start(robot, controller, observer, reflexes, log, metadata)
-            for subscription in subscriptions:
-                self.dispatcher.subscribe(subscription)
+            measurement = backend.open()
+            self._gate.check_ready(measurement)
+            measured, watching, logged = measurement.position, observer(), log()
+            if logged is not None:  # only now: a robot that is not there costs no earlier log
+                self._open_log(*logged)
+            controller = WholeBodyController(robot, settings, changes=self._changes)
+            measurement = backend.activate()
+            held = measured if backend.held is None else backend.held
+            hold = np.clip(held, robot.lower, robot.upper)
+            controller.reset(hold)
+            self._gate.activate(hold)
+            if watching is not None:
+                self.has_observer = True
+                watching.reset()
+            arbiter = Arbiter(controller, robot, reflexes)
+            for part in parts:
+                controller.add(part)
+            self.loop = Loop(
+                backend,
+                robot,
+                arbiter,
+                self._gate,
+                first=measurement,
+                observer=watching,
+                publish=self._publish,
+            )
+            if self._log is not None:
+                self.loop.start_log(self._log)
             self.active = True
+            if self._pacer.paced:
+                self._rest.enter_context(realtime_process())
+                self._thread = threading.Thread(
+                    target=self._tick_in_thread, name="loop", daemon=True
+                )
+                self._thread.start()
         except BaseException:
             self.close()
             raise
-
-    def _start(
-        self,
-        robot: RobotConfig,
-        settings: ControllerSettings,
-        observer: Observer | None,
-        reflexes: Reflexes,
-        path: Path | None,
-        metadata: Mapping[str, str],
-    ) -> Loop:
-        backend = self._backend
-        measurement = backend.open()
-        self._gate.check_ready(measurement)
-        measured = measurement.position
-        log: LogWriter | None = None
-        if path is not None:  # only now: a robot that is not there costs no earlier log
-            log = self._open_log(path, metadata)
-        controller = WholeBodyController(robot, settings)  # takes long, and a real robot would wait
-        measurement = backend.activate()
-        hold = np.clip(measured if backend.held is None else backend.held, robot.lower, robot.upper)
-        controller.reset(hold)
-        self._gate.activate(hold)
-        if observer is not None:
-            observer.reset()
-        reflexes.reset()
-        return Loop(
-            backend,
-            robot,
-            controller,
-            self._gate,
-            first=measurement,
-            observer=observer,
-            reflexes=reflexes,
-            log=log,
-            deliver=self.deliver,
-        )
-
-    def _open_log(self, path: Path, metadata: Mapping[str, str]) -> LogWriter:
-        lossless = not self._backend.real_time
-        self._log = LogWriter(path, self._robot, metadata, lossless=lossless)
-        self._after_backend.callback(self._log.close)
-        return self._log
 
     def start_log(
         self, path: Path, metadata: Mapping[str, str], label: Labelling | None
     ) -> LogWriter:
         """Log from the next tick on; see :meth:`pepper_driver.Pepper.start_log`."""
-        self.runner.check_free()
         if self._log is not None:
             raise BackendError(f"this run is logged already, to '{self._log.path}'")
         log = self._open_log(path, metadata)
-        self.loop.start_log(log, label)
+        self._changes.make(lambda: self.loop.start_log(log, label))
         return log
 
+    def _open_log(self, path: Path, metadata: Mapping[str, str]) -> LogWriter:
+        lossless = not self._backend.real_time
+        self._log = LogWriter(path, self._robot, metadata, lossless=lossless)
+        self._rest.callback(self._log.close)
+        return self._log
+
     def close(self) -> None:
-        """End the robot's part, then the log, then the callbacks. Does nothing when closed. From any thread."""
+        """End the ticks, the robot's part, the log, the callbacks. Does nothing when closed. From any thread."""
         self.active = False
+        current = threading.current_thread()
         with self._closing:  # by one thread at a time, and not into another's tick
-            self.runner.wait_until_free(LONGEST_TICK)
+            self._ending.set()
+            if self._wait is not None:
+                self._wait.fail(BackendError("the robot was closed while it ran"))
+            outside = current not in (self._ticking, self._runner)
+            if outside and self._turn.acquire(timeout=MAX_TICK_TIME):
+                self._turn.release()
+            if self._thread is not None and current not in (self._ticking, self._thread):
+                self._thread.join(MAX_TICK_TIME)
             self._gate.deactivate()
-            with self._after_backend:  # each is done even if the one before fails
+            with self._rest:  # each is done even if the one before fails
                 self._backend.close()
+
+    # -- ticks ----------------------------------------------------------------------------------------------------
 
     def run(
         self,
-        ticks: Iterable[int],
-        on_tick: Callable[[Tick, Observation | None], None] | None,
-        until: Callable[[Tick], bool] | None,
-    ) -> bool:
-        """Tick when the pacer says so; where time stands still afterwards, wait until the callbacks have caught up.
+        ticks: int | None,
+        on_tick: OnTick | None = None,
+        until: Callable[[TickRecord], bool] | None = None,
+    ) -> Wait:
+        """Wait for some ticks, None for ever, and make them where no thread does.
 
-        A tick that is missed is made up for at the end: motions count ticks and must not jump.
-
-        Returns:
-            Whether ``until``, asked at the end of every tick, ended it.
+        A tick that is missed is made up for at the end: motions count ticks and must not jump. Where time stands still
+        afterwards, this waits until the callbacks have caught up.
 
         Raises:
             FaultError: The safety gate stopped the robot.
-            BackendError: Another thread runs it or has closed it, or it is called inside a tick.
+            BackendError: Another thread runs it or has closed it, or it is called inside a tick or a callback.
         """
-        ended = False
-
-        def listener(tick: Tick, observation: Observation | None) -> None:
-            nonlocal ended
-            if on_tick is not None:
-                on_tick(tick, observation)
-            ended = until is not None and not self._gate.fault and until(tick)
-
-        pacer = self._pacer
-        with self.runner:
-            self._listeners.append(listener)
+        wait = Wait(ticks, on_tick, until)
+        with self._take_turn():
+            self._wait = wait
             try:
-                with pacer.running():
-                    for _ in ticks:
-                        if not self.active:
-                            raise BackendError("the robot was closed while it ran")
-                        missed = pacer.wait()
-                        self.loop.tick(pacer.due, missed)
-                        if ended:
-                            break
+                self.check_failure()
+                if self.ticks_itself:
+                    wait.over.wait()
+                else:
+                    with realtime_thread() if self._pacer.paced else nullcontext():
+                        while not wait.over.is_set():
+                            if not self.active:
+                                raise BackendError("the robot was closed while it ran")
+                            self._tick()
             finally:
-                self._listeners.remove(listener)
-                self.tell_fault()  # whatever was raised beside it
-        if pacer.due is None:  # a real robot would stand without ticks meanwhile
+                self._wait = None
+                self.publish_fault()  # whatever was raised beside it
+        if wait.error is not None:
+            self._failure_raised |= wait.error is self._failure
+            raise wait.error
+        if not self._pacer.paced:  # a real robot would stand without ticks meanwhile
             self.dispatcher.flush(timeout=CALLBACK_TIME)
-        return ended
+        return wait
 
-    def deliver(
-        self,
-        tick: Tick,
-        observation: Observation | None,
-        events: Sequence[ReflexEvent | SensorEvent] = (),
-    ) -> None:
-        """Take over what happened in a tick, inside it: contacts, sensors and reflexes, then the tick itself."""
-        publish = self.dispatcher.publish
-        if observation is not None:
-            for contact in observation.contacts:
-                self.contact_history.append(contact)
-                publish(contact)
-        for event in events:
-            publish(event)
-        if self.dispatcher.wants(TickEvent):
-            publish(TickEvent(tick=tick, observation=observation))
-        for listener in self._listeners:
-            listener(tick, observation)
-
-    def tell(self, event: StepEvent | CueEvent | PushEvent) -> None:
-        """Tell callbacks and log of something that belongs to no stage of a tick."""
-        self.dispatcher.publish(event)
-        self.loop.note(LogEvent.of(event))
-
-    def tell_fault(self) -> None:
-        """Tell the callbacks that the robot was stopped, once, if it was. From any thread."""
-        if self._gate.fault and self._fault_told.acquire(blocking=False):
-            self.dispatcher.publish(FaultEvent(fault=self._gate.fault, time=self.loop.time))
-
-    def check_fault(self) -> None:
-        """Refuse to go on with a robot that was stopped.
+    def check_free(self) -> None:
+        """Refuse to run a robot that runs, or from inside of what would then wait for itself.
 
         Raises:
-            FaultError: It was.
+            BackendError: Another thread runs it, or this is inside a tick or a callback.
         """
-        if self._gate.fault:
+        if self._ticking is threading.current_thread():
+            raise BackendError("this is inside a tick: it cannot wait for further ticks")
+        if self.dispatcher.inside_callback():
+            raise BackendError(
+                "this is inside a callback: it cannot run the robot, nor wait for its ticks"
+            )
+        runner = self._runner
+        if runner is not None:
+            raise BackendError(
+                f"thread '{runner.name}' runs the robot already: only one can do so at a time"
+            )
+
+    def ticks_here(self) -> bool:
+        """Return True where the calling thread is to tick while it waits: the one that made this, if no other does.
+
+        Raises:
+            BackendError: The thread is inside a tick, and would wait for itself.
+        """
+        current = threading.current_thread()
+        if self._ticking is current:
+            self.check_free()
+        return not self.ticks_itself and self._runner is None and self._home is current
+
+    @contextmanager
+    def _take_turn(self) -> Iterator[None]:
+        self.check_free()
+        self._callers += 1  # the session's thread gives the turn back after its tick
+        try:
+            if not self._turn.acquire(timeout=MAX_TICK_TIME):
+                self.check_free()
+                raise BackendError("the robot's loop does not answer")
+        finally:
+            self._callers -= 1
+        self._runner = threading.current_thread()
+        try:
+            yield
+        finally:
+            self._runner = None
+            self._turn.release()
+
+    def _tick(self) -> None:
+        """Make one tick when it is due. Whatever ends it stops the robot."""
+        missed = self._pacer.wait()
+        self._changes.give_way()
+        with self._changes.tick():
+            self._ticking = threading.current_thread()
+            try:
+                self.loop.tick(self._pacer.due, missed)
+            except FaultError:
+                raise
+            except Exception as error:
+                if not isinstance(error, EOFError):  # the end of a recording
+                    self._gate.stop(FaultReason.LOST, f"{type(error).__name__}: {error}")
+                    self.loop.halt()
+                raise
+            finally:
+                self._ticking = None
+                self._ticked = time.monotonic()
+
+    def _tick_in_thread(self) -> None:
+        """Make all ticks, or those that the caller leaves out."""
+        try:
+            with realtime_thread():
+                if self.ticks_itself:
+                    self._tick_while(lambda: True)
+                while not self._ending.wait(self._ticked + MAX_CALLER_SILENCE - time.monotonic()):
+                    if self._ticked + MAX_CALLER_SILENCE > time.monotonic():
+                        continue
+                    with self._turn:
+                        self._pause(True)
+                        self._tick_while(lambda: not self._callers)
+                        self._pause(False)
+        except BaseException as error:
+            self._failure = error
+            self.publish_fault()
+            if self._wait is not None:
+                self._wait.fail(error)
+
+    def _tick_while(self, wanted: Callable[[], bool]) -> None:
+        number = 0
+        while wanted() and not self._ending.is_set():
+            self._tick()
+            number += 1
+            if number % COLLECTION_PERIOD == 0:
+                gc.collect(1)  # what callers and callbacks leave behind
+
+    def _pause(self, paused: bool) -> None:
+        self._pacer.restart()
+        self.loop.arbiter.paused = paused
+
+    # -- what happens ---------------------------------------------------------------------------------------------
+
+    def _publish(self, record: TickRecord) -> None:
+        """Hand over a tick, inside it: contacts, sensors and reflexes, then the tick itself."""
+        publish, observation = self.dispatcher.publish, record.observation
+        if observation is not None and observation.contacts:
+            self.contact_history += observation.contacts
+            self.touches.step(observation.contacts)
+            for contact in observation.contacts:
+                publish(contact)
+        for event in record.events:
+            publish(event)
+        if self.dispatcher.has_receiver(TickEvent):
+            publish(TickEvent(tick=record.tick, observation=observation))
+        if (wait := self._wait) is not None:
+            wait.take(record, self._gate.fault is not None)
+
+    def publish(self, event: StepEvent | CueEvent | PushEvent) -> None:
+        """Publish and log what belongs to no stage of a tick."""
+        self.dispatcher.publish(event)
+        self._changes.make(lambda: self.loop.log_event(LogEvent.of(event)))
+
+    def publish_fault(self) -> None:
+        """Tell the callbacks that the robot was stopped, once, if it was. From any thread."""
+        if self._gate.fault and self._fault_lock.acquire(blocking=False):
+            time = self.time if self.active else 0.0
+            self.dispatcher.publish(FaultEvent(fault=self._gate.fault, time=time))
+
+    @property
+    def time(self) -> float:
+        """Clock of the robot at the last measurement [s]."""
+        return self.loop.time
+
+    def check_failure(self, *, again: bool = True) -> None:
+        """Raise what ended the thread that ticks; only if it was not raised yet, unless ``again``."""
+        if self._failure is not None and (again or not self._failure_raised):
+            self._failure_raised = True
+            raise self._failure
+
+    def check_fault(self) -> None:
+        """Raise what ended the thread that ticks, or why the robot was stopped."""
+        self.check_failure()
+        if self._gate.fault is not None:
             raise FaultError(self._gate.fault)

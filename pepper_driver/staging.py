@@ -94,7 +94,7 @@ class Stage:
                 if on_progress is not None:
                     on_progress(done / total)
         if any(scene.leg.twist is not None for scene in self._scenes):
-            self._pepper.controller.base_velocity.target = np.zeros(3)
+            self._pepper.drive(0.0, 0.0, 0.0)
 
     def _begin(self, scene: Scene, on_tick: OnTick | None) -> OnTick:
         """Give the goal of a scene and order its contacts; what is left to do is done in every tick of it."""
@@ -113,7 +113,7 @@ class Stage:
 
         pepper.set_posture({}, stiffness=leg.stiffness)
         if leg.twist is not None:
-            pepper.controller.base_velocity.target = leg.twist
+            pepper.drive(*leg.twist, hold=True)
         advance()
         for touch in scene.touches:
             self._order(touch)

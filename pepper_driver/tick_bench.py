@@ -1,18 +1,19 @@
-"""Whether a whole tick fits into its cycle: in real time, with all that a run may have."""
+"""Time of whole ticks in real time, with all that a run may have, and beside a program that computes."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from time import perf_counter
 
 import numpy as np
 
 from pepper_driver.config.parts import FloatArray
 from pepper_driver.controller import ComTask, PositionTask
+from pepper_driver.realtime import Statistics
 from pepper_driver.reflexes import Hold
 from pepper_driver.robot import Pepper
-from pepper_driver.timing import Statistics
 
 TARGET_TIME = 2.4
 """[s] from one pair of targets of the hands to the next."""
@@ -36,15 +37,19 @@ POSTURE = {
 
 
 def run_tick_bench(
-    seconds: float = 20.0, *, on_progress: Callable[[float], None] | None = None
+    seconds: float = 20.0,
+    *,
+    busy: bool = False,
+    on_progress: Callable[[float], None] | None = None,
 ) -> Statistics:
-    """Ticks of a simulated robot in real time: controller of five tasks, observer, reflex, gate and log.
+    """Time ticks of a simulated robot in real time: controller of five tasks, observer, reflex, gate and log.
 
     Between two ticks the processor sleeps and caches grow cold, as they do with a robot: a tick takes longer than when
     ticks follow one another.
 
     Args:
         seconds: How long [s].
+        busy: Compute in Python all the time in the main thread, beside the loop thread, in place of waiting.
         on_progress: Told the share done, 0..1.
     """
     tell = on_progress or (lambda share: None)
@@ -59,15 +64,25 @@ def run_tick_bench(
             for number in range(rounds := max(1, round(seconds / TARGET_TIME))):
                 for wrist, home in zip(wrists, homes, strict=True):
                     wrist.target = home + rng.uniform(-REACH, REACH, 3)
-                pepper.run(TARGET_TIME)
+                if busy:
+                    compute(TARGET_TIME)
+                else:
+                    pepper.run(TARGET_TIME)
                 tell((number + 1) / rounds)
             return pepper.statistics
+
+
+def compute(seconds: float) -> None:
+    """Compute in Python for a time [s], as user code may, and never let go of the interpreter."""
+    end = perf_counter() + seconds
+    while perf_counter() < end:
+        sum(range(1000))
 
 
 def _five_tasks(pepper: Pepper) -> tuple[list[PositionTask], list[FloatArray]]:
     """Both hands and the centre of mass, beside the posture and the base; and where the hands are."""
     controller = pepper.controller
-    wrists = [PositionTask(pepper.config, link, base=True) for link in WRISTS]
-    for task in (*wrists, ComTask(pepper.config, base=True)):
+    wrists = [PositionTask(link, base=True, robot=pepper.config) for link in WRISTS]
+    for task in (*wrists, ComTask(base=True, robot=pepper.config)):
         controller.add(task)
     return wrists, [controller.model.link_pose(link, controller.position)[:3, 3] for link in WRISTS]

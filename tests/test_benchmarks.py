@@ -4,13 +4,18 @@ from __future__ import annotations
 
 import importlib.util
 import json
+import os
 import runpy
 import subprocess
 import sys
+from dataclasses import dataclass, replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
+import numpy as np
 import pytest
+from numpy.typing import NDArray
 from stand_ins import patient_driver
 
 CONTROLLER = Path(__file__).parents[1] / "benchmarks" / "controller.py"
@@ -138,9 +143,81 @@ def test_the_way_over_naoqi_is_measured(
         assert 0.0 < part["tick_end_ms"]["median"] <= part["tick_end_ms"]["p99"]
         assert set(part["processors"]) == {"client", "NAOqi", "robot"}
     assert document["whole"]["dcm_off_by_rad"] >= 0.0
+    reaction = document["whole"]["reaction_cycles"]
+    assert reaction["ticks"] > 20
+    assert 2 <= reaction["median"] <= reaction["p99"] < 50
+    assert "request_lead_ms" in document["whole"]
     for kind in ("against_direct", "other_noise"):
         assert document[kind]["error"]["median_deg"] > 0.0
     assert document["other_noise"]["error"]["median_deg"] < 2.0
+
+
+def test_the_reaction_is_counted_from_the_cycle_of_the_sample() -> None:
+    """The command of tick k is computed from the sample of cycle k, and followed in cycle k + 4."""
+    reaction = runpy.run_path(str(NAOQI))["reaction"]
+    begin, count, moving = 7, 40, 30
+    postures = 0.01 * np.minimum(np.arange(count), moving)[:, None] * np.ones(17)
+    commands = np.full((count + 20, 17), -1.0)
+    commands[begin + 4 : begin + 4 + count] = postures
+    samples = [SimpleNamespace(tick=k, age=0.0, current=np.full(17, k)) for k in range(count)]
+    samples[10].age = 0.024  # new, but of cycle 8
+    samples[15] = SimpleNamespace(tick=15, age=0.012, current=samples[14].current)  # an old one
+    commands[begin + 4 + 20] += 0.005  # this one was withheld
+    recorder = SimpleNamespace(
+        ticks=[SimpleNamespace(measurement=sample) for sample in samples], computed=list(postures)
+    )
+    found = reaction(recorder, commands, begin, 0.012)
+    assert (found["median"], found["ticks"]) == (4, moving - 1 - 3)
+    assert (found["late"], found["not_followed"]) == (1, 1)
+    assert 4 < found["p99"] <= 6
+    recorder.computed = [postures[0]] * count
+    assert reaction(recorder, commands, begin, 0.012)["median"] is None
+
+
+def test_cycles_are_matched_by_the_commands_that_fresh_samples_answer() -> None:
+    script = runpy.run_path(str(NAOQI))
+    rng = np.random.default_rng(1)
+    cycle = np.delete(np.arange(100, 160), 33)  # the machine was too slow for one
+    postures = np.cumsum(rng.uniform(0.01, 0.02, (60, 17)), axis=0)
+    box = SimpleNamespace(cycle=cycle, position_command=postures[cycle - 100])
+    ticks = [
+        SimpleNamespace(
+            measurement=SimpleNamespace(tick=k, age=0.0 if k % 5 else 0.012),
+            sent=SimpleNamespace(position=postures[k - 80]),
+        )
+        for k in range(91, 130)
+    ]
+    begin, off_by = script["matched"](
+        SimpleNamespace(ticks=ticks), script["commands_by_cycle"](box)
+    )
+    assert (begin, off_by) == (-80, 0.0)
+
+
+def test_the_request_is_timed_to_the_beginning_of_its_tick() -> None:
+    class Robot:
+        def request(self) -> None:
+            clock.now += 1_000_000
+
+        def read(self) -> str:
+            clock.now += 2_000_000
+            return "sample"
+
+    request_leads = runpy.run_path(str(NAOQI))["request_leads"]
+    clock: Any = SimpleNamespace(now=0, perf_counter_ns=lambda: clock.now)
+    request_leads.__wrapped__.__globals__["time"] = clock
+    with request_leads(Robot) as leads:
+        robot = Robot()
+        for _ in range(2):
+            robot.request()
+            clock.now += 4_000_000
+            assert robot.read() == "sample"
+        robot.read()  # nobody asked
+    assert leads == pytest.approx([5.0, 5.0])
+    robot.request()
+    robot.read()
+    assert len(leads) == 2
+    with request_leads(object) as none:
+        assert none == []
 
 
 @pytest.mark.parametrize(
@@ -162,6 +239,296 @@ def test_wrong_options_of_the_way_over_naoqi_are_one_line(
     monkeypatch.setattr(sys, "argv", [str(NAOQI), *arguments])
     with pytest.raises(SystemExit) as stopped:
         runpy.run_path(str(NAOQI), run_name="__main__")
+    shown = capsys.readouterr()
+    assert (stopped.value.code, shown.out, shown.err.count("\n")) == (2, "", 1)
+    assert word in shown.err
+
+
+CODE_LINES = Path(__file__).parents[1] / "benchmarks" / "code_lines.py"
+
+
+def code_lines(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], *arguments: str
+) -> tuple[object, str, str]:
+    """Exit status, standard output and error of the script, in this process."""
+    monkeypatch.setattr(sys, "argv", [str(CODE_LINES), *arguments])
+    with pytest.raises(SystemExit) as ended:
+        runpy.run_path(str(CODE_LINES), run_name="__main__")
+    return ended.value.code, *capsys.readouterr()
+
+
+def test_lines_without_code_are_not_counted(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    file = tmp_path / "some.py"
+    file.write_text('''"""Module
+docstring."""
+
+# a comment
+LIMIT = 1  # counts
+"""Of something."""
+
+class Empty:
+    """Docstring."""
+
+    def run(self) -> str:
+        """Docstring
+
+        of three lines."""
+        return (
+            # a comment
+            """text,
+
+            which is no docstring"""
+        )
+''')
+    status, shown, _ = code_lines(monkeypatch, capsys, str(file), str(file))
+    assert (status, shown.split()[-3]) == (0, "16")  # 8 lines, twice
+
+
+def test_facade_and_loop_are_compared_with_what_they_were(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    script = runpy.run_path(str(CODE_LINES))
+    status, shown, _ = code_lines(monkeypatch, capsys, "--facade")
+    now = sum(script["code_lines"](CODE_LINES.parents[1] / name) for name in script["FACADE"])
+    assert status == 0
+    assert f"{now / script['BASELINE_TOTAL']:.3f}" in shown
+    commit = script["BASELINE_COMMIT"]
+    try:
+        then = [script["code_lines"](CODE_LINES.parents[1] / f, commit) for f in script["BASELINE"]]
+    except script["SourceError"] as error:
+        pytest.skip(str(error))  # the sources without their history
+    assert sum(then) == script["BASELINE_TOTAL"]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "word"),
+    [
+        ([], "--facade"),
+        (["--facade", str(CODE_LINES)], "--facade"),
+        (["no_such.py"], "no_such.py"),
+        ([str(CODE_LINES.parent)], "benchmarks"),
+        ([str(CODE_LINES.parents[1] / "README.md")], "not Python"),
+        (["--commit", "no-such-commit", str(CODE_LINES)], "commit"),
+        (["--commit", "HEAD", "/elsewhere.py"], "repository"),
+    ],
+)
+def test_files_that_cannot_be_counted_are_one_line(
+    arguments: list[str],
+    word: str,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    status, shown, error = code_lines(monkeypatch, capsys, *arguments)
+    assert (status, shown, error.count("\n")) == (2, "", 1)
+    assert word in error
+
+
+SAME_TICKS = Path(__file__).parents[1] / "benchmarks" / "same_ticks.py"
+
+
+def git(*arguments: str) -> str:
+    command = ["git", "-C", str(SAME_TICKS.parent), *arguments]
+    return subprocess.run(command, capture_output=True, text=True, check=True).stdout
+
+
+@pytest.fixture
+def checkout() -> None:
+    try:
+        git("ls-files", "--error-unmatch", SAME_TICKS.name)
+    except (OSError, subprocess.CalledProcessError):
+        pytest.skip("needs a git checkout")
+
+
+def benchmark(path: Path, monkeypatch: pytest.MonkeyPatch) -> Any:
+    """The module at ``path``, until the end of the test."""
+    spec = importlib.util.spec_from_file_location(path.stem, path)
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    monkeypatch.setitem(sys.modules, path.stem, module)  # dataclasses look for it there
+    spec.loader.exec_module(module)
+    return module
+
+
+@pytest.mark.usefixtures("checkout")
+def test_a_commit_has_the_same_ticks_as_itself(tmp_path: Path) -> None:
+    pytest.importorskip("mcap_ros2")
+    figures, temporary = tmp_path / "figures.json", tmp_path / "temporary"
+    temporary.mkdir()
+    arguments = ["--commit", "HEAD", "--to", "HEAD", "--plants", "cold", "--seconds", "1"]
+    result = subprocess.run(
+        [sys.executable, str(SAME_TICKS), *arguments, "--json", str(figures)],
+        env={**os.environ, "TMPDIR": str(temporary)},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert result.returncode == 0, result.stdout + result.stderr
+    (run,) = json.loads(figures.read_text())["runs"]
+    assert (run["name"], run["rows"], run["same"]) == ("cold", [83, 83], True)
+    assert run["columns"] > 30
+    assert not list(temporary.iterdir())
+    assert str(temporary) not in git("worktree", "list")
+
+
+ROWS = np.arange(6.0).reshape(3, 2)
+
+
+@pytest.mark.parametrize(
+    ("older", "newer", "place"),
+    [
+        (ROWS, ROWS.copy(), None),
+        (np.array([0.0, np.nan]), np.array([0.0, -np.nan]), None),
+        (np.array([True, False]), np.array([1, 0], dtype=np.int8), None),
+        (np.array([0.5]), np.array([0.5], dtype=np.float32), None),
+        (ROWS, np.where(ROWS == 3.0, np.nextafter(3.0, 4.0), ROWS), (1, 1)),
+        (np.array([1.0, 0.0]), np.array([1.0, -0.0]), (1, 0)),
+        (np.array([1.0, 2.0]), np.array([1.0, np.nan]), (1, 0)),
+        (ROWS, ROWS[:2], (2, 0)),
+        (ROWS, ROWS[:, :1], (0, 0)),
+        (np.array(["begin", "end"]), np.array(["begin", "update"]), (1, 0)),
+    ],
+)
+def test_columns_are_compared_bit_for_bit(
+    older: NDArray[Any],
+    newer: NDArray[Any],
+    place: tuple[int, int] | None,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    module = benchmark(SAME_TICKS, monkeypatch)
+    result = module.compare("run", {"a": older}, {"a": newer})
+    assert result.same == (place is None)
+    assert [(d.row, d.element) for d in result.differences] == ([] if place is None else [place])
+
+
+def test_columns_of_one_side_differ_unless_they_are_listed(monkeypatch: pytest.MonkeyPatch) -> None:
+    module = benchmark(SAME_TICKS, monkeypatch)
+    older, newer = {"sent": ROWS, "gone": ROWS}, {"command.position": ROWS, "come": ROWS}
+    result = module.compare("run", older, newer)
+    assert not result.same
+    assert result.one_sided == [
+        "gone: older side only",
+        "sent: older side only",
+        "come: newer side only",
+        "command.position: newer side only",
+    ]
+    monkeypatch.setattr(module, "RENAMED", {"command.position": "sent"})
+    monkeypatch.setattr(module, "ADDED", {"come"})
+    monkeypatch.setattr(module, "REMOVED", {"gone"})
+    result = module.compare("run", older, newer)
+    assert (result.same, result.columns, result.one_sided) == (True, 1, [])
+    assert not module.compare("run", older, {**newer, "command.position": -ROWS}).same
+
+
+@pytest.mark.usefixtures("checkout")
+@pytest.mark.parametrize(("changed", "code"), [(False, 0), (True, 1)])
+def test_ticks_that_differ_are_exit_code_1(
+    changed: bool, code: int, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    module = benchmark(SAME_TICKS, monkeypatch)
+
+    def run_side(run: object, tree: Path, out: Path) -> dict[str, Any]:
+        out.parent.mkdir(parents=True)
+        rows = ROWS.copy()
+        if changed and tree == module.ROOT:
+            rows[2, 1] += 1e-15
+        np.savez(out, position=rows)
+        return {"ended": ""}
+
+    monkeypatch.setattr(module, "run_side", run_side)
+    monkeypatch.setattr(sys, "argv", ["same_ticks.py", "--commit", "HEAD", "--plants", "cold"])
+    assert module.main() == code
+    assert ("position (2, 1): 5.0, 5.000000000000001" in capsys.readouterr().out) == changed
+
+
+@dataclass(frozen=True, kw_only=True)
+class OldSample:
+    position: NDArray[np.float64]
+    answers: int | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class OldTick:
+    sample: OldSample
+    time: float
+    missing: str
+    changed: NDArray[np.bool_] | None
+
+
+@dataclass(frozen=True, kw_only=True)
+class NewSample:
+    encoders: NDArray[np.float64]
+    late: bool = False
+
+
+@dataclass(frozen=True, kw_only=True)
+class NewTick:
+    sample: NewSample
+    time: float
+    missing: str
+    changed: NDArray[np.bool_] | None
+
+
+def test_inputs_of_the_observer_are_rebuilt_with_other_classes(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    side = benchmark(SAME_TICKS.with_name("same_ticks_side.py"), monkeypatch)
+    ticks = [
+        OldTick(
+            sample=OldSample(position=row, answers=answers),
+            time=float(row[0]),
+            missing=missing,
+            changed=row > 2,
+        )
+        for row, answers, missing in zip(ROWS, (None, 1, 2), ("", "late", ""), strict=True)
+    ]
+    ticks[1] = replace(ticks[1], changed=None)
+    np.savez(tmp_path / "inputs.npz", **side.as_columns(map(side.leaves, ticks)))
+    with np.load(tmp_path / "inputs.npz", allow_pickle=False) as file:
+        arrays = dict(file)
+
+    def rebuilt(renamed: dict[str, str], tick: type) -> list[Any]:
+        inputs = side.Inputs(arrays, renamed)
+        make = inputs.maker(tick)
+        return [*(make(row) for row in range(len(inputs))), inputs.unused]
+
+    *same, unused = rebuilt({}, OldTick)
+    assert unused == []
+    assert list(map(str, same)) == list(map(str, ticks))
+    *new, unused = rebuilt({"sample.encoders": "sample.position"}, NewTick)
+    assert unused == ["sample.answers"]
+    for one, tick in zip(new, ticks, strict=True):
+        assert one.sample.encoders.tolist() == tick.sample.position.tolist()
+        assert (one.sample.late, one.time, one.missing) == (False, tick.time, tick.missing)
+    with pytest.raises(side.SideError, match=r"sample\.encoders"):
+        rebuilt({}, NewTick)
+
+
+@pytest.mark.usefixtures("checkout")
+@pytest.mark.parametrize(
+    ("arguments", "word"),
+    [
+        ([], "--commit"),
+        (["--commit", "no-such-commit"], "no-such-commit"),
+        (["--commit", "HEAD", "--to", "no-such-commit"], "--to"),
+        (["--commit", "HEAD", "--seconds", "0"], "--seconds"),
+        (["--commit", "HEAD", "--plants", "nominal,wornn"], "wornn"),
+        (["--commit", "HEAD", "--plants", "none"], "nothing to compare"),
+        (["--commit", "HEAD", "--stand-in", str(SAME_TICKS)], "record-stand-in"),
+        (["--commit", "HEAD", "--json", "no/such/folder/figures.json"], "no/such/folder"),
+    ],
+)
+def test_wrong_options_of_the_comparison_are_one_line(
+    arguments: list[str],
+    word: str,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.setattr(sys, "argv", [str(SAME_TICKS), *arguments])
+    with pytest.raises(SystemExit) as stopped:
+        runpy.run_path(str(SAME_TICKS), run_name="__main__")
     shown = capsys.readouterr()
     assert (stopped.value.code, shown.out, shown.err.count("\n")) == (2, "", 1)
     assert word in shown.err

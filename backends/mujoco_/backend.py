@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from pepper_driver.backends.commands import checked_command
 from pepper_driver.backends.interface import (
@@ -223,6 +224,8 @@ class MujocoBackend(Serial, Backend):
         """Be active without the ramp of :meth:`activate`: for a device manager, whose users raise the stiffness."""
         if self._state != "open":
             raise BackendError(f"'{self.uri}' cannot be switched on: it is {self._state}")
+        # A command from before moves nothing.
+        self._write(self._written.position, np.zeros(len(self._start)), np.zeros(3))
         self._state = "active"
 
     @serial
@@ -284,8 +287,8 @@ class MujocoBackend(Serial, Backend):
     def push(
         self,
         link: str,
-        force: FloatArray,
-        point: FloatArray | None = None,
+        force: ArrayLike,
+        point: ArrayLike | None = None,
         duration: float = 0.5,
         *,
         frame: Literal["world", "link"] = "world",
@@ -303,8 +306,8 @@ class MujocoBackend(Serial, Backend):
     def grab(
         self,
         link: str,
-        pull: FloatArray,
-        point: FloatArray | None = None,
+        pull: ArrayLike,
+        point: ArrayLike | None = None,
         *,
         stiffness: float = 1000.0,
         rise: float = 0.5,

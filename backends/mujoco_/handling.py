@@ -6,6 +6,7 @@ from typing import Literal
 
 import mujoco
 import numpy as np
+from numpy.typing import ArrayLike
 
 from pepper_driver.backends.commands import finite_numbers
 from pepper_driver.backends.interface import CommandError
@@ -24,22 +25,22 @@ def planned_push(
     model: PlantModel,
     data: mujoco.MjData,
     link: str,
-    force: FloatArray,
-    point: FloatArray | None,
+    force: ArrayLike,
+    point: ArrayLike | None,
     duration: float,
     frame: Literal["world", "link"],
     delay: float,
     rise: float,
 ) -> Push:
     """The push that :meth:`Backend.push` was asked for; raises as it says."""
-    body, force, where = _place("push", model, link, force, point, frame, [duration, delay, rise])
+    body, pushed, where = _place("push", model, link, force, point, frame, [duration, delay, rise])
     if duration <= 0 or rise <= 0 or delay < 0:
         raise CommandError("push: duration and rise must be positive, delay not negative")
-    if np.linalg.norm(force) > STRONGEST_PUSH:
+    if np.linalg.norm(pushed) > STRONGEST_PUSH:
         raise CommandError(f"push: the force may be {STRONGEST_PUSH:g} N at most")
     return Push(
         body=body,
-        force=force,
+        force=pushed,
         point=where,
         turns_with_link=frame == "link",
         start=data.time + delay,
@@ -52,8 +53,8 @@ def planned_hand(
     model: PlantModel,
     data: mujoco.MjData,
     link: str,
-    pull: FloatArray,
-    point: FloatArray | None,
+    pull: ArrayLike,
+    point: ArrayLike | None,
     *,
     stiffness: float,
     rise: float,
@@ -65,7 +66,7 @@ def planned_hand(
 ) -> Hand:
     """The hand that :meth:`Backend.grab` was asked for; raises as it says."""
     numbers = [stiffness, rise, hold, release, largest_force, delay]
-    body, pull, where = _place("grab", model, link, pull, point, frame, numbers)
+    body, pulled, where = _place("grab", model, link, pull, point, frame, numbers)
     if not SOFTEST_HAND <= stiffness <= STIFFEST_HAND:
         raise CommandError(
             f"grab: stiffness must be {SOFTEST_HAND:g} to {STIFFEST_HAND:g} N/m, got {stiffness:g}"
@@ -74,12 +75,12 @@ def planned_hand(
         raise CommandError(
             "grab: rise, release and largest_force must be positive, hold and delay not negative"
         )
-    if np.linalg.norm(pull) > FARTHEST_PULL:
+    if np.linalg.norm(pulled) > FARTHEST_PULL:
         raise CommandError(f"grab: the pull may be {FARTHEST_PULL:g} m long at most")
     return Hand(
         body=body,
         link=link,
-        pull=pull,
+        pull=pulled,
         point=where,
         in_link_axes=frame == "link",
         stiffness=float(stiffness),
@@ -95,8 +96,8 @@ def _place(
     what: str,
     model: PlantModel,
     link: str,
-    vector: FloatArray,
-    point: FloatArray | None,
+    vector: ArrayLike,
+    point: ArrayLike | None,
     frame: str,
     numbers: list[float],
 ) -> tuple[int, FloatArray, FloatArray]:
@@ -105,9 +106,9 @@ def _place(
         raise UnknownNameError("link", link, model.bodies)
     body = model.bodies[link]
     where = model.mj.body_ipos[body] if point is None else point
-    vector = finite_numbers(f"{what}: vector", vector, 3).copy()
-    where = finite_numbers(f"{what}: point", where, 3).copy()
+    checked = finite_numbers(f"{what}: vector", vector, 3).copy()
+    place = finite_numbers(f"{what}: point", where, 3).copy()
     finite_numbers(f"{what}: times and sizes", numbers, len(numbers))
     if frame not in ("world", "link"):
         raise UnknownNameError("frame", frame, ("world", "link"))
-    return body, vector, where
+    return body, checked, place

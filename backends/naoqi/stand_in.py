@@ -5,12 +5,13 @@ from __future__ import annotations
 from abc import abstractmethod
 from typing import Literal
 
+from numpy.typing import ArrayLike
+
 from pepper_driver.backends.interface import Backend, CapabilityError
 from pepper_driver.backends.naoqi.connection import Connection, ServiceError
 from pepper_driver.backends.selection import make_backend
 from pepper_driver.backends.simulated import SimulatedPlant
 from pepper_driver.config import PepperError, RobotConfig, UnknownNameError
-from pepper_driver.config.parts import FloatArray
 
 SERVICE = "StandIn"
 
@@ -36,8 +37,8 @@ class Handled(Backend):
     def push(
         self,
         link: str,
-        force: FloatArray,
-        point: FloatArray | None = None,
+        force: ArrayLike,
+        point: ArrayLike | None = None,
         duration: float = 0.5,
         *,
         frame: Literal["world", "link"] = "world",
@@ -59,8 +60,8 @@ class Handled(Backend):
     def grab(
         self,
         link: str,
-        pull: FloatArray,
-        point: FloatArray | None = None,
+        pull: ArrayLike,
+        point: ArrayLike | None = None,
         *,
         stiffness: float = 1000.0,
         rise: float = 0.5,

@@ -18,8 +18,8 @@ FloatArray = NDArray[np.float64]
 class BasePoseTask(Task):
     """The base as a critically damped spring in the plane, turning the short way.
 
-    Errors, reference velocities and accelerations are in the world's axes. A controller of its own holds the base by
-    its ``base_velocity`` task: give that a smaller weight, or remove it, while this one is in use.
+    Errors, reference velocities and accelerations are in the world's axes. While it is in use, the controller's own
+    base velocity task gives way.
 
     Args:
         stiffness: [1/s2].
@@ -33,6 +33,7 @@ class BasePoseTask(Task):
         self, *, stiffness: float = 3.0, weight: float = 1e4, name: str = "base pose"
     ) -> None:
         super().__init__(BASE, stiffness=stiffness, weight=weight, name=name)
+        self.moves_base = True
         self._target: FloatArray | None = None
 
     @property
@@ -46,8 +47,13 @@ class BasePoseTask(Task):
 
     @target.setter
     def target(self, value: ArrayLike) -> None:
-        self._target = self.checked(value)
-        self._stop_moving()
+        target = self.checked(value)
+
+        def change() -> None:
+            self._target = target  # as given: only a trajectory's heading is wrapped
+            self._stop_moving()
+
+        self._change(change)
 
     def checked(self, target: Target) -> FloatArray:
         """The target; see :meth:`Task.checked`."""

@@ -1,4 +1,4 @@
-"""Centre of mass: of the whole robot, in the world or seen from the base."""
+"""Centre of mass: of the whole robot, in the world or in base_link."""
 
 from __future__ import annotations
 
@@ -7,46 +7,50 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pepper_driver.config import RobotConfig
+from pepper_driver.config import RobotConfig, UnknownNameError, load_robot
 from pepper_driver.controller.model import BASE, RobotModel
 from pepper_driver.controller.tasks.task import Task
 from pepper_driver.controller.trajectory import Trajectory, vector_trajectory
 
 FloatArray = NDArray[np.float64]
 
+BASE_LINK = "base_link"
+
 
 class ComTask(Task):
     """The centre of mass goes to a place.
 
     Args:
-        robot: Its description.
-        seen_from_base: Whether the target is in base_link, in place of the world, which is where the base started.
+        root: ``base_link`` for a target in it; None for the world, which is where the base started.
         joints: What may move for it, by default all joints.
-        base: Whether the base may move for it too; seen from the base, that makes no difference.
+        base: True to let the base move for it too, which changes nothing for a target in base_link.
         stiffness: [1/s2].
         weight: In the cost. Use ``dim_weight`` (1, 1, 0) to leave the height free.
         name: For reports.
+        robot: Description of the robot, by default the shipped Pepper's.
 
     Raises:
-        UnknownNameError: No such joint.
+        UnknownNameError: No such joint; a root other than ``base_link``.
     """
 
     def __init__(
         self,
-        robot: RobotConfig,
         *,
-        seen_from_base: bool = False,
+        root: str | None = None,
         joints: Sequence[str] | None = None,
         base: bool = False,
         stiffness: float = 10.0,
         weight: float = 1e4,
         name: str | None = None,
+        robot: RobotConfig | None = None,
     ) -> None:
-        label = "centre of mass from base_link" if seen_from_base else "centre of mass"
+        if root not in (None, BASE_LINK):
+            raise UnknownNameError("root of a centre of mass", str(root), [BASE_LINK])
+        label = "centre of mass" if root is None else f"centre of mass from {root}"
         super().__init__(3, stiffness=stiffness, weight=weight, name=name or label)
-        self._seen_from_base = seen_from_base
+        self._in_base = root is not None
         self._target: FloatArray | None = None
-        self.select(robot, joints, base=base)
+        self.select(load_robot() if robot is None else robot, joints, base=base)
 
     @property
     def target(self) -> FloatArray:
@@ -59,14 +63,13 @@ class ComTask(Task):
 
     @target.setter
     def target(self, value: ArrayLike) -> None:
-        self._target = self.checked(value)
-        self._stop_moving()
+        self._set_target(self.checked(value))
 
     def measure(self, model: RobotModel) -> None:
         """The error is target minus centre of mass [m]."""
         position, full, velocity, bias = model.com()
-        if self._seen_from_base:
-            position, _, bias = _seen_from_base(model, position, velocity, bias)
+        if self._in_base:
+            position, _, bias = _in_base_link(model, position, velocity, bias)
             # The base is a rigid body here: joints alone move the centre of mass in it.
             self._jacobian[:, BASE:] = _rotation_world_to_base(model) @ full[:, BASE:]
         else:
@@ -80,8 +83,8 @@ class ComTask(Task):
         self, model: RobotModel, targets: list[FloatArray], durations: list[float], dt: float
     ) -> Trajectory:
         position, _, velocity, bias = model.com()
-        if self._seen_from_base:
-            position, velocity, _ = _seen_from_base(model, position, velocity, bias)
+        if self._in_base:
+            position, velocity, _ = _in_base_link(model, position, velocity, bias)
         return vector_trajectory(np.array([position, *targets]), velocity.copy(), durations, dt)
 
     def _follow(self, target: FloatArray) -> None:
@@ -93,7 +96,7 @@ def _rotation_world_to_base(model: RobotModel) -> FloatArray:
     return np.array([[cosine, sine, 0.0], [-sine, cosine, 0.0], [0.0, 0.0, 1.0]])
 
 
-def _seen_from_base(
+def _in_base_link(
     model: RobotModel, position: FloatArray, velocity: FloatArray, bias: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Position, velocity and bias of a point in base_link, which moves by the model's twist."""

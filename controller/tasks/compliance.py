@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pepper_driver.config import RobotConfig
+from pepper_driver.config import RobotConfig, load_robot
 from pepper_driver.controller.errors import GainError
 from pepper_driver.controller.model import RobotModel
 from pepper_driver.controller.tasks.posture import PostureTask
@@ -36,7 +36,6 @@ class ComplianceTask(PostureTask):
     Give the joints ``dim_weight`` 0 in the posture task to have none of it.
 
     Args:
-        robot: Its description.
         joints: Which, in the order of torque and target; by default all 17 in the robot's order.
         inertia: That the joints seem to have [kg m2], one number or one a joint.
         stiffness: Towards the rest posture [1/s2].
@@ -45,6 +44,7 @@ class ComplianceTask(PostureTask):
         largest_torque: Beyond the dead band [N m], one number or one a joint; by default half the joints' effort.
         weight: In the cost.
         name: For reports.
+        robot: Description of the robot, by default the shipped Pepper's.
 
     Raises:
         UnknownNameError: No such joint.
@@ -54,7 +54,6 @@ class ComplianceTask(PostureTask):
 
     def __init__(
         self,
-        robot: RobotConfig,
         joints: Sequence[str] | None = None,
         *,
         inertia: ArrayLike = 0.1,
@@ -64,8 +63,10 @@ class ComplianceTask(PostureTask):
         largest_torque: ArrayLike | None = None,
         weight: float = 1e4,
         name: str | None = None,
+        robot: RobotConfig | None = None,
     ) -> None:
-        super().__init__(robot, joints, stiffness=stiffness, weight=weight, name=name)
+        robot = load_robot() if robot is None else robot
+        super().__init__(joints, stiffness=stiffness, weight=weight, name=name, robot=robot)
         if name is None:
             self.name = "compliance" if joints is None else f"compliance {', '.join(self.joints)}"
         self.damping = damping
@@ -109,9 +110,13 @@ class ComplianceTask(PostureTask):
         torque = finite_vector("an external torque", value, self.rows, names=self.joints)
         beyond = np.maximum(np.abs(torque) - self._dead_band, 0.0)
         push = np.copysign(np.minimum(beyond, self._largest), torque) / self._inertia
-        self._torque, self._left = torque, HOLD
-        self._push = push if torque.any() else None
-        self._update_driven()
+
+        def change() -> None:
+            self._torque, self._left = torque, HOLD
+            self._push = push if torque.any() else None
+            self._update_driven()
+
+        self._change(change)
 
     def _update_driven(self) -> None:
         super()._update_driven()

@@ -1,4 +1,4 @@
-"""A frame of the robot goes to a place, takes an orientation, or both: seen from the world or from another link."""
+"""A frame of the robot goes to a place, takes an orientation, or both: in the world or in another link."""
 
 from __future__ import annotations
 
@@ -8,12 +8,13 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike, NDArray
 
-from pepper_driver.config import RobotConfig, UnknownNameError
+from pepper_driver.config import RobotConfig, load_robot
 from pepper_driver.controller.errors import TargetError
 from pepper_driver.controller.model import RobotModel
 from pepper_driver.controller.tasks.frame_motion import FrameMotion
 from pepper_driver.controller.tasks.targets import (
     Target,
+    check_link,
     checked_pose,
     checked_rotation,
     finite_vector,
@@ -30,7 +31,7 @@ FloatArray = NDArray[np.float64]
 
 
 class _FrameTask(Task):
-    """What tasks on a frame share: which frame, seen from where, moved by what."""
+    """Common part of tasks on a frame: which frame, in which root, moved by what."""
 
     _shape: tuple[int, ...]  # of the target
 
@@ -38,24 +39,27 @@ class _FrameTask(Task):
         self,
         kind: str,
         rows: int,
-        robot: RobotConfig,
         link: str,
         point: ArrayLike | None,
-        seen_from: str | None,
+        root: str | None,
         joints: Sequence[str] | None,
         base: bool,
         stiffness: float,
         weight: float,
         name: str | None,
+        robot: RobotConfig | None,
     ) -> None:
-        for given in (link, seen_from):
-            if given is not None and given not in robot.links:
-                raise UnknownNameError("link", given, robot.links)
-        if seen_from == link:
-            raise TargetError(f"{link} cannot be seen from itself")
-        label = f"{kind} {link}" + (f" from {seen_from}" if seen_from is not None else "")
+        robot = load_robot() if robot is None else robot
+        check_link(robot, link)
+        if root is not None:
+            check_link(robot, root)
+        if root == link:
+            raise TargetError(
+                f"{link} cannot be the root of its own target: name another link, or none for the world"
+            )
+        label = f"{kind} {link}" + (f" from {root}" if root is not None else "")
         super().__init__(rows, stiffness=stiffness, weight=weight, name=name or label)
-        self._link, self._seen_from = link, seen_from
+        self._link, self._root = link, root
         self._point = (
             None if point is None else finite_vector(f"the point of {self.name}", point, 3)
         )
@@ -75,13 +79,12 @@ class _FrameTask(Task):
 
     @target.setter
     def target(self, value: ArrayLike) -> None:
-        self._follow(self.checked(value))
-        self._stop_moving()
+        self._set_target(self.checked(value))
 
     def attach(self, model: RobotModel, rows: TaskRows) -> None:
         """Look the frames up."""
         super().attach(model, rows)
-        origin = None if self._seen_from is None else model.body_frame(self._seen_from)
+        origin = None if self._root is None else model.body_frame(self._root)
         self._motion = FrameMotion(model, model.body_frame(self._link, self._point), origin)
 
     def _follow(self, target: FloatArray) -> None:
@@ -91,41 +94,41 @@ class _FrameTask(Task):
 class PositionTask(_FrameTask):
     """A point of a link goes to a place.
 
-    The error is in the axes of what it is seen from, and so are the rows of ``dim_weight``.
+    The error is in the axes of the root, and so are the rows of ``dim_weight``.
 
     Args:
-        robot: Its description.
         link: Which link.
         point: (3,) in the link [m], by default its origin.
-        seen_from: Link in which the target is given; None for the world, which is where the base started.
+        root: Link in which the target is given; None for the world, which is where the base started.
         joints: What may move for it, by default all joints.
-        base: Whether the base may move for it too.
+        base: True to let the base move for it too.
         stiffness: [1/s2].
         weight: In the cost.
         name: For reports.
+        robot: Description of the robot, by default the shipped Pepper's.
 
     Raises:
         UnknownNameError: No such link or joint.
-        TargetError: The point is none; the link would be seen from itself.
+        TargetError: The point is none; link and root are the same.
     """
 
     _shape = (3,)
 
     def __init__(
         self,
-        robot: RobotConfig,
         link: str,
         point: ArrayLike | None = None,
         *,
-        seen_from: str | None = None,
+        root: str | None = None,
         joints: Sequence[str] | None = None,
         base: bool = False,
         stiffness: float = 10.0,
         weight: float = 1e4,
         name: str | None = None,
+        robot: RobotConfig | None = None,
     ) -> None:
         super().__init__(
-            "position", 3, robot, link, point, seen_from, joints, base, stiffness, weight, name
+            "position", 3, link, point, root, joints, base, stiffness, weight, name, robot
         )
 
     def measure(self, model: RobotModel) -> None:
@@ -149,39 +152,39 @@ class PositionTask(_FrameTask):
 class OrientationTask(_FrameTask):
     """A link takes an orientation, the short way round.
 
-    The error is a rotation vector in the axes of what the link is seen from, and so are the rows of ``dim_weight``.
+    The error is a rotation vector in the axes of the root, and so are the rows of ``dim_weight``.
 
     Args:
-        robot: Its description.
         link: Which link.
-        seen_from: Link in which the target is given; None for the world.
+        root: Link in which the target is given; None for the world.
         joints: What may move for it, by default all joints.
-        base: Whether the base may move for it too.
+        base: True to let the base move for it too.
         stiffness: [1/s2].
         weight: In the cost.
         name: For reports.
+        robot: Description of the robot, by default the shipped Pepper's.
 
     Raises:
         UnknownNameError: No such link or joint.
-        TargetError: The link would be seen from itself.
+        TargetError: Link and root are the same.
     """
 
     _shape = (3, 3)
 
     def __init__(
         self,
-        robot: RobotConfig,
         link: str,
         *,
-        seen_from: str | None = None,
+        root: str | None = None,
         joints: Sequence[str] | None = None,
         base: bool = False,
         stiffness: float = 10.0,
         weight: float = 1e3,
         name: str | None = None,
+        robot: RobotConfig | None = None,
     ) -> None:
         super().__init__(
-            "orientation", 3, robot, link, None, seen_from, joints, base, stiffness, weight, name
+            "orientation", 3, link, None, root, joints, base, stiffness, weight, name, robot
         )
 
     def checked(self, target: Target) -> FloatArray:
@@ -209,42 +212,40 @@ class OrientationTask(_FrameTask):
 class FrameTask(_FrameTask):
     """A frame of a link goes to a pose: position and orientation together (SE3).
 
-    The error is the way [m], then the rotation vector [rad], in the axes of what it is seen from.
+    The error is the way [m], then the rotation vector [rad], in the axes of the root.
 
     Args:
-        robot: Its description.
         link: Which link.
         point: (3,) origin of the frame in the link [m], by default the link's; the axes are those of the link.
-        seen_from: Link in which the target is given (a relative task); None for the world.
+        root: Link in which the target is given (a relative task); None for the world.
         joints: What may move for it, by default all joints.
-        base: Whether the base may move for it too.
+        base: True to let the base move for it too.
         stiffness: [1/s2].
         weight: In the cost.
         name: For reports.
+        robot: Description of the robot, by default the shipped Pepper's.
 
     Raises:
         UnknownNameError: No such link or joint.
-        TargetError: The point is none; the link would be seen from itself.
+        TargetError: The point is none; link and root are the same.
     """
 
     _shape = (4, 4)
 
     def __init__(
         self,
-        robot: RobotConfig,
         link: str,
         point: ArrayLike | None = None,
         *,
-        seen_from: str | None = None,
+        root: str | None = None,
         joints: Sequence[str] | None = None,
         base: bool = False,
         stiffness: float = 10.0,
         weight: float = 1e4,
         name: str | None = None,
+        robot: RobotConfig | None = None,
     ) -> None:
-        super().__init__(
-            "pose", 6, robot, link, point, seen_from, joints, base, stiffness, weight, name
-        )
+        super().__init__("pose", 6, link, point, root, joints, base, stiffness, weight, name, robot)
 
     def checked(self, target: Target) -> FloatArray:
         """(4, 4) transform; (7,) position [m] and unit quaternion (x, y, z, w) are taken too."""

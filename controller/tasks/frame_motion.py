@@ -1,4 +1,4 @@
-"""Where a frame of the robot is and how it moves, seen from the world or from another frame of the robot."""
+"""Pose and motion of a frame of the robot, in the world or in another frame of the robot."""
 
 from __future__ import annotations
 
@@ -14,15 +14,15 @@ OWN_AXES = pin.ReferenceFrame.LOCAL
 
 
 class FrameMotion:
-    """Pose, Jacobian and bias of a frame, all in the axes of the frame it is seen from.
+    """Pose, Jacobian and bias of a frame, all in the axes of its root.
 
     Args:
         frame: Which.
-        seen_from: From where; None for the world.
+        root: Frame that they are relative to; None for the world.
 
     Attributes:
         position: (3,) of the frame's origin [m].
-        rotation: (3, 3) ``rotation_frame_to_seen_from``.
+        rotation: (3, 3) ``rotation_frame_to_root``.
         jacobian: (6, 20) velocity per velocity of the model.
         bias: (6,) acceleration without accelerations of the model.
     """
@@ -32,12 +32,10 @@ class FrameMotion:
     jacobian: FloatArray
     bias: FloatArray
 
-    def __init__(
-        self, model: RobotModel, frame: BodyFrame, seen_from: BodyFrame | None = None
-    ) -> None:
-        self._frame, self._seen_from = frame, seen_from
+    def __init__(self, model: RobotModel, frame: BodyFrame, root: BodyFrame | None = None) -> None:
+        self._frame, self._root = frame, root
         # Views of what Pinocchio computes, where the frame is that of a joint.
-        at_joint = frame.placement.isIdentity() and seen_from is None
+        at_joint = frame.placement.isIdentity() and root is None
         self._carrier = model.data.oMi[frame.joint]
         self.position, self.rotation = self._carrier.translation, self._carrier.rotation
         self._at_joint = at_joint
@@ -52,14 +50,14 @@ class FrameMotion:
             pose = self._carrier * self._frame.placement
             self.position, self.rotation = pose.translation, pose.rotation
         self.jacobian, self.bias = model.jacobian(self._frame), model.bias(self._frame)
-        if self._seen_from is not None:
-            self._turn_to(model, self._seen_from)
+        if self._root is not None:
+            self._turn_to(model, self._root)
 
     def _turn_to(self, model: RobotModel, origin: BodyFrame) -> None:
         """From the world to a frame that moves itself.
 
         All in that frame's axes: with w its angular velocity, d the way from its origin and l = v - v_0 - w x d the
-        velocity seen from it, the bias is a - a_0 - dw/dt x d - w x (w x d + 2 l); angular dW/dt - dw/dt - w x W.
+        velocity relative to it, the bias is a - a_0 - dw/dt x d - w x (w x d + 2 l); angular dW/dt - dw/dt - w x W.
         """
         pose = model.pose(origin)
         back = pose.rotation.T

@@ -10,14 +10,15 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pepper_driver.config.parts import STIFFEST
+from pepper_driver.controller.changes import Change, Changes
 from pepper_driver.controller.errors import GainError
 
 FloatArray = NDArray[np.float64]
 
-MOST_DAMPING = 120.0
+MAX_DAMPING = 120.0
 """[1/s] Beyond about 1.4 times this, a cycle of 12 ms is too long for the law, as with stiffness beyond STIFFEST."""
 
-HEAVIEST = 1e12
+MAX_WEIGHT = 1e12
 """Weights beyond would leave nothing of the others in double precision."""
 
 
@@ -30,8 +31,8 @@ class Gains:
     weight: FloatArray
 
 
-class Gained:
-    """Has a stiffness [1/s2], a damping [1/s] and weights.
+class GainsMixin:
+    """Stiffness [1/s2], damping [1/s] and weights of a task, set between two ticks.
 
     Damping follows the stiffness as 2 sqrt(stiffness), which is critical, unless it is set.
 
@@ -42,13 +43,15 @@ class Gained:
 
     Attributes:
         gains: What the rows are multiplied by; another object whenever one of them was set.
+        changes: Of the controller that has the task; None where none has it.
     """
 
     def __init__(self, rows: int, *, stiffness: float, weight: float) -> None:
+        self.changes: Changes | None = None
         self._dim_weight = np.ones(rows)
         self._own_damping: float | None = None
         self._stiffness = checked_stiffness(stiffness)
-        self._weight = _within("weight", weight, HEAVIEST)
+        self._weight = _within("weight", weight, MAX_WEIGHT)
         self._update_gains()
 
     @property
@@ -59,9 +62,13 @@ class Gained:
     @stiffness.setter
     def stiffness(self, value: float) -> None:
         stiffness = checked_stiffness(value)
-        self._allow(stiffness, self._own_damping)
-        self._stiffness = stiffness
-        self._update_gains()
+
+        def change() -> None:
+            self._allow(stiffness, self._own_damping)
+            self._stiffness = stiffness
+            self._update_gains()
+
+        self._change(change)
 
     @property
     def damping(self) -> float:
@@ -70,10 +77,14 @@ class Gained:
 
     @damping.setter
     def damping(self, value: float | None) -> None:
-        damping = None if value is None else _within("damping", value, MOST_DAMPING)
-        self._allow(self._stiffness, damping)
-        self._own_damping = damping
-        self._update_gains()
+        damping = None if value is None else _within("damping", value, MAX_DAMPING)
+
+        def change() -> None:
+            self._allow(self._stiffness, damping)
+            self._own_damping = damping
+            self._update_gains()
+
+        self._change(change)
 
     @property
     def weight(self) -> float:
@@ -82,8 +93,13 @@ class Gained:
 
     @weight.setter
     def weight(self, value: float) -> None:
-        self._weight = _within("weight", value, HEAVIEST)
-        self._update_gains()
+        weight = _within("weight", value, MAX_WEIGHT)
+
+        def change() -> None:
+            self._weight = weight
+            self._update_gains()
+
+        self._change(change)
 
     @property
     def dim_weight(self) -> FloatArray:
@@ -100,8 +116,19 @@ class Gained:
             raise GainError("dim_weight", value, what) from None
         if weights.shape != (rows,) or not (np.isfinite(weights) & (weights >= 0)).all():
             raise GainError("dim_weight", value, what)
-        self._dim_weight = weights
-        self._update_gains()
+
+        def change() -> None:
+            self._dim_weight = weights
+            self._update_gains()
+
+        self._change(change)
+
+    def _change(self, change: Change) -> None:
+        """Make a change between two ticks, or at once where no controller has the task."""
+        if self.changes is None:
+            change()
+        else:
+            self.changes.make(change)
 
     def _allow(self, stiffness: float, damping: float | None) -> None:
         """Refuse gains that a task cannot live with, by a GainError. For tasks that have such."""

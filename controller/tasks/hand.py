@@ -8,7 +8,7 @@ from numbers import Real
 import numpy as np
 from numpy.typing import NDArray
 
-from pepper_driver.config import RobotConfig, UnknownNameError
+from pepper_driver.config import RobotConfig, UnknownNameError, load_robot
 from pepper_driver.controller.errors import TargetError
 from pepper_driver.controller.tasks.posture import PostureTask
 from pepper_driver.controller.tasks.targets import Target, finite_vector
@@ -22,30 +22,38 @@ class HandTask(PostureTask):
     Its weight is above the posture task's, so that the hand does what this task says.
 
     Args:
-        robot: Its description.
         hand: ``LHand`` or ``RHand``.
         stiffness: [1/s2].
         weight: In the cost.
+        robot: Description of the robot, by default the shipped Pepper's.
 
     Raises:
         UnknownNameError: No such hand.
     """
 
     def __init__(
-        self, robot: RobotConfig, hand: str, *, stiffness: float = 20.0, weight: float = 1e3
+        self,
+        hand: str,
+        *,
+        stiffness: float = 20.0,
+        weight: float = 1e3,
+        robot: RobotConfig | None = None,
     ) -> None:
+        robot = load_robot() if robot is None else robot
         if hand not in robot.hands.joints:
             raise UnknownNameError("hand", hand, robot.hands.joints)
-        super().__init__(robot, (hand,), stiffness=stiffness, weight=weight, name=f"hand {hand}")
+        super().__init__(
+            (hand,), stiffness=stiffness, weight=weight, name=f"hand {hand}", robot=robot
+        )
 
     def checked(self, target: Target) -> FloatArray:
         """(1,) aperture; one number is taken too."""
         return super().checked(target)
 
-    def _checked_after(self, before: FloatArray, target: Target) -> FloatArray:
+    def _checked_part(self, target: Target) -> FloatArray:
         hand = self.joints[0]
         if isinstance(target, Mapping):
-            return super()._checked_after(before, target)
+            return super()._checked_part(target)
         single = isinstance(target, Real) or (isinstance(target, np.ndarray) and target.ndim == 0)
         aperture = np.array([target]) if single else target
         value = finite_vector(f"the aperture of {hand}", aperture, 1)

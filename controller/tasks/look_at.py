@@ -9,11 +9,11 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike, NDArray
 
-from pepper_driver.config import RobotConfig, UnknownNameError
+from pepper_driver.config import RobotConfig, load_robot
 from pepper_driver.controller.errors import TargetError
 from pepper_driver.controller.model import BodyFrame, RobotModel
 from pepper_driver.controller.tasks.frame_motion import OWN_AXES, cross
-from pepper_driver.controller.tasks.targets import Target, finite_vector
+from pepper_driver.controller.tasks.targets import Target, check_link, finite_vector
 from pepper_driver.controller.tasks.task import Task, TaskRows
 from pepper_driver.controller.trajectory import Trajectory, vector_trajectory
 
@@ -39,7 +39,6 @@ class LookAtTask(Task):
     While the target is nearer than 5 cm to the eye, the line of sight holds still and the error is 0.
 
     Args:
-        robot: Its description.
         link: Which looks.
         axis: (3,) of the link that points at the target.
         eye: (3,) point of the link where the line of sight starts [m], by default the link's origin.
@@ -47,10 +46,11 @@ class LookAtTask(Task):
             where the base started.
         joints: What may move for it, by default all joints; ``("HeadYaw", "HeadPitch")`` for the head alone, which
             answers what the other joints do by its spring: a little late while they speed up or slow down.
-        base: Whether the base may move for it too.
+        base: True to let the base move for it too.
         stiffness: [1/s2].
         weight: In the cost.
         name: For reports.
+        robot: Description of the robot, by default the shipped Pepper's.
 
     Raises:
         UnknownNameError: No such link or joint.
@@ -59,7 +59,6 @@ class LookAtTask(Task):
 
     def __init__(
         self,
-        robot: RobotConfig,
         link: str = "Head",
         *,
         axis: ArrayLike = (1.0, 0.0, 0.0),
@@ -70,10 +69,12 @@ class LookAtTask(Task):
         stiffness: float = 10.0,
         weight: float = 1e3,
         name: str | None = None,
+        robot: RobotConfig | None = None,
     ) -> None:
-        for given in (link, target_link):
-            if given is not None and given not in robot.links:
-                raise UnknownNameError("link", given, robot.links)
+        robot = load_robot() if robot is None else robot
+        check_link(robot, link)
+        if target_link is not None:
+            check_link(robot, target_link)
         if target_link == link:
             raise TargetError(f"{link} cannot look at a point of its own")
         label = f"look-at {link}" + (f" at {target_link}" if target_link is not None else "")
@@ -102,8 +103,7 @@ class LookAtTask(Task):
 
     @target.setter
     def target(self, value: ArrayLike) -> None:
-        self._target = self.checked(value)
-        self._stop_moving()
+        self._set_target(self.checked(value))
 
     def checked(self, target: Target) -> FloatArray:
         """The target; see :meth:`Task.checked`."""

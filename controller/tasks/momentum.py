@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pepper_driver.config import RobotConfig
+from pepper_driver.config import RobotConfig, load_robot
 from pepper_driver.controller.model import RobotModel
 from pepper_driver.controller.tasks.lag import LagTask
 from pepper_driver.controller.tasks.targets import finite_vector
@@ -23,12 +23,12 @@ class MomentumTask(LagTask):
     zero hold the centre of mass still as well. A large weight freezes the robot.
 
     Args:
-        robot: Its description.
         joints: What may move for it, by default all joints.
-        base: Whether the base may move for it too.
+        base: True to let the base move for it too.
         stiffness: [1/s2]; the rate is the damping that follows from it.
         weight: In the cost, by default below that of a posture: momentum is then what other tasks leave free.
         name: For reports.
+        robot: Description of the robot, by default the shipped Pepper's.
 
     Raises:
         UnknownNameError: No such joint.
@@ -36,16 +36,16 @@ class MomentumTask(LagTask):
 
     def __init__(
         self,
-        robot: RobotConfig,
         *,
         joints: Sequence[str] | None = None,
         base: bool = False,
         stiffness: float = 5.0,
         weight: float = 1.0,
         name: str = "momentum",
+        robot: RobotConfig | None = None,
     ) -> None:
         super().__init__(6, stiffness=stiffness, weight=weight, name=name)
-        self.select(robot, joints, base=base)
+        self.select(load_robot() if robot is None else robot, joints, base=base)
 
     @property
     def target(self) -> FloatArray:

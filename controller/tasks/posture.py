@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pepper_driver.config import RobotConfig, UnknownNameError
+from pepper_driver.config import RobotConfig, UnknownNameError, load_robot
 from pepper_driver.controller.errors import TargetError
 from pepper_driver.controller.model import RobotModel
 from pepper_driver.controller.tasks.targets import Target, checked_joints, finite_vector
@@ -26,11 +26,11 @@ class PostureTask(Task):
     qdd* = reference acceleration + damping (reference velocity - qd) + stiffness (target - q).
 
     Args:
-        robot: Its description.
         joints: Which, in the order of the target; by default all 17 in the robot's order.
         stiffness: [1/s2]. At 0 the damping is 0 too: joints then keep their speed unless ``damping`` is set.
         weight: In the cost.
         name: For reports.
+        robot: Description of the robot, by default the shipped Pepper's.
 
     Raises:
         UnknownNameError: No such joint.
@@ -41,19 +41,21 @@ class PostureTask(Task):
 
     def __init__(
         self,
-        robot: RobotConfig,
         joints: Sequence[str] | None = None,
         *,
         stiffness: float = 5.0,
         weight: float = 10.0,
         name: str | None = None,
+        robot: RobotConfig | None = None,
     ) -> None:
+        robot = load_robot() if robot is None else robot
         self.joints = checked_joints(robot, joints) or robot.joint_names
         indices = np.array([robot.joint_index(joint) for joint in self.joints], dtype=np.intp)
         if len(set(self.joints)) != len(self.joints):
             raise TargetError(f"a posture takes joints, each once, got {list(self.joints)}")
         label = "posture" if joints is None else f"posture {', '.join(self.joints)}"
         super().__init__(len(indices), stiffness=stiffness, weight=weight, name=name or label)
+        self.robot = robot
         self._indices: slice | NDArray[np.intp] = slice(None) if joints is None else indices
         self._lower, self._upper = robot.lower[indices], robot.upper[indices]
         self._target = (self._lower + self._upper) / 2
@@ -72,30 +74,37 @@ class PostureTask(Task):
 
     @target.setter
     def target(self, value: ArrayLike | Mapping[str, float]) -> None:
-        self._follow(self.checked(value))
-        self._stop_moving()
+        part = self._checked_part(value)
+
+        def change() -> None:
+            self._follow(self._completed([part])[0])
+            self._stop_moving()
+
+        self._change(change)
 
     def checked(self, target: Target) -> FloatArray:
         """(joints,) the angles that ``target`` means [rad]; the task's target stays. Raises as :attr:`target` does."""
-        return self._checked_after(self._target, target)
+        return self._completed([self._checked_part(target)])[0]
 
-    def _checked_all(self, targets: Sequence[Target]) -> list[FloatArray]:
-        """Joints that a target does not name stay where the target before has them."""
+    def _completed(self, parts: list[FloatArray]) -> list[FloatArray]:
         postures = [self._target]
-        for target in targets:
-            postures.append(self._checked_after(postures[-1], target))
+        for part in parts:
+            posture = np.where(np.isnan(part), postures[-1], part)
+            # A rest posture that is not known yet completes nothing.
+            postures.append(finite_vector("a posture", posture, self.rows, names=self.joints))
         return postures[1:]
 
-    def _checked_after(self, before: FloatArray, target: Target) -> FloatArray:
+    def _checked_part(self, target: Target) -> FloatArray:
         if isinstance(target, Mapping):
-            angles = before.tolist()
-            for name, angle in target.items():
+            for name in target:
                 if name not in self.joints:
                     raise UnknownNameError("joint", name, self.joints)
-                angles[self.joints.index(name)] = angle
+            names = tuple(target)
+            angles = finite_vector("a posture", list(target.values()), len(names), names=names)
+            posture = np.full(self.rows, np.nan)
+            posture[[self.joints.index(name) for name in names]] = angles
         else:
-            angles = target
-        posture = finite_vector("a posture", angles, self.rows, names=self.joints)
+            posture = finite_vector("a posture", target, self.rows, names=self.joints)
         outside = (posture < self._lower - TOLERANCE) | (posture > self._upper + TOLERANCE)
         if outside.any():
             index = int(np.argmax(outside))
@@ -109,7 +118,8 @@ class PostureTask(Task):
                 lower=lower,
                 upper=upper,
             )
-        return np.clip(posture, self._lower, self._upper)
+        inside: FloatArray = np.clip(posture, self._lower, self._upper)
+        return inside
 
     def attach(self, model: RobotModel, rows: TaskRows) -> None:
         """One row a joint."""

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation
 
-from pepper_driver.config import RobotConfig
+from pepper_driver.config import RobotConfig, UnknownNameError
 from pepper_driver.config.motion_tasks import UNIT
 from pepper_driver.controller.errors import TargetError
 
@@ -29,10 +29,25 @@ def checked_joints(robot: RobotConfig, joints: Sequence[str] | None) -> tuple[st
         return None
     names = () if isinstance(joints, str) or not isinstance(joints, Iterable) else tuple(joints)
     if not names or not all(isinstance(name, str) for name in names):
-        raise TargetError(f"joints must be a list of names of joints, one at least, got {joints!r}")
+        raise TargetError(
+            f"joints must be a list of names of joints, one at least, got {_short(joints)}"
+        )
     for name in names:
         robot.joint_index(name)
     return names
+
+
+def check_link(robot: RobotConfig, link: str) -> None:
+    """Refuse what is no link of the robot.
+
+    Raises:
+        TargetError: Not a name.
+        UnknownNameError: No such link.
+    """
+    if not isinstance(link, str):
+        raise TargetError(f"a link is given by its name, got {_short(link)}")
+    if link not in robot.links:
+        raise UnknownNameError("link", link, robot.links)
 
 
 def finite_vector(what: str, value: Target, size: int, *, names: Sequence[str] = ()) -> FloatArray:
@@ -126,3 +141,9 @@ def _array(what: str, value: Target, kind: str) -> FloatArray:
     if not np.isfinite(array).all():
         raise TargetError(f"{what} takes finite numbers, got {array.tolist()}")
     return array
+
+
+def _short(value: object) -> str:
+    """Return a wrong argument for a message; of a long one, such as a whole robot description, the type."""
+    text = repr(value)
+    return text if len(text) <= 80 else f"a {type(value).__name__}"

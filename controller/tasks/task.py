@@ -1,4 +1,4 @@
-r"""What a task is: rows of the cost.
+r"""Tasks: rows of the cost.
 
 The controller minimises the sum over tasks of weight * sum_i dim_weight_i * (J qdd + Jdot qd - a*)_i^2, with the
 desired acceleration a* = stiffness * error + damping * (reference velocity - velocity) + reference acceleration: the
@@ -20,18 +20,20 @@ from numpy.typing import ArrayLike, NDArray
 from pepper_driver.config import RobotConfig
 from pepper_driver.controller.errors import TargetError
 from pepper_driver.controller.model import BASE, RobotModel
-from pepper_driver.controller.tasks.gains import Gained
+from pepper_driver.controller.tasks.gains import GainsMixin
 from pepper_driver.controller.tasks.targets import Target, checked_joints, finite_vector
 from pepper_driver.controller.trajectory import Trajectory
 
 FloatArray = NDArray[np.float64]
 
-SHORTEST = 1e-3
-"""[s] Least duration of a motion from target to target: less than any cycle."""
+MIN_DURATION = 1e-3
+"""[s] Of a motion from target to target: less than any cycle."""
 
 
-class Task(Gained, ABC):
+class Task(GainsMixin, ABC):
     """Rows of the cost with common gains. A task belongs to one controller at a time.
+
+    While a controller has it, what is set takes effect between two ticks, from whatever thread; see :class:`Changes`.
 
     Args:
         rows: Number of rows.
@@ -42,10 +44,12 @@ class Task(Gained, ABC):
     Attributes:
         name: For reports.
         rows: Number of rows.
-        needs_kinematics: Whether the controller must compute placements and Jacobians before :meth:`measure`.
-        owner: The controller that has it.
-        measured: Whether the error is that of the target there is now: False until the next cycle when that is set.
-        driven: Whether there is a reference motion: something to do in :meth:`advance` and :meth:`refer`.
+        needs_kinematics: True if the controller must compute placements and Jacobians before :meth:`measure`.
+        owner: Controller that has it.
+        robot: Description that its joints and links belong to; None for a task that names none.
+        moves_base: True if it was told to move the base: then the controller's own base task gives way.
+        up_to_date: True if the error is that of the target there is now: False from setting it to the next cycle.
+        driven: True if there is a reference motion: something to do in :meth:`advance` and :meth:`refer`.
     """
 
     needs_kinematics = True
@@ -56,12 +60,14 @@ class Task(Gained, ABC):
         super().__init__(rows, stiffness=stiffness, weight=weight)
         self.rows = rows
         self.name = name or type(self).__name__
+        self.robot: RobotConfig | None = None
+        self.moves_base = False
         self.owner: ReferenceType[Any] | None = None
         self._moving: tuple[str, ...] | None = None
         self._with_base = True
         self._error, self._rate, self._bias = np.full((3, rows), np.nan)
         self._jacobian, self._wanted = np.zeros((rows, 0)), np.zeros(rows)
-        self.driven = self.measured = False
+        self.driven = self.up_to_date = False
         self._reference_velocity: FloatArray | None = None
         self._reference_acceleration: FloatArray | None = None
         self._way: tuple[list[FloatArray], list[float]] | None = None
@@ -82,8 +88,12 @@ class Task(Gained, ABC):
     @reference_velocity.setter
     def reference_velocity(self, value: ArrayLike) -> None:
         velocity = finite_vector(f"the reference velocity of {self.name}", value, self.rows)
-        self._reference_velocity = velocity if velocity.any() else None
-        self._update_driven()
+
+        def change() -> None:
+            self._reference_velocity = velocity if velocity.any() else None
+            self._update_driven()
+
+        self._change(change)
 
     @property
     def reference_acceleration(self) -> FloatArray:
@@ -98,8 +108,12 @@ class Task(Gained, ABC):
     @reference_acceleration.setter
     def reference_acceleration(self, value: ArrayLike) -> None:
         acceleration = finite_vector(f"the reference acceleration of {self.name}", value, self.rows)
-        self._reference_acceleration = acceleration if acceleration.any() else None
-        self._update_driven()
+
+        def change() -> None:
+            self._reference_acceleration = acceleration if acceleration.any() else None
+            self._update_driven()
+
+        self._change(change)
 
     def _update_driven(self) -> None:
         self.driven = any(
@@ -132,16 +146,25 @@ class Task(Gained, ABC):
         if not isinstance(targets, Sequence | np.ndarray) or not len(targets):
             raise TargetError(f"{self.name} moves through one target or more, got {targets!r}")
         times = finite_vector(f"the durations of {self.name}", durations, len(targets))
-        if not (times >= SHORTEST).all():
+        if not (times >= MIN_DURATION).all():
             raise TargetError(
-                f"{self.name} takes durations from {SHORTEST} s up, got {times.tolist()}"
+                f"{self.name} takes durations from {MIN_DURATION} s up, got {times.tolist()}"
             )
-        self._way = (self._checked_all(targets), times.tolist())
-        self._update_driven()
+        parts = [self._checked_part(target) for target in targets]
 
-    def _checked_all(self, targets: Sequence[Target]) -> list[FloatArray]:
-        """Targets to move through one after the other, as the task keeps them."""
-        return [self.checked(target) for target in targets]
+        def change() -> None:
+            self._way = (self._completed(parts), times.tolist())
+            self._update_driven()
+
+        self._change(change)
+
+    def _checked_part(self, target: Target) -> FloatArray:
+        """Return a target as far as it goes, checked; NaN where it leaves a joint open."""
+        return self.checked(target)
+
+    def _completed(self, parts: list[FloatArray]) -> list[FloatArray]:
+        """Fill in what checked targets, to go through in this order, leave open: that stays as it was before."""
+        return parts
 
     def checked(self, target: Target) -> FloatArray:
         """The target as the task keeps it; the task does not change.
@@ -151,13 +174,22 @@ class Task(Gained, ABC):
         """
         return finite_vector(f"the target of {self.name}", target, self.rows)
 
+    def _set_target(self, target: FloatArray) -> None:
+        """Take a target, checked and complete, and end the motion to the one before."""
+
+        def change() -> None:
+            self._follow(target)
+            self._stop_moving()
+
+        self._change(change)
+
     def stop(self) -> None:
         """End a motion by :meth:`move_to`: the target stays where it has come to."""
-        self._stop_moving()
+        self._change(self._stop_moving)
 
     def _stop_moving(self) -> None:
         """Forget a motion under way, and what it left as reference velocity and acceleration."""
-        self.measured = False
+        self.up_to_date = False
         if self._way is not None or self._trajectory is not None:
             self._way = self._trajectory = None
             self._refer_to(None, None)
@@ -170,15 +202,14 @@ class Task(Gained, ABC):
             model: At the state of the controller, kinematics computed for tasks that need them.
             dt: Cycle [s].
         """
-        way = self._way  # copies: other threads set targets
-        if way is not None:
+        if self._way is not None:
+            # In this order: another thread may ask meanwhile whether the target is reached.
+            self._trajectory = self._plan(model, *self._way, dt)
             self._way = None
-            self._trajectory = self._plan(model, *way, dt)
-        trajectory = self._trajectory
-        if trajectory is not None:
-            target, velocity, acceleration = trajectory.next()
+        if self._trajectory is not None:
+            target, velocity, acceleration = self._trajectory.next()
             self._follow(target)
-            if trajectory.over:
+            if self._trajectory.over:
                 self._trajectory = None
                 self._refer_to(None, None)
                 self._update_driven()
@@ -220,7 +251,7 @@ class Task(Gained, ABC):
             TargetError: Not a number above 0, or not as many.
         """
         limit = self._tolerance(tolerance)
-        if not self.measured or self._way is not None or self._trajectory is not None:
+        if not self.up_to_date or self._way is not None or self._trajectory is not None:
             return False
         near = np.abs(self._error) <= limit
         slow = np.abs(self._rate) <= limit * max(sqrt(self._stiffness), 1.0)
@@ -240,7 +271,7 @@ class Task(Gained, ABC):
     # -- rows ---------------------------------------------------------------------------------------------------
 
     def select(self, robot: RobotConfig, joints: Sequence[str] | None, *, base: bool) -> None:
-        """Say what the task may move: some joints or all, and whether the base; before it is added.
+        """Choose what the task may move, some joints or all, and the base or not; before it is added.
 
         Raises:
             UnknownNameError: No such joint.
@@ -248,7 +279,8 @@ class Task(Gained, ABC):
         """
         base_alone = base and isinstance(joints, Sequence) and not joints
         self._moving = () if base_alone else checked_joints(robot, joints)
-        self._with_base = base
+        self._with_base = self.moves_base = base
+        self.robot = robot
 
     def columns(self, model: RobotModel) -> FloatArray:
         """(20,) 1 for what may move for the task, 0 for what may not."""

@@ -19,9 +19,9 @@ from pepper_driver.cli.console import (
     make_progress,
     save_json,
 )
+from pepper_driver.realtime import Statistics
 from pepper_driver.soak import run_soak
 from pepper_driver.tick_bench import run_tick_bench
-from pepper_driver.timing import Statistics
 
 
 def bench(
@@ -48,6 +48,10 @@ def bench(
             help="Instead, time whole ticks in real time: five tasks, observer, reflex, gate and log.",
         ),
     ] = False,
+    busy: Annotated[
+        bool,
+        typer.Option("--busy", help="With --tick: while the main thread computes in Python."),
+    ] = False,
     callbacks: Annotated[
         bool,
         typer.Option(
@@ -73,8 +77,10 @@ def bench(
     if soak is not None:
         _soak(console, plants[0], soak, json_file)
         return
+    if busy and not tick:
+        raise typer.BadParameter("goes with --tick", param_hint="--busy")
     if tick:
-        _tick(console, seconds, json_file)
+        _tick(console, seconds, busy, json_file)
         return
     if callbacks:
         _callbacks(console, seconds, json_file)
@@ -107,11 +113,13 @@ def _stages(ticks: Statistics) -> Table:
     return table
 
 
-def _tick(console: Console, seconds: float, json_file: Path | None) -> None:
+def _tick(console: Console, seconds: float, busy: bool, json_file: Path | None) -> None:
     with make_progress(console) as progress:
         bar = progress.add_task("measuring", total=1.0)
         ticks = run_tick_bench(
-            seconds, on_progress=lambda share: progress.update(bar, completed=share)
+            seconds,
+            busy=busy,
+            on_progress=lambda share: progress.update(bar, completed=share),
         )
     console.print(str(ticks))
     save_json(json_file, {"ticks": ticks.as_json()}, console)

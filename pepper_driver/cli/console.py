@@ -19,7 +19,7 @@ from rich.progress import (
 )
 
 from pepper_driver.output import check_writable, write_json
-from pepper_driver.timing import Statistics
+from pepper_driver.realtime import Statistics
 
 RealTimeOption = Annotated[
     bool, typer.Option("--real-time", help="Pace a simulation to the wall clock.")

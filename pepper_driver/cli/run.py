@@ -10,6 +10,7 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
+from pepper_driver.callbacks.events import CueEvent, PushEvent, ReflexEvent, StepEvent
 from pepper_driver.cli.console import (
     JsonOption,
     RealTimeOption,
@@ -28,7 +29,6 @@ from pepper_driver.config.experiment_steps import (
     WaitStep,
     is_open,
 )
-from pepper_driver.events import CueEvent, PushEvent, ReflexEvent, StepEvent
 from pepper_driver.experiment import ExperimentRun
 from pepper_driver.experiment_plan import push_text
 from pepper_driver.keys import StopKey
@@ -58,8 +58,8 @@ def run_command(
         show_plan(console, run)
         save_json(json_file, plan_json(run), console)
         return 0
-    if run.pushes.skipped:
-        console.print(run.pushes.skipped)
+    if skipped := run.plan().skipped:
+        console.print(skipped)
     tell_all(console, run)
     with StopKey(run.pepper.emergency_stop) as key:
         if key.listening:
@@ -127,7 +127,7 @@ def show_plan(console: Console, run: ExperimentRun) -> None:
         for reflex in reflexes:
             table.add_row(str(reflex.priority), reflex.name, _answers(reflex), reflex.then)
         console.print(table)
-    pushes = run.pushes
+    pushes = run.plan()
     if pushes.skipped:
         console.print(pushes.skipped)
     elif experiment.pushes:
@@ -143,7 +143,7 @@ def show_plan(console: Console, run: ExperimentRun) -> None:
 
 def plan_json(run: ExperimentRun) -> dict[str, Any]:
     """The plan, for files."""
-    experiment = run.experiment
+    experiment, pushes = run.experiment, run.plan()
     return {
         "experiment": experiment.name,
         "longest": experiment.length,
@@ -154,8 +154,8 @@ def plan_json(run: ExperimentRun) -> dict[str, Any]:
         "reflexes": [
             {"name": reflex.name, "priority": reflex.priority} for reflex in run.pepper.reflexes
         ],
-        "pushes": sum(map(len, (run.pushes.at_begin, *run.pushes.in_step.values()))),
-        "pushes_skipped": run.pushes.skipped or None,
+        "pushes": sum(map(len, (pushes.at_begin, *pushes.in_step.values()))),
+        "pushes_skipped": pushes.skipped or None,
     }
 
 

@@ -58,7 +58,7 @@ def step_parts(step: MotionStep, robot: RobotConfig) -> Iterator[str]:
             goal = f"{_numbers(task.position)} m, quaternion {_numbers(task.quaternion)}"
         else:
             goal = f"{_numbers(task.target)} m"
-        where = "" if task.seen_from is None else f" from {task.seen_from}"
+        where = "" if task.root is None else f" from {task.root}"
         yield f"{task.label} to {goal}{where}{base}{kept}"
     if (twist := step.base_velocity) is not None:
         yield f"base at {twist.vx:g} {twist.vy:g} m/s, {twist.wz:g} rad/s"

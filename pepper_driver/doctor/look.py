@@ -12,7 +12,7 @@ import numpy as np
 from pepper_driver.backends import Backend, DeviceError, Measurement
 from pepper_driver.config import RobotConfig
 from pepper_driver.config.parts import FloatArray
-from pepper_driver.pacing import Pacer, robot_pacer
+from pepper_driver.realtime import Pacer, RealTimePacer, realtime_process, realtime_thread
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -60,14 +60,14 @@ def look(
     """
     pacer = Pacer()
     if backend.real_time:
-        pacer = robot_pacer(backend, robot.cycle)
+        pacer = RealTimePacer.from_backend(backend, robot.cycle)
     tell = on_progress or (lambda share: None)
     ticks = round(seconds / robot.cycle)
     missed = 0
     try:
         samples = [backend.open()]
         diagnosis = backend.diagnosis()  # before the clock runs: it may take long
-        with pacer.running():
+        with realtime_process(), realtime_thread():
             samples.append(backend.read())
             began = time.perf_counter()
             for tick in range(ticks):

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal, get_args
 
-from pepper_driver.events import CueEvent, PushEvent, ReflexEvent, SensorEvent, StepEvent
+from pepper_driver.callbacks.events import CueEvent, PushEvent, ReflexEvent, SensorEvent, StepEvent
 from pepper_driver.log.json_topic import JsonTopic
 
 EventKind = Literal["reflex", "fault", "sensor", "missed", "step", "cue", "push"]

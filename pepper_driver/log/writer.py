@@ -6,25 +6,24 @@ Nothing is copied: what a tick holds is never changed.
 from __future__ import annotations
 
 import logging
-import math
 import threading
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from types import TracebackType
-from typing import Any, NamedTuple, Self
+from typing import TYPE_CHECKING, Any, Self
 
 from pepper_driver.backends.log_file import LogError, reason
-from pepper_driver.backends.simulated import TruthSample
 from pepper_driver.config import RobotConfig
-from pepper_driver.controller.tick import Sent, Tick
 from pepper_driver.log.contacts import CONTACTS
 from pepper_driver.log.event import EVENTS, LogEvent
 from pepper_driver.log.json_topic import JsonTopic
-from pepper_driver.log.label import LABELS, Label
+from pepper_driver.log.label import LABELS
 from pepper_driver.log.mcap_file import McapFile
 from pepper_driver.log.rows import TickRows, TruthRows, UnansweredRows
-from pepper_driver.observer.interface import Observation
+
+if TYPE_CHECKING:
+    from pepper_driver.loop import TickRecord
 
 logger = logging.getLogger("pepper_driver")
 
@@ -36,18 +35,8 @@ PAUSE = 0.001
 """[s] Sleep between blocks of a backlog."""
 
 
-class _Entry(NamedTuple):
-    """What one tick puts into the log."""
-
-    step: int
-    tick: Tick
-    observation: Observation | None
-    truth: TruthSample | None
-    labels: Sequence[Label]
-    events: Sequence[LogEvent]
-    unanswered: Sequence[tuple[int, Sent]]
-    tick_end: float
-    missed: int
+_Row = tuple[int, "TickRecord"]
+"""Number of a tick, from 0, and the tick."""
 
 
 class LogWriter:
@@ -84,7 +73,7 @@ class LogWriter:
         self._path = Path(path)
         self._lossless = lossless
         self._capacity = capacity
-        self._ring: list[_Entry | LogEvent | None] = [None] * capacity
+        self._ring: list[_Row | LogEvent | None] = [None] * capacity
         self._tick_rows = TickRows(robot)
         self._unanswered_rows = UnansweredRows(robot)
         self._truth_rows = TruthRows(robot)
@@ -113,41 +102,19 @@ class LogWriter:
         """Rows and contacts appended but not in the file; a lower bound once the disk has failed."""
         return self._dropped + self._lost
 
-    def append(
-        self,
-        tick: Tick,
-        observation: Observation | None,
-        truth: TruthSample | None = None,
-        labels: Sequence[Label] = (),
-        *,
-        events: Sequence[LogEvent] = (),
-        unanswered: Sequence[tuple[int, Sent]] = (),
-        tick_end: float = math.nan,
-        missed: int = 0,
-    ) -> None:
+    def append(self, record: TickRecord) -> None:
         """Put one tick into the ring. Never raises; waits only for room, when ``lossless``.
 
-        Args:
-            tick: The cycle.
-            observation: What the observer made of it. None is logged as NaN, with all joints blind.
-            truth: Ground truth of a simulation.
-            labels: Ends of touches seen in this tick.
-            events: What else happened in this tick.
-            unanswered: Commands that no tick answers, older than the one that this tick answers: how many ticks before
-                this one, and which.
-            tick_end: From the deadline of the tick until now [s]; NaN where ticks are not paced.
-            missed: Ticks missed since the log began.
+        Without an observation its values are logged as NaN, with all joints blind.
         """
         step, self._steps = self._steps, self._steps + 1
-        self._put(
-            _Entry(step, tick, observation, truth, labels, events, unanswered, tick_end, missed)
-        )
+        self._put((step, record))
 
     def note(self, event: LogEvent) -> None:
         """Log what happened outside any tick. Never raises; waits only for room, when ``lossless``."""
         self._put(event)
 
-    def _put(self, entry: _Entry | LogEvent) -> None:
+    def _put(self, entry: _Row | LogEvent) -> None:
         head = self._head
         if self._closing or (head - self._tail >= self._capacity and not self._wait_for_room()):
             self._dropped += 1
@@ -217,19 +184,17 @@ class LogWriter:
         if isinstance(entry, LogEvent):
             self._write_item(EVENTS, entry.time, entry)
         elif entry is not None:
-            self._write_tick(entry)
+            self._write_tick(*entry)
 
-    def _write_tick(self, entry: _Entry) -> None:
-        tick, observation, truth = entry.tick, entry.observation, entry.truth
+    def _write_tick(self, step: int, record: TickRecord) -> None:
+        tick, observation, truth = record.tick, record.observation, record.truth
         time = 0.0
         try:
             time = float(tick.measurement.time)
-            row = self._tick_rows.message(
-                tick, observation, entry.step, entry.tick_end, entry.missed
-            )
+            row = self._tick_rows.message(tick, observation, step, record.tick_end, record.missed)
             passed_over = [
-                self._unanswered_rows.message(time, entry.step - ago, sent)
-                for ago, sent in entry.unanswered
+                self._unanswered_rows.message(time, step - ago, sent)
+                for ago, sent in record.unmatched
             ]
             truth_row = None if truth is None else self._truth_rows.message(time, truth)
         except Exception as error:  # of whoever made the arrays; not the disk's
@@ -241,12 +206,12 @@ class LogWriter:
                 self._file.write_unanswered(time, message)
             if truth_row is not None:
                 self._file.write_truth(time, truth_row)
-        for label in entry.labels:
+        for label in record.labels:
             self._write_item(LABELS, time, label)
         for contact in () if observation is None else observation.contacts:
             self._write_item(CONTACTS, time, contact)
-        for event in entry.events:
-            self._write_item(EVENTS, time, event)
+        for event in record.events:
+            self._write_item(EVENTS, time, LogEvent.of(event))
 
     def _write_item(self, topic: JsonTopic[Any], time: float, item: object) -> None:
         try:

@@ -1,96 +1,190 @@
-"""All reflexes of a robot: who is asked when, and what they have done."""
+"""The one place that decides, for each tick, what the controller follows: user, motion or reflex."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
 from pepper_driver.backends import Measurement
+from pepper_driver.callbacks.events import ReflexEvent
 from pepper_driver.config import RobotConfig
-from pepper_driver.events import ReflexEvent
+from pepper_driver.config.parts import FloatArray
+from pepper_driver.controller import WholeBodyController
+from pepper_driver.controller.tasks import Task
 from pepper_driver.observer import Observation
-from pepper_driver.reflexes.control import Control
-from pepper_driver.reflexes.declared import declare
 from pepper_driver.reflexes.ignore import Ignore
 from pepper_driver.reflexes.reflex import Reflex, ReflexError
+from pepper_driver.reflexes.requests import BRAKING_STIFFNESS, ReflexRequests
+
+MAX_RETURN_SPEED = 0.6
+"""[rad/s] Of joints that a reflex has led away and that go back to the user's posture."""
+
+MIN_RETURN_TIME = 0.8
+"""[s] For small ways, so that nothing jerks."""
+
+PEAK_SPEED_RATIO = 1.875
+"""Largest speed of a motion of least jerk over its mean."""
 
 
-class Reflexes:
-    """Asks reflexes in the order of their priority, those of the same one in the order given.
+def prepare_reflexes(reflexes: Sequence[Reflex], robot: RobotConfig) -> tuple[Reflex, ...]:
+    """Return reflexes in the order of their priority, those of the same one in the order given.
 
-    Args:
-        reflexes: Their names are made different by numbers where they are not.
-        robot: Its description.
+    Their names are made different by numbers where they are not.
 
     Raises:
         ReflexError: Something among them is no reflex, or is there twice.
         UnknownNameError: One is for a link or joint that the robot does not have.
     """
+    for reflex in reflexes:
+        if not isinstance(reflex, Reflex):
+            raise ReflexError(f"{reflex!r} is no reflex: give objects such as Hold()")
+        if sum(other is reflex for other in reflexes) > 1:
+            raise ReflexError(f"'{reflex.name}' is given twice: make a second one like it")
+    ordered = sorted(reflexes, key=lambda reflex: -reflex.priority)
+    names: list[str] = []
+    for reflex in ordered:
+        reflex.prepare(robot)
+        alike = names.count(reflex.name)
+        names.append(reflex.name)
+        if alike:
+            reflex.name = f"{reflex.name} {alike + 1}"
+    return tuple(ordered)
 
-    def __init__(self, reflexes: Sequence[Reflex], robot: RobotConfig) -> None:
-        for reflex in reflexes:
-            if not isinstance(reflex, Reflex):
-                raise ReflexError(f"{reflex!r} is no reflex: give objects such as Hold()")
-            if sum(other is reflex for other in reflexes) > 1:
-                raise ReflexError(f"'{reflex.name}' is given twice: make a second one like it")
-        self._reflexes = sorted(reflexes, key=lambda reflex: -reflex.priority)
-        self._robot = robot
-        self._was_active = [False] * len(self._reflexes)
-        for reflex in self._reflexes:
-            reflex.prepare(robot)
-        names: list[str] = []
-        for reflex in self._reflexes:
-            alike = sum(name == reflex.name for name in names)
-            names.append(reflex.name)
-            if alike:
-                reflex.name = f"{reflex.name} {alike + 1}"
 
-    @property
-    def names(self) -> tuple[str, ...]:
-        """As in events and log, in the order in which they are asked."""
-        return tuple(reflex.name for reflex in self._reflexes)
+class Arbiter:
+    """Decides who has posture, tasks, motor stiffness and base; nothing else writes to the controller.
 
-    @property
-    def all(self) -> tuple[Reflex, ...]:
-        """In the order in which they are asked."""
-        return tuple(self._reflexes)
+    User and motions make lasting requests: a posture, a twist of the base, tasks. Reflexes make theirs anew in each
+    tick, in the order of their priority, and go before. Joints that a reflex gives back return to the user's posture,
+    or the posture finds them where they are.
 
-    @property
-    def declarations(self) -> list[dict[str, Any]]:
-        """Each with its arguments, in the same order."""
-        return [declare(reflex) for reflex in self._reflexes]
+    Args:
+        controller: Reset to the posture the robot holds.
+        robot: Its description.
+        reflexes: In the order in which they are asked, see :func:`prepare_reflexes`.
 
-    def __bool__(self) -> bool:
-        return bool(self._reflexes)
+    Attributes:
+        controller: The same.
+        target: (17,) posture that user or motion request [rad].
+        posture_stiffness: Stiffness of the posture task that they request [1/s2].
+        stiffness: (17,) stiffness of the motors 0..1 for this tick.
+        paused: True while the robot comes to rest and stands, whatever user and motion request.
+    """
 
-    def reset(self) -> None:
-        """Let go of everything."""
+    def __init__(
+        self, controller: WholeBodyController, robot: RobotConfig, reflexes: Sequence[Reflex] = ()
+    ) -> None:
+        self.controller, self._robot, self._reflexes = controller, robot, tuple(reflexes)
+        self._requests = ReflexRequests(controller, robot)
         self._was_active = [False] * len(self._reflexes)
         for reflex in self._reflexes:
             reflex.reset()
+        self.target = controller.position
+        self.posture_stiffness = controller.posture.stiffness
+        self.stiffness = self._requests.stiffness
+        self.paused = False
+        self._rest: FloatArray | None = None  # where it stands while it is paused
+        self._followed: FloatArray | None = self.target.copy()  # by the posture task
+        self._duration: float | None = None
+        self._drive_ticks: int | None = None
 
-    def step(
-        self, observation: Observation, measurement: Measurement, control: Control
-    ) -> tuple[ReflexEvent, ...]:
-        """Ask all of them; what has begun and ended in this tick."""
-        control.begin()
+    # -- lasting requests of user and motion ----------------------------------------------------------------------
+
+    def move_to(
+        self, target: FloatArray, duration: float | None = None, stiffness: float | None = None
+    ) -> None:
+        """Request a posture (17,) [rad], reached within ``duration`` [s] along a spline; without one a set-point.
+
+        A motion under way ends here, even one to the same posture. A stiffness [1/s2] of the posture task stays.
+        """
+        if stiffness is not None:
+            self.posture_stiffness = stiffness
+        self.target, self._duration = target, duration
+        self._followed = None
+
+    def drive(self, twist: FloatArray, ticks: int | None = None) -> None:
+        """Request a twist of the base (3,), vx [m/s], vy [m/s], wz [rad/s], for some ticks; None for ever."""
+        self.controller.base_velocity.target = twist
+        self._drive_ticks = ticks
+
+    @property
+    def holds(self) -> bool:
+        """True while a reflex, or a pause, holds the whole robot: motions wait."""
+        return self._requests.posture is not None or self._rest is not None
+
+    # -- one tick -------------------------------------------------------------------------------------------------
+
+    def step(self, observation: Observation | None, measurement: Measurement) -> list[ReflexEvent]:
+        """Decide for one tick and tell the controller; return which reflexes have begun and ended."""
         events: list[ReflexEvent] = []
+        if self._reflexes and observation is not None:
+            tasks = self._requests.tasks
+            self._requests.clear()
+            events = self._ask_reflexes(observation, measurement)
+            self._exchange_tasks(tasks)
+            self.stiffness = self._requests.stiffness
+        if self._drive_ticks is not None:
+            self._drive_ticks -= 1
+            if self._drive_ticks < 0:
+                self.drive(np.zeros(3))
+        self._follow_posture()
+        return events
+
+    def _ask_reflexes(
+        self, observation: Observation, measurement: Measurement
+    ) -> list[ReflexEvent]:
+        requests, events = self._requests, []
         for number, reflex in enumerate(self._reflexes):
             if isinstance(reflex, Ignore):
                 observation = _without(observation, reflex)
                 continue
-            claimed = control.claimed
-            reflex.step(observation, measurement, control)
-            if control.claimed is not claimed:
-                reflex.had = reflex.had | (control.claimed & ~claimed)
+            claimed = requests.claimed
+            reflex.step(observation, measurement, requests)
+            if requests.claimed is not claimed:
+                reflex.granted_joints = reflex.granted_joints | (requests.claimed & ~claimed)
             if reflex.active != self._was_active[number]:
                 self._was_active[number] = reflex.active
                 events.append(self._event(reflex, measurement.time))
-        control.finish()
-        return tuple(events)
+        return events
+
+    def _exchange_tasks(self, before: Mapping[int, Task]) -> None:
+        """Take back the reflexes' tasks of the previous tick, give the controller those of this one."""
+        now = self._requests.tasks
+        for task in [task for key, task in before.items() if key not in now]:
+            self.controller.remove(task)
+        for task in [task for key, task in now.items() if key not in before]:
+            self.controller.add(task, enforce_limit=False)
+
+    def _follow_posture(self) -> None:
+        """Lead the posture task to the posture of user or motion, or to the one that holds the whole robot."""
+        controller, requests, task = self.controller, self._requests, self.controller.posture
+        if np.count_nonzero(requests.released_in_place):
+            rest = controller.rest(self.posture_stiffness)
+            self.target = np.where(requests.released_in_place, rest, self.target)
+        held, stiffness = requests.posture, requests.posture_stiffness
+        if self.paused:
+            if self._rest is None:
+                self._rest = controller.rest(BRAKING_STIFFNESS)
+            held, stiffness = self._rest, BRAKING_STIFFNESS
+        else:
+            self._rest = None
+        # A posture outweighs no other task: what is held, nothing else may move.
+        controller.hold = held is not None
+        wanted = self.target if held is None else held
+        # By value: a reflex may change its array in place.
+        if self._followed is None or not np.array_equal(wanted, self._followed):
+            if held is None and self._duration is not None:
+                task.move_to(wanted, self._duration)
+            else:
+                task.target = wanted
+            self._followed = wanted.copy()
+        elif held is None and np.count_nonzero(requests.released_to_posture) and not task.driven:
+            # A spring would jerk at first, and creep at the end, where worn gears stick and slip.
+            way = np.abs(wanted - controller.position)[requests.released_to_posture].max()
+            task.move_to(wanted, max(PEAK_SPEED_RATIO * way / MAX_RETURN_SPEED, MIN_RETURN_TIME))
+        task.stiffness = self.posture_stiffness if stiffness is None else stiffness
 
     def _event(self, reflex: Reflex, time: float) -> ReflexEvent:
         names, contact = self._robot.joint_names, reflex.contact
@@ -104,7 +198,7 @@ class Reflexes:
 
 
 def _without(observation: Observation, ignore: Ignore) -> Observation:
-    """The same without the contacts that are ignored; one that turns out to be ignored is over for those below."""
+    """Return it without the contacts that are ignored; one that turns out to be ignored is over for those below."""
     if not observation.contacts:
         return observation
     left = tuple(

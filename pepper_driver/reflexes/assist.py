@@ -9,8 +9,8 @@ import numpy as np
 from pepper_driver.config.parts import FloatArray
 from pepper_driver.observer import Contact, Observation
 from pepper_driver.reflexes.comply import Comply
-from pepper_driver.reflexes.control import Control
 from pepper_driver.reflexes.reflex import Then
+from pepper_driver.reflexes.requests import ReflexRequests
 
 HELP = (0.1, 10.0)
 """Times the admittance of the same :class:`Comply`: as far as it adapts."""
@@ -37,11 +37,11 @@ class Assist(Comply):
         super().__post_init__()
         self.check("torque", 0.1, 50.0)
 
-    def begin(self, contact: Contact, control: Control) -> None:
+    def begin(self, contact: Contact, requests: ReflexRequests) -> None:
         """Begin as Comply does, with no more help than it gives."""
         if not self.joints.any():
             self._help = 1.0
-        super().begin(contact, control)
+        super().begin(contact, requests)
 
     def felt(self, observation: Observation) -> FloatArray:
         """(joints,) torque to follow, times the help [N m]."""

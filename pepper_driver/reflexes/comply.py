@@ -10,11 +10,11 @@ import numpy as np
 from pepper_driver.backends import Measurement
 from pepper_driver.config.parts import FloatArray
 from pepper_driver.controller.tasks import ComplianceTask
-from pepper_driver.controller.tasks.gains import MOST_DAMPING
+from pepper_driver.controller.tasks.gains import MAX_DAMPING
 from pepper_driver.observer import Contact, JointState, Observation
-from pepper_driver.reflexes.control import Control
 from pepper_driver.reflexes.limbs import limb_of
 from pepper_driver.reflexes.reflex import Part, Reflex
+from pepper_driver.reflexes.requests import ReflexRequests
 
 INERTIA = 0.1
 """[kg m2] That a joint seems to have."""
@@ -57,7 +57,7 @@ class Comply(Reflex):
     def __post_init__(self) -> None:
         super().__post_init__()
         self.check("gain", 0.0, 1.0)
-        self.check("damping", 0.05, MOST_DAMPING * INERTIA)
+        self.check("damping", 0.05, MAX_DAMPING * INERTIA)
         self.check("largest_torque", 0.1, 100.0)
 
     @property
@@ -65,7 +65,7 @@ class Comply(Reflex):
         """The limb."""
         return frozenset({"joints"})
 
-    def begin(self, contact: Contact, control: Control) -> None:
+    def begin(self, contact: Contact, requests: ReflexRequests) -> None:
         """Lead the limb from here on, besides those that are led already."""
         joints = self.joints | limb_of(contact, self.robot)
         if np.array_equal(joints, self.joints):
@@ -75,7 +75,6 @@ class Comply(Reflex):
         spring = min(STIFFNESS / INERTIA * (1.0 - self.gain) / max(self.gain, STIFF), STIFFEST)
         self._damping = max(self.damping / INERTIA, 2.0 * sqrt(spring))
         self._task = ComplianceTask(
-            self.robot,
             names,
             inertia=INERTIA,
             stiffness=spring,
@@ -83,11 +82,14 @@ class Comply(Reflex):
             dead_band=0.0,
             largest_torque=self.largest_torque,
             name=f"reflex: {self.name}",
+            robot=self.robot,
         )
 
-    def act(self, observation: Observation, measurement: Measurement, control: Control) -> None:
+    def act(
+        self, observation: Observation, measurement: Measurement, requests: ReflexRequests
+    ) -> None:
         """Follow the torque."""
-        self.granted = bool(self.joints.any()) and control.claim(self.joints)
+        self.granted = bool(self.joints.any()) and requests.claim(self.joints)
         if not self.granted:
             return
         # What is felt after the hand has gone is friction that holds the joints off their place.
@@ -96,7 +98,7 @@ class Comply(Reflex):
             self._task.torque, self._task.damping = self.felt(observation), self._damping
         else:
             self._task.torque, self._task.damping = np.zeros(self._task.rows), BRAKING
-        control.do(self._task)
+        requests.add_task(self._task)
 
     def felt(self, observation: Observation) -> FloatArray:
         """(joints,) external torque beyond what may be noise [N m]; 0 where nothing is known."""

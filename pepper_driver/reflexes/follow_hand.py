@@ -14,9 +14,9 @@ from pepper_driver.controller.model import RobotModel
 from pepper_driver.controller.tasks import BaseVelocityTask
 from pepper_driver.observer import Contact, Observation
 from pepper_driver.reflexes.comply import Comply
-from pepper_driver.reflexes.control import OVER_ALL, Control
 from pepper_driver.reflexes.limbs import LEGS
 from pepper_driver.reflexes.reflex import Part, ReflexError, Then
+from pepper_driver.reflexes.requests import DOMINANT_WEIGHT, ReflexRequests
 
 Lead = Literal["arm", "base"]
 
@@ -70,24 +70,28 @@ class FollowHand(Comply):
         """Learn of the robot."""
         super().prepare(robot)
         self._base = BaseVelocityTask(
-            stiffness=BASE_STIFFNESS, weight=OVER_ALL / 10.0, name=f"reflex: {self.name}, base"
+            stiffness=BASE_STIFFNESS,
+            weight=DOMINANT_WEIGHT / 10.0,
+            name=f"reflex: {self.name}, base",
         )
         self._force = np.zeros(2)
         self._model = RobotModel(robot)
 
-    def begin(self, contact: Contact, control: Control) -> None:
+    def begin(self, contact: Contact, requests: ReflexRequests) -> None:
         """Lead the arm; find the hand that is pulled."""
-        super().begin(contact, control)
+        super().begin(contact, requests)
         for chain, names in self.robot.chains.items():
             if chain != LEGS and contact.joint in names:
                 wrist = next(n for n in reversed(names) if n not in self.robot.hands.joints)
                 self._link = self.robot.joints[self.robot.joint_index(wrist)].child
                 self._force[:] = 0.0
 
-    def act(self, observation: Observation, measurement: Measurement, control: Control) -> None:
+    def act(
+        self, observation: Observation, measurement: Measurement, requests: ReflexRequests
+    ) -> None:
         """Follow."""
-        super().act(observation, measurement, control)
-        if self.lead != "base" or not self.granted or not control.claim_base():
+        super().act(observation, measurement, requests)
+        if self.lead != "base" or not self.granted or not requests.claim_base():
             self._force[:] = 0.0
             return
         share = self.robot.cycle / SMOOTHING
@@ -96,7 +100,7 @@ class FollowHand(Comply):
         beyond = max(size - self.least_force, 0.0)
         velocity = min(beyond / self.drag, self.speed) * self._force / max(size, 1e-9)
         self._base.target = np.array([velocity[0], velocity[1], 0.0])
-        control.do(self._base)
+        requests.add_task(self._base)
 
     def _horizontal_force(self, observation: Observation, measurement: Measurement) -> FloatArray:
         """(2,) likeliest force on the hand in the axes of base_link [N], from the torques of its arm."""

@@ -9,8 +9,8 @@ import numpy as np
 from pepper_driver.backends import Measurement
 from pepper_driver.config.parts import FloatArray
 from pepper_driver.observer import Contact, Observation
-from pepper_driver.reflexes.control import Control
 from pepper_driver.reflexes.reflex import Reflex
+from pepper_driver.reflexes.requests import ReflexRequests
 
 STIFFNESS = 400.0
 """[1/s2] Of the posture task while holding."""
@@ -29,18 +29,20 @@ class Hold(Reflex):
 
     priority: int = 20
 
-    def begin(self, contact: Contact, control: Control) -> None:
+    def begin(self, contact: Contact, requests: ReflexRequests) -> None:
         """Take the whole robot; choose where to stand still."""
         if not self.joints.all():
             self.joints = np.ones_like(self.joints)
             self._posture: FloatArray | None = None
 
-    def act(self, observation: Observation, measurement: Measurement, control: Control) -> None:
+    def act(
+        self, observation: Observation, measurement: Measurement, requests: ReflexRequests
+    ) -> None:
         """Stand still there."""
-        if not control.claim(self.joints):
+        if not requests.claim(self.joints):
             self._posture = None  # the robot moves meanwhile
             return
         if self._posture is None:
-            self._posture = control.controller.rest(STIFFNESS)
-        control.claim_base()
-        control.posture, control.posture_stiffness = self._posture, STIFFNESS
+            self._posture = requests.controller.rest(STIFFNESS)
+        requests.claim_base()
+        requests.hold_posture(self._posture, STIFFNESS)

@@ -11,11 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pepper_driver.backends import Measurement
+from pepper_driver.callbacks.filters import contact_filter
 from pepper_driver.config import PepperError, RobotConfig
-from pepper_driver.filters import contact_filter
 from pepper_driver.observer import Contact, Observation
 from pepper_driver.observer.contact import Kind
-from pepper_driver.reflexes.control import Control
+from pepper_driver.reflexes.requests import ReflexRequests
 
 BoolArray = NDArray[np.bool_]
 Then = Literal["resume", "stay"]
@@ -36,7 +36,7 @@ def kind_of(reflex: type[Reflex]) -> str:
 
 @dataclass(kw_only=True, eq=False)
 class Reflex:
-    """A reaction to contacts inside the tick. It sees what the observer says and acts through ``control`` only.
+    """A reaction to contacts inside the tick. It sees what the observer says and requests what it wants.
 
     It begins with the first contact it is for, and is over ``pause`` after the last of them has ended, or after
     ``longest``; then it waits for new ones. Rebounds neither begin nor prolong it: no reflex keeps itself alive on the
@@ -57,7 +57,7 @@ class Reflex:
         longest: That it acts without pause [s].
         name: In events and log; by default that of the class, ``stop_base`` for ``StopBase``.
         joints: (17,) those it acts on, once it is active.
-        had: (17,) those it has been given since it began.
+        granted_joints: (17,) those it has been given since it began.
         contact: The one that it began with.
 
     Raises:
@@ -106,7 +106,7 @@ class Reflex:
         """
         self.robot = robot
         self.joints: BoolArray = np.zeros(len(robot.joint_names), dtype=np.bool_)
-        self.had: BoolArray = np.zeros_like(self.joints)
+        self.granted_joints: BoolArray = np.zeros_like(self.joints)
         self._for_it = contact_filter(
             robot,
             link=self.link,
@@ -123,7 +123,7 @@ class Reflex:
         self._given_up: set[int] = set()
         self._until: float | None = None
         self._began, self.contact = None, None
-        self.had = np.zeros_like(self.joints)
+        self.granted_joints = np.zeros_like(self.joints)
 
     @property
     def active(self) -> bool:
@@ -144,11 +144,13 @@ class Reflex:
         """Whether it answers this contact, whatever its phase."""
         return self._for_it(contact)
 
-    def step(self, observation: Observation, measurement: Measurement, control: Control) -> None:
+    def step(
+        self, observation: Observation, measurement: Measurement, requests: ReflexRequests
+    ) -> None:
         """React to one tick; a few microseconds, no waiting."""
         time = measurement.time
         for contact in observation.contacts:
-            self._take_in(contact, time, control)
+            self._take_in(contact, time, requests)
         if self._began is None:
             return
         if self._touching and time - self._began > self.longest:
@@ -156,11 +158,11 @@ class Reflex:
             self._touching.clear()
             self._until = time
         if self._until is not None and time >= self._until:
-            self._end(control)
+            self._end(requests)
         else:
-            self.act(observation, measurement, control)
+            self.act(observation, measurement, requests)
 
-    def _take_in(self, contact: Contact, time: float, control: Control) -> None:
+    def _take_in(self, contact: Contact, time: float, requests: ReflexRequests) -> None:
         if contact.phase == "end":
             self._given_up.discard(contact.id)
             if contact.id in self._touching:
@@ -170,27 +172,27 @@ class Reflex:
         elif contact.id in self._touching:
             if contact.link != self._touching[contact.id]:
                 self._touching[contact.id] = contact.link
-                self.begin(contact, control)
+                self.begin(contact, requests)
         elif contact.id not in self._given_up and self.is_for(contact):
             if self._began is None:
                 self._began, self.contact = time, contact
-                self.joints, self.had = np.zeros_like(self.joints), np.zeros_like(self.joints)
+                self.joints = np.zeros_like(self.joints)
+                self.granted_joints = np.zeros_like(self.joints)
             self._touching[contact.id] = contact.link
             self._until = None
-            self.begin(contact, control)
+            self.begin(contact, requests)
 
-    def _end(self, control: Control) -> None:
+    def _end(self, requests: ReflexRequests) -> None:
         self._began = self._until = None
-        free = self.had & ~control.claimed
-        if self.then == "stay":
-            control.left |= free
-        else:
-            control.returned |= free
+        free = self.granted_joints & ~requests.claimed
+        requests.release(free, in_place=self.then == "stay")
 
     # -- what a reflex does -------------------------------------------------------------------------------------
 
-    def begin(self, contact: Contact, control: Control) -> None:
+    def begin(self, contact: Contact, requests: ReflexRequests) -> None:
         """A contact has begun, the first one or another while it is active; or turned out to be on another link."""
 
-    def act(self, observation: Observation, measurement: Measurement, control: Control) -> None:
+    def act(
+        self, observation: Observation, measurement: Measurement, requests: ReflexRequests
+    ) -> None:
         """Say what is wanted in this tick."""

@@ -10,9 +10,9 @@ from pepper_driver.backends import Measurement
 from pepper_driver.config.parts import FloatArray
 from pepper_driver.controller.tasks import PostureTask
 from pepper_driver.observer import Contact, Observation
-from pepper_driver.reflexes.control import OVER_ALL, Control
 from pepper_driver.reflexes.limbs import limb_of
 from pepper_driver.reflexes.reflex import Part, Reflex
+from pepper_driver.reflexes.requests import DOMINANT_WEIGHT, ReflexRequests
 
 STIFFNESS = 400.0
 """[1/s2] Of the task that leads the limb away."""
@@ -53,7 +53,7 @@ class Retract(Reflex):
         """The limb."""
         return frozenset({"joints"})
 
-    def begin(self, contact: Contact, control: Control) -> None:
+    def begin(self, contact: Contact, requests: ReflexRequests) -> None:
         """Choose the limb; the way follows from the torques of this tick. A further contact leads on."""
         joints = limb_of(contact, self.robot)
         if not joints.any():
@@ -62,21 +62,30 @@ class Retract(Reflex):
             self.joints = joints
             names = [self.robot.joint_names[joint] for joint in np.flatnonzero(joints)]
             self._task = PostureTask(
-                self.robot, names, stiffness=STIFFNESS, weight=OVER_ALL, name=f"reflex: {self.name}"
+                names,
+                stiffness=STIFFNESS,
+                weight=DOMINANT_WEIGHT,
+                name=f"reflex: {self.name}",
+                robot=self.robot,
             )
-            self._task.target = control.controller.rest(STIFFNESS)[joints]
+            self._task.target = requests.controller.rest(STIFFNESS)[joints]
         self._answers, self._way, self._left = contact, np.zeros(len(joints)), 0.0
         self._waited = False
 
-    def act(self, observation: Observation, measurement: Measurement, control: Control) -> None:
+    def act(
+        self, observation: Observation, measurement: Measurement, requests: ReflexRequests
+    ) -> None:
         """Go on, or wait."""
         if not self.joints.any():
             return
-        if not control.claim(self.joints):
+        if not requests.claim(self.joints):
             self._waited = True
             return
         if self._waited:  # the limb has been led elsewhere meanwhile
-            self._waited, self._task.target = False, control.controller.rest(STIFFNESS)[self.joints]
+            self._waited, self._task.target = (
+                False,
+                requests.controller.rest(STIFFNESS)[self.joints],
+            )
             self._way[:] = 0.0
         if not self._way.any():
             self._way, self._peak = self._direction(observation), 0.0
@@ -88,11 +97,11 @@ class Retract(Reflex):
             self._left -= step
             target = self._task.target + step * self._way[self.joints]
             if felt < LEFT * self._peak:
-                self._left, target = 0.0, control.controller.rest(STIFFNESS)[self.joints]
-            controller = control.controller
+                self._left, target = 0.0, requests.controller.rest(STIFFNESS)[self.joints]
+            controller = requests.controller
             lower, upper = controller.lower[self.joints], controller.upper[self.joints]
             self._task.target = np.clip(target, lower, upper)
-        control.do(self._task)
+        requests.add_task(self._task)
 
     def _direction(self, observation: Observation) -> FloatArray:
         """(17,) the way to go, the largest part 1 in size."""

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 from pepper_driver.backends import Measurement
 from pepper_driver.observer import Contact, Observation
-from pepper_driver.reflexes.control import Control
 from pepper_driver.reflexes.limbs import limb_of
 from pepper_driver.reflexes.reflex import Part, Reflex
+from pepper_driver.reflexes.requests import ReflexRequests
 
 
 @dataclass(kw_only=True, eq=False)
@@ -35,10 +35,12 @@ class Soften(Reflex):
         """Nothing: of several wishes the lowest counts."""
         return frozenset()
 
-    def begin(self, contact: Contact, control: Control) -> None:
+    def begin(self, contact: Contact, requests: ReflexRequests) -> None:
         """Choose the limb; a further contact adds its own."""
         self.joints = self.joints | limb_of(contact, self.robot, fingers=True)
 
-    def act(self, observation: Observation, measurement: Measurement, control: Control) -> None:
+    def act(
+        self, observation: Observation, measurement: Measurement, requests: ReflexRequests
+    ) -> None:
         """Stay soft."""
-        control.soften(self.joints, self.stiffness)
+        requests.lower_stiffness(self.joints, self.stiffness)

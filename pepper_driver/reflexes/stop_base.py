@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 from pepper_driver.backends import Measurement
 from pepper_driver.observer import Observation
-from pepper_driver.reflexes.control import Control
 from pepper_driver.reflexes.reflex import Part, Reflex
+from pepper_driver.reflexes.requests import ReflexRequests
 
 
 @dataclass(kw_only=True, eq=False)
@@ -21,7 +21,9 @@ class StopBase(Reflex):
         """The base."""
         return frozenset({"base"})
 
-    def act(self, observation: Observation, measurement: Measurement, control: Control) -> None:
+    def act(
+        self, observation: Observation, measurement: Measurement, requests: ReflexRequests
+    ) -> None:
         """Stand still."""
-        if control.claim_base():
-            control.stop_base()
+        if requests.claim_base():
+            requests.stop_base()

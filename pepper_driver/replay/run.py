@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -14,12 +14,12 @@ from pepper_driver.backends.log_file import Column
 from pepper_driver.backends.replay import EndOfLogError
 from pepper_driver.controller import Tick
 from pepper_driver.controller.recorded import RecordedController
-from pepper_driver.events import ReflexEvent, SensorEvent
 from pepper_driver.log import LogEvent, LogWriter, run_metadata
 from pepper_driver.log.rows import unobserved
-from pepper_driver.loop import Loop
+from pepper_driver.loop import Loop, TickRecord
 from pepper_driver.observer import Contact, Observation, Observer
-from pepper_driver.reflexes import Reflex, Reflexes
+from pepper_driver.reflexes import Arbiter, Reflex, prepare_reflexes
+from pepper_driver.reflexes.declared import declare
 from pepper_driver.replay.recorded import RecordedRun, ReplayError
 from pepper_driver.safety import Fault, FaultError, SafetyGate
 
@@ -76,13 +76,13 @@ def replay(
     if out is not None and out.exists() and out.samefile(run.path):
         raise ReplayError(f"{out}: is the recording itself; give another file")
     robot, backend = run.robot, run.backend
-    arbiter = Reflexes(reflexes, robot)
+    prepared = prepare_reflexes(reflexes, robot)
     controller = RecordedController(robot, run.controller_settings, run.references)
     gate = SafetyGate(robot, run.safety_settings, run.controller_settings)
     seen = _Taken(run)
     with ExitStack() as stack:
         if out is not None:
-            seen.log = LogWriter(out, robot, _metadata(run, observer, arbiter), lossless=True)
+            seen.log = LogWriter(out, robot, _metadata(run, observer, prepared), lossless=True)
             stack.callback(seen.log.close)
         first = backend.open()
         stack.callback(backend.close)
@@ -92,17 +92,14 @@ def replay(
         gate.activate(hold)
         if observer is not None:
             observer.reset()
-        arbiter.reset()
         loop = Loop(
             backend,
             robot,
-            controller,
+            Arbiter(controller, robot, prepared),
             gate,
             first=first,
             observer=None if observer is None else _OnRecordedTicks(observer, run.ticks),
-            reflexes=arbiter,
-            log=None,
-            deliver=seen.take,
+            publish=seen.take,
         )
         fault: Fault | None = None
         try:
@@ -115,7 +112,7 @@ def replay(
     return Replayed(
         ticks=seen.ticks,
         observer=None if observer is None else observer.describe(),
-        reflexes=arbiter.names,
+        reflexes=tuple(reflex.name for reflex in prepared),
         contacts=seen.contacts,
         events=seen.events,
         values={} if observer is None else seen.values(),
@@ -157,33 +154,26 @@ class _Taken:
         """How many so far."""
         return len(self._observations)
 
-    def take(
-        self,
-        tick: Tick,
-        observation: Observation | None,
-        events: Sequence[ReflexEvent | SensorEvent],
-    ) -> None:
+    def take(self, record: TickRecord) -> None:
         """Take in one tick."""
-        row = self.ticks
+        row, observation = self.ticks, record.observation
         self._observations.append(self._blind if observation is None else observation)
         if observation is not None:
             self.contacts += [(row, contact) for contact in observation.contacts]
-        logged = [LogEvent.of(event) for event in events]
+        logged = [LogEvent.of(event) for event in record.events]
         self.events += [(row, event) for event in logged if event.kind == "reflex"]
         if self.log is not None:
-            self.log.append(
-                self._run.ticks[row],
-                observation,
-                events=logged,
-                unanswered=self._run.passed_over[row],
-            )
+            unmatched = self._run.passed_over[row]
+            self.log.append(replace(record, tick=self._run.ticks[row], unmatched=unmatched))
 
     def values(self) -> dict[str, Column]:
         """All that the observer said."""
         return {name: np.array([getattr(o, name) for o in self._observations]) for name in VALUES}
 
 
-def _metadata(run: RecordedRun, observer: Observer | None, reflexes: Reflexes) -> dict[str, str]:
+def _metadata(
+    run: RecordedRun, observer: Observer | None, reflexes: Sequence[Reflex]
+) -> dict[str, str]:
     """Of the log of a replay: the robot is that of then."""
     then = run.log.metadata
     now = run_metadata(
@@ -192,7 +182,7 @@ def _metadata(run: RecordedRun, observer: Observer | None, reflexes: Reflexes) -
         run.robot,
         run.controller_settings,
         run.safety_settings,
-        reflexes=reflexes.declarations,
+        reflexes=[declare(reflex) for reflex in reflexes],
     )
     kept: dict[str, str] = {key: then[key] for key in ("start", "backend", "seed") if key in then}
     return {**now, **kept, "replay_of": run.path.name}

@@ -44,6 +44,7 @@ class FaultReason(Enum):
     TEMPERATURE = "temperature"
     BATTERY = "battery"
     EXCEPTION = "exception"
+    LOST = "robot lost"
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

@@ -41,7 +41,7 @@ class Robot(MujocoBackend):
     def run(self, seconds: float) -> list[Measurement]:
         """The measurements of this time."""
         command = Command(position=self.hold, stiffness=np.ones(17), wheel_speed=np.zeros(3))
-        return [self.step(command) for _ in range(round(seconds / CYCLE))]
+        return [self.exchange(command) for _ in range(round(seconds / CYCLE))]
 
     def run_slowly(self, cycles: int) -> Iterator[Measurement]:
         """The measurements of these cycles, one by one."""

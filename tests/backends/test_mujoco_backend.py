@@ -15,7 +15,7 @@ from pepper_driver.backends import (
     NotConnectedError,
     make_backend,
 )
-from pepper_driver.backends.interface import Backend
+from pepper_driver.backends.interface import DEAD_MAN_CYCLES, Backend
 from pepper_driver.backends.mujoco_ import MujocoBackend
 from pepper_driver.config import UnknownNameError, load_plant, load_robot
 
@@ -46,7 +46,7 @@ def run(seed: int, ticks: int = 150) -> list[bytes]:
     backend.push("LForeArm", np.array([0.0, 8.0, 0.0]), duration=0.6, delay=0.3)
     samples = []
     for tick in range(ticks):
-        m = backend.step(command(wave(hold, tick * ROBOT.cycle)))
+        m = backend.exchange(command(wave(hold, tick * ROBOT.cycle)))
         samples.append(m.position.tobytes() + m.current.tobytes())
     return samples
 
@@ -65,8 +65,8 @@ def test_two_plants_in_one_process_do_not_meet() -> None:
     second, _ = active(3)
     first.push("LForeArm", np.array([0.0, 8.0, 0.0]), duration=0.6, delay=0.3)
     for tick in range(150):
-        m = first.step(command(wave(hold, tick * ROBOT.cycle)))
-        second.step(command(hold))
+        m = first.exchange(command(wave(hold, tick * ROBOT.cycle)))
+        second.exchange(command(hold))
         assert m.position.tobytes() + m.current.tobytes() == alone[tick]
 
 
@@ -74,7 +74,7 @@ def test_encoders_count_in_4096ths_of_a_turn_one_cycle_late() -> None:
     backend, hold = active()
     true, measured = [], []
     for tick in range(200):
-        m = backend.step(command(wave(hold, tick * ROBOT.cycle)))
+        m = backend.exchange(command(wave(hold, tick * ROBOT.cycle)))
         true.append(backend.truth.position)
         measured.append(m.position)
     counts = np.array(measured) / (2 * np.pi / 4096)
@@ -94,7 +94,7 @@ def test_the_truth_is_the_jacobian_times_the_force() -> None:
     force, point = np.array([3.0, 5.0, -2.0]), np.array([0.02, 0.01, 0.03])
     backend.push("l_wrist", force, point, duration=2.0)
     for _ in range(100):
-        backend.step(command(hold))
+        backend.exchange(command(hold))
 
     model = pinocchio.buildModelFromUrdf(str(ROBOT.urdf))
     data = model.createData()
@@ -121,7 +121,7 @@ def test_a_push_in_link_axes_keeps_its_torque_as_the_arm_turns() -> None:
     )
     torques = []
     for tick in range(240):
-        backend.step(command(wave(hold, tick * ROBOT.cycle)))
+        backend.exchange(command(wave(hold, tick * ROBOT.cycle)))
         torques.append(backend.truth.contact_torque[ROLL])
     np.testing.assert_allclose(torques[20:], lever * force, rtol=1e-3)
 
@@ -131,7 +131,7 @@ def test_a_push_rises_holds_and_ends() -> None:
     backend.push("LBicep", np.array([0.0, 10.0, 0.0]), np.array([0.16, 0, 0]), 0.6, delay=0.24)
     torques = []
     for _ in range(100):
-        backend.step(command(hold))
+        backend.exchange(command(hold))
         torques.append(backend.truth.contact_torque[ROLL])
     times = np.arange(100) * ROBOT.cycle
     torques_array = np.abs(np.array(torques))
@@ -146,12 +146,12 @@ def test_stiffness_scales_what_the_joint_can_hold() -> None:
     for stiffness in (1.0, 0.2):
         backend, hold = active()
         for _ in range(40):
-            backend.step(command(hold, stiffness))
+            backend.exchange(command(hold, stiffness))
         backend.push(
             "LBicep", np.array([0.0, 25.0, 0.0]), np.array([0.16, 0, 0]), 1.5, frame="link"
         )
         for _ in range(100):
-            backend.step(command(hold, stiffness))
+            backend.exchange(command(hold, stiffness))
         deflections.append(backend.truth.position[ROLL] - hold[ROLL])
         assert backend.truth.saturated[ROLL] == (stiffness < 1.0)
     assert deflections[1] > 3 * deflections[0]
@@ -162,7 +162,7 @@ def test_brakes_hold_the_legs_without_stiffness() -> None:
     with backend:
         first = backend.open()
         for _ in range(120):
-            last = backend.step(command(np.clip(first.position, ROBOT.lower, ROBOT.upper), 0.0))
+            last = backend.exchange(command(np.clip(first.position, ROBOT.lower, ROBOT.upper), 0.0))
         legs = [ROBOT.joint_index(name) for name in ROBOT.chains["legs"]]
         assert np.abs(last.position[legs] - first.position[legs]).max() < np.radians(1.0)
 
@@ -173,13 +173,13 @@ def test_wheels_follow_their_command() -> None:
     backend.activate()
     wanted = np.array([1.0, -2.0, 20.0])
     for _ in range(120):
-        m = backend.step(Command(position=hold, stiffness=np.ones(17), wheel_speed=wanted))
+        m = backend.exchange(Command(position=hold, stiffness=np.ones(17), wheel_speed=wanted))
     np.testing.assert_allclose(m.wheel_speed, [1.0, -2.0, ROBOT.wheels.speed_limit], rtol=1e-3)
 
 
 def step_often(backend: MujocoBackend, hold: Array) -> None:
     for _ in range(20):
-        backend.step(command(hold))
+        backend.exchange(command(hold))
 
 
 def test_a_simulation_that_blows_up_says_so(
@@ -191,7 +191,7 @@ def test_a_simulation_that_blows_up_says_so(
     with pytest.raises(BackendError, match="diverged"):
         step_often(backend, hold)
     with pytest.raises(NotConnectedError):
-        backend.step(command(hold))
+        backend.exchange(command(hold))
     backend.close()
     assert np.isfinite(backend.open().position).all()
 
@@ -238,10 +238,10 @@ def test_the_truth_after_going_back_is_that_of_then() -> None:
         return now.kinetic_energy, now.position.tobytes(), now.in_gap.tobytes()
 
     for tick in range(40):
-        backend.step(command(wave(hold, tick * 0.012)))
+        backend.exchange(command(wave(hold, tick * 0.012)))
     before, snapshot = truth(), backend.snapshot()
     for _ in range(20):
-        backend.step(command(hold))
+        backend.exchange(command(hold))
     backend.restore(snapshot)
     after = truth()
     assert before[0] > 1e-4
@@ -260,9 +260,9 @@ def test_switched_on_it_obeys_without_a_ramp() -> None:
         backend.switch_on()
     target = start.copy()
     target[ROLL] += 0.1
-    assert backend.step(command(target)).tick == 1
+    assert backend.exchange(command(target)).tick == 1
     for _ in range(60):
-        measurement = backend.step(command(target))
+        measurement = backend.exchange(command(target))
     assert measurement.position[ROLL] == pytest.approx(target[ROLL], abs=0.03)
 
 
@@ -272,11 +272,65 @@ def test_wheels_without_stiffness_do_not_turn_and_a_snapshot_knows() -> None:
     backend.wheel_stiffness = np.zeros(3)
     snapshot = backend.snapshot()
     for _ in range(30):
-        measurement = backend.step(turning)
+        measurement = backend.exchange(turning)
     assert np.abs(measurement.wheel_speed).max() < 0.05
     backend.wheel_stiffness = np.ones(3)
     for _ in range(80):
-        measurement = backend.step(turning)
+        measurement = backend.exchange(turning)
     np.testing.assert_allclose(measurement.wheel_speed, 1.0, atol=0.1)
     backend.restore(snapshot)
     np.testing.assert_array_equal(backend.wheel_stiffness, np.zeros(3))
+
+
+def turning(hold: Array, speed: float = 1.0) -> Command:
+    return replace(command(wave(hold, 0.6)), wheel_speed=np.full(3, speed))
+
+
+def test_a_command_goes_on_but_wheels_stand_after_the_dead_mans_cycles() -> None:
+    """To the last bit as if the command had been written again, and then with wheels that stand."""
+    silent, hold = active()
+    told, _ = active()
+    silent.write(turning(hold))
+    for cycle in range(40):
+        ours = silent.read()
+        theirs = told.exchange(turning(hold, 1.0 if cycle < DEAD_MAN_CYCLES else 0.0))
+        assert ours.position.tobytes() == theirs.position.tobytes()
+        assert ours.wheel_speed.tobytes() == theirs.wheel_speed.tobytes()
+    assert np.abs(ours.wheel_speed).max() < 0.05
+    assert ours.position[ROLL] == pytest.approx(wave(hold, 0.6)[ROLL], abs=0.03)
+
+
+@pytest.mark.parametrize("read_before", [0, DEAD_MAN_CYCLES - 1, DEAD_MAN_CYCLES + 1])
+def test_a_snapshot_carries_the_last_command(read_before: int) -> None:
+    """And since when nobody has written another: wheels stand when they would have stood."""
+    backend, hold = active()
+    rolling = turning(hold)
+    for _ in range(20):
+        backend.exchange(rolling)
+    for _ in range(read_before):
+        backend.read()
+    snapshot = backend.snapshot()
+
+    def go_on(robot: MujocoBackend) -> list[bytes]:
+        samples = [robot.read() for _ in range(12)]
+        return [m.position.tobytes() + m.wheel_speed.tobytes() for m in samples]
+
+    then = go_on(backend)
+    other, _ = active(seed=1)
+    for robot in (backend, other):
+        robot.write(command(hold))
+        robot.read()
+        robot.restore(snapshot)
+        assert go_on(robot) == then
+
+
+def test_what_was_written_before_it_was_switched_on_moves_nothing() -> None:
+    backend = MujocoBackend(ROBOT, load_plant("nominal", ROBOT))
+    start = np.clip(backend.open().position, ROBOT.lower, ROBOT.upper)
+    legs = [ROBOT.joint_index(name) for name in ROBOT.chains["legs"]]
+    backend.write(turning(start + 0.2))
+    backend.switch_on()
+    for _ in range(40):
+        measurement = backend.read()
+    np.testing.assert_allclose(measurement.wheel_speed, 0.0, atol=0.05)
+    np.testing.assert_allclose(measurement.position[legs], start[legs], atol=0.02)

@@ -94,7 +94,7 @@ def raise_arm(robot: Robot, seconds: float) -> None:
     pitch = ROBOT.joint_index("LShoulderPitch")
     for _ in range(round(seconds / CYCLE)):
         robot.hold[pitch] -= 0.5 * CYCLE
-        robot.step(Command(position=robot.hold, stiffness=np.ones(17), wheel_speed=np.zeros(3)))
+        robot.exchange(Command(position=robot.hold, stiffness=np.ones(17), wheel_speed=np.zeros(3)))
 
 
 def test_the_arm_meets_the_edge_of_the_table() -> None:

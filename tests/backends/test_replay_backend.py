@@ -61,7 +61,7 @@ def test_it_is_the_robot_that_was_recorded(log: Path, backend: Backend) -> None:
     assert (info.identity, info.cycle) == (run["identity"], ROBOT.cycle)
     assert info.response_delay == int(run["response_delay"])
     assert info.joint_names == ROBOT.joint_names
-    assert not info.real_time
+    assert not backend.real_time
     assert not info.capabilities
 
 
@@ -70,7 +70,7 @@ def test_the_same_bits_are_measured(log: Path, backend: ReplayBackend) -> None:
     backend.open()
     backend.activate()
     for row in range(TICKS):
-        measurement = backend.step(answered(backend, row))
+        measurement = backend.exchange(answered(backend, row))
         for name in ("time", "tick", "age", "battery", "position", "current", "touch", "bumpers"):
             value = np.asarray(getattr(measurement, name))
             assert value.tobytes() == read[name][row].tobytes(), name
@@ -87,9 +87,9 @@ def test_the_same_bits_are_measured(log: Path, backend: ReplayBackend) -> None:
 def test_it_ends_with_an_error_that_says_so(backend: ReplayBackend) -> None:
     first = backend.open()
     for _ in range(TICKS):
-        backend.step(hold(first))
+        backend.exchange(hold(first))
     with pytest.raises(EndOfLogError, match=f"over after {TICKS} ticks"):
-        backend.step(hold(first))
+        backend.exchange(hold(first))
     backend.close()
     assert backend.open().tick == first.tick
 
@@ -108,7 +108,7 @@ def test_another_command_is_told_with_its_size(backend: ReplayBackend) -> None:
             position = command.position.copy()
             position[joint] += 0.25 if step == 20 else 1e-15
             command = replace(command, position=position)
-        backend.step(command)
+        backend.exchange(command)
     found = backend.differences
     assert found.differing == 2
     assert found.first is not None
@@ -121,7 +121,7 @@ def test_another_command_is_told_with_its_size(backend: ReplayBackend) -> None:
 
 def test_commands_before_activation_are_not_compared(backend: ReplayBackend) -> None:
     first = backend.open()
-    backend.step(hold(first))
+    backend.exchange(hold(first))
     assert backend.differences.compared == 0
 
 
@@ -153,9 +153,9 @@ def test_a_command_too_old_to_be_known_is_not_compared(
     ways = iter([LONGEST_WAY + 10] * 80 + [LONGEST_WAY] * 20)
     path = tmp_path / "run.mcap"
     with Pepper("mujoco://?seed=5", observer=None, log=path) as pepper:
-        step = pepper.backend.step
+        read = pepper.backend.read
         monkeypatch.setattr(
-            pepper.backend, "step", lambda command: replace(step(command), answers=next(ways, None))
+            pepper.backend, "read", lambda: replace(read(), answers=next(ways, None))
         )
         pepper.set_posture({"LShoulderRoll": 0.6})
         pepper.run(100 * ROBOT.cycle)
@@ -171,7 +171,7 @@ def test_a_command_too_old_to_be_known_is_not_compared(
 def test_order_of_calls_is_checked(backend: ReplayBackend) -> None:
     command = backend.commands[0]
     with pytest.raises(NotConnectedError):
-        backend.step(command)
+        backend.exchange(command)
     with pytest.raises(NotConnectedError):
         backend.activate()
     backend.open()
@@ -181,7 +181,7 @@ def test_order_of_calls_is_checked(backend: ReplayBackend) -> None:
     with pytest.raises(BackendError):
         backend.activate()
     with pytest.raises(ValueError, match="position"):
-        backend.step(replace(command, position=np.full(17, np.nan)))
+        backend.exchange(replace(command, position=np.full(17, np.nan)))
     backend.close()
     backend.close()
 

@@ -19,7 +19,7 @@ from pepper_driver.config.plugins import PluginError
 def test_the_simulated_robot_has_several_spellings(uri: str) -> None:
     backend = make_backend(uri)
     assert isinstance(backend, MujocoBackend)
-    assert backend.info.uri == uri
+    assert backend.uri == uri
 
 
 @pytest.mark.parametrize(
@@ -72,7 +72,7 @@ def test_another_package_registers_a_backend(monkeypatch: pytest.MonkeyPatch) ->
         ]
     )
     monkeypatch.setattr(plugins_module, "entry_points", lambda group: points.select(group=group))
-    assert make_backend("theirs://here").info.uri == "theirs://here"
+    assert make_backend("theirs://here").uri == "theirs://here"
     with pytest.raises(PluginError, match="no_such_module"):
         make_backend("broken")
     with pytest.raises(PepperError, match="no Backend"):

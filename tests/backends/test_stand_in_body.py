@@ -144,7 +144,7 @@ def test_sensors_are_those_of_the_simulation_bit_by_bit(bench: Bench) -> None:
             bench.actuators[f"{PREFIX}{joint}/Position/Actuator/Value"] = float(value)
         bench.run(1)
         clipped = np.clip(target, ROBOT.lower, ROBOT.upper)
-        sample = other.step(
+        sample = other.exchange(
             Command(position=clipped, stiffness=np.ones(17), wheel_speed=np.zeros(3))
         )
         for joint, position_, current in zip(

@@ -120,7 +120,7 @@ def test_the_base_meets_a_wall(where: Any, twist: list[float], expected: set[str
     wheels = ROBOT.wheels.matrix @ np.array(twist)
     felt: set[str] = set()
     for _ in range(60):
-        m = robot.step(Command(position=robot.hold, stiffness=np.ones(17), wheel_speed=wheels))
+        m = robot.exchange(Command(position=robot.hold, stiffness=np.ones(17), wheel_speed=wheels))
         felt |= {n for n, v in zip(SENSORS.bumpers, m.bumpers, strict=True) if v}
     assert {c.link for c in robot.truth.contacts} <= {
         "Tibia",

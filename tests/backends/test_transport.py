@@ -34,7 +34,7 @@ def run(plant: PlantConfig, start: int = 20, seed: int = 0) -> tuple[Array, Arra
         command = Command(
             position=hold + share * (middle - hold), stiffness=np.ones(N), wheel_speed=np.zeros(3)
         )
-        measurement = backend.step(command)
+        measurement = backend.exchange(command)
         true.append(backend.truth.position)
         measured.append(measurement.position)
         age.append(measurement.age)

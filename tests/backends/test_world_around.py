@@ -72,7 +72,7 @@ def test_the_thrown_ball_hits_the_chest() -> None:
     backend.activate()
     links: list[tuple[float, str]] = []
     for _ in range(120):
-        m = backend.step(Command(position=hold, stiffness=np.ones(17), wheel_speed=np.zeros(3)))
+        m = backend.exchange(Command(position=hold, stiffness=np.ones(17), wheel_speed=np.zeros(3)))
         links += [(m.time, contact.link) for contact in backend.truth.contacts]
     time, link = links[0]
     assert link == "torso"

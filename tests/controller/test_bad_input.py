@@ -16,6 +16,7 @@ from pepper_driver.controller import (
     ComplianceTask,
     FrameTask,
     LimitError,
+    LookAtTask,
     OrientationTask,
     PositionTask,
     PostureTask,
@@ -40,37 +41,47 @@ def test_joints_come_out_as_names() -> None:
     assert checked_joints(ROBOT, names) == ("HeadYaw",)
 
 
+def of_the_robot(joints: Any) -> object:
+    return checked_joints(ROBOT, joints)
+
+
 @pytest.mark.parametrize("wrong", [[3], 5, [], (), "HeadYaw", [None], ["HeadYaw", 1], True])
-@pytest.mark.parametrize("use", [checked_joints, PostureTask, ComplianceTask])
+@pytest.mark.parametrize("use", [of_the_robot, PostureTask, ComplianceTask])
 def test_what_is_no_list_of_joints_is_refused(use: Callable[..., Any], wrong: Any) -> None:
     with pytest.raises(TargetError, match="list of names of joints, one at least") as caught:
-        use(ROBOT, wrong)
+        use(wrong)
     assert repr(wrong) in str(caught.value)
     assert "\n" not in str(caught.value)
 
 
-@pytest.mark.parametrize("use", [checked_joints, PostureTask, ComplianceTask])
+@pytest.mark.parametrize("use", [of_the_robot, PostureTask, ComplianceTask])
 def test_an_unknown_joint_is_named(use: Callable[..., Any]) -> None:
     with pytest.raises(UnknownNameError, match=r"HeadYow.*did you mean HeadYaw"):
-        use(ROBOT, ["LHand", "HeadYow"])
+        use(["LHand", "HeadYow"])
 
 
 def test_a_compliance_task_is_called_by_its_joints_unless_it_has_a_name() -> None:
-    assert ComplianceTask(ROBOT).name == "compliance"
-    assert ComplianceTask(ROBOT, ["HeadYaw", "LHand"]).name == "compliance HeadYaw, LHand"
-    assert ComplianceTask(ROBOT, ["HeadYaw"], name="soft").name == "soft"
+    assert ComplianceTask().name == "compliance"
+    assert ComplianceTask(["HeadYaw", "LHand"]).name == "compliance HeadYaw, LHand"
+    assert ComplianceTask(["HeadYaw"], name="soft").name == "soft"
 
 
 @pytest.mark.parametrize("task", FRAMES)
-def test_a_link_is_not_seen_from_itself(task: Any) -> None:
-    with pytest.raises(TargetError, match="l_wrist cannot be seen from itself"):
-        task(ROBOT, "l_wrist", seen_from="l_wrist")
-    task(ROBOT, "l_wrist", seen_from="r_wrist")
+def test_a_link_is_not_its_own_root(task: Any) -> None:
+    with pytest.raises(TargetError, match="l_wrist cannot be the root of its own target"):
+        task("l_wrist", root="l_wrist")
+    task("l_wrist", root="r_wrist")
+
+
+@pytest.mark.parametrize("task", [*FRAMES, LookAtTask, PostureTask, ComplianceTask])
+def test_a_robot_in_place_of_a_name_is_refused_in_one_line(task: Any) -> None:
+    with pytest.raises(TargetError, match=r"got a RobotConfig$"):
+        task(ROBOT)
 
 
 @pytest.mark.parametrize(("task", "shape"), list(zip(FRAMES, [(3,), (3, 3), (4, 4)], strict=True)))
 def test_a_target_that_nobody_set_is_nan_of_its_own_shape(task: Any, shape: Any) -> None:
-    target = task(ROBOT, "l_wrist").target
+    target = task("l_wrist").target
     assert target.shape == shape
     assert np.isnan(target).all()
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -20,8 +21,15 @@ from pepper_driver.config import UnknownNameError
 from pepper_driver.controller import (
     BasePoseTask,
     BaseVelocityTask,
+    ComTask,
+    FrameTask,
     HandTask,
+    LookAtTask,
+    MomentumTask,
+    PositionTask,
+    PostureTask,
     TargetError,
+    Task,
     WholeBodyController,
 )
 
@@ -126,7 +134,7 @@ def test_a_twist_has_no_target_to_move_to() -> None:
 
 def test_a_hand_opens_and_closes() -> None:
     control = controller()
-    task = HandTask(ROBOT, "RHand")
+    task = HandTask("RHand")
     control.add(task)
     hand = ROBOT.joint_index("RHand")
     for aperture in (1.0, 0.0, 0.3):
@@ -146,7 +154,7 @@ def test_a_hand_opens_and_closes() -> None:
     [1.01, -0.01, np.nan, [0.1, 0.2], None, "open", {"RHand": 1.1}, [[0.1], [0.1, 0.2]], np.eye(1)],
 )
 def test_an_aperture_that_is_none_is_refused(wrong: Any) -> None:
-    task = HandTask(ROBOT, "RHand")
+    task = HandTask("RHand")
     task.target = [0.25]
     refused(task, wrong, r"Hand|posture")
     assert task.target.tolist() == [0.25]
@@ -155,4 +163,79 @@ def test_an_aperture_that_is_none_is_refused(wrong: Any) -> None:
     with pytest.raises(UnknownNameError):
         task.target = {"LHand": 0.5}
     with pytest.raises(UnknownNameError, match="RHand"):
-        HandTask(ROBOT, "Rhand")
+        HandTask("Rhand")
+
+
+BASES: list[Callable[[], Task]] = [
+    lambda: PositionTask("l_gripper", base=True),
+    lambda: FrameTask("l_gripper", base=True),
+    lambda: ComTask(base=True),
+    lambda: LookAtTask(base=True),
+    lambda: MomentumTask(base=True),
+    BasePoseTask,
+]
+
+
+def gains(control: WholeBodyController) -> list[float]:
+    control.step()
+    weights: list[float] = control.base_velocity.gains.weight.tolist()
+    return weights
+
+
+@pytest.mark.parametrize("make", BASES)
+def test_the_base_gives_way_while_a_task_may_move_it(make: Callable[[], Task]) -> None:
+    control, one, other = controller(), make(), make()
+    full, relaxed = [1000.0] * 3, [10.0] * 3
+    assert gains(control) == full
+    control.add(one)
+    control.add(other)
+    assert gains(control) == relaxed
+    assert control.base_velocity.weight == 1000.0
+    control.hold = True
+    control.step()
+    control.hold = False
+    assert gains(control) == relaxed
+    control.remove(one)
+    assert gains(control) == relaxed
+    control.remove(other)
+    assert gains(control) == full
+
+
+def test_a_commanded_drive_keeps_its_weight() -> None:
+    control = controller()
+    control.add(PositionTask("l_gripper", base=True))
+    assert gains(control) == [10.0] * 3
+    control.base_velocity.target = [0.0, 0.0, 0.2]
+    assert gains(control) == [1000.0] * 3
+    control.base_velocity.weight = 500.0
+    assert gains(control) == [500.0] * 3
+    control.base_velocity.target = np.zeros(3)
+    assert gains(control) == [5.0] * 3
+    control.base_velocity.weight = 2000.0
+    control.base_velocity.dim_weight = [1.0, 0.5, 0.0]
+    assert gains(control) == [20.0, 10.0, 0.0]
+
+
+def test_tasks_that_may_not_move_the_base_leave_it_held() -> None:
+    control = controller()
+    for task in (PositionTask("l_wrist"), PostureTask(), MomentumTask(), BaseVelocityTask()):
+        control.add(task)
+    assert gains(control) == [1000.0] * 3
+
+
+def test_a_place_out_of_reach_takes_the_base_and_nothing_else() -> None:
+    control = controller()
+    task = PositionTask("l_gripper", base=True)
+    control.add(task)
+    task.move_to([1.0, 0.35, 0.85], 5.0)
+    for _ in range(800):
+        control.step()
+    assert task.reached(0.005)
+    assert control.base_pose[0] > 0.3
+    control.posture.target = control.position
+    control.remove(task)
+    stood = control.base_pose
+    for _ in range(300):
+        twist = control.step().base_twist
+    np.testing.assert_allclose(control.base_pose, stood, atol=5e-3)
+    assert np.abs(twist).max() < 1e-4

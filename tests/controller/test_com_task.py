@@ -4,39 +4,39 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from controller_cases import MIDDLE, ROBOT, FloatArray, controller
+from controller_cases import MIDDLE, FloatArray, controller
 from task_cases import STEP, Bench, State, centre_of_mass, later, link_pose, random_state
 
 from pepper_driver.config import UnknownNameError
 from pepper_driver.controller import ComTask, TargetError
 
 
-def centre(state: State, seen_from_base: bool) -> FloatArray:
+def centre(state: State, root: str | None) -> FloatArray:
     place = centre_of_mass(state)
-    if seen_from_base:
+    if root is not None:
         base = link_pose(state, "base_link")
         place = base[:3, :3].T @ (place - base[:3, 3])
     return place
 
 
 @pytest.mark.parametrize("seed", range(4))
-@pytest.mark.parametrize("seen_from_base", [False, True])
-def test_the_rows_are_those_of_the_bodies(seen_from_base: bool, seed: int) -> None:
+@pytest.mark.parametrize("root", [None, "base_link"])
+def test_the_rows_are_those_of_the_bodies(root: str | None, seed: int) -> None:
     state = random_state(seed)
-    task = ComTask(ROBOT, seen_from_base=seen_from_base)
+    task = ComTask(root=root)
     bench = Bench(task)
     task.target = target = np.array([0.1, -0.2, 0.5])
     measured = bench.at(state)
-    np.testing.assert_allclose(measured.error, target - centre(state, seen_from_base), atol=1e-12)
-    before, after = (centre(later(state, time), seen_from_base) for time in (-STEP, STEP))
+    np.testing.assert_allclose(measured.error, target - centre(state, root), atol=1e-12)
+    before, after = (centre(later(state, time), root) for time in (-STEP, STEP))
     np.testing.assert_allclose(bench.rate(state), (after - before) / (2 * STEP), atol=1e-8)
     np.testing.assert_allclose(measured.bias, bench.rate_changes(state), atol=1e-6)
     assert np.abs(measured.bias).max() > 1e-3
 
 
-def test_seen_from_the_base_it_goes_along_with_the_base() -> None:
+def test_in_base_link_it_goes_along_with_the_base() -> None:
     control = controller()
-    task = ComTask(ROBOT, seen_from_base=True)
+    task = ComTask(root="base_link")
     control.add(task)
     control.base_velocity.target = [0.2, 0.0, 0.3]
     for _ in range(200):
@@ -49,7 +49,7 @@ def test_seen_from_the_base_it_goes_along_with_the_base() -> None:
 @pytest.mark.parametrize("weights", [[1, 1, 0], [1, 1, 1]])
 def test_without_weight_the_height_goes_with_the_arms(weights: list[float]) -> None:
     control = controller()
-    task = ComTask(ROBOT)
+    task = ComTask()
     task.dim_weight = weights
     control.add(task)
     control.step()
@@ -64,8 +64,10 @@ def test_without_weight_the_height_goes_with_the_arms(weights: list[float]) -> N
 
 def test_what_is_none_is_refused() -> None:
     with pytest.raises(UnknownNameError):
-        ComTask(ROBOT, joints=("Knee",))
-    task = ComTask(ROBOT)
+        ComTask(joints=("Knee",))
+    with pytest.raises(UnknownNameError, match="base_link"):
+        ComTask(root="torso")
+    task = ComTask()
     assert np.isnan(task.target).all()
     task.target = [0.0, 0.0, 0.8]
     for wrong in ([0.0, 0.0], [0.0, np.nan, 0.0], None, "up"):

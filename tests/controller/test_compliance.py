@@ -23,7 +23,7 @@ def compliant(**settings: Any) -> tuple[WholeBodyController, ComplianceTask]:
     own[INDEX] = 0.0
     control.posture.dim_weight = own
     given = {"inertia": INERTIA, "damping": DAMPING, "dead_band": 0.0, **settings}
-    task = ComplianceTask(ROBOT, (JOINT,), **given)
+    task = ComplianceTask((JOINT,), **given)
     control.add(task)
     control.step()
     return control, task
@@ -122,7 +122,7 @@ def test_the_limits_of_the_robot_hold() -> None:
 def test_over_a_posture_of_the_usual_weight_it_leads_the_joint() -> None:
     """A part in a thousand of the posture's pull is left: 5 mrad/s2 a radian at its stiffness of 5."""
     control = controller()
-    task = ComplianceTask(ROBOT, inertia=INERTIA, damping=DAMPING, dead_band=0.0)
+    task = ComplianceTask(inertia=INERTIA, damping=DAMPING, dead_band=0.0)
     control.add(task)
     torque = np.zeros(17)
     torque[INDEX] = 0.4
@@ -135,7 +135,7 @@ def test_over_a_posture_of_the_usual_weight_it_leads_the_joint() -> None:
 
 @pytest.mark.parametrize("wrong", [[np.nan], [np.inf], [0.1, 0.2], 0.1, None, "push"])
 def test_a_torque_that_is_none_is_refused(wrong: Any) -> None:
-    task = ComplianceTask(ROBOT, (JOINT,))
+    task = ComplianceTask((JOINT,))
     task.torque = [0.4]
     with pytest.raises(TargetError, match="torque"):
         task.torque = wrong
@@ -147,8 +147,8 @@ def test_a_torque_that_is_none_is_refused(wrong: Any) -> None:
 def test_without_stiffness_there_must_be_damping() -> None:
     for damping in (0.0, None):
         with pytest.raises(GainError, match="damping"):
-            ComplianceTask(ROBOT, damping=damping)
-    task = ComplianceTask(ROBOT, stiffness=4.0, damping=None)
+            ComplianceTask(damping=damping)
+    task = ComplianceTask(stiffness=4.0, damping=None)
     with pytest.raises(GainError, match="damping"):
         task.stiffness = 0.0
     assert (task.stiffness, task.damping) == (4.0, 4.0)
@@ -164,17 +164,17 @@ def test_without_stiffness_there_must_be_damping() -> None:
 @pytest.mark.parametrize("wrong", [-0.1, np.nan, np.inf, [0.1, 0.2], "soft"])
 def test_numbers_that_are_none_are_refused(name: str, wrong: Any) -> None:
     with pytest.raises(GainError, match=name):
-        ComplianceTask(ROBOT, (JOINT,), **{name: wrong})
+        ComplianceTask((JOINT,), **{name: wrong})
 
 
 def test_what_else_makes_no_sense_is_refused() -> None:
     with pytest.raises(GainError, match="inertia"):
-        ComplianceTask(ROBOT, inertia=0.0)
+        ComplianceTask(inertia=0.0)
     with pytest.raises(GainError, match="largest_torque"):
-        ComplianceTask(ROBOT, largest_torque=0.0)
+        ComplianceTask(largest_torque=0.0)
     with pytest.raises(UnknownNameError, match="LElbowYaw"):
-        ComplianceTask(ROBOT, ("LElbowYwa",))
-    task = ComplianceTask(ROBOT, (JOINT,))
+        ComplianceTask(("LElbowYwa",))
+    task = ComplianceTask((JOINT,))
     with pytest.raises(TargetError, match="limits"):
         task.target = [9.0]
     assert np.isnan(task.target).all()

@@ -13,7 +13,7 @@ from pepper_driver.controller import BaseVelocityTask, GainError, PostureTask, T
 
 
 def task() -> PostureTask:
-    return PostureTask(ROBOT, stiffness=5.0, weight=1.0)
+    return PostureTask(stiffness=5.0, weight=1.0)
 
 
 def test_joints_by_name_leave_the_others() -> None:

@@ -48,8 +48,8 @@ def five_tasks(solver: str = "daqp", scale: float = 1.0) -> WholeBodyController:
     """Posture, base, both wrists and centre of mass; all weights multiplied by ``scale``."""
     control = WholeBodyController(ROBOT, replace(SETTINGS, solver=solver))
     for link in WRISTS:
-        control.add(FrameTask(ROBOT, link, base=True))
-    control.add(ComTask(ROBOT, base=True))
+        control.add(FrameTask(link, base=True))
+    control.add(ComTask(base=True))
     for task in control.tasks:
         task.weight *= scale
     return control

@@ -91,7 +91,7 @@ def test_damping_can_be_set_and_follows_the_stiffness_again() -> None:
         np.cos(turn * time) + damping / (2 * turn) * np.sin(turn * time)
     )
     assert np.abs(x - free[:, None]).max() < 0.003
-    task = PostureTask(ROBOT, stiffness=4.0, weight=1.0)
+    task = PostureTask(stiffness=4.0, weight=1.0)
     assert task.damping == 4.0
     task.damping = 1.0
     task.stiffness = 9.0
@@ -137,7 +137,7 @@ def with_value(value: float) -> FloatArray:
     ],
 )
 def test_a_posture_that_cannot_be_is_refused(target: FloatArray) -> None:
-    task = PostureTask(ROBOT, stiffness=1.0, weight=1.0)
+    task = PostureTask(stiffness=1.0, weight=1.0)
     task.target = ROBOT.lower
     with pytest.raises(TargetError):
         task.target = target
@@ -147,14 +147,14 @@ def test_a_posture_that_cannot_be_is_refused(target: FloatArray) -> None:
 
 
 def test_the_message_names_the_joint_and_its_limits() -> None:
-    task = PostureTask(ROBOT, stiffness=1.0, weight=1.0)
+    task = PostureTask(stiffness=1.0, weight=1.0)
     joint = ROBOT.joint_index("LElbowRoll")
     with pytest.raises(TargetError, match=f"LElbowRoll .* {ROBOT.lower[joint]:.4g} to"):
         task.target = outside(joint, 0.2)
 
 
 def test_the_limits_themselves_can_be_targets() -> None:
-    task = PostureTask(ROBOT, stiffness=1.0, weight=1.0)
+    task = PostureTask(stiffness=1.0, weight=1.0)
     for target in (ROBOT.lower, ROBOT.upper, ROBOT.upper + 1e-7):
         task.target = target
         assert (task.target <= ROBOT.upper).all()
@@ -162,7 +162,7 @@ def test_the_limits_themselves_can_be_targets() -> None:
 
 
 def test_targets_are_copies() -> None:
-    task = PostureTask(ROBOT, stiffness=1.0, weight=1.0)
+    task = PostureTask(stiffness=1.0, weight=1.0)
     given = MIDDLE.copy()
     task.target = given
     given[0] = 9.0
@@ -185,7 +185,7 @@ def test_a_twist_that_is_none_is_refused(target: FloatArray) -> None:
 @pytest.mark.parametrize("gain", ["stiffness", "damping", "weight"])
 @pytest.mark.parametrize("value", [-1e-9, np.nan, np.inf, -np.inf, "5"])
 def test_gains_that_are_negative_or_no_number_are_refused(gain: str, value: float | str) -> None:
-    task = PostureTask(ROBOT, stiffness=3.0, weight=2.0)
+    task = PostureTask(stiffness=3.0, weight=2.0)
     before = getattr(task, gain)
     with pytest.raises(GainError, match=gain):
         setattr(task, gain, value)
@@ -194,14 +194,14 @@ def test_gains_that_are_negative_or_no_number_are_refused(gain: str, value: floa
 
 @pytest.mark.parametrize("value", [0, 2, 2.5, np.float32(2.5), np.int64(2)])
 def test_gains_may_be_any_number(value: float) -> None:
-    task = PostureTask(ROBOT, stiffness=value, weight=1.0)
+    task = PostureTask(stiffness=value, weight=1.0)
     assert task.stiffness == float(value)
     assert isinstance(task.stiffness, float)
 
 
 def test_two_postures_meet_at_their_weighted_mean() -> None:
     control = controller()
-    second = PostureTask(ROBOT, stiffness=STIFFNESS, weight=3 * SETTINGS.posture.weight)
+    second = PostureTask(stiffness=STIFFNESS, weight=3 * SETTINGS.posture.weight)
     control.posture.target, second.target = MIDDLE + OFFSET, MIDDLE - OFFSET
     control.add(second)
     control.add(second)

@@ -3,17 +3,34 @@
 from __future__ import annotations
 
 import threading
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from controller_cases import ACCELERATION, DT, MIDDLE, ROBOT, controller
 
-from pepper_driver.controller import FrameTask, GainError, PositionTask, PostureTask
+from pepper_driver.controller import (
+    BaseVelocityTask,
+    ComplianceTask,
+    ComTask,
+    FrameTask,
+    GainError,
+    HandTask,
+    LookAtTask,
+    MomentumTask,
+    OrientationTask,
+    PositionTask,
+    PostureTask,
+    RobotMismatchError,
+    Task,
+    TaskCountError,
+)
+from pepper_driver.controller.whole_body import MAX_TASKS
 
 
 def test_tasks_may_come_and_go_from_another_thread() -> None:
     control = controller()
-    tasks = [PositionTask(ROBOT, "l_wrist"), FrameTask(ROBOT, "r_wrist"), PostureTask(ROBOT)]
+    tasks = [PositionTask("l_wrist"), FrameTask("r_wrist"), PostureTask()]
     over = threading.Event()
 
     def meddle() -> None:
@@ -41,7 +58,7 @@ def test_tasks_may_come_and_go_from_another_thread() -> None:
 
 def test_a_task_goes_with_the_controller_that_has_it_last() -> None:
     first, second = controller(), controller()
-    task = PositionTask(ROBOT, "l_wrist")
+    task = PositionTask("l_wrist")
     first.add(task)
     first.step()
     second.add(task)
@@ -56,7 +73,7 @@ def test_a_task_goes_with_the_controller_that_has_it_last() -> None:
 
 def test_a_task_taken_out_forgets_its_motion() -> None:
     control = controller()
-    task = PositionTask(ROBOT, "l_wrist")
+    task = PositionTask("l_wrist")
     control.add(task)
     control.step()
     task.move_to(task.target + np.array([0.1, 0.0, 0.1]), 2.0)
@@ -75,7 +92,7 @@ def test_a_task_taken_out_forgets_its_motion() -> None:
 
 def test_reset_ends_every_motion_and_what_was_measured() -> None:
     control = controller()
-    task = PositionTask(ROBOT, "l_wrist")
+    task = PositionTask("l_wrist")
     control.add(task)
     control.step()
     task.move_to(task.target + np.array([0.1, 0.0, 0.1]), 2.0)
@@ -91,7 +108,7 @@ def test_reset_ends_every_motion_and_what_was_measured() -> None:
 
 def test_held_only_the_posture_acts_and_the_base_stops() -> None:
     control = controller()
-    hand = PositionTask(ROBOT, "l_wrist")
+    hand = PositionTask("l_wrist")
     control.add(hand)
     control.step()
     goal = hand.target + np.array([0.1, 0.1, 0.2])
@@ -124,7 +141,7 @@ def test_held_only_the_posture_acts_and_the_base_stops() -> None:
     ("gain", "value"), [("stiffness", 3001.0), ("damping", 121.0), ("weight", 1e13)]
 )
 def test_gains_that_a_cycle_is_too_long_for_are_refused(gain: str, value: float) -> None:
-    task = PostureTask(ROBOT)
+    task = PostureTask()
     with pytest.raises(GainError, match=f"{gain} must be a number from 0 to"):
         setattr(task, gain, value)
 
@@ -145,3 +162,65 @@ def test_a_task_without_weight_is_never_reached() -> None:
     control.posture.dim_weight = np.zeros(17)
     control.step()
     assert not control.posture.reached(10.0)
+
+
+def test_a_task_for_another_robot_is_refused() -> None:
+    names = {"HeadYaw": "NeckYaw"}
+    joints = tuple(replace(j, name=names.get(j.name, j.name)) for j in ROBOT.joints)
+    other = replace(ROBOT, name="salt", joints=joints)
+    control = controller()
+    before = control.tasks
+    tasks: list[Task] = [
+        PostureTask(robot=other),
+        HandTask("LHand", robot=other),
+        ComplianceTask(["NeckYaw"], robot=other),
+        PositionTask("l_wrist", robot=other),
+        OrientationTask("l_wrist", robot=other),
+        FrameTask("l_wrist", robot=other),
+        ComTask(robot=other),
+        LookAtTask(robot=other),
+        MomentumTask(robot=other),
+    ]
+    for task in tasks:
+        with pytest.raises(RobotMismatchError, match=r"'salt'.*HeadYaw, NeckYaw") as caught:
+            control.add(task)
+        assert caught.value.names == ("HeadYaw", "NeckYaw")
+    assert control.tasks == before
+    turned = replace(ROBOT, links=ROBOT.links[::-1])
+    with pytest.raises(RobotMismatchError, match="order"):
+        control.add(ComTask(robot=turned))
+    control.add(ComTask(robot=replace(ROBOT, name="the same")))
+    control.add(BaseVelocityTask())
+    assert len(control.tasks) == len(before) + 2
+
+
+def test_there_is_a_limit_to_the_tasks_in_use() -> None:
+    control = controller()
+    tasks = [PostureTask(["HeadYaw"], name=f"task {i}") for i in range(MAX_TASKS)]
+    for task in tasks[: MAX_TASKS - 2]:
+        control.add(task)
+    control.add(tasks[0])  # is there already
+    before = control.tasks
+    assert len(before) == MAX_TASKS
+    with pytest.raises(TaskCountError, match=f"'task {MAX_TASKS - 1}' is one too many"):
+        control.add(tasks[-1])
+    assert control.tasks == before
+    assert tasks[-1].owner is None
+    control.add(tasks[-1], enforce_limit=False)
+    control.remove(tasks[-1])
+    with control.changes.together():  # one goes, one comes
+        control.remove(tasks[0])
+        control.add(tasks[-1])
+    assert control.tasks == (*(task for task in before if task is not tasks[0]), tasks[-1])
+    control.remove(tasks[1])
+
+    def group() -> None:
+        with control.changes.together():
+            control.add(tasks[0])
+            control.add(tasks[1])
+
+    with pytest.raises(TaskCountError, match="'task 1'"):
+        group()
+    assert tasks[0] in control.tasks
+    assert tasks[1] not in control.tasks
+    control.step()

@@ -53,7 +53,7 @@ def test_in_open_loop_a_measurement_changes_nothing() -> None:
     control, twin = (WholeBodyController(ROBOT, SETTINGS) for _ in range(2))
     for c in (control, twin):
         c.posture.target = MIDDLE + 0.2
-        c.add(PositionTask(ROBOT, "l_wrist"))
+        c.add(PositionTask("l_wrist"))
     random = np.random.default_rng(0)
     for _ in range(100):
         noise = measured(random.normal(size=JOINTS), random.normal(size=3))
@@ -76,7 +76,7 @@ def test_a_constant_tracking_error_is_taken_out_in_closed_loop() -> None:
 def test_a_hand_that_lags_and_droops_arrives_in_closed_loop() -> None:
     control = closed()
     model = RobotModel(ROBOT)
-    task = PositionTask(ROBOT, "l_wrist")
+    task = PositionTask("l_wrist")
     control.add(task)
     target = model.link_pose("l_wrist", MIDDLE)[:3, 3] + [0.05, 0.05, 0.1]
     task.target = target
@@ -94,7 +94,7 @@ def test_a_hand_that_lags_and_droops_arrives_in_closed_loop() -> None:
 
 def test_the_base_is_where_its_wheels_have_rolled_to() -> None:
     control = closed()
-    base, hand = BasePoseTask(weight=1e-6), PositionTask(ROBOT, "l_wrist", weight=1e-6)
+    base, hand = BasePoseTask(weight=1e-6), PositionTask("l_wrist", weight=1e-6)
     control.add(base)
     control.add(hand)
     base.target = np.zeros(3)
@@ -131,7 +131,7 @@ def test_a_measurement_that_is_no_number_is_passed_over() -> None:
     control, twin = closed(), closed()
     for c in (control, twin):
         c.posture.target = MIDDLE + 0.3
-        c.add(FrameTask(ROBOT, "l_wrist"))
+        c.add(FrameTask("l_wrist"))
         for _ in range(40):
             c.step(measured(c.position - 0.01))
     for _ in range(20):

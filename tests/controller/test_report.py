@@ -21,7 +21,7 @@ def test_two_tasks_that_disagree_share_the_cost_by_hand() -> None:
     """w1 (a - a1)^2 + w2 (a - a2)^2 is least at the weighted mean: what is left of each is known."""
     control = controller()
     w1, w2, k = SETTINGS.posture.weight, 30.0, SETTINGS.posture.stiffness
-    other = PostureTask(ROBOT, ("HeadYaw",), stiffness=k, weight=w2, name="other")
+    other = PostureTask(("HeadYaw",), stiffness=k, weight=w2, name="other")
     other.target = [0.2]
     control.add(other)
     control.step()
@@ -112,7 +112,7 @@ def test_what_is_neither_task_nor_constraint_is_refused() -> None:
 
 def test_an_error_is_none_before_the_first_cycle_with_the_task() -> None:
     control = controller()
-    task = PositionTask(ROBOT, "l_wrist")
+    task = PositionTask("l_wrist")
     assert np.isnan(task.error).all()
     assert not task.reached(10.0)
     control.add(task)

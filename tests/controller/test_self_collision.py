@@ -205,8 +205,8 @@ def pulled(protected: bool, ticks: int = 400) -> tuple[float, list[str]]:
     if protected:
         control.add(SelfCollision(ROBOT))
     control.reset(ROBOT.posture("StandInit"))
-    left = PositionTask(ROBOT, "l_wrist", [0.05, 0.0, 0.0], stiffness=60.0)
-    right = PositionTask(ROBOT, "r_wrist", [0.05, 0.0, 0.0], stiffness=60.0)
+    left = PositionTask("l_wrist", [0.05, 0.0, 0.0], stiffness=60.0)
+    right = PositionTask("r_wrist", [0.05, 0.0, 0.0], stiffness=60.0)
     control.add(left)
     control.add(right)
     random = np.random.default_rng(5)
@@ -279,7 +279,7 @@ def test_rows_that_matter_less_than_others_never_stop_the_controller() -> None:
     push = FixedRows(inwards, np.array([-2.0]))
     push.rank = 4
     control.add(push)
-    fold = PositionTask(ROBOT, "l_wrist", [0.05, 0, 0], stiffness=60.0)
+    fold = PositionTask("l_wrist", [0.05, 0, 0], stiffness=60.0)
     fold.target = [0.0, 0.0, 0.8]
     control.add(fold)
     unmet: set[str] = set()

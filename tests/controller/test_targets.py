@@ -6,7 +6,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from controller_cases import ROBOT
 from scipy.spatial.transform import Rotation
 
 from pepper_driver.controller import FrameTask, OrientationTask, TargetError
@@ -59,7 +58,7 @@ def test_what_is_no_rotation_is_refused(value: Any, words: str) -> None:
     with pytest.raises(TargetError, match=words) as caught:
         checked_rotation("the thing", value)
     assert "the thing" in str(caught.value)
-    task = OrientationTask(ROBOT, "Head")
+    task = OrientationTask("Head")
     task.target = TURN.as_quat()
     with pytest.raises(TargetError):
         task.target = value
@@ -99,7 +98,7 @@ def transform(rotation: Any, row: Any = (0, 0, 0, 1)) -> Any:
     ],
 )
 def test_what_is_no_pose_is_refused(value: Any) -> None:
-    task = FrameTask(ROBOT, "l_wrist")
+    task = FrameTask("l_wrist")
     task.target = transform(TURN.as_matrix())
     with pytest.raises(TargetError):
         task.target = value

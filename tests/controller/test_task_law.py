@@ -54,27 +54,27 @@ def cases() -> dict[str, Callable[[], tuple[Any, Any]]]:
     wrist = link_pose(state_there(), "l_wrist")
     moved = np.array([0.05, -0.03, 0.1])
     return {
-        "posture": lambda: (PostureTask(ROBOT, **k), THERE),
-        "hand": lambda: (HandTask(ROBOT, "LHand", **k), 0.3),
-        "position": lambda: (PositionTask(ROBOT, "l_wrist", **k), wrist[:3, 3]),
+        "posture": lambda: (PostureTask(**k), THERE),
+        "hand": lambda: (HandTask("LHand", **k), 0.3),
+        "position": lambda: (PositionTask("l_wrist", **k), wrist[:3, 3]),
         "position with base": lambda: (
-            PositionTask(ROBOT, "l_wrist", [0.02, 0, 0], base=True, **k),
+            PositionTask("l_wrist", [0.02, 0, 0], base=True, **k),
             wrist[:3, 3],
         ),
-        "orientation": lambda: (OrientationTask(ROBOT, "l_wrist", **k), wrist[:3, :3]),
-        "pose": lambda: (FrameTask(ROBOT, "l_wrist", **k), wrist),
+        "orientation": lambda: (OrientationTask("l_wrist", **k), wrist[:3, :3]),
+        "pose": lambda: (FrameTask("l_wrist", **k), wrist),
         "relative pose": lambda: (
-            FrameTask(ROBOT, "r_wrist", seen_from="Head", **k),
+            FrameTask("r_wrist", root="Head", **k),
             relative_target(),
         ),
-        "centre of mass": lambda: (ComTask(ROBOT, **k), centre_of_mass(state_there())),
+        "centre of mass": lambda: (ComTask(**k), centre_of_mass(state_there())),
         "centre of mass from base": lambda: (
-            ComTask(ROBOT, seen_from_base=True, **k),
+            ComTask(root="base_link", **k),
             centre_of_mass(state_there()),
         ),
         "base pose": lambda: (BasePoseTask(**k), moved),
-        "look-at": lambda: (LookAtTask(ROBOT, **k), [1.0, 0.3, 1.1]),
-        "look-at own hand": lambda: (LookAtTask(ROBOT, target_link="r_wrist", **k), [0, 0, 0.4]),
+        "look-at": lambda: (LookAtTask(**k), [1.0, 0.3, 1.1]),
+        "look-at own hand": lambda: (LookAtTask(target_link="r_wrist", **k), [0, 0, 0.4]),
     }
 
 
@@ -140,7 +140,7 @@ def test_a_motion_that_starts_in_motion_starts_without_a_jump(name: str) -> None
 
 
 def test_a_posture_follows_the_spline_of_least_jerk() -> None:
-    task = PostureTask(ROBOT)
+    task = PostureTask()
     control = alone(task)
     duration = 1.2
     task.move_to(THERE, duration)
@@ -152,7 +152,7 @@ def test_a_posture_follows_the_spline_of_least_jerk() -> None:
 
 
 def test_a_posture_passes_its_targets_without_stopping() -> None:
-    task = PostureTask(ROBOT)
+    task = PostureTask()
     control = alone(task)
     half = (MIDDLE + THERE) / 2
     task.move_through([half, THERE, half, MIDDLE], [0.6, 0.6, 0.6, 0.6])
@@ -170,7 +170,7 @@ def test_a_posture_passes_its_targets_without_stopping() -> None:
 
 
 def test_joints_that_a_target_does_not_name_stay_where_the_one_before_had_them() -> None:
-    task = PostureTask(ROBOT)
+    task = PostureTask()
     control = alone(task)
     task.target = MIDDLE
     task.move_through([{"HeadYaw": 0.3}, {"LElbowYaw": -0.2}], [0.5, 0.5])

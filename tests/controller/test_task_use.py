@@ -36,21 +36,21 @@ from pepper_driver.controller import (
 
 def every_task() -> list[Task]:
     return [
-        PostureTask(ROBOT),
-        HandTask(ROBOT, "LHand"),
-        PositionTask(ROBOT, "l_wrist"),
-        OrientationTask(ROBOT, "l_wrist"),
-        FrameTask(ROBOT, "l_wrist", seen_from="torso"),
-        ComTask(ROBOT),
+        PostureTask(),
+        HandTask("LHand"),
+        PositionTask("l_wrist"),
+        OrientationTask("l_wrist"),
+        FrameTask("l_wrist", root="torso"),
+        ComTask(),
         BasePoseTask(),
-        LookAtTask(ROBOT),
-        MomentumTask(ROBOT),
+        LookAtTask(),
+        MomentumTask(),
     ]
 
 
 def reaching() -> tuple[WholeBodyController, PositionTask, FloatArray]:
     """A controller with a wrist at rest, and a place near it."""
-    control, task = controller(), PositionTask(ROBOT, "l_wrist")
+    control, task = controller(), PositionTask("l_wrist")
     control.posture.weight = 0.1
     control.add(task)
     control.step()
@@ -122,7 +122,7 @@ def test_other_tasks_that_come_and_go_do_not_change_what_is_known() -> None:
     for _ in range(20):
         control.step()
     error = task.error
-    other = HandTask(ROBOT, "RHand")
+    other = HandTask("RHand")
     for change in (control.add, control.remove):
         change(other)
         assert np.array_equal(task.error, error)
@@ -137,7 +137,7 @@ def test_other_tasks_that_come_and_go_do_not_change_what_is_known() -> None:
 @pytest.mark.parametrize("wrong", [0.0, -1.0, np.nan, [1e-3, 1e-3], "near", None, [1, 2, 0]])
 def test_a_tolerance_that_is_none_is_refused(wrong: Any) -> None:
     _, task, _ = reaching()
-    for asked in (task, MomentumTask(ROBOT)):
+    for asked in (task, MomentumTask()):
         with pytest.raises(TargetError, match="tolerance"):
             asked.reached(wrong)
 
@@ -169,7 +169,7 @@ def test_a_duration_that_is_none_is_refused(task: Task, duration: Any) -> None:
     ],
 )
 def test_ways_that_make_no_sense_are_refused(targets: Any, durations: Any) -> None:
-    task = PositionTask(ROBOT, "l_wrist")
+    task = PositionTask("l_wrist")
     with pytest.raises(TargetError):
         task.move_through(targets, durations)
     assert not task.driven
@@ -180,8 +180,8 @@ def test_ways_that_make_no_sense_are_refused(targets: Any, durations: Any) -> No
 @pytest.mark.parametrize("wrong", [-1.0, np.nan, np.inf, "high", None])
 def test_gains_that_are_none_are_refused(make: Any, gain: str, wrong: Any) -> None:
     with pytest.raises(GainError, match=gain):
-        make(ROBOT, **{gain: wrong})
-    task = make(ROBOT)
+        make(**{gain: wrong})
+    task = make()
     before = getattr(task, gain)
     with pytest.raises(GainError, match=gain):
         setattr(task, gain, wrong)

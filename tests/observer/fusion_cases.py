@@ -296,7 +296,7 @@ def play(signal: FusionSignal, ticks: Sequence[Tick]) -> list[Signal]:
     signals = []
     for one in ticks:
         signals.append(signal.step(one))
-        signal.learn(free, nothing, True)
+        signal.learn(signals[-1], free, nothing, True)
     return signals
 
 

@@ -417,7 +417,7 @@ def test_a_joint_that_strays_more_today_gets_a_wider_threshold() -> None:
     for one in ticks_of(motion, rough):
         seen = signal.step(one)
         rows.append((abs(seen.residual[ELBOW]), seen.threshold[ELBOW], seen.threshold[HEAD]))
-        signal.learn(free, nothing, True)
+        signal.learn(seen, free, nothing, True)
     size, threshold, other = np.array(rows).T
     assert (size < threshold).all()
     largest = size[round(5.0 / CYCLE) :].max()
@@ -444,8 +444,9 @@ def test_thresholds_stay_wide_while_something_touches_the_robot() -> None:
     free, nothing = np.ones(JOINTS, dtype=np.bool_), np.zeros(JOINTS, dtype=np.bool_)
     free[HEAD] = False
     for one in ticks_of(motion, drive(motion)):
-        assert signal.step(one).threshold[ELBOW] >= START * BOUND
-        signal.learn(free, nothing, False)
+        made = signal.step(one)
+        assert made.threshold[ELBOW] >= START * BOUND
+        signal.learn(made, free, nothing, False)
 
 
 # -- adaptation -----------------------------------------------------------------------------------------------------
@@ -510,7 +511,7 @@ def test_the_twin_of_a_joint_at_rest_moves_to_where_it_rests() -> None:
     nobody[ELBOW] = False
     for one in ticks_of(motion, driven):
         last = touched.step(one)
-        touched.learn(nobody, nothing, False)
+        touched.learn(last, nobody, nothing, False)
     assert abs(last.residual[ELBOW]) > 0.006
 
 

@@ -80,7 +80,7 @@ def test_a_board_keeps_what_it_has_summed_up_while_its_joint_cannot_be_judged() 
         lost = 1.0 <= k * CYCLE < 3.0
         measurement = replace(one.measurement, age=1.0) if lost else one.measurement
         seen = signal.step(replace(one, measurement=measurement))
-        signal.learn(free, nothing, True)
+        signal.learn(seen, free, nothing, True)
         if k * CYCLE > 3.2:
             after.append(abs(float(seen.residual[ELBOW])))
     assert max(after) < 0.1 * model.largest_bound
@@ -95,8 +95,9 @@ def test_boards_that_sum_up_are_given_time_to_let_go(integral_rate: float) -> No
     free, nothing = np.ones(JOINTS, dtype=np.bool_), np.zeros(JOINTS, dtype=np.bool_)
     thresholds = []
     for k, one in enumerate(ticks_of(motion, drive(motion, model.twin))):
-        thresholds.append(float(signal.step(one).threshold[ELBOW]))
-        signal.learn(free, nothing, not 3.0 <= k * CYCLE < 4.0)
+        made = signal.step(one)
+        thresholds.append(float(made.threshold[ELBOW]))
+        signal.learn(made, free, nothing, not 3.0 <= k * CYCLE < 4.0)
     before, after = thresholds[round(3.9 / CYCLE)], thresholds[round(4.1 / CYCLE)]
     later = thresholds[round(6.5 / CYCLE)]
     if integral_rate:

@@ -104,8 +104,9 @@ def residuals(model: FusionModel, run: Recording) -> list[float]:
     everything, nothing = np.ones(JOINTS, dtype=np.bool_), np.zeros(JOINTS, dtype=np.bool_)
     sizes = []
     for tick in run.ticks():
-        sizes.append(abs(float(signal.step(tick).residual[ELBOW])))
-        signal.learn(everything, nothing, True)
+        made = signal.step(tick)
+        sizes.append(abs(float(made.residual[ELBOW])))
+        signal.learn(made, everything, nothing, True)
     return sizes[min(round(GETTING_USED / CYCLE), len(sizes) // 2) :]
 
 

@@ -8,13 +8,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pepper_driver.backends import Backend, BackendInfo, DeviceError, Measurement
+from pepper_driver.backends import Backend, DeviceError, Measurement
 from pepper_driver.config import RobotConfig, load_robot
 from pepper_driver.config.parts import FloatArray
 from pepper_driver.doctor import Examination, Result, examine
 from pepper_driver.observer import ModelSet
 from pepper_driver.observer.model_file import shipped
-from pepper_driver.pacing import Pacer
+from pepper_driver.realtime import Pacer, RealTimePacer
 
 from fakes import FakeBackend, Fault  # isort: skip
 
@@ -35,13 +35,10 @@ class Patient(FakeBackend):
         opens: Callable[[], None] | None = None,
     ) -> None:
         super().__init__(ROBOT)
-        self._errors, self._real_time, self._opens = errors, real_time, opens
+        self._errors, self._opens = errors, opens
+        self.real_time = real_time
         if sickness is not None:
             self.faults = dict.fromkeys(range(TICKS) if tick is None else (tick,), sickness)
-
-    @property
-    def info(self) -> BackendInfo:
-        return replace(super().info, real_time=self._real_time)
 
     def open(self) -> Measurement:
         if self._opens is not None:
@@ -69,8 +66,7 @@ def use(monkeypatch: pytest.MonkeyPatch, backend: Backend) -> None:
 
     monkeypatch.setattr("pepper_driver.doctor.examination.make_backend", make)
     monkeypatch.setattr("pepper_driver.robot.make_backend", make)
-    monkeypatch.setattr("pepper_driver.doctor.look.RealTimePacer", lambda cycle, **_: Pacer())
-    monkeypatch.setattr("pepper_driver.robot.RealTimePacer", lambda cycle, **_: Pacer())
+    monkeypatch.setattr(RealTimePacer, "from_backend", lambda *_: Pacer())
 
 
 def models_for(identity: str, folder: Path) -> Path:

@@ -14,7 +14,10 @@ Fault = Callable[[Measurement], Measurement]
 
 
 class FakeBackend(Backend):
-    """Perfect joints. ``faults`` maps a tick to a change of its measurement; ``commands`` keeps all that was sent."""
+    """Perfect joints. ``faults`` maps a tick to a change of its measurement; ``commands`` keeps all that was written.
+
+    Each tick shows the command that was in force ``delay`` ticks before.
+    """
 
     def __init__(self, robot: RobotConfig | None = None, delay: int = 0) -> None:
         self.robot = robot or load_robot()
@@ -24,14 +27,17 @@ class FakeBackend(Backend):
         self.calls: list[str] = []
         self._tick = 0
         self._delay = delay
+        self._in_force: list[FloatArray] = []
+
+    @property
+    def uri(self) -> str:
+        return "fake"
 
     @property
     def info(self) -> BackendInfo:
         return BackendInfo(
-            uri="fake",
             joint_names=self.robot.joint_names,
             cycle=self.robot.cycle,
-            real_time=False,
             response_delay=self._delay,
             capabilities=frozenset(),
             identity="fake",
@@ -45,13 +51,15 @@ class FakeBackend(Backend):
         self.calls.append("activate")
         return self._measure(self.position)
 
-    def step(self, command: Command) -> Measurement:
-        self.commands.append(command)
+    def read(self) -> Measurement:
         self._tick += 1
-        place = max(0, len(self.commands) - 1 - self._delay)
-        measurement = self._measure(self.commands[place].position)
+        self._in_force.append(self.commands[-1].position if self.commands else self.position)
+        measurement = self._measure(self._in_force[max(0, self._tick - 1 - self._delay)])
         fault = self.faults.get(self._tick)
         return fault(measurement) if fault is not None else measurement
+
+    def write(self, command: Command) -> None:
+        self.commands.append(command)
 
     def deactivate(self) -> None:
         self.calls.append("deactivate")

@@ -7,12 +7,11 @@ from typing import Any
 import pytest
 import yaml
 
-from pepper_driver.backends import Backend, BackendInfo, Command, Measurement
+from pepper_driver.backends import Backend, BackendInfo, Measurement
 from pepper_driver.config import RobotConfig, Scenario, load_robot, load_scenario
 from pepper_driver.config.loading import package_file, read_yaml
 from pepper_driver.config.scenario_motion import Setpoints
 from pepper_driver.identification import sweeps_of
-from pepper_driver.pacing import Pacer
 
 from fakes import FakeBackend  # isort: skip
 
@@ -57,26 +56,29 @@ class SlowRobot(FakeBackend):
     """Claims to be a real robot; its joints are where they were told to be three cycles ago."""
 
     identity = "body 1"
+    real_time = True
 
     def __init__(self) -> None:
         super().__init__(ROBOT, delay=3)
 
     @property
     def info(self) -> BackendInfo:
-        return replace(super().info, real_time=True, response_delay=0, identity=self.identity)
+        return replace(super().info, response_delay=0, identity=self.identity)
 
 
 class InterruptedRobot(SlowRobot):
     """The same; somebody presses Ctrl-C in the middle of a run."""
 
-    def step(self, command: Command) -> Measurement:
+    def read(self) -> Measurement:
         if len(self.commands) == 250:
             raise KeyboardInterrupt
-        return super().step(command)
+        return super().read()
 
 
 def use_backends(monkeypatch: pytest.MonkeyPatch, *kinds: type[FakeBackend]) -> list[FakeBackend]:
-    """Whatever the URI says, robots are of these kinds: the first for what is known, then one for each run. None waits.
+    """Whatever the URI says, robots are of these kinds: the first for what is known, then one for each run.
+
+    Those that run let time pass only with their ticks, so that nobody waits.
 
     Returns:
         The robots that were made, in order.
@@ -87,8 +89,12 @@ def use_backends(monkeypatch: pytest.MonkeyPatch, *kinds: type[FakeBackend]) -> 
         made.append(kinds[min(len(made), len(kinds) - 1)]())
         return made[-1]
 
+    def make_running(uri: str, robot: RobotConfig | None = None) -> Backend:
+        backend = make(uri, robot)
+        backend.real_time = False
+        return backend
+
     monkeypatch.setattr("pepper_driver.identification.identify.make_backend", make)
-    monkeypatch.setattr("pepper_driver.robot.make_backend", make)
-    monkeypatch.setattr("pepper_driver.robot.RealTimePacer", lambda cycle, **_: Pacer())
+    monkeypatch.setattr("pepper_driver.robot.make_backend", make_running)
     monkeypatch.setattr("pepper_driver.identification.driving.rehearse", lambda run: None)
     return made

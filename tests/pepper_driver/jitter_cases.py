@@ -9,11 +9,11 @@ from pepper_driver.backends import Backend, BackendInfo, Command, Measurement, T
 
 
 class Jittery(Backend):
-    """Each step shows the newest sample that has come, and says which command it answers.
+    """Each read shows the newest sample that has come, and says which command it answers.
 
     Args:
         uri: Of the simulation behind it.
-        late: By step, how many cycles old the newest sample is then; 0 from its end on.
+        late: By tick, how many cycles old the newest sample is then; 0 from its end on.
     """
 
     def __init__(self, uri: str, late: NDArray[np.int_]) -> None:
@@ -21,6 +21,10 @@ class Jittery(Backend):
         self._late = late
         self._samples: list[Measurement] = []
         self._newest = 0
+
+    @property
+    def uri(self) -> str:
+        return self._backend.uri
 
     @property
     def info(self) -> BackendInfo:
@@ -37,12 +41,15 @@ class Jittery(Backend):
     def activate(self) -> Measurement:
         return self._backend.activate()
 
-    def step(self, command: Command) -> Measurement:
-        step = len(self._samples)
-        self._samples.append(self._backend.step(command))
-        late = int(self._late[step]) if step < len(self._late) else 0
-        self._newest = max(self._newest, step - late)  # what has come has come
-        late = step - self._newest
+    def write(self, command: Command) -> None:
+        self._backend.write(command)
+
+    def read(self) -> Measurement:
+        tick = len(self._samples)
+        self._samples.append(self._backend.read())
+        late = int(self._late[tick]) if tick < len(self._late) else 0
+        self._newest = max(self._newest, tick - late)  # what has come has come
+        late = tick - self._newest
         return _seen(self._samples[self._newest], late, self.info)
 
     def push(self, *arguments: object, **more: object) -> None:

@@ -17,7 +17,7 @@ YAW = ROBOT.joint_index("HeadYaw")
 PITCH = ROBOT.joint_index("HeadPitch")
 ARM = ["LShoulderPitch", "LShoulderRoll", "LElbowYaw", "LElbowRoll", "LWristYaw"]
 PLACE = [0.25, 0.2, 0.85]
-REACH = {"link": "l_wrist", "seen_from": "base_link", "target": PLACE, "joints": ARM}
+REACH = {"link": "l_wrist", "root": "base_link", "target": PLACE, "joints": ARM}
 
 
 def make_motion(*steps: dict[str, Any], **more: Any) -> Motion:

@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 from fakes import FakeBackend
 
+from pepper_driver.callbacks.events import ReflexEvent
 from pepper_driver.config import load_robot
 from pepper_driver.config.parts import FloatArray
 from pepper_driver.controller import WholeBodyController
-from pepper_driver.events import ReflexEvent
 from pepper_driver.observer import Contact, JointState, Observation
 from pepper_driver.reflexes import Control, Reflex, Reflexes
 

@@ -208,13 +208,15 @@ def test_where_the_robot_stands_counts_too(monkeypatch: pytest.MonkeyPatch, tmp_
         backend.position[ROBOT.joint_index(name)] = angle
     with pytest.raises(ConfigError, match=r"line \d+: key 'steps\.0\.joints'.*torso"):
         run.perform()
-    assert backend.commands == []
+    for command in backend.commands:  # it was held where it stands
+        np.testing.assert_allclose(command.position, backend.position, atol=1e-9)
+        assert not command.wheel_speed.any()
     assert backend.calls[-1] == "close"
 
 
 def test_joints_that_a_task_moves_are_not_known(tmp_path: Path) -> None:
     arm = ROBOT.chains["left_arm"]
-    reach = {"link": "l_wrist", "seen_from": "base_link", "target": [0.3, 0.2, 0.8]}
+    reach = {"link": "l_wrist", "root": "base_link", "target": [0.3, 0.2, 0.8]}
     moved = {"position": {**reach, "joints": list(arm)}, "duration": 1.0}
     bent = {**BENT, "duration": 1.0}
     with pytest.raises(ConfigError, match="torso"):

@@ -10,16 +10,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pepper_driver.config import PepperError, UnknownNameError
-from pepper_driver.controller import Tick
-from pepper_driver.events import ReflexEvent, SensorEvent, TickEvent
-from pepper_driver.filters import (
-    ListeningError,
+from pepper_driver.callbacks.events import SensorEvent, TickEvent
+from pepper_driver.callbacks.filters import (
+    SubscriptionError,
     contact_filter,
-    reflex_filter,
-    sensor_filter,
+    match,
     tick_filter,
 )
+from pepper_driver.config import PepperError, UnknownNameError
+from pepper_driver.controller import Tick
 
 from event_cases import ROBOT, contact  # isort: skip
 
@@ -74,6 +73,8 @@ def test_a_contact_is_told_once_it_is_as_described(
         ("begin", {**other, **later}, True),  # a new run counts from 1 again
         ("end", {**other, **later}, False),
         ("update", {**other, **later}, False),
+        ("begin", other, False),
+        ("end", {**other, **later}, False),  # as described too late
     ]
     for phase, values, told in story:
         assert predicate(contact(phase=phase, **values)) == told
@@ -95,7 +96,7 @@ def test_names_of_contacts_are_checked(wanted: dict[str, Any], hint: str) -> Non
 
 @pytest.mark.parametrize("intensity", [-0.1, float("nan"), None, "3", [1.0]])
 def test_intensities_are_checked(intensity: Any) -> None:
-    with pytest.raises(ListeningError, match="min_intensity") as caught:
+    with pytest.raises(SubscriptionError, match="min_intensity") as caught:
         contact_filter(ROBOT, min_intensity=intensity)
     assert isinstance(caught.value, PepperError)
 
@@ -126,7 +127,7 @@ def test_ticks_that_were_missed_delay_no_call(every: int, steps: list[int]) -> N
 
 @pytest.mark.parametrize("every", [0, -1, 1.5, True, "2", None])
 def test_numbers_of_ticks_are_checked(every: Any) -> None:
-    with pytest.raises(ListeningError, match="every must be a whole number"):
+    with pytest.raises(SubscriptionError, match="every must be a whole number"):
         tick_filter(every)
 
 
@@ -134,59 +135,28 @@ def edge(kind: Any = "touch", name: str = "Head/Touch/Front", pressed: bool = Tr
     return SensorEvent(kind=kind, name=name, pressed=pressed, time=0.0)
 
 
-def test_sensors() -> None:
-    known = ROBOT.sensors.touch
-    front = sensor_filter("touch", "Head/Touch/Front", known, True)
+def test_events_are_matched_by_the_fields_that_are_given() -> None:
+    kinds, names = ("touch", "bumper"), tuple(ROBOT.sensors.touch)
+
+    def sensors(kind: str | None, name: str | None, pressed: bool | None) -> Callable[[Any], bool]:
+        return match(
+            kind=("kind of sensor", kind, kinds),
+            name=("touch sensor", name, names),
+            pressed=("value of pressed", pressed, (True, False)),
+        )
+
+    front = sensors("touch", "Head/Touch/Front", True)
     assert front(edge())
     assert not front(edge(name="Head/Touch/Rear"))
     assert not front(edge(pressed=False))
     assert not front(edge(kind="bumper"))
-    released = sensor_filter("touch", None, known, False)
+    released = sensors("touch", None, False)
     assert released(edge(name="Head/Touch/Rear", pressed=False))
     assert not released(edge())
-    both = sensor_filter("touch", None, known, None)
+    both = sensors(None, None, None)
     assert both(edge())
-    assert both(edge(pressed=False))
-
-
-@pytest.mark.parametrize(
-    ("make", "hint"),
-    [
-        (
-            lambda: sensor_filter("touch", "Head/Touch/Frnt", ROBOT.sensors.touch, True),
-            "touch sensor 'Head/Touch/Frnt' .*Head/Touch/Front",
-        ),
-        (
-            lambda: sensor_filter("bumper", "Front", ROBOT.sensors.bumpers, True),
-            "bumper 'Front' .*FrontLeft",
-        ),
-        (
-            lambda: sensor_filter("button", "Chest", ROBOT.sensors.buttons, True),
-            "button 'Chest' .*ChestBoard/Button",
-        ),
-        (lambda: reflex_filter("hld", ["hold"], None), "reflex 'hld' .*hold"),
-        (lambda: reflex_filter("hold", ["hold"], "update"), "begin, end"),  # type: ignore[arg-type]
-    ],
-)
-def test_names_are_checked(make: Callable[[], object], hint: str) -> None:
-    with pytest.raises(UnknownNameError, match=hint):
-        make()
-
-
-def test_what_a_sensor_is_to_do_is_checked() -> None:
-    wrong: Any = "down"
-    with pytest.raises(ListeningError, match="True, False, or None"):
-        sensor_filter("touch", None, ROBOT.sensors.touch, wrong)
-
-
-def test_reflexes() -> None:
-    def event(reflex: str, phase: Any) -> ReflexEvent:
-        return ReflexEvent(reflex=reflex, phase=phase, time=0.0, contact_id=None, joints=())
-
-    begins = reflex_filter("hold", ["hold", "retract"], "begin")
-    assert begins(event("hold", "begin"))
-    assert not begins(event("hold", "end"))
-    assert not begins(event("retract", "begin"))
-    assert reflex_filter(None, [], None)(event("retract", "end"))
-    with pytest.raises(ListeningError, match="reflexes="):
-        reflex_filter("hold", [], "begin")
+    assert both(edge(kind="bumper", pressed=False))
+    with pytest.raises(
+        UnknownNameError, match=r"touch sensor 'Head/Touch/Frnt' .*Head/Touch/Front"
+    ):
+        sensors("touch", "Head/Touch/Frnt", None)

@@ -11,13 +11,14 @@ from pathlib import Path
 
 import pytest
 
+from pepper_driver.backends.mock import MockBackend
 from pepper_driver.cli.app import run
 from pepper_driver.config import load_controller_settings
 from pepper_driver.controller import WholeBodyController
 from pepper_driver.controller.report import ControllerStatus
 from pepper_driver.identification import MANIFEST, RehearsalError, load_recordings, plan_runs
 from pepper_driver.identification import driving as driving_module
-from pepper_driver.identification.rehearsal import IdealRobot, rehearse
+from pepper_driver.identification.rehearsal import rehearse
 from pepper_driver.observer import ModelSet
 
 from identify_cases import (  # isort: skip
@@ -194,10 +195,8 @@ def test_a_rehearsal_refuses_what_the_controller_or_the_gate_would_stop(
             match=r"run KneePitch-1 would fail 0\.\d s after .*\(balance at rest\); nothing has moved",
         ):
             rehearse(knee)
-    step = IdealRobot.step
-    monkeypatch.setattr(
-        IdealRobot, "step", lambda self, command: replace(step(self, command), age=0.2)
-    )
+    read = MockBackend.read
+    monkeypatch.setattr(MockBackend, "read", lambda self: replace(read(self), age=0.2))
     with pytest.raises(RehearsalError, match="the newest sample is 200 ms old; nothing has moved"):
         rehearse(knee)
 

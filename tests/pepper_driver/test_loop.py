@@ -8,6 +8,7 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
+from pepper_driver.timing import STAGES
 
 from pepper_driver.backends import Truth
 from pepper_driver.backends.interface import LONGEST_WAY
@@ -24,7 +25,6 @@ from pepper_driver.observer import Contact, Observation, Observer
 from pepper_driver.reflexes import Control, Reflex, Reflexes
 from pepper_driver.robot import Pepper
 from pepper_driver.safety import FaultError, FaultReason, RobotState, SafetyGate
-from pepper_driver.timing import STAGES
 
 from fakes import FakeBackend, Fault, aged, displaced, slowed  # isort: skip
 
@@ -188,7 +188,7 @@ class Reach(Reflex):
 def test_a_reflex_acts_in_the_tick_it_is_called_in() -> None:
     backend = FakeBackend()
     loop, _, _ = make_loop(backend, observer=Spy(), reflexes=(Reach(),))
-    for _ in range(3):
+    for _ in range(2):
         loop.tick()
     resting = backend.commands[-1].position[6]
     loop.tick()
@@ -230,7 +230,7 @@ def test_a_listener_that_fails_does_not_keep_a_fault_from_the_robot() -> None:
     with pytest.raises(KeyError):
         loop.tick()
     assert gate.state is RobotState.FAULT
-    stands_still(backend, loop, 62)
+    stands_still(backend, loop, 61)
 
 
 def test_what_the_gate_changed_is_flagged_and_fed_back() -> None:
@@ -285,20 +285,22 @@ def test_a_fault_stops_the_robot_and_is_told(fault: Any, word: str) -> None:
     with pytest.raises(FaultError, match=word):
         loop.tick()
     assert gate.state is RobotState.FAULT
-    stands_still(backend, loop, 21)
+    stands_still(backend, loop, 20)
 
 
 def stands_still(backend: FakeBackend, loop: Loop, commands: int) -> None:
-    """The robot was told once to hold its joints and stop its wheels, and is told nothing else any more."""
-    last, before = backend.commands[-1], backend.commands[-2]
-    # It holds what had left the gate: at most the step of one cycle further on.
-    assert np.abs(last.position - before.position).max() < 0.01
-    np.testing.assert_array_equal(last.stiffness, before.stiffness)
-    np.testing.assert_array_equal(last.wheel_speed, 0.0)
+    """After so many commands the robot was told to hold its joints and stop its wheels, and is told nothing else."""
+    before, after = backend.commands[commands - 1], backend.commands[commands:]
+    assert after
+    for command in after:
+        # It holds what had left the gate: at most the step of one cycle further on.
+        assert np.abs(command.position - before.position).max() < 0.01
+        np.testing.assert_array_equal(command.stiffness, before.stiffness)
+        np.testing.assert_array_equal(command.wheel_speed, 0.0)
     for _ in range(2):
         with pytest.raises(FaultError):
             loop.tick()
-    assert len(backend.commands) == commands
+    assert len(backend.commands) == commands + len(after)
 
 
 def driving(backend: FakeBackend, **parts: Any) -> tuple[Loop, SafetyGate]:
@@ -356,7 +358,7 @@ def test_a_broken_reflex_stops_the_robot_and_the_tick_is_delivered(harm: str) ->
         assert "ZeroDivisionError" in str(caught.value)
         assert isinstance(caught.value.__cause__, ZeroDivisionError)
     assert len(delivered) == 61
-    stands_still(backend, loop, 62)
+    stands_still(backend, loop, 61)
 
 
 class BrokenObserver(Spy):
@@ -371,7 +373,7 @@ def test_a_broken_observer_stops_the_robot() -> None:
     loop, _ = driving(backend, observer=BrokenObserver())
     with pytest.raises(FaultError, match="RuntimeError"):
         loop.tick()
-    stands_still(backend, loop, 62)
+    stands_still(backend, loop, 61)
 
 
 def reachable(root: object) -> list[object]:

@@ -166,7 +166,7 @@ def test_a_target_that_a_task_refuses_leaves_nothing_behind(
 
 def test_tasks_of_the_user_stay(tmp_path: Path) -> None:
     with make_pepper() as pepper:
-        own = PositionTask(ROBOT, "r_wrist", seen_from="base_link")
+        own = PositionTask("r_wrist", root="base_link")
         pepper.controller.add(own)
         pepper.controller.base_velocity.weight = 123.0
         pepper.play(make_motion({"duration": 0.3, "position": REACH, "base": {"x": 0.0}}))

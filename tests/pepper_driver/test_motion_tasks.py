@@ -214,7 +214,7 @@ def test_the_centre_of_mass_is_moved() -> None:
         pepper.play(make_motion({"duration": 2.0, "posture": "Crouch"}))
         wanted = com(pepper) + np.array([0.02, 0.01, 0.01])
         step = {"duration": 2.0, "until": "reached", "timeout": 5.0, "tolerance": 0.002}
-        task = {"target": wanted.tolist(), "seen_from": "base_link"}
+        task = {"target": wanted.tolist(), "root": "base_link"}
         report = pepper.play(make_motion(step | {"com": task}))
         assert report.reached
         np.testing.assert_allclose(com(pepper), wanted, atol=0.003)

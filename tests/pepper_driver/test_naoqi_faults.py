@@ -24,8 +24,8 @@ from pepper_driver.backends import NotConnectedError
 from pepper_driver.backends.naoqi import backend as naoqi_backend
 from pepper_driver.backends.naoqi_server.faults import parse_fault
 from pepper_driver.backends.naoqi_server.launch import StandIn
+from pepper_driver.callbacks.events import FaultEvent
 from pepper_driver.config import PepperError, load_naoqi_settings, load_safety_settings
-from pepper_driver.events import FaultEvent
 from pepper_driver.log import read_log
 from pepper_driver.safety import FaultError, FaultReason
 

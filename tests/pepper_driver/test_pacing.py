@@ -6,11 +6,14 @@ from itertools import pairwise
 from random import Random
 
 import pytest
+from fakes import FakeBackend
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pepper_driver.pacing import Pacer, RealTimePacer
+from pepper_driver.config import load_robot
+from pepper_driver.realtime import Pacer, RealTimePacer
 
+ROBOT = load_robot()
 CYCLE = 12_000_000  # ns
 MS = 1_000_000
 
@@ -36,9 +39,7 @@ class FakeClock:
 
 
 def make_pacer(clock: FakeClock) -> RealTimePacer:
-    pacer = RealTimePacer(0.012, clock=clock, sleep=clock.sleep)
-    with pacer.running():
-        return pacer
+    return RealTimePacer(0.012, clock=clock, sleep=clock.sleep)
 
 
 def started(pacer: Pacer) -> int:
@@ -105,12 +106,12 @@ def test_short_runs_keep_the_beat_and_pauses_between_them_miss_nothing() -> None
         pacer.wait()
         clock.work(MS)
     clock.work(4 * MS)
-    with pacer.running():
-        assert pacer.wait() == 0
+    pacer.restart()
+    assert pacer.wait() == 0
     assert started(pacer) == clock.now == 36 * MS
     clock.work(100 * MS)
-    with pacer.running():
-        assert pacer.wait() == 0
+    pacer.restart()
+    assert pacer.wait() == 0
     assert started(pacer) == clock.now == 136 * MS
 
 
@@ -151,24 +152,23 @@ def test_ten_thousand_ticks_end_where_they_should(seed: int) -> None:
 def test_no_pacing_waits_for_nothing_and_changes_nothing() -> None:
     pacer = Pacer()
     interval = sys.getswitchinterval()
-    with pacer.running():
-        assert gc.isenabled()
-        assert sys.getswitchinterval() == interval
-        assert pacer.wait() == 0
-        assert pacer.due is None
+    pacer.restart()
+    assert pacer.wait() == 0
+    assert pacer.due is None
+    assert not pacer.paced
+    assert gc.isenabled()
+    assert sys.getswitchinterval() == interval
 
 
 def following(clock: FakeClock, beat: float, drift: float = 0.0) -> RealTimePacer:
     """Of a robot whose cycles are best met ``beat`` [ms] after whole cycles of a clock that is faster by ``drift``."""
 
-    def off_beat(due: int) -> float:
+    def phase_error(due: int) -> float:
         cycle = CYCLE / (1.0 + drift)
         late = (beat * MS - due) % cycle
         return (late - cycle if late > cycle / 2 else late) * 1e-9
 
-    pacer = RealTimePacer(0.012, off_beat=off_beat, clock=clock, sleep=clock.sleep)
-    with pacer.running():
-        return pacer
+    return RealTimePacer(0.012, phase_error=phase_error, clock=clock, sleep=clock.sleep)
 
 
 @pytest.mark.parametrize("beat", [0.0, 1.0, 4.9, 5.1, 11.9])
@@ -200,12 +200,11 @@ def test_a_robot_whose_cycles_jump_is_followed_slowly() -> None:
     beat = [3.0]
     pacer = RealTimePacer(
         0.012,
-        off_beat=lambda due: ((beat[0] * MS - due + CYCLE / 2) % CYCLE - CYCLE / 2) * 1e-9,
+        phase_error=lambda due: ((beat[0] * MS - due + CYCLE / 2) % CYCLE - CYCLE / 2) * 1e-9,
         clock=clock,
         sleep=clock.sleep,
     )
-    with pacer.running():
-        pacer.wait()
+    pacer.wait()
     beat[0] = 8.0
     begins = [started(pacer)]
     for _ in range(100):
@@ -229,12 +228,174 @@ def test_a_tick_that_was_missed_shifts_none_where_ticks_follow_a_robot() -> None
 def test_short_runs_one_after_the_other_keep_a_robots_beat(off: float) -> None:
     """To be a little late for it is no reason to wait for the next."""
     clock = FakeClock()
-    pacer = RealTimePacer(0.012, off_beat=lambda _: off, clock=clock, sleep=clock.sleep)
+    pacer = RealTimePacer(0.012, phase_error=lambda _: off, clock=clock, sleep=clock.sleep)
     begins = []
     for _ in range(20):
-        with pacer.running():
-            for _ in range(3):
-                assert pacer.wait() == 0
-                begins.append(started(pacer))
-                clock.work(MS)
+        pacer.restart()
+        for _ in range(3):
+            assert pacer.wait() == 0
+            begins.append(started(pacer))
+            clock.work(MS)
     assert {b - a for a, b in pairwise(begins)} == {CYCLE + round(off * 1e9)}
+
+
+# -- requests for samples ---------------------------------------------------------------------------------------
+
+
+class Requested:
+    """A pacer that notes when it requests a sample, and how long that takes."""
+
+    def __init__(self, clock: FakeClock, lead_ms: float, takes_ms: float = 0.0) -> None:
+        self.clock, self.lead, self.takes = clock, lead_ms * 1e-3, round(takes_ms * MS)
+        self.at: list[int] = []
+        self.pacer = RealTimePacer(
+            0.012,
+            request=self.request,
+            request_lead=lambda: self.lead,
+            clock=clock,
+            sleep=clock.sleep,
+        )
+
+    def request(self) -> None:
+        self.at.append(self.clock.now)
+        self.clock.work(self.takes)
+
+    def tick(self, work_ms: float = 1.0) -> tuple[int, int]:
+        """A tick that works so long; returns when it was due, and the ticks missed before it."""
+        missed = self.pacer.wait()
+        due = started(self.pacer)
+        self.clock.work(round(work_ms * MS))
+        return due, missed
+
+
+@pytest.mark.parametrize("lead_ms", [0.5, 3.0, 5.4, 11.9])
+def test_each_sample_is_requested_once_and_that_long_before_its_tick(lead_ms: float) -> None:
+    clock = FakeClock()
+    robot = Requested(clock, lead_ms)
+    dues = [robot.tick(work_ms=0.05)[0] for _ in range(20)]
+    # The first tick begins at once: it reads what open has read.
+    assert robot.at == [due - round(lead_ms * MS) for due in dues[1:]]
+    assert {b - a for a, b in pairwise(dues)} == {CYCLE}
+
+
+def test_without_a_lead_nothing_is_requested() -> None:
+    clock = FakeClock()
+    robot = Requested(clock, 0.0)
+    for _ in range(20):
+        robot.tick()
+    assert robot.at == []
+    assert len(clock.slept) == 19, "it sleeps once for each tick"
+
+
+def test_a_request_that_takes_its_time_shifts_no_tick() -> None:
+    robot = Requested(FakeClock(), lead_ms=3.0, takes_ms=2.0)
+    assert {b[0] - a[0] for a, b in pairwise([robot.tick() for _ in range(20)])} == {CYCLE}
+    assert len(robot.at) == 19
+    robot.takes = 4 * MS
+    for _ in range(5):
+        _, missed = robot.tick()
+        assert missed == 0
+        assert robot.clock.now - started(robot.pacer) == 2 * MS, "a little late, and not shifted"
+
+
+def test_a_tick_that_ends_within_the_lead_requests_at_once() -> None:
+    robot = Requested(FakeClock(0), lead_ms=5.0)
+    robot.tick(work_ms=9.0)
+    due, missed = robot.tick()
+    assert (due, missed, robot.at) == (CYCLE, 0, [9 * MS])
+
+
+def test_a_late_tick_begins_without_a_request() -> None:
+    """To ask for its sample would only make it later: it takes the newest one, and read asks for the next."""
+    robot = Requested(FakeClock(0), lead_ms=5.0)
+    robot.tick(work_ms=12.0)
+    assert robot.tick(work_ms=1.0) == (CYCLE, 0)
+    assert robot.at == []
+    assert robot.tick() == (2 * CYCLE, 0)
+    assert robot.at == [2 * CYCLE - 5 * MS]
+
+
+def test_a_request_is_for_the_tick_that_comes_not_for_one_that_was_missed() -> None:
+    robot = Requested(FakeClock(0), lead_ms=4.0)
+    robot.tick(work_ms=30.0)
+    due, missed = robot.tick()
+    assert (due, missed, robot.at) == (3 * CYCLE, 2, [3 * CYCLE - 4 * MS])
+
+
+@pytest.mark.parametrize(
+    ("oversleep_ms", "missed", "late_ms"), [(1.0, 0, 0.0), (6.0, 0, 1.0), (20.0, 1, 3.0)]
+)
+def test_who_wakes_up_late_to_request_requests_once(
+    oversleep_ms: float, missed: int, late_ms: float
+) -> None:
+    clock = FakeClock(0)
+    robot = Requested(clock, lead_ms=5.0)
+    robot.tick()
+    clock.oversleep = [round(oversleep_ms * MS)]
+    assert robot.pacer.wait() == missed
+    assert robot.at == [7 * MS + round(oversleep_ms * MS)]
+    assert clock.now - started(robot.pacer) == pytest.approx(late_ms * MS)
+
+
+@given(
+    st.lists(
+        st.tuples(
+            st.integers(0, 30 * MS), st.lists(st.integers(0, 15 * MS), min_size=2, max_size=2)
+        ),
+        min_size=1,
+        max_size=100,
+    ),
+    st.floats(0.1, 5.4),
+)
+def test_requests_come_at_most_once_a_tick_and_before_it(
+    durations: list[tuple[int, list[int]]], lead_ms: float
+) -> None:
+    """However long ticks take and however late threads wake up; and the ticks stay where they were."""
+    clock = FakeClock(7)
+    robot = Requested(clock, lead_ms)
+    first, index, requests = robot.tick(0.0)[0], 0, 0
+    for work, oversleep in durations:
+        clock.work(work)
+        clock.oversleep = list(oversleep)
+        before = clock.now
+        index += 1 + robot.pacer.wait()
+        due = started(robot.pacer)
+        assert due == first + index * CYCLE
+        asked = robot.at[requests:]
+        requests = len(robot.at)
+        assert len(asked) <= 1
+        assert all(before <= at <= clock.now for at in asked)
+        if before < due - round(lead_ms * MS):
+            assert asked, "there was time"
+        if not any(oversleep):
+            assert asked in ([], [max(before, due - round(lead_ms * MS))])
+
+
+def test_the_lead_may_change_from_tick_to_tick() -> None:
+    """It is measured anew with each connection; none until then."""
+    robot = Requested(FakeClock(0), lead_ms=0.0)
+    robot.tick()
+    robot.tick()
+    robot.lead = 0.003
+    assert robot.tick()[0] == 2 * CYCLE
+    robot.lead = 0.001
+    assert robot.tick()[0] == 3 * CYCLE
+    assert robot.at == [2 * CYCLE - 3 * MS, 3 * CYCLE - MS]
+
+
+def test_the_pacer_of_a_robot_follows_it_and_requests_its_samples() -> None:
+    class Robot(FakeBackend):
+        request_lead = 0.003
+
+        def request(self) -> None:
+            self.calls.append("request")
+
+        def phase_error(self, due: int) -> float:
+            self.calls.append("phase")
+            return 0.0
+
+    robot = Robot()
+    pacer = RealTimePacer.from_backend(robot, ROBOT.cycle)
+    for _ in range(3):
+        pacer.wait()
+    assert set(robot.calls) == {"request", "phase"}

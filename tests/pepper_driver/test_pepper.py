@@ -231,7 +231,7 @@ def test_a_duration_that_is_taken_is_no_fault_later() -> None:
             pepper.set_posture({"HeadYaw": 0.1}, duration=duration)
             pepper.run(0.05)
         assert pepper.state is RobotState.ACTIVE
-    assert SHORTEST == tasks.SHORTEST
+    assert SHORTEST == tasks.MIN_DURATION
 
 
 @pytest.mark.parametrize("seconds", ["a", None, float("nan"), float("inf"), -0.1])

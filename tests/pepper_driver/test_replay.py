@@ -14,7 +14,7 @@ from jitter_cases import Jittery
 from test_log_samples import same_bits
 
 from pepper_driver import Comply, FaultError, Hold, Pepper, Reflex, Retract, Soften, StopBase
-from pepper_driver.backends import Command, Measurement
+from pepper_driver.backends import Measurement
 from pepper_driver.backends.log_file import LogError
 from pepper_driver.cli.app import run as pepper_command
 from pepper_driver.config import PepperError, load_observer_settings, load_robot
@@ -232,16 +232,16 @@ def test_a_stopped_run_ends_as_then(tmp_path: Path) -> None:
 
 
 class Harmed(Jittery):
-    """From a step on all measurements are changed."""
+    """From a tick on all measurements are changed."""
 
     def __init__(self, uri: str, change: dict[str, Any]) -> None:
         super().__init__(uri, np.zeros(0, dtype=np.int_))
-        self._change, self._steps = change, 0
+        self._change, self._ticks = change, 0
 
-    def step(self, command: Command) -> Measurement:
-        self._steps += 1
-        measurement = super().step(command)
-        return replace(measurement, **self._change) if self._steps > 20 else measurement
+    def read(self) -> Measurement:
+        self._ticks += 1
+        measurement = super().read()
+        return replace(measurement, **self._change) if self._ticks > 20 else measurement
 
 
 @pytest.mark.parametrize(

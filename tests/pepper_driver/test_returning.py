@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import pytest
+from pepper_driver.reflexes.control import OVER_ALL
 
 from pepper_driver import Pepper, Reflex
 from pepper_driver.backends import Measurement
@@ -11,7 +12,6 @@ from pepper_driver.config.parts import FloatArray
 from pepper_driver.controller import PostureTask, Tick
 from pepper_driver.observer import Contact, Observation
 from pepper_driver.reflexes import Control
-from pepper_driver.reflexes.control import OVER_ALL
 
 # isort: off
 from motion_cases import ROBOT
@@ -31,7 +31,7 @@ class Lead(Reflex):
 
     def begin(self, contact: Contact, control: Control) -> None:
         self.joints[ROLL] = True
-        self._task = PostureTask(ROBOT, ["LShoulderRoll"], stiffness=100.0, weight=OVER_ALL)
+        self._task = PostureTask(["LShoulderRoll"], stiffness=100.0, weight=OVER_ALL)
         self._task.target = [control.controller.position[ROLL] + self.way]
 
     def act(self, observation: Observation, measurement: Measurement, control: Control) -> None:

@@ -9,15 +9,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from pepper_driver.pacing import Pacer, RealTimePacer
 
 from pepper_driver.backends import BackendError, BackendInfo, Command, Measurement
-from pepper_driver.callbacks import Dispatcher, Subscription
+from pepper_driver.callbacks.dispatcher import Dispatcher, Subscription
 from pepper_driver.config import load_controller_settings, load_robot, load_safety_settings
 from pepper_driver.config.parts import FloatArray
 from pepper_driver.controller import Tick
 from pepper_driver.log import LogWriter, read_log
 from pepper_driver.observer import Contact, Observation, Observer
-from pepper_driver.pacing import Pacer, RealTimePacer
 from pepper_driver.reflexes import Control, Reflex, Reflexes
 from pepper_driver.robot import Pepper
 from pepper_driver.safety import FaultError, FaultReason, RobotState, SafetyGate
@@ -38,6 +38,8 @@ def make_session(
     reflexes: tuple[Reflex, ...] = (),
     gate: SafetyGate | None = None,
 ) -> Session:
+    dispatcher = Dispatcher()
+    dispatcher.subscribe(lambda _: None, Subscription(Contact))
     return Session(
         backend,
         ROBOT,
@@ -47,7 +49,7 @@ def make_session(
         reflexes=Reflexes(reflexes, ROBOT),
         log=log,
         metadata={},
-        subscriptions=[Subscription(callback=lambda _: None, event=Contact, wanted=lambda _: True)],
+        dispatcher=dispatcher,
         pacer=Pacer(),
     )
 
@@ -62,7 +64,7 @@ def ended(monkeypatch: pytest.MonkeyPatch) -> list[str]:
         calls.append("log")
         end_log(self)
 
-    def close_dispatcher(self: Dispatcher, timeout: float | None = None) -> bool:
+    def close_dispatcher(self: Dispatcher, timeout: float) -> bool:
         calls.append("callbacks")
         return end_callbacks(self, timeout)
 

@@ -1,19 +1,26 @@
-"""Waiting for a contact: in the thread that runs the robot, and in others."""
+"""Waiting for contacts: in the thread that runs the robot, in others, and in asyncio."""
 
 from __future__ import annotations
 
+import asyncio
+import logging
 import threading
 import time
 from collections.abc import Callable
 from contextlib import suppress
-from typing import Any
+from types import SimpleNamespace
+from typing import Any, Never
 
 import pytest
 
 from pepper_driver import Contact, FaultError, Pepper
 from pepper_driver.backends import BackendError
+from pepper_driver.callbacks.dispatcher import QUEUE, Dispatcher
+from pepper_driver.callbacks.events import FaultEvent, TickEvent
+from pepper_driver.callbacks.filters import SubscriptionError
+from pepper_driver.callbacks.waiting import stream_contacts, wait_for_contact
 from pepper_driver.config import UnknownNameError
-from pepper_driver.filters import ListeningError
+from pepper_driver.safety import Fault, FaultReason
 
 from event_cases import LONG, ROBOT, contact, make_pepper, pressed  # isort: skip
 from fakes import aged  # isort: skip
@@ -31,7 +38,7 @@ class Waiting:
         self.thread = threading.Thread(target=self._wait)
         self.thread.start()
         attached = pepper._active().dispatcher
-        while self.thread.is_alive() and not attached.wants(Contact):
+        while self.thread.is_alive() and not attached.has_receiver(Contact):
             time.sleep(0.001)
 
     def _wait(self) -> None:
@@ -98,7 +105,7 @@ def test_another_thread_waits_for_the_one_that_runs() -> None:
 
 def until_somebody_waits(pepper: Pepper) -> None:
     end = time.monotonic() + LONG
-    while not pepper._active().dispatcher.wants(Contact):
+    while not pepper._active().dispatcher.has_receiver(Contact):
         assert time.monotonic() < end
         time.sleep(0.001)
 
@@ -177,7 +184,7 @@ def test_a_fault_while_it_runs_the_robot_is_raised() -> None:
 
 @pytest.mark.parametrize("timeout", [-1.0, float("nan"), float("inf"), "1", [1.0]])
 def test_a_timeout_that_is_none_is_refused(timeout: Any) -> None:
-    with make_pepper() as pepper, pytest.raises(ListeningError, match="timeout"):
+    with make_pepper() as pepper, pytest.raises(SubscriptionError, match="timeout"):
         pepper.wait_for_contact(timeout=timeout)
 
 
@@ -188,11 +195,242 @@ def test_what_can_never_come_is_not_waited_for() -> None:
     with pepper, pytest.raises(UnknownNameError, match="LForeArm"):
         pepper.wait_for_contact(link="LForearm")
     numb = Pepper("mujoco", observer=None)
-    with numb, pytest.raises(ListeningError, match="without an observer"):
+    with numb, pytest.raises(SubscriptionError, match="without an observer"):
         numb.wait_for_contact()
 
 
 def test_a_waiter_leaves_nothing_behind() -> None:
     with make_pepper() as pepper:
         pepper.wait_for_contact(timeout=3 * CYCLE)
-        assert not pepper._active().dispatcher.wants(Contact)
+        assert not pepper._active().dispatcher.has_receiver(Contact)
+
+
+class Ticking:
+    """A session whose loop thread ticks when a test says so."""
+
+    cycle, has_observer = CYCLE, True
+
+    def __init__(self) -> None:
+        self.time = 0.0
+        self.dispatcher = Dispatcher()
+        self.fault: Fault | None = None
+
+    def ticks_here(self) -> bool:
+        return False
+
+    def run(self, *_: object) -> Never:
+        raise AssertionError("the loop thread ticks, and no other")
+
+    def check_fault(self) -> None:
+        if self.fault is not None:
+            raise FaultError(self.fault)
+
+    def tick(self, *events: object) -> None:
+        self.time += self.cycle
+        tick: Any = SimpleNamespace(measurement=SimpleNamespace(time=self.time))
+        for event in (*events, TickEvent(tick=tick, observation=None)):
+            self.dispatcher.publish(event)
+
+    def stop(self) -> None:
+        self.fault = Fault(reason=FaultReason.EMERGENCY_STOP, text="a test")
+        self.dispatcher.publish(FaultEvent(fault=self.fault, time=self.time))
+
+
+@pytest.mark.parametrize(
+    ("act", "result"),
+    [
+        (lambda s: s.tick(contact(1), contact(2)), contact(1)),
+        (lambda s: [s.tick(contact(n, kind="rebound")) for n in range(200)], None),  # time is over
+        (lambda s: s.dispatcher.close(), None),
+        (lambda s: s.stop(), FaultError),
+        (lambda s: (s.tick(contact(1)), s.stop()), contact(1)),  # came first
+    ],
+)
+def test_where_a_loop_thread_ticks_every_thread_only_waits(
+    act: Callable[[Ticking], object], result: object
+) -> None:
+    session = Ticking()
+    results: list[object] = []
+
+    def wait() -> None:
+        try:
+            touch = wait_for_contact(session, lambda c: c.kind != "rebound", 200 * CYCLE)
+            results.append(touch)
+        except FaultError:
+            results.append(FaultError)
+
+    waiting = threading.Thread(target=wait)
+    waiting.start()
+    while not session.dispatcher.has_receiver(Contact):
+        time.sleep(0.001)
+    act(session)
+    waiting.join(LONG)
+    assert results == [result]
+    session.dispatcher.close()
+
+
+# -- asyncio ----------------------------------------------------------------------------------------------------------
+
+
+async def collect(pepper: Pepper, **which: float) -> list[int]:
+    return [event.id async for event in pepper.contacts(**which)]  # type: ignore[arg-type]
+
+
+async def started(pepper: Pepper) -> None:
+    while not pepper._active().dispatcher.has_receiver(Contact):
+        await asyncio.sleep(0.001)
+
+
+def test_contacts_come_until_the_robot_is_closed() -> None:
+    pepper = make_pepper({tick: (contact(tick, intensity=float(tick)),) for tick in range(1, 31)})
+
+    async def main() -> tuple[list[int], list[int]]:
+        with pepper:
+            every = asyncio.create_task(collect(pepper))
+            strong = asyncio.create_task(collect(pepper, min_intensity=25.0))
+            await started(pepper)
+            await asyncio.sleep(0.01)
+            await asyncio.to_thread(pepper.run, 20 * CYCLE)
+            await asyncio.to_thread(pepper.run, 10 * CYCLE)
+        return await every, await strong
+
+    every, strong = asyncio.run(asyncio.wait_for(main(), LONG))
+    assert every == list(range(1, 31))
+    assert strong == list(range(25, 31))
+
+
+def test_the_loop_reacts_while_the_robot_runs() -> None:
+    """A contact is seen long before the run is over: the run ends because it was."""
+    pepper = make_pepper({20: (contact(1),)})
+    seen = threading.Event()
+
+    async def main() -> bool:
+        with pepper:
+
+            async def listen() -> None:
+                async for _ in pepper.contacts():
+                    seen.set()
+                    break
+
+            listener = asyncio.create_task(listen())
+            await started(pepper)
+            ended = await asyncio.to_thread(pepper.run, 1e5 * CYCLE, until=seen.is_set)
+            await listener
+            return ended
+
+    assert asyncio.run(asyncio.wait_for(main(), LONG))
+
+
+def test_a_fault_ends_it_behind_the_last_contact() -> None:
+    pepper = make_pepper({2: (contact(1),), 3: (contact(2),)}, {3: aged(0.2)})
+
+    async def main() -> list[int]:
+        with pepper:
+            listener = asyncio.create_task(collect(pepper))
+            await started(pepper)
+            with pytest.raises(FaultError):
+                await asyncio.to_thread(pepper.run, 1.0)
+            return await listener
+
+    assert asyncio.run(asyncio.wait_for(main(), LONG)) == [1, 2]
+
+
+def test_one_that_is_left_or_cancelled_leaves_nothing_behind() -> None:
+    pepper = make_pepper()
+
+    async def main() -> None:
+        with pepper:
+            dispatcher = pepper._active().dispatcher
+            listener = asyncio.create_task(collect(pepper))
+            await started(pepper)
+            listener.cancel()
+            with pytest.raises(asyncio.CancelledError):
+                await listener
+            assert not dispatcher.has_receiver(Contact)
+            contacts = pepper.contacts()
+            step = asyncio.ensure_future(anext(contacts))
+            await started(pepper)
+            dispatcher.publish(contact(5))
+            assert (await step).id == 5
+            await contacts.aclose()
+            assert not dispatcher.has_receiver(Contact)
+
+    asyncio.run(asyncio.wait_for(main(), LONG))
+
+
+def test_an_event_loop_that_is_held_up_loses_the_newest_and_says_so(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    dispatcher = Dispatcher()
+
+    async def main() -> list[int]:
+        contacts = stream_contacts(dispatcher, lambda _: True)
+        first = asyncio.ensure_future(anext(contacts))
+        await asyncio.sleep(0)
+        for number in range(QUEUE + 500):  # the loop gets no turn meanwhile
+            dispatcher.publish(contact(number))
+        dispatcher.publish(
+            FaultEvent(fault=Fault(reason=FaultReason.EMERGENCY_STOP, text="a test"), time=0.0)
+        )
+        return [(await first).id, *[event.id async for event in contacts]]
+
+    with caplog.at_level(logging.WARNING, "pepper_driver"):
+        assert asyncio.run(asyncio.wait_for(main(), LONG)) == list(range(QUEUE))
+    assert caplog.text.count("too slow") == 1
+
+
+def test_many_threads_lose_nothing() -> None:
+    dispatcher = Dispatcher()
+
+    async def main() -> list[int]:
+        contacts = stream_contacts(dispatcher, lambda _: True)
+        first = asyncio.ensure_future(anext(contacts))
+        await asyncio.sleep(0)
+
+        def publish() -> None:
+            for number in range(200):
+                dispatcher.publish(contact(number))
+
+        threads = [threading.Thread(target=publish) for _ in range(4)]
+        for thread in threads:
+            thread.start()
+
+        async def close() -> None:
+            for thread in threads:
+                await asyncio.to_thread(thread.join)
+            dispatcher.close()
+
+        closing = asyncio.create_task(close())
+        seen = [(await first).id, *[event.id async for event in contacts]]
+        await closing
+        return seen
+
+    seen = asyncio.run(asyncio.wait_for(main(), LONG))
+    assert sorted(seen) == sorted(list(range(200)) * 4)
+
+
+def test_an_event_loop_that_is_gone_disturbs_nobody() -> None:
+    dispatcher = Dispatcher()
+    loop = asyncio.new_event_loop()
+    contacts = stream_contacts(dispatcher, lambda _: True)
+    step = loop.create_task(contacts.__anext__())
+    loop.run_until_complete(asyncio.sleep(0))
+    step.cancel()  # never gets to know
+    loop.close()
+    dispatcher.publish(contact(1))
+    assert dispatcher.close()
+
+
+def test_mistakes_are_told_when_it_is_called() -> None:
+    pepper = make_pepper()
+    with pytest.raises(BackendError, match="with Pepper"):
+        pepper.contacts()
+    with pepper:
+        with pytest.raises(UnknownNameError, match="LForeArm"):
+            pepper.contacts(link="LForearm")
+        late = pepper.contacts()
+
+    async def ended() -> list[int]:
+        return [event.id async for event in late]
+
+    assert asyncio.run(ended()) == []  # closed before the first step

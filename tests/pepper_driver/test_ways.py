@@ -48,7 +48,6 @@ def test_a_wrong_duration_changes_nothing(duration: float) -> None:
 def test_a_run_can_end_with_an_event() -> None:
     with make_pepper() as pepper:
         task = BasePoseTask()
-        pepper.controller.base_velocity.weight = 1.0
         pepper.controller.add(task)
         task.target = [0.1, 0.0, 0.0]
         assert pepper.run(10.0, until=lambda: task.reached(0.005))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +12,7 @@ import pytest
 from stand_ins import patient_driver
 
 from pepper_driver import Pepper
-from pepper_driver.backends import Backend, Command, Measurement, make_backend
+from pepper_driver.backends import Backend, Command, Imu, Measurement, make_backend
 from pepper_driver.backends.naoqi.library import NoQiError, load_qi
 from pepper_driver.backends.naoqi_server.launch import StandIn
 from pepper_driver.config import load_robot
@@ -49,6 +49,11 @@ class Case:
 def mujoco() -> Iterator[Case]:
     """The simulated robot."""
     yield Case(name="mujoco", make=lambda: make_backend("mujoco://?seed=7"))
+
+
+def mock() -> Iterator[Case]:
+    """The robot without physics."""
+    yield Case(name="mock", make=lambda: make_backend("mock://?delay=2"))
 
 
 def replay(folder: Path) -> Iterator[Case]:
@@ -116,15 +121,28 @@ def hold(measurement: Measurement) -> Command:
 
 def run(backend: Backend, wanted: Command, seconds: float) -> list[Measurement]:
     """Give the same command for a time, as the loop would: once a cycle."""
-    return list(steps(backend, wanted, round(seconds / backend.info.cycle)))
+    return list(cycles(backend, wanted, round(seconds / backend.info.cycle)))
 
 
-def steps(backend: Backend, wanted: Command, count: int) -> Iterator[Measurement]:
-    """So many steps, a cycle apart where time passes by itself, or more on a machine that is late."""
-    cycle, paced = backend.info.cycle, backend.info.real_time
+def watch(backend: Backend, seconds: float) -> list[Measurement]:
+    """Read for a time, and write nothing."""
+    return list(cycles(backend, None, round(seconds / backend.info.cycle)))
+
+
+def cycles(backend: Backend, wanted: Command | None, count: int) -> Iterator[Measurement]:
+    """So many cycles, apart as the robot's where time passes by itself, or more on a machine that is late.
+
+    Args:
+        backend: Open.
+        wanted: Written in each of them; None for no write at all.
+        count: Of the cycles.
+    """
+    cycle, paced = backend.info.cycle, backend.real_time
     due = time.monotonic()
     for _ in range(count):
-        yield backend.step(wanted)
+        if wanted is not None:
+            backend.write(wanted)
+        yield backend.read()
         due = max(due + cycle, time.monotonic())
         if paced:
             time.sleep(max(0.0, due - time.monotonic()))
@@ -134,7 +152,7 @@ def until(
     backend: Backend, wanted: Command, reached: Callable[[Measurement], object]
 ) -> Measurement:
     """Give the same command until a sample is as it should be; returns that, or the last."""
-    for measurement in steps(backend, wanted, round(LATEST / backend.info.cycle)):
+    for measurement in cycles(backend, wanted, round(LATEST / backend.info.cycle)):
         if reached(measurement):
             break
     return measurement
@@ -146,3 +164,10 @@ def move(backend: Backend, start: FloatArray, goal: FloatArray, seconds: float) 
     for tick in range(count):
         run(backend, command(start + (goal - start) * (tick + 1) / count), backend.info.cycle)
     return run(backend, command(goal), 0.3)[-1]
+
+
+def bits(measurement: Measurement) -> list[object]:
+    """All that was measured, to be compared to the last bit."""
+    values = [getattr(measurement, f.name) for f in fields(Measurement) if f.name != "imu"]
+    values += [getattr(measurement.imu, f.name) for f in fields(Imu)]
+    return [v.tobytes() if isinstance(v, np.ndarray) else repr(v) for v in values]

@@ -7,10 +7,11 @@ from pathlib import Path
 
 import pytest
 
-from conformance.cases import Case, by_uri, mujoco, naoqi, replay
+from conformance.cases import Case, by_uri, mock, mujoco, naoqi, replay
 from pepper_driver.backends import Backend
 
 FACTORIES: dict[str, Callable[[Path], Iterator[Case]]] = {
+    "mock": lambda _: mock(),
     "mujoco": lambda _: mujoco(),
     "replay": replay,
     "naoqi": lambda _: naoqi(),

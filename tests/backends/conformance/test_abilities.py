@@ -156,7 +156,7 @@ def test_extras_are_done_or_said_to_be_lacking(
             EXTRAS[name](extras)
     told = [r.getMessage() for r in caplog.records if "nothing happens" in r.getMessage()]
     assert len(told) == len(lacking), "once each"
-    assert all(backend.info.uri in text for text in told)
+    assert all(backend.uri in text for text in told)
     assert backend.extras is extras
 
 

@@ -54,20 +54,20 @@ def test_a_command_that_is_not_finite_is_refused(
     wanted = hold(opened)
     getattr(wanted, part)[place] = value
     with pytest.raises(CommandError, match=part):
-        backend.step(wanted)
+        backend.write(wanted)
 
 
 def test_what_is_no_command_is_refused_and_nothing_happens(
     backend: Backend, opened: Measurement
 ) -> None:
-    before = backend.step(hold(opened))
+    before = backend.exchange(hold(opened))
     for part, nonsense in product(PARTS, NONSENSE):
         parts: dict[str, Any] = {name: getattr(hold(opened), name) for name in PARTS}
         with pytest.raises(CommandError, match=part):
-            backend.step(Command(**{**parts, part: nonsense}))
-    after = backend.step(hold(opened))
+            backend.write(Command(**{**parts, part: nonsense}))
+    after = backend.exchange(hold(opened))
     assert after.tick >= before.tick
-    if not backend.info.real_time:
+    if not backend.real_time:
         assert after.tick == before.tick + 1, "no cycle passed"
 
 

@@ -62,36 +62,49 @@ class Calls(RuleBasedStateMachine):
             self._see(self.backend.activate())
             self.state = "active"
 
-    @rule(count=st.integers(1, 4), speed=st.floats(-1, 1))
-    def step(self, count: int, speed: float) -> None:
+    @rule(count=st.integers(1, 6))
+    def read(self, count: int) -> None:
+        for _ in range(count):
+            if self.last is None:
+                with pytest.raises(NotConnectedError):
+                    self.backend.read()
+                return
+            before = self.last.tick
+            self._see(self.backend.read())
+            assert self.last.tick == before + 1 or self.backend.real_time
+
+    @rule(speed=st.floats(-1, 1))
+    def write(self, speed: float) -> None:
         if self.last is None:
             with pytest.raises(NotConnectedError):
-                self.backend.step(NOTHING)
+                self.backend.write(NOTHING)
             return
         wanted = hold(self.last)
         wanted.wheel_speed[:] = speed
-        for _ in range(count):
-            before = self.last.tick
-            self._see(self.backend.step(wanted))
-            assert self.last.tick == before + 1 or self.backend.info.real_time
+        self.backend.write(wanted)
+
+    @rule()
+    def request(self) -> None:
+        self.backend.request()
+        assert 0.0 <= self.backend.request_lead < self.backend.info.cycle
 
     @precondition(lambda self: self.last is not None)
     @rule(part=st.sampled_from(["position", "stiffness", "wheel_speed"]))
-    def step_wrongly(self, part: str) -> None:
+    def write_wrongly(self, part: str) -> None:
         assert self.last is not None
         wanted = hold(self.last)
         getattr(wanted, part)[1] = np.nan
         with pytest.raises(CommandError):
-            self.backend.step(wanted)
+            self.backend.write(wanted)
 
     @rule()
     def deactivate(self) -> None:
         self.backend.deactivate()
         if self.state == "active":
             self.state = "open"
-            if self.last is not None and not self.backend.info.real_time:
+            if self.last is not None and not self.backend.real_time:
                 # Cycles of the ramp pass without a sample.
-                self._see(self.backend.step(hold(self.last)))
+                self._see(self.backend.read())
 
     @rule()
     def close(self) -> None:

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from waiting import wait_until
 
-from conformance.cases import LATEST, Case, hold, steps
-from pepper_driver.backends import Backend, Command, Measurement, NotConnectedError
+from conformance.cases import LATEST, Case, cycles, hold
+from pepper_driver.backends import Backend, Command, CommandError, Measurement, NotConnectedError
 from pepper_driver.config import PepperError
 
 PAUSE = 0.001
@@ -47,14 +47,14 @@ class Worker(threading.Thread):
 
 
 def paced(backend: Backend, wanted: Command) -> Callable[[], Measurement]:
-    def step() -> Measurement:
-        (measurement,) = steps(backend, wanted, 1)
+    def exchange() -> Measurement:
+        (measurement,) = cycles(backend, wanted, 1)
         return measurement
 
-    return step
+    return exchange
 
 
-def test_two_threads_that_step_wait_for_each_other(backend: Backend) -> None:
+def test_two_threads_that_read_wait_for_each_other(backend: Backend) -> None:
     first = backend.open()
     wanted = hold(first)
     seen: list[list[int]] = [[], []]
@@ -70,25 +70,25 @@ def test_two_threads_that_step_wait_for_each_other(backend: Backend) -> None:
         assert worker.error is None
     for ticks in seen:
         assert ticks == sorted(ticks)
-    if not backend.info.real_time:
+    if not backend.real_time:
         both = sorted(seen[0] + seen[1])
         assert both == list(range(both[0], both[0] + len(both))), "each cycle was had once"
         assert both[0] == first.tick + 1
 
 
 @pytest.mark.parametrize("active", [False, True])
-def test_it_can_be_closed_while_another_thread_steps(backend: Backend, active: bool) -> None:
-    for _ in range(1 if backend.info.real_time else 5):
+def test_it_can_be_closed_while_another_thread_runs_it(backend: Backend, active: bool) -> None:
+    for _ in range(1 if backend.real_time else 5):
         first = backend.open()
         wanted = hold(backend.activate() if active else first)
         worker = Worker(paced(backend, wanted))
         assert worker.begun.wait(LATEST)
         within(backend.close)
         worker.join(LATEST)
-        assert not worker.is_alive(), "a step hangs"
+        assert not worker.is_alive(), "a call hangs"
         assert isinstance(worker.error, NotConnectedError)
         with pytest.raises(NotConnectedError):
-            backend.step(wanted)
+            backend.read()
     assert backend.open().tick == first.tick
 
 
@@ -121,15 +121,45 @@ def test_of_many_that_open_one_does(backend: Backend, case: Case) -> None:
         thread.join(2 * LATEST)
         assert not thread.is_alive()
     assert len(errors) == 3
-    first = backend.step(
-        Command(position=np.zeros(17), stiffness=np.zeros(17), wheel_speed=np.zeros(3))
-    )
-    assert first.tick >= 0
+    assert backend.read().tick >= 0
 
 
-def test_other_threads_may_ask_and_push_while_it_steps(backend: Backend) -> None:
+@pytest.mark.parametrize("active", [False, True])
+def test_threads_may_read_write_push_and_close_at_once(backend: Backend, active: bool) -> None:
+    """Each call does its work, or is refused as of a closed robot; none hangs, and it can be opened again."""
+    for _ in range(1 if backend.real_time else 3):
+        first = backend.open()
+        all_at_once(backend, hold(backend.activate() if active else first))
+    assert backend.open().tick == first.tick
+
+
+def all_at_once(backend: Backend, wanted: Command) -> None:
+    wrong, force = hold(backend.read()), np.array([1.0, 0.0, 0.0])
+    wrong.position[:] = np.nan
+
+    def write_wrongly() -> None:
+        with pytest.raises(CommandError):
+            backend.write(wrong)
+
+    calls = [paced(backend, wanted), backend.read, lambda: backend.write(wanted), write_wrongly]
+    if "push" in backend.info.capabilities:
+        calls.append(lambda: backend.push("LForeArm", force, duration=0.02))
+    working = [Worker(call) for call in calls]
+    asking = [Worker(backend.request), Worker(lambda: backend.phase_error(0))]
+    assert wait_until(lambda: all(worker.calls > 5 for worker in (*asking, *working)))
+    within(backend.close)
+    for worker in working:
+        worker.join(LATEST)
+        assert not worker.is_alive(), "a call hangs"
+        assert isinstance(worker.error, NotConnectedError), worker.error
+    for worker in asking:
+        worker.end()
+        assert worker.error is None, "these are never refused"
+
+
+def test_other_threads_may_ask_and_push_while_it_runs(backend: Backend) -> None:
     wanted = hold(backend.open())
-    stepping = Worker(paced(backend, wanted))
+    running = Worker(paced(backend, wanted))
     calls: list[Callable[[], object]] = [
         lambda: backend.info.capabilities,
         lambda: backend.extras.say("hello"),
@@ -137,10 +167,8 @@ def test_other_threads_may_ask_and_push_while_it_steps(backend: Backend) -> None
     if "push" in backend.info.capabilities:
         calls.append(lambda: backend.push("LForeArm", np.array([1.0, 0, 0]), duration=0.02))
     others = [Worker(call) for call in calls]
-    assert wait_until(
-        lambda: stepping.calls > 5 and all(worker.begun.is_set() for worker in others)
-    )
-    for worker in (*others, stepping):
+    assert wait_until(lambda: running.calls > 5 and all(worker.begun.is_set() for worker in others))
+    for worker in (*others, running):
         worker.end()
         assert worker.error is None
 

@@ -1,16 +1,15 @@
-"""What a robot tells: every kind of callback, in order, whatever other callbacks do."""
+"""Callbacks of a robot: every kind, in order, whatever other callbacks do."""
 
 from __future__ import annotations
 
 import logging
 import threading
 import time
-from dataclasses import replace
 from functools import partial
 from typing import Any
 
-import numpy as np
 import pytest
+from pepper_driver.pacing import RealTimePacer
 
 from pepper_driver import (
     Contact,
@@ -24,14 +23,12 @@ from pepper_driver import (
     TickEvent,
 )
 from pepper_driver.backends import BackendError
+from pepper_driver.callbacks.events import ReflexPhase
+from pepper_driver.callbacks.filters import SubscriptionError
 from pepper_driver.config import UnknownNameError
 from pepper_driver.controller import Tick
-from pepper_driver.events import ReflexPhase
-from pepper_driver.filters import ListeningError
 from pepper_driver.observer import Observation
-from pepper_driver.pacing import RealTimePacer
 from pepper_driver.safety import Fault, FaultReason
-from pepper_driver.sensor_edges import SensorEdges
 from pepper_driver.session import CALLBACK_TIME
 
 from event_cases import LONG, ROBOT, Blocker, contact, make_pepper, pressed  # isort: skip
@@ -96,23 +93,6 @@ def test_sensors_tell_when_they_are_pressed_and_let_go() -> None:
     assert bumpers == [event("bumper", "FrontRight", True, 2)]
     assert released == [event("bumper", "FrontRight", False, 4)]
     assert buttons == [event("button", "ChestBoard/Button", True, 7)]
-
-
-def test_what_is_pressed_at_the_start_is_told_when_it_is_let_go() -> None:
-    quiet = FakeBackend().open()
-    edges = SensorEdges(ROBOT, pressed("bumpers", 2)(quiet))
-    assert edges.step(pressed("bumpers", 2)(quiet)) == []
-    assert edges.step(quiet) == [
-        SensorEvent(kind="bumper", name="Back", pressed=False, time=quiet.time)
-    ]
-    assert edges.step(quiet) == []
-
-
-@pytest.mark.parametrize("value", [float("nan"), -1.0, 0.3, -0.0])
-def test_a_sensor_that_answers_nonsense_is_not_pressed(value: float) -> None:
-    quiet = FakeBackend().open()
-    edges = SensorEdges(ROBOT, quiet)
-    assert edges.step(replace(quiet, touch=np.full(5, value))) == []
 
 
 def test_a_callback_sees_a_tick_from_its_contacts_to_its_end() -> None:
@@ -259,17 +239,18 @@ def test_what_is_registered_late_hears_from_then_on() -> None:
     ("register", "error", "hint"),
     [
         (lambda p: p.on_contact(link="LForearm"), UnknownNameError, "LForeArm"),
-        (lambda p: p.on_tick(every=0), ListeningError, "every"),
-        (lambda p: p.on_tick(queue=0), ListeningError, "queue"),
+        (lambda p: p.on_tick(every=0), SubscriptionError, "every"),
+        (lambda p: p.on_tick(queue=0), SubscriptionError, "queue"),
         (lambda p: p.on_touch(sensor="Head"), UnknownNameError, "Head/Touch/Front"),
         (lambda p: p.on_bumper(bumper="Front"), UnknownNameError, "FrontLeft"),
         (lambda p: p.on_button(button="Chest"), UnknownNameError, "ChestBoard/Button"),
-        (lambda p: p.on_button(pressed="yes"), ListeningError, "pressed"),
-        (lambda p: p.on_reflex(name="hold"), ListeningError, "reflexes="),
+        (lambda p: p.on_button(pressed="yes"), UnknownNameError, "pressed.*False, True"),
+        (lambda p: p.on_reflex(name="hold"), SubscriptionError, "reflexes="),
         (lambda p: p.on_reflex(phase="update"), UnknownNameError, "begin"),
-        (lambda p: p.on_fault()(3), ListeningError, "got 3"),
-        (lambda p: p.on_contact()(_coroutine), ListeningError, "async for contact in"),
-        (lambda p: p.on_contact()(partial(_coroutine)), ListeningError, "async for contact in"),
+        (lambda p: p.on_cue(kind="sing"), UnknownNameError, "leds, say"),
+        (lambda p: p.on_fault()(3), SubscriptionError, "got 3"),
+        (lambda p: p.on_contact()(_coroutine), SubscriptionError, "async for contact in"),
+        (lambda p: p.on_contact()(partial(_coroutine)), SubscriptionError, "async for contact in"),
     ],
 )
 def test_mistakes_are_refused_when_registered(

@@ -1,10 +1,15 @@
-"""What callbacks are told of, besides contacts. All of it happened inside one tick."""
+"""Events besides contacts, the edges of sensors, and the contacts that last. All of it happened inside one tick."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, get_args
 
+import numpy as np
+
+from pepper_driver.backends import Measurement
+from pepper_driver.config import RobotConfig
 from pepper_driver.controller import Tick
 from pepper_driver.observer import Contact, Observation
 from pepper_driver.safety import Fault
@@ -131,6 +136,58 @@ class PushEvent:
     time: float
 
 
-Event = (
-    Contact | TickEvent | SensorEvent | FaultEvent | ReflexEvent | StepEvent | CueEvent | PushEvent
-)
+@dataclass(frozen=True, slots=True)
+class EndEvent:
+    """The run is over: no more events will come. For those that wait."""
+
+
+class SensorEdges:
+    """Detection of touch sensors, bumpers and buttons that are pressed or released.
+
+    Args:
+        robot: Names the sensors.
+        first: What is pressed in it already is no event; its release is one.
+    """
+
+    def __init__(self, robot: RobotConfig, first: Measurement) -> None:
+        names = (robot.sensors.touch, robot.sensors.bumpers, robot.sensors.buttons)
+        kinds = get_args(SensorKind)
+        self._sensors = [(kind, n) for kind, of in zip(kinds, names, strict=True) for n in of]
+        self._pressed, self._values = [False] * len(self._sensors), b""
+        self.step(first)
+
+    def step(self, measurement: Measurement) -> list[SensorEvent]:
+        """Return the edges of one tick: touch sensors, bumpers, buttons, each in the order of ``sensors.yaml``."""
+        arrays = (measurement.touch, measurement.bumpers, measurement.buttons)
+        values = b"".join([array.tobytes() for array in arrays])  # the quickest to compare
+        if values == self._values:
+            return []
+        before, self._values = self._pressed, values
+        self._pressed = (np.concatenate(arrays) > 0.5).tolist()  # NaN presses nothing
+        return [
+            SensorEvent(kind=kind, name=name, pressed=pressed, time=measurement.time)
+            for (kind, name), pressed, was in zip(self._sensors, self._pressed, before, strict=True)
+            if pressed != was
+        ]
+
+
+class Touches:
+    """Contacts that last: those that have begun and not ended. A rebound is none.
+
+    Attributes:
+        now: The newest event of each, in the order in which they began. Never changed in place: any thread may read it.
+    """
+
+    def __init__(self) -> None:
+        self.now: tuple[Contact, ...] = ()
+
+    def step(self, contacts: Sequence[Contact]) -> None:
+        """Take in the contact events of one tick."""
+        if contacts:
+            lasting = {contact.id: contact for contact in self.now}
+            for contact in contacts:
+                if contact.phase == "end" or contact.kind == "rebound":
+                    lasting.pop(contact.id, None)
+                else:
+                    lasting[contact.id] = contact
+            self.now = tuple(lasting.values())

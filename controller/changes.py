@@ -1,0 +1,102 @@
+"""Changes from any thread, made between two ticks, and a group of them together."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections import deque
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager
+
+from pepper_driver.controller.errors import ChangesError
+
+Change = Callable[[], None]
+"""Must be quick: it holds up the next tick."""
+
+GIVE_WAY_TIME = 20e-6
+"""[s] between two looks at whether other threads have made their changes."""
+
+
+class Changes:
+    """Keeper of one lock, which a tick holds from its beginning to its end, and a change while it is made.
+
+    The lock is re-entrant: inside a tick, its own thread makes changes at once. A thread that has opened
+    :meth:`together` gets nothing made until the block ends, and cannot tick before that.
+    """
+
+    def __init__(self) -> None:
+        self._lock = threading.RLock()
+        self._waiting: deque[None] = deque()  # one for each thread that makes a change, or wants to
+        self._thread = _Thread()
+
+    def tick(self) -> AbstractContextManager[bool]:
+        """Return the lock: ``with changes.tick():`` keeps every other thread's changes out of the block.
+
+        Raises:
+            ChangesError: The calling thread is inside ``with changes.together()``.
+        """
+        if self._thread.group is not None:
+            raise ChangesError(
+                "the robot cannot run inside a group of changes: end the block first"
+            )
+        return self._lock
+
+    def make(self, change: Change) -> None:
+        """Make a change between two ticks: at once, or as soon as the tick of another thread is over.
+
+        Inside :meth:`together` the change waits for the end of the block, and so does what it raises. Check values
+        before.
+        """
+        group = self._thread.group
+        if group is None:
+            with self._between_ticks():
+                change()
+        else:
+            group.append(change)
+
+    def give_way(self) -> None:
+        """Let threads that wait to make a change go first: ticks without a pause would keep the lock from them."""
+        while self._waiting:
+            time.sleep(GIVE_WAY_TIME)
+
+    @contextmanager
+    def _between_ticks(self) -> Iterator[None]:
+        self._waiting.append(None)
+        try:
+            with self._lock:
+                yield
+        finally:
+            self._waiting.pop()
+
+    @contextmanager
+    def together(self) -> Iterator[None]:
+        """Collect what the calling thread changes, and make it between the same two ticks at the end of the block.
+
+        Changes are made in the order in which they were given. If the block raises, none is made. A block inside
+        another one joins it. A change that is refused at the end stays out, the others are made, and the first
+        refusal is raised.
+        """
+        thread, group = self._thread, list[Change]()
+        outer, thread.group = thread.group, group
+        try:
+            yield
+        finally:
+            thread.group = outer
+        if outer is not None:
+            outer.extend(group)
+            return
+        refused: Exception | None = None
+        with self._between_ticks():
+            for change in group:
+                try:
+                    change()
+                except Exception as error:
+                    refused = refused or error
+        if refused is not None:
+            raise refused
+
+
+class _Thread(threading.local):
+    """State of one thread: the group it is collecting, if it is."""
+
+    group: list[Change] | None = None

@@ -1,0 +1,125 @@
+"""Ways to wait for contacts: in a thread, which may tick meanwhile, and in asyncio."""
+
+from __future__ import annotations
+
+import asyncio
+import math
+from collections.abc import AsyncGenerator, Callable
+from contextlib import suppress
+from numbers import Real
+from queue import Empty, SimpleQueue
+from typing import Protocol
+
+from pepper_driver.callbacks.dispatcher import QUEUE, Dispatcher, EventSink, Subscription
+from pepper_driver.callbacks.events import EndEvent, FaultEvent, TickEvent
+from pepper_driver.callbacks.filters import ContactPredicate, SubscriptionError
+from pepper_driver.observer import Contact
+
+
+class ActiveSession(Protocol):
+    """A run of the robot, as far as waiting needs it.
+
+    An error that ends its ticks is published as a FaultEvent; any other end closes the dispatcher.
+
+    Attributes:
+        cycle: Period of the ticks [s].
+        has_observer: Whether contacts can be detected.
+        dispatcher: Publishes its events.
+    """
+
+    cycle: float
+    has_observer: bool
+    dispatcher: Dispatcher
+
+    @property
+    def time(self) -> float:
+        """Clock of the robot at the last measurement [s]."""
+
+    def ticks_here(self) -> bool:
+        """Return whether the calling thread is to tick while it waits: no other thread does.
+
+        Raises:
+            BackendError: The thread is inside a tick, and would wait for itself.
+        """
+
+    def run(self, ticks: int | None, *, until: Callable[[object], bool]) -> object:
+        """Make some ticks, None for ever, in the calling thread, until ``until`` is true at the end of one."""
+
+    def check_fault(self) -> None:
+        """Raise the error that has ended the ticks, if one has."""
+
+
+def wait_for_contact(
+    session: ActiveSession, predicate: ContactPredicate, timeout: float | None
+) -> Contact | None:
+    """Wait for the first contact from now on that a predicate picks.
+
+    Args:
+        session: Active.
+        predicate: Picks contacts.
+        timeout: Longest wait [s] on the robot's clock, or on the wall's while no thread ticks; None waits for ever.
+
+    Returns:
+        The contact; None after the timeout, or when the robot was closed meanwhile.
+
+    Raises:
+        SubscriptionError: The timeout is no time, or there is no observer, which alone could detect a contact.
+        FaultError: The robot was stopped.
+        BackendError: Called inside a tick.
+    """
+    if timeout is not None and not (isinstance(timeout, Real) and 0 <= timeout < math.inf):
+        raise SubscriptionError(f"timeout must be a time [s] from 0 up, or None, got {timeout!r}")
+    if not session.has_observer:
+        raise SubscriptionError("without an observer no contact is detected: none can be awaited")
+    ticks_here = session.ticks_here()
+    end = math.inf if timeout is None else session.time + timeout - 0.5 * session.cycle
+    bell: SimpleQueue[None] = SimpleQueue()
+    sink = EventSink("wait_for_contact()", lambda: bell.put(None))
+    with session.dispatcher.attached(
+        sink,  # for the first of these; a tick comes behind its contacts
+        Subscription(Contact, predicate, 1),
+        Subscription(TickEvent, lambda event: event.tick.measurement.time >= end, 1),
+        Subscription(FaultEvent, queue=1),
+        Subscription(EndEvent, queue=1),
+    ):
+        session.check_fault()  # a fault from before is published no more
+        if ticks_here:
+            ticks = None if timeout is None else round(timeout / session.cycle)
+            session.run(ticks, until=lambda _: bool(sink.events))
+        time = -math.inf
+        while not (ticks_here or sink.events) and time != session.time:
+            time = session.time
+            with suppress(Empty):
+                bell.get(timeout=timeout)
+    event = sink.take()
+    if isinstance(event, Contact):
+        return event
+    session.check_fault()
+    return None
+
+
+async def stream_contacts(
+    dispatcher: Dispatcher, predicate: ContactPredicate
+) -> AsyncGenerator[Contact, None]:
+    """Yield contacts from the first step on, until the robot is closed or stopped; what waits then still comes.
+
+    At most ``QUEUE`` of them wait; those that come then are lost, and a warning says so.
+    """
+    loop, woken = asyncio.get_running_loop(), asyncio.Event()
+
+    def wake() -> None:
+        with suppress(RuntimeError):  # the event loop is closed
+            loop.call_soon_threadsafe(woken.set)
+
+    sink = EventSink("'async for contact in contacts()'", wake)
+    ends = [Subscription(event, queue=QUEUE + 1) for event in (FaultEvent, EndEvent)]
+    with dispatcher.attached(sink, Subscription(Contact, predicate), *ends):
+        while True:
+            event = sink.take()
+            if isinstance(event, Contact):
+                yield event
+            elif event is not None:
+                return
+            else:
+                await woken.wait()
+                woken.clear()

@@ -1,0 +1,92 @@
+"""Requests of the reflexes for one tick."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pepper_driver.config import RobotConfig
+from pepper_driver.config.parts import FloatArray
+from pepper_driver.controller import WholeBodyController
+from pepper_driver.controller.tasks import BaseVelocityTask, Task
+
+BoolArray = NDArray[np.bool_]
+
+DOMINANT_WEIGHT = 1e6
+"""Weight of tasks of reflexes that nothing the user asks for outweighs."""
+
+BRAKING_STIFFNESS = 400.0
+"""[1/s2] Of the task that brings the base to rest: as fast as the acceleration limits allow."""
+
+
+class ReflexRequests:
+    """Requests for one tick: a reflex that still wants something requests it again in the next.
+
+    Reflexes are asked in the order of their priority, and joints and base go to the first that claims them.
+
+    Attributes:
+        controller: Its state and model, to be read only.
+        posture: (17,) posture in place of the user's [rad]; None to follow the user.
+        posture_stiffness: Stiffness of the posture task [1/s2]; None to follow the user.
+        stiffness: (17,) stiffness of the motors 0..1; the safety gate ramps towards it.
+        claimed: (17,) joints that a reflex has in this tick.
+        released_in_place: (17,) joints that the user's posture shall find, from now on, where they come to rest.
+        released_to_posture: (17,) joints that go back, from now on, to the user's posture.
+        tasks: Tasks for this tick beside the user's, by identity.
+    """
+
+    def __init__(self, controller: WholeBodyController, robot: RobotConfig) -> None:
+        self.controller = controller
+        self._none: BoolArray = np.zeros(len(robot.joint_names), dtype=np.bool_)
+        self._stiff = np.ones(len(self._none))
+        self._base_at_rest = BaseVelocityTask(
+            stiffness=BRAKING_STIFFNESS, weight=DOMINANT_WEIGHT, name="reflex: base at rest"
+        )
+        self.clear()
+
+    def clear(self) -> None:
+        """Clear the requests of the previous tick."""
+        self.posture: FloatArray | None = None
+        self.posture_stiffness: float | None = None
+        self.stiffness = self._stiff
+        self.claimed = self.released_in_place = self.released_to_posture = self._none
+        self.tasks: dict[int, Task] = {}
+        self._base_claimed = False
+
+    def claim(self, joints: BoolArray) -> bool:
+        """Take joints, a mask (17,), for this tick: all of them, or, where one is taken already, none."""
+        if np.count_nonzero(self.claimed & joints):
+            return False
+        self.claimed = self.claimed | joints
+        return True
+
+    def claim_base(self) -> bool:
+        """Take the base for this tick, unless it is taken."""
+        free, self._base_claimed = not self._base_claimed, True
+        return free
+
+    def add_task(self, task: Task) -> None:
+        """Have the controller follow a task in this tick, beside the user's."""
+        self.tasks[id(task)] = task
+
+    def hold_posture(self, posture: FloatArray, stiffness: float) -> None:
+        """Have the whole robot go to a posture (17,) [rad] with a stiffness [1/s2].
+
+        All other tasks stand still meanwhile, the base comes to rest, and afterwards they go on.
+        """
+        self.posture, self.posture_stiffness = posture, stiffness
+
+    def lower_stiffness(self, joints: BoolArray, stiffness: float) -> None:
+        """Lower the stiffness of motors, a mask (17,), to 0..1; the lowest request counts."""
+        self.stiffness = np.where(joints, np.minimum(self.stiffness, stiffness), self.stiffness)
+
+    def stop_base(self) -> None:
+        """Bring the base to rest."""
+        self.add_task(self._base_at_rest)
+
+    def release(self, joints: BoolArray, *, in_place: bool) -> None:
+        """Give joints, a mask (17,), back to the user: where they are, or on their way to the user's posture."""
+        if in_place:
+            self.released_in_place = self.released_in_place | joints
+        else:
+            self.released_to_posture = self.released_to_posture | joints
