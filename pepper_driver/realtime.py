@@ -128,16 +128,15 @@ class RealTimePacer(Pacer):
 
     def wait(self) -> int:
         """Return when the next tick is to begin, with the number of ticks missed before it."""
-        now, lead = self._clock(), round(1e9 * self._request_lead())
+        now = self._clock()
         if self._fresh:
             self._fresh = False
             if self._next <= now:
                 self._next = now + round(1e9 * self._phase_error(now)) % self._cycle
-                if self._next - now < lead:  # its sample would come too late
-                    self._next += self._cycle
         missed = max(0, -((self._next - now) // self._cycle))  # rounded up: begun is too late
         due = self._next + missed * self._cycle
         if due > now:
+            lead = round(1e9 * self._request_lead())
             if lead:
                 if due - lead > now:
                     self._sleep((due - lead - now) * 1e-9)
