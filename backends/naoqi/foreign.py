@@ -18,7 +18,7 @@ from pepper_driver.config import RobotConfig
 from pepper_driver.config.naoqi import ForeignCommandSettings
 from pepper_driver.config.parts import FloatArray
 
-SETTLING_LOOKS = 2
+SETTLING_LOOKS = 3
 """Looks in which ALMotion comes to rest after its tasks were ended."""
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import time
 from collections.abc import Callable
 
@@ -35,8 +36,9 @@ MAX_REQUEST_LEAD = 0.8
 REQUEST_MARGIN = 0.0015
 """[s] added to the round trip of a sample: the pacer may wake up late."""
 
-READ_BACK = 4
-"""Samples to one in which the DCM is also asked what it tells joints and wheels: a fifth more values."""
+READ_BACK = (2, 1, 3, 2)
+"""Samples from one in which the DCM is also asked what it tells joints and wheels to the next: a fifth more values.
+Irregular, so that another program with a rhythm of its own is not missed each time."""
 
 
 class Link:
@@ -103,7 +105,9 @@ class Link:
         self._writer = Writer(dcm, timing.largest_step, now)
         self._orders: Orders | None = None
         self._foreign: ForeignCommands | None = None
-        self._written = self._asked = 0
+        self._written = 0
+        self._gaps = itertools.cycle(READ_BACK)
+        self._until_read_back = next(self._gaps)
         self._requested = False
         self.newest = self._measurement(0.0)
         self._reader.ask()
@@ -236,9 +240,11 @@ class Link:
         return self._clock.now(self._now())
 
     def _ask(self) -> None:
-        self._asked += 1
-        read_back = self._foreign is not None and self._asked % READ_BACK == 0
-        self._reader.ask(commands=read_back)
+        self._until_read_back -= 1
+        read_back = self._until_read_back <= 0
+        if read_back:
+            self._until_read_back = next(self._gaps)
+        self._reader.ask(commands=read_back and self._foreign is not None)
 
     def _take(self) -> None:
         if not self._reader.take():

@@ -4,7 +4,6 @@ import logging
 import math
 
 import pytest
-
 from pepper_driver.timing import STAGES, WAKING, StageTimes
 
 MS = 1_000_000

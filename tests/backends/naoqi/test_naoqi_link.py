@@ -13,11 +13,9 @@ from virtual_robot import (
     CYCLE,
     ROBOT,
     SETTINGS,
-    Network,
     VirtualLoop,
     VirtualRobot,
     link_with,
-    wifi,
     wire,
 )
 
