@@ -73,6 +73,8 @@ class Measurement:
         stiffness: (17,) that the boards are told to have, by whomever, 0..1; NaN for joints, or None for a robot, of
             which nobody knows.
         missing: Why there is no younger sample, for people; empty where there is, or where nobody knows.
+        commanded_by_others: Joints and wheels that another program commands, by name, where the backend can see that.
+            Not logged: the fault that it leads to names them.
     """
 
     time: float
@@ -92,6 +94,7 @@ class Measurement:
     withheld: int = 0
     stiffness: FloatArray | None = None
     missing: str = ""
+    commanded_by_others: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

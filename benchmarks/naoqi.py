@@ -37,7 +37,7 @@ from pepper_driver import Pepper
 from pepper_driver.backends import Backend, Command, make_backend
 from pepper_driver.backends.interface import LONGEST_WAY
 from pepper_driver.backends.naoqi.backend import NaoqiBackend
-from pepper_driver.backends.naoqi.watchdog import USUAL
+from pepper_driver.backends.naoqi.watchdog import NORMAL_AGE
 from pepper_driver.backends.naoqi_server.black_box import BlackBox
 from pepper_driver.backends.naoqi_server.launch import StandIn
 from pepper_driver.config import (
@@ -316,8 +316,8 @@ def reaction(
     not_followed = 0
     for number in np.flatnonzero(moved[:-1] & moved[1:]) + 1:
         before, now = (recorder.ticks[n].measurement for n in (number - 1, number))
-        # Above USUAL the age does not tell the cycle of the sample.
-        if now.age > USUAL or np.array_equal(now.current, before.current):
+        # Above NORMAL_AGE the age does not tell the cycle of the sample.
+        if now.age > NORMAL_AGE or np.array_equal(now.current, before.current):
             continue
         sample = begin + now.tick - round(now.age / cycle)
         off = np.abs(commands[sample : sample + LONGEST_WAY] - computed[number]).max(axis=1)

@@ -386,9 +386,9 @@ class Session:
 
     def _tick(self) -> None:
         """Make one tick when it is due. Whatever it raises stops the robot and ends the wait for its ticks."""
-        missed = self._pacer.wait()
-        self._changes.give_way()
         try:
+            missed = self._pacer.wait()
+            self._changes.give_way()
             with self._changes.tick():
                 self._ticking = threading.current_thread()
                 try:
