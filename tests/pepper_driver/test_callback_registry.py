@@ -298,7 +298,7 @@ def test_only_one_thread_runs_the_robot_and_no_tick_runs_ticks(
             "a motion began, and would have changed the tasks of the one that runs"
         )
 
-    monkeypatch.setattr("pepper_driver.robot.Player", no_motion)
+    monkeypatch.setattr("pepper_driver.motion.Player.begin", no_motion)
     pepper = make_pepper()
     inside, go = threading.Event(), threading.Event()
     errors: list[BaseException] = []
