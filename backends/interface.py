@@ -1,4 +1,4 @@
-"""What a robot, real or simulated, offers to the layers above: one 12 ms cycle at a time."""
+"""Interface of a robot, real or simulated, to the layers above: one 12 ms cycle at a time."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class NotConnectedError(PepperError, ConnectionError):
 
 
 class CommandError(PepperError, ValueError):
-    """What the robot was told is no order: a wrong shape, a number that is not finite or out of range."""
+    """A command that is none: a wrong shape, a number that is not finite or out of range."""
 
 
 class CapabilityError(PepperError, NotImplementedError):
@@ -73,6 +73,8 @@ class Measurement:
         stiffness: (17,) that the boards are told to have, by whomever, 0..1; NaN for joints, or None for a robot, of
             which nobody knows.
         missing: Why there is no younger sample, for people; empty where there is, or where nobody knows.
+        commanded_by_others: Joints and wheels that another program commands, by name, where the backend can see that.
+            Not logged: the fault that it leads to names them.
     """
 
     time: float
@@ -92,11 +94,12 @@ class Measurement:
     withheld: int = 0
     stiffness: FloatArray | None = None
     missing: str = ""
+    commanded_by_others: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Command:
-    """What the robot is told for one cycle.
+    """Command for one cycle.
 
     Attributes:
         position: (17,) [rad], to be reached at the end of the cycle.
@@ -268,7 +271,7 @@ class Backend(ABC):
         return 0.0
 
     def diagnosis(self) -> tuple[DeviceError, ...] | None:
-        """What the robot's own diagnosis finds broken now; None where there is no such thing. May take seconds.
+        """Return what the robot's own diagnosis finds broken now; None where there is no such thing. May take seconds.
 
         Raises:
             NotConnectedError: Not open.

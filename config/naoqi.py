@@ -95,6 +95,16 @@ class AnglesSettings:
 
 
 @dataclass(frozen=True, kw_only=True, config=STRICT)
+class ForeignCommandSettings:
+    """How other programs that command joints or wheels are noticed; see ``naoqi_settings.yaml`` for each meaning."""
+
+    action: Literal["stop", "ignore"]
+    joint_tolerance: Positive
+    wheel_tolerance: Positive
+    look: Annotated[float, Field(ge=0.1, le=2.0)]
+
+
+@dataclass(frozen=True, kw_only=True, config=STRICT)
 class NaoqiSettings:
     """See ``naoqi_settings.yaml`` for the meaning of each; times in [s]."""
 
@@ -106,6 +116,7 @@ class NaoqiSettings:
     legs_go_soft: bool
     take_over: TakeOverSettings
     timing: TimingSettings
+    foreign_commands: ForeignCommandSettings
     angles: AnglesSettings
 
 

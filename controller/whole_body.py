@@ -394,7 +394,7 @@ class WholeBodyController:
 
     @property
     def status(self) -> ControllerStatus:
-        """How the last cycle went."""
+        """Status of the last cycle."""
         active: list[str] = []
         unmet: list[str] = []
         for _, rows in self._active:
@@ -412,7 +412,7 @@ class WholeBodyController:
         )
 
     def report(self) -> tuple[TaskReport, ...]:
-        """What every task cost in the last cycle, the dearest first."""
+        """Return the cost of every task in the last cycle, the most expensive first."""
         misses = self._program.misses(self._acceleration)
         whole = sum(cost for _, _, cost in misses)
         reports = [
@@ -428,7 +428,7 @@ class WholeBodyController:
         return tuple(sorted(reports, key=lambda report: -report.cost))
 
     def explain(self) -> str:
-        """What limits the motion now, in a few lines."""
+        """Return in a few lines what limits the motion now."""
         return explain(self.status, self.report())
 
     def load_torque_parts(self) -> LoadTorque:

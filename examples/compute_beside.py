@@ -25,7 +25,8 @@ def search(place: list[float]) -> dict[str, float]:
     joints, best, nearest = robot.posture("Stand"), {}, np.inf
     for _ in range(TRIES):
         joints[indices] = rng.uniform(robot.lower[indices], robot.upper[indices])
-        distance = np.linalg.norm(model.link_pose("l_gripper", joints)[:3, 3] - place)
+        hand = model.link_pose("l_gripper", joints)[:3, 3]
+        distance = float(np.linalg.norm(hand - place))
         if distance < nearest:
             best, nearest = dict(zip(ARM, joints[indices].tolist(), strict=True)), distance
     return best

@@ -18,7 +18,7 @@ class ExtrasError(PepperError, ValueError):
 
 
 class RobotExtras:
-    """What a robot can do besides moving and measuring: ``pepper.extras``.
+    """Abilities of a robot besides moving and measuring: ``pepper.extras``.
 
     A backend without such a thing does nothing and says so once by ``logging``; ``info.capabilities`` tells before.
     Each connects to the robot for its time where that is not yet connected. All may be called from any thread, but not

@@ -62,7 +62,7 @@ class Loop:
         arbiter: Decides what its controller follows; the controller is reset to the posture the robot holds.
         gate: Active, holding the same posture.
         first: Newest measurement.
-        observer: Or None to feel nothing.
+        observer: Or None to detect nothing.
         publish: Takes every tick; must not block.
 
     Attributes:

@@ -1,4 +1,4 @@
-"""Plays motions: gives the controller the tasks of one step after the other, and takes them all back."""
+"""Playing of motions: the tasks of one step after the other, and their removal at the end."""
 
 from __future__ import annotations
 
@@ -30,18 +30,18 @@ class Conductor:
     """
 
     def order(self, motion: Motion) -> Iterable[int]:
-        """Numbers of the steps as they are played."""
+        """Return the numbers of the steps as they are played."""
         return list(range(len(motion.steps))) * motion.repeat
 
     def begin(self, number: int) -> None:
         """A step begins."""
 
     def ends_early(self, number: int) -> bool:
-        """Whether the step under way is over before its time; asked after every tick in which no reflex holds."""
+        """Return True to end the step under way before its time; asked after every tick in which no reflex holds."""
         return False
 
     def goes_on(self, number: int) -> bool:
-        """Whether another step may follow one that is over."""
+        """Return True where another step may follow one that is over."""
         return True
 
 
@@ -92,7 +92,7 @@ class Player:
 
     @property
     def report(self) -> MotionReport:
-        """Of the steps that are over."""
+        """Report of the steps that are over."""
         return MotionReport(name=self._motion.name, steps=tuple(self._reports))
 
     def begin(self) -> None:

@@ -86,11 +86,11 @@ class Goal:
         self.task.move_to(self._wanted, duration)
 
     def miss(self) -> Miss:
-        """How far the controller's own state is from the target."""
+        """Return the distance of the controller's own state from the target."""
         return self._miss(self.task.error)
 
     def measured_miss(self, model: RobotModel) -> Miss:
-        """How far a robot is from it in a model at its measured state, with its kinematics."""
+        """Return the distance of a robot from it in a model at its measured state, with its kinematics."""
         task, rows, nv = self._twin, self._twin.rows, model.nv
         task.attach(
             model,
@@ -122,11 +122,11 @@ class PostureGoal:
     named: NDArray[np.bool_]
 
     def miss(self, position: FloatArray) -> Miss:
-        """How far (17,) joints [rad] are from it: the largest of those that the step named."""
+        """Return the distance of (17,) joints [rad] from it: the largest of those that the step named."""
         return Miss(radians=float(np.abs(position - self.target)[self.named].max()))
 
     def reached(self, controller: WholeBodyController, tolerance: float) -> bool:
-        """Whether the joints that the step named are within a tolerance [rad] and at rest."""
+        """Return True where the joints that the step named are within a tolerance [rad] and at rest."""
         rest = tolerance * max(np.sqrt(controller.posture.stiffness), 1.0)
         near = np.abs(controller.position - self.target) <= tolerance
         slow = np.abs(controller.velocity) <= rest

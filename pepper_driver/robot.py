@@ -59,7 +59,7 @@ DRIVE_TIME = 0.5
 
 
 class Pepper:
-    """A Pepper, real or simulated, that feels where it is touched.
+    """A Pepper, real or simulated, that detects where it is touched.
 
     >>> with Pepper("mujoco") as pepper:
     ...     pepper.set_posture({"LShoulderRoll": 0.6})
@@ -75,7 +75,7 @@ class Pepper:
 
     Args:
         uri: Which robot: ``mujoco``, ``mujoco://?plant=nominal&seed=3``, ``naoqi://pepper.local``, ...
-        observer: Name of an observer, an observer, or None to feel nothing.
+        observer: Name of an observer, an observer, or None to detect nothing.
         models: Model file of the observer, by default the one shipped for this robot.
         log: Where to write the MCAP log; None for no log.
         reflexes: Reactions inside the tick, asked in the order of their priority.

@@ -48,12 +48,19 @@ class AnglesBackend(NaoqiRobot):
         robot: Its description.
         settings: How the driver gets on with NAOqi.
         wake: Whether a robot at rest is woken up.
+        force: Activate also a robot that another program of this package drives.
     """
 
     NEED_DCM = False
 
     def __init__(
-        self, address: Address, robot: RobotConfig, settings: NaoqiSettings, *, wake: bool = False
+        self,
+        address: Address,
+        robot: RobotConfig,
+        settings: NaoqiSettings,
+        *,
+        wake: bool = False,
+        force: bool = False,
     ) -> None:
         policy = replace(
             settings.take_over,
@@ -64,7 +71,7 @@ class AnglesBackend(NaoqiRobot):
             fall_manager="keep",
             push_recovery="keep",
         )
-        super().__init__(address, robot, settings, policy=policy, wake=wake)
+        super().__init__(address, robot, settings, policy=policy, wake=wake, force=force)
         self._link: AnglesLink | None = None
         self._moving = self._told = False
 

@@ -2,20 +2,17 @@
 
 from __future__ import annotations
 
-import logging
 import time
 
 import numpy as np
 
 from pepper_driver.backends.interface import BackendError, Measurement
+from pepper_driver.backends.naoqi.call import Call
 from pepper_driver.backends.naoqi.connection import Connection
 from pepper_driver.backends.naoqi.keys import VALUES, SensorKeys, Values
-from pepper_driver.backends.naoqi.library import Answer, Future, Proxy, one_line
 from pepper_driver.config import RobotConfig
 from pepper_driver.config.naoqi import AnglesSettings
 from pepper_driver.config.parts import FloatArray
-
-logger = logging.getLogger("pepper_driver")
 
 SENSORS = 5
 """Questions for the angles to one for the stiffness and for all other sensors, which some robots refresh twice a
@@ -23,9 +20,6 @@ second."""
 
 STIFFNESS_STEP = 0.02
 """Smallest change of a stiffness that is passed on."""
-
-WARNING_PERIOD = 5.0
-"""[s] between two warnings about the same call."""
 
 
 class AnglesLink:
@@ -55,11 +49,11 @@ class AnglesLink:
         self.places = [robot.joint_index(name) for name in self.soft]
         motion, memory = connection.service("ALMotion"), connection.service("ALMemory")
         uri = connection.address.uri
-        self._angles = _Call(motion, "getAngles", uri)
-        self._sensors = _Call(memory, "getListData", uri)
-        self._order = _Call(motion, "setAngles", uri)
-        self._stiffness_order = _Call(motion, "setStiffnesses", uri)
-        self._stiffnesses = _Call(motion, "getStiffnesses", uri)
+        self._angles = Call(motion, "getAngles", uri)
+        self._sensors = Call(memory, "getListData", uri)
+        self._order = Call(motion, "setAngles", uri)
+        self._stiffness_order = Call(motion, "setStiffnesses", uri)
+        self._stiffnesses = Call(motion, "getStiffnesses", uri)
         self._unknown = self._found = np.full(len(self._joints), np.nan)
         self._told_meanwhile = False
         position = self._position_of(connection.call("ALMotion", "getAngles", self._joints, True))
@@ -179,46 +173,3 @@ class AnglesLink:
             withheld=self._withheld,
             **values,
         )
-
-
-class _Call:
-    """One method of a service, at most once on its way."""
-
-    def __init__(self, proxy: Proxy, method: str, uri: str) -> None:
-        self._proxy, self._method, self._what = proxy, method, f"'{uri}': {method}"
-        self._future: Future | None = None
-        self._warned = -WARNING_PERIOD
-
-    def begin(self, *arguments: object) -> bool:
-        """Whether it was called: not while the last call is on its way."""
-        self.answer()
-        if self._future is not None:
-            return False
-        try:
-            self._future = getattr(self._proxy, self._method)(*arguments, _async=True)
-        except RuntimeError as error:  # the connection is lost
-            self._warn(error)
-            return False
-        return True
-
-    @property
-    def over(self) -> bool:
-        """Whether nothing is on its way."""
-        return self._future is None or not self._future.isRunning()
-
-    def answer(self) -> Answer:
-        """What the last call brought; None while it is on its way, where it failed, and the second time."""
-        future = self._future
-        if future is None or not self.over:
-            return None
-        self._future = None
-        try:
-            return future.value()
-        except RuntimeError as error:
-            self._warn(error)
-            return None
-
-    def _warn(self, error: Exception) -> None:
-        if time.monotonic() - self._warned >= WARNING_PERIOD:
-            self._warned = time.monotonic()
-            logger.warning("%s failed: %s", self._what, one_line(str(error)))

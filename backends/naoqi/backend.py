@@ -27,6 +27,7 @@ from pepper_driver.config import (
 from pepper_driver.config.parts import FloatArray
 
 MODES = ("dcm", "angles")
+SWITCHES = ("wake", "force")
 
 
 class NaoqiBackend(NaoqiRobot):
@@ -41,6 +42,7 @@ class NaoqiBackend(NaoqiRobot):
         settings: How the driver gets on with NAOqi.
         delay: Cycles from the date of a command to the sample that shows it; by default that of the settings.
         wake: Whether a robot at rest is woken up.
+        force: Activate also a robot that another program of this package drives.
     """
 
     NEED_DCM = True
@@ -53,8 +55,9 @@ class NaoqiBackend(NaoqiRobot):
         *,
         delay: int | None = None,
         wake: bool = False,
+        force: bool = False,
     ) -> None:
-        super().__init__(address, robot, settings, wake=wake)
+        super().__init__(address, robot, settings, wake=wake, force=force)
         self._delay = settings.timing.response_delay if delay is None else delay
         self._link: Link | None = None
 
@@ -69,7 +72,7 @@ class NaoqiBackend(NaoqiRobot):
     def _begin(self, connection: Connection) -> Measurement:
         """Measures the way to the robot for half a second."""
         prefer_messages(True)
-        self._link = Link(connection, self._robot, self._settings.timing, self._delay)
+        self._link = Link(connection, self._robot, self._settings, self._delay)
         return self._link.newest
 
     def _ramp_up(self) -> tuple[FloatArray, Measurement]:
@@ -120,21 +123,22 @@ class NaoqiBackend(NaoqiRobot):
 
 
 def from_uri(uri: BackendUri, robot: RobotConfig) -> NaoqiRobot:
-    """``naoqi://host[:9559]?mode=dcm|angles&wake=1&delay=N&settings=FILE``, ``naoqis://user@host[:9503]?...``.
+    """``naoqi://host[:9559]?mode=dcm|angles&wake=1&force=1&delay=N&settings=FILE``, ``naoqis://user@host[:9503]?...``.
 
     All keys are optional; ``settings`` is a file in the form of ``naoqi_settings.yaml``.
     """
     mode = uri.query.get("mode", MODES[0])
     if mode not in MODES:
         raise ConfigError(f"backend '{uri.text}': unknown mode '{mode}'{suggestion(mode, MODES)}")
-    known = {"mode", "wake", "settings"} | ({"delay"} if mode == "dcm" else set())
+    known = {"mode", "settings", *SWITCHES} | ({"delay"} if mode == "dcm" else set())
     address = naoqi_address(uri, known)
-    if uri.query.get("wake", "0") not in ("0", "1"):
-        raise ConfigError(f"backend '{uri.text}': wake takes 0 or 1")
-    wake = uri.integer("wake", 0) == 1
+    for key in SWITCHES:
+        if uri.query.get(key, "0") not in ("0", "1"):
+            raise ConfigError(f"backend '{uri.text}': {key} takes 0 or 1")
+    wake, force = (uri.integer(key, 0) == 1 for key in SWITCHES)
     file = uri.query.get("settings")
     settings = load_naoqi_settings(None if file is None else Path(file))
     if mode == "angles":
-        return AnglesBackend(address, robot, settings, wake=wake)
+        return AnglesBackend(address, robot, settings, wake=wake, force=force)
     delay = uri.integer("delay", settings.timing.response_delay)
-    return NaoqiBackend(address, robot, settings, delay=delay, wake=wake)
+    return NaoqiBackend(address, robot, settings, delay=delay, wake=wake, force=force)

@@ -27,6 +27,7 @@ from pepper_driver.backends.naoqi.diagnosis import diagnosis
 from pepper_driver.backends.naoqi.extras import NaoqiExtras, abilities
 from pepper_driver.backends.naoqi.fitness import check_fit
 from pepper_driver.backends.naoqi.preflight import Preflight, preflight
+from pepper_driver.backends.naoqi.presence import Presence
 from pepper_driver.backends.naoqi.secret import Secret, find_secret
 from pepper_driver.backends.naoqi.stand_in import SERVICE, Handled
 from pepper_driver.backends.serial import Serial, serial
@@ -49,6 +50,7 @@ class NaoqiRobot(Serial, Handled):
         settings: How the driver gets on with NAOqi.
         policy: Who else is switched off meanwhile, by default as the settings say.
         wake: Whether a robot at rest is woken up, and sent to rest again.
+        force: Activate also a robot that another program of this package drives.
     """
 
     NEED_DCM: ClassVar[bool]
@@ -62,15 +64,17 @@ class NaoqiRobot(Serial, Handled):
         *,
         policy: TakeOverSettings | None = None,
         wake: bool = False,
+        force: bool = False,
     ) -> None:
         super().__init__()
         self._address, self._robot, self._settings, self._wake = address, robot, settings, wake
-        self._policy = policy or settings.take_over
+        self._policy, self._force = policy or settings.take_over, force
         self._state: Literal["closed", "open", "active"] = "closed"
         self._secret: Secret | None = None
         self._connection: Connection | None = None
         self._lost = False
         self._info: BackendInfo | None = None
+        self._presence: Presence | None = None
         self._take_over: TakeOver | None = None
         self._held: FloatArray | None = None
 
@@ -145,15 +149,27 @@ class NaoqiRobot(Serial, Handled):
 
     @serial
     def activate(self) -> Measurement:
-        """Take the robot over and ramp the stiffness up, holding the posture measured."""
+        """Take the robot over and ramp the stiffness up, holding the posture measured.
+
+        Raises:
+            SecondDriverError: Another program of this package drives it.
+            UnfitError: It should not move now.
+            NotConnectedError: Not open, or the connection was lost.
+        """
         connection = self._connected()
         if self._state == "active":
             raise BackendError(f"'{self._address.uri}' is already active")
-        check_fit(connection, self._robot, self._settings, may_sleep=self._wake)
-        self._take_over = TakeOver(
-            connection, self._robot, self._settings, self._policy, wake=self._wake
-        )
-        self._take_over.begin()
+        self._presence = Presence(connection, force=self._force)
+        self._presence.begin()
+        try:
+            check_fit(connection, self._robot, self._settings, may_sleep=self._wake)
+            self._take_over = TakeOver(
+                connection, self._robot, self._settings, self._policy, wake=self._wake
+            )
+            self._take_over.begin()
+        except BaseException:
+            self._presence.end()
+            raise
         self._state = "active"
         try:
             self._held, measurement = self._ramp_up()
@@ -195,9 +211,10 @@ class NaoqiRobot(Serial, Handled):
         if self._state != "active":
             return
         self._state = "open"
-        connection, take_over = self._connection, self._take_over
+        connection, take_over, presence = self._connection, self._take_over, self._presence
         assert connection is not None
         assert take_over is not None
+        assert presence is not None
         try:
             if not self._lost and not self._let_go(take_over.posture):
                 logger.warning(
@@ -208,6 +225,7 @@ class NaoqiRobot(Serial, Handled):
                 self._lost = True
         finally:
             take_over.restore()
+            presence.end()
 
     @serial
     def close(self) -> None:

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import logging
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from typing import Any
 
 from pepper_driver.backends.interface import BackendError, NotConnectedError
 from pepper_driver.backends.naoqi.address import Address
@@ -82,10 +83,43 @@ class Connection:
         return not self._closed and bool(self._session.isConnected())
 
     @property
+    def services(self) -> list[Mapping[str, Any]]:
+        """All services, as the robot's directory has them: ``name``, ``serviceId``, ``processId`` and more."""
+        return list(self._wait(lambda: self._session.services(_async=True), "its services", None))
+
+    @property
     def service_names(self) -> frozenset[str]:
         """Names of all services."""
-        found = self._wait(lambda: self._session.services(_async=True), "its services", None)
-        return frozenset(service["name"] for service in found)
+        return frozenset(service["name"] for service in self.services)
+
+    def register(self, name: str, service: object) -> int:
+        """Offer a service to other programs of the robot; returns its number.
+
+        The library then listens at a port of this computer that others cannot reach. The service is gone with the
+        connection.
+
+        Raises:
+            ServiceError: There is one of this name already, or the robot allows none.
+            CallTimeoutError: No answer in time.
+            NotConnectedError: The connection is lost.
+        """
+        what = f"registering {name}"
+        return int(
+            self._wait(
+                lambda: self._session.registerService(name, service, _async=True), what, None
+            )
+        )
+
+    def unregister(self, number: int, timeout: float | None = None) -> None:
+        """Take a service out again.
+
+        Raises:
+            ServiceError: There is none of this number.
+            CallTimeoutError: No answer in ``timeout`` [s].
+            NotConnectedError: The connection is lost.
+        """
+        what = f"unregistering service {number}"
+        self._wait(lambda: self._session.unregisterService(number, _async=True), what, timeout)
 
     def service(self, name: str, timeout: float | None = None) -> Proxy:
         """The proxy of a service, as ``qi`` makes it: its errors are RuntimeErrors.

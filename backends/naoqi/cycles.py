@@ -10,6 +10,9 @@ KEPT = 128
 FOLLOW = 0.1
 """Share of a deviation by which the grid of cycles follows the dates of samples."""
 
+RECOVERY_COMMANDS = 400
+"""Commands in a row that could all have been for the cycle before, until one is left out: five seconds."""
+
 
 class Cycles:
     """Numbers of the DCM's cycles, by date; the first sample's is 0.
@@ -44,41 +47,46 @@ class Cycles:
         return number
 
 
-class Dating:
+class CommandScheduler:
     """Gives each command the cycle at which it is to be reached: one cycle after that of the command before.
 
-    So the DCM is at the commanded value exactly at a cycle, and samples answer whole commands. Where this computer's
-    ticks and the robot's cycles run apart, or a tick was missed, the commands find their lead again by a jump.
+    So the DCM is at the commanded value exactly at a cycle, and samples answer whole commands. The first command gets
+    the earliest cycle that the lead time allows. One that would come too late for its cycle gets a later one, and so do
+    all after it. Once there has been a cycle to spare for long, a command is left out.
 
     Args:
         cycles: Of the robot.
-        lead: Least time from a tick to the date of its command [ms].
+        lead: Least time from a command to its date [ms].
         delay: Cycles from the date of a command to the sample that shows it.
     """
 
     def __init__(self, cycles: Cycles, lead: float, delay: int) -> None:
         self._cycles, self._lead, self._delay = cycles, lead, delay
         self._number: int | None = None
+        self._spare = 0
         self._given: dict[int, tuple[int, bool]] = {}
 
     def next(self, now: float) -> int | None:
-        """The cycle for the command of a tick, which begins at the DCM's date ``now`` [ms].
+        """Return the cycle for a command that is sent at the DCM's date ``now`` [ms].
 
-        None where the commands have come to lie too far ahead: this one is left out, and the next one takes its place.
+        None where it is left out, and the next one takes its place: the commands lie too far ahead, or could all have
+        been for the cycle before for some time.
         """
         length, number = self._cycles.length, self._number
         if number is not None:
             lead = self._cycles.date(number + 1) - now
-            if lead > self._lead + 2 * length:
+            self._spare = self._spare + 1 if lead - length >= self._lead else 0
+            if lead > self._lead + 2 * length or self._spare == RECOVERY_COMMANDS:
+                self._spare = 0
                 return None
-            # A tick that begins late by less is followed by one in time.
+            # A command that is late by less is followed by one in time.
             if lead >= self._lead - length / 4:
                 self._number = number + 1
                 return self._number
-        # In the middle of what is allowed.
-        begin = now + self._lead + length / 2
-        nearest = self._cycles.number(begin)
-        self._number = nearest + ceil((begin - self._cycles.date(nearest)) / length)
+        self._spare = 0
+        earliest = now + self._lead
+        nearest = self._cycles.number(earliest)
+        self._number = nearest + ceil((earliest - self._cycles.date(nearest)) / length)
         return self._number
 
     def given(self, step: int, number: int, *, sent: bool) -> None:
@@ -95,7 +103,7 @@ class Dating:
             self._given[number] = (self._given[number][0], False)
 
     def answers(self, step: int, sample: int) -> int | None:
-        """How many steps before ``step`` the command was given that the sample of a cycle answers.
+        """Return how many commands before ``step`` the one was given that the sample of a cycle answers.
 
         None where no command is as old as that. A single one that was not sent is answered all the same: the DCM goes
         in a straight line from the command before it to the one after.

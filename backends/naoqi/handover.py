@@ -57,17 +57,17 @@ def ramp_up(
     Raises:
         BackendError: The robot stopped answering meanwhile.
     """
-    beats, cycle = _beats(link, robot.cycle), robot.cycle
+    paced_ticks, cycle = _paced_ticks(link, robot.cycle), robot.cycle
     measurement = link.newest
     for _ in range(3):  # taking the robot over may have lasted: what was measured before is old
-        next(beats)
+        next(paced_ticks)
         check()
         measurement = link.exchange(None, _STILL, _STILL)
     hold = np.clip(measurement.position, robot.lower, robot.upper)
     before = link.start()
     ticks, wheels_on = round(settings.timing.ramp_up / cycle), False
     for tick in range(1, ticks + 1):
-        next(beats)
+        next(paced_ticks)
         check()
         if not wheels_on and tick > ticks // 10:  # by now the wheels have been told to stand
             # Before the tick's own commands: with them as many would be on their way as may be.
@@ -103,11 +103,11 @@ def let_go(link: Link, robot: RobotConfig, settings: NaoqiSettings, posture: Flo
         Whether the robot took part; False as soon as it does not answer.
     """
     legs = np.array([name in robot.chains["legs"] for name in robot.joint_names])
-    beats, begin = _beats(link, robot.cycle), time.monotonic()
+    paced_ticks, begin = _paced_ticks(link, robot.cycle), time.monotonic()
 
     def tick(position: FloatArray | None, wanted: FloatArray) -> Measurement | None:
         """None where the robot does not answer."""
-        next(beats)
+        next(paced_ticks)
         measurement = link.exchange(position, wanted, _STILL)
         patient = min(link.silence, time.monotonic() - begin) <= PATIENCE
         return measurement if link.connected and patient else None
@@ -192,14 +192,20 @@ def _lead_back(
     return True
 
 
-def _beats(link: Link, cycle: float) -> Iterator[None]:
-    """Ticks a cycle apart, at the robot's beat; the first at once."""
+def _paced_ticks(link: Link, cycle: float) -> Iterator[None]:
+    """Ticks a cycle apart that follow the robot's, each with its sample requested in time; the first at once."""
     due = time.perf_counter_ns()
     while True:
         yield
         due += round(1e9 * (cycle + np.clip(link.phase_error(due), -0.001, 0.001)))
-        rest = due - time.perf_counter_ns()
-        if rest > 0:
-            time.sleep(rest * 1e-9)
-        else:
-            due -= rest
+        _sleep_until(due - round(1e9 * link.request_lead))
+        link.request()
+        due = max(due, time.perf_counter_ns())  # what was missed is not made up for
+        _sleep_until(due)
+
+
+def _sleep_until(moment: int) -> None:
+    """Wait until a time of ``perf_counter_ns``, which may be over."""
+    rest = moment - time.perf_counter_ns()
+    if rest > 0:
+        time.sleep(rest * 1e-9)

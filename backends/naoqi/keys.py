@@ -23,7 +23,8 @@ ONE_BOARD = 2
 class Values:
     """One sample as the robot sent it; arrays as in :class:`~pepper_driver.backends.interface.Measurement`.
 
-    ``shown`` is what the DCM's clock showed at its cycle [ms].
+    ``shown`` is what the DCM's clock showed at its cycle [ms]. ``commanded`` (20,) is what it then told joints [rad]
+    and wheels [rad/s], NaN where it does not say; None where that was not asked for.
     """
 
     shown: int
@@ -38,9 +39,10 @@ class Values:
     stiffness: FloatArray
     battery: float
     charging_flap: float
+    commanded: FloatArray | None = None
 
 
-VALUES = tuple(field.name for field in fields(Values) if field.name != "shown")
+VALUES = tuple(field.name for field in fields(Values) if field.name not in ("shown", "commanded"))
 """What of a sample goes into a measurement."""
 
 
@@ -53,6 +55,7 @@ class SensorKeys:
 
     Attributes:
         names: In the order in which they are asked for.
+        with_commands: The same, and then what the DCM tells joints and wheels.
         needed: Those without which there is no sample.
     """
 
@@ -89,14 +92,24 @@ class SensorKeys:
         self.names.append(naoqi.time)
         self._needed = np.array([*needed, complete])
         self.needed = [name for name, is_ in zip(self.names, self._needed, strict=True) if is_]
+        actuators = actuator_keys(robot)
+        commands = actuators[Alias.POSITION] + actuators[Alias.WHEEL_SPEED]
+        self.with_commands = self.names + commands
 
     def values(self, answer: Sequence[object]) -> Values | str:
-        """What the robot's answer to a question for ``names`` means; where it is no good sample, why, for people."""
+        """Return what the answer to a question for ``names`` or ``with_commands`` means.
+
+        Returns:
+            The sample; why it is no good one, for people, where it is none.
+        """
         try:
             # Without a value there is None, which becomes NaN.
             values = np.array(answer, dtype=np.float64)
         except (TypeError, ValueError):
             values = np.array([_number(value) for value in _listed(answer)])
+        commanded = None
+        if values.shape == (len(self.with_commands),):
+            values, commanded = np.split(values, [len(self.names)])
         if values.shape != (len(self.names),):
             return f"{values.size} values in place of {len(self.names)}"
         bad = ~np.isfinite(values) & self._needed
@@ -121,6 +134,7 @@ class SensorKeys:
             stiffness=part["stiffness"],
             battery=float(part["battery"][0]),
             charging_flap=float(part["charging_flap"][0]),
+            commanded=commanded,
         )
 
     def _without(self, places: list[int]) -> str:

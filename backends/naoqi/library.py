@@ -72,6 +72,12 @@ class Session(Protocol):
     def services(self, *, _async: bool) -> Future:
         """What services there are."""
 
+    def registerService(self, name: str, service: object, *, _async: bool) -> Future:
+        """Offer a service to others; its number."""
+
+    def unregisterService(self, number: int, *, _async: bool) -> Future:
+        """Take it out again."""
+
     def close(self) -> None:
         """Disconnect."""
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import time
 from collections.abc import Callable
 
@@ -10,30 +11,34 @@ import numpy as np
 from pepper_driver.backends.interface import BackendError, Measurement
 from pepper_driver.backends.naoqi.clock import DcmClock
 from pepper_driver.backends.naoqi.connection import Connection
-from pepper_driver.backends.naoqi.cycles import Cycles, Dating
+from pepper_driver.backends.naoqi.cycles import CommandScheduler, Cycles
+from pepper_driver.backends.naoqi.foreign import ForeignCommands
 from pepper_driver.backends.naoqi.keys import VALUES, Alias, SensorKeys, actuator_keys
-from pepper_driver.backends.naoqi.lead import measure
+from pepper_driver.backends.naoqi.lead import RoundTrips, burst, measure
 from pepper_driver.backends.naoqi.library import Answer
 from pepper_driver.backends.naoqi.orders import Orders
 from pepper_driver.backends.naoqi.playout import Playout
 from pepper_driver.backends.naoqi.reader import Reader
 from pepper_driver.backends.naoqi.watchdog import PAUSE, sample_age
 from pepper_driver.backends.naoqi.writer import Writer
-from pepper_driver.config import RobotConfig
-from pepper_driver.config.naoqi import TimingSettings
+from pepper_driver.config import NaoqiSettings, RobotConfig
 from pepper_driver.config.parts import FloatArray
 
 TICK_PHASE = 0.6
-"""[cycles] after a cycle of the robot at which ticks best begin: its values are there by then, and the next is far."""
+"""[cycles] after a cycle of the robot at which ticks begin, where samples come in time: the next cycle is far."""
 
-REQUEST_CALLS = 25
-"""Samples read in a burst, to see how long before a tick its sample must be requested."""
+SAMPLE_PHASE = 0.2
+"""[cycles] after a cycle of the robot at which its sample is requested at the earliest: its values are there then."""
 
-MAX_REQUEST_LEAD = 0.45
-"""[cycles] Before that the robot's values of the cycle may not be there yet."""
+MAX_REQUEST_LEAD = 0.8
+"""[cycles] from requesting a sample to its tick, at most: the sample is over before the next one is requested."""
 
-REQUEST_MARGIN = 0.0005
-"""[s] Added to the measured round trip."""
+REQUEST_MARGIN = 0.0015
+"""[s] added to the round trip of a sample: the pacer may wake up late."""
+
+READ_BACK = (2, 1, 3, 2)
+"""Samples from one in which the DCM is also asked what it tells joints and wheels to the next: a fifth more values.
+Irregular, so that another program with a rhythm of its own is not missed each time."""
 
 
 class Link:
@@ -42,7 +47,7 @@ class Link:
     Args:
         connection: Open.
         robot: Its description.
-        timing: Of commands and samples.
+        settings: Of commands and samples.
         delay: Cycles from the date of a command to the sample that shows it.
         now: This computer's clock [ns].
 
@@ -62,12 +67,13 @@ class Link:
         self,
         connection: Connection,
         robot: RobotConfig,
-        timing: TimingSettings,
+        settings: NaoqiSettings,
         delay: int,
         *,
         now: Callable[[], int] = time.perf_counter_ns,
     ) -> None:
-        self._connection, self._timing, self._now = connection, timing, now
+        timing = settings.timing
+        self._connection, self._robot, self._settings, self._now = connection, robot, settings, now
         self._cycle, self._delay = robot.cycle, delay
         self._actuators = actuator_keys(robot)
         self._make_aliases()
@@ -81,8 +87,12 @@ class Link:
         self._clock = DcmClock(min(replies, key=lambda reply: reply.round_trip))
         dcm, memory = connection.service("DCM"), connection.service("ALMemory")
         keys = SensorKeys(robot)
-        self.request_lead, values = self._measure_request(keys)
-        first = keys.values(values)
+        sample_trips, answer = self._measure_samples(keys)
+        self.request_lead = min(sample_trips.p99 + REQUEST_MARGIN, MAX_REQUEST_LEAD * robot.cycle)
+        self._tick_phase = max(
+            TICK_PHASE * robot.cycle, SAMPLE_PHASE * robot.cycle + self.request_lead
+        )
+        first = keys.values(answer)
         if isinstance(first, str):
             raise BackendError(
                 f"'{connection.address.uri}': the robot sends no good sample: {first}"
@@ -94,7 +104,10 @@ class Link:
         self._reader = Reader(memory, dcm, keys, self._clock, first=first, date=date, now=now)
         self._writer = Writer(dcm, timing.largest_step, now)
         self._orders: Orders | None = None
+        self._foreign: ForeignCommands | None = None
         self._written = 0
+        self._gaps = itertools.cycle(READ_BACK)
+        self._until_read_back = next(self._gaps)
         self._requested = False
         self.newest = self._measurement(0.0)
         self._reader.ask()
@@ -102,18 +115,28 @@ class Link:
     def start(self) -> FloatArray:
         """Give commands from now on; returns the stiffness (17,) that the joints have."""
         stiffness = self.commanded(Alias.STIFFNESS)
-        dating = Dating(self._cycles, 1e3 * self.lead, self._delay)
-        self._orders = Orders(self._writer, self._cycles, dating, self._timing.wheels, stiffness)
+        scheduler = CommandScheduler(self._cycles, 1e3 * self.lead, self._delay)
+        wheels, foreign = self._settings.timing.wheels, self._settings.foreign_commands
+        orders = Orders(self._writer, self._cycles, scheduler, wheels, stiffness, self._date)
+        self._orders = orders
+        if foreign.action == "stop":
+            self._foreign = ForeignCommands(
+                self._robot, foreign, orders.positions, orders.speeds, self._connection
+            )
         return stiffness
 
     def end(self) -> None:
         """Give no commands any more."""
-        self._orders = None
+        self._orders = self._foreign = None
 
     def request(self) -> None:
-        """Ask for the sample of the next ``read``, unless a question is on its way; never waits."""
+        """Ask for the sample of the next ``read``, unless a question is on its way; never waits.
+
+        An answer that is late is waited for, and then one cycle goes without a sample: asked for at another time, the
+        next one might be of the cycle before.
+        """
         self._take()
-        self._reader.ask()
+        self._ask()
         self._requested = True
 
     def read(self) -> Measurement:
@@ -123,12 +146,14 @@ class Link:
         if elapsed > PAUSE * 1e3 * self._cycle:
             self._watched = now
         self._take()
-        if not self._requested:  # the sample of the next tick is then the one that comes meanwhile
-            self._reader.ask()
+        if not self._requested:  # then it is the next tick that takes the sample
+            self._ask()
         self._requested = False
         self._writer.collect()
         since = self._clock.now(now) - self._reader.date
         self._playout.step(elapsed, since)
+        if self._foreign is not None:
+            self._foreign.tick(self._playout.sample.position)
         self.newest = self._measurement(
             sample_age(
                 self._playout.late,
@@ -145,9 +170,9 @@ class Link:
     ) -> None:
         """Send a command, after ``start`` and before ``end``; see :meth:`Orders.give`. Never waits."""
         if self._orders is not None:
+            self._writer.collect()
             self._written += 1
-            date = self._clock.now(self._now())
-            self._orders.give(self._written, date, position, stiffness, wheel_speed)
+            self._orders.give(self._written, self._date(), position, stiffness, wheel_speed)
 
     def exchange(
         self, position: FloatArray | None, stiffness: FloatArray, wheel_speed: FloatArray
@@ -160,7 +185,7 @@ class Link:
         """Return how much later than ``due`` [ns] a tick best begins [s]; see :meth:`Backend.phase_error`."""
         after = 1e-3 * self._cycles.since(self._clock.now(due))
         half = self._cycle / 2
-        return (TICK_PHASE * self._cycle - after + half) % self._cycle - half
+        return (self._tick_phase - after + half) % self._cycle - half
 
     def switch_wheels(self, points: list[tuple[float, float]]) -> bool:
         """Let the wheels' stiffness go through (time from now [s], stiffness); returns whether that was sent."""
@@ -210,19 +235,35 @@ class Link:
         self._writer.collect()
         return self._writer.idle
 
-    def _take(self) -> None:
-        if self._reader.take():
-            self._playout.add(self._cycles.see(self._reader.date), self._reader.newest)
+    def _date(self) -> float:
+        """Return the DCM's date now [ms]."""
+        return self._clock.now(self._now())
 
-    def _measure_request(self, keys: SensorKeys) -> tuple[float, Answer]:
-        """Return how long before a tick its sample is requested [s], and the last of the samples read to see that."""
-        trips = []
-        for _ in range(REQUEST_CALLS):
-            asked = self._now()
-            answer = self._connection.call("ALMemory", "getListData", keys.names)
-            trips.append((self._now() - asked) * 1e-9)
-        lead = float(np.percentile(trips, 99)) + REQUEST_MARGIN
-        return min(lead, MAX_REQUEST_LEAD * self._cycle), answer
+    def _ask(self) -> None:
+        self._until_read_back -= 1
+        read_back = self._until_read_back <= 0
+        if read_back:
+            self._until_read_back = next(self._gaps)
+        self._reader.ask(commands=read_back and self._foreign is not None)
+
+    def _take(self) -> None:
+        if not self._reader.take():
+            return
+        date, sample = self._reader.date, self._reader.newest
+        self._playout.add(self._cycles.see(date), sample)
+        if self._foreign is not None and sample.commanded is not None:
+            self._foreign.read_back(sample.commanded, date)
+
+    def _measure_samples(self, keys: SensorKeys) -> tuple[RoundTrips, Answer]:
+        """Read samples in a burst, the longer ones; returns their round trips and a sample."""
+        call, seconds = self._connection.call, self._settings.timing.burst / 2
+
+        def ask() -> int:
+            call("ALMemory", "getListData", keys.with_commands)
+            return 0
+
+        trips = RoundTrips.of(burst(ask, seconds, self._now))
+        return trips, call("ALMemory", "getListData", keys.names)
 
     def _make_aliases(self) -> None:
         """Let the DCM know the groups of actuators. It answers with their names, empty where it knows none."""
@@ -246,6 +287,7 @@ class Link:
             age=age,
             answers=None if orders is None else orders.answers(self._written, cycle),
             withheld=0 if orders is None else orders.withheld,
+            commanded_by_others=() if self._foreign is None else self._foreign.found,
             missing=self._reader.missing,
             **{name: getattr(values, name) for name in VALUES},
         )

@@ -6,7 +6,8 @@ from collections.abc import Callable
 
 import numpy as np
 
-from pepper_driver.backends.naoqi.cycles import Cycles, Dating
+from pepper_driver.backends.naoqi.cycles import CommandScheduler, Cycles
+from pepper_driver.backends.naoqi.history import CommandHistory, SentCommand
 from pepper_driver.backends.naoqi.keys import Alias
 from pepper_driver.backends.naoqi.writer import Writer
 from pepper_driver.config.naoqi import WheelTimes
@@ -26,11 +27,14 @@ class Orders:
     Args:
         writer: Sends.
         cycles: Of the robot.
-        dating: Says for which cycle a command is.
+        scheduler: Says for which cycle a command is.
         wheels: Dates of wheel commands.
         stiffness: (17,) what the joints have now.
+        clock: The DCM's date now [ms].
 
     Attributes:
+        positions: Commands for the joints that were sent.
+        speeds: And for the wheels.
         stiffness: (17,) that the joints were last told to have.
         withheld: Commands for the joints that were not sent, since too many were on their way.
     """
@@ -39,11 +43,15 @@ class Orders:
         self,
         writer: Writer,
         cycles: Cycles,
-        dating: Dating,
+        scheduler: CommandScheduler,
         wheels: WheelTimes,
         stiffness: FloatArray,
+        clock: Callable[[], float],
     ) -> None:
-        self._writer, self._cycles, self._dating = writer, cycles, dating
+        self._writer, self._cycles, self._scheduler = writer, cycles, scheduler
+        self._clock = clock
+        self.positions = CommandHistory(cycles.length)
+        self.speeds = CommandHistory(cycles.length)
         self._wheel_times = tuple(round(1e3 * t) for t in (wheels.reach, wheels.hold, wheels.stop))
         self.stiffness = stiffness
         self._stiffness: list[float] | None = stiffness.tolist()
@@ -69,9 +77,9 @@ class Orders:
             wheel_speed: (3,) [rad/s].
         """
         due: dict[Alias, Callable[[], bool]] = {}
-        number = None if position is None else self._dating.next(now)
+        number = None if position is None else self._scheduler.next(now)
         if position is not None and number is not None:
-            due[Alias.POSITION] = lambda: self._send_position(step, number, position)
+            due[Alias.POSITION] = lambda: self._send_position(step, number, now, position)
         speeds = wheel_speed.tolist()
         turning = any(speeds)
         if turning or speeds != self._wheel_speed:
@@ -93,31 +101,43 @@ class Orders:
         self.withheld += Alias.POSITION in waiting
 
     def answers(self, step: int, cycle: int) -> int | None:
-        """How many steps before ``step`` the command was given that the sample of a cycle answers; None if none was."""
-        return self._dating.answers(step, cycle)
+        """Return how many commands before ``step`` the one was given that the sample of a cycle answers, if any."""
+        return self._scheduler.answers(step, cycle)
 
-    def _send_position(self, step: int, number: int, position: FloatArray) -> bool:
+    def _send_position(self, step: int, number: int, now: float, position: FloatArray) -> bool:
+        date = self._cycles.date(number)
+        command = SentCommand(values=position, date=date, sent=now)
+
         def done(taken: bool) -> None:
-            if not taken:
-                self._dating.refused(number)
+            if taken:
+                command.taken = self._clock()
+            else:
+                self._scheduler.refused(number)
 
-        sent = self._writer.position(position, self._cycles.date(number), done)
-        self._dating.given(step, number, sent=sent)
+        sent = self._writer.position(position, date, done)
+        if sent:
+            self.positions.add(command)
+        self._scheduler.given(step, number, sent=sent)
         return sent
 
     def _send_wheels(self, now: float, speeds: list[float]) -> bool:
-        def done(taken: bool) -> None:
-            if not taken:
-                self._wheel_speed = None
-
         begin = self._last_cycle(now)
         if any(speeds):
             dates = [begin + after for after in self._wheel_times]
             values = [[speed, speed, 0.0] for speed in speeds]
         else:
             dates, values = [self._last_cycle(now + self._cycles.length)], [[0.0]] * 3
+        command = SentCommand(values=np.array(speeds), date=dates[0], sent=now)
+
+        def done(taken: bool) -> None:
+            if taken:
+                command.taken = self._clock()
+            else:
+                self._wheel_speed = None
+
         if not self._writer.send(Alias.WHEEL_SPEED, "ClearAll", dates, values, done):
             return False
+        self.speeds.add(command)
         self._wheel_speed = speeds
         return True
 

@@ -79,12 +79,17 @@ class Reader:
         self.newest, self.date = values, date
         return True
 
-    def ask(self) -> None:
-        """Ask for the next sample, unless a question is on its way."""
+    def ask(self, *, commands: bool = False) -> None:
+        """Ask for a sample, unless a question is on its way.
+
+        Args:
+            commands: Also ask what the DCM tells joints and wheels.
+        """
         if self._question is not None or self._time_question is not None:
             return
+        names = self._keys.with_commands if commands else self._keys.names
         try:
-            self._question = self._memory.getListData(self._keys.names, _async=True)
+            self._question = self._memory.getListData(names, _async=True)
         except RuntimeError as error:  # the connection is lost
             self._warn(one_line(str(error)))
             return

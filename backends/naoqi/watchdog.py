@@ -5,17 +5,17 @@ from __future__ import annotations
 PAUSE = 5.0
 """[cycles] without a tick that are more than some that were missed: nobody looked after the robot meanwhile."""
 
-USUAL = 0.072
-"""[s] since the cycle of a sample. Younger ones are late by whole cycles, as the observer counts; older ones are as old
-as they are."""
+NORMAL_AGE = 0.072
+"""[s] since the cycle of a sample, which takes 7 to 12 ms to its tick. Younger ones are late by whole cycles, as the
+observer counts; older ones are as old as they are."""
 
 
 def sample_age(late: int, since: float, silence: float, watched: float, cycle: float) -> float:
-    """Age of the newest sample as :class:`~pepper_driver.backends.interface.Measurement` has it [s].
+    """Return the age of the newest sample as :class:`~pepper_driver.backends.interface.Measurement` has it [s].
 
-    A fresh sample has none, whatever its way took: it is asked for in one tick, and taken in the next. When samples
-    stay away for long, nothing is deducted: the gate, which looks once a cycle, then stops the robot before the last
-    good one came 100 ms ago. A robot that sends samples but takes no commands is no better than one that is silent.
+    The sample of the tick's cycle has none, whatever its way took. When samples stay away for long, nothing is
+    deducted: the gate, which looks once a cycle, then stops the robot before the last good one came 100 ms ago. A robot
+    that sends samples but takes no commands is no better than one that is silent.
 
     After a pause without ticks, between two runs, the robot is given the time to answer that it has when it is watched:
     what came before the pause tells nothing of it.
@@ -27,7 +27,7 @@ def sample_age(late: int, since: float, silence: float, watched: float, cycle: f
         watched: Time since ticks last began after a pause [s].
         cycle: Of the robot [s].
     """
-    age = late * cycle if since <= USUAL else since
-    if silence > USUAL:
+    age = late * cycle if since <= NORMAL_AGE else since
+    if silence > NORMAL_AGE:
         age = max(age, silence)
     return min(age, watched + cycle)

@@ -1,6 +1,8 @@
-"""Whether the motors are as they were told to be: nobody took their stiffness away, and none has stopped answering."""
+"""Whether motors do as they were told: none was made soft or commanded by others, and none has stopped answering."""
 
 from __future__ import annotations
+
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +16,7 @@ FULL_STIFFNESS = 0.5
 """Of a joint below it, no one expects that it follows its command."""
 
 NAMED = 3
-"""Joints that a message names, at most."""
+"""Joints and wheels that a message names, at most."""
 
 
 class MotorWatch:
@@ -67,6 +69,17 @@ class MotorWatch:
         )
         return Fault(reason=FaultReason.STIFFNESS, text=text)
 
+    def foreign(self, measurement: Measurement) -> Fault | None:
+        """Return the fault where the backend sees another program command joints or wheels."""
+        names = measurement.commanded_by_others
+        if not names:
+            return None
+        text = (
+            f"another program commands {_list(names)}: end it, or what moves the robot by itself (autonomous life, "
+            "basic awareness, animated speech, Choregraphe), then start again"
+        )
+        return Fault(reason=FaultReason.FOREIGN_COMMAND, text=text)
+
     def silent(
         self, measurement: Measurement, answered: Command, distance: FloatArray
     ) -> Fault | None:
@@ -98,7 +111,9 @@ class MotorWatch:
 
     def _listed(self, joints: NDArray[np.bool_]) -> str:
         names = [self._names[index] for index in np.flatnonzero(joints).tolist()]
-        if len(names) == len(self._names):
-            return "all joints"
-        more = f" and {len(names) - NAMED} more" if len(names) > NAMED else ""
-        return f"{', '.join(names[:NAMED])}{more}"
+        return "all joints" if len(names) == len(self._names) else _list(names)
+
+
+def _list(names: Sequence[str]) -> str:
+    more = f" and {len(names) - NAMED} more" if len(names) > NAMED else ""
+    return f"{', '.join(names[:NAMED])}{more}"

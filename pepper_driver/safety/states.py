@@ -39,6 +39,7 @@ class FaultReason(Enum):
     DIVERGENCE = "divergence"
     STIFFNESS = "stiffness"
     SILENT_JOINT = "silent joint"
+    FOREIGN_COMMAND = "foreign command"
     COMMAND = "command"
     TEMPERATURE = "temperature"
     BATTERY = "battery"

@@ -67,6 +67,8 @@ class Watch:
             if fault is not None:
                 return fault
         fault = self._motors.stiffness(measurement, answered, newest)
+        if fault is None:
+            fault = self._motors.foreign(measurement)
         if fault is not None:
             return fault
         distance = self._distance

@@ -7,7 +7,7 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from fakes import FakeBackend
+from fakes import quiet
 
 from pepper_driver.callbacks.events import ReflexEvent
 from pepper_driver.config import load_robot
@@ -17,7 +17,7 @@ from pepper_driver.observer import Contact, JointState, Observation
 from pepper_driver.reflexes import Arbiter, Reflex, prepare_reflexes
 
 ROBOT = load_robot()
-BLANK = FakeBackend().open()
+BLANK = quiet()
 ROLL = ROBOT.joint_index("LShoulderRoll")
 ARM = [ROBOT.joint_index(name) for name in ROBOT.chains["left_arm"]]
 STD = 0.2

@@ -10,10 +10,10 @@ from time import monotonic
 from typing import Any
 
 import numpy as np
-from fakes import FakeBackend
 from waiting import PATIENCE
 
 from pepper_driver.backends import Backend
+from pepper_driver.backends.mock import MockBackend
 from pepper_driver.callbacks.dispatcher import Dispatcher
 from pepper_driver.config import load_controller_settings, load_robot, load_safety_settings
 from pepper_driver.controller import Tick
@@ -178,7 +178,7 @@ def active(
 ) -> Iterator[Session]:
     """A session inside a block, without what the facade does in the end."""
     session = make_session(
-        backend or FakeBackend(), gate=gate, pacer=pacer, loop_thread=loop_thread
+        backend or MockBackend(), gate=gate, pacer=pacer, loop_thread=loop_thread
     )
     start(session, **parts)
     try:

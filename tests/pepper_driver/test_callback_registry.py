@@ -23,6 +23,7 @@ from pepper_driver import (
     TickEvent,
 )
 from pepper_driver.backends import BackendError
+from pepper_driver.backends.mock import MockBackend
 from pepper_driver.callbacks.callback_registry import CallbackRegistry
 from pepper_driver.callbacks.events import ReflexPhase
 from pepper_driver.callbacks.filters import SubscriptionError
@@ -34,7 +35,7 @@ from pepper_driver.safety import Fault, FaultReason
 from pepper_driver.session import CALLBACK_TIME
 
 from event_cases import LONG, ROBOT, Blocker, contact, make_pepper, pressed  # isort: skip
-from fakes import FakeBackend, aged  # isort: skip
+from fakes import aged  # isort: skip
 
 CYCLE = ROBOT.cycle
 
@@ -297,7 +298,7 @@ def test_only_one_thread_runs_the_robot_and_no_tick_runs_ticks(
             "a motion began, and would have changed the tasks of the one that runs"
         )
 
-    monkeypatch.setattr("pepper_driver.robot.Player", no_motion)
+    monkeypatch.setattr("pepper_driver.motion.Player.begin", no_motion)
     pepper = make_pepper()
     inside, go = threading.Event(), threading.Event()
     errors: list[BaseException] = []
@@ -335,7 +336,7 @@ def test_only_one_thread_runs_the_robot_and_no_tick_runs_ticks(
         pepper.run(CYCLE)
 
 
-class Noting(FakeBackend):
+class Noting(MockBackend):
     """Notes when it is closed."""
 
     def __init__(self, order: list[str]) -> None:

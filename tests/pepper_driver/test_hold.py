@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from pepper_driver.backends import Measurement
 from pepper_driver.config import load_robot
 from pepper_driver.controller import WholeBodyController
 from pepper_driver.observer import Contact, Observation
@@ -14,10 +13,10 @@ from pepper_driver.reflexes import Hold, ReflexError, ReflexRequests
 
 from dataclasses import replace  # isort: skip
 
-from fakes import FakeBackend  # isort: skip
+from fakes import quiet  # isort: skip
 
 ROBOT = load_robot()
-BLANK: Measurement = FakeBackend().open()
+BLANK = quiet()
 NAN: NDArray[np.float64] = np.full(17, np.nan)
 
 

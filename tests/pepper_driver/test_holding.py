@@ -13,7 +13,6 @@ from pepper_driver.observer import Contact, Observation, Observer
 from pepper_driver.reflexes import ReflexRequests
 
 # isort: off
-from fakes import FakeBackend
 from motion_cases import ARM, PLACE, REACH, ROBOT, YAW, Trace, make_motion, wrist
 from test_hold import contact
 # isort: on
@@ -73,9 +72,7 @@ class Holder(Reflex):
 
 def make_pepper(reflex: Reflex, script: dict[float, Contact] | None = None) -> Pepper:
     """A Pepper whose joints are where they are sent, and which feels what it is told to."""
-    pepper = Pepper("mujoco", observer=Scripted(script), reflexes=[reflex])
-    pepper.backend = FakeBackend()
-    return pepper
+    return Pepper("mock", observer=Scripted(script), reflexes=[reflex])
 
 
 class Speeds:

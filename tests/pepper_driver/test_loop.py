@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from pepper_driver.backends import Truth
 from pepper_driver.backends.interface import LONGEST_WAY
+from pepper_driver.backends.mock import Fault, MockBackend
 from pepper_driver.config import (
     ControllerSettings,
     RobotConfig,
@@ -27,14 +28,14 @@ from pepper_driver.reflexes import Arbiter, Reflex, ReflexRequests, prepare_refl
 from pepper_driver.robot import Pepper
 from pepper_driver.safety import FaultError, FaultReason, RobotState, SafetyGate
 
-from fakes import FakeBackend, Fault, aged, displaced, slowed  # isort: skip
+from fakes import aged, displaced, slowed  # isort: skip
 
 ROBOT = load_robot()
 Array = NDArray[np.float64]
 
 
 def make_loop(
-    backend: FakeBackend,
+    backend: MockBackend,
     observer: Observer | None = None,
     reflexes: tuple[Reflex, ...] = (),
     publish: Callable[[TickRecord], None] = lambda _: None,
@@ -45,7 +46,8 @@ def make_loop(
     controller = WholeBodyController(ROBOT, gains)
     robot, limits = gated or (ROBOT, gains)
     gate = SafetyGate(robot, load_safety_settings(), limits)
-    first = backend.open()
+    backend.open()
+    first = backend.activate()
     start = first.position
     controller.reset(start)
     gate.activate(start)
@@ -71,7 +73,7 @@ def turn(loop: Loop, angle: float) -> None:
 @pytest.mark.parametrize("delay", [0, 1, 3])
 def test_a_measurement_is_paired_with_the_command_it_answers(delay: int) -> None:
     """The fake joint shows the command of ``delay`` ticks ago, so the tracking error must vanish."""
-    loop, _, _ = make_loop(FakeBackend(delay=delay))
+    loop, _, _ = make_loop(MockBackend(delay=delay))
     turn(loop, 0.5)
     for _ in range(60):
         tick = loop.tick().tick
@@ -92,7 +94,7 @@ def answering(ago: int) -> Fault:
 @example([0, 3] + 70 * [80] + [2, 0])
 def test_each_command_is_answered_or_known_not_to_be(answers: list[int]) -> None:
     """Whatever a backend says of its samples: late, twice, lost, older than all that is known."""
-    backend = FakeBackend()
+    backend = MockBackend()
     loop, _, _ = make_loop(backend)
     turn(loop, 0.5)
     answered: list[int] = []
@@ -100,16 +102,19 @@ def test_each_command_is_answered_or_known_not_to_be(answers: list[int]) -> None
         backend.faults[step + 1] = answering(ago)
         record = loop.tick()
         place = max(0, step - ago, step - LONGEST_WAY)
-        assert record.tick.sent is backend.commands[place]
+        # The arm moves in every tick: each command has a position of its own.
+        written = [command.position.tobytes() for command in backend.commands]
+        assert len(set(written)) == len(written)
+        assert record.tick.sent.position.tobytes() == written[place]
         first = max(answered, default=0) + 1
-        late = [(ago, entry.command) for ago, entry in record.unmatched]
+        late = [(ago, entry.command.position.tobytes()) for ago, entry in record.unmatched]
         expected = range(max(first, step - LONGEST_WAY), place)
-        assert late == [(step - k, backend.commands[k]) for k in expected]
+        assert late == [(step - k, written[k]) for k in expected]
         answered.append(place)
 
 
 def test_the_reference_in_a_tick_is_the_one_its_command_was_made_from() -> None:
-    loop, _, _ = make_loop(FakeBackend(delay=2))
+    loop, _, _ = make_loop(MockBackend(delay=2))
     turn(loop, 0.3)
     for _ in range(40):
         tick = loop.tick().tick
@@ -121,7 +126,7 @@ def test_transport_is_no_error_of_a_closed_loop() -> None:
     trails: list[Array] = []
     feedback: Literal["none", "joints"]
     for feedback in ("none", "joints"):
-        backend = FakeBackend(delay=3)
+        backend = MockBackend(delay=3)
         loop, _, _ = make_loop(backend, feedback=feedback)
         turn(loop, 0.5)
         for _ in range(100):
@@ -177,7 +182,7 @@ class Reach(Reflex):
 
 
 def test_a_reflex_acts_in_the_tick_it_is_called_in() -> None:
-    backend = FakeBackend()
+    backend = MockBackend()
     loop, _, _ = make_loop(backend, observer=Spy(), reflexes=(Reach(),))
     for _ in range(2):
         loop.tick()
@@ -202,7 +207,7 @@ class Creep(Reflex):
 
 
 def test_a_posture_that_a_reflex_changes_in_place_is_followed() -> None:
-    backend = FakeBackend()
+    backend = MockBackend()
     loop, _, controller = make_loop(backend, observer=Spy(), reflexes=(Creep(),))
     start = controller.position[6]
     for _ in range(300):
@@ -211,7 +216,7 @@ def test_a_posture_that_a_reflex_changes_in_place_is_followed() -> None:
 
 
 def test_a_listener_that_fails_does_not_keep_a_fault_from_the_robot() -> None:
-    backend = FakeBackend()
+    backend = MockBackend()
 
     def fail(record: TickRecord) -> None:
         if record.tick.measurement.tick == 61:
@@ -226,7 +231,7 @@ def test_a_listener_that_fails_does_not_keep_a_fault_from_the_robot() -> None:
 
 def test_what_the_gate_changed_is_flagged_and_fed_back() -> None:
     """A clamped command must not look like a touch, nor may the controller run ahead of the robot."""
-    backend = FakeBackend()
+    backend = MockBackend()
     spy = Spy()
     loop, _, controller = make_loop(backend, observer=spy)
 
@@ -251,7 +256,7 @@ def test_what_the_gate_changed_is_flagged_and_fed_back() -> None:
 
 
 def test_the_controller_does_not_run_ahead_of_a_robot_that_the_gate_slows() -> None:
-    backend = FakeBackend()
+    backend = MockBackend()
     slow = slowed(load_controller_settings(ROBOT), 0.001 / ROBOT.cycle / 1.5)
     loop, gate, controller = make_loop(backend, gated=(ROBOT, slow))
     turn(loop, 0.5)
@@ -265,7 +270,7 @@ def test_the_controller_does_not_run_ahead_of_a_robot_that_the_gate_slows() -> N
     ("fault", "word"), [(aged(0.15), "old"), (displaced(4, np.nan), "not a number")]
 )
 def test_a_fault_stops_the_robot_and_is_told(fault: Any, word: str) -> None:
-    backend = FakeBackend()
+    backend = MockBackend()
     loop, gate, _ = make_loop(backend)
     turn(loop, 0.5)
     backend.faults[20] = fault
@@ -277,7 +282,7 @@ def test_a_fault_stops_the_robot_and_is_told(fault: Any, word: str) -> None:
     stands_still(backend, loop, 20)
 
 
-def stands_still(backend: FakeBackend, loop: Loop, commands: int) -> None:
+def stands_still(backend: MockBackend, loop: Loop, commands: int) -> None:
     """After so many commands the robot was told to hold its joints and stop its wheels, and is told nothing else."""
     before, after = backend.commands[commands - 1], backend.commands[commands:]
     assert after
@@ -292,7 +297,7 @@ def stands_still(backend: FakeBackend, loop: Loop, commands: int) -> None:
     assert len(backend.commands) == commands + len(after)
 
 
-def driving(backend: FakeBackend, **parts: Any) -> tuple[Loop, SafetyGate]:
+def driving(backend: MockBackend, **parts: Any) -> tuple[Loop, SafetyGate]:
     """A loop whose arm and wheels move."""
     loop, gate, _ = make_loop(backend, **parts)
     turn(loop, 0.5)
@@ -304,7 +309,7 @@ def driving(backend: FakeBackend, **parts: Any) -> tuple[Loop, SafetyGate]:
 
 
 def test_an_emergency_stop_reaches_the_robot() -> None:
-    backend = FakeBackend()
+    backend = MockBackend()
     loop, gate = driving(backend)
     gate.stop(FaultReason.EMERGENCY_STOP, "emergency stop")
     with pytest.raises(FaultError, match="emergency stop"):
@@ -337,7 +342,7 @@ class Broken(Reflex):
 
 @pytest.mark.parametrize("harm", ["raises", "posture", "stiffness", "gain"])
 def test_a_broken_reflex_stops_the_robot_and_the_tick_is_published(harm: str) -> None:
-    backend, published = FakeBackend(), list[TickRecord]()
+    backend, published = MockBackend(), list[TickRecord]()
     loop, gate = driving(
         backend, observer=Spy(), reflexes=(Broken(harm),), publish=published.append
     )
@@ -359,7 +364,7 @@ class BrokenObserver(Spy):
 
 
 def test_a_broken_observer_stops_the_robot() -> None:
-    backend = FakeBackend()
+    backend = MockBackend()
     loop, _ = driving(backend, observer=BrokenObserver())
     with pytest.raises(FaultError, match="RuntimeError"):
         loop.tick()
@@ -407,7 +412,7 @@ def test_nothing_reachable_from_a_tick_leads_to_the_truth() -> None:
 
 
 def test_every_stage_is_timed() -> None:
-    loop, _, _ = make_loop(FakeBackend())
+    loop, _, _ = make_loop(MockBackend())
     for _ in range(10):
         loop.tick()
     statistics = loop.times.statistics
@@ -419,7 +424,7 @@ def test_every_stage_is_timed() -> None:
 
 def test_wheels_that_the_gate_slows_keep_the_direction_and_the_controller_knows() -> None:
     """The gate's limit is below the controller's: what that integrates is what the wheels were sent."""
-    backend = FakeBackend(delay=0)
+    backend = MockBackend(delay=0)
     slow = replace(ROBOT, wheels=replace(ROBOT.wheels, speed_limit=0.5))
     loop, _, controller = make_loop(backend, gated=(slow, load_controller_settings(ROBOT)))
     twist = np.array([0.15, 0.05, 0.2])

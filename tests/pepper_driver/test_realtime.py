@@ -13,11 +13,11 @@ from itertools import pairwise
 from random import Random
 
 import pytest
-from fakes import FakeBackend
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pepper_driver import realtime as module
+from pepper_driver.backends.mock import MockBackend
 from pepper_driver.config import load_robot
 from pepper_driver.realtime import (
     MAX_FROZEN_BY_PYTHON,
@@ -372,7 +372,7 @@ def test_the_lead_may_change_from_tick_to_tick() -> None:
 
 
 def test_the_pacer_of_a_robot_follows_it_and_requests_its_samples() -> None:
-    class Robot(FakeBackend):
+    class Robot(MockBackend):
         request_lead = 0.003
 
         def request(self) -> None:

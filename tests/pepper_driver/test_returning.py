@@ -16,7 +16,6 @@ from pepper_driver.reflexes.requests import DOMINANT_WEIGHT
 # isort: off
 from motion_cases import ROBOT
 from reflex_cases import touch
-from fakes import FakeBackend
 from test_holding import Holder, Scripted, make_pepper
 # isort: on
 
@@ -88,9 +87,7 @@ def test_while_another_reflex_holds_the_posture_nothing_is_led_back() -> None:
     """A held posture moves no other joint, so there is no way back; a spline would hold it less firmly."""
     script = {1.0: touch(), 2.0: touch(phase="end")}
     reflexes = [Lead(way=0.3, pause=0.0), Holder(0.5, 6.0)]
-    pepper = Pepper("mujoco", observer=Scripted(script), reflexes=reflexes)
-    pepper.backend = FakeBackend()
-    with pepper:
+    with Pepper("mock", observer=Scripted(script), reflexes=reflexes) as pepper:
         home = pepper.controller.position[ROLL]
         pepper.run(2.2)
         assert not pepper.controller.posture.driven

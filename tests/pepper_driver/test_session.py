@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from pepper_driver.backends import BackendError, Command, Measurement
+from pepper_driver.backends.mock import MockBackend
 from pepper_driver.callbacks.dispatcher import Dispatcher
 from pepper_driver.config.parts import FloatArray
 from pepper_driver.controller import Tick
@@ -22,7 +23,6 @@ from pepper_driver.reflexes import Reflex, ReflexRequests
 from pepper_driver.robot import Pepper
 from pepper_driver.safety import FaultError, FaultReason, RobotState
 
-from fakes import FakeBackend  # isort: skip
 from session_cases import ROBOT, Scripted, VirtualTime, active, make_gate, make_session, start  # isort: skip
 
 
@@ -48,7 +48,7 @@ def ended(monkeypatch: pytest.MonkeyPatch) -> list[str]:
     return calls
 
 
-class Fragile(FakeBackend):
+class Fragile(MockBackend):
     """Fails at one step; its calls go to a list that others write to as well."""
 
     def __init__(self, calls: list[str], fails_at: str = "") -> None:
@@ -56,19 +56,22 @@ class Fragile(FakeBackend):
         self.calls, self.fails_at = calls, fails_at
 
     def open(self) -> Measurement:
-        return self._checked("open", super().open())
+        measurement = super().open()
+        self._check("open")
+        return measurement
 
     def activate(self) -> Measurement:
-        return self._checked("activate", super().activate())
+        measurement = super().activate()
+        self._check("activate")
+        return measurement
 
     def close(self) -> None:
         super().close()
-        self._checked("close", self._measure(self.position))
+        self._check("close")
 
-    def _checked(self, step: str, measurement: Measurement) -> Measurement:
+    def _check(self, step: str) -> None:
         if step == self.fails_at:
             raise BackendError(f"{step} fails")
-        return measurement
 
 
 class Unwilling(Reflex):
@@ -166,13 +169,12 @@ def test_an_emergency_stop_while_the_robot_starts_ends_the_start(ended: list[str
     assert pepper.state is RobotState.FAULT
 
 
-class Recorder(FakeBackend):
+class Recorder(MockBackend):
     """Notes every call, those of a reflex and of listeners too."""
 
     def __init__(self, real_time: bool, calls: list[str]) -> None:
-        super().__init__()
+        super().__init__(real_time=real_time)
         self.calls = calls
-        self.real_time = real_time
 
     def read(self) -> Measurement:
         self.calls.append("read")
@@ -253,8 +255,7 @@ def broken(measurement: Measurement) -> Measurement:
 def test_a_run_in_real_time_leaves_the_process_as_it_was(loop_thread: bool) -> None:
     seen: list[bool] = []
     interval, threads = sys.getswitchinterval(), set(threading.enumerate())
-    backend = FakeBackend()
-    backend.faults[5] = broken
+    backend = MockBackend(faults={5: broken})
     time = VirtualTime()
     with (
         time.flowing(),
@@ -287,12 +288,12 @@ def test_a_slow_tick_is_missed_counted_and_told() -> None:
 HEAD = ROBOT.joint_index("HeadYaw")
 
 
-class Rising(FakeBackend):
+class Rising(MockBackend):
     """Gets up before it is held, as a robot does that is woken up."""
 
     @property
     def held(self) -> FloatArray:
-        return self.robot.posture("Stand") + np.where(np.arange(17) == HEAD, 0.3, 0.0)
+        return ROBOT.posture("Stand") + np.where(np.arange(17) == HEAD, 0.3, 0.0)
 
     def activate(self) -> Measurement:
         self.position = self.held

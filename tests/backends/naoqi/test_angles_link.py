@@ -43,7 +43,7 @@ def ticks(link: AnglesLink, count: int, stiffness: float = 1.0) -> list[Measurem
     """Measurements of ticks in real time."""
     measured, due = [], time.monotonic()
     for _ in range(count):
-        measured.append(link.tick(GOAL, np.full(17, stiffness)))
+        measured.append(link.exchange(GOAL, np.full(17, stiffness)))
         due += ROBOT.cycle
         time.sleep(max(0.0, due - time.monotonic()))
     return measured

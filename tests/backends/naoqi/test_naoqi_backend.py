@@ -35,8 +35,12 @@ from pepper_driver.config import (
 )
 from pepper_driver.config.parts import FloatArray
 from pepper_driver.observer import Contact
-from pepper_driver.pacing import RealTimePacer
-from pepper_driver.realtime import priority_obstacle
+from pepper_driver.realtime import (
+    RealTimePacer,
+    priority_obstacle,
+    realtime_process,
+    realtime_thread,
+)
 
 ROBOT = load_robot()
 ONES, STILL = np.ones(17), np.zeros(3)
@@ -75,12 +79,13 @@ def run(
     until: Callable[[Measurement], bool] = lambda _: False,
 ) -> list[Measurement]:
     """Ticks in real time."""
-    pacer, measured = RealTimePacer(ROBOT.cycle, off_beat=backend.off_beat), []
-    with pacer.running():
+    pacer, measured = RealTimePacer.from_backend(backend, ROBOT.cycle), []
+    with realtime_process(), realtime_thread():
         for tick in range(ticks):
             pacer.wait()
+            measured.append(backend.read())
             command = Command(position=position(tick), stiffness=stiffness, wheel_speed=wheels)
-            measured.append(backend.step(command))
+            backend.write(command)
             if until(measured[-1]):
                 break
     return measured
@@ -120,7 +125,7 @@ def test_the_stand_in_is_known_as_the_robot_it_simulates(robot: StandIn, backend
     assert info.identity == make_backend("mujoco").info.identity, "so its models apply"
     assert info.capabilities >= {"push", "grab"}
     assert "truth" not in info.capabilities
-    assert info.real_time
+    assert backend.real_time
     assert info.response_delay == make_backend("mujoco").info.response_delay == 3
     other = make_backend(f"naoqi://127.0.0.1:{robot.port}?delay=5")
     assert other.info.response_delay == 5
@@ -133,6 +138,7 @@ def test_the_stand_in_is_known_as_the_robot_it_simulates(robot: StandIn, backend
         ("delay=-1", "whole number"),
         ("delay=x", "whole number"),
         ("wake=2", "wake"),
+        ("force=yes", "force"),
         ("dela=3", "delay"),
     ],
 )
@@ -202,7 +208,7 @@ def test_activation_holds_and_deactivation_lets_all_go_but_the_legs(
     backend.activate()
     backend.close()
     with pytest.raises(NotConnectedError, match="not open"):
-        backend.step(Command(position=held(before), stiffness=ONES, wheel_speed=STILL))
+        backend.write(Command(position=held(before), stiffness=ONES, wheel_speed=STILL))
 
 
 def test_the_dcm_is_at_each_command_at_a_cycle_and_samples_answer_it(
@@ -229,7 +235,7 @@ def test_the_dcm_is_at_each_command_at_a_cycle_and_samples_answer_it(
         measurement = measured[tick]
         assert measurement.answers is not None
         if measurement.age == 0.0:
-            errors.append(given[tick - measurement.answers] - measurement.position)
+            errors.append(given[tick - 1 - measurement.answers] - measurement.position)
     # The simulated robot lags by less than a degree; two ticks of a wrong pairing would be more.
     assert np.abs(np.array(errors)[:, [6, 12]]).max() < np.radians(2.5)
 

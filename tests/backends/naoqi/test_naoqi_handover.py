@@ -7,15 +7,12 @@ from typing import Any
 
 import numpy as np
 import pytest
-from virtual_robot import ROBOT, VirtualRobot, link_with
+from virtual_robot import ROBOT, SETTINGS, VirtualRobot, link_with
 
 from pepper_driver.backends.interface import BackendError
 from pepper_driver.backends.naoqi import handover
 from pepper_driver.backends.naoqi.keys import Alias
 from pepper_driver.backends.naoqi.link import Link
-from pepper_driver.config import load_naoqi_settings
-
-SETTINGS = load_naoqi_settings()
 
 
 @pytest.fixture
@@ -25,7 +22,7 @@ def robot(monkeypatch: pytest.MonkeyPatch) -> VirtualRobot:
     clock = SimpleNamespace(
         perf_counter_ns=made.now,
         monotonic=lambda: 1e-3 * made.time,
-        sleep=lambda seconds: made.pass_time(made.time + 1e3 * seconds),
+        sleep=made.sleep,
     )
     monkeypatch.setattr(handover, "time", clock)
     return made
@@ -33,7 +30,7 @@ def robot(monkeypatch: pytest.MonkeyPatch) -> VirtualRobot:
 
 @pytest.fixture
 def link(robot: VirtualRobot) -> Link:
-    return link_with(robot, SETTINGS.timing)
+    return link_with(robot)
 
 
 def test_joints_and_wheels_get_stiff_and_nothing_moves(robot: VirtualRobot, link: Link) -> None:
@@ -48,6 +45,20 @@ def test_joints_and_wheels_get_stiff_and_nothing_moves(robot: VirtualRobot, link
     for joints, wheels in robot.commanded.values():
         np.testing.assert_allclose(joints, stands)
         assert not wheels.any()
+
+
+def test_the_first_sample_that_counts_is_of_the_last_cycle(robot: VirtualRobot, link: Link) -> None:
+    """Taking the robot over lasted for seconds: the posture held is the one measured after it."""
+    robot.pass_time(robot.time + 3000.0)
+    robot.order(
+        [key for key in robot._keys[Alias.POSITION]],
+        (ROBOT.posture("Stand") + 0.01).tolist(),
+        0.0,
+        "ClearAll",
+    )
+    robot.pass_time(robot.time + 200.0)
+    hold, _ = handover.ramp_up(link, ROBOT, SETTINGS, lambda: None)
+    np.testing.assert_allclose(hold, ROBOT.posture("Stand") + 0.01)
 
 
 def test_wheels_that_cannot_be_switched_on_are_an_error(

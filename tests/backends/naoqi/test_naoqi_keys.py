@@ -24,6 +24,26 @@ def answer(**changed: Any) -> list[Any]:
     return values
 
 
+def test_what_the_dcm_tells_joints_and_wheels_comes_after_all_else() -> None:
+    joints, wheels = ROBOT.joint_names, ROBOT.wheels.names
+    assert KEYS.with_commands[: len(KEYS.names)] == KEYS.names
+    assert KEYS.with_commands[len(KEYS.names) :] == [
+        *(f"{PREFIX}{name}/Position/Actuator/Value" for name in joints),
+        *(f"{PREFIX}{name}/Speed/Actuator/Value" for name in wheels),
+    ]
+    plain = KEYS.values(answer())
+    told = KEYS.values([*answer(), *(10.0 + n for n in range(19)), None])
+    assert isinstance(plain, Values)
+    assert isinstance(told, Values)
+    assert plain.commanded is None
+    assert told.commanded is not None
+    assert told.commanded[:19].tolist() == [10.0 + n for n in range(19)]
+    assert np.isnan(told.commanded[19]), "which makes it no worse a sample"
+    assert told.shown == plain.shown
+    np.testing.assert_array_equal(told.position, plain.position)
+    assert isinstance(KEYS.values([*answer(), 1.0]), str)
+
+
 def test_every_value_is_found_at_its_place() -> None:
     values = KEYS.values(answer())
     assert isinstance(values, Values)

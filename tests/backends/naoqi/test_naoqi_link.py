@@ -9,15 +9,23 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from virtual_robot import CYCLE, ROBOT, Network, VirtualRobot, link_with
+from virtual_robot import (
+    CYCLE,
+    ROBOT,
+    SETTINGS,
+    VirtualLoop,
+    VirtualRobot,
+    link_with,
+    wire,
+)
 
 from pepper_driver.backends.interface import BackendError, Measurement
 from pepper_driver.backends.naoqi.keys import SensorKeys
 from pepper_driver.backends.naoqi.lead import SlowLinkError
-from pepper_driver.config import load_naoqi_settings, load_safety_settings
+from pepper_driver.config import load_safety_settings
 from pepper_driver.config.parts import FloatArray
 
-TIMING = load_naoqi_settings().timing
+TIMING = SETTINGS.timing
 SAFETY = load_safety_settings()
 ONES, STILL = np.ones(17), np.zeros(3)
 STAND = ROBOT.posture("Stand")
@@ -33,14 +41,15 @@ class Run:
         began: When each began [ms].
     """
 
-    def __init__(self, robot: VirtualRobot, *, follow: bool = True, speed: float = 1.0) -> None:
-        self.robot, self._follow, self._speed = robot, follow, speed
-        self.link = link_with(robot, TIMING)
+    def __init__(
+        self, robot: VirtualRobot, *, follow: bool = True, speed: float = 1.0, request: bool = True
+    ) -> None:
+        self.robot, self._speed = robot, speed
+        self.loop = VirtualLoop(robot, follow=follow, request=request)
+        self.link, self.began = self.loop.link, self.loop.began
         self.link.start()
         self.given: list[FloatArray] = []
         self.measured: list[Measurement] = []
-        self.began: list[float] = []
-        self.due = robot.time
 
     def position(self, tick: int) -> FloatArray:
         """Joints swing at ``speed`` [rad/s] at most."""
@@ -56,15 +65,10 @@ class Run:
     ) -> bool:
         """Whether ``until`` ended it. ``late`` says by how many ms the tick of a number begins late."""
         for _ in range(number):
-            tick = len(self.given)
-            self.robot.pass_time(max(self.due + late(tick), self.robot.time))
-            self.given.append(self.position(tick))
-            self.began.append(self.robot.time)
-            self.measured.append(self.link.tick(self.given[-1], ONES, wheels))
-            off = self.link.off_beat(round((self.due + CYCLE) * 1e6)) if self._follow else 0.0
-            self.due += CYCLE + min(max(1e3 * off, -0.06), 0.06)
-            while self.due < self.robot.time:  # a tick that was missed
-                self.due += CYCLE
+            self.loop.wait(late(len(self.given)))
+            self.measured.append(self.loop.read())
+            self.given.append(self.position(len(self.given)))
+            self.loop.write(self.given[-1], ONES, wheels)
             if until(self.measured[-1]):
                 return True
         return False
@@ -76,15 +80,10 @@ class Run:
             if tick < since or measurement.answers is None or measurement.age > 0.05:
                 continue
             late = round(measurement.age / ROBOT.cycle)
-            given = self.given[max(0, tick - measurement.answers - late)]
+            given = self.given[max(0, tick - 1 - measurement.answers - late)]
             if np.abs(measurement.position - given).max() > within:
                 wrong.append(tick)
         return wrong
-
-
-def wire(seed: int = 0, jitter: float = 0.3) -> Network:
-    rng = np.random.default_rng(seed)
-    return lambda _: 0.2 + float(rng.exponential(jitter))
 
 
 # -- dates and pairs ----------------------------------------------------------------------------------------------
@@ -209,7 +208,7 @@ def test_what_a_robot_that_hung_finds_waiting_is_harmless(speed: float, after: f
         robot.hang(until=began + after)
         assert run.ticks(20, wheels, until=lambda m: m.age > SAFETY.stale_fault)
         # The loop tells a robot that it stops to hold its joints, which do not get that far.
-        run.link.tick(run.given[-1], ONES, STILL)
+        run.link.write(run.given[-1], ONES, STILL)
         robot.pass_time(began + after + 500.0)
         assert robot.taken - taken <= 2
         hung, went_on = robot.dcm_time(began), robot.dcm_time(began + after)
@@ -349,8 +348,8 @@ def test_a_bad_way_is_refused() -> None:
 
 def test_before_the_start_nothing_is_sent() -> None:
     robot = VirtualRobot()
-    link = link_with(robot, TIMING)
+    link = link_with(robot)
     for _ in range(10):
         robot.pass_time(robot.time + CYCLE)
-        assert link.tick(STAND + 0.5, ONES, np.ones(3)).answers is None
+        assert link.exchange(STAND + 0.5, ONES, np.ones(3)).answers is None
     assert robot.taken == 0

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 from stand_ins import patient_driver, since
-from virtual_robot import CYCLE, ROBOT, Network, VirtualRobot, link_with
+from virtual_robot import ROBOT, Network, VirtualLoop, VirtualRobot, wifi
 
 from pepper_driver.backends import Backend, Command, Measurement, make_backend
 from pepper_driver.backends.naoqi.keys import Alias, actuator_keys
@@ -18,15 +18,13 @@ from pepper_driver.backends.naoqi_server.black_box import BlackBox
 from pepper_driver.backends.naoqi_server.launch import StandIn
 from pepper_driver.config import (
     load_controller_settings,
-    load_naoqi_settings,
     load_safety_settings,
 )
 from pepper_driver.config.parts import FloatArray
 from pepper_driver.controller import Reference
-from pepper_driver.pacing import RealTimePacer
+from pepper_driver.realtime import RealTimePacer, realtime_process, realtime_thread
 from pepper_driver.safety import FaultReason, RobotState, SafetyGate
 
-TIMING = load_naoqi_settings().timing
 SAFETY = replace(load_safety_settings(), battery_fault=0.0)
 """The virtual robot has nothing but joints: no battery either."""
 STAND = ROBOT.posture("Stand")
@@ -45,12 +43,12 @@ class Run:
     """
 
     def __init__(self, robot: VirtualRobot) -> None:
-        self.robot, self.due = robot, robot.time
-        self.link = link_with(robot, TIMING)
-        self.link.start()
+        self.robot, self._loop = robot, VirtualLoop(robot)
+        self._loop.link.start()
         self.measured: list[Measurement] = []
         for tick in range(1, 101):
-            self._tick(np.full(17, tick / 100))
+            self._tick()
+            self._loop.write(STAND, np.full(17, tick / 100), STILL)
         self.gate = SafetyGate(ROBOT, SAFETY, load_controller_settings(ROBOT))
         self.gate.activate(STAND)
         self._sent = [self.gate.sent]
@@ -58,18 +56,18 @@ class Run:
     def ticks(self, number: int, stiffness: Callable[[int], FloatArray]) -> None:
         """Until their number is over, or the gate is in FAULT."""
         for tick in range(number):
-            measurement = self._tick(self.gate.sent.stiffness)
+            measurement = self._tick()
             ago = 3 if measurement.answers is None else measurement.answers
             self.gate.watch(measurement, self._sent[-1 - min(ago, len(self._sent) - 1)])
             if self.gate.state is RobotState.FAULT:
                 return
             self.gate.gate(_reference(), stiffness(tick), STILL, measurement.age)
             self._sent.append(self.gate.sent)
+            self._loop.write(STAND, self.gate.sent.stiffness, STILL)
 
-    def _tick(self, stiffness: FloatArray) -> Measurement:
-        self.robot.pass_time(max(self.due, self.robot.time))
-        self.due += CYCLE
-        self.measured.append(self.link.tick(STAND, stiffness, STILL))
+    def _tick(self) -> Measurement:
+        self._loop.wait()
+        self.measured.append(self._loop.read())
         return self.measured[-1]
 
 
@@ -97,12 +95,6 @@ def up_and_down(tick: int) -> FloatArray:
 def jitter(mean: float, seed: int = 0) -> Network:
     random = np.random.default_rng(seed)
     return lambda _: 0.3 + float(random.exponential(mean))
-
-
-def wifi(seed: int = 0) -> Network:
-    """As the stand-in's network of this name."""
-    random = np.random.default_rng(seed)
-    return lambda _: 1.5 + float(random.exponential(1.0)) + 60.0 * (random.random() < 0.003)
 
 
 def test_stiffness_is_that_of_its_sample() -> None:
@@ -137,8 +129,7 @@ def test_a_hang_in_a_ramp_is_no_theft(tick: int) -> None:
 def test_what_somebody_else_orders_is_seen_in_a_tenth_of_a_second() -> None:
     run = Run(VirtualRobot(jitter(0.2)))
     run.ticks(20, lambda _: ONES)
-    now = round(run.robot.dcm_time(run.robot.time))
-    run.robot._dcm.order([HARDNESS[ARM]], "ClearAll", [[(0.0, now)]], now)
+    run.robot.order([HARDNESS[ARM]], [0.0], 0.0, "ClearAll")
     begin = len(run.measured)
     run.ticks(100, lambda _: ONES)
     assert run.gate.fault is not None
@@ -177,12 +168,13 @@ def hold(
     backend: Backend, posture: FloatArray, until: Callable[[FloatArray], bool], seconds: float
 ) -> FloatArray:
     """(17,) stiffness shown by the last of ticks in real time, in all of which full stiffness is ordered."""
-    pacer, end = RealTimePacer(ROBOT.cycle, off_beat=backend.off_beat), time.monotonic() + seconds
+    pacer, end = RealTimePacer.from_backend(backend, ROBOT.cycle), time.monotonic() + seconds
     command = Command(position=posture, stiffness=ONES, wheel_speed=STILL)
-    with pacer.running():
+    with realtime_process(), realtime_thread():
         while True:
             pacer.wait()
-            shown = _stiffness(backend.step(command))
+            shown = _stiffness(backend.read())
+            backend.write(command)
             if until(shown) or time.monotonic() > end:
                 return shown
 
@@ -197,19 +189,21 @@ def test_our_own_ramps_are_no_theft_over_qi_either(robot: StandIn, fault: str) -
         posture = np.clip(backend.activate().position, ROBOT.lower, ROBOT.upper)
         gate.activate(posture)
         sent, lowest = [gate.sent] * 60, 1.0
-        pacer = RealTimePacer(ROBOT.cycle, off_beat=backend.off_beat)
-        with pacer.running():
+        pacer = RealTimePacer.from_backend(backend, ROBOT.cycle)
+        backend.write(gate.sent)
+        with realtime_process(), realtime_thread():
             for tick in range(300):
                 if tick == 10:
                     robot.set_fault(fault)
                 pacer.wait()
-                measurement = backend.step(gate.sent)
+                measurement = backend.read()
                 lowest = min(lowest, _stiffness(measurement).min())
                 ago = 3 if measurement.answers is None else min(measurement.answers, 59)
                 gate.watch(measurement, sent[-1 - ago])
                 assert gate.fault is None
                 stiffness = np.where(LEGS, 1.0, float((tick // 50) % 2))
                 gate.gate(replace(_reference(), position=posture), stiffness, STILL, 0.0)
+                backend.write(gate.sent)
                 sent.append(gate.sent)
         robot.clear_faults()
     assert lowest < 0.4

@@ -4,7 +4,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pepper_driver.backends.naoqi.watchdog import USUAL, sample_age
+from pepper_driver.backends.naoqi.watchdog import sample_age
+from pepper_driver.observer.expectation import LATEST as MAX_COUNTED
 
 CYCLE = 0.012
 HOUR = 3600.0
@@ -29,15 +30,20 @@ def test_ages(late: int, since: float, silence: float, watched: float, age: floa
     assert found == pytest.approx(age)
 
 
-@given(phase=st.floats(0.0, 0.012), way=st.floats(0.0, 0.003))
+REQUESTED = st.floats(0.0072, 0.012)
+"""[s] from the cycle of a sample that was requested before its tick to the tick."""
+
+UNREQUESTED = st.floats(0.019, 0.024)
+"""The same of one that was asked for in the tick before."""
+
+
+@given(phase=REQUESTED | UNREQUESTED)
 def test_a_robot_that_falls_silent_is_held_first_and_stopped_100_ms_after_its_last_sample(
-    phase: float, way: float
+    phase: float,
 ) -> None:
-    """The gate looks once a cycle; the last sample was taken in tick 0, when its cycle was 12 ms and a phase ago."""
+    """The gate looks once a cycle; the last sample was taken in tick 0."""
     ages = [
-        sample_age(
-            tick, since=0.012 * (tick + 1) + phase + way, silence=0.0, watched=HOUR, cycle=CYCLE
-        )
+        sample_age(tick, since=CYCLE * tick + phase, silence=0.0, watched=HOUR, cycle=CYCLE)
         for tick in range(12)
     ]
     held = next(tick for tick, age in enumerate(ages) if age > 0.080)
@@ -46,8 +52,7 @@ def test_a_robot_that_falls_silent_is_held_first_and_stopped_100_ms_after_its_la
     assert 0.070 < stopped * CYCLE <= 0.100
 
 
-@given(late=st.integers(0, 4))
-def test_as_long_as_the_observer_counts_ages_are_whole_cycles(late: int) -> None:
-    since = min(0.019 + late * CYCLE, USUAL)
-    age = sample_age(late, since=since, silence=0.0, watched=HOUR, cycle=CYCLE)
+@given(late=st.integers(0, MAX_COUNTED), phase=REQUESTED | UNREQUESTED)
+def test_as_long_as_the_observer_counts_ages_are_whole_cycles(late: int, phase: float) -> None:
+    age = sample_age(late, phase + late * CYCLE, silence=0.0, watched=HOUR, cycle=CYCLE)
     assert age / CYCLE == pytest.approx(late)

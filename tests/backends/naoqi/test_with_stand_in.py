@@ -223,7 +223,7 @@ def sway(
         goal = centre.copy()
         goal[HEAD] += size * np.sin(2 * np.pi * 0.4 * step * ROBOT.cycle)
         command = Command(position=goal, stiffness=np.ones(17), wheel_speed=np.full(3, 0.5))
-        ages[step] = backend.step(command).age
+        ages[step] = backend.exchange(command).age
         due = max(due + ROBOT.cycle, time.monotonic())
         time.sleep(max(0.0, due - time.monotonic()))
     return ages
@@ -253,7 +253,7 @@ def test_angles_only_on_request(robot: StandIn) -> None:
 def test_joints_follow_through_almotion(robot: StandIn, angles: AnglesBackend) -> None:
     before = angles.open()
     start = position(robot)
-    angles.step(
+    angles.exchange(
         Command(position=before.position + 0.2, stiffness=np.ones(17), wheel_speed=np.ones(3))
     )
     time.sleep(0.3)
@@ -295,13 +295,13 @@ def test_stiffness_is_passed_on_but_for_the_legs(robot: StandIn, angles: AnglesB
     command = Command(position=hold.position, stiffness=wanted, wheel_speed=STILL)
 
     def told() -> bool:
-        angles.step(command)
+        angles.exchange(command)
         return bool(abs(stiffness(robot)[HEAD] - 0.4) < 0.02)
 
     assert wait_until(told)
     wanted[ROBOT.joint_index("KneePitch")] = 0.0
     for _ in range(20):
-        angles.step(command)
+        angles.exchange(command)
         time.sleep(ROBOT.cycle)
     assert stiffness(robot)[ROBOT.joint_index("KneePitch")] > 0.9
 

@@ -6,28 +6,44 @@ The DCM is the stand-in's, after the documented algorithm; its joints are at the
 from __future__ import annotations
 
 import heapq
+from collections import Counter
 from collections.abc import Callable, Sequence
 from itertools import count
 from typing import Any, cast
 
 import numpy as np
 
+from pepper_driver.backends.interface import Measurement
 from pepper_driver.backends.naoqi.clock import shown
 from pepper_driver.backends.naoqi.connection import Connection
 from pepper_driver.backends.naoqi.keys import Alias, SensorKeys, actuator_keys
 from pepper_driver.backends.naoqi.link import Link
-from pepper_driver.backends.naoqi_server.dcm import Dcm
-from pepper_driver.config import load_robot
-from pepper_driver.config.naoqi import TimingSettings
+from pepper_driver.backends.naoqi_server.dcm import Dcm, UpdateType
+from pepper_driver.config import NaoqiSettings, load_naoqi_settings, load_robot
 from pepper_driver.config.parts import FloatArray
+from pepper_driver.realtime import RealTimePacer
 
 ROBOT = load_robot()
+SETTINGS = load_naoqi_settings()
 CYCLE = 12
 HERE = 1_000_000.0
 """[ms] what the computer's clock shows at the start."""
 
 Network = Callable[[float], float]
 """How long a message sent at a time [ms] takes one way [ms]."""
+
+
+def wire(seed: int = 0, jitter: float = 0.3) -> Network:
+    """A cable, and two computers that have something else to do now and then."""
+    rng = np.random.default_rng(seed)
+    return lambda _: 0.2 + float(rng.exponential(jitter))
+
+
+def wifi(seed: int = 0, *, stalls: bool = True) -> Network:
+    """As the stand-in's network of this name."""
+    rng = np.random.default_rng(seed)
+    share = 0.003 if stalls else 0.0
+    return lambda _: 1.5 + float(rng.exponential(1.0)) + 60.0 * (rng.random() < share)
 
 
 class Future:
@@ -77,11 +93,16 @@ class VirtualRobot:
         drift: By which share the DCM's clock is faster.
         phase: When after the start the first cycle begins [ms].
         delay: Cycles from the date of a command to the sample that shows it.
+        publication: Time from a cycle until its values can be asked for [ms].
 
     Attributes:
         time: Of the computer [ms].
         commanded: What the DCM had at its cycles, by date: joints, wheels.
         taken: How many commands it has taken.
+        asked: (time [ms], method) of all that it was asked.
+        unanswered: Questions and commands on their way now, by method.
+        wanted: (17,) angles that ALMotion wants; of a joint in ``limp`` where it is measured.
+        drives: Whether ALMotion drives.
         refuses: Why it refuses a command for an alias; empty when it takes it.
         spoil: Changes what the robot answers to a question for its values.
     """
@@ -94,11 +115,16 @@ class VirtualRobot:
         drift: float = 0.0,
         phase: float = 3.0,
         delay: int = 3,
+        publication: float = 1.5,
     ) -> None:
         self.address = self
         self.uri = "naoqi://virtual"
         self.connected = True
         self._network, self._rate, self._delay = network, 1.0 + drift, delay
+        self._publication = publication
+        self.asked: list[tuple[float, str]] = []
+        self.unanswered: Counter[str] = Counter()
+        self.wanted, self.limp, self.drives = ROBOT.posture("Stand"), set[int](), False
         self.time, self._origin = HERE, date
         self._keys = actuator_keys(ROBOT)
         everything = [key for keys in self._keys.values() for key in keys]
@@ -106,6 +132,8 @@ class VirtualRobot:
         start.update(zip(self._keys[Alias.POSITION], ROBOT.posture("Stand").tolist(), strict=True))
         self.first_cycle = date + round(phase)
         self._dcm = Dcm(start, self.first_cycle - CYCLE)
+        self._start, self._zeros = start, dict.fromkeys(SensorKeys(ROBOT).names, 0.0)
+        self._sent: dict[int, dict[str, float]] = {}
         self.commanded: dict[int, tuple[FloatArray, FloatArray]] = {}
         self._dates: list[int] = []
         self._agenda: list[tuple[float, int, Callable[[], None]]] = []
@@ -138,6 +166,10 @@ class VirtualRobot:
             action()
         self.time = until
 
+    def sleep(self, seconds: float) -> None:
+        """Let time pass, as a pacer waits."""
+        self.pass_time(self.time + 1e3 * seconds)
+
     def _plan(self, when: float, action: Callable[[], None]) -> None:
         heapq.heappush(self._agenda, (when, next(self._numbers), action))
 
@@ -148,6 +180,8 @@ class VirtualRobot:
         self._dcm.advance(date)
         self._dates.append(date)
         sent = {key: actuator.sent for key, actuator in self._dcm.actuators.items()}
+        self._sent[date] = sent
+        self._sent.pop(date - 5 * CYCLE, None)
         self.commanded[date] = (
             np.array([sent[key] for key in self._keys[Alias.POSITION]]),
             np.array([sent[key] for key in self._keys[Alias.WHEEL_SPEED]]),
@@ -158,13 +192,37 @@ class VirtualRobot:
         """Answer nothing until a time [ms], then all that has come meanwhile. The DCM goes on."""
         self._hung_until = until
 
+    def order(
+        self, keys: Sequence[str], values: Sequence[float], after: float, update: UpdateType
+    ) -> None:
+        """Take an order of another program, to be reached ``after`` [ms] from now."""
+        now = round(self.dcm_time(self.time))
+        self._dcm.order(keys, update, [[(value, now + round(after))] for value in values], now)
+
+    def every(self, period: float, action: Callable[[], None]) -> None:
+        """Do something again and again, beginning a period [ms] from now."""
+
+        def again() -> None:
+            action()
+            self._plan(self.time + period, again)
+
+        self._plan(self.time + period, again)
+
+    def _position(self) -> FloatArray:
+        answered = self._newest() - CYCLE * self._delay
+        return self.commanded.get(answered, (ROBOT.posture("Stand"), None))[0]
+
+    def _newest(self) -> int:
+        """Date of the newest cycle whose values can be asked for."""
+        published = self.dcm_time(self.time - self._publication)
+        dates = [date for date in self._dates[-3:] if date <= published]
+        return dates[-1] if dates else self.first_cycle - CYCLE
+
     def _values(self, names: Sequence[str]) -> list[Any]:
-        date = self._dates[-1] if self._dates else self.first_cycle - CYCLE
-        values: dict[str, Any] = dict.fromkeys(SensorKeys(ROBOT).names, 0.0)
-        values.update({key: actuator.sent for key, actuator in self._dcm.actuators.items()})
-        answered = date - CYCLE * self._delay
-        position = self.commanded.get(answered, (ROBOT.posture("Stand"), None))[0]
-        for name, value in zip(ROBOT.joint_names, position.tolist(), strict=True):
+        date = self._newest()
+        values: dict[str, Any] = self._zeros.copy()
+        values.update(self._sent.get(date, self._start))
+        for name, value in zip(ROBOT.joint_names, self._position().tolist(), strict=True):
             values[ROBOT.naoqi.prefix + ROBOT.naoqi.position.format(joint=name)] = value
         values[ROBOT.naoqi.time] = shown(date)
         return [values[name] for name in names]
@@ -182,7 +240,7 @@ class VirtualRobot:
     # -- what Link uses -----------------------------------------------------------------------------------------
 
     def service(self, name: str) -> VirtualRobot:
-        assert name in ("DCM", "ALMemory")
+        assert name in ("DCM", "ALMemory", "ALMotion")
         return self
 
     def call(self, service: str, method: str, *arguments: Any, timeout: float | None = None) -> Any:
@@ -193,9 +251,12 @@ class VirtualRobot:
             self.pass_time(self._agenda[0][0])
         return future.value()
 
-    def _ask(self, answer: Callable[[], Any]) -> Future:
+    def _ask(self, method: str, answer: Callable[[], Any]) -> Future:
         """Messages of either direction arrive in their order, as over TCP."""
         future = Future()
+        self.asked.append((self.time, method))
+        self.unanswered[method] += 1
+        future.addCallback(lambda _: self.unanswered.subtract([method]))
 
         def arrive(way: str, action: Callable[[], None]) -> None:
             when = max(self.time + self._network(self.time), self._last_arrival[way])
@@ -213,15 +274,84 @@ class VirtualRobot:
         return future
 
     def getTime(self, offset: int, *, _async: bool) -> Future:
-        return self._ask(lambda: shown(int(self.dcm_time(self.time)) + offset))
+        return self._ask("getTime", lambda: shown(int(self.dcm_time(self.time)) + offset))
 
     def getListData(self, names: list[str], *, _async: bool) -> Future:
-        return self._ask(lambda: self.spoil(self._values(names)))
+        return self._ask("getListData", lambda: self.spoil(self._values(names)))
 
     def setAlias(self, request: list[Any], *, _async: bool) -> Future:
-        return self._ask(lambda: self._take(request))
+        return self._ask("setAlias", lambda: self._take(request))
+
+    def getAngles(self, names: list[str], sensors: bool, *, _async: bool) -> Future:
+        assert names == list(ROBOT.joint_names)
+        assert not sensors
+
+        def wanted() -> list[float]:
+            measured = self._position()
+            return [
+                float((measured if joint in self.limp else self.wanted)[joint])
+                for joint in range(17)
+            ]
+
+        return self._ask("getAngles", wanted)
+
+    def moveIsActive(self, *, _async: bool) -> Future:
+        return self._ask("moveIsActive", lambda: self.drives)
 
 
-def link_with(robot: VirtualRobot, timing: TimingSettings) -> Link:
+def link_with(robot: VirtualRobot, settings: NaoqiSettings = SETTINGS) -> Link:
     """The client's end of it."""
-    return Link(cast(Connection, robot), ROBOT, timing, 3, now=robot.now)
+    return Link(cast(Connection, robot), ROBOT, settings, 3, now=robot.now)
+
+
+class VirtualLoop:
+    """Ticks of a link in virtual time, paced as those of the robot.
+
+    Args:
+        robot: Virtual.
+        follow: Whether ticks follow the robot's cycles.
+        request: Whether samples are requested before the ticks.
+        compute: Time from a sample to its command [ms].
+
+    Attributes:
+        began: When each tick began [ms].
+    """
+
+    def __init__(
+        self,
+        robot: VirtualRobot,
+        *,
+        settings: NaoqiSettings = SETTINGS,
+        follow: bool = True,
+        request: bool = True,
+        compute: float = 1.5,
+    ) -> None:
+        self.robot, self._compute = robot, compute
+        self.link = link_with(robot, settings)
+        link = self.link
+        self.pacer = RealTimePacer(
+            ROBOT.cycle,
+            phase_error=link.phase_error if follow else lambda _: 0.0,
+            request=link.request,
+            request_lead=lambda: link.request_lead if request else 0.0,
+            clock=robot.now,
+            sleep=robot.sleep,
+        )
+        self.began: list[float] = []
+
+    def wait(self, late: float = 0.0) -> None:
+        """Wait for the next tick, which begins ``late`` [ms]."""
+        self.pacer.wait()
+        self.robot.pass_time(self.robot.time + late)
+        self.began.append(self.robot.time)
+
+    def read(self) -> Measurement:
+        """Read, as a tick does at its beginning."""
+        return self.link.read()
+
+    def write(
+        self, position: FloatArray | None, stiffness: FloatArray, wheel_speed: FloatArray
+    ) -> None:
+        """Write, as a tick does once it has computed."""
+        self.robot.pass_time(self.robot.time + self._compute)
+        self.link.write(position, stiffness, wheel_speed)

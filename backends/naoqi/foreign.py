@@ -1,0 +1,132 @@
+"""Other programs that command joints or wheels meanwhile: the DCM has no lock, and takes the orders of all.
+
+Two signs. What the DCM tells the motors is read back, and compared with what it was sent. And ALMotion, through which
+most programs move a robot, says where it wants the joints and whether it drives: its orders may be overruled by ours
+in every cycle, and the robot then jerks once we end. ALMotion does not see what the DCM is told (NAOqi 2.5 page
+"ALMotion advanced"); a joint without stiffness it takes to be where it is measured.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pepper_driver.backends.naoqi.call import Call
+from pepper_driver.backends.naoqi.connection import Connection, MissingServiceError
+from pepper_driver.backends.naoqi.history import CommandHistory
+from pepper_driver.config import RobotConfig
+from pepper_driver.config.naoqi import ForeignCommandSettings
+from pepper_driver.config.parts import FloatArray
+
+SETTLING_LOOKS = 3
+"""Looks in which ALMotion comes to rest after its tasks were ended."""
+
+
+class ForeignCommands:
+    """Looks for them, in looks of some ticks each.
+
+    Args:
+        robot: Names joints and wheels.
+        settings: What counts.
+        positions: Ours, of joints.
+        speeds: Ours, of wheels.
+        connection: With the robot.
+
+    Attributes:
+        found: Joints and wheels that others commanded in the last two looks, by name.
+    """
+
+    def __init__(
+        self,
+        robot: RobotConfig,
+        settings: ForeignCommandSettings,
+        positions: CommandHistory,
+        speeds: CommandHistory,
+        connection: Connection,
+    ) -> None:
+        self.found: tuple[str, ...] = ()
+        self._names = (*robot.joint_names, *robot.wheels.names)
+        self._joints = len(robot.joint_names)
+        self._settings = settings
+        self._positions, self._speeds = positions, speeds
+        self._look_ticks = round(settings.look / robot.cycle)
+        self._ticks = self._looks = 0
+        self._seen = np.zeros(len(self._names), dtype=np.bool_)
+        self._seen_before = self._seen
+        self._joint_names = list(robot.joint_names)
+        self._targets: FloatArray | None = None
+        self._angles: Call | None = None
+        self._drives: Call | None = None
+        try:
+            motion = connection.service("ALMotion")
+        except MissingServiceError:
+            return
+        self._angles = Call(motion, "getAngles", connection.address.uri)
+        self._drives = Call(motion, "moveIsActive", connection.address.uri)
+
+    def read_back(self, commanded: FloatArray, date: int) -> None:
+        """Compare what the DCM told joints and wheels with what it was sent.
+
+        Args:
+            commanded: (20,) what it told them [rad], [rad/s]; NaN where that is not known.
+            date: Of the cycle in which it did [ms].
+        """
+        settings, joints = self._settings, self._joints
+        bounds = self._positions.bounds(date)
+        if bounds is not None:
+            off = _outside(commanded[:joints], *bounds)
+            self._seen[:joints] |= off > settings.joint_tolerance
+        bounds = self._speeds.bounds(date)
+        if bounds is not None:
+            # Without a command in time wheels are told to stand.
+            lower, upper = np.minimum(bounds[0], 0.0), np.maximum(bounds[1], 0.0)
+            off = _outside(commanded[joints:], lower, upper)
+            self._seen[joints:] |= off > settings.wheel_tolerance
+
+    def tick(self, position: FloatArray) -> None:
+        """Ask ALMotion, take its answers, and end a look once it is over; never waits.
+
+        Args:
+            position: (17,) where the joints are measured [rad].
+        """
+        self._ask_almotion(position)
+        self._ticks += 1
+        if self._ticks >= self._look_ticks:
+            both = self._seen & self._seen_before
+            self.found = tuple(self._names[place] for place in np.flatnonzero(both).tolist())
+            self._seen_before, self._seen = self._seen, np.zeros_like(self._seen)
+            self._ticks = 0
+            self._looks += 1
+
+    def _ask_almotion(self, position: FloatArray) -> None:
+        angles, drives = self._angles, self._drives
+        if angles is None or drives is None:
+            return
+        if (answer := angles.answer()) is not None:
+            self._compare_targets(answer, position)
+        if drives.answer() is True:
+            self._seen[self._joints :] = True
+        if self._ticks == 0:
+            angles.begin(self._joint_names, False)
+        elif self._ticks == self._look_ticks // 2:
+            drives.begin()
+
+    def _compare_targets(self, answer: object, position: FloatArray) -> None:
+        """Compare where ALMotion wants the joints with where it wanted them at first, and where they are."""
+        try:
+            wanted = np.array(answer, dtype=np.float64)
+        except (TypeError, ValueError):
+            return
+        if wanted.shape != position.shape:
+            return
+        if self._targets is None or self._looks < SETTLING_LOOKS:
+            self._targets = wanted
+        tolerance = self._settings.joint_tolerance
+        lies: NDArray[np.bool_] = np.abs(wanted - position) <= tolerance
+        self._targets = np.where(lies, wanted, self._targets)
+        self._seen[: self._joints] |= np.abs(wanted - self._targets) > tolerance
+
+
+def _outside(values: FloatArray, lower: FloatArray, upper: FloatArray) -> FloatArray:
+    """Return by how much values lie outside of bounds; NaN where they are."""
+    return np.maximum(lower - values, values - upper)
