@@ -490,6 +490,7 @@ class Pepper:
             FaultError: The safety gate stopped the robot.
         """
         session = self._active()
+        session.check_free()
         if not isinstance(motion, Motion):
             motion = load_motion(motion, self.config)
         player = Player(

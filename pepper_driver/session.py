@@ -146,7 +146,7 @@ class Session:
         self.contact_history: list[Contact] = []
         self.touches = Touches()
         self._failure: BaseException | None = None  # what ended the ticks
-        self._failure_raised = False  # in the thread that made this
+        self._failure_raised = False  # where somebody sees it
         self._log: LogWriter | None = None
         self._wait: Wait | None = None
         self._turn = threading.Lock()  # of who ticks, or waits for ticks
@@ -479,12 +479,12 @@ class Session:
         return self.loop.time
 
     def check_failure(self, *, again: bool = True) -> None:
-        """Raise what ended the ticks; only if the thread that made this has not had it yet, unless ``again``."""
+        """Raise what ended the ticks; only if it was not raised yet outside of callbacks, unless ``again``."""
         if self._failure is not None and (again or not self._failure_raised):
             self._raise(self._failure)
 
     def _raise(self, error: BaseException) -> NoReturn:
-        if error is self._failure and threading.current_thread() is self._home:
+        if error is self._failure and not self.dispatcher.inside_callback():
             self._failure_raised = True
         raise error
 

@@ -37,7 +37,8 @@ class Waiting:
         self._which = which
         self.thread = threading.Thread(target=self._wait)
         self.thread.start()
-        attached = pepper._active().dispatcher
+        assert pepper._session is not None
+        attached = pepper._session.dispatcher
         while self.thread.is_alive() and not attached.has_receiver(Contact):
             time.sleep(0.001)
 
