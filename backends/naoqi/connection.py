@@ -19,6 +19,7 @@ from pepper_driver.backends.naoqi.library import (
 )
 from pepper_driver.backends.naoqi.peer import check_listening, refusal
 from pepper_driver.backends.naoqi.secret import Secret
+from pepper_driver.backends.signals import check_signals
 from pepper_driver.config import NaoqiSettings, load_naoqi_settings
 
 logger = logging.getLogger("pepper_driver")
@@ -219,6 +220,7 @@ def finished(future: Future, timeout: float) -> bool:
     running = load_qi().FutureState.Running
     end = time.monotonic() + timeout
     while (left := end - time.monotonic()) > 0:
+        check_signals()
         if future.wait(max(1, round(min(left, LOOK) * 1000))) != running:
             return True
     return bool(future.wait(0) != running)
