@@ -442,23 +442,23 @@ class Pepper:
             TypeError: It is neither.
         """
         check_part(part, self.config)
-        controller = self._active().loop.arbiter.controller if self._is_active() else None
+        arbiter = self._active().loop.arbiter if self._is_active() else None
 
         def change() -> None:
-            if controller is not None:
-                controller.add(part)
+            if arbiter is not None:
+                arbiter.add(part)
             self._parts = (*(p for p in self._parts if p is not part), part)
 
         self._changes.make(change)
 
     def remove(self, part: Task | Constraint) -> None:
         """Take a task or constraint back; one that is not there is no error."""
-        controller = self._active().loop.arbiter.controller if self._is_active() else None
+        arbiter = self._active().loop.arbiter if self._is_active() else None
 
         def change() -> None:
             self._parts = tuple(p for p in self._parts if p is not part)
-            if controller is not None:
-                controller.remove(part)
+            if arbiter is not None:
+                arbiter.remove(part)
 
         self._changes.make(change)
 

@@ -18,6 +18,7 @@ from pepper_driver.backends.signals import check_signals, deferred_signals, imme
 from pepper_driver.callbacks.dispatcher import Dispatcher
 from pepper_driver.callbacks.events import (
     CueEvent,
+    EndEvent,
     FaultEvent,
     PushEvent,
     StepEvent,
@@ -212,7 +213,7 @@ class Session:
                 watching.reset()
             arbiter = Arbiter(controller, robot, reflexes)
             for part in parts:
-                controller.add(part)
+                arbiter.add(part)
             self.loop = Loop(
                 backend,
                 robot,
@@ -457,6 +458,8 @@ class Session:
             self._changes.make(self.loop.halt)
         self._failure = error if self._failure is None else self._failure
         self.publish_fault()
+        if self._gate.fault is None:
+            self.dispatcher.publish(EndEvent())
         if (wait := self._wait) is not None:
             wait.fail(error)
 
