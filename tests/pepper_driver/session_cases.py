@@ -68,6 +68,11 @@ class VirtualTime:
         with self._changed:
             self._pass(self.now + round(seconds * 1e9))
 
+    @property
+    def sleeping(self) -> bool:
+        """Whether a thread sleeps."""
+        return bool(self._sleepers)
+
     def wait_for_sleeper(self) -> None:
         """Wait until a thread sleeps."""
         with self._changed:
