@@ -1,8 +1,8 @@
 """What a robot does when its program, the link or NAOqi fails: against the stand-in, over real qi, in its black box.
 
 A program in a process of its own moves both arms and drives. Then it is killed, the link is cut or blocked, NAOqi hangs
-or is killed; the robot falls asleep, an arm is made soft, a joint is unplugged; or Ctrl-C ends it, also while NAOqi
-hangs, is dead or out of reach. Figures are of the simulated robot.
+or is killed; the robot falls asleep, an arm is made soft, a joint is unplugged; another program commands the head or
+the base; or Ctrl-C ends it, also while NAOqi hangs, is dead or out of reach. Figures are of the simulated robot.
 Run: python benchmarks/naoqi_faults.py --repeat 5 --speed 0.15 --json naoqi_faults.json
 """
 
@@ -47,6 +47,13 @@ GONE: Mapping[str, tuple[str | None, str]] = {
     "joint without values": ("none:RShoulderPitch", ""),
 }
 """Motors that are gone: the fault of the stand-in, and the joint by which the black box dates it."""
+
+FOREIGN = (
+    "head by the DCM, 50 times a second",
+    "head by ALMotion.setAngles",
+    "base by ALMotion.move",
+)
+"""What another program commands."""
 
 INTERRUPTED: Mapping[str, str | None] = {
     "all is well": None,
@@ -218,12 +225,12 @@ def lose(stand_in: StandIn, name: str, speed: float) -> dict[str, float | str]:
 
 
 @contextmanager
-def motion_of(stand_in: StandIn) -> Iterator[Proxy]:
-    """ALMotion over a connection of its own: some faults end all there are."""
+def service_of(stand_in: StandIn, name: str) -> Iterator[Proxy]:
+    """Give a service over a connection of its own: some faults end all there are."""
     session = load_qi().Session()
     session.connect(stand_in.url)
     try:
-        yield session.service("ALMotion")
+        yield session.service(name)
     finally:
         session.close()
 
@@ -234,7 +241,7 @@ def go(stand_in: StandIn, name: str, speed: float) -> dict[str, float | str]:
     fault, joint = GONE[name]
     begin = time.monotonic()
     if fault is None:
-        with motion_of(stand_in) as motion:
+        with service_of(stand_in, "ALMotion") as motion:
             motion.setStiffnesses("RArm", 0.0)
     else:
         stand_in.set_fault(fault)
@@ -250,9 +257,28 @@ def go(stand_in: StandIn, name: str, speed: float) -> dict[str, float | str]:
         since, figures["command's way"] = box.end[gone], 1e3 * float(np.abs(way[gone:]).max())
     figures |= {"noticed": 1e3 * (ended["at"] - since), "error": str(ended["error"])}
     stand_in.clear_faults()
-    with motion_of(stand_in) as motion:
+    with service_of(stand_in, "ALMotion") as motion:
         motion.setStiffnesses("Body", 1.0)
     return figures
+
+
+def interfere(stand_in: StandIn, name: str, speed: float) -> dict[str, float | str]:
+    """Let another program command joints or wheels, until the first one ends."""
+    program = Program(stand_in, speed)
+    with service_of(stand_in, "ALMotion") as motion, service_of(stand_in, "DCM") as dcm:
+        begin = time.monotonic()
+        if name == FOREIGN[1]:
+            motion.setAngles("HeadYaw", 0.5, 0.2)
+        elif name == FOREIGN[2]:
+            motion.move(0.1, 0.0, 0.0)
+        while program.process.poll() is None:
+            if name == FOREIGN[0]:
+                order = [[0.5, dcm.getTime(20)]]
+                dcm.set(["HeadYaw/Position/Actuator/Value", "ClearAll", order])
+            time.sleep(0.02)
+        motion.killAll()
+    ended = program.end()
+    return {"noticed": 1e3 * (ended["at"] - begin), "error": str(ended["error"])}
 
 
 def interrupt(stand_in: StandIn, name: str, speed: float) -> dict[str, float | str]:
@@ -306,7 +332,7 @@ def main() -> None:
         return
     console = Console(soft_wrap=True, width=140)
     with StandIn("mujoco://?seed=3", network="clear", consent=True) as stand_in:
-        with motion_of(stand_in) as motion:
+        with service_of(stand_in, "ALMotion") as motion:
             motion.wakeUp()
         lost = {
             name: largest([lose(stand_in, name, given.speed) for _ in range(given.repeat)])
@@ -315,6 +341,10 @@ def main() -> None:
         gone = {
             name: largest([go(stand_in, name, given.speed) for _ in range(given.repeat)])
             for name in GONE
+        }
+        foreign = {
+            name: largest([interfere(stand_in, name, given.speed) for _ in range(given.repeat)])
+            for name in FOREIGN
         }
         stopped = {
             name: largest([interrupt(stand_in, name, given.speed) for _ in range(given.repeat)])
@@ -341,11 +371,15 @@ def main() -> None:
     )
     console.print("motors that are gone: since the first cycle without them")
     show(console, gone, ["command's way", "noticed"])
+    console.print("another program commands: since its first order")
+    show(console, foreign, ["noticed"])
     console.print("Ctrl-C: until the process has ended")
     show(console, stopped, ["exit"])
     if given.json is not None:
         given.json.write_text(
-            json.dumps({"lost": lost, "gone": gone, "interrupted": stopped}, indent=1)
+            json.dumps(
+                {"lost": lost, "gone": gone, "foreign": foreign, "interrupted": stopped}, indent=1
+            )
         )
 
 

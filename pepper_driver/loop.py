@@ -156,7 +156,9 @@ class Loop:
         tick = _tick(measurement, answered)
         observation: Observation | None = None
         events: list[ReflexEvent | SensorEvent] = []
+        labels: Sequence[Label] = ()
         try:
+            labels = self._label(measurement)
             events += self._sensors.step(measurement)
             if self._observer is not None:
                 observation = self._observer.step(tick)
@@ -183,7 +185,7 @@ class Loop:
                 events=events,
                 unmatched=unmatched,
                 truth=truth,
-                labels=self._label(measurement),
+                labels=labels,
                 tick_end=np.nan if due is None else (perf_counter_ns() - due) * 1e-9,
                 missed=self._missed,
             )

@@ -33,6 +33,7 @@ from pepper_driver.controller import (
 )
 from pepper_driver.controller.tasks.task import TaskRows
 from pepper_driver.motion_report import Miss
+from pepper_driver.reflexes import Arbiter
 
 Targeted = PositionTask | OrientationTask | FrameTask | LookAtTask | ComTask | BasePoseTask
 
@@ -68,18 +69,18 @@ class Goal:
             moving = expand(spec, robot) or robot.joint_names
             self.joints[[robot.joint_index(name) for name in moving]] = True
 
-    def begin(self, controller: WholeBodyController, duration: float | None) -> None:
-        """Send the task to its target, in a time [s] or as fast as it goes, and take it into the controller.
+    def begin(self, arbiter: Arbiter, duration: float | None) -> None:
+        """Send the task to its target, in a time [s] or as fast as it goes, and request it.
 
         Raises:
             TargetError: The task refuses its target, and stays out.
         """
-        self._wanted = _target(self._spec, controller)
+        self._wanted = _target(self._spec, arbiter.controller)
         if duration is None:
             self.task.target = self._wanted
         else:
             self.task.move_to(self._wanted, duration)
-        controller.add(self.task)
+        arbiter.add(self.task)
 
     def go_on(self, duration: float) -> None:
         """Get from wherever the robot is now to the same target in a new time [s]."""

@@ -2,15 +2,22 @@
 
 from __future__ import annotations
 
+import logging
 import threading
 from collections.abc import AsyncGenerator, Callable, Mapping, Sequence
-from contextlib import AbstractContextManager
+from contextlib import AbstractContextManager, ExitStack
 from numbers import Real
 from pathlib import Path
 from types import TracebackType
 from typing import Literal, Self, Unpack
 
 from pepper_driver.backends import Backend, BackendError, Measurement, make_backend
+from pepper_driver.backends.signals import (
+    Terminated,
+    deferred_signals,
+    describe_interrupt,
+    raised_signals,
+)
 from pepper_driver.callbacks.callback_registry import CallbackRegistry
 from pepper_driver.callbacks.dispatcher import CallbackStatistics
 from pepper_driver.callbacks.events import CueEvent, PushEvent, StepEvent
@@ -50,6 +57,8 @@ from pepper_driver.reflexes.declared import declare
 from pepper_driver.safety import FaultReason, RobotState, SafetyGate
 from pepper_driver.selection import check_observer, make_observer
 from pepper_driver.session import OnTick, Session
+
+logger = logging.getLogger("pepper_driver")
 
 MAX_RUN = 1e9
 """[s] Longest run: thirty years."""
@@ -148,6 +157,8 @@ class Pepper:
             None  # before the session: a stop finds it while that starts
         )
         self._session: Session | None = None  # the one that runs, or the last one
+        self._signals = ExitStack()  # SIGTERM and SIGHUP are exceptions while it is active
+        self._raises_signals = False  # and were not before
         self._callbacks = CallbackRegistry(self.config, [reflex.name for reflex in self.reflexes])
         self.push, self.grab = self.backend.push, self.backend.grab
         self.on_contact = self._callbacks.on_contact
@@ -181,7 +192,7 @@ class Pepper:
     ) -> None:
         session = self._session
         try:
-            self.stop()
+            self._end(error)
         except PepperError as problem:
             if error is None:
                 raise
@@ -218,18 +229,49 @@ class Pepper:
             changes=self._changes,
             loop_thread=self._loop_thread,
         )
-        self._session.start(
-            self._controller_settings,
-            observer=self._make_observer,
-            reflexes=self.reflexes,
-            parts=self._parts,
-            log=lambda: None if self._log_path is None else (self._log_path, self.run_metadata()),
-        )
+        try:
+            self._raises_signals = self._signals.enter_context(raised_signals())
+            self._session.start(
+                self._controller_settings,
+                observer=self._make_observer,
+                reflexes=self.reflexes,
+                parts=self._parts,
+                log=lambda: (
+                    None if self._log_path is None else (self._log_path, self.run_metadata())
+                ),
+            )
+        except BaseException as error:
+            self._end(error)
+            raise
 
     def stop(self) -> None:
         """Stop, lower the stiffness, close the log, disconnect. Does nothing when stopped."""
-        if self._session is not None:
-            self._session.close()
+        self._end(None)
+
+    def _end(self, error: BaseException | None) -> None:
+        """Close the session, let go of the signals, and note on the interrupt that ended it where the log is."""
+        session = self._session
+        if session is None:
+            return
+        try:
+            try:
+                self._close(session)
+            except KeyboardInterrupt:
+                self._close(session)  # in case it came before it could be deferred
+                raise
+        except BaseException as raised:
+            error = raised
+            raise
+        finally:
+            if isinstance(error, KeyboardInterrupt):
+                if session.log_path is not None:
+                    error.add_note(f"log: {session.log_path}")
+                if isinstance(error, Terminated) and self._raises_signals:  # no traceback will tell
+                    logger.warning("%s", describe_interrupt(error))
+
+    def _close(self, session: Session) -> None:
+        with deferred_signals(), self._signals:
+            session.close()
 
     def start_log(self, path: Path | str, label: Labelling | None = None) -> LogWriter:
         """Log from the next tick on, where ``log`` would also log how the robot got ready; it ends with the run.
@@ -399,23 +441,23 @@ class Pepper:
             TypeError: It is neither.
         """
         check_part(part, self.config)
-        controller = self._active().loop.arbiter.controller if self._is_active() else None
+        arbiter = self._active().loop.arbiter if self._is_active() else None
 
         def change() -> None:
-            if controller is not None:
-                controller.add(part)
+            if arbiter is not None:
+                arbiter.add(part)
             self._parts = (*(p for p in self._parts if p is not part), part)
 
         self._changes.make(change)
 
     def remove(self, part: Task | Constraint) -> None:
         """Take a task or constraint back; one that is not there is no error."""
-        controller = self._active().loop.arbiter.controller if self._is_active() else None
+        arbiter = self._active().loop.arbiter if self._is_active() else None
 
         def change() -> None:
             self._parts = tuple(p for p in self._parts if p is not part)
-            if controller is not None:
-                controller.remove(part)
+            if arbiter is not None:
+                arbiter.remove(part)
 
         self._changes.make(change)
 

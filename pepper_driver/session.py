@@ -14,9 +14,11 @@ from typing import NoReturn
 import numpy as np
 
 from pepper_driver.backends import Backend, BackendError
+from pepper_driver.backends.signals import check_signals, deferred_signals, immediate_signals
 from pepper_driver.callbacks.dispatcher import Dispatcher
 from pepper_driver.callbacks.events import (
     CueEvent,
+    EndEvent,
     FaultEvent,
     PushEvent,
     StepEvent,
@@ -161,6 +163,7 @@ class Session:
         self._ticked = 0  # when the last tick was over [ns of the pacer's clock]
         self._thread: threading.Thread | None = None
         self._ending = threading.Event()
+        self._closed = False
         self._closing = threading.RLock()  # re-entrant, for signal handlers
         self._fault_lock = threading.Lock()  # taken by the first who publishes a fault, for good
         self.dispatcher = dispatcher
@@ -169,6 +172,7 @@ class Session:
 
     # -- begin and end --------------------------------------------------------------------------------------------
 
+    @deferred_signals(checked=True)
     def start(
         self,
         settings: ControllerSettings,
@@ -191,10 +195,14 @@ class Session:
             PepperError: The robot or the log cannot be opened, or the robot is not ready to move.
         """
         backend, robot = self._backend, self._robot
+        atexit.register(self.close)  # whatever a program leaves open
+        self._rest.callback(atexit.unregister, self.close)
         try:
-            measurement = backend.open()
+            with immediate_signals():  # it may wait for long, and nothing moves
+                measurement = backend.open()
             self._gate.check_ready(measurement)
             measured, watching, logged = measurement.position, observer(), log()
+            check_signals()
             if logged is not None:  # only now: a robot that is not there costs no earlier log
                 self._open_log(*logged)
             controller = WholeBodyController(robot, settings, changes=self._changes)
@@ -208,7 +216,7 @@ class Session:
                 watching.reset()
             arbiter = Arbiter(controller, robot, reflexes)
             for part in parts:
-                controller.add(part)
+                arbiter.add(part)
             self.loop = Loop(
                 backend,
                 robot,
@@ -232,10 +240,12 @@ class Session:
                         target=self._tick_in_thread, name="loop", daemon=True
                     )
                     self._thread.start()
+            check_signals()
         except BaseException:
             self.close()
             raise
 
+    @deferred_signals()
     def start_log(
         self, path: Path, metadata: Mapping[str, str], label: Labelling | None
     ) -> LogWriter:
@@ -246,12 +256,18 @@ class Session:
         self._changes.make(lambda: self.loop.start_log(log, label))
         return log
 
+    @property
+    def log_path(self) -> Path | None:
+        """File of the log; None without one."""
+        return None if self._log is None else self._log.path
+
     def _open_log(self, path: Path, metadata: Mapping[str, str]) -> LogWriter:
         lossless = not self._backend.real_time
         self._log = LogWriter(path, self._robot, metadata, lossless=lossless)
         self._rest.callback(self._log.close)
         return self._log
 
+    @deferred_signals()
     def close(self) -> None:
         """End the ticks, the robot's part, the log, the callbacks. Does nothing when closed. From any thread.
 
@@ -260,6 +276,8 @@ class Session:
         """
         self.active, hangs = False, False
         with self._closing:  # by one thread at a time, and not into another's tick
+            if self._closed:
+                return
             self._ending.set()
             if (wait := self._wait) is not None:
                 wait.fail(self._closed_error())
@@ -272,6 +290,7 @@ class Session:
                         self._close_hanging_backend()
                     else:
                         self._backend.close()
+            self._closed = True
         atexit.unregister(self.close)
 
     def _wait_for_tick(self) -> bool:
@@ -473,6 +492,8 @@ class Session:
             self._changes.make(self.loop.halt)
         self._failure = error if self._failure is None else self._failure
         self.publish_fault()
+        if self._gate.fault is None:
+            self.dispatcher.publish(EndEvent())
         if (wait := self._wait) is not None:
             wait.fail(error)
 

@@ -12,6 +12,7 @@ from pepper_driver.callbacks.events import ReflexEvent
 from pepper_driver.config import RobotConfig
 from pepper_driver.config.parts import FloatArray
 from pepper_driver.controller import WholeBodyController
+from pepper_driver.controller.constraints import Constraint
 from pepper_driver.controller.tasks import Task
 from pepper_driver.observer import Observation
 from pepper_driver.reflexes.ignore import Ignore
@@ -109,6 +110,14 @@ class Arbiter:
         """Request a twist of the base (3,), vx [m/s], vy [m/s], wz [rad/s], for some time [s]; None for ever."""
         self.controller.base_velocity.target = twist
         self._drive_time, self._drive_end = duration, None
+
+    def add(self, part: Task | Constraint) -> None:
+        """Request a task, or that a constraint is kept; see :meth:`WholeBodyController.add`."""
+        self.controller.add(part)
+
+    def remove(self, part: Task | Constraint) -> None:
+        """Take a request for a task or constraint back; one that is not there is no error."""
+        self.controller.remove(part)
 
     @property
     def holds(self) -> bool:

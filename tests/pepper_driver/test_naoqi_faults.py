@@ -8,6 +8,7 @@ import os
 import signal
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -22,6 +23,7 @@ from waiting import PATIENCE, wait_until
 from pepper_driver import Pepper
 from pepper_driver.backends import NotConnectedError
 from pepper_driver.backends.naoqi import backend as naoqi_backend
+from pepper_driver.backends.naoqi.presence import SecondDriverError
 from pepper_driver.backends.naoqi_server.faults import parse_fault
 from pepper_driver.backends.naoqi_server.launch import StandIn
 from pepper_driver.callbacks.events import FaultEvent
@@ -212,6 +214,59 @@ def test_somebody_who_makes_an_arm_soft_stops_the_robot(
         session.close()
 
 
+@contextmanager
+def commanding(session: Any, who: str) -> Iterator[None]:
+    """Another program that commands the head by the DCM, or head or base by ALMotion."""
+    motion, dcm, over = session.service("ALMotion"), session.service("DCM"), threading.Event()
+
+    def command() -> None:
+        while not over.wait(0.02):
+            dcm.set(["HeadYaw/Position/Actuator/Value", "ClearAll", [[0.5, dcm.getTime(20)]]])
+
+    thread = threading.Thread(target=command)
+    if who == "DCM":
+        thread.start()
+    elif who == "setAngles":
+        motion.setAngles("HeadYaw", 0.5, 0.2)
+    else:
+        motion.move(0.1, 0.0, 0.0)
+    try:
+        yield
+    finally:
+        over.set()
+        if who == "DCM":
+            thread.join()
+        motion.killAll()
+
+
+@pytest.mark.parametrize(
+    ("who", "names"),
+    [("DCM", "HeadYaw"), ("setAngles", "HeadYaw"), ("move", "WheelFL, WheelFR")],
+)
+def test_another_program_that_commands_the_robot_stops_the_run(
+    qi: Any, robot: StandIn, tmp_path: Path, who: str, names: str
+) -> None:
+    """It is named by what it commands, in the error, the log and callbacks; our wheels and joints stand."""
+    robot.clear_faults()
+    session = qi.Session()
+    session.connect(robot.url)
+    log, told = tmp_path / "run.mcap", list[FaultEvent]()
+    pepper = Pepper(url(robot), observer=None, log=log, safety=PATIENT)
+    pepper.on_fault()(told.append)
+    with pepper:
+        pepper.run(1.0)
+        with (
+            commanding(session, who),
+            pytest.raises(FaultError, match=f"another program commands {names}.*start again"),
+        ):
+            pepper.run(10.0)
+    session.close()
+    assert [event.fault.reason for event in told] == [FaultReason.FOREIGN_COMMAND]
+    (event,) = (event for event in read_log(log).events if event.kind == "fault")
+    assert (event.name, event.text) == ("foreign command", told[0].fault.text)
+    assert wait_until(lambda: np.abs(robot.black_box(20).wheel_speed).max() <= 2 * STANDS)
+
+
 def test_the_clock_rolls_over_under_a_robot_that_moves(wake_up: Callable[[StandIn], None]) -> None:
     """From 2^31 - 1 ms to -2^31: no sample is old, no command late, no joint jumps."""
     for ahead in (7, 20, 60):  # [s] in which this machine must be ready
@@ -300,7 +355,16 @@ with quick_settings(), Pepper(sys.argv[2], observer=None, safety=PATIENT) as pep
 
 
 def test_a_program_that_is_killed_leaves_a_robot_that_stands(robot: StandIn) -> None:
+    """Until then no other is let in; and as soon as it is gone."""
     with program(robot) as process:
+        for mode in ("dcm", "angles"):
+            refused = rf"driven by another pepper_driver already: process {process.pid} of this computer, since"
+            with (
+                pytest.raises(SecondDriverError, match=refused),
+                Pepper(f"{url(robot)}?mode={mode}", observer=None),
+            ):
+                pass
+        assert not what_is_still(robot), "it drives on"
         process.kill()
         process.wait()
         killed = time.monotonic()
@@ -309,6 +373,21 @@ def test_a_program_that_is_killed_leaves_a_robot_that_stands(robot: StandIn) -> 
     assert_wheels_stop(box)
     assert_joints_hold(box, killed)
     assert largest_step(box) <= LARGEST_STEP
+    with Pepper(url(robot), observer=None, safety=PATIENT) as pepper:
+        pepper.run(0.1)
+
+
+def test_two_programs_that_are_told_so_do_not_drive_for_long(robot: StandIn) -> None:
+    """Both command all joints: at least the one whose commands do not count notices it, and stops."""
+    reason = None
+    with program(robot) as process:
+        try:
+            with Pepper(f"{url(robot)}?force=1", observer=None, safety=PATIENT) as pepper:
+                while process.poll() is None:
+                    pepper.run(0.2)
+        except FaultError as error:
+            reason = error.fault.reason
+        assert process.poll() is not None or reason is FaultReason.FOREIGN_COMMAND
 
 
 @pytest.mark.parametrize("fault", ["", "hang", "kill", "blocked"])

@@ -183,6 +183,32 @@ def test_a_hand_around_a_thing_stands() -> None:
     assert watched(standing(HAND), joint=HAND, ticks=100).state is RobotState.ACTIVE
 
 
+@pytest.mark.parametrize(
+    ("names", "words"),
+    [
+        (("HeadYaw",), "commands HeadYaw: end it"),
+        (
+            ("HeadYaw", "RHand", "WheelFL", "WheelFR"),
+            "commands HeadYaw, RHand, WheelFL and 1 more: end",
+        ),
+    ],
+)
+def test_what_another_program_commands_stops_the_robot_and_is_named(
+    names: tuple[str, ...], words: str
+) -> None:
+    g = gate()
+    g.gate(reference(STAND), ONES, np.full(3, 1.0), 0.0)
+    g.watch(replace(told(ONES), commanded_by_others=names), g.sent)
+    assert g.fault is not None
+    assert g.fault.reason is FaultReason.FOREIGN_COMMAND
+    assert words in g.fault.text
+    for what in ("autonomous life", "Choregraphe", "start again"):
+        assert what in g.fault.text
+    gated = g.gate(reference(STAND + 0.1), ONES, np.full(3, 2.0), 0.0)
+    np.testing.assert_array_equal(gated.command.position, STAND)
+    assert not gated.command.wheel_speed.any()
+
+
 def test_why_samples_stay_away_is_told() -> None:
     g = gate()
     missing = "no answer from RElbowYaw, whose board is off or unplugged"
