@@ -1,4 +1,4 @@
-"""What a Pepper can do besides moving and measuring: speak, shine, show, and move by its own programs."""
+"""Abilities of a Pepper besides moving and measuring: speak, shine, show, and move by its own programs."""
 
 from __future__ import annotations
 

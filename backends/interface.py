@@ -1,4 +1,4 @@
-"""What a robot, real or simulated, offers to the layers above: one 12 ms cycle at a time."""
+"""Interface of a robot, real or simulated, to the layers above: one 12 ms cycle at a time."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class NotConnectedError(PepperError, ConnectionError):
 
 
 class CommandError(PepperError, ValueError):
-    """What the robot was told is no order: a wrong shape, a number that is not finite or out of range."""
+    """A command that is none: a wrong shape, a number that is not finite or out of range."""
 
 
 class CapabilityError(PepperError, NotImplementedError):
@@ -99,7 +99,7 @@ class Measurement:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Command:
-    """What the robot is told for one cycle.
+    """Command for one cycle.
 
     Attributes:
         position: (17,) [rad], to be reached at the end of the cycle.
@@ -271,7 +271,7 @@ class Backend(ABC):
         return 0.0
 
     def diagnosis(self) -> tuple[DeviceError, ...] | None:
-        """What the robot's own diagnosis finds broken now; None where there is no such thing. May take seconds.
+        """Return what the robot's own diagnosis finds broken now; None where there is no such thing. May take seconds.
 
         Raises:
             NotConnectedError: Not open.

@@ -21,7 +21,7 @@ from pepper_driver.backends.interface import (
 )
 from pepper_driver.backends.selection import BackendUri
 from pepper_driver.backends.serial import Serial, serial
-from pepper_driver.config import ConfigError, RobotConfig
+from pepper_driver.config import ConfigError, RobotConfig, load_robot
 from pepper_driver.config.parts import FloatArray
 
 Fault = Callable[[Measurement], Measurement]
@@ -38,7 +38,7 @@ class MockBackend(Serial, Backend):
     """A Pepper whose joints and wheels do at once what they are told, and that nothing touches.
 
     Args:
-        robot: Its description.
+        robot: Its description, by default the shipped Pepper.
         posture: Name of the posture in which it stands.
         delay: Cycles from a command to the sample that shows it.
         faults: Changes of measurements, by tick.
@@ -58,7 +58,7 @@ class MockBackend(Serial, Backend):
 
     def __init__(
         self,
-        robot: RobotConfig,
+        robot: RobotConfig | None = None,
         *,
         posture: str = "Stand",
         delay: int = 0,
@@ -69,12 +69,12 @@ class MockBackend(Serial, Backend):
         super().__init__()
         if delay < 0:
             raise ConfigError(f"backend '{uri}': delay must be 0 or more cycles, got {delay}")
+        self._robot, self._uri, self._delay = robot or load_robot(), uri, delay
         self.real_time = real_time
-        self.position = robot.posture(posture)
+        self.position = self._robot.posture(posture)
         self.faults: dict[int, Fault] = dict(faults or {})
         self.commands: list[Command] = []
         self.calls: list[str] = []
-        self._robot, self._uri, self._delay = robot, uri, delay
         self._state: Literal["closed", "open", "active"] = "closed"
         self._tick = self._repeats = 0  # reads since ``open``, and since the last ``write``
 

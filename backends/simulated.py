@@ -1,4 +1,4 @@
-"""What only a simulated robot can tell: its parameters, and what really happens to it."""
+"""Parameters of a simulated robot, and the truth of what happens to it."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class SimulatedPlant:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class TrueContact:
-    """What one thing did to one link in the last cycle of a simulation. Vectors are in the world.
+    """Effect of one thing on one link in the last cycle of a simulation. Vectors are in the world.
 
     Attributes:
         kind: A scheduled ``push``, a ``hand`` that holds on, or an ``object`` of the world.
@@ -55,7 +55,7 @@ class TrueContact:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class TruthSample:
-    """What a simulation knew at the end of one cycle; each value as in :class:`Truth`, copied."""
+    """Ground truth at the end of one cycle; each value as in :class:`Truth`, copied."""
 
     contact_torque: FloatArray
     peak_torque: FloatArray
@@ -68,7 +68,7 @@ class TruthSample:
 
 
 class Truth(ABC):
-    """What only a simulation knows, now. For the log and for evaluation; no estimator may hold a reference to it.
+    """Ground truth of a simulation, now. For the log and for evaluation; no estimator may hold a reference to it.
 
     Arrays are copies.
     """
@@ -86,7 +86,7 @@ class Truth(ABC):
     @property
     @abstractmethod
     def contacts(self) -> tuple[TrueContact, ...]:
-        """What touched the robot in the last cycle. The floor under the wheels does not count."""
+        """Contacts of the robot in the last cycle. The floor under the wheels does not count."""
 
     @property
     @abstractmethod
@@ -101,7 +101,7 @@ class Truth(ABC):
     @property
     @abstractmethod
     def fallen(self) -> bool:
-        """Whether the robot has fallen over."""
+        """True once the robot has fallen over."""
 
     @property
     @abstractmethod
@@ -111,7 +111,7 @@ class Truth(ABC):
     @property
     @abstractmethod
     def kinetic_energy(self) -> float:
-        """Of all links, rotors and wheels, with the objects of the world [J]."""
+        """Kinetic energy of all links, rotors and wheels, with the objects of the world [J]."""
 
     @property
     @abstractmethod
@@ -140,7 +140,7 @@ class Truth(ABC):
         """
 
     def sample(self) -> TruthSample:
-        """What of it goes into a log, as it is now."""
+        """Return what goes into a log, as it is now."""
         return TruthSample(
             contact_torque=self.contact_torque,
             peak_torque=self.peak_torque,

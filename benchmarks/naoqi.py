@@ -5,7 +5,8 @@ missed ticks, when ticks end after they were due, how old samples are, commands 
 stand-in NAOqi and simulated robot. Of the whole one also: how far the DCM was from the command that each sample is said
 to answer, by the stand-in's black box; and tracking errors and residuals against those of the same motion with the
 simulation driven directly, beside what another seed of the sensors' noise makes of them. The gate lets old samples pass
-here, and it is counted how often it would have held or stopped the robot.
+here, and it is counted how often it would have held or stopped the robot. With --busy, only: ticks of the loop thread
+while the main thread computes in Python all the time.
 
 The reaction is counted in cycles of the robot: from the cycle of a sample to the cycle in which the device manager
 follows the command computed from it, in the first tick that has the sample. The command is found in the stand-in's
@@ -53,9 +54,11 @@ from pepper_driver.output import check_writable, write_json
 from pepper_driver.realtime import (
     Quantiles,
     RealTimePacer,
+    priority_obstacle,
     realtime_process,
     realtime_thread,
 )
+from pepper_driver.tick_bench import compute
 
 FloatArray = NDArray[np.float64]
 
@@ -230,12 +233,14 @@ def whole(
     commands = commands_by_cycle(stand_in.black_box())
     begin, off_by = matched(recorder, commands)
     first, last = recorder.ticks[0].measurement, recorder.ticks[-1].measurement
+    assert statistics.begin is not None
     assert statistics.end is not None
     return {
         "ticks": statistics.ticks,
         "missed": statistics.missed,
+        "tick_begin_ms": asdict(statistics.begin),
         "tick_end_ms": asdict(statistics.end),
-        "step_ms": {k: 1e-3 * v for k, v in asdict(statistics.stages["backend"]).items()},
+        "step_ms": {k: 1e-3 * v for k, v in asdict(statistics.stages["read"]).items()},
         "all_but_backend_ms": {k: 1e-3 * v for k, v in asdict(statistics.tick).items()},
         "sample_age_ms": asdict(statistics.sample_age),
         "withheld": last.withheld - first.withheld,
@@ -342,6 +347,26 @@ def median_and_p99(values: Sequence[float]) -> dict[str, float] | None:
     return {"median": spread.median, "p99": spread.p99}
 
 
+def busy(uri: str, robot: RobotConfig, seconds: float) -> dict[str, Any]:
+    """Figures of a Pepper whose program computes in Python all the time, beside the loop thread."""
+    patient = replace(load_safety_settings(), stale_hold=9.0, stale_fault=10.0)
+    with Pepper(uri, robot=robot, safety=patient) as pepper:
+        pepper.run(WARM_UP)
+        pepper.clear_statistics()
+        compute(seconds)
+        statistics = pepper.statistics
+    assert statistics.begin is not None
+    assert statistics.end is not None
+    return {
+        "ticks": statistics.ticks,
+        "missed": statistics.missed,
+        "tick_begin_ms": asdict(statistics.begin),
+        "tick_end_ms": asdict(statistics.end),
+        "sample_age_ms": asdict(statistics.sample_age),
+        "priority": priority_obstacle() or "real-time",
+    }
+
+
 def direct(seed: int, robot: RobotConfig, seconds: float) -> Recorder:
     """The same motion of the same robot, simulated without NAOqi."""
     with Pepper(ROBOT.format(seed=seed), robot=robot) as pepper:
@@ -386,6 +411,20 @@ def pair(figures: dict[str, float] | None, digits: int = 2) -> str:
     if figures is None or figures["median"] is None:
         return ""
     return " / ".join(f"{figures[key]:.{digits}f}" for key in ("median", "p99"))
+
+
+def busy_table(figures: dict[str, Any]) -> Table:
+    """Table of the run beside a program that computes."""
+    table = Table("over NAOqi, beside a main thread that computes", "busy")
+    table.add_row("ticks / missed", f"{figures['ticks']} / {figures['missed']}")
+    for label, key in (
+        ("tick begins late by, median / p99 / largest [ms]", "tick_begin_ms"),
+        ("tick ends after, median / p99 / largest [ms]", "tick_end_ms"),
+        ("age of samples [ms]", "sample_age_ms"),
+    ):
+        table.add_row(label, spread(figures[key]))
+    table.add_row("priority of the loop thread", figures["priority"])
+    return table
 
 
 def shown(figures: dict[str, Any], robot: RobotConfig) -> list[Table]:
@@ -450,6 +489,9 @@ def arguments() -> argparse.Namespace:
     )
     parser.add_argument("--seed", type=int, default=3, help="of the sensors' noise (default: 3)")
     parser.add_argument("--json", type=Path, metavar="FILE", help="also write the figures to FILE")
+    parser.add_argument(
+        "--busy", action="store_true", help="only: ticks beside a main thread that computes"
+    )
     given = parser.parse_args()
     if not 1.0 <= given.seconds <= LONGEST:
         parser.error(f"--seconds must be 1 to {LONGEST:g}: the black box holds two minutes")
@@ -475,6 +517,10 @@ def main() -> int:
             sleeper = Pepper(uri, observer=None)
             sleeper.extras.wake_up()
             sleeper.stop()
+            if given.busy:
+                figures["busy"] = busy(uri, robot, given.seconds)
+                show(figures, [busy_table(figures["busy"])], given.json)
+                return 0
             # First, while its motors are as cold as those of the robot it is compared with.
             figures["whole"], over_naoqi = whole(uri, stand_in, robot, given.seconds)
             figures["bare"] = bare(uri, stand_in, robot, given.seconds)
@@ -484,12 +530,17 @@ def main() -> int:
     once = direct(given.seed, robot, given.seconds)
     figures["against_direct"] = compared(over_naoqi, once)
     figures["other_noise"] = compared(direct(given.seed + 1, robot, given.seconds), once)
-    console = Console(soft_wrap=True, highlight=False, markup=False)  # units stand in brackets
-    for table in shown(figures, robot):
-        console.print(table)
-    if given.json is not None:
-        write_json(given.json, figures)
+    show(figures, shown(figures, robot), given.json)
     return 0
+
+
+def show(figures: dict[str, Any], tables: list[Table], file: Path | None) -> None:
+    """Print tables, and write the figures to a file where one is asked for."""
+    console = Console(soft_wrap=True, highlight=False, markup=False)  # units stand in brackets
+    for table in tables:
+        console.print(table)
+    if file is not None:
+        write_json(file, figures)
 
 
 if __name__ == "__main__":

@@ -10,11 +10,11 @@ from __future__ import annotations
 import argparse
 import json
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from joblib import Parallel, delayed
 from numpy.typing import NDArray
 from rich.console import Console
 from rich.progress import track
@@ -23,6 +23,7 @@ from rich.table import Table
 from pepper_driver import Pepper
 from pepper_driver.config import PepperError, load_controller_settings, load_robot
 from pepper_driver.controller import PositionTask, RobotModel
+from pepper_driver.workers import run_jobs
 
 FloatArray = NDArray[np.float64]
 
@@ -100,8 +101,9 @@ def main() -> None:
     if arguments.count < 1:
         parser.error("--count must be at least 1")
     pairs = [(plant, loop) for plant in arguments.plants for loop in ("none", "joints")]
-    work = Parallel(n_jobs=arguments.workers, return_as="generator")(
-        delayed(run)(plant, loop, arguments.count, arguments.seed) for plant, loop in pairs
+    work = run_jobs(
+        (partial(run, plant, loop, arguments.count, arguments.seed) for plant, loop in pairs),
+        workers=arguments.workers,
     )
     try:
         results = list(track(work, "reaching", total=len(pairs), transient=True))

@@ -15,11 +15,11 @@ import argparse
 import json
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from joblib import Parallel, delayed
 from numpy.typing import NDArray
 from rich.console import Console
 from rich.progress import track
@@ -32,6 +32,7 @@ from pepper_driver.controller import RobotModel, Tick
 from pepper_driver.observer import ContactObserver, ModelSet
 from pepper_driver.observer.model_file import shipped
 from pepper_driver.reflexes.reflex import Then
+from pepper_driver.workers import run_jobs
 
 FloatArray = NDArray[np.float64]
 
@@ -188,8 +189,7 @@ def main() -> None:
     parser.add_argument("--json", type=Path)
     options = parser.parse_args()
     console = Console()
-    jobs = (delayed(measure)(plant, options.seeds) for plant in options.plants)
-    results = Parallel(n_jobs=-1, return_as="generator")(jobs)
+    results = run_jobs(partial(measure, plant, options.seeds) for plant in options.plants)
     figures = dict(
         zip(
             options.plants,

@@ -48,14 +48,14 @@ RANGES = {  # [rad], hands 0..1: well inside the limits of the joints, small for
     "RWristYaw": (-1.2, 1.2),
     "RHand": (0.0, 1.0),
 }
-FORCES = {  # [N] of pushes, by link: none tips the robot over
+FORCES = {  # [N] of pushes, by link: one at a time, none tips the robot over
     "LForeArm": 25.0,
-    "torso": 30.0,
-    "RBicep": 30.0,
+    "torso": 25.0,
+    "RBicep": 25.0,
     "Head": 15.0,
     "r_wrist": 20.0,
     "Tibia": 50.0,
-    "LBicep": 30.0,
+    "LBicep": 25.0,
     "RForeArm": 25.0,
     "l_gripper": 15.0,
 }
@@ -102,7 +102,7 @@ def play_steps(pepper: Pepper, rng: np.random.Generator) -> Iterator[float]:
     while True:
         pepper.set_posture(draw_posture(rng, 17), duration=2.0)
         push(pepper, rng, next(links), 0.3)
-        push(pepper, rng, next(links), 1.2)
+        push(pepper, rng, next(links), 1.3)
         yield 2.5
         pepper.set_posture(draw_posture(rng, 6))
         yield 1.2
@@ -128,7 +128,7 @@ def push(pepper: Pepper, rng: np.random.Generator, link: str, delay: float = 0.0
     """Push a link in a random direction, ``delay`` [s] from now."""
     direction = rng.normal(size=3)
     force = FORCES[link] * rng.uniform(0.6, 1.0) * direction / np.linalg.norm(direction)
-    pepper.push(link, force, duration=float(rng.uniform(0.5, 1.2)), delay=delay)
+    pepper.push(link, force, duration=float(rng.uniform(0.5, 0.9)), delay=delay)
 
 
 def drive(pepper: Pepper, twist: NDArray[np.float64]) -> None:

@@ -143,23 +143,13 @@ class WholeBodyController:
             RobotMismatchError: The task was made for a robot with other joints or links.
             TaskCountError: :data:`MAX_TASKS` are in use.
         """
+        check_part(part, self._robot)
         if isinstance(part, Task):
             task = part
-            self._check_robot(task)
             self.changes.make(lambda: self._add_task(task, enforce_limit))
-        elif isinstance(part, Constraint):
+        else:
             constraint = part
             self.changes.make(lambda: self._add_constraint(constraint))
-        else:
-            raise TypeError(f"add takes a task or a constraint, got {type(part).__name__}")
-
-    def _check_robot(self, task: Task) -> None:
-        made_for, moved = task.robot, self._robot
-        if made_for is None or made_for is moved:
-            return
-        if (made_for.joint_names, made_for.links) != (moved.joint_names, moved.links):
-            names = {*made_for.joint_names, *made_for.links} ^ {*moved.joint_names, *moved.links}
-            raise RobotMismatchError(task.name, made_for.name, moved.name, sorted(names))
 
     def _add_task(self, task: Task, enforce_limit: bool) -> None:
         others = self._without(task)
@@ -404,7 +394,7 @@ class WholeBodyController:
 
     @property
     def status(self) -> ControllerStatus:
-        """How the last cycle went."""
+        """Status of the last cycle."""
         active: list[str] = []
         unmet: list[str] = []
         for _, rows in self._active:
@@ -422,7 +412,7 @@ class WholeBodyController:
         )
 
     def report(self) -> tuple[TaskReport, ...]:
-        """What every task cost in the last cycle, the dearest first."""
+        """Return the cost of every task in the last cycle, the most expensive first."""
         misses = self._program.misses(self._acceleration)
         whole = sum(cost for _, _, cost in misses)
         reports = [
@@ -438,7 +428,7 @@ class WholeBodyController:
         return tuple(sorted(reports, key=lambda report: -report.cost))
 
     def explain(self) -> str:
-        """What limits the motion now, in a few lines."""
+        """Return in a few lines what limits the motion now."""
         return explain(self.status, self.report())
 
     def load_torque_parts(self) -> LoadTorque:
@@ -451,6 +441,23 @@ class WholeBodyController:
         size[size <= 0.0] = 1.0
         excess: FloatArray = (rows.matrix @ self._acceleration - rows.bound) / size
         return excess
+
+
+def check_part(part: Task | Constraint, robot: RobotConfig) -> None:
+    """Check what is to be added to the controller of a robot.
+
+    Raises:
+        TypeError: It is neither a task nor a constraint.
+        RobotMismatchError: The task was made for a robot with other joints or links.
+    """
+    if not isinstance(part, Task | Constraint):
+        raise TypeError(f"add takes a task or a constraint, got {type(part).__name__}")
+    made_for = part.robot if isinstance(part, Task) else None
+    if made_for is None or made_for is robot:
+        return
+    if (made_for.joint_names, made_for.links) != (robot.joint_names, robot.links):
+        names = {*made_for.joint_names, *made_for.links} ^ {*robot.joint_names, *robot.links}
+        raise RobotMismatchError(part.name, made_for.name, robot.name, sorted(names))
 
 
 def _checked_cycle(dt: float) -> float:

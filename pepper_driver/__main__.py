@@ -6,43 +6,53 @@ import os
 import signal
 import sys
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 
 
 def main() -> None:
-    """Run the command line and exit with its code: 0 well, 1 a fault of ours, 2 a wrong input, 130 interrupted."""
-    try:
-        with _ctrl_c_ends_at_once():
-            from pepper_driver.cli.app import run  # takes a moment, in which somebody may press it
+    """Run the command line and exit with its code.
 
-        code = run(sys.argv[1:])
-        sys.stdout.flush()
-    except KeyboardInterrupt:
-        _say_interrupted()
-        code = 130
-    except BrokenPipeError:  # whoever read our output has gone; nothing is left to be flushed
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    0 well, 1 a fault of ours, 2 a wrong input, 130 after Ctrl-C, 143 after SIGTERM, 129 after SIGHUP.
+    """
+    with _signals_end_at_once():  # importing takes a moment
+        from pepper_driver.backends.signals import raised_signals
+        from pepper_driver.cli.app import end_by, run
+    try:
+        with raised_signals():
+            code = run(sys.argv[1:])
+    except KeyboardInterrupt as error:
+        code = end_by(error)
+    except BrokenPipeError:
         code = 1
+    for stream in (sys.stdout, sys.stderr):
+        try:
+            stream.flush()
+        except OSError:  # whoever read our output has gone: nothing is left to be flushed
+            os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
+            code = code or 1
     sys.exit(code)
 
 
 @contextmanager
-def _ctrl_c_ends_at_once() -> Iterator[None]:
+def _signals_end_at_once() -> Iterator[None]:
     """Raise nothing in libraries that are being imported: some take it for a defect of their own."""
+    words = {"SIGINT": "interrupted", "SIGTERM": "terminated", "SIGHUP": "hung up"}
 
-    def leave(*_: object) -> None:
-        _say_interrupted()
-        os._exit(130)
+    def leave(number: int, _: object) -> None:
+        with suppress(OSError):
+            print(f"pepper: {words[signal.Signals(number).name]}", file=sys.stderr, flush=True)
+        os._exit(128 + number)
 
-    before = signal.getsignal(signal.SIGINT)
-    if before is signal.default_int_handler:  # and not ignored, as in the background of a shell
-        signal.signal(signal.SIGINT, leave)
+    changed = {}
+    for number in (getattr(signal, name) for name in words if hasattr(signal, name)):
+        handler = signal.getsignal(number)
+        # And not ignored, as in the background of a shell, or by nohup.
+        if handler in (signal.default_int_handler, signal.SIG_DFL):
+            changed[number] = handler
+            signal.signal(number, leave)
     yield
-    signal.signal(signal.SIGINT, before)
-
-
-def _say_interrupted() -> None:
-    print("pepper: interrupted", file=sys.stderr, flush=True)
+    for number, handler in changed.items():
+        signal.signal(number, handler)
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""How long the stages of a tick take, and how fast the simulation runs."""
+"""Time of the stages of a tick, and speed of the simulation."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class Bench:
     """Figures of one run.
 
     Attributes:
-        ticks: How the ticks went on the first plant; their stage ``backend`` is the physics.
+        ticks: Timing of the ticks on the first plant; their stages ``read`` and ``write`` are the physics.
         real_time_factor: By plant: simulated time over wall-clock time, whole tick with log, on one core.
         plant_alone: The same for the plant without the layers above it.
     """

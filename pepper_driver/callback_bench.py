@@ -1,4 +1,4 @@
-"""What callbacks do to the ticks: robots with one bad callback each, beside a robot with none, in turns."""
+"""Cost of callbacks in ticks: robots with one bad callback each, and a robot with none, in turns."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ SLEEP = 10.0
 
 
 class CallbackError(Exception):
-    """What a callback raises."""
+    """Exception of a callback that raises."""
 
 
 @dataclass(frozen=True, kw_only=True)

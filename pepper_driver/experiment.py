@@ -1,4 +1,4 @@
-"""Performs experiments: one file, the same steps on every backend."""
+"""Performance of experiments: one file, the same steps on every backend."""
 
 from __future__ import annotations
 
@@ -99,7 +99,7 @@ class ExperimentRun:
     def perform(
         self, *, on_tick: Callable[[Tick, Observation | None], None] | None = None
     ) -> ExperimentReport:
-        """Activate the robot, play all steps, and close it again, whatever happens.
+        """Start the robot, play all steps, and stop it again, whatever happens.
 
         Args:
             on_tick: Called inside every tick: must be quick.
@@ -163,7 +163,7 @@ class _Director(Conductor):
         self.pushed = 0
 
     def order(self, motion: Motion) -> Iterable[int]:
-        """As the experiment has them."""
+        """Return the steps as the experiment has them."""
         return self._experiment.order
 
     def begin(self, number: int) -> None:
@@ -201,11 +201,11 @@ class _Director(Conductor):
                 self._heard = True
 
     def ends_early(self, number: int) -> bool:
-        """When what is waited for has come."""
+        """Return True once the contact that is waited for has come."""
         return self._heard
 
     def goes_on(self, number: int) -> bool:
-        """Unless nobody came and the experiment shall stop then."""
+        """Return False where no contact came and the experiment stops then."""
         step = self._steps[number]
         if number not in self._wanted or not isinstance(step, WaitStep):
             return True
@@ -227,7 +227,7 @@ class _Director(Conductor):
 
 
 def _about(experiment: Experiment) -> dict[str, str]:
-    """What the log says of it: its name, and the file as it is."""
+    """Return what the log says of it: its name, and the file as it is."""
     about = {"experiment": experiment.name}
     if experiment.source:
         about["experiment_file"] = Path(experiment.source).read_text(encoding="utf-8")

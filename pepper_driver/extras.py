@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
 from numbers import Real
 
 from pepper_driver.backends import Backend, BackendError, Capability, Extras
@@ -19,7 +18,7 @@ class ExtrasError(PepperError, ValueError):
 
 
 class RobotExtras:
-    """What a robot can do besides moving and measuring: ``pepper.extras``.
+    """Abilities of a robot besides moving and measuring: ``pepper.extras``.
 
     A backend without such a thing does nothing and says so once by ``logging``; ``info.capabilities`` tells before.
     Each connects to the robot for its time where that is not yet connected. All may be called from any thread, but not
@@ -41,8 +40,7 @@ class RobotExtras:
             PepperError: That is no text, or the robot cannot be reached or refuses.
         """
         _check_text("say", text)
-        with self._connected("speech") as extras:
-            extras.say(text)
+        self._call("speech", lambda extras: extras.say(text))
 
     def leds(self, group: str, colour: Sequence[float], duration: float = 0.2) -> None:
         """Begin to fade lights to a colour; returns before they have it.
@@ -61,8 +59,7 @@ class RobotExtras:
         if not (isinstance(duration, Real) and 0 <= duration <= 60):
             raise ExtrasError(f"lights fade within a time from 0 to 60 s, got {duration!r}")
         r, g, b = map(float, colour)
-        with self._connected("leds") as extras:
-            extras.leds(group, (r, g, b), float(duration))
+        self._call("leds", lambda extras: extras.leds(group, (r, g, b), float(duration)))
 
     def show_image(self, url: str) -> None:
         """Have the tablet show an image.
@@ -74,8 +71,7 @@ class RobotExtras:
             PepperError: That is no text, or the robot cannot be reached or refuses.
         """
         _check_text("url", url)
-        with self._connected("tablet") as extras:
-            extras.show_image(url)
+        self._call("tablet", lambda extras: extras.show_image(url))
 
     def hide_image(self) -> None:
         """Have the tablet show no image.
@@ -83,8 +79,7 @@ class RobotExtras:
         Raises:
             PepperError: The robot cannot be reached or refuses.
         """
-        with self._connected("tablet") as extras:
-            extras.hide_image()
+        self._call("tablet", lambda extras: extras.hide_image())
 
     def go_to_posture(self, name: str, speed: float = 0.5) -> None:
         """Have the robot's own program take it to a posture; returns when it is there. Not inside the ``with`` block.
@@ -100,8 +95,7 @@ class RobotExtras:
         if not (isinstance(speed, Real) and 0 < speed <= 1):
             raise ExtrasError(f"a speed is a share of the full one, above 0 up to 1, got {speed!r}")
         self._check_inactive(f"go to posture '{name}'", "set_posture() moves it now")
-        with self._connected("postures") as extras:
-            extras.go_to_posture(name, float(speed))
+        self._call("postures", lambda extras: extras.go_to_posture(name, float(speed)))
 
     def wake_up(self) -> None:
         """Have the robot switch its motors on and stand up; returns when it stands. Not inside the ``with`` block.
@@ -110,8 +104,7 @@ class RobotExtras:
             PepperError: The robot is active, cannot be reached or refuses.
         """
         self._check_inactive("wake up", "it is awake")
-        with self._connected("wake") as extras:
-            extras.wake_up()
+        self._call("wake", lambda extras: extras.wake_up())
 
     def rest(self) -> None:
         """Have the robot sit down and switch its motors off; returns when it is done. Not inside the ``with`` block.
@@ -120,8 +113,7 @@ class RobotExtras:
             PepperError: The robot is active, cannot be reached or refuses.
         """
         self._check_inactive("rest", "leave the 'with' block first")
-        with self._connected("wake") as extras:
-            extras.rest()
+        self._call("wake", lambda extras: extras.rest())
 
     def perform(self, cue: CueEvent) -> None:
         """Say or show what an experiment wants; what the robot refuses is logged, and the experiment goes on."""
@@ -139,18 +131,15 @@ class RobotExtras:
                 f"'{self._backend.uri}' cannot {what} by its own program while the loop moves it: {instead}"
             )
 
-    @contextmanager
-    def _connected(self, capability: Capability) -> Iterator[Extras]:
-        """The backend's extras, with a connection as long as it takes where there is one to be made."""
+    def _call(self, capability: Capability, call: Callable[[Extras], None]) -> None:
+        """Call the backend's extras, with a connection as long as it takes where there is one to be made."""
         backend = self._backend
         if self._is_active() or capability not in backend.info.capabilities:
-            yield backend.extras
-        else:
-            backend.open()  # fails where somebody else has it open, who then closes it
-            try:
-                yield backend.extras
-            finally:
-                backend.close()
+            call(backend.extras)
+            return
+        backend.open()  # fails where another program part has it open, which then closes it
+        with backend:
+            call(backend.extras)
 
 
 def _check_text(what: str, text: object) -> None:

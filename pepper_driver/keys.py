@@ -8,6 +8,7 @@ import sys
 import threading
 from abc import ABC, abstractmethod
 from collections.abc import Callable
+from contextlib import suppress
 from types import TracebackType
 from typing import Any, Self
 
@@ -61,7 +62,8 @@ class Keys(ABC):
         self.listening = False
         self._stop.set()
         self._thread.join()
-        termios.tcsetattr(self._file, termios.TCSADRAIN, self._settings)
+        with suppress(termios.error):  # a terminal that is gone
+            termios.tcsetattr(self._file, termios.TCSADRAIN, self._settings)
 
     @abstractmethod
     def _take(self, data: bytes) -> None:

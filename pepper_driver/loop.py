@@ -62,7 +62,7 @@ class Loop:
         arbiter: Decides what its controller follows; the controller is reset to the posture the robot holds.
         gate: Active, holding the same posture.
         first: Newest measurement.
-        observer: Or None to feel nothing.
+        observer: Or None to detect nothing.
         publish: Takes every tick; must not block.
 
     Attributes:
@@ -104,7 +104,9 @@ class Loop:
         sent = Sent(reference=standing, command=gate.sent, changed=np.zeros(n, dtype=np.bool_))
         # The last one is in force.
         self._in_flight = deque([sent], maxlen=max(LONGEST_WAY, backend.info.response_delay) + 1)
-        self._step = self._answered_step = 0
+        self._written = self._answered = (
+            0  # numbers of the last command, and of the last one answered
+        )
         self.latest = TickRecord(tick=_tick(first, sent))
         backend.write(sent.command)
 
@@ -154,7 +156,9 @@ class Loop:
         tick = _tick(measurement, answered)
         observation: Observation | None = None
         events: list[ReflexEvent | SensorEvent] = []
+        labels: Sequence[Label] = ()
         try:
+            labels = self._label(measurement)
             events += self._sensors.step(measurement)
             if self._observer is not None:
                 observation = self._observer.step(tick)
@@ -172,6 +176,7 @@ class Loop:
         else:
             self._backend.write(sent.command)
             self._in_flight.append(sent)
+            self._written += 1
             marks.append(perf_counter_ns())
         try:
             record = TickRecord(
@@ -180,7 +185,7 @@ class Loop:
                 events=events,
                 unmatched=unmatched,
                 truth=truth,
-                labels=self._label(measurement),
+                labels=labels,
                 tick_end=np.nan if due is None else (perf_counter_ns() - due) * 1e-9,
                 missed=self._missed,
             )
@@ -208,10 +213,9 @@ class Loop:
         if ago is None:
             ago = self._backend.info.response_delay
         ago = min(ago, len(sent) - 1)
-        since = self._step - ago - self._answered_step
+        since = self._written - ago - self._answered
         unmatched = [(before, sent[-1 - before]) for before in range(ago + since - 1, ago, -1)]
-        self._answered_step += max(since, 0)
-        self._step += 1
+        self._answered += max(since, 0)
         return sent[-1 - ago], unmatched
 
     def _pass_gate(self, reference: Reference, measurement: Measurement, tick: Tick) -> Sent:

@@ -1,4 +1,4 @@
-"""Plays motions: gives the controller the tasks of one step after the other, and takes them all back."""
+"""Playing of motions: the tasks of one step after the other, and their removal at the end."""
 
 from __future__ import annotations
 
@@ -30,18 +30,18 @@ class Conductor:
     """
 
     def order(self, motion: Motion) -> Iterable[int]:
-        """Numbers of the steps as they are played."""
+        """Return the numbers of the steps as they are played."""
         return list(range(len(motion.steps))) * motion.repeat
 
     def begin(self, number: int) -> None:
         """A step begins."""
 
     def ends_early(self, number: int) -> bool:
-        """Whether the step under way is over before its time; asked after every tick in which no reflex holds."""
+        """Return True to end the step under way before its time; asked after every tick in which no reflex holds."""
         return False
 
     def goes_on(self, number: int) -> bool:
-        """Whether another step may follow one that is over."""
+        """Return True where another step may follow one that is over."""
         return True
 
 
@@ -92,7 +92,7 @@ class Player:
 
     @property
     def report(self) -> MotionReport:
-        """Of the steps that are over."""
+        """Report of the steps that are over."""
         return MotionReport(name=self._motion.name, steps=tuple(self._reports))
 
     def begin(self) -> None:
@@ -121,7 +121,7 @@ class Player:
     def end(self) -> None:
         """Leave the controller as it was, the robot where it is: at the end, or wherever the motion was broken off."""
         for goal in self._active:
-            self._controller.remove(goal.task)
+            self._arbiter.remove(goal.task)
         self._active = []
         if not self._over:
             self._stay(np.ones(len(self._robot.joint_names), dtype=np.bool_))
@@ -146,13 +146,13 @@ class Player:
             replaced.add("base")
         for goal in self._active:
             if goal.name in replaced:
-                self._controller.remove(goal.task)
+                self._arbiter.remove(goal.task)
         self._active = [goal for goal in self._active if goal.name not in replaced]
         self._posture = self._posture_goal(step) if step.moves_joints else None
         if self._posture is not None:
             self._arbiter.move_to(self._posture.target, step.duration)
         for goal in fresh:
-            goal.begin(self._controller, step.duration)
+            goal.begin(self._arbiter, step.duration)
             self._active.append(goal)  # each at once: a later one may be refused
         twist = step.base_velocity
         self._arbiter.drive(
@@ -199,7 +199,7 @@ class Player:
         self._reports.append(report)
         over = [goal for goal in self._active if self._over or not goal.keep]
         for goal in over:
-            self._controller.remove(goal.task)
+            self._arbiter.remove(goal.task)
         self._active = [goal for goal in self._active if goal not in over]
         if over:
             self._stay(np.any([goal.joints for goal in over], axis=0))

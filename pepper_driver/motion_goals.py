@@ -33,6 +33,7 @@ from pepper_driver.controller import (
 )
 from pepper_driver.controller.tasks.task import TaskRows
 from pepper_driver.motion_report import Miss
+from pepper_driver.reflexes import Arbiter
 
 Targeted = PositionTask | OrientationTask | FrameTask | LookAtTask | ComTask | BasePoseTask
 
@@ -68,29 +69,29 @@ class Goal:
             moving = expand(spec, robot) or robot.joint_names
             self.joints[[robot.joint_index(name) for name in moving]] = True
 
-    def begin(self, controller: WholeBodyController, duration: float | None) -> None:
-        """Send the task to its target, in a time [s] or as fast as it goes, and take it into the controller.
+    def begin(self, arbiter: Arbiter, duration: float | None) -> None:
+        """Send the task to its target, in a time [s] or as fast as it goes, and request it.
 
         Raises:
             TargetError: The task refuses its target, and stays out.
         """
-        self._wanted = _target(self._spec, controller)
+        self._wanted = _target(self._spec, arbiter.controller)
         if duration is None:
             self.task.target = self._wanted
         else:
             self.task.move_to(self._wanted, duration)
-        controller.add(self.task)
+        arbiter.add(self.task)
 
     def go_on(self, duration: float) -> None:
         """Get from wherever the robot is now to the same target in a new time [s]."""
         self.task.move_to(self._wanted, duration)
 
     def miss(self) -> Miss:
-        """How far the controller's own state is from the target."""
+        """Return the distance of the controller's own state from the target."""
         return self._miss(self.task.error)
 
     def measured_miss(self, model: RobotModel) -> Miss:
-        """How far a robot is from it in a model at its measured state, with its kinematics."""
+        """Return the distance of a robot from it in a model at its measured state, with its kinematics."""
         task, rows, nv = self._twin, self._twin.rows, model.nv
         task.attach(
             model,
@@ -122,11 +123,11 @@ class PostureGoal:
     named: NDArray[np.bool_]
 
     def miss(self, position: FloatArray) -> Miss:
-        """How far (17,) joints [rad] are from it: the largest of those that the step named."""
+        """Return the distance of (17,) joints [rad] from it: the largest of those that the step named."""
         return Miss(radians=float(np.abs(position - self.target)[self.named].max()))
 
     def reached(self, controller: WholeBodyController, tolerance: float) -> bool:
-        """Whether the joints that the step named are within a tolerance [rad] and at rest."""
+        """Return True where the joints that the step named are within a tolerance [rad] and at rest."""
         rest = tolerance * max(np.sqrt(controller.posture.stiffness), 1.0)
         near = np.abs(controller.position - self.target) <= tolerance
         slow = np.abs(controller.velocity) <= rest

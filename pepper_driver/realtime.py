@@ -64,8 +64,9 @@ class Pacer:
     due: int | None = None
     paced = False
 
-    def restart(self) -> None:
-        """Let the next tick begin at the robot's phase, whatever time has passed since the last one."""
+    def clock(self) -> int:
+        """Return the time [ns]: monotonic."""
+        return time.perf_counter_ns()
 
     def wait(self) -> int:
         """Return when the next tick is to begin, with the number of ticks missed before it."""
@@ -76,14 +77,13 @@ class RealTimePacer(Pacer):
     """Ticks begin at absolute times, whole cycles apart: a late one shifts no other.
 
     A tick that is not over when the next is to begin costs that one, and every other until it is over. So does a
-    thread that wakes up a whole cycle late. After :meth:`restart` nothing is missed, and ticks that still come in time
-    keep their phase.
+    thread that wakes up a whole cycle late. Nothing is missed before the first tick.
 
     Sleeping ends 0.1 ms late at normal priority. Spinning through the last 0.3 ms would take that away and keep the
     interpreter from all other threads meanwhile; a robot that samples every 12 ms at a phase of its own gains nothing.
 
-    A robot's clock is not this computer's. The first tick after a pause is put where its cycles want it, and the others
-    follow them by at most ``MAX_PHASE_SHIFT`` of a cycle each. The sample of a tick is requested shortly before it.
+    A robot's clock is not this computer's. The first tick is put where its cycles want it, and the others follow them
+    by at most ``MAX_PHASE_SHIFT`` of a cycle each. The sample of a tick is requested shortly before it.
 
     Args:
         cycle: Between two ticks [s].
@@ -112,6 +112,10 @@ class RealTimePacer(Pacer):
         self._next = clock()
         self._fresh = True
 
+    def clock(self) -> int:
+        """Return the time [ns] of the clock that ticks are paced by."""
+        return self._clock()
+
     @classmethod
     def from_backend(cls, backend: Backend, cycle: float) -> Self:
         """Return a pacer that follows a robot's cycles and requests its samples."""
@@ -121,10 +125,6 @@ class RealTimePacer(Pacer):
             request=backend.request,
             request_lead=lambda: backend.request_lead,
         )
-
-    def restart(self) -> None:
-        """Let the next tick begin at the robot's phase, unless the last one's next is still to come."""
-        self._fresh = True
 
     def wait(self) -> int:
         """Return when the next tick is to begin, with the number of ticks missed before it."""

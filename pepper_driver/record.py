@@ -26,14 +26,14 @@ class LabelledRun:
         seconds: Length [s].
         touches: Number of onsets.
         released: Whether the last touch was over at the end.
-        interrupted: Whether Ctrl-C ended it.
+        interrupt: What ended it early, Ctrl-C or a signal; None where nothing did.
         missing: Ticks that did not get into the log.
     """
 
     seconds: float
     touches: int
     released: bool
-    interrupted: bool
+    interrupt: KeyboardInterrupt | None
     missing: int
 
 
@@ -51,7 +51,7 @@ def record_labelled(
     on_label: Callable[[Label], None] | None = None,
     on_start: Callable[[Pepper], None] | None = None,
 ) -> LabelledRun:
-    """Run the robot, log every tick, and label touches in the log. Ctrl-C ends it; what was recorded stays.
+    """Run the robot, log every tick, and label touches in the log. Ctrl-C or a signal ends it; what was recorded stays.
 
     Args:
         uri: The robot. A simulated one runs in real time where the labels come from a key.
@@ -89,7 +89,7 @@ def record_labelled(
         else Stage(pepper, scenario, scenario.seed if seed is None else seed)
     )
     ticks = touches = 0
-    interrupted = False
+    interrupt: KeyboardInterrupt | None = None
 
     def on_tick(tick: Tick, observation: Observation | None) -> None:
         nonlocal ticks, touches
@@ -114,12 +114,13 @@ def record_labelled(
                 pepper.play(motion, on_tick=on_tick)
                 while pepper.time < end:
                     pepper.play(motion, on_tick=on_tick)
-        except KeyboardInterrupt:
-            interrupted = True
+        except KeyboardInterrupt as error:
+            error.add_note(f"log: {out}")
+            interrupt = error
     return LabelledRun(
         seconds=ticks * robot.cycle,
         touches=touches,
         released=not labeller.touched,
-        interrupted=interrupted,
+        interrupt=interrupt,
         missing=log.dropped,
     )

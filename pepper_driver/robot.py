@@ -2,15 +2,22 @@
 
 from __future__ import annotations
 
+import logging
 import threading
 from collections.abc import AsyncGenerator, Callable, Mapping, Sequence
-from contextlib import AbstractContextManager
+from contextlib import AbstractContextManager, ExitStack
 from numbers import Real
 from pathlib import Path
 from types import TracebackType
 from typing import Literal, Self, Unpack
 
 from pepper_driver.backends import Backend, BackendError, Measurement, make_backend
+from pepper_driver.backends.signals import (
+    Terminated,
+    deferred_signals,
+    describe_interrupt,
+    raised_signals,
+)
 from pepper_driver.callbacks.callback_registry import CallbackRegistry
 from pepper_driver.callbacks.dispatcher import CallbackStatistics
 from pepper_driver.callbacks.events import CueEvent, PushEvent, StepEvent
@@ -20,6 +27,7 @@ from pepper_driver.config import (
     ControllerSettings,
     JointArray,
     Motion,
+    PepperError,
     Posture,
     RobotConfig,
     SafetySettings,
@@ -36,6 +44,7 @@ from pepper_driver.controller.constraints import Constraint
 from pepper_driver.controller.model import RobotModel
 from pepper_driver.controller.tasks import Task, checked_stiffness
 from pepper_driver.controller.tasks.targets import finite_vector
+from pepper_driver.controller.whole_body import check_part
 from pepper_driver.extras import RobotExtras
 from pepper_driver.log import LogWriter, run_metadata
 from pepper_driver.loop import Labelling, Loop, TickRecord
@@ -43,11 +52,13 @@ from pepper_driver.motion import Conductor, OnStep, Player
 from pepper_driver.motion_report import MotionReport
 from pepper_driver.observer import Contact, Observation, Observer
 from pepper_driver.realtime import Pacer, RealTimePacer, Statistics
-from pepper_driver.reflexes import Reflex, prepare_reflexes
+from pepper_driver.reflexes import Arbiter, Reflex, prepare_reflexes
 from pepper_driver.reflexes.declared import declare
 from pepper_driver.safety import FaultReason, RobotState, SafetyGate
 from pepper_driver.selection import check_observer, make_observer
 from pepper_driver.session import OnTick, Session
+
+logger = logging.getLogger("pepper_driver")
 
 MAX_RUN = 1e9
 """[s] Longest run: thirty years."""
@@ -57,7 +68,7 @@ DRIVE_TIME = 0.5
 
 
 class Pepper:
-    """A Pepper, real or simulated, that feels where it is touched.
+    """A Pepper, real or simulated, that detects where it is touched.
 
     >>> with Pepper("mujoco") as pepper:
     ...     pepper.set_posture({"LShoulderRoll": 0.6})
@@ -73,7 +84,7 @@ class Pepper:
 
     Args:
         uri: Which robot: ``mujoco``, ``mujoco://?plant=nominal&seed=3``, ``naoqi://pepper.local``, ...
-        observer: Name of an observer, an observer, or None to feel nothing.
+        observer: Name of an observer, an observer, or None to detect nothing.
         models: Model file of the observer, by default the one shipped for this robot.
         log: Where to write the MCAP log; None for no log.
         reflexes: Reactions inside the tick, asked in the order of their priority.
@@ -141,11 +152,13 @@ class Pepper:
         self._changes = Changes()
         self._parts: tuple[Task | Constraint, ...] = ()  # of the user, added before the start
         self._model: RobotModel | None = None
-        self._model_lock = threading.Lock()
+        self._model_lock, self._starting = threading.Lock(), threading.Lock()
         self._gate: SafetyGate | None = (
             None  # before the session: a stop finds it while that starts
         )
         self._session: Session | None = None  # the one that runs, or the last one
+        self._signals = ExitStack()  # SIGTERM and SIGHUP are exceptions while it is active
+        self._raises_signals = False  # and were not before
         self._callbacks = CallbackRegistry(self.config, [reflex.name for reflex in self.reflexes])
         self.push, self.grab = self.backend.push, self.backend.grab
         self.on_contact = self._callbacks.on_contact
@@ -162,7 +175,13 @@ class Pepper:
     # -- life -----------------------------------------------------------------------------------------------------
 
     def __enter__(self) -> Self:
-        self.start()
+        before = self._session
+        try:
+            self.start()
+        except BaseException:
+            if self._session is not before:  # Ctrl-C as it ended
+                self.stop()
+            raise
         return self
 
     def __exit__(
@@ -172,7 +191,12 @@ class Pepper:
         traceback: TracebackType | None,
     ) -> None:
         session = self._session
-        self.stop()
+        try:
+            self._end(error)
+        except PepperError as problem:
+            if error is None:
+                raise
+            error.add_note(f"and in the end: {problem}")
         if error is None and session is not None:
             session.check_failure(again=False)
 
@@ -183,8 +207,16 @@ class Pepper:
             PepperError: The robot or the log cannot be opened, the robot is not ready to move (``NotReadyError``), or
                 an emergency stop came meanwhile.
         """
-        if self._is_active():
-            raise BackendError(f"'{self.backend.uri}' is already active")
+        if not self._starting.acquire(blocking=False):
+            raise BackendError(f"'{self.backend.uri}' is being started already")
+        try:
+            if self._is_active():
+                raise BackendError(f"'{self.backend.uri}' is already active")
+            self._start()
+        finally:
+            self._starting.release()
+
+    def _start(self) -> None:
         self._gate = SafetyGate(self.config, self._safety_settings, self._controller_settings)
         self._session = Session(
             self.backend,
@@ -197,18 +229,49 @@ class Pepper:
             changes=self._changes,
             loop_thread=self._loop_thread,
         )
-        self._session.start(
-            self._controller_settings,
-            observer=self._make_observer,
-            reflexes=self.reflexes,
-            parts=self._parts,
-            log=lambda: None if self._log_path is None else (self._log_path, self.run_metadata()),
-        )
+        try:
+            self._raises_signals = self._signals.enter_context(raised_signals())
+            self._session.start(
+                self._controller_settings,
+                observer=self._make_observer,
+                reflexes=self.reflexes,
+                parts=self._parts,
+                log=lambda: (
+                    None if self._log_path is None else (self._log_path, self.run_metadata())
+                ),
+            )
+        except BaseException as error:
+            self._end(error)
+            raise
 
     def stop(self) -> None:
         """Stop, lower the stiffness, close the log, disconnect. Does nothing when stopped."""
-        if self._session is not None:
-            self._session.close()
+        self._end(None)
+
+    def _end(self, error: BaseException | None) -> None:
+        """Close the session, let go of the signals, and note on the interrupt that ended it where the log is."""
+        session = self._session
+        if session is None:
+            return
+        try:
+            try:
+                self._close(session)
+            except KeyboardInterrupt:
+                self._close(session)  # in case it came before it could be deferred
+                raise
+        except BaseException as raised:
+            error = raised
+            raise
+        finally:
+            if isinstance(error, KeyboardInterrupt):
+                if session.log_path is not None:
+                    error.add_note(f"log: {session.log_path}")
+                if isinstance(error, Terminated) and self._raises_signals:  # no traceback will tell
+                    logger.warning("%s", describe_interrupt(error))
+
+    def _close(self, session: Session) -> None:
+        with deferred_signals(), self._signals:
+            session.close()
 
     def start_log(self, path: Path | str, label: Labelling | None = None) -> LogWriter:
         """Log from the next tick on, where ``log`` would also log how the robot got ready; it ends with the run.
@@ -343,14 +406,16 @@ class Pepper:
                 duration that is none. Nothing changes.
         """
         arbiter = self._active().loop.arbiter
-        target = arbiter.controller.posture.checked(
-            self.config.resolve_posture(posture, arbiter.target)
-        )
+        self._resolve_posture(posture, arbiter)
         if stiffness is not None and checked_stiffness(stiffness) == 0:
             raise GainError("stiffness", stiffness, "above 0 for a posture")  # to stop the joints
         if duration is not None:
             duration = _checked_time("duration", duration, SHORTEST, LONGEST)
-        self._changes.make(lambda: arbiter.move_to(target, duration, stiffness))
+
+        def change() -> None:  # the target may have changed meanwhile, in the same group too
+            arbiter.move_to(self._resolve_posture(posture, arbiter), duration, stiffness)
+
+        self._changes.make(change)
 
     def drive(self, vx: float, vy: float, wz: float, *, hold: bool = False) -> None:
         """Drive the base from the next tick on; returns at once.
@@ -366,8 +431,7 @@ class Pepper:
         """
         arbiter = self._active().loop.arbiter
         twist = finite_vector("a base twist (vx, vy, wz)", [vx, vy, wz], 3)
-        ticks = None if hold else round(DRIVE_TIME / self.config.cycle)
-        self._changes.make(lambda: arbiter.drive(twist, ticks))
+        self._changes.make(lambda: arbiter.drive(twist, None if hold else DRIVE_TIME))
 
     def add(self, part: Task | Constraint) -> None:
         """Have the robot follow a task, or keep a constraint, from the next tick on; before the start too.
@@ -376,15 +440,26 @@ class Pepper:
             PepperError: The task is for another robot, or there are too many.
             TypeError: It is neither.
         """
-        if self._is_active():
-            self._active().loop.arbiter.controller.add(part)
-        self._parts = (*(p for p in self._parts if p is not part), part)
+        check_part(part, self.config)
+        arbiter = self._active().loop.arbiter if self._is_active() else None
+
+        def change() -> None:
+            if arbiter is not None:
+                arbiter.add(part)
+            self._parts = (*(p for p in self._parts if p is not part), part)
+
+        self._changes.make(change)
 
     def remove(self, part: Task | Constraint) -> None:
         """Take a task or constraint back; one that is not there is no error."""
-        self._parts = tuple(p for p in self._parts if p is not part)
-        if self._is_active():
-            self._active().loop.arbiter.controller.remove(part)
+        arbiter = self._active().loop.arbiter if self._is_active() else None
+
+        def change() -> None:
+            self._parts = tuple(p for p in self._parts if p is not part)
+            if arbiter is not None:
+                arbiter.remove(part)
+
+        self._changes.make(change)
 
     def changes(self) -> AbstractContextManager[None]:
         """Return a block whose changes of tasks, postures and the like take effect between the same two ticks."""
@@ -456,7 +531,6 @@ class Pepper:
             FaultError: The safety gate stopped the robot.
         """
         session = self._active()
-        session.check_free()
         if not isinstance(motion, Motion):
             motion = load_motion(motion, self.config)
         player = Player(
@@ -467,11 +541,13 @@ class Pepper:
             on_begin=session.publish,
             conductor=conductor,
         )
-        try:
-            self._changes.make(player.begin)
-            session.run(None, on_tick, lambda record: player.advance(record.tick.measurement))
-        finally:
-            self._changes.make(player.end)
+        session.run(
+            None,
+            on_tick,
+            lambda record: player.advance(record.tick.measurement),
+            begin=player.begin,
+            end=player.end,
+        )
         return player.report
 
     def emergency_stop(self, text: str = "emergency stop") -> None:
@@ -546,6 +622,10 @@ class Pepper:
 
     def _is_active(self) -> bool:
         return self._session is not None and self._session.active
+
+    def _resolve_posture(self, posture: Posture, arbiter: Arbiter) -> FloatArray:
+        target = self.config.resolve_posture(posture, arbiter.target)
+        return arbiter.controller.posture.checked(target)
 
     @property
     def _loop(self) -> Loop:

@@ -2,19 +2,23 @@
 
 from __future__ import annotations
 
+import atexit
 import gc
+import logging
 import threading
-import time
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager, nullcontext
 from pathlib import Path
+from typing import NoReturn
 
 import numpy as np
 
 from pepper_driver.backends import Backend, BackendError
+from pepper_driver.backends.signals import check_signals, deferred_signals, immediate_signals
 from pepper_driver.callbacks.dispatcher import Dispatcher
 from pepper_driver.callbacks.events import (
     CueEvent,
+    EndEvent,
     FaultEvent,
     PushEvent,
     StepEvent,
@@ -23,7 +27,7 @@ from pepper_driver.callbacks.events import (
 )
 from pepper_driver.config import ControllerSettings, RobotConfig
 from pepper_driver.controller import Tick, WholeBodyController
-from pepper_driver.controller.changes import Changes
+from pepper_driver.controller.changes import Change, Changes
 from pepper_driver.controller.constraints import Constraint
 from pepper_driver.controller.tasks import Task
 from pepper_driver.log import LogEvent, LogWriter
@@ -33,11 +37,16 @@ from pepper_driver.realtime import COLLECTION_PERIOD, Pacer, realtime_process, r
 from pepper_driver.reflexes import Arbiter, Reflex
 from pepper_driver.safety import FaultError, FaultReason, SafetyGate
 
+logger = logging.getLogger("pepper_driver")
+
 CALLBACK_TIME = 2.0
 """[s] that the end of a run waits for all callbacks that are still busy."""
 
 MAX_TICK_TIME = 1.0
 """[s] that a caller waits for a tick under way in another thread."""
+
+MAX_CLOSE_TIME = 10.0
+"""[s] that the end of a run waits for a robot to be closed in the middle of a tick."""
 
 MAX_CALLER_SILENCE = 0.06
 """[s] without a tick after which a robot whose caller ticks is brought to rest."""
@@ -69,20 +78,23 @@ class Wait:
         if ticks == 0:
             self.over.set()
 
-    def take(self, record: TickRecord, faulty: bool) -> None:
-        """Take in one tick, inside it; what the caller's functions raise ends the wait, and not the tick."""
+    def take(self, record: TickRecord, is_faulty: Callable[[], bool]) -> None:
+        """Take in one tick, inside it; what the caller's functions raise ends the wait, and not the tick.
+
+        A tick with a fault ends no wait: the fault itself does, by :meth:`fail`.
+        """
         if self.over.is_set():
             return
         self.record = record
         try:
             if self._on_tick is not None:
                 self._on_tick(record.tick, record.observation)
-            self.stopped = self._until is not None and not faulty and self._until(record)
+            self.stopped = self._until is not None and not is_faulty() and self._until(record)
         except BaseException as error:
             self.error = error
         if self._left is not None:
             self._left -= 1
-        if self.stopped or self.error is not None or self._left == 0:
+        if self.stopped or self.error is not None or (self._left == 0 and not is_faulty()):
             self.over.set()
 
     def fail(self, error: BaseException) -> None:
@@ -138,18 +150,20 @@ class Session:
         self.active = self.has_observer = False
         self.contact_history: list[Contact] = []
         self.touches = Touches()
-        self._failure: BaseException | None = None  # what ended the thread
-        self._failure_raised = False
+        self._failure: BaseException | None = None  # what ended the ticks
+        self._failure_raised = False  # where somebody sees it
         self._log: LogWriter | None = None
         self._wait: Wait | None = None
         self._turn = threading.Lock()  # of who ticks, or waits for ticks
         self._runner: threading.Thread | None = None
         self._ticking: threading.Thread | None = None
         self._home = threading.current_thread()
-        self._callers = 0  # that want the turn
-        self._ticked = time.monotonic()
+        self._callers: set[threading.Thread] = set()  # that want the turn
+        self._ticks = 0
+        self._ticked = 0  # when the last tick was over [ns of the pacer's clock]
         self._thread: threading.Thread | None = None
         self._ending = threading.Event()
+        self._closed = False
         self._closing = threading.RLock()  # re-entrant, for signal handlers
         self._fault_lock = threading.Lock()  # taken by the first who publishes a fault, for good
         self.dispatcher = dispatcher
@@ -158,6 +172,7 @@ class Session:
 
     # -- begin and end --------------------------------------------------------------------------------------------
 
+    @deferred_signals(checked=True)
     def start(
         self,
         settings: ControllerSettings,
@@ -180,10 +195,14 @@ class Session:
             PepperError: The robot or the log cannot be opened, or the robot is not ready to move.
         """
         backend, robot = self._backend, self._robot
+        atexit.register(self.close)  # whatever a program leaves open
+        self._rest.callback(atexit.unregister, self.close)
         try:
-            measurement = backend.open()
+            with immediate_signals():  # it may wait for long, and nothing moves
+                measurement = backend.open()
             self._gate.check_ready(measurement)
             measured, watching, logged = measurement.position, observer(), log()
+            check_signals()
             if logged is not None:  # only now: a robot that is not there costs no earlier log
                 self._open_log(*logged)
             controller = WholeBodyController(robot, settings, changes=self._changes)
@@ -197,7 +216,7 @@ class Session:
                 watching.reset()
             arbiter = Arbiter(controller, robot, reflexes)
             for part in parts:
-                controller.add(part)
+                arbiter.add(part)
             self.loop = Loop(
                 backend,
                 robot,
@@ -209,17 +228,24 @@ class Session:
             )
             if self._log is not None:
                 self.loop.start_log(self._log)
-            self.active = True
-            if self._pacer.paced:
-                self._rest.enter_context(realtime_process())
-                self._thread = threading.Thread(
-                    target=self._tick_in_thread, name="loop", daemon=True
-                )
-                self._thread.start()
+            with self._closing:
+                if self._ending.is_set():
+                    raise BackendError("the robot was stopped while it started")
+                self.active = True
+                if self._pacer.paced:
+                    atexit.register(self.close)  # a program may forget to stop the robot
+                    self._ticked = self._pacer.clock()
+                    self._rest.enter_context(realtime_process())
+                    self._thread = threading.Thread(
+                        target=self._tick_in_thread, name="loop", daemon=True
+                    )
+                    self._thread.start()
+            check_signals()
         except BaseException:
             self.close()
             raise
 
+    @deferred_signals()
     def start_log(
         self, path: Path, metadata: Mapping[str, str], label: Labelling | None
     ) -> LogWriter:
@@ -230,28 +256,75 @@ class Session:
         self._changes.make(lambda: self.loop.start_log(log, label))
         return log
 
+    @property
+    def log_path(self) -> Path | None:
+        """File of the log; None without one."""
+        return None if self._log is None else self._log.path
+
     def _open_log(self, path: Path, metadata: Mapping[str, str]) -> LogWriter:
         lossless = not self._backend.real_time
         self._log = LogWriter(path, self._robot, metadata, lossless=lossless)
         self._rest.callback(self._log.close)
         return self._log
 
+    @deferred_signals()
     def close(self) -> None:
-        """End the ticks, the robot's part, the log, the callbacks. Does nothing when closed. From any thread."""
-        self.active = False
-        current = threading.current_thread()
+        """End the ticks, the robot's part, the log, the callbacks. Does nothing when closed. From any thread.
+
+        Raises:
+            PepperError: The robot or the log cannot be closed. All else is.
+        """
+        self.active, hangs = False, False
         with self._closing:  # by one thread at a time, and not into another's tick
+            if self._closed:
+                return
             self._ending.set()
-            if self._wait is not None:
-                self._wait.fail(BackendError("the robot was closed while it ran"))
-            outside = current not in (self._ticking, self._runner)
-            if outside and self._turn.acquire(timeout=MAX_TICK_TIME):
-                self._turn.release()
-            if self._thread is not None and current not in (self._ticking, self._thread):
-                self._thread.join(MAX_TICK_TIME)
-            self._gate.deactivate()
+            if (wait := self._wait) is not None:
+                wait.fail(self._closed_error())
             with self._rest:  # each is done even if the one before fails
+                try:
+                    hangs = not self._wait_for_tick()
+                finally:
+                    self._gate.deactivate()
+                    if hangs:
+                        self._close_hanging_backend()
+                    else:
+                        self._backend.close()
+            self._closed = True
+        atexit.unregister(self.close)
+
+    def _wait_for_tick(self) -> bool:
+        """Wait for the end of a tick under way in another thread, and return True, unless it does not end."""
+        current, thread, ended = threading.current_thread(), self._thread, True
+        if current not in (self._ticking, self._runner):
+            ended = self._turn.acquire(timeout=MAX_TICK_TIME)
+            if ended:
+                self._turn.release()
+        if thread is not None and current not in (self._ticking, thread):
+            thread.join(MAX_TICK_TIME)
+            ended &= not thread.is_alive()
+        return ended
+
+    def _close_hanging_backend(self) -> None:
+        """Close a backend whose tick does not end: if that is its fault, closing does not end either."""
+        logger.warning("the robot is closed in the middle of a tick that does not end")
+        errors: list[BaseException] = []
+
+        def close() -> None:
+            try:
                 self._backend.close()
+            except BaseException as error:
+                errors.append(error)
+
+        thread = threading.Thread(target=close, name="closing", daemon=True)
+        thread.start()
+        thread.join(MAX_CLOSE_TIME)
+        if thread.is_alive():
+            raise BackendError(
+                f"'{self._backend.uri}' answers neither in a tick nor when it is closed: it may still be stiff"
+            )
+        for error in errors:
+            raise error
 
     # -- ticks ----------------------------------------------------------------------------------------------------
 
@@ -260,35 +333,48 @@ class Session:
         ticks: int | None,
         on_tick: OnTick | None = None,
         until: Callable[[TickRecord], bool] | None = None,
+        *,
+        begin: Change | None = None,
+        end: Change | None = None,
     ) -> Wait:
         """Wait for some ticks, None for ever, and make them where no thread does.
 
         A tick that is missed is made up for at the end: motions count ticks and must not jump. Where time stands still
         afterwards, this waits until the callbacks have caught up.
 
+        Args:
+            ticks: How many.
+            on_tick: Called inside every tick.
+            until: Asked at the end of every tick; True ends the wait.
+            begin: Changes the loop before the first tick, once no other thread runs it.
+            end: The same after the last one, whatever happens, even if ``begin`` fails.
+
         Raises:
             FaultError: The safety gate stopped the robot.
             BackendError: Another thread runs it or has closed it, or it is called inside a tick or a callback.
+            ChangesError: It is called inside a group of changes.
         """
         wait = Wait(ticks, on_tick, until)
-        with self._take_turn():
+
+        def start_wait() -> None:
             self._wait = wait
+            if begin is not None:
+                begin()
+
+        with self._take_turn():
             try:
+                self._changes.make(start_wait)
+                # Whatever ended the ticks before that did not see this wait.
                 self.check_failure()
-                if self.ticks_itself:
-                    wait.over.wait()
-                else:
-                    with realtime_thread() if self._pacer.paced else nullcontext():
-                        while not wait.over.is_set():
-                            if not self.active:
-                                raise BackendError("the robot was closed while it ran")
-                            self._tick()
+                if not self.active:
+                    raise self._closed_error()
+                self._tick_until(wait.over)
             finally:
                 self._wait = None
-                self.publish_fault()  # whatever was raised beside it
+                if end is not None:
+                    self._changes.make(end)
         if wait.error is not None:
-            self._failure_raised |= wait.error is self._failure
-            raise wait.error
+            self._raise(wait.error)
         if not self._pacer.paced:  # a real robot would stand without ticks meanwhile
             self.dispatcher.flush(timeout=CALLBACK_TIME)
         return wait
@@ -298,6 +384,7 @@ class Session:
 
         Raises:
             BackendError: Another thread runs it, or this is inside a tick or a callback.
+            ChangesError: This is inside a group of changes.
         """
         if self._ticking is threading.current_thread():
             raise BackendError("this is inside a tick: it cannot wait for further ticks")
@@ -310,6 +397,7 @@ class Session:
             raise BackendError(
                 f"thread '{runner.name}' runs the robot already: only one can do so at a time"
             )
+        self._changes.tick()  # raises, and is not entered
 
     def ticks_here(self) -> bool:
         """Return True where the calling thread is to tick while it waits: the one that made this, if no other does.
@@ -325,69 +413,92 @@ class Session:
     @contextmanager
     def _take_turn(self) -> Iterator[None]:
         self.check_free()
-        self._callers += 1  # the session's thread gives the turn back after its tick
+        current = threading.current_thread()
         try:
+            self._callers.add(current)  # the session's thread gives the turn back after its tick
             if not self._turn.acquire(timeout=MAX_TICK_TIME):
                 self.check_free()
                 raise BackendError("the robot's loop does not answer")
         finally:
-            self._callers -= 1
-        self._runner = threading.current_thread()
+            self._callers.discard(current)
+        self._runner = current
         try:
             yield
         finally:
             self._runner = None
             self._turn.release()
 
+    def _tick_until(self, over: threading.Event) -> None:
+        """Wait, and tick where no thread does."""
+        if self.ticks_itself:
+            over.wait()
+            return
+        with realtime_thread() if self._pacer.paced else nullcontext():
+            while not over.is_set():
+                self._tick()
+
     def _tick(self) -> None:
-        """Make one tick when it is due. Whatever ends it stops the robot."""
-        missed = self._pacer.wait()
-        self._changes.give_way()
-        with self._changes.tick():
-            self._ticking = threading.current_thread()
-            try:
-                self.loop.tick(self._pacer.due, missed)
-            except FaultError:
-                raise
-            except Exception as error:
-                if not isinstance(error, EOFError):  # the end of a recording
-                    self._gate.stop(FaultReason.LOST, f"{type(error).__name__}: {error}")
-                    self.loop.halt()
-                raise
-            finally:
-                self._ticking = None
-                self._ticked = time.monotonic()
+        """Make one tick when it is due. Whatever it raises stops the robot and ends the wait for its ticks."""
+        try:
+            missed = self._pacer.wait()
+            self._changes.give_way()
+            with self._changes.tick():
+                self._ticking = threading.current_thread()
+                try:
+                    self.loop.tick(self._pacer.due, missed)
+                finally:
+                    self._ticking = None
+                    self._ticked = self._pacer.clock()
+        except Exception as error:
+            self._fail(error)
+        self._ticks += 1
+        if self._pacer.paced and self._ticks % COLLECTION_PERIOD == 0:
+            gc.collect(1)  # what callers and callbacks leave behind
 
     def _tick_in_thread(self) -> None:
         """Make all ticks, or those that the caller leaves out."""
         try:
             with realtime_thread():
                 if self.ticks_itself:
-                    self._tick_while(lambda: True)
-                while not self._ending.wait(self._ticked + MAX_CALLER_SILENCE - time.monotonic()):
-                    if self._ticked + MAX_CALLER_SILENCE > time.monotonic():
-                        continue
-                    with self._turn:
-                        self._pause(True)
-                        self._tick_while(lambda: not self._callers)
-                        self._pause(False)
-        except BaseException as error:
-            self._failure = error
-            self.publish_fault()
-            if self._wait is not None:
-                self._wait.fail(error)
+                    while self._goes_on():
+                        self._tick()
+                else:
+                    self._tick_for_silent_caller()
+        except BaseException as error:  # such as SystemExit of a reflex
+            self._fail(error)
 
-    def _tick_while(self, wanted: Callable[[], bool]) -> None:
-        number = 0
-        while wanted() and not self._ending.is_set():
-            self._tick()
-            number += 1
-            if number % COLLECTION_PERIOD == 0:
-                gc.collect(1)  # what callers and callbacks leave behind
+    def _tick_for_silent_caller(self) -> None:
+        """Tick whenever the caller has not done so for some time, with the robot at rest, until it does again."""
+        while self._goes_on():
+            silence = 1e-9 * (self._pacer.clock() - self._ticked)
+            # A caller that wants the turn gets it meanwhile.
+            self._ending.wait(max(MAX_CALLER_SILENCE - silence, 0.001))
+            with self._turn:
+                silence = 1e-9 * (self._pacer.clock() - self._ticked)
+                if silence < MAX_CALLER_SILENCE or self._callers:
+                    continue
+                self.loop.arbiter.paused = True
+                while self._goes_on() and not self._callers:
+                    self._tick()
+                self.loop.arbiter.paused = False
 
-    def _pause(self, paused: bool) -> None:
-        self._pacer.restart()
-        self.loop.arbiter.paused = paused
+    def _goes_on(self) -> bool:
+        return self._failure is None and not self._ending.is_set()
+
+    def _fail(self, error: BaseException) -> None:
+        """Stop the robot for what a tick has raised; have callbacks, and whoever waits for ticks, learn of it."""
+        if not isinstance(error, FaultError | EOFError):  # EOFError: the end of a recording
+            self._gate.stop(FaultReason.LOST, f"{type(error).__name__}: {error}")
+            self._changes.make(self.loop.halt)
+        self._failure = error if self._failure is None else self._failure
+        self.publish_fault()
+        if self._gate.fault is None:
+            self.dispatcher.publish(EndEvent())
+        if (wait := self._wait) is not None:
+            wait.fail(error)
+
+    def _closed_error(self) -> BackendError:
+        return BackendError("the robot was closed while it ran")
 
     # -- what happens ---------------------------------------------------------------------------------------------
 
@@ -404,7 +515,7 @@ class Session:
         if self.dispatcher.has_receiver(TickEvent):
             publish(TickEvent(tick=record.tick, observation=observation))
         if (wait := self._wait) is not None:
-            wait.take(record, self._gate.fault is not None)
+            wait.take(record, lambda: self._gate.fault is not None)
 
     def publish(self, event: StepEvent | CueEvent | PushEvent) -> None:
         """Publish and log what belongs to no stage of a tick."""
@@ -423,13 +534,17 @@ class Session:
         return self.loop.time
 
     def check_failure(self, *, again: bool = True) -> None:
-        """Raise what ended the thread that ticks; only if it was not raised yet, unless ``again``."""
+        """Raise what ended the ticks; only if it was not raised yet outside of callbacks, unless ``again``."""
         if self._failure is not None and (again or not self._failure_raised):
+            self._raise(self._failure)
+
+    def _raise(self, error: BaseException) -> NoReturn:
+        if error is self._failure and not self.dispatcher.inside_callback():
             self._failure_raised = True
-            raise self._failure
+        raise error
 
     def check_fault(self) -> None:
-        """Raise what ended the thread that ticks, or why the robot was stopped."""
+        """Raise what ended the ticks, or why the robot was stopped."""
         self.check_failure()
         if self._gate.fault is not None:
             raise FaultError(self._gate.fault)

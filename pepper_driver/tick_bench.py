@@ -84,5 +84,5 @@ def _five_tasks(pepper: Pepper) -> tuple[list[PositionTask], list[FloatArray]]:
     controller = pepper.controller
     wrists = [PositionTask(link, base=True, robot=pepper.config) for link in WRISTS]
     for task in (*wrists, ComTask(base=True, robot=pepper.config)):
-        controller.add(task)
+        pepper.add(task)
     return wrists, [controller.model.link_pose(link, controller.position)[:3, 3] for link in WRISTS]

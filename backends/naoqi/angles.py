@@ -22,6 +22,7 @@ from pepper_driver.backends.naoqi.base import NaoqiRobot
 from pepper_driver.backends.naoqi.connection import Connection
 from pepper_driver.backends.naoqi.keys import SensorKeys
 from pepper_driver.backends.naoqi.preflight import Preflight
+from pepper_driver.backends.signals import check_signals
 from pepper_driver.config import NaoqiSettings, RobotConfig
 from pepper_driver.config.parts import FloatArray
 
@@ -104,6 +105,7 @@ class AnglesBackend(NaoqiRobot):
         ticks = round(self._settings.timing.ramp_up / self._robot.cycle)
         for tick in self._beats(ticks):
             self._connected()
+            check_signals()
             measurement = link.exchange(hold, np.maximum(before, (tick + 1) / ticks))
             if not measurement.age <= STALE:
                 raise BackendError(

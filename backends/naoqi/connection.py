@@ -19,6 +19,7 @@ from pepper_driver.backends.naoqi.library import (
 )
 from pepper_driver.backends.naoqi.peer import check_listening, refusal
 from pepper_driver.backends.naoqi.secret import Secret
+from pepper_driver.backends.signals import check_signals
 from pepper_driver.config import NaoqiSettings, load_naoqi_settings
 
 logger = logging.getLogger("pepper_driver")
@@ -204,7 +205,7 @@ class Connection:
             raise MissingServiceError(f"'{uri}': this robot has no {what}") from error
         except RuntimeError as error:
             reason = one_line(str(error))
-            if not self._session.isConnected():
+            if not self.connected:
                 raise NotConnectedError(f"'{uri}': the connection was lost at {what}") from error
             if "Cannot find service" in reason:
                 raise MissingServiceError(f"'{uri}': this robot has no service {what}") from error
@@ -219,6 +220,7 @@ def finished(future: Future, timeout: float) -> bool:
     running = load_qi().FutureState.Running
     end = time.monotonic() + timeout
     while (left := end - time.monotonic()) > 0:
+        check_signals()
         if future.wait(max(1, round(min(left, LOOK) * 1000))) != running:
             return True
     return bool(future.wait(0) != running)

@@ -11,6 +11,7 @@ import numpy as np
 from pepper_driver.backends.interface import BackendError, Measurement
 from pepper_driver.backends.naoqi.keys import Alias
 from pepper_driver.backends.naoqi.link import Link
+from pepper_driver.backends.signals import check_signals
 from pepper_driver.config import NaoqiSettings, PepperError, RobotConfig
 from pepper_driver.config.parts import FloatArray
 
@@ -69,6 +70,7 @@ def ramp_up(
     for tick in range(1, ticks + 1):
         next(paced_ticks)
         check()
+        check_signals()
         if not wheels_on and tick > ticks // 10:  # by now the wheels have been told to stand
             # Before the tick's own commands: with them as many would be on their way as may be.
             wheels_on = link.switch_wheels([((ticks - tick) * cycle, 1.0)])

@@ -27,6 +27,7 @@ from pepper_driver.backends.naoqi_server.processes import spawn, wait_until_read
 from pepper_driver.backends.naoqi_server.proxy import NetworkProxy
 from pepper_driver.backends.naoqi_server.table import Table
 from pepper_driver.backends.naoqi_server.tls import Login
+from pepper_driver.backends.signals import deferred_signals
 from pepper_driver.config import MissingExtraError, load_robot
 from pepper_driver.config.naoqi_devices import load_naoqi_devices
 
@@ -246,6 +247,7 @@ class StandIn:
                 return _how(code)
             time.sleep(0.1)
 
+    @deferred_signals()
     def stop(self) -> None:
         """End both processes. Does nothing when they have ended."""
         self._control.close()

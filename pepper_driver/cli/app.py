@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Sequence
+from contextlib import suppress
 from importlib.metadata import version
 from typing import Annotated
 
 import typer
+from typer.main import get_command
 
+from pepper_driver.backends.signals import describe_interrupt, exit_code
 from pepper_driver.cli.bench import bench
 from pepper_driver.cli.calibrate import calibrate
 from pepper_driver.cli.demo import demo
@@ -59,18 +62,44 @@ def _top(
 
 
 def run(arguments: Sequence[str]) -> int:
-    """Run one command; returns its exit code. A wrong input is one line on stderr and code 2, never a traceback."""
+    """Run one command; returns its exit code. A wrong input is one line on stderr and code 2, never a traceback.
+
+    So is what ends it: 130 after Ctrl-C, 143 after SIGTERM, 129 after SIGHUP; the line has the path of the log, if any.
+    """
     try:
-        code = app(list(arguments), standalone_mode=False)
+        command = get_command(app)  # called by itself, it would make a bare 130 of every interrupt
+        with command.make_context("pepper", list(arguments)) as context:
+            code = command.invoke(context)
+    except typer.Exit as error:  # help and version
+        return error.exit_code
     except typer.TyperException as error:
         if message := error.format_message():  # none when the help was shown
-            print(f"pepper: {message}", file=sys.stderr)
+            _say(message)
         return 2
     except PepperError as error:
-        print(f"pepper: {' '.join(str(error).split())}", file=sys.stderr)
+        _say(str(error))
         return 2
-    except (KeyboardInterrupt, typer.Abort):
-        code = 130
-    if code == 130:
-        print("pepper: interrupted", file=sys.stderr)
+    except (KeyboardInterrupt, OSError, SystemExit, typer.Abort) as error:
+        interrupt = _interrupt(error)
+        if interrupt is None and not isinstance(error, typer.Abort):  # a question without an answer
+            raise
+        return end_by(interrupt or KeyboardInterrupt())
     return code if isinstance(code, int) else 0
+
+
+def end_by(interrupt: KeyboardInterrupt) -> int:
+    """Say in one line what ended a command; returns its exit code."""
+    _say(describe_interrupt(interrupt))
+    return exit_code(interrupt)
+
+
+def _interrupt(error: BaseException | None) -> KeyboardInterrupt | None:
+    """Return the interrupt that ended a command, whatever failed on the way out: the terminal is gone, for example."""
+    while error is not None and not isinstance(error, KeyboardInterrupt):
+        error = error.__context__
+    return error
+
+
+def _say(text: str) -> None:
+    with suppress(OSError):  # nobody reads it
+        print(f"pepper: {' '.join(text.split())}", file=sys.stderr, flush=True)

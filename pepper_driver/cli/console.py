@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from contextlib import suppress
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -50,9 +49,13 @@ def make_progress(console: Console, *, count: bool = False) -> Progress:
 
 
 def show_line(console: Console, line: str) -> None:
-    """Print from a callback's thread; whoever no longer reads (a closed pipe) stops the printing, not the run."""
-    with suppress(BrokenPipeError, SystemExit):  # rich turns the one into the other
+    """Print from a callback's thread; a pipe or terminal that is closed ends the printing, not the run."""
+    try:
         console.print(line)
+    except KeyboardInterrupt:
+        raise
+    except (OSError, SystemExit):  # rich turns a broken pipe into an exit
+        pass
 
 
 def show_timing(console: Console, statistics: Statistics) -> None:

@@ -50,7 +50,7 @@ def record(
             help="The joint that should feel it; else the one that carries the link.",
         ),
     ] = None,
-) -> int:
+) -> None:
     """Record a run with labels of touches: on a real robot too. Ctrl-C ends it; what was recorded stays."""
     console = make_console()
     check_outputs(out)
@@ -91,4 +91,5 @@ def record(
     if done.missing:
         console.print(f"{done.missing} ticks are missing: the disk was too slow")
     console.print(f"log: {out}")
-    return 130 if done.interrupted else 0
+    if done.interrupt is not None:
+        raise done.interrupt

@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import os
-import signal
 import sys
 import time
-from types import FrameType
 from typing import Annotated
 from urllib.parse import urlencode
 
@@ -96,34 +94,28 @@ def serve(
     uri = (
         f"mujoco://?{urlencode({'plant': plant, 'seed': seed, 'world': world, 'posture': posture})}"
     )
-    before = signal.signal(signal.SIGTERM, _end)
-    try:
-        with StandIn(
-            uri,
-            host=host,
-            port=port,
-            clock=clock,
-            consent=consent,
-            network=network,
-            login=login,
-            faults=faults,
-        ) as stand_in:
-            if login is None and host not in ("127.0.0.1", "localhost", "::1"):
-                _warn(f"{host} can be reached from other machines, and nobody needs a password")
+    with StandIn(
+        uri,
+        host=host,
+        port=port,
+        clock=clock,
+        consent=consent,
+        network=network,
+        login=login,
+        faults=faults,
+    ) as stand_in:
+        if login is None and host not in ("127.0.0.1", "localhost", "::1"):
+            _warn(f"{host} can be reached from other machines, and nobody needs a password")
+        console.print(f"ready on {stand_in.url}")
+        if login is not None:
+            known = f"that of {PASSWORD_VARIABLE}" if login.token != PASSWORD else f"'{PASSWORD}'"
+            console.print(f"user '{USER}', password {known}")
+        while True:
+            how = stand_in.wait()
+            _warn(f"NAOqi ended {how}; the robot goes on, and NAOqi starts anew in {PAUSE} s")
+            time.sleep(PAUSE)
+            stand_in.start_naoqi()
             console.print(f"ready on {stand_in.url}")
-            if login is not None:
-                known = (
-                    f"that of {PASSWORD_VARIABLE}" if login.token != PASSWORD else f"'{PASSWORD}'"
-                )
-                console.print(f"user '{USER}', password {known}")
-            while True:
-                how = stand_in.wait()
-                _warn(f"NAOqi ended {how}; the robot goes on, and NAOqi starts anew in {PAUSE} s")
-                time.sleep(PAUSE)
-                stand_in.start_naoqi()
-                console.print(f"ready on {stand_in.url}")
-    finally:
-        signal.signal(signal.SIGTERM, before)
 
 
 def _warn(text: str) -> None:
@@ -138,7 +130,3 @@ def _print_faults(console: Console) -> None:
         table.add_row(name, arguments, kind.effect)
     console.print(table)
     console.print("all but rollover also take seconds=inf, how long it lasts, and after=0")
-
-
-def _end(number: int, frame: FrameType | None) -> None:
-    raise SystemExit(128 + number)

@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import logging
-import warnings
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from datetime import UTC, datetime
+from functools import partial
 from importlib.metadata import version
-
-from joblib import Parallel, delayed
 
 from pepper_driver.config import PepperError, RobotConfig, load_robot
 from pepper_driver.evaluation.contestants import ORACLE, Contestants
@@ -21,6 +19,7 @@ from pepper_driver.evaluation.summary import summarise, with_gap_closed
 from pepper_driver.evaluation.take_score import TakeScore, score_take
 from pepper_driver.evaluation.trace import Trace, trace_of
 from pepper_driver.evaluation.watching import watch
+from pepper_driver.workers import run_jobs
 
 Progress = Callable[[int, int], None]
 """Called with (takes done, takes in all)."""
@@ -59,15 +58,11 @@ def evaluate(
         progress: Told after each take.
     """
     robot = load_robot()
-    pool = Parallel(n_jobs=workers, return_as="generator", batch_size=1)
     outcomes = []
-    with warnings.catch_warnings():
-        # joblib warns of workers that it replaces while takes are long: nothing a user could act on.
-        warnings.filterwarnings("ignore", message="A worker stopped", category=UserWarning)
-        for outcome in pool(delayed(run_job)(job, contestants) for job in jobs):
-            outcomes.append(outcome)
-            if progress is not None:
-                progress(len(outcomes), len(jobs))
+    for outcome in run_jobs((partial(run_job, job, contestants) for job in jobs), workers=workers):
+        outcomes.append(outcome)
+        if progress is not None:
+            progress(len(outcomes), len(jobs))
     suites = tuple(dict.fromkeys(job.suite for job in jobs))
     return Evaluation(
         suites=suites,

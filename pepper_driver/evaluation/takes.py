@@ -5,17 +5,16 @@ from __future__ import annotations
 import hashlib
 import json
 import os
-import warnings
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
+from functools import partial
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any, Self
 from urllib.parse import urlencode
 
 import numpy as np
-from joblib import Parallel, delayed
 from numpy.typing import NDArray
 
 from pepper_driver.backends import BackendError
@@ -35,6 +34,7 @@ from pepper_driver.output import make_folder, write_json
 from pepper_driver.robot import Pepper
 from pepper_driver.safety import FaultError
 from pepper_driver.staging import Stage
+from pepper_driver.workers import run_jobs
 
 DEFAULT_CACHE = Path("runs/evaluation/takes")
 
@@ -232,15 +232,11 @@ def takes(
         cache: See :func:`perform`.
         progress: Told (runs done, runs in all) after each.
     """
-    pool = Parallel(n_jobs=workers, return_as="generator", batch_size=1)
-    with warnings.catch_warnings():
-        # joblib warns of workers that it replaces while takes are long: nothing a user could act on.
-        warnings.filterwarnings("ignore", message="A worker stopped", category=UserWarning)
-        jobs = (delayed(_attempt)(run, cache) for run in runs)
-        for done, result in enumerate(pool(jobs), start=1):
-            if progress is not None:
-                progress(done, len(runs))
-            yield result
+    jobs = (partial(_attempt, run, cache) for run in runs)
+    for done, result in enumerate(run_jobs(jobs, workers=workers), start=1):
+        if progress is not None:
+            progress(done, len(runs))
+        yield result
 
 
 def _attempt(run: Run, cache: Path | None) -> Take | FailedTake:

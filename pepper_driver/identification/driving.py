@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
-
-from joblib import Parallel, delayed
 
 from pepper_driver.config import ConfigError, RobotConfig, load_controller_settings
 from pepper_driver.identification.folder import finished, recording_path
 from pepper_driver.identification.rehearsal import rehearse
 from pepper_driver.identification.runs import Run, perform
+from pepper_driver.workers import run_jobs
 
 Progress = Callable[[str, float, float], None]
 """Called with (what is under way, seconds of runs done, seconds in all)."""
@@ -60,8 +60,8 @@ def record_missing(
     done = total - sum(run.seconds for run in todo)
     if not real_time:
         tell("recording in simulation", done, total)
-        pool = Parallel(n_jobs=workers, return_as="generator_unordered")
-        for seconds in pool(delayed(_make)(uri, run, folder) for run in todo):
+        jobs = (partial(_make, uri, run, folder) for run in todo)
+        for seconds in run_jobs(jobs, workers=workers, ordered=False):
             done += seconds
             tell("recording in simulation", done, total)
         return
@@ -89,8 +89,8 @@ def _make(uri: str, run: Run, folder: Path) -> float:
 def _rehearse_all(runs: Sequence[Run], workers: int, tell: Progress) -> None:
     total, done = sum(run.seconds for run in runs), 0.0
     tell("rehearsing", done, total)
-    pool = Parallel(n_jobs=workers, return_as="generator_unordered")
-    for seconds in pool(delayed(_rehearse)(run) for run in runs):
+    jobs = (partial(_rehearse, run) for run in runs)
+    for seconds in run_jobs(jobs, workers=workers, ordered=False):
         done += seconds
         tell("rehearsing", done, total)
 

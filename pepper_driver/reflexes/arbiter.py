@@ -12,6 +12,7 @@ from pepper_driver.callbacks.events import ReflexEvent
 from pepper_driver.config import RobotConfig
 from pepper_driver.config.parts import FloatArray
 from pepper_driver.controller import WholeBodyController
+from pepper_driver.controller.constraints import Constraint
 from pepper_driver.controller.tasks import Task
 from pepper_driver.observer import Observation
 from pepper_driver.reflexes.ignore import Ignore
@@ -88,7 +89,8 @@ class Arbiter:
         self._rest: FloatArray | None = None  # where it stands while it is paused
         self._followed: FloatArray | None = self.target.copy()  # by the posture task
         self._duration: float | None = None
-        self._drive_ticks: int | None = None
+        self._drive_time: float | None = None
+        self._drive_end: float | None = None  # known from the next tick on
 
     # -- lasting requests of user and motion ----------------------------------------------------------------------
 
@@ -104,10 +106,18 @@ class Arbiter:
         self.target, self._duration = target, duration
         self._followed = None
 
-    def drive(self, twist: FloatArray, ticks: int | None = None) -> None:
-        """Request a twist of the base (3,), vx [m/s], vy [m/s], wz [rad/s], for some ticks; None for ever."""
+    def drive(self, twist: FloatArray, duration: float | None = None) -> None:
+        """Request a twist of the base (3,), vx [m/s], vy [m/s], wz [rad/s], for some time [s]; None for ever."""
         self.controller.base_velocity.target = twist
-        self._drive_ticks = ticks
+        self._drive_time, self._drive_end = duration, None
+
+    def add(self, part: Task | Constraint) -> None:
+        """Request a task, or that a constraint is kept; see :meth:`WholeBodyController.add`."""
+        self.controller.add(part)
+
+    def remove(self, part: Task | Constraint) -> None:
+        """Take a request for a task or constraint back; one that is not there is no error."""
+        self.controller.remove(part)
 
     @property
     def holds(self) -> bool:
@@ -125,10 +135,7 @@ class Arbiter:
             events = self._ask_reflexes(observation, measurement)
             self._exchange_tasks(tasks)
             self.stiffness = self._requests.stiffness
-        if self._drive_ticks is not None:
-            self._drive_ticks -= 1
-            if self._drive_ticks < 0:
-                self.drive(np.zeros(3))
+        self._watch_drive(measurement.time)
         self._follow_posture()
         return events
 
@@ -157,6 +164,15 @@ class Arbiter:
         for task in [task for key, task in now.items() if key not in before]:
             self.controller.add(task, enforce_limit=False)
 
+    def _watch_drive(self, time: float) -> None:
+        """Stop the base when the time is over for which it was to be driven."""
+        if self._drive_time is None:
+            return
+        if self._drive_end is None:
+            self._drive_end = time + self._drive_time - 0.5 * self._robot.cycle
+        elif time >= self._drive_end:
+            self.drive(np.zeros(3))
+
     def _follow_posture(self) -> None:
         """Lead the posture task to the posture of user or motion, or to the one that holds the whole robot."""
         controller, requests, task = self.controller, self._requests, self.controller.posture
@@ -184,7 +200,9 @@ class Arbiter:
             # A spring would jerk at first, and creep at the end, where worn gears stick and slip.
             way = np.abs(wanted - controller.position)[requests.released_to_posture].max()
             task.move_to(wanted, max(PEAK_SPEED_RATIO * way / MAX_RETURN_SPEED, MIN_RETURN_TIME))
-        task.stiffness = self.posture_stiffness if stiffness is None else stiffness
+        stiffness = self.posture_stiffness if stiffness is None else stiffness
+        if task.stiffness != stiffness:
+            task.stiffness = stiffness
 
     def _event(self, reflex: Reflex, time: float) -> ReflexEvent:
         names, contact = self._robot.joint_names, reflex.contact

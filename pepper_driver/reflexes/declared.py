@@ -66,7 +66,7 @@ def make_reflexes(
 
 
 def overlap(one: Reflex, other: Reflex, robot: RobotConfig) -> bool:
-    """Whether there may be a contact that both answer: of whatever kind, as a contact may grow into a collision."""
+    """Return True where both may answer one contact, of whatever kind: a contact may grow into a collision."""
     for key in ("link", "joint"):
         first, second = getattr(one, key), getattr(other, key)
         if first is not None and second is not None and first != second:
@@ -76,13 +76,13 @@ def overlap(one: Reflex, other: Reflex, robot: RobotConfig) -> bool:
 
 
 def _may_feel(joint: str, link: str, robot: RobotConfig) -> bool:
-    """Whether a joint may feel a contact on a link: none of another limb does."""
+    """Return True where a joint may detect a contact on a link: none of another limb does."""
     carrier = next((j.name for j in robot.joints if j.child == link), None)
     return carrier is None or carrier in robot.chain_of(joint)
 
 
 def _contended(one: Reflex, other: Reflex) -> str:
-    """What only one of them can have, for people; empty for nothing."""
+    """Return what only one of them can have, in words; empty for nothing."""
     if ("contacts" in one.takes) != ("contacts" in other.takes):
         return "the contact, which one of them hides from others"
     parts = {"joints": "the same joints", "base": "the base"}

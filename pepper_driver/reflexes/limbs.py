@@ -1,4 +1,4 @@
-"""Which joints a contact concerns: those of its limb."""
+"""Joints of the limb that a contact is on."""
 
 from __future__ import annotations
 

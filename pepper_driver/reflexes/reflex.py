@@ -1,4 +1,4 @@
-"""What a reflex is: it reacts to touch inside the tick, in bounded time."""
+"""Base class of reflexes: reactions to touch inside the tick, in bounded time."""
 
 from __future__ import annotations
 
@@ -30,20 +30,20 @@ class ReflexError(PepperError, ValueError):
 
 
 def kind_of(reflex: type[Reflex]) -> str:
-    """What experiments call a kind of reflex: ``stop_base`` for ``StopBase``."""
+    """Return the name of a kind of reflex in experiments: ``stop_base`` for ``StopBase``."""
     return re.sub(r"(?<!^)(?=[A-Z])", "_", reflex.__name__).lower()
 
 
 @dataclass(kw_only=True, eq=False)
 class Reflex:
-    """A reaction to contacts inside the tick. It sees what the observer says and requests what it wants.
+    """A reaction to contacts inside the tick. It gets what the observer reports and requests what it needs.
 
     It begins with the first contact it is for, and is over ``pause`` after the last of them has ended, or after
     ``longest``; then it waits for new ones. Rebounds neither begin nor prolong it: no reflex keeps itself alive on the
     swing of a joint that was let go.
 
-    A subclass says in :meth:`act` what it wants while it is active. One that does not wait for contacts overrides
-    :meth:`step`.
+    A subclass requests in :meth:`act` what it needs while it is active. One that does not wait for contacts overrides
+    :meth:`step`. To test one without a loop, see ``docs/reflexes.md``.
 
     Attributes:
         link: Only contacts on this link.
@@ -118,7 +118,7 @@ class Reflex:
         self.reset()
 
     def reset(self) -> None:
-        """Let go of everything, as before the first contact."""
+        """Forget all contacts."""
         self._touching: dict[int, str] = {}
         self._given_up: set[int] = set()
         self._until: float | None = None
@@ -127,21 +127,21 @@ class Reflex:
 
     @property
     def active(self) -> bool:
-        """Whether it acts now."""
+        """True while the reflex is active."""
         return self._began is not None
 
     @property
     def touched(self) -> bool:
-        """Whether a contact that it is for lasts."""
+        """True while a contact that it is for lasts."""
         return bool(self._touching)
 
     @property
     def takes(self) -> frozenset[Part]:
-        """What only one reflex gets for a contact: the ``joints`` of its limb, the ``base``, or the ``contacts``."""
+        """Parts that only one reflex gets: the ``joints`` of a limb, the ``base``, or the ``contacts``."""
         return frozenset({"joints", "base"})
 
     def is_for(self, contact: Contact) -> bool:
-        """Whether it answers this contact, whatever its phase."""
+        """Return True where it answers this contact, whatever its phase."""
         return self._for_it(contact)
 
     def step(
@@ -190,9 +190,9 @@ class Reflex:
     # -- what a reflex does -------------------------------------------------------------------------------------
 
     def begin(self, contact: Contact, requests: ReflexRequests) -> None:
-        """A contact has begun, the first one or another while it is active; or turned out to be on another link."""
+        """React to a contact that has begun, the first one or another, or that turned out to be on another link."""
 
     def act(
         self, observation: Observation, measurement: Measurement, requests: ReflexRequests
     ) -> None:
-        """Say what is wanted in this tick."""
+        """Request what is needed in this tick."""

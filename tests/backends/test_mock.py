@@ -123,6 +123,28 @@ def test_it_may_stand_anywhere() -> None:
     assert backend.open().position[HEAD] == ROBOT.upper[HEAD], "but within its limits"
 
 
+def test_it_may_be_moved_by_hand_until_it_is_active() -> None:
+    backend = MockBackend(ROBOT, delay=1)
+    first = backend.open()
+    backend.read()
+    backend.position[HEAD] = 0.4
+    assert heads([backend.read(), backend.read()]) == [STAND[HEAD], 0.4], "a cycle late"
+    backend.position = np.where(np.arange(17) == HEAD, 0.5, STAND)
+    backend.activate()
+    assert heads([backend.read() for _ in range(3)]) == [0.4, 0.5, 0.5], "and held there"
+    assert first.position[HEAD] == STAND[HEAD]
+
+
+def test_a_sample_belongs_to_who_reads_it() -> None:
+    backend = MockBackend(ROBOT)
+    first = backend.open()
+    for part in (first.position, first.wheel_speed):
+        part += 1.0
+    again = backend.activate()
+    np.testing.assert_array_equal(again.position, STAND)
+    assert not again.wheel_speed.any()
+
+
 def test_a_uri_names_posture_and_delay() -> None:
     backend = make_backend("mock://?posture=Crouch&delay=3")
     assert isinstance(backend, MockBackend)

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from pepper_driver.backends import Backend, DeviceError, Measurement
+from pepper_driver.backends.mock import Fault, MockBackend
 from pepper_driver.config import RobotConfig, load_robot
 from pepper_driver.config.parts import FloatArray
 from pepper_driver.doctor import Examination, Result, examine
@@ -16,13 +17,11 @@ from pepper_driver.observer import ModelSet
 from pepper_driver.observer.model_file import shipped
 from pepper_driver.realtime import Pacer, RealTimePacer
 
-from fakes import FakeBackend, Fault  # isort: skip
-
 ROBOT = load_robot()
 TICKS = 3000
 
 
-class Patient(FakeBackend):
+class Patient(MockBackend):
     """A robot that is sick all the time, or in one tick; ``errors`` is what its own diagnosis says."""
 
     def __init__(
@@ -34,18 +33,15 @@ class Patient(FakeBackend):
         real_time: bool = False,
         opens: Callable[[], None] | None = None,
     ) -> None:
-        super().__init__(ROBOT)
+        sick = range(TICKS) if tick is None else (tick,)
+        faults = None if sickness is None else dict.fromkeys(sick, sickness)
+        super().__init__(ROBOT, faults=faults, real_time=real_time)
         self._errors, self._opens = errors, opens
-        self.real_time = real_time
-        if sickness is not None:
-            self.faults = dict.fromkeys(range(TICKS) if tick is None else (tick,), sickness)
 
     def open(self) -> Measurement:
         if self._opens is not None:
             self._opens()
-        measurement = super().open()
-        fault = self.faults.get(0)
-        return measurement if fault is None else fault(measurement)
+        return super().open()
 
     def diagnosis(self) -> tuple[DeviceError, ...] | None:
         return self._errors
@@ -78,7 +74,7 @@ def models_for(identity: str, folder: Path) -> Path:
 
 def examined(monkeypatch: pytest.MonkeyPatch, backend: Backend, models: Path) -> Examination:
     use(monkeypatch, backend)
-    return examine("fake", models=models)
+    return examine("mock", models=models)
 
 
 def named(examination: Examination, name: str) -> Result:

@@ -8,13 +8,12 @@ from typing import Any
 import numpy as np
 
 from pepper_driver.backends import Measurement
+from pepper_driver.backends.mock import Fault, MockBackend
 from pepper_driver.config import load_robot
 from pepper_driver.controller import Tick
 from pepper_driver.observer import Contact, Observation, Observer
 from pepper_driver.reflexes import Reflex
 from pepper_driver.robot import Pepper
-
-from fakes import Fault, FakeBackend  # isort: skip
 
 ROBOT = load_robot()
 LONG = 30.0  # [s] only a failing test waits this long
@@ -81,14 +80,13 @@ def make_pepper(
     at: dict[int, tuple[Contact, ...]] | None = None,
     faults: dict[int, Fault] | None = None,
     reflexes: tuple[Reflex, ...] = (),
+    real_time: bool = False,
 ) -> Pepper:
     """A robot without physics. ``at``: what it feels in which tick; ``faults``: what happens to its measurements."""
     observer = Scripted()
     observer.at = at or {}
-    pepper = Pepper("mujoco", observer=observer, reflexes=reflexes)
-    backend = FakeBackend()
-    backend.faults = faults or {}
-    pepper.backend = backend
+    pepper = Pepper("mock", observer=observer, reflexes=reflexes, real_time=real_time)
+    pepper.backend = MockBackend(faults=faults)
     return pepper
 
 

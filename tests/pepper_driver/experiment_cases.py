@@ -7,8 +7,8 @@ from typing import Any
 import pytest
 import yaml
 from event_cases import Scripted
-from fakes import FakeBackend
 
+from pepper_driver.backends.mock import MockBackend
 from pepper_driver.config import load_experiment, load_robot
 from pepper_driver.experiment import ExperimentRun
 from pepper_driver.observer import Contact
@@ -31,10 +31,10 @@ def write(folder: Path, *steps: dict[str, Any], **more: Any) -> Path:
 
 
 def fake(
-    monkeypatch: pytest.MonkeyPatch, backend: FakeBackend | None = None
-) -> tuple[FakeBackend, Scripted]:
+    monkeypatch: pytest.MonkeyPatch, backend: MockBackend | None = None
+) -> tuple[MockBackend, Scripted]:
     """A robot without physics, and what it feels, in place of all others."""
-    backend, observer = backend or FakeBackend(), Scripted()
+    backend, observer = backend or MockBackend(), Scripted()
     monkeypatch.setattr("pepper_driver.robot.make_backend", lambda *_: backend)
     monkeypatch.setattr("pepper_driver.robot.make_observer", lambda *_: observer)
     return backend, observer
@@ -45,7 +45,7 @@ def make_run(
     folder: Path,
     *steps: dict[str, Any],
     at: Mapping[int, tuple[Contact, ...]] | None = None,
-    backend: FakeBackend | None = None,
+    backend: MockBackend | None = None,
     **more: Any,
 ) -> ExperimentRun:
     """An experiment whose robot feels contacts in given ticks, counted from 1; the experiment begins with the first."""

@@ -8,12 +8,11 @@ import pytest
 import yaml
 
 from pepper_driver.backends import Backend, BackendInfo, Measurement
+from pepper_driver.backends.mock import MockBackend
 from pepper_driver.config import RobotConfig, Scenario, load_robot, load_scenario
 from pepper_driver.config.loading import package_file, read_yaml
 from pepper_driver.config.scenario_motion import Setpoints
 from pepper_driver.identification import sweeps_of
-
-from fakes import FakeBackend  # isort: skip
 
 ROBOT = load_robot()
 FULL = load_scenario("identify", ROBOT)
@@ -52,14 +51,13 @@ def short_files(folder: Path) -> list[str]:
     return options
 
 
-class SlowRobot(FakeBackend):
+class SlowRobot(MockBackend):
     """Claims to be a real robot; its joints are where they were told to be three cycles ago."""
 
     identity = "body 1"
-    real_time = True
 
     def __init__(self) -> None:
-        super().__init__(ROBOT, delay=3)
+        super().__init__(ROBOT, delay=3, real_time=True)
 
     @property
     def info(self) -> BackendInfo:
@@ -75,7 +73,7 @@ class InterruptedRobot(SlowRobot):
         return super().read()
 
 
-def use_backends(monkeypatch: pytest.MonkeyPatch, *kinds: type[FakeBackend]) -> list[FakeBackend]:
+def use_backends(monkeypatch: pytest.MonkeyPatch, *kinds: type[MockBackend]) -> list[MockBackend]:
     """Whatever the URI says, robots are of these kinds: the first for what is known, then one for each run.
 
     Those that run let time pass only with their ticks, so that nobody waits.
@@ -83,7 +81,7 @@ def use_backends(monkeypatch: pytest.MonkeyPatch, *kinds: type[FakeBackend]) -> 
     Returns:
         The robots that were made, in order.
     """
-    made: list[FakeBackend] = []
+    made: list[MockBackend] = []
 
     def make(uri: str, robot: RobotConfig | None = None) -> Backend:
         made.append(kinds[min(len(made), len(kinds) - 1)]())

@@ -10,8 +10,6 @@ from pepper_driver.config.parts import FloatArray
 from pepper_driver.controller import Tick
 from pepper_driver.observer import Observation
 
-from fakes import FakeBackend  # isort: skip
-
 ROBOT = load_robot()
 YAW = ROBOT.joint_index("HeadYaw")
 PITCH = ROBOT.joint_index("HeadPitch")
@@ -26,9 +24,7 @@ def make_motion(*steps: dict[str, Any], **more: Any) -> Motion:
 
 def make_pepper() -> Pepper:
     """A Pepper whose joints are where they are sent."""
-    pepper = Pepper("mujoco", observer=None)
-    pepper.backend = FakeBackend()
-    return pepper
+    return Pepper("mock", observer=None)
 
 
 def wrist(pepper: Pepper, link: str = "l_wrist") -> FloatArray:

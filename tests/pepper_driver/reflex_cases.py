@@ -7,17 +7,17 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from fakes import FakeBackend
+from fakes import quiet
 
 from pepper_driver.callbacks.events import ReflexEvent
 from pepper_driver.config import load_robot
 from pepper_driver.config.parts import FloatArray
 from pepper_driver.controller import WholeBodyController
 from pepper_driver.observer import Contact, JointState, Observation
-from pepper_driver.reflexes import Control, Reflex, Reflexes
+from pepper_driver.reflexes import Arbiter, Reflex, prepare_reflexes
 
 ROBOT = load_robot()
-BLANK = FakeBackend().open()
+BLANK = quiet()
 ROLL = ROBOT.joint_index("LShoulderRoll")
 ARM = [ROBOT.joint_index(name) for name in ROBOT.chains["left_arm"]]
 STD = 0.2
@@ -43,13 +43,13 @@ def touch(number: int = 1, phase: Any = "begin", **changes: Any) -> Contact:
 
 
 class Stage:
-    """Reflexes on a controller without a robot; joints are where they are sent."""
+    """Arbiter and reflexes on a controller without a robot and a loop; joints are where they are sent."""
 
     def __init__(self, *reflexes: Reflex) -> None:
         self.controller = WholeBodyController(ROBOT)
         self.controller.reset(ROBOT.posture("Stand"))
-        self.control = Control(self.controller, ROBOT)
-        self.reflexes = Reflexes(reflexes, ROBOT)
+        self.reflexes = prepare_reflexes(reflexes, ROBOT)
+        self.arbiter = Arbiter(self.controller, ROBOT, self.reflexes)
         self.tick = 0
         self.events: list[ReflexEvent] = []
         self.own_tasks = set(self.controller.tasks)
@@ -74,11 +74,7 @@ class Stage:
             state=state,
         )
         measurement = replace(BLANK, time=self.time, position=self.controller.position)
-        self.events += self.reflexes.step(observation, measurement, self.control)
-        self.controller.hold = self.control.posture is not None
-        if self.control.posture is not None:
-            self.controller.posture.target = self.control.posture
-            self.controller.posture.stiffness = self.control.posture_stiffness or 5.0
+        self.events += self.arbiter.step(observation, measurement)
         self.tick += 1
         return self.controller.step().position
 

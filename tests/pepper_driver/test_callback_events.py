@@ -10,15 +10,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from pepper_driver.backends.mock import MockBackend
 from pepper_driver.callbacks.events import SensorEdges, SensorEvent, Touches
 from pepper_driver.observer import Contact
 
 from event_cases import ROBOT, contact, pressed  # isort: skip
-from fakes import FakeBackend  # isort: skip
 
 
 def test_what_is_pressed_at_the_start_is_told_when_it_is_let_go() -> None:
-    quiet = FakeBackend().open()
+    quiet = MockBackend().open()
     edges = SensorEdges(ROBOT, pressed("bumpers", 2)(quiet))
     assert edges.step(pressed("bumpers", 2)(quiet)) == []
     assert edges.step(quiet) == [
@@ -29,7 +29,7 @@ def test_what_is_pressed_at_the_start_is_told_when_it_is_let_go() -> None:
 
 @pytest.mark.parametrize("value", [float("nan"), -1.0, 0.3, -0.0])
 def test_a_sensor_that_answers_nonsense_is_not_pressed(value: float) -> None:
-    quiet = FakeBackend().open()
+    quiet = MockBackend().open()
     edges = SensorEdges(ROBOT, quiet)
     assert edges.step(replace(quiet, touch=np.full(5, value))) == []
 

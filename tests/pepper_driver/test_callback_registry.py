@@ -6,10 +6,10 @@ import logging
 import threading
 import time
 from functools import partial
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
-from pepper_driver.pacing import RealTimePacer
 
 from pepper_driver import (
     Contact,
@@ -23,16 +23,19 @@ from pepper_driver import (
     TickEvent,
 )
 from pepper_driver.backends import BackendError
+from pepper_driver.backends.mock import MockBackend
+from pepper_driver.callbacks.callback_registry import CallbackRegistry
 from pepper_driver.callbacks.events import ReflexPhase
 from pepper_driver.callbacks.filters import SubscriptionError
 from pepper_driver.config import UnknownNameError
 from pepper_driver.controller import Tick
+from pepper_driver.loop import TickRecord
 from pepper_driver.observer import Observation
 from pepper_driver.safety import Fault, FaultReason
 from pepper_driver.session import CALLBACK_TIME
 
 from event_cases import LONG, ROBOT, Blocker, contact, make_pepper, pressed  # isort: skip
-from fakes import FakeBackend, aged  # isort: skip
+from fakes import aged  # isort: skip
 
 CYCLE = ROBOT.cycle
 
@@ -113,7 +116,7 @@ def test_a_callback_sees_a_tick_from_its_contacts_to_its_end() -> None:
         assert isinstance(tick, TickEvent)
         session = pepper._session
         assert session is not None
-        session.deliver(tick.tick, None, [begin])
+        session._publish(TickRecord(tick=tick.tick, events=[begin]))
     kinds = [type(event).__name__ for event in seen]
     one = ["TickEvent"]
     assert kinds == [
@@ -141,7 +144,7 @@ def test_reflexes_are_told_by_name_and_phase() -> None:
     with pepper:
         session = pepper._session
         assert session is not None
-        session.deliver(session.loop.tick(), None, events)
+        session._publish(TickRecord(tick=session.loop.tick().tick, events=events))
     assert seen == events[:1]
 
 
@@ -220,6 +223,26 @@ def test_callbacks_that_hang_raise_or_flood_cost_no_tick_and_no_contact(
     assert statistics["broken"].failures == statistics["broken"].calls > 0
 
 
+def test_a_tick_callback_gets_the_room_it_asks_for() -> None:
+    registry = CallbackRegistry(ROBOT, ())
+    entered, release = threading.Event(), threading.Event()
+
+    @registry.on_tick(queue=2)
+    def slow(event: TickEvent) -> None:
+        entered.set()
+        release.wait(LONG)
+
+    dispatcher = registry.make_dispatcher()
+    for number in range(1, 11):
+        tick: Any = SimpleNamespace(measurement=SimpleNamespace(tick=number))
+        dispatcher.publish(TickEvent(tick=tick, observation=None))
+        assert entered.wait(LONG)
+    release.set()
+    assert dispatcher.close(LONG)
+    (statistics,) = dispatcher.statistics()
+    assert (statistics.calls, statistics.dropped) == (3, 7)
+
+
 def test_what_is_registered_late_hears_from_then_on() -> None:
     pepper = make_pepper({1: (contact(1),), 3: (contact(3),)})
     seen: list[int] = []
@@ -275,7 +298,7 @@ def test_only_one_thread_runs_the_robot_and_no_tick_runs_ticks(
             "a motion began, and would have changed the tasks of the one that runs"
         )
 
-    monkeypatch.setattr("pepper_driver.robot.Player", no_motion)
+    monkeypatch.setattr("pepper_driver.motion.Player.begin", no_motion)
     pepper = make_pepper()
     inside, go = threading.Event(), threading.Event()
     errors: list[BaseException] = []
@@ -313,7 +336,7 @@ def test_only_one_thread_runs_the_robot_and_no_tick_runs_ticks(
         pepper.run(CYCLE)
 
 
-class Noting(FakeBackend):
+class Noting(MockBackend):
     """Notes when it is closed."""
 
     def __init__(self, order: list[str]) -> None:
@@ -332,7 +355,7 @@ def test_a_callback_may_close_the_robot() -> None:
 
     @pepper.on_contact()
     def enough(event: Contact) -> None:
-        pepper.close()
+        pepper.stop()
         closed.set()
 
     def slow(tick: Tick, observation: Observation | None) -> None:
@@ -351,8 +374,7 @@ def test_a_callback_may_close_the_robot() -> None:
 
 
 def test_real_time_does_not_wait_for_callbacks_between_runs() -> None:
-    pepper = make_pepper({1: (contact(1),)})
-    pepper._pacer = RealTimePacer(CYCLE)
+    pepper = make_pepper({1: (contact(1),)}, real_time=True)
     blocker = Blocker()
     pepper.on_contact()(blocker)
     with pepper:

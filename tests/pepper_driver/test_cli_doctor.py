@@ -8,9 +8,10 @@ import pytest
 import typer
 from doctor_cases import Patient, models_for, use
 
+from pepper_driver.backends.mock import Fault
 from pepper_driver.cli.app import run
 
-from fakes import Fault, aged, drained, pressed  # isort: skip
+from fakes import aged, drained, pressed  # isort: skip
 
 
 @pytest.fixture
@@ -61,8 +62,8 @@ def test_a_sick_robot_never_moves(
 ) -> None:
     patient = Patient(sickness)
     use(monkeypatch, patient)
-    models = models_for("fake", tmp_path)
-    assert run(["doctor", "fake", "--models", str(models), "--yes"]) == 1
+    models = models_for("mock", tmp_path)
+    assert run(["doctor", "mock", "--models", str(models), "--yes"]) == 1
     assert not patient.moved
     out = capsys.readouterr().out
     assert "FAILED" in table(out).values()
@@ -74,8 +75,8 @@ def test_no_motion_moves_nothing(
 ) -> None:
     patient = Patient()
     use(monkeypatch, patient)
-    models = models_for("fake", tmp_path)
-    assert run(["doctor", "fake", "--models", str(models), "--no-motion"]) == 0
+    models = models_for("mock", tmp_path)
+    assert run(["doctor", "mock", "--models", str(models), "--no-motion"]) == 0
     assert not patient.moved
     assert "left out by --no-motion" in capsys.readouterr().out
 
@@ -86,7 +87,7 @@ def test_without_a_terminal_nothing_begins(
     patient = Patient()
     use(monkeypatch, patient)
     monkeypatch.setattr(sys.stdin, "isatty", lambda: False)
-    assert run(["doctor", "fake"]) == 2
+    assert run(["doctor", "mock"]) == 2
     (line,) = capsys.readouterr().err.splitlines()
     assert "--yes" in line
     assert patient.calls == []
@@ -110,7 +111,7 @@ def test_the_robot_moves_only_when_told_so(
         return answer
 
     monkeypatch.setattr(typer, "confirm", confirm)
-    code = run(["doctor", "fake", "--models", str(models_for("fake", tmp_path))])
+    code = run(["doctor", "mock", "--models", str(models_for("mock", tmp_path))])
     assert len(asked) == 1
     assert "emergency stop" in asked[0]
     assert patient.moved == answer

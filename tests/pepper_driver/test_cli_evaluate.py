@@ -13,6 +13,7 @@ from pepper_driver.config.evaluation import Evaluation, load_evaluation
 from pepper_driver.controller import Tick
 from pepper_driver.evaluation import takes
 from pepper_driver.log import Label, LogWriter
+from pepper_driver.loop import TickRecord
 from pepper_driver.observer import Observation
 from pepper_driver.robot import Pepper
 
@@ -112,7 +113,7 @@ def labelled(path: Path, *, labels: bool = True) -> Path:
                                 joint="LShoulderRoll",
                             )
                         )
-                log.append(tick, None, None, ends)
+                log.append(TickRecord(tick=tick, labels=ends))
 
             pepper.run(3.0, on_tick=on_tick)
     return path

@@ -15,6 +15,7 @@ from pepper_driver import Pepper
 from pepper_driver.cli.app import run
 from pepper_driver.config import load_robot
 from pepper_driver.log import LogEvent, LogWriter, read_log
+from pepper_driver.loop import TickRecord
 
 PAGE = Path(__file__).parents[2] / "docs" / "log.md"
 
@@ -52,7 +53,7 @@ def test_info_of_a_stopped_run_that_was_cut_short(
     with LogWriter(path, load_robot(), {}) as writer:
         writer.note(LogEvent(time=0.5, kind="fault", name="stale", text="the sample is old"))
         for number in range(80):
-            writer.append(samples.tick(number), None, tick_end=0.002, missed=3)
+            writer.append(TickRecord(tick=samples.tick(number), tick_end=0.002, missed=3))
     data = path.read_bytes()
     path.write_bytes(data[: len(data) * 3 // 4])
     assert run(["log", "info", str(path)]) == 0
@@ -79,7 +80,7 @@ def test_a_log_of_another_robot_is_read_as_it_is(
     other = replace(robot, name="salt", joints=joints)
     path = tmp_path / "a.mcap"
     with LogWriter(path, other, {}) as writer:
-        writer.append(samples.tick(1), None)
+        writer.append(TickRecord(tick=samples.tick(1)))
     assert run(["log", "info", str(path)]) == 0
     assert ": salt, " in capsys.readouterr().out
     assert run(["log", "export", str(path), "--to", "csv"]) == 0

@@ -1,6 +1,7 @@
 """``pepper move``, as a user meets it."""
 
 import json
+import re
 import time
 from pathlib import Path
 
@@ -86,7 +87,10 @@ def test_in_real_time_the_ticks_are_accounted_for(
     begin = time.monotonic()
     assert run(["move", str(path), "--real-time"]) == 0
     assert time.monotonic() - begin >= 0.28
-    assert "25 ticks of 12 ms in real time, " in capsys.readouterr().out
+    # It ticks from the start to the end, a little longer than the motion.
+    ticks = re.search(r"(\d+) ticks of 12 ms in real time, ", capsys.readouterr().out)
+    assert ticks is not None
+    assert 25 <= int(ticks[1]) < 100
 
 
 @pytest.mark.parametrize(

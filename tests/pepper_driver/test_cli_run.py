@@ -38,7 +38,7 @@ def test_a_dry_run_prints_the_plan_and_moves_nothing(
     capsys: pytest.CaptureFixture[str],
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr("pepper_driver.robot.Pepper.activate", lambda _: pytest.fail("activated"))
+    monkeypatch.setattr("pepper_driver.robot.Pepper.start", lambda _: pytest.fail("activated"))
     log, figures = tmp_path / "run.mcap", tmp_path / "plan.json"
     assert run(["run", str(path), "--dry-run", "--log", str(log), "--json", str(figures)]) == 0
     text = "\n".join(lines_of(capsys))

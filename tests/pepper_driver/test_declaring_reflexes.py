@@ -19,10 +19,10 @@ from pepper_driver.reflexes import (
     Hold,
     Ignore,
     Reflex,
-    Reflexes,
     Retract,
     Soften,
     StopBase,
+    prepare_reflexes,
 )
 from pepper_driver.reflexes.declared import declare, make_reflex
 
@@ -82,9 +82,13 @@ def test_arguments_of_their_own_come_back() -> None:
 
 
 def test_all_of_a_robot_come_back_in_their_order_with_their_names() -> None:
-    reflexes = Reflexes([Hold(), Retract(), Hold(link="LForeArm"), Ignore(link="Head")], ROBOT)
-    made = Reflexes([again(entry) for entry in reflexes.declarations], ROBOT)
-    assert made.names == reflexes.names == ("ignore", "retract", "hold", "hold 2")
+    reflexes = prepare_reflexes(
+        [Hold(), Retract(), Hold(link="LForeArm"), Ignore(link="Head")], ROBOT
+    )
+    made = prepare_reflexes([again(declare(reflex)) for reflex in reflexes], ROBOT)
+    names = [reflex.name for reflex in reflexes]
+    assert names == ["ignore", "retract", "hold", "hold 2"]
+    assert [reflex.name for reflex in made] == names
 
 
 def test_a_class_that_nobody_registered_is_told_from_one_of_the_same_name() -> None:

@@ -22,13 +22,14 @@ from doctor_cases import (
 )
 
 from pepper_driver.backends import DeviceError, Measurement, NotConnectedError
+from pepper_driver.backends.mock import Fault
 from pepper_driver.config import PepperError, load_controller_settings, load_safety_settings
 from pepper_driver.doctor import Outcome, examine
 from pepper_driver.doctor.preparation import check_computer, check_models, check_settings
 from pepper_driver.observer import ModelSet
 from pepper_driver.observer.model_file import shipped
 
-from fakes import Fault, aged, displaced, drained, heated, pressed  # isort: skip
+from fakes import aged, displaced, drained, heated, pressed  # isort: skip
 
 SAFETY = load_safety_settings()
 HEAD, ROLL = ROBOT.joint_index("HeadYaw"), ROBOT.joint_index("LShoulderRoll")
@@ -37,7 +38,7 @@ OK, WARNING, FAILED, UNKNOWN = Outcome.OK, Outcome.WARNING, Outcome.FAILED, Outc
 
 @pytest.fixture(scope="module")
 def models(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return models_for("fake", tmp_path_factory.mktemp("models"))
+    return models_for("mock", tmp_path_factory.mktemp("models"))
 
 
 def test_a_robot_that_is_well_passes_and_was_never_moved(

@@ -8,6 +8,7 @@ from doctor_cases import ROBOT, Patient, held, only, use
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
+from pepper_driver.backends.mock import Fault
 from pepper_driver.config import load_doctor_settings, load_self_collision
 from pepper_driver.controller import RobotModel
 from pepper_driver.controller.capsules import CapsuleDistances
@@ -18,7 +19,7 @@ from pepper_driver.observer import ModelSet
 from pepper_driver.observer.model_file import shipped
 from pepper_driver.robot import Pepper
 
-from fakes import Fault, heated, pressed  # isort: skip
+from fakes import heated, pressed  # isort: skip
 
 SETTINGS = load_doctor_settings()
 NOMINAL = ModelSet.load(shipped("fusion")["nominal"])
@@ -159,7 +160,7 @@ def test_a_joint_that_stands_still_is_found(monkeypatch: pytest.MonkeyPatch) -> 
     head = ROBOT.joint_index("HeadYaw")
     patient = Patient(held(head, float(ROBOT.posture("Stand")[head])))
     use(monkeypatch, patient)
-    trial = tried("fake")
+    trial = tried("mock")
     assert outcomes(trial)["joints follow"] is Outcome.FAILED
     assert "HeadYaw" in next(r.cure for r in trial.results if r.name == "joints follow")
     stuck = [fit.joint for fit in trial.fits if fit.verdict is Verdict.STUCK]
@@ -169,7 +170,7 @@ def test_a_joint_that_stands_still_is_found(monkeypatch: pytest.MonkeyPatch) -> 
 def test_only_joints_of_arms_and_head_are_told_to_move(monkeypatch: pytest.MonkeyPatch) -> None:
     patient = Patient()
     use(monkeypatch, patient)
-    trial = tried("fake")
+    trial = tried("mock")
     assert outcomes(trial)["motion"] is Outcome.OK
     sent = np.array([command.position for command in patient.commands])
     np.testing.assert_allclose(sent[:, LEGS], np.broadcast_to(sent[0, LEGS], (len(sent), 3)))
@@ -187,7 +188,7 @@ def test_a_robot_that_is_stopped_meanwhile_is_a_result(
 ) -> None:
     patient = Patient(sickness, tick=tick)
     use(monkeypatch, patient)
-    trial = tried("fake")
+    trial = tried("mock")
     assert outcomes(trial) == {"motion": Outcome.FAILED}
     assert word in found(trial, "motion")
     assert trial.fits == ()
@@ -196,7 +197,7 @@ def test_a_robot_that_is_stopped_meanwhile_is_a_result(
 
 def test_a_joint_without_a_model_follows_and_is_not_judged(monkeypatch: pytest.MonkeyPatch) -> None:
     use(monkeypatch, Patient())
-    trial = tried("fake", only(NOMINAL, {"LHand"}))
+    trial = tried("mock", only(NOMINAL, {"LHand"}))
     verdicts = {fit.joint: fit.verdict for fit in trial.fits}
     assert verdicts["HeadYaw"] is Verdict.NO_MODEL
     assert trial.fits[0].as_json()["rms"] is None
@@ -210,7 +211,7 @@ def test_pepper_is_closed_after_an_interrupt(monkeypatch: pytest.MonkeyPatch) ->
     def interrupt(share: float) -> None:
         raise KeyboardInterrupt
 
-    pepper: Pepper = make_pepper("fake", NOMINAL, ROBOT)
+    pepper: Pepper = make_pepper("mock", NOMINAL, ROBOT)
     with pytest.raises(KeyboardInterrupt):
         try_motion(pepper, NOMINAL, on_progress=interrupt)
     assert patient.calls[-1] == "close"

@@ -234,11 +234,11 @@ def test_pushes_are_left_out_where_nobody_can_push(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     run = make_run(monkeypatch, tmp_path, STAND, PAUSE, pushes=[PUSH])
-    assert "only a simulated robot" in run.pushes.skipped
+    assert "only a simulated robot" in run.plan().skipped
     report = run.perform()
     assert report.completed
     assert report.pushes == 0
-    assert run.pushes.skipped in str(report)
+    assert run.plan().skipped in str(report)
 
 
 def test_a_push_in_a_step_comes_each_time_and_acts(tmp_path: Path) -> None:
@@ -280,8 +280,8 @@ def test_a_hand_that_is_still_there_costs_one_push_and_not_the_run(tmp_path: Pat
         observer=None,
     )
     run = ExperimentRun(path, log=tmp_path / "run.mcap")
-    (touch,) = run.pushes.in_step[1]
-    run.pushes.in_step[1] = (touch, touch)
+    (touch,) = run.plan().in_step[1]
+    run.plan().in_step[1] = (touch, touch)
     assert run.perform().pushes == 1
     texts = [event.text for event in read_log(tmp_path / "run.mcap").events if event.kind == "push"]
     assert texts[0].startswith("grabbed with 10.0 N")
@@ -294,7 +294,7 @@ def test_a_hand_that_is_still_there_costs_one_push_and_not_the_run(tmp_path: Pat
 @pytest.mark.parametrize("path", EXAMPLES, ids=lambda path: path.stem)
 def test_the_examples_run(path: Path) -> None:
     run = ExperimentRun(path)
-    assert not run.pushes.skipped
+    assert not run.plan().skipped
     report = run.perform()
     assert report.completed
     assert report.felt
@@ -309,7 +309,7 @@ def test_the_experiment_in_the_docs_is_one(tmp_path: Path) -> None:
     run = ExperimentRun(path)
     assert len(run.experiment.order) == 17
     assert len(run.pepper.reflexes) == 2
-    assert len(run.pushes.in_step) == 1
+    assert len(run.plan().in_step) == 1
 
 
 def test_the_same_run_gives_the_same_bits() -> None:

@@ -9,10 +9,10 @@ from typing import Any
 
 import pytest
 from experiment_cases import STAND, make_run
-from fakes import FakeBackend
 
 from pepper_driver import Pepper, PepperError
 from pepper_driver.backends import BackendError, BackendInfo, Extras, Measurement
+from pepper_driver.backends.mock import MockBackend
 
 
 class Recorder(Extras):
@@ -42,7 +42,7 @@ class Recorder(Extras):
         self.done.append(what)
 
 
-class Gifted(FakeBackend):
+class Gifted(MockBackend):
     """Has extras, and knows whether it is open."""
 
     connected = False
@@ -56,10 +56,9 @@ class Gifted(FakeBackend):
         return Recorder(self)
 
     def open(self) -> Measurement:
-        if self.connected:
-            raise BackendError("already open")
+        measurement = super().open()
         self.connected = True
-        return super().open()
+        return measurement
 
     def close(self) -> None:
         self.connected = False

@@ -30,6 +30,7 @@ LINK = ROBOT.links[-1]
     [
         ({}, {"phase": "begin"}, {"phase": "update"}),
         ({"phase": None}, {"phase": "end"}, {"intensity": -1.0}),
+        ({}, {"kind": "collision"}, {"kind": "rebound"}),
         ({"phase": "end"}, {"phase": "end"}, {"phase": "begin"}),
         ({"link": LINK}, {"link": LINK}, {"link": "elsewhere"}),
         ({"joint": "RHand"}, {"joint": "RHand"}, {"joint": None}),

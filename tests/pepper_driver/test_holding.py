@@ -10,10 +10,9 @@ from pepper_driver.backends import Measurement
 from pepper_driver.config.parts import FloatArray
 from pepper_driver.controller import PositionTask, Tick
 from pepper_driver.observer import Contact, Observation, Observer
-from pepper_driver.reflexes import Control
+from pepper_driver.reflexes import ReflexRequests
 
 # isort: off
-from fakes import FakeBackend
 from motion_cases import ARM, PLACE, REACH, ROBOT, YAW, Trace, make_motion, wrist
 from test_hold import contact
 # isort: on
@@ -59,11 +58,13 @@ class Holder(Reflex):
         super().__init__()
         self._from, self._to, self._change = begin, end, change or (lambda position: position)
 
-    def step(self, observation: Observation, measurement: Measurement, control: Control) -> None:
+    def step(
+        self, observation: Observation, measurement: Measurement, requests: ReflexRequests
+    ) -> None:
         if self._from <= measurement.time < self._to:
             if self._posture is None:
-                self._posture = self._change(control.controller.position)
-            control.posture, control.posture_stiffness = self._posture, 400.0
+                self._posture = self._change(requests.controller.position)
+            requests.hold_posture(self._posture, 400.0)
 
     def reset(self) -> None:
         self._posture = None
@@ -71,9 +72,7 @@ class Holder(Reflex):
 
 def make_pepper(reflex: Reflex, script: dict[float, Contact] | None = None) -> Pepper:
     """A Pepper whose joints are where they are sent, and which feels what it is told to."""
-    pepper = Pepper("mujoco", observer=Scripted(script), reflexes=[reflex])
-    pepper.backend = FakeBackend()
-    return pepper
+    return Pepper("mock", observer=Scripted(script), reflexes=[reflex])
 
 
 class Speeds:

@@ -15,6 +15,7 @@ from test_log_samples import ROBOT, Samples, same_bits
 from pepper_driver.config import MissingExtraError, UnknownNameError
 from pepper_driver.log import Label, LogData, LogEvent, LogWriter, export, read_log
 from pepper_driver.log.export import export_log
+from pepper_driver.loop import TickRecord
 from pepper_driver.output import OutputError
 
 RUN = {"backend": "mujoco", "ümläut": "ß\n2"}
@@ -33,9 +34,15 @@ def log(tmp_path: Path) -> LogData:
         for number in range(TICKS):
             contacts = [samples.contact(number)] if number % 4 == 0 else []
             observation = samples.observation(*contacts)
-            writer.append(samples.tick(number), observation, samples.truth())
+            writer.append(
+                TickRecord(
+                    tick=samples.tick(number), observation=observation, truth=samples.truth()
+                )
+            )
         writer.append(
-            samples.tick(TICKS), None, labels=[Label(time=1.0, phase="onset", source="key")]
+            TickRecord(
+                tick=samples.tick(TICKS), labels=[Label(time=1.0, phase="onset", source="key")]
+            )
         )
         for event in EVENTS:
             writer.note(event)

@@ -11,11 +11,11 @@ from importlib.metadata import version
 from pathlib import Path
 
 import pytest
-from fakes import FakeBackend
 from hypothesis import given
 from hypothesis import strategies as st
 
 from pepper_driver import Pepper
+from pepper_driver.backends.mock import MockBackend
 from pepper_driver.config import (
     ControllerSettings,
     load_controller_settings,
@@ -55,7 +55,7 @@ def test_a_run_can_be_told_from_its_log(tmp_path: Path) -> None:
 
 
 def metadata(controller: ControllerSettings) -> dict[str, str]:
-    return run_metadata(FakeBackend(ROBOT), None, ROBOT, controller, load_safety_settings())
+    return run_metadata(MockBackend(ROBOT), None, ROBOT, controller, load_safety_settings())
 
 
 def test_settings_that_differ_have_another_hash() -> None:

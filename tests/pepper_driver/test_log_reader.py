@@ -19,6 +19,7 @@ from pepper_driver.backends.simulated import TruthSample
 from pepper_driver.config import UnknownNameError
 from pepper_driver.log import LogData, LogError, LogWriter, read_log
 from pepper_driver.log.schema import layout_metadata, tick_fields
+from pepper_driver.loop import TickRecord
 from pepper_driver.observer.contact import Contact
 
 TRUTH_FIELDS = tuple(field.name for field in fields(TruthSample))
@@ -41,7 +42,11 @@ class Written:
                 observation = samples.observation(*contacts)
                 truth = samples.truth()
                 passed_over = [(k, samples.sent()) for k in range(number % 4, 1, -1)]
-                log.append(tick, observation, truth, unanswered=passed_over)
+                log.append(
+                    TickRecord(
+                        tick=tick, observation=observation, truth=truth, unmatched=passed_over
+                    )
+                )
                 self.rows.append(flatten(tick, observation, number))
                 for ago, sent in passed_over:
                     step = number - ago
@@ -112,7 +117,9 @@ def test_ring_may_wrap(tmp_path: Path) -> None:
     with LogWriter(tmp_path / "a.mcap", ROBOT, {}, capacity=7, lossless=True) as log:
         for number in range(50):
             contacts = [samples.contact(number)] if number % 5 == 0 else []
-            log.append(samples.tick(number), samples.observation(*contacts))
+            log.append(
+                TickRecord(tick=samples.tick(number), observation=samples.observation(*contacts))
+            )
     read = read_log(tmp_path / "a.mcap")
     assert read["tick"].tolist() == list(range(50))
     assert read.truth is None
@@ -123,7 +130,9 @@ def test_truth_of_some_ticks_only(tmp_path: Path) -> None:
     samples = Samples(9)
     with LogWriter(tmp_path / "a.mcap", ROBOT, {}, capacity=3, lossless=True) as log:
         for number in range(9):
-            log.append(samples.tick(number), None, samples.truth() if number % 2 else None)
+            log.append(
+                TickRecord(tick=samples.tick(number), truth=samples.truth() if number % 2 else None)
+            )
     read = read_log(tmp_path / "a.mcap")
     assert len(read) == 9
     assert read.truth is not None
@@ -204,10 +213,11 @@ from pathlib import Path
 sys.path.insert(0, {tests!r})
 from test_log_samples import ROBOT, Samples
 from pepper_driver.log import LogWriter
+from pepper_driver.loop import TickRecord
 samples = Samples(0)
 log = LogWriter(Path({path!r}), ROBOT, {{"seed": "0"}}, lossless=True)
 for number in range(200):
-    log.append(samples.tick(number), samples.observation())
+    log.append(TickRecord(tick=samples.tick(number), observation=samples.observation()))
 while log._tail < 200:
     time.sleep(0.01)
 os.kill(os.getpid(), signal.SIGKILL)
@@ -234,10 +244,11 @@ from pathlib import Path
 sys.path.insert(0, {tests!r})
 from test_log_samples import ROBOT, Samples
 from pepper_driver.log import LogWriter
+from pepper_driver.loop import TickRecord
 samples = Samples(0)
 log = LogWriter(Path({path!r}), ROBOT, {{}})
 for number in range(10**6):
-    log.append(samples.tick(number), samples.observation())
+    log.append(TickRecord(tick=samples.tick(number), observation=samples.observation()))
     print(number, flush=True)
     time.sleep(0.012)
 """

@@ -14,6 +14,7 @@ from test_log_samples import ROBOT, Samples
 from pepper_driver.controller.tick import Tick
 from pepper_driver.log import Label, LogData, LogEvent, LogWriter, read_log
 from pepper_driver.log.summary import summarise
+from pepper_driver.loop import TickRecord
 
 
 def logged(path: Path, fill: Callable[[LogWriter, Samples], None]) -> LogData:
@@ -32,10 +33,7 @@ def test_timing_of_a_paced_run(tmp_path: Path) -> None:
             tick = samples.tick(number if number < 50 else number + 3)
             tick = aged(tick, 0.001 * number, number // 20)
             log.append(
-                tick,
-                None,
-                tick_end=1e-4 * number,
-                missed=0 if number < 50 else 2,
+                TickRecord(tick=tick, tick_end=1e-4 * number, missed=0 if number < 50 else 2)
             )
 
     summary = summarise(logged(tmp_path / "a.mcap", fill))
@@ -51,7 +49,9 @@ def test_timing_of_a_paced_run(tmp_path: Path) -> None:
 
 
 def test_a_simulation_as_fast_as_it_goes_has_no_tick_end(tmp_path: Path) -> None:
-    log = logged(tmp_path / "a.mcap", lambda log, samples: log.append(samples.tick(3), None))
+    log = logged(
+        tmp_path / "a.mcap", lambda log, samples: log.append(TickRecord(tick=samples.tick(3)))
+    )
     assert summarise(log).as_json()["tick_end_ms"] is None
     ages = log.fields | {"age": np.array([np.nan])}
     assert summarise(replace(log, fields=ages)).as_json()["sample_age_ms"] is None
@@ -62,7 +62,9 @@ def test_what_happened_is_counted(tmp_path: Path) -> None:
         def contact(number: int, phase: str, kind: str, joint: str | None) -> None:
             made = samples.contact(0)
             event = replace(made, id=number, phase=phase, kind=kind, joint=joint)  # type: ignore[arg-type]
-            log.append(samples.tick(number), samples.observation(event))
+            log.append(
+                TickRecord(tick=samples.tick(number), observation=samples.observation(event))
+            )
 
         contact(1, "begin", "contact", None)
         contact(1, "update", "contact", "LElbowRoll")  # it became clear only then
@@ -71,7 +73,7 @@ def test_what_happened_is_counted(tmp_path: Path) -> None:
         contact(3, "begin", "collision", None)
         for time, phase in ((1.0, "onset"), (2.0, "release"), (3.0, "onset")):
             label = Label(time=time, phase=phase, source="key")  # type: ignore[arg-type]
-            log.append(samples.tick(9), None, labels=[label])
+            log.append(TickRecord(tick=samples.tick(9), labels=[label]))
         log.note(LogEvent(time=1.0, kind="reflex", name="Hold", phase="begin"))
         log.note(LogEvent(time=1.0, kind="reflex", name="Soften", phase="begin"))
         log.note(LogEvent(time=2.0, kind="reflex", name="Hold", phase="end"))

@@ -15,13 +15,22 @@ from hypothesis import strategies as st
 from mcap.reader import make_reader
 from test_log_samples import ROBOT, Samples, same_bits
 
+from pepper_driver.callbacks.events import ReflexEvent, SensorEvent
 from pepper_driver.log import Label, LogEvent, LogWriter, read_log
 from pepper_driver.log.contacts import CONTACTS
 from pepper_driver.log.event import EVENTS
 from pepper_driver.log.json_topic import JsonTopic
 from pepper_driver.log.label import LABELS
+from pepper_driver.loop import TickRecord
 
 TOPICS = (CONTACTS, LABELS, EVENTS)
+BEGUN = ReflexEvent(
+    reflex="Hold",
+    phase="begin",
+    time=0.012,
+    contact_id=3,
+    joints=("LShoulderRoll", "LElbowRoll"),
+)
 REFLEX = LogEvent(
     time=0.012,
     kind="reflex",
@@ -32,6 +41,7 @@ REFLEX = LogEvent(
 )
 FAULT = LogEvent(time=0.024, kind="fault", name="stale", text='the newest "sample" is old\n')
 MISSED = LogEvent(time=0.036, kind="missed", count=2)
+BUMP = SensorEvent(kind="bumper", name="bumper.Left", pressed=True, time=0.036)
 PRESSED = LogEvent(time=0.036, kind="sensor", name="bumper.Left", phase="begin")
 
 
@@ -123,18 +133,18 @@ def test_no_message_holds_what_a_browser_cannot_read(tmp_path: Path) -> None:
 def test_events_are_logged_with_their_tick_and_without(tmp_path: Path) -> None:
     samples = Samples(3)
     with LogWriter(tmp_path / "a.mcap", ROBOT, {}) as log:
-        log.append(samples.tick(1), None, events=[REFLEX])
+        log.append(TickRecord(tick=samples.tick(1), events=[BEGUN]))
         log.note(FAULT)
-        log.append(samples.tick(3), None, events=(MISSED, PRESSED), missed=2, tick_end=0.004)
-        log.append(samples.tick(4), None, missed=2)
+        log.append(TickRecord(tick=samples.tick(3), events=(BUMP,), missed=2, tick_end=0.004))
+        log.append(TickRecord(tick=samples.tick(4), missed=2))
     read = read_log(tmp_path / "a.mcap")
-    assert read.events == [REFLEX, FAULT, MISSED, PRESSED]
+    assert read.events == [REFLEX, FAULT, PRESSED]
     assert read["tick"].tolist() == [1, 3, 4]
     assert read["missed"].tolist() == [0, 2, 2]
     assert same_bits(read["tick_end"], np.array([np.nan, 0.004, np.nan]))
     with (tmp_path / "a.mcap").open("rb") as stream:
         stamps = [m.log_time for _, c, m in make_reader(stream).iter_messages(["/event"])]
-    assert stamps == [12_000_000, 24_000_000, 36_000_000, 36_000_000]
+    assert stamps == [12_000_000, 24_000_000, 36_000_000]
 
 
 def test_several_commands_may_be_left_unanswered(tmp_path: Path) -> None:
@@ -145,7 +155,7 @@ def test_several_commands_may_be_left_unanswered(tmp_path: Path) -> None:
         for answers in (3, None, 4, 1):
             measurement = replace(tick.measurement, answers=answers)
             late = sent if answers == 1 else ()
-            log.append(replace(tick, measurement=measurement), None, unanswered=late)
+            log.append(TickRecord(tick=replace(tick, measurement=measurement), unmatched=late))
     read = read_log(tmp_path / "a.mcap")
     assert read["step"].tolist() == [0, 1, 2, 3]
     assert read["answers"].tolist() == [3, -1, 4, 1]
@@ -159,10 +169,10 @@ def test_a_row_that_is_none_keeps_its_events(tmp_path: Path) -> None:
     bad = samples.tick(1)
     object.__setattr__(bad.measurement, "position", np.zeros(3))
     with LogWriter(tmp_path / "a.mcap", ROBOT, {}) as log:
-        log.append(bad, None, events=[FAULT])
+        log.append(TickRecord(tick=bad, events=[BEGUN]))
     assert log.dropped == 1
     read = read_log(tmp_path / "a.mcap")
-    assert (len(read), read.events) == (0, [FAULT])
+    assert (len(read), read.events) == (0, [REFLEX])
 
 
 def test_another_decoder_reads_every_row(tmp_path: Path) -> None:
@@ -170,7 +180,7 @@ def test_another_decoder_reads_every_row(tmp_path: Path) -> None:
     samples = Samples(5)
     tick, observation, truth = samples.tick(7), samples.observation(), samples.truth()
     with LogWriter(tmp_path / "a.mcap", ROBOT, {}) as log:
-        log.append(tick, observation, truth, missed=3)
+        log.append(TickRecord(tick=tick, observation=observation, truth=truth, missed=3))
     with (tmp_path / "a.mcap").open("rb") as stream:
         reader = make_reader(stream, decoder_factories=[decoder.DecoderFactory()])
         read = {c.topic: m for _, c, _, m in reader.iter_decoded_messages(["/tick", "/truth"])}

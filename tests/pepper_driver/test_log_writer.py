@@ -21,6 +21,7 @@ from test_log_samples import ROBOT, N, Samples, flatten, same_bits
 from pepper_driver.config import PepperError
 from pepper_driver.log import LogError, LogWriter, mcap_file, read_log
 from pepper_driver.log.rows import unobserved
+from pepper_driver.loop import TickRecord
 from pepper_driver.observer.contact import Contact
 from pepper_driver.observer.interface import JointState
 
@@ -56,7 +57,7 @@ def test_messages_decode_by_their_own_definition(tmp_path: Path) -> None:
     truth, tick, contact = samples.truth(), samples.tick(1000), samples.contact(4)
     observation = samples.observation(contact)
     with LogWriter(tmp_path / "a.mcap", ROBOT, RUN) as log:
-        log.append(tick, observation, truth)
+        log.append(TickRecord(tick=tick, observation=observation, truth=truth))
     with (tmp_path / "a.mcap").open("rb") as stream:
         messages = {c.topic: (s, c, m) for s, c, m in make_reader(stream).iter_messages()}
     assert set(messages) == {"/tick", "/truth", "/contact"}
@@ -102,7 +103,7 @@ def test_metadata_record_holds_what_the_caller_gave(tmp_path: Path) -> None:
 
 def test_no_observation_is_blind(tmp_path: Path) -> None:
     with LogWriter(tmp_path / "a.mcap", ROBOT, {}) as log:
-        log.append(Samples().tick(0), None)
+        log.append(TickRecord(tick=Samples().tick(0)))
     read = read_log(tmp_path / "a.mcap")
     assert (read["state"] == JointState.BLIND).all()
     for name in ("expected", "residual", "threshold", "torque", "torque_std"):
@@ -116,8 +117,8 @@ def test_time_that_is_no_stamp_is_kept_in_the_row(tmp_path: Path, time: float) -
     tick = samples.tick(0)
     object.__setattr__(tick.measurement, "time", time)
     with LogWriter(tmp_path / "a.mcap", ROBOT, {}) as log:
-        log.append(tick, None)
-        log.append(samples.tick(1), None)
+        log.append(TickRecord(tick=tick))
+        log.append(TickRecord(tick=samples.tick(1)))
     assert same_bits(read_log(tmp_path / "a.mcap")["time"], np.array([time, 0.012]))
 
 
@@ -160,10 +161,10 @@ def test_full_ring_drops_and_counts(
     samples = Samples(3)
     log = LogWriter(tmp_path / "gated.mcap", ROBOT, {}, capacity=5)
     gate.closed_to_rows = True
-    log.append(samples.tick(0), None)
+    log.append(TickRecord(tick=samples.tick(0)))
     gate.reached.wait()  # the writer hangs with row 0, which still takes up its place
     for number in range(1, 12):
-        log.append(samples.tick(number), None)
+        log.append(TickRecord(tick=samples.tick(number)))
     assert log.dropped == 7
     gate.opened.set()
     with caplog.at_level(logging.WARNING, "pepper_driver"):
@@ -178,13 +179,13 @@ def test_lossless_waits_for_room(gate: Gate, tmp_path: Path) -> None:
     samples = Samples(4)
     log = LogWriter(tmp_path / "gated.mcap", ROBOT, {}, capacity=3, lossless=True)
     gate.closed_to_rows = True
-    log.append(samples.tick(0), None)
+    log.append(TickRecord(tick=samples.tick(0)))
     gate.reached.wait()
     done = threading.Event()
 
     def produce() -> None:
         for number in range(1, 200):
-            log.append(samples.tick(number), None)
+            log.append(TickRecord(tick=samples.tick(number)))
         done.set()
 
     thread = threading.Thread(target=produce)
@@ -247,14 +248,14 @@ def test_disk_error_surfaces_at_close_only(
     # Without waiting, the ring takes all rows, so that enough of them reach the disk on any machine.
     log = LogWriter(path, ROBOT, RUN, capacity=16 if lossless else 1024, lossless=lossless)
     for number in range(600):
-        log.append(samples.tick(number), None)
+        log.append(TickRecord(tick=samples.tick(number)))
     with pytest.raises(LogError, match="No space left on device") as caught:
         log.close()
     assert isinstance(caught.value, PepperError)
     assert "\n" not in str(caught.value)
     assert str(path) in str(caught.value)
     assert not [t for t in threading.enumerate() if t.name == "pepper_driver.log"]
-    log.append(samples.tick(600), None)
+    log.append(TickRecord(tick=samples.tick(600)))
     log.close()  # raised once
     read = read_log(path)
     assert not read.complete
@@ -286,7 +287,7 @@ def test_error_of_the_block_is_not_hidden_by_the_disk(
     def fill(then: type[Exception] | None) -> None:
         with LogWriter(tmp_path / "a.mcap", ROBOT, RUN, lossless=True) as log:
             for number in range(100):
-                log.append(samples.tick(number), None)
+                log.append(TickRecord(tick=samples.tick(number)))
             if then is not None:
                 raise then
 
@@ -303,10 +304,10 @@ def test_wrong_row_is_dropped_and_explained(
     bad = samples.tick(1)
     object.__setattr__(bad.measurement, "position", np.zeros(N - 1))
     with LogWriter(tmp_path / "a.mcap", ROBOT, {}) as log:
-        log.append(samples.tick(0), None)
-        log.append(bad, None)
-        log.append(cast("object", None), None)  # type: ignore[arg-type]
-        log.append(samples.tick(2), None)
+        log.append(TickRecord(tick=samples.tick(0)))
+        log.append(TickRecord(tick=bad))
+        log.append(TickRecord(tick=cast("object", None)))  # type: ignore[arg-type]
+        log.append(TickRecord(tick=samples.tick(2)))
     assert log.dropped == 2
     assert "2 rows are missing (" in caplog.text
     assert read_log(tmp_path / "a.mcap")["tick"].tolist() == [0, 2]
@@ -321,7 +322,9 @@ def test_contact_that_is_no_json_is_dropped(
     object.__setattr__(numpy_like, "direction", np.int8(1))
     object.__setattr__(numpy_like, "intensity", np.float64(2.5))
     with LogWriter(tmp_path / "a.mcap", ROBOT, {}) as log:
-        log.append(samples.tick(0), samples.observation(bad, numpy_like, good))
+        log.append(
+            TickRecord(tick=samples.tick(0), observation=samples.observation(bad, numpy_like, good))
+        )
     assert log.dropped == 1
     assert "is neither text nor number" in caplog.text
     assert read_log(tmp_path / "a.mcap").contacts == [numpy_like, good]
@@ -332,7 +335,7 @@ def test_close_again_and_append_after_close(tmp_path: Path) -> None:
     log.close()
     size = log.path.stat().st_size
     log.close()
-    log.append(Samples().tick(0), None)
+    log.append(TickRecord(tick=Samples().tick(0)))
     assert log.dropped == 1
     assert log.path.stat().st_size == size
 

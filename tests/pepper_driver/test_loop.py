@@ -1,5 +1,6 @@
 """The tick: what is paired with what, in which order, and what happens when something fails."""
 
+from collections.abc import Callable
 from dataclasses import fields, is_dataclass, replace
 from typing import Any, Literal
 
@@ -8,10 +9,10 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
-from pepper_driver.timing import STAGES
 
 from pepper_driver.backends import Truth
 from pepper_driver.backends.interface import LONGEST_WAY
+from pepper_driver.backends.mock import Fault, MockBackend
 from pepper_driver.config import (
     ControllerSettings,
     RobotConfig,
@@ -19,74 +20,69 @@ from pepper_driver.config import (
     load_robot,
     load_safety_settings,
 )
-from pepper_driver.controller import Reference, Sent, Tick, WholeBodyController
-from pepper_driver.loop import Loop
+from pepper_driver.controller import Reference, Tick, WholeBodyController
+from pepper_driver.loop import Loop, TickRecord
 from pepper_driver.observer import Contact, Observation, Observer
-from pepper_driver.reflexes import Control, Reflex, Reflexes
+from pepper_driver.realtime import STAGES
+from pepper_driver.reflexes import Arbiter, Reflex, ReflexRequests, prepare_reflexes
 from pepper_driver.robot import Pepper
 from pepper_driver.safety import FaultError, FaultReason, RobotState, SafetyGate
 
-from fakes import FakeBackend, Fault, aged, displaced, slowed  # isort: skip
+from fakes import aged, displaced, slowed  # isort: skip
 
 ROBOT = load_robot()
 Array = NDArray[np.float64]
 
 
 def make_loop(
-    backend: FakeBackend,
+    backend: MockBackend,
     observer: Observer | None = None,
     reflexes: tuple[Reflex, ...] = (),
-    delivered: list[Tick] | None = None,
+    publish: Callable[[TickRecord], None] = lambda _: None,
     feedback: Literal["none", "joints"] = "none",
     gated: tuple[RobotConfig, ControllerSettings] | None = None,
-    log: Any = None,
 ) -> tuple[Loop, SafetyGate, WholeBodyController]:
     gains = replace(load_controller_settings(ROBOT), feedback=feedback)
     controller = WholeBodyController(ROBOT, gains)
     robot, limits = gated or (ROBOT, gains)
     gate = SafetyGate(robot, load_safety_settings(), limits)
-    first = backend.open()
+    backend.open()
+    first = backend.activate()
     start = first.position
     controller.reset(start)
     gate.activate(start)
     loop = Loop(
         backend,
         ROBOT,
-        controller,
+        Arbiter(controller, ROBOT, prepare_reflexes(reflexes, ROBOT)),
         gate,
         first=first,
         observer=observer,
-        reflexes=Reflexes(reflexes, ROBOT),
-        log=log,
-        deliver=lambda tick, *_: delivered.append(tick) if delivered is not None else None,
+        publish=publish,
     )
     return loop, gate, controller
+
+
+def turn(loop: Loop, angle: float) -> None:
+    """Request that the left shoulder goes by an angle [rad]."""
+    target = loop.arbiter.target.copy()
+    target[6] += angle
+    loop.arbiter.move_to(target)
 
 
 @pytest.mark.parametrize("delay", [0, 1, 3])
 def test_a_measurement_is_paired_with_the_command_it_answers(delay: int) -> None:
     """The fake joint shows the command of ``delay`` ticks ago, so the tracking error must vanish."""
-    loop, _, _ = make_loop(FakeBackend(delay=delay))
-    loop.target = loop.target.copy()
-    loop.target[6] += 0.5
+    loop, _, _ = make_loop(MockBackend(delay=delay))
+    turn(loop, 0.5)
     for _ in range(60):
-        tick = loop.tick()
+        tick = loop.tick().tick
         np.testing.assert_array_equal(tick.sent.position, tick.measurement.position)
     assert abs(tick.sent.position[6] - ROBOT.posture("Stand")[6]) > 0.1
 
 
 def answering(ago: int) -> Fault:
     return lambda measurement: replace(measurement, answers=ago)
-
-
-class Notebook:
-    """In place of a log: keeps what no tick answers."""
-
-    def __init__(self) -> None:
-        self.unanswered: list[list[tuple[int, Sent]]] = []
-
-    def append(self, *_: object, unanswered: list[tuple[int, Sent]], **__: object) -> None:
-        self.unanswered.append(unanswered)
 
 
 @settings(max_examples=25)
@@ -98,29 +94,30 @@ class Notebook:
 @example([0, 3] + 70 * [80] + [2, 0])
 def test_each_command_is_answered_or_known_not_to_be(answers: list[int]) -> None:
     """Whatever a backend says of its samples: late, twice, lost, older than all that is known."""
-    backend, notebook = FakeBackend(), Notebook()
-    loop, _, _ = make_loop(backend, log=notebook)
-    loop.target = loop.target.copy()
-    loop.target[6] += 0.5
+    backend = MockBackend()
+    loop, _, _ = make_loop(backend)
+    turn(loop, 0.5)
     answered: list[int] = []
     for step, ago in enumerate(answers):
         backend.faults[step + 1] = answering(ago)
-        sent = loop.tick().sent
+        record = loop.tick()
         place = max(0, step - ago, step - LONGEST_WAY)
-        assert sent is backend.commands[place]
+        # The arm moves in every tick: each command has a position of its own.
+        written = [command.position.tobytes() for command in backend.commands]
+        assert len(set(written)) == len(written)
+        assert record.tick.sent.position.tobytes() == written[place]
         first = max(answered, default=0) + 1
-        late = [(ago, entry.command) for ago, entry in notebook.unanswered[-1]]
+        late = [(ago, entry.command.position.tobytes()) for ago, entry in record.unmatched]
         expected = range(max(first, step - LONGEST_WAY), place)
-        assert late == [(step - k, backend.commands[k]) for k in expected]
+        assert late == [(step - k, written[k]) for k in expected]
         answered.append(place)
 
 
 def test_the_reference_in_a_tick_is_the_one_its_command_was_made_from() -> None:
-    loop, _, _ = make_loop(FakeBackend(delay=2))
-    loop.target = loop.target.copy()
-    loop.target[6] += 0.3
+    loop, _, _ = make_loop(MockBackend(delay=2))
+    turn(loop, 0.3)
     for _ in range(40):
-        tick = loop.tick()
+        tick = loop.tick().tick
         np.testing.assert_array_equal(tick.reference.position, tick.sent.position)
 
 
@@ -129,10 +126,9 @@ def test_transport_is_no_error_of_a_closed_loop() -> None:
     trails: list[Array] = []
     feedback: Literal["none", "joints"]
     for feedback in ("none", "joints"):
-        backend = FakeBackend(delay=3)
+        backend = MockBackend(delay=3)
         loop, _, _ = make_loop(backend, feedback=feedback)
-        loop.target = loop.target.copy()
-        loop.target[6] += 0.5
+        turn(loop, 0.5)
         for _ in range(100):
             loop.tick()
         trails.append(np.array([command.position[6] for command in backend.commands]))
@@ -173,20 +169,20 @@ class Reach(Reflex):
     def __init__(self) -> None:
         self.calls = 0
 
-    def step(self, observation: Observation, measurement: Any, control: Control) -> None:
+    def step(self, observation: Observation, measurement: Any, requests: ReflexRequests) -> None:
         self.calls += 1
         if self.calls == 3:
-            self.wanted = control.controller.position
+            self.wanted = requests.controller.position
             self.wanted[6] += 0.2
         if self.calls >= 3:
-            control.posture = self.wanted
+            requests.hold_posture(self.wanted, 100.0)
 
     def reset(self) -> None:
         self.calls = 0
 
 
 def test_a_reflex_acts_in_the_tick_it_is_called_in() -> None:
-    backend = FakeBackend()
+    backend = MockBackend()
     loop, _, _ = make_loop(backend, observer=Spy(), reflexes=(Reach(),))
     for _ in range(2):
         loop.tick()
@@ -200,18 +196,18 @@ class Creep(Reflex):
 
     wanted: Array | None = None
 
-    def step(self, observation: Observation, measurement: Any, control: Control) -> None:
+    def step(self, observation: Observation, measurement: Any, requests: ReflexRequests) -> None:
         if self.wanted is None:
-            self.wanted = control.controller.position
+            self.wanted = requests.controller.position
         self.wanted[6] += 0.002
-        control.posture = self.wanted
+        requests.hold_posture(self.wanted, 5.0)
 
     def reset(self) -> None:
         self.wanted = None
 
 
 def test_a_posture_that_a_reflex_changes_in_place_is_followed() -> None:
-    backend = FakeBackend()
+    backend = MockBackend()
     loop, _, controller = make_loop(backend, observer=Spy(), reflexes=(Creep(),))
     start = controller.position[6]
     for _ in range(300):
@@ -220,13 +216,13 @@ def test_a_posture_that_a_reflex_changes_in_place_is_followed() -> None:
 
 
 def test_a_listener_that_fails_does_not_keep_a_fault_from_the_robot() -> None:
-    backend = FakeBackend()
+    backend = MockBackend()
 
-    def fail(tick: Tick, observation: Observation | None, events: object) -> None:
-        raise KeyError("a user's mistake")
+    def fail(record: TickRecord) -> None:
+        if record.tick.measurement.tick == 61:
+            raise KeyError("a user's mistake")
 
-    loop, gate = driving(backend, observer=Spy(), reflexes=(Broken("raises"),))
-    loop._deliver = fail
+    loop, gate = driving(backend, observer=Spy(), reflexes=(Broken("raises"),), publish=fail)
     with pytest.raises(KeyError):
         loop.tick()
     assert gate.state is RobotState.FAULT
@@ -235,7 +231,7 @@ def test_a_listener_that_fails_does_not_keep_a_fault_from_the_robot() -> None:
 
 def test_what_the_gate_changed_is_flagged_and_fed_back() -> None:
     """A clamped command must not look like a touch, nor may the controller run ahead of the robot."""
-    backend = FakeBackend()
+    backend = MockBackend()
     spy = Spy()
     loop, _, controller = make_loop(backend, observer=spy)
 
@@ -260,11 +256,10 @@ def test_what_the_gate_changed_is_flagged_and_fed_back() -> None:
 
 
 def test_the_controller_does_not_run_ahead_of_a_robot_that_the_gate_slows() -> None:
-    backend = FakeBackend()
+    backend = MockBackend()
     slow = slowed(load_controller_settings(ROBOT), 0.001 / ROBOT.cycle / 1.5)
     loop, gate, controller = make_loop(backend, gated=(ROBOT, slow))
-    loop.target = loop.target.copy()
-    loop.target[6] += 0.5
+    turn(loop, 0.5)
     for _ in range(60):
         loop.tick()
         assert abs(controller.position[6] - gate.sent.position[6]) < 1e-12
@@ -275,10 +270,9 @@ def test_the_controller_does_not_run_ahead_of_a_robot_that_the_gate_slows() -> N
     ("fault", "word"), [(aged(0.15), "old"), (displaced(4, np.nan), "not a number")]
 )
 def test_a_fault_stops_the_robot_and_is_told(fault: Any, word: str) -> None:
-    backend = FakeBackend()
+    backend = MockBackend()
     loop, gate, _ = make_loop(backend)
-    loop.target = loop.target.copy()
-    loop.target[6] += 0.5
+    turn(loop, 0.5)
     backend.faults[20] = fault
     for _ in range(19):
         loop.tick()
@@ -288,7 +282,7 @@ def test_a_fault_stops_the_robot_and_is_told(fault: Any, word: str) -> None:
     stands_still(backend, loop, 20)
 
 
-def stands_still(backend: FakeBackend, loop: Loop, commands: int) -> None:
+def stands_still(backend: MockBackend, loop: Loop, commands: int) -> None:
     """After so many commands the robot was told to hold its joints and stop its wheels, and is told nothing else."""
     before, after = backend.commands[commands - 1], backend.commands[commands:]
     assert after
@@ -303,12 +297,11 @@ def stands_still(backend: FakeBackend, loop: Loop, commands: int) -> None:
     assert len(backend.commands) == commands + len(after)
 
 
-def driving(backend: FakeBackend, **parts: Any) -> tuple[Loop, SafetyGate]:
+def driving(backend: MockBackend, **parts: Any) -> tuple[Loop, SafetyGate]:
     """A loop whose arm and wheels move."""
-    loop, gate, controller = make_loop(backend, **parts)
-    loop.target = loop.target.copy()
-    loop.target[6] += 0.5
-    controller.base_velocity.target = np.array([0.2, 0.0, 0.0])
+    loop, gate, _ = make_loop(backend, **parts)
+    turn(loop, 0.5)
+    loop.arbiter.drive(np.array([0.2, 0.0, 0.0]))
     for _ in range(60):
         loop.tick()
     assert np.abs(backend.commands[-1].wheel_speed).max() > 0.3
@@ -316,7 +309,7 @@ def driving(backend: FakeBackend, **parts: Any) -> tuple[Loop, SafetyGate]:
 
 
 def test_an_emergency_stop_reaches_the_robot() -> None:
-    backend = FakeBackend()
+    backend = MockBackend()
     loop, gate = driving(backend)
     gate.stop(FaultReason.EMERGENCY_STOP, "emergency stop")
     with pytest.raises(FaultError, match="emergency stop"):
@@ -330,34 +323,36 @@ class Broken(Reflex):
     def __init__(self, harm: str) -> None:
         self.harm, self.calls = harm, 0
 
-    def step(self, observation: Observation, measurement: Any, control: Control) -> None:
+    def step(self, observation: Observation, measurement: Any, requests: ReflexRequests) -> None:
         self.calls += 1
         if self.calls <= 60:
             return
         if self.harm == "raises":
             raise ZeroDivisionError("a user's mistake")
         if self.harm == "posture":
-            control.posture = np.full(17, np.nan)
+            requests.posture = np.full(17, np.nan)
         if self.harm == "stiffness":
-            control.stiffness = np.zeros(16)
+            requests.stiffness = np.zeros(16)
         if self.harm == "gain":
-            control.posture_stiffness = -1.0
+            requests.hold_posture(requests.controller.position, -1.0)
 
     def reset(self) -> None:
         self.calls = 0
 
 
 @pytest.mark.parametrize("harm", ["raises", "posture", "stiffness", "gain"])
-def test_a_broken_reflex_stops_the_robot_and_the_tick_is_delivered(harm: str) -> None:
-    backend, delivered = FakeBackend(), list[Tick]()
-    loop, gate = driving(backend, observer=Spy(), reflexes=(Broken(harm),), delivered=delivered)
+def test_a_broken_reflex_stops_the_robot_and_the_tick_is_published(harm: str) -> None:
+    backend, published = MockBackend(), list[TickRecord]()
+    loop, gate = driving(
+        backend, observer=Spy(), reflexes=(Broken(harm),), publish=published.append
+    )
     with pytest.raises(FaultError) as caught:
         loop.tick()
     assert gate.state is RobotState.FAULT
     if harm == "raises":
         assert "ZeroDivisionError" in str(caught.value)
         assert isinstance(caught.value.__cause__, ZeroDivisionError)
-    assert len(delivered) == 61
+    assert len(published) == 61
     stands_still(backend, loop, 61)
 
 
@@ -369,7 +364,7 @@ class BrokenObserver(Spy):
 
 
 def test_a_broken_observer_stops_the_robot() -> None:
-    backend = FakeBackend()
+    backend = MockBackend()
     loop, _ = driving(backend, observer=BrokenObserver())
     with pytest.raises(FaultError, match="RuntimeError"):
         loop.tick()
@@ -417,7 +412,7 @@ def test_nothing_reachable_from_a_tick_leads_to_the_truth() -> None:
 
 
 def test_every_stage_is_timed() -> None:
-    loop, _, _ = make_loop(FakeBackend())
+    loop, _, _ = make_loop(MockBackend())
     for _ in range(10):
         loop.tick()
     statistics = loop.times.statistics
@@ -429,13 +424,13 @@ def test_every_stage_is_timed() -> None:
 
 def test_wheels_that_the_gate_slows_keep_the_direction_and_the_controller_knows() -> None:
     """The gate's limit is below the controller's: what that integrates is what the wheels were sent."""
-    backend = FakeBackend(delay=0)
+    backend = MockBackend(delay=0)
     slow = replace(ROBOT, wheels=replace(ROBOT.wheels, speed_limit=0.5))
     loop, _, controller = make_loop(backend, gated=(slow, load_controller_settings(ROBOT)))
     twist = np.array([0.15, 0.05, 0.2])
-    controller.base_velocity.target = twist
+    loop.arbiter.drive(twist)
     for _ in range(200):
-        tick = loop.tick()
+        tick = loop.tick().tick
     sent = np.linalg.solve(ROBOT.wheels.matrix, tick.sent.wheel_speed)
     assert np.abs(tick.sent.wheel_speed).max() == pytest.approx(0.5)
     wanted = tick.reference.base_twist

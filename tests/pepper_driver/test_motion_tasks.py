@@ -1,5 +1,6 @@
 """The tasks of motions: each gets the robot to its target, and ends when it shall."""
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -7,13 +8,13 @@ import pytest
 
 from pepper_driver import Pepper
 from pepper_driver.backends import Measurement
+from pepper_driver.backends.mock import MockBackend
 from pepper_driver.config.parts import FloatArray
 from pepper_driver.controller import Tick
 from pepper_driver.motion_report import StepReport
 from pepper_driver.observer import Observation
 
 # isort: off
-from fakes import FakeBackend
 from motion_cases import (
     ARM,
     PLACE,
@@ -52,7 +53,7 @@ def test_what_is_measured_is_of_the_robot_and_not_of_the_reference() -> None:
     step = {"duration": 2.0, "position": REACH, "joints": {"HeadYaw": 0.3, "HeadPitch": 0.0}}
     with make_pepper() as pepper:
         backend = pepper.backend
-        assert isinstance(backend, FakeBackend)
+        assert isinstance(backend, MockBackend)
         shifted = ROBOT.joint_index("LShoulderRoll")
 
         def shift(measurement: Measurement) -> Measurement:
@@ -134,8 +135,14 @@ def test_a_task_has_the_gains_of_the_motion() -> None:
     assert gains["right"] == (10.0, 1e4)  # the usual ones
 
 
+def blocked(measurement: Measurement) -> Measurement:
+    return replace(measurement, wheel_speed=np.zeros(3))
+
+
 def test_the_base_goes_where_it_shall_and_is_held_again() -> None:
     with make_pepper() as pepper:
+        assert isinstance(pepper.backend, MockBackend)
+        pepper.backend.faults = dict.fromkeys(range(2000), blocked)
         before = snapshot(pepper)
         report = pepper.play(
             make_motion(
@@ -150,7 +157,7 @@ def test_the_base_goes_where_it_shall_and_is_held_again() -> None:
         assert goal.name == "base"
         assert goal.commanded.metres is not None
         assert goal.commanded.radians is not None
-        # The fake's wheels never turned.
+        # The wheels were blocked.
         assert goal.measured.radians == pytest.approx(0.6, abs=0.02)
 
 

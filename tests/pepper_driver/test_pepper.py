@@ -122,11 +122,11 @@ def test_a_full_disk_does_not_disturb_the_run(
 ) -> None:
     limit_disk(monkeypatch, 30_000)
     pepper = Pepper("mujoco", observer=None, log=tmp_path / "run.mcap")
-    pepper.activate()
+    pepper.start()
     pepper.run(2.0)
     assert pepper.state is RobotState.ACTIVE
     with pytest.raises(LogError, match="No space left on device"):
-        pepper.close()
+        pepper.stop()
     assert 0 < len(read_log(tmp_path / "run.mcap")) < 2.0 / 0.012
 
 
@@ -250,7 +250,7 @@ def test_nothing_works_outside_the_block() -> None:
         pepper.run(1.0)
     with pytest.raises(BackendError, match="with Pepper"):
         pepper.set_posture("Stand")
-    pepper.close()
+    pepper.stop()
 
 
 def test_unknown_names_are_refused_before_anything_moves(tmp_path: Path) -> None:
@@ -289,7 +289,7 @@ def test_a_robot_that_does_not_open_costs_no_earlier_log(tmp_path: Path) -> None
     pepper = Pepper("mujoco", observer=None, log=path)
     pepper.backend.open()  # taken already
     with pytest.raises(BackendError, match="already open"):
-        pepper.activate()
+        pepper.start()
     assert path.read_bytes() == b"an earlier log"
 
 
@@ -319,7 +319,7 @@ def test_an_unwritable_log_is_refused_before_anything_moves(tmp_path: Path) -> N
     blocked.write_text("")
     pepper = Pepper("mujoco", observer=None, log=blocked / "run.mcap")
     with pytest.raises(PepperError, match="file"):
-        pepper.activate()
+        pepper.start()
     assert pepper.state is RobotState.INACTIVE
     assert pepper.backend.open().tick == 0  # it was closed again
-    pepper.close()
+    pepper.stop()

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from fakes import FakeBackend
+from fakes import quiet
 from test_log_samples import ROBOT, Samples
 
 from pepper_driver.backends import Measurement
@@ -20,6 +20,7 @@ from pepper_driver.labeller import Labeller, make_labeller
 from pepper_driver.labelling import LabelError, pushes_of, recording_of
 from pepper_driver.log import Label, LogData, LogWriter, read_log
 from pepper_driver.log.label import LabelPhase
+from pepper_driver.loop import TickRecord
 from pepper_driver.observer import RecordingBuilder, RecordingError
 
 TOUCH = list(ROBOT.sensors.touch)
@@ -27,10 +28,9 @@ TOUCH = list(ROBOT.sensors.touch)
 
 def sample(time: float, *touched: str) -> Measurement:
     """A measurement in which these sensors are touched or pressed."""
-    fake = FakeBackend(ROBOT).open()
     bumpers = np.array([float(name in touched) for name in ROBOT.sensors.bumpers])
     touch = np.array([float(name in touched) for name in TOUCH])
-    return replace(fake, time=time, touch=touch, bumpers=bumpers)
+    return replace(quiet(), time=time, touch=touch, bumpers=bumpers)
 
 
 def phases(labeller: Labeller, *ticks: tuple[str, ...]) -> list[tuple[float, str]]:
@@ -134,7 +134,7 @@ def written(path: Path, *labels: Label, ticks: int = 5) -> tuple[LogData, list[T
     made = [samples.tick(k) for k in range(ticks)]
     with LogWriter(path, ROBOT, {}, lossless=True) as log:
         for k, tick in enumerate(made):
-            log.append(tick, None, labels=labels if k == 0 else ())
+            log.append(TickRecord(tick=tick, labels=labels if k == 0 else ()))
     return read_log(path), made
 
 
@@ -150,14 +150,13 @@ def test_labels_come_back_as_they_were(tmp_path: Path) -> None:
 
 
 def test_a_recording_comes_back_from_a_log(tmp_path: Path) -> None:
-    fake = FakeBackend(ROBOT)
     samples = Samples(1)
     builder, path = RecordingBuilder(ROBOT), tmp_path / "a.mcap"
     with LogWriter(path, ROBOT, {}, lossless=True) as log:
         for k in range(20):
-            tick = finite(samples.tick(k), fake, k)
+            tick = finite(samples.tick(k), k)
             builder.append(tick)
-            log.append(tick, None)
+            log.append(TickRecord(tick=tick))
     expected, found = builder.finish(), recording_of(read_log(path), ROBOT)
     assert found.joint_names == ROBOT.joint_names
     for name, array in expected._arrays():
@@ -165,7 +164,7 @@ def test_a_recording_comes_back_from_a_log(tmp_path: Path) -> None:
         assert getattr(found, name).dtype == array.dtype
 
 
-def finite(tick: Tick, fake: FakeBackend, number: int) -> Tick:
+def finite(tick: Tick, number: int) -> Tick:
     """Made-up numbers, each another one, none of them wild."""
     rng = np.random.default_rng(number)
     imu = replace(
@@ -175,7 +174,7 @@ def finite(tick: Tick, fake: FakeBackend, number: int) -> Tick:
         attitude=rng.normal(size=3),
     )
     measurement = replace(
-        fake.open(),
+        quiet(),
         time=0.012 * number,
         age=float(rng.uniform()),
         position=rng.normal(size=17),
@@ -201,10 +200,10 @@ def finite(tick: Tick, fake: FakeBackend, number: int) -> Tick:
 
 
 def test_a_tick_that_repeats_a_cycle_is_left_out_of_the_recording(tmp_path: Path) -> None:
-    fake, samples, path = FakeBackend(ROBOT), Samples(1), tmp_path / "a.mcap"
+    samples, path = Samples(1), tmp_path / "a.mcap"
     with LogWriter(path, ROBOT, {}, lossless=True) as log:
         for k in (0, 1, 2, 2, 3, 3, 4):
-            log.append(finite(samples.tick(k), fake, k), None)
+            log.append(TickRecord(tick=finite(samples.tick(k), k)))
     assert len(read_log(path)["time"]) == 7
     assert len(recording_of(read_log(path), ROBOT)) == 5
 

@@ -14,13 +14,15 @@ from jitter_cases import Jittery
 from test_log_samples import same_bits
 
 from pepper_driver import Comply, FaultError, Hold, Pepper, Reflex, Retract, Soften, StopBase
-from pepper_driver.backends import Measurement
+from pepper_driver.backends import Measurement, NotConnectedError
 from pepper_driver.backends.log_file import LogError
+from pepper_driver.backends.mock import Fault, MockBackend
 from pepper_driver.cli.app import run as pepper_command
 from pepper_driver.config import PepperError, load_observer_settings, load_robot
 from pepper_driver.config.loading import package_file
 from pepper_driver.controller import Tick
 from pepper_driver.log import LogWriter, read_log
+from pepper_driver.loop import TickRecord
 from pepper_driver.observer import Observation, Observer, load_shipped
 from pepper_driver.replay import Comparison, Replayed, compare, load_run, replay
 from pepper_driver.replay.run import VALUES
@@ -280,6 +282,32 @@ def test_a_stop_by_hand_is_told_and_is_no_difference(tmp_path: Path) -> None:
     assert any("stopped at" in note for note in result.notes)
 
 
+def unplugged(measurement: Measurement) -> Measurement:
+    raise NotConnectedError("the connection was lost")
+
+
+@pytest.mark.parametrize(
+    ("fault", "error", "words"),
+    [
+        (lambda m: replace(m, commanded_by_others=("HeadYaw",)), FaultError, "HeadYaw"),
+        (unplugged, NotConnectedError, "the connection was lost"),
+    ],
+)
+def test_a_stop_that_no_measurement_shows_is_told_and_is_no_difference(
+    tmp_path: Path, fault: Fault, error: type[PepperError], words: str
+) -> None:
+    path = tmp_path / "a.mcap"
+    with Pepper("mock", observer=None, log=path) as pepper:
+        assert isinstance(pepper.backend, MockBackend)
+        pepper.backend.faults[30] = fault
+        with pytest.raises(error, match=words):
+            pepper.run(1.0)
+    found, result = replayed(path)
+    assert found.fault is None
+    assert result.identical, result.differences
+    assert any("stopped at" in note and words in note for note in result.notes)
+
+
 # -- not the same ---------------------------------------------------------------------------------------------------
 
 
@@ -380,7 +408,7 @@ def test_a_contact_lost_with_the_end_of_the_log_is_no_difference(log: Path, tmp_
     with LogWriter(path, ROBOT, run.log.metadata, lossless=True) as writer:
         for row, tick in enumerate(run.ticks[: last + 1]):
             values: dict[str, Any] = {name: run.log[name][row] for name in VALUES}
-            writer.append(tick, Observation(contacts=(), **values))
+            writer.append(TickRecord(tick=tick, observation=Observation(contacts=(), **values)))
     assert not replayed(path)[1].identical
     path.write_bytes(path.read_bytes()[:-8])
     assert replayed(path)[1].identical
@@ -412,7 +440,12 @@ def test_a_log_from_the_middle_of_a_motion_is_felt_as_well(tmp_path: Path) -> No
         pepper.set_posture({"LShoulderRoll": 0.9}, duration=1.0)
         pepper.run(0.5)
         with LogWriter(path, ROBOT, pepper.run_metadata(), lossless=True) as log:
-            pepper.run(0.7, on_tick=lambda tick, observation: log.append(tick, observation))
+            pepper.run(
+                0.7,
+                on_tick=lambda tick, observation: log.append(
+                    TickRecord(tick=tick, observation=observation)
+                ),
+            )
     run = load_run(path)
     assert not run.from_start
     result = compare(run, replay(run, run.observer("fusion")))
@@ -427,7 +460,7 @@ def edited(path: Path, to: Path, **metadata: str | None) -> Path:
     values = {k: v for k, v in {**log.metadata, **metadata}.items() if v is not None}
     with LogWriter(to, ROBOT, values, lossless=True) as writer:
         for tick in run.ticks[:50]:
-            writer.append(tick, None)
+            writer.append(TickRecord(tick=tick))
     return to
 
 

@@ -4,19 +4,18 @@ from dataclasses import dataclass
 
 import numpy as np
 import pytest
-from pepper_driver.reflexes.control import OVER_ALL
 
 from pepper_driver import Pepper, Reflex
 from pepper_driver.backends import Measurement
 from pepper_driver.config.parts import FloatArray
 from pepper_driver.controller import PostureTask, Tick
 from pepper_driver.observer import Contact, Observation
-from pepper_driver.reflexes import Control
+from pepper_driver.reflexes import ReflexRequests
+from pepper_driver.reflexes.requests import DOMINANT_WEIGHT
 
 # isort: off
 from motion_cases import ROBOT
 from reflex_cases import touch
-from fakes import FakeBackend
 from test_holding import Holder, Scripted, make_pepper
 # isort: on
 
@@ -29,14 +28,16 @@ class Lead(Reflex):
 
     way: float
 
-    def begin(self, contact: Contact, control: Control) -> None:
+    def begin(self, contact: Contact, requests: ReflexRequests) -> None:
         self.joints[ROLL] = True
-        self._task = PostureTask(["LShoulderRoll"], stiffness=100.0, weight=OVER_ALL)
-        self._task.target = [control.controller.position[ROLL] + self.way]
+        self._task = PostureTask(["LShoulderRoll"], stiffness=100.0, weight=DOMINANT_WEIGHT)
+        self._task.target = [requests.controller.position[ROLL] + self.way]
 
-    def act(self, observation: Observation, measurement: Measurement, control: Control) -> None:
-        if control.claim(self.joints):
-            control.do(self._task)
+    def act(
+        self, observation: Observation, measurement: Measurement, requests: ReflexRequests
+    ) -> None:
+        if requests.claim(self.joints):
+            requests.add_task(self._task)
 
 
 def trace(pepper: Pepper, seconds: float) -> FloatArray:
@@ -86,9 +87,7 @@ def test_while_another_reflex_holds_the_posture_nothing_is_led_back() -> None:
     """A held posture moves no other joint, so there is no way back; a spline would hold it less firmly."""
     script = {1.0: touch(), 2.0: touch(phase="end")}
     reflexes = [Lead(way=0.3, pause=0.0), Holder(0.5, 6.0)]
-    pepper = Pepper("mujoco", observer=Scripted(script), reflexes=reflexes)
-    pepper.backend = FakeBackend()
-    with pepper:
+    with Pepper("mock", observer=Scripted(script), reflexes=reflexes) as pepper:
         home = pepper.controller.position[ROLL]
         pepper.run(2.2)
         assert not pepper.controller.posture.driven

@@ -10,7 +10,7 @@ from pepper_driver.backends import Command
 from pepper_driver.config import load_controller_settings, load_robot, load_safety_settings
 from pepper_driver.safety import FaultError, FaultReason, RobotState, SafetyGate, StateError
 
-from fakes import FakeBackend, aged, displaced, reference  # isort: skip
+from fakes import aged, displaced, quiet, reference  # isort: skip
 
 ROBOT = load_robot()
 SAFETY = load_safety_settings()
@@ -122,8 +122,8 @@ def test_a_reference_that_is_no_number_is_a_fault(part: int) -> None:
 
 @pytest.mark.parametrize("age", [SAFETY.stale_fault + 0.001, np.nan, np.inf])
 def test_a_silent_robot_is_a_fault(age: float) -> None:
-    g, backend = gate(), FakeBackend()
-    g.watch(aged(age)(backend.open()), g.sent)
+    g = gate()
+    g.watch(aged(age)(quiet()), g.sent)
     assert_fault(g, FaultReason.STALE_SAMPLE, "old")
 
 
@@ -161,15 +161,15 @@ def test_whole_numbers_are_numbers() -> None:
 
 
 def test_a_sensor_that_is_no_number_is_a_fault() -> None:
-    g, backend = gate(), FakeBackend()
-    g.watch(displaced(2, np.nan)(backend.open()), g.sent)
+    g = gate()
+    g.watch(displaced(2, np.nan)(quiet()), g.sent)
     assert_fault(g, FaultReason.SENSOR, ROBOT.joint_names[2])
 
 
 def test_a_joint_far_from_its_command_is_a_fault_after_a_while() -> None:
-    g, backend = gate(), FakeBackend()
-    far = displaced(6, SAFETY.divergence + 0.1)(backend.open())
-    near = backend.open()
+    g = gate()
+    far = displaced(6, SAFETY.divergence + 0.1)(quiet())
+    near = quiet()
     ticks = round(SAFETY.divergence_time / ROBOT.cycle)
     for _ in range(ticks):
         g.watch(far, g.sent)
@@ -183,10 +183,10 @@ def test_a_joint_far_from_its_command_is_a_fault_after_a_while() -> None:
 
 
 def test_a_joint_without_stiffness_may_be_moved_by_hand() -> None:
-    g, backend = gate(), FakeBackend()
+    g = gate()
     soft = Command(position=STAND, stiffness=np.zeros(17), wheel_speed=STILL)
     for _ in range(200):
-        g.watch(displaced(6, 1.0)(backend.open()), soft)
+        g.watch(displaced(6, 1.0)(quiet()), soft)
     assert g.state is RobotState.ACTIVE
 
 

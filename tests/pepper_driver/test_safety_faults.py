@@ -12,6 +12,7 @@ import pytest
 
 from pepper_driver import Pepper
 from pepper_driver.backends import Measurement
+from pepper_driver.backends.mock import MockBackend
 from pepper_driver.config import (
     ConfigError,
     load_controller_settings,
@@ -22,10 +23,10 @@ from pepper_driver.config.loading import package_file
 from pepper_driver.config.parts import FloatArray
 from pepper_driver.controller import WholeBodyController
 from pepper_driver.loop import Loop
-from pepper_driver.reflexes import Reflexes
+from pepper_driver.reflexes import Arbiter
 from pepper_driver.safety import FaultError, FaultReason, NotReadyError, RobotState, SafetyGate
 
-from fakes import FakeBackend, aged, displaced, drained, heated, pressed  # isort: skip
+from fakes import aged, displaced, drained, heated, pressed, quiet  # isort: skip
 
 ROBOT = load_robot()
 SAFETY = load_safety_settings()
@@ -35,7 +36,7 @@ BEGIN = 60
 
 
 def drive(
-    backend: FakeBackend,
+    backend: MockBackend,
     harm: Callable[[Measurement], Measurement],
     ticks: int,
     lasting: int = 10**6,
@@ -44,28 +45,28 @@ def drive(
     """Drive an arm and the wheels for a number of ticks; harm from tick BEGIN on. ``seen`` is told each reference."""
     controller = WholeBodyController(ROBOT, CONTROLLER)
     gate = SafetyGate(ROBOT, SAFETY, CONTROLLER)
-    first = backend.open()
+    backend.open()
+    first = backend.activate()
     start = first.position
     controller.reset(start)
     gate.activate(start)
     loop = Loop(
         backend,
         ROBOT,
-        controller,
+        arbiter := Arbiter(controller, ROBOT),
         gate,
         first=first,
         observer=None,
-        reflexes=Reflexes((), ROBOT),
-        log=None,
-        deliver=lambda tick, observation, events: None,
+        publish=lambda record: None,
     )
-    loop.target = loop.target.copy()
-    loop.target[6] += 0.8
-    controller.base_velocity.target = np.array([0.2, 0.0, 0.0])
+    target = arbiter.target.copy()
+    target[6] += 0.8
+    arbiter.move_to(target)
+    arbiter.drive(np.array([0.2, 0.0, 0.0]))
     for tick in range(BEGIN, min(ticks, BEGIN + lasting)):
         backend.faults[tick] = harm
     for _ in range(ticks):
-        seen(loop.tick().reference.position)
+        seen(loop.tick().tick.reference.position)
     return loop, gate
 
 
@@ -83,7 +84,7 @@ def drive(
     ],
 )
 def test_harm_stops_arm_and_wheels(harm: Any, reason: FaultReason, word: str, within: int) -> None:
-    backend = FakeBackend()
+    backend = MockBackend()
     with pytest.raises(FaultError, match=word) as caught:
         drive(backend, harm, BEGIN + within)
     assert caught.value.fault.reason is reason
@@ -111,16 +112,16 @@ def test_harm_stops_arm_and_wheels(harm: Any, reason: FaultReason, word: str, wi
     ],
 )
 def test_what_is_bearable_or_short_changes_nothing(harm: Any, lasting: int) -> None:
-    quiet, backend = FakeBackend(), FakeBackend()
-    drive(quiet, lambda measurement: measurement, 280)
+    free, backend = MockBackend(), MockBackend()
+    drive(free, lambda measurement: measurement, 280)
     drive(backend, harm, 280, lasting)
-    for ours, theirs in zip(backend.commands, quiet.commands, strict=True):
+    for ours, theirs in zip(backend.commands, free.commands, strict=True):
         np.testing.assert_array_equal(ours.position, theirs.position)
         np.testing.assert_array_equal(ours.wheel_speed, theirs.wheel_speed)
 
 
 def test_an_old_sample_brakes_and_a_new_one_lets_go_on() -> None:
-    backend = FakeBackend()
+    backend = MockBackend()
     _, gate = drive(backend, aged(0.09), 400, lasting=40)
     assert gate.state is RobotState.ACTIVE
     position = np.array([command.position[6] for command in backend.commands])
@@ -139,7 +140,7 @@ def test_an_old_sample_brakes_and_a_new_one_lets_go_on() -> None:
 def test_while_samples_are_old_the_integrated_reference_stands_still() -> None:
     """Else the robot would have to catch up, at a jump, with all that it was not seen to do."""
     references: list[FloatArray] = []
-    drive(FakeBackend(), aged(0.09), 400, lasting=150, seen=references.append)
+    drive(MockBackend(), aged(0.09), 400, lasting=150, seen=references.append)
     position = np.array(references)
     moving = np.abs(np.diff(position[:BEGIN], axis=0)).max()
     assert moving > 0.005
@@ -154,7 +155,7 @@ def test_while_samples_are_old_the_integrated_reference_stands_still() -> None:
 def test_a_bumper_stops_the_base_until_some_time_after_it_was_let_go(
     index: int, caplog: pytest.LogCaptureFixture
 ) -> None:
-    backend, free = FakeBackend(), FakeBackend()
+    backend, free = MockBackend(), MockBackend()
     lasting, wait = 50, round(SAFETY.bumper_release / ROBOT.cycle)
     with caplog.at_level(logging.WARNING):
         _, gate = drive(backend, pressed("bumpers", index), 400, lasting)
@@ -182,7 +183,7 @@ def test_a_bumper_that_cannot_be_read_and_an_open_charging_flap_stop_the_base() 
         lambda m: replace(m, charging_flap=1.0),
     ]
     for harm in harms:
-        backend = FakeBackend()
+        backend = MockBackend()
         _, gate = drive(backend, harm, 120)
         assert gate.state is RobotState.ACTIVE
         assert gate.base_stopped
@@ -192,7 +193,7 @@ def test_a_bumper_that_cannot_be_read_and_an_open_charging_flap_stop_the_base() 
 
 def test_the_chest_button_can_be_switched_off_and_must_be_read_otherwise() -> None:
     off = replace(SAFETY, chest_button=False)
-    measurement = pressed("buttons")(FakeBackend().open())
+    measurement = pressed("buttons")(quiet())
     gate = SafetyGate(ROBOT, off, CONTROLLER)
     gate.activate(measurement.position)
     gate.watch(measurement, gate.sent)
@@ -209,7 +210,7 @@ def test_a_warning_comes_once_for_each_motor(caplog: pytest.LogCaptureFixture) -
         return drained(0.15)(heated(2, 70.0)(heated(9, 70.0)(measurement)))
 
     with caplog.at_level(logging.WARNING):
-        drive(FakeBackend(), harm, 400)
+        drive(MockBackend(), harm, 400)
     told = sorted(record.getMessage() for record in caplog.records)
     assert len(told) == 3
     assert told[0].startswith("the battery is at 15%")
@@ -232,15 +233,10 @@ def test_a_warning_comes_once_for_each_motor(caplog: pytest.LogCaptureFixture) -
 def test_a_robot_that_is_not_fit_is_not_activated(
     harm: Callable[[Measurement], Measurement], word: str
 ) -> None:
-    class Unfit(FakeBackend):
-        def open(self) -> Measurement:
-            return harm(super().open())
-
-    backend = Unfit()
-    pepper = Pepper("mujoco", observer=None)
-    pepper.backend = backend
+    pepper = Pepper("mock", observer=None)
+    pepper.backend = backend = MockBackend(faults={0: harm})
     with pytest.raises(NotReadyError, match=word):
-        pepper.activate()
+        pepper.start()
     assert backend.calls == ["open", "close"]
     assert backend.commands == []
     assert pepper.state is RobotState.INACTIVE
@@ -248,7 +244,7 @@ def test_a_robot_that_is_not_fit_is_not_activated(
 
 def test_all_reasons_are_told_at_once() -> None:
     gate = SafetyGate(ROBOT, SAFETY, CONTROLLER)
-    measurement = drained(0.02)(heated(1, 90.0)(FakeBackend().open()))
+    measurement = drained(0.02)(heated(1, 90.0)(quiet()))
     with pytest.raises(NotReadyError) as caught:
         gate.check_ready(measurement)
     assert "battery is at 2%" in str(caught.value)

@@ -11,7 +11,7 @@ from pepper_driver.config import load_controller_settings, load_robot, load_safe
 from pepper_driver.config.parts import FloatArray
 from pepper_driver.safety import FaultReason, RobotState, SafetyGate
 
-from fakes import FakeBackend, displaced, reference  # isort: skip
+from fakes import displaced, quiet, reference  # isort: skip
 
 ROBOT = load_robot()
 SAFETY = load_safety_settings()
@@ -29,7 +29,7 @@ def gate() -> SafetyGate:
 
 
 def told(stiffness: FloatArray | None) -> Measurement:
-    return replace(FakeBackend().open(), stiffness=stiffness)
+    return replace(quiet(), stiffness=stiffness)
 
 
 def less(by: float, *joints: int) -> FloatArray:
@@ -111,12 +111,12 @@ def watched(
     change: Callable[[int, Measurement], Measurement], *, joint: int = ELBOW, ticks: int = 40
 ) -> SafetyGate:
     """A gate that has seen ``joint`` stand far from its command, with currents that tremble, but where changed."""
-    g, backend = gate(), FakeBackend()
+    g = gate()
     random = np.random.default_rng(1)
     far = displaced(joint, SAFETY.silent + 0.05)
     for tick in range(ticks):
         current = np.float64(0.016) * random.integers(10, 14, 17)
-        measurement = far(replace(backend.open(), current=current))
+        measurement = far(replace(quiet(), current=current))
         g.watch(change(tick, measurement), g.sent)
     return g
 
@@ -212,7 +212,7 @@ def test_what_another_program_commands_stops_the_robot_and_is_named(
 def test_why_samples_stay_away_is_told() -> None:
     g = gate()
     missing = "no answer from RElbowYaw, whose board is off or unplugged"
-    g.watch(replace(FakeBackend().open(), age=0.2, missing=missing), g.sent)
+    g.watch(replace(quiet(), age=0.2, missing=missing), g.sent)
     assert g.fault is not None
     assert g.fault.reason is FaultReason.STALE_SAMPLE
     assert g.fault.text == f"the newest sample is 200 ms old: {missing}"

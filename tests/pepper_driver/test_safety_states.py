@@ -22,13 +22,13 @@ from pepper_driver.safety import (
 )
 from pepper_driver.safety.states import StateMachine
 
-from fakes import FakeBackend, aged, displaced, drained, heated, pressed, reference  # isort: skip
+from fakes import aged, displaced, drained, heated, pressed, quiet, reference  # isort: skip
 
 ROBOT = load_robot()
 SAFETY = load_safety_settings()
 CONTROLLER = load_controller_settings(ROBOT)
 STAND = ROBOT.posture("Stand")
-FINE = FakeBackend(ROBOT).open()
+FINE = quiet()
 
 HARM = {
     FaultReason.STALE_SAMPLE: aged(0.15),

@@ -15,7 +15,7 @@ import pytest
 
 from pepper_driver import Contact, FaultError, Pepper
 from pepper_driver.backends import BackendError
-from pepper_driver.callbacks.dispatcher import QUEUE, Dispatcher
+from pepper_driver.callbacks.dispatcher import QUEUE, Dispatcher, Subscription
 from pepper_driver.callbacks.events import FaultEvent, TickEvent
 from pepper_driver.callbacks.filters import SubscriptionError
 from pepper_driver.callbacks.waiting import stream_contacts, wait_for_contact
@@ -37,7 +37,8 @@ class Waiting:
         self._which = which
         self.thread = threading.Thread(target=self._wait)
         self.thread.start()
-        attached = pepper._active().dispatcher
+        assert pepper._session is not None
+        attached = pepper._session.dispatcher
         while self.thread.is_alive() and not attached.has_receiver(Contact):
             time.sleep(0.001)
 
@@ -173,7 +174,7 @@ def test_a_fault_ends_the_wait_of_all(stop: Callable[[Pepper], object]) -> None:
         assert isinstance(waiting.join(), FaultError)
         with pytest.raises(FaultError):
             pepper.wait_for_contact(timeout=1.0)
-        assert isinstance(Waiting(pepper, timeout=1.0).join(), FaultError)
+        assert isinstance(Waiting(pepper).join(), FaultError)
 
 
 def test_a_fault_while_it_runs_the_robot_is_raised() -> None:
@@ -218,7 +219,7 @@ class Ticking:
     def ticks_here(self) -> bool:
         return False
 
-    def run(self, *_: object) -> Never:
+    def run(self, ticks: int | None, *, until: Callable[[object], bool]) -> Never:
         raise AssertionError("the loop thread ticks, and no other")
 
     def check_fault(self) -> None:
@@ -417,8 +418,12 @@ def test_an_event_loop_that_is_gone_disturbs_nobody() -> None:
     loop.run_until_complete(asyncio.sleep(0))
     step.cancel()  # never gets to know
     loop.close()
-    dispatcher.publish(contact(1))
-    assert dispatcher.close()
+    seen: list[Contact] = []
+    dispatcher.subscribe(seen.append, Subscription(Contact))
+    for number in range(3):
+        dispatcher.publish(contact(number))
+    assert dispatcher.close(LONG)
+    assert seen == [contact(0), contact(1), contact(2)]
 
 
 def test_mistakes_are_told_when_it_is_called() -> None:

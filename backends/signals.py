@@ -1,0 +1,228 @@
+"""Signals that ask a program to end: SIGTERM and SIGHUP are exceptions, and none breaks off what must be finished."""
+
+from __future__ import annotations
+
+import signal
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from types import FrameType
+from typing import Any, ClassVar
+
+Handler = Callable[[int, FrameType | None], Any] | int | None
+
+MIN_INTERVAL = 1.0
+"""[s] from one SIGTERM or SIGHUP to the next that counts: a terminal that closes sends two, systemd one of each."""
+
+MAX_DEFERRAL = 30.0
+"""[s] from the begin of a block after which no signal is deferred: robots take seconds, so something hangs."""
+
+_TERMINATING = tuple(
+    getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)
+)
+
+_WORDS = {"SIGTERM": "terminated", "SIGHUP": "hung up"}
+
+
+class Terminated(KeyboardInterrupt, SystemExit):
+    """SIGTERM or SIGHUP came. Where nobody catches it, the program ends with the signal's exit code and no traceback.
+
+    Attributes:
+        code: Exit code: 128 and the number of the signal.
+    """
+
+    code: int
+
+    def __init__(self, number: int) -> None:
+        super().__init__(signal.Signals(number).name)
+        self.code = 128 + number
+
+
+def exit_code(error: KeyboardInterrupt) -> int:
+    """Return the exit code of a program that an interrupt ends."""
+    return error.code if isinstance(error, Terminated) else 128 + signal.SIGINT
+
+
+def describe_interrupt(error: KeyboardInterrupt) -> str:
+    """Return what ended a run, and the notes on it, in one line: ``terminated; log: runs/x.mcap``."""
+    return "; ".join((_WORDS.get(str(error), "interrupted"), *getattr(error, "__notes__", ())))
+
+
+# -- as exceptions ------------------------------------------------------------------------------------------------
+
+
+class _Blocks:
+    """Those of :func:`raised_signals` that are open."""
+
+    lock = threading.RLock()
+    open: ClassVar[set[object]] = set()
+    last_raised = -MIN_INTERVAL  # [s]
+
+
+@contextmanager
+def raised_signals() -> Iterator[bool]:
+    """Let SIGTERM and SIGHUP raise :class:`Terminated` in the main thread; the last block that ends puts all back.
+
+    A signal that is ignored or has a handler is left alone: also one that is deferred when the block begins. Blocks in
+    other threads change nothing by themselves.
+
+    Yields:
+        True where this block has changed something.
+    """
+    this = object()
+    try:
+        with _Blocks.lock:
+            _Blocks.open.add(this)
+            changed = _change(signal.SIG_DFL, _raise)
+        yield changed
+    finally:
+        with _Blocks.lock:
+            _Blocks.open.discard(this)
+            if not _Blocks.open:
+                _change(_raise, signal.SIG_DFL)
+
+
+def _change(before: Handler, after: Handler) -> bool:
+    """Give SIGTERM and SIGHUP another handler where theirs is ``before``; return True where one was."""
+    if not _in_main_thread():
+        return False
+    numbers = [number for number in _TERMINATING if signal.getsignal(number) is before]
+    for number in numbers:
+        signal.signal(number, after)
+    return bool(numbers)
+
+
+def _raise(number: int, frame: FrameType | None) -> None:
+    if _Deferral.current is not None:
+        _Deferral.current.add(number, _terminate)
+    elif _Blocks.open:
+        _terminate(number, frame)
+    else:  # the last ended in another thread, which cannot put handlers back
+        _handle(number, signal.SIG_DFL)
+
+
+def _terminate(number: int, frame: FrameType | None) -> None:
+    if time.monotonic() - _Blocks.last_raised >= MIN_INTERVAL:
+        _Blocks.last_raised = time.monotonic()
+        raise Terminated(number)
+
+
+# -- deferred -----------------------------------------------------------------------------------------------------
+
+
+@contextmanager
+def deferred_signals(*, checked: bool = False) -> Iterator[None]:
+    """Handle SIGINT, SIGTERM and SIGHUP after this block, whatever their handlers do; in other threads nothing changes.
+
+    Blocks may be nested: signals wait for the end of the outermost.
+
+    Args:
+        checked: Signals may also be handled inside, where :func:`check_signals` is called, until one has raised an
+            exception, or a nested block begins that is not ``checked``.
+    """
+    if not _in_main_thread():
+        yield
+        return
+    if _Deferral.current is not None:
+        _Deferral.current.nest(checked)
+        yield
+        return
+    deferral = _Deferral(checked)
+    try:
+        deferral.begin()
+        yield
+    finally:
+        deferral.end()
+
+
+@contextmanager
+def immediate_signals() -> Iterator[None]:
+    """Handle signals at once inside this block of a ``checked`` one; after the first that raises they wait again."""
+    deferral = _Deferral.current if _in_main_thread() else None
+    if deferral is None or not deferral.checked:
+        yield
+        return
+    try:
+        deferral.immediate = True
+        deferral.handle()
+        yield
+    finally:
+        deferral.immediate = False
+
+
+def check_signals() -> None:
+    """Handle the signals that wait, where the block allows it: to be called where a beginning can be broken off."""
+    deferral = _Deferral.current if _in_main_thread() else None
+    if deferral is not None and deferral.checked:
+        deferral.handle()
+
+
+class _Deferral:
+    """Signals that wait, and the handlers they wait for."""
+
+    current: _Deferral | None = None
+
+    def __init__(self, checked: bool) -> None:
+        self.checked, self.immediate = checked, False
+        self._waiting: dict[int, Handler] = {}
+        self._handlers: dict[int, Handler] = {}
+        self.nest(checked)
+
+    def nest(self, checked: bool) -> None:
+        """Begin a further block."""
+        self.checked &= checked
+        self._end = time.monotonic() + MAX_DEFERRAL
+
+    def begin(self) -> None:
+        _Deferral.current = self
+        for number in (*_TERMINATING, signal.SIGINT):
+            handler = signal.getsignal(number)
+            if handler not in (signal.SIG_IGN, None, _raise):  # the last one asks by itself
+                self._handlers[number] = handler
+                signal.signal(number, self._defer)
+
+    def end(self) -> None:
+        _Deferral.current = None
+        for number, handler in self._handlers.items():
+            if signal.getsignal(number) == self._defer:  # and not a new one
+                signal.signal(number, handler)
+        self.handle()
+
+    def add(self, number: int, handler: Handler) -> None:
+        """Let a signal wait, unless this is not the time."""
+        self._waiting[number] = handler
+        if self.immediate or time.monotonic() > self._end:
+            self.handle()
+
+    def handle(self) -> None:
+        """Handle all that wait, each even if another raises."""
+        if self._waiting:
+            checked, immediate = self.checked, self.immediate
+            self.checked = self.immediate = False
+            number = next(iter(self._waiting))
+            try:
+                _handle(number, self._waiting.pop(number))
+            finally:
+                self.handle()
+            self.checked, self.immediate = checked, immediate
+
+    def _defer(self, number: int, frame: FrameType | None) -> None:
+        handler = self._handlers[number]
+        if _Deferral.current is self:
+            self.add(number, handler)
+        else:  # this signal came before its handler was put back, or after another's raised an exception
+            signal.signal(number, handler)
+            _handle(number, handler)
+
+
+def _handle(number: int, handler: Handler) -> None:
+    if callable(handler):
+        handler(number, None)
+    else:
+        signal.signal(number, handler)
+        signal.raise_signal(number)
+
+
+def _in_main_thread() -> bool:
+    return threading.current_thread() is threading.main_thread()
