@@ -254,13 +254,10 @@ class Pepper:
         if session is None:
             return
         try:
-            try:
-                self._close(session)
-            except KeyboardInterrupt:
-                self._close(session)  # in case it came before it could be deferred
-                raise
-        except BaseException as raised:
-            error = raised
+            self._close(session)
+        except KeyboardInterrupt as late:
+            error = late
+            self._close(session)  # in case it came before it could be deferred
             raise
         finally:
             if isinstance(error, KeyboardInterrupt):

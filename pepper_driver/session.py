@@ -192,7 +192,7 @@ class Session:
             PepperError: The robot or the log cannot be opened, or the robot is not ready to move.
         """
         backend, robot = self._backend, self._robot
-        atexit.register(self.close)  # whatever a program leaves open
+        atexit.register(self.close)  # a program may forget to stop the robot
         self._rest.callback(atexit.unregister, self.close)
         try:
             with immediate_signals():  # it may wait for long, and nothing moves
@@ -230,7 +230,6 @@ class Session:
                     raise BackendError("the robot was stopped while it started")
                 self.active = True
                 if self._pacer.paced:
-                    atexit.register(self.close)  # a program may forget to stop the robot
                     self._ticked = self._pacer.clock()
                     self._rest.enter_context(realtime_process())
                     self._thread = threading.Thread(
@@ -290,7 +289,6 @@ class Session:
                     self._gate.deactivate()
                     self._backend.close()
             self._closed = True
-        atexit.unregister(self.close)
 
     # -- ticks ----------------------------------------------------------------------------------------------------
 

@@ -7,9 +7,10 @@ import signal
 import threading
 import time
 import warnings
-from collections.abc import Callable, Iterable, Iterator
-from contextlib import closing
+from collections.abc import Callable, Generator, Iterable, Iterator
+from contextlib import contextmanager
 from functools import partial
+from multiprocessing import resource_tracker
 from typing import TypeVar
 
 from joblib import Parallel, delayed
@@ -37,12 +38,32 @@ def run_jobs(
         initializer=end_with,
         initargs=(os.getpid(),),
     )
+    results: Generator[T] | None = None
     with warnings.catch_warnings():
         # Of workers replaced while jobs are long, and of results that nobody takes: nothing a user could act on.
         for message in ("A worker stopped", ".* adjusting the input task"):
             warnings.filterwarnings("ignore", message=message, category=UserWarning)
-        with closing(pool(delayed(job)() for job in jobs)) as results:
+        try:
+            with _deaf_processes():
+                results = pool(delayed(job)() for job in jobs)
             yield from results
+        finally:
+            if results is not None:
+                results.close()
+
+
+@contextmanager
+def _deaf_processes() -> Iterator[None]:
+    """Let processes that start here not hear Ctrl-C, not even while they import; it is not lost to this one."""
+    if not hasattr(signal, "pthread_sigmask"):  # Windows
+        yield
+        return
+    resource_tracker.ensure_running()  # which unblocks signals where it has to be started
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 def end_with(parent: int) -> None:

@@ -128,8 +128,17 @@ def test_a_wrong_input_is_one_line_and_code_2(
     assert "step stand" not in captured.out
 
 
-@pytest.mark.skipif(sys.platform == "win32", reason="signals")
-def test_ctrl_c_stops_the_robot_and_keeps_the_log(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("number", "code", "word"),
+    [
+        (signal.SIGINT, 130, "interrupted"),
+        (signal.SIGTERM, 143, "terminated"),
+        (signal.SIGHUP, 129, "hung up"),
+    ],
+)
+def test_ctrl_c_and_signals_stop_the_robot_and_keep_the_log(
+    tmp_path: Path, number: int, code: int, word: str
+) -> None:
     path = write(tmp_path, STAND, {"wait": {"seconds": 600.0}}, observer=None)
     log = tmp_path / "run.mcap"
     command = [sys.executable, "-m", "pepper_driver", "run", str(path), "--log", str(log)]
@@ -141,12 +150,12 @@ def test_ctrl_c_stops_the_robot_and_keeps_the_log(tmp_path: Path) -> None:
         for line in process.stdout:
             if "step wait" in line:
                 break
-        os.kill(process.pid, signal.SIGINT)
+        os.kill(process.pid, number)
         _, errors = process.communicate(timeout=60)
     finally:
         process.kill()
-    assert process.returncode == 130
+    assert process.returncode == code
     *missed, last = errors.splitlines()
-    assert last == "pepper: interrupted"
+    assert last == f"pepper: {word}; log: {log}"
     assert all("missed so far" in line for line in missed), errors  # on a busy machine
     assert read_log(log).complete

@@ -18,6 +18,7 @@ from jitter_cases import Jittery
 from numpy.typing import NDArray
 from waiting import wait_until
 
+from pepper_driver.backends.signals import describe_interrupt
 from pepper_driver.cli.app import run
 from pepper_driver.config import load_motion, load_robot, load_scenario
 from pepper_driver.keys import SpaceBar
@@ -62,7 +63,7 @@ def test_touches_of_a_sensor_are_labelled_when_they_happen(
     log = read_log(path)
     assert log.complete
     assert log.labels == told
-    assert (done.touches, done.released, done.interrupted, done.missing) == (2, True, False, 0)
+    assert (done.touches, done.released, done.interrupt, done.missing) == (2, True, None, 0)
     assert done.seconds == pytest.approx(2.4)
     assert len(log) == 200
     start = float(log["time"][0]) - CYCLE
@@ -146,7 +147,9 @@ def test_ctrl_c_ends_the_run_and_leaves_the_recording(tmp_path: Path) -> None:
         on_label=interrupt,
         on_start=lambda pepper: pusher(pepper, "Head/Touch/Rear", np.array([0, 0, -5.0]), 0.3),
     )
-    assert (done.interrupted, done.touches, done.released) == (True, 1, False)
+    assert (done.touches, done.released) == (1, False)
+    assert done.interrupt is not None
+    assert describe_interrupt(done.interrupt) == f"interrupted; log: {path}"
     log = read_log(path)
     assert log.complete
     assert 20 < len(log) < 60
@@ -283,7 +286,7 @@ def test_the_command_in_a_terminal(tmp_path: Path) -> None:
         os.close(far)
     assert process.returncode == 130
     *missed, last = err.splitlines()
-    assert last == "pepper: interrupted"
+    assert last == f"pepper: interrupted; log: {path}"
     assert all("missed so far" in line for line in missed), err  # on a busy machine
     assert out.splitlines()[-2].endswith(" s, 1 touch")
     log = read_log(path)
