@@ -36,6 +36,9 @@ from pepper_driver.config import ConfigError, RobotConfig
 
 FloatArray = NDArray[np.float64]
 
+NOT_LOGGED = ("missing", "commanded_by_others")
+"""Parts of a measurement that are in no row: why the robot was stopped says them."""
+
 
 class EndOfLogError(BackendError, EOFError):
     """The recording is over: it cannot say what the robot would have measured next."""
@@ -239,7 +242,7 @@ def _measurements(file: LogFile, robot: RobotConfig) -> tuple[Measurement, ...]:
         Imu(**dict(zip((f.name for f in fields(Imu)), values, strict=True)))
         for values in zip(*(_frozen(table[f"imu_{f.name}"]) for f in fields(Imu)), strict=True)
     ]
-    names = [f.name for f in fields(Measurement) if f.name not in ("imu", "missing")]
+    names = [f.name for f in fields(Measurement) if f.name not in ("imu", *NOT_LOGGED)]
     columns = [
         table[name].tolist() if table[name].ndim == 1 else _frozen(table[name]) for name in names
     ]

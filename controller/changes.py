@@ -16,6 +16,9 @@ Change = Callable[[], None]
 GIVE_WAY_TIME = 20e-6
 """[s] between two looks at whether other threads have made their changes."""
 
+MAX_GIVE_WAY_TIME = 1e-3
+"""[s] for which a tick is held up by threads that make one change after the other."""
+
 
 class Changes:
     """Keeper of one lock, which a tick holds from its beginning to its end, and a change while it is made.
@@ -56,7 +59,8 @@ class Changes:
 
     def give_way(self) -> None:
         """Let threads that wait to make a change go first: ticks without a pause would keep the lock from them."""
-        while self._waiting:
+        end = time.perf_counter() + MAX_GIVE_WAY_TIME
+        while self._waiting and time.perf_counter() < end:
             time.sleep(GIVE_WAY_TIME)
 
     @contextmanager

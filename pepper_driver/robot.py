@@ -428,8 +428,7 @@ class Pepper:
         """
         arbiter = self._active().loop.arbiter
         twist = finite_vector("a base twist (vx, vy, wz)", [vx, vy, wz], 3)
-        ticks = None if hold else round(DRIVE_TIME / self.config.cycle)
-        self._changes.make(lambda: arbiter.drive(twist, ticks))
+        self._changes.make(lambda: arbiter.drive(twist, None if hold else DRIVE_TIME))
 
     def add(self, part: Task | Constraint) -> None:
         """Have the robot follow a task, or keep a constraint, from the next tick on; before the start too.
@@ -529,7 +528,6 @@ class Pepper:
             FaultError: The safety gate stopped the robot.
         """
         session = self._active()
-        session.check_free()
         if not isinstance(motion, Motion):
             motion = load_motion(motion, self.config)
         player = Player(

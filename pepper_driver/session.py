@@ -45,6 +45,9 @@ CALLBACK_TIME = 2.0
 MAX_TICK_TIME = 1.0
 """[s] that a caller waits for a tick under way in another thread."""
 
+MAX_CLOSE_TIME = 10.0
+"""[s] that the end of a run waits for a robot to be closed in the middle of a tick."""
+
 MAX_CALLER_SILENCE = 0.06
 """[s] without a tick after which a robot whose caller ticks is brought to rest."""
 
@@ -265,9 +268,12 @@ class Session:
 
     @deferred_signals()
     def close(self) -> None:
-        """End the ticks, the robot's part, the log, the callbacks. Does nothing when closed. From any thread."""
-        self.active = False
-        current = threading.current_thread()
+        """End the ticks, the robot's part, the log, the callbacks. Does nothing when closed. From any thread.
+
+        Raises:
+            PepperError: The robot or the log cannot be closed. All else is.
+        """
+        self.active, hangs = False, False
         with self._closing:  # by one thread at a time, and not into another's tick
             if self._closed:
                 return
@@ -276,19 +282,47 @@ class Session:
                 wait.fail(self._closed_error())
             with self._rest:  # each is done even if the one before fails
                 try:
-                    outside = current not in (self._ticking, self._runner)
-                    if outside and self._turn.acquire(timeout=MAX_TICK_TIME):
-                        self._turn.release()
-                    if self._thread is not None and current not in (self._ticking, self._thread):
-                        self._thread.join(MAX_TICK_TIME)
-                        if self._thread.is_alive():
-                            logger.warning(
-                                "the robot is closed in the middle of a tick that does not end"
-                            )
+                    hangs = not self._wait_for_tick()
                 finally:
                     self._gate.deactivate()
-                    self._backend.close()
+                    if hangs:
+                        self._close_hanging_backend()
+                    else:
+                        self._backend.close()
             self._closed = True
+
+    def _wait_for_tick(self) -> bool:
+        """Wait for the end of a tick under way in another thread, and return True, unless it does not end."""
+        current, thread, ended = threading.current_thread(), self._thread, True
+        if current not in (self._ticking, self._runner):
+            ended = self._turn.acquire(timeout=MAX_TICK_TIME)
+            if ended:
+                self._turn.release()
+        if thread is not None and current not in (self._ticking, thread):
+            thread.join(MAX_TICK_TIME)
+            ended &= not thread.is_alive()
+        return ended
+
+    def _close_hanging_backend(self) -> None:
+        """Close a backend whose tick does not end: if that is its fault, closing does not end either."""
+        logger.warning("the robot is closed in the middle of a tick that does not end")
+        errors: list[BaseException] = []
+
+        def close() -> None:
+            try:
+                self._backend.close()
+            except BaseException as error:
+                errors.append(error)
+
+        thread = threading.Thread(target=close, name="closing", daemon=True)
+        thread.start()
+        thread.join(MAX_CLOSE_TIME)
+        if thread.is_alive():
+            raise BackendError(
+                f"'{self._backend.uri}' answers neither in a tick nor when it is closed: it may still be stiff"
+            )
+        for error in errors:
+            raise error
 
     # -- ticks ----------------------------------------------------------------------------------------------------
 

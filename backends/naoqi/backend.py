@@ -98,7 +98,7 @@ class NaoqiBackend(NaoqiRobot):
 
     @property
     def request_lead(self) -> float:
-        """Round trip of a sample, 99th percentile of a burst at ``open`` [s]."""
+        """Round trip of a sample, 99th percentile of a burst at ``open``, and a margin [s]; 0 on a slow way."""
         link = self._link
         return 0.0 if link is None else link.request_lead
 

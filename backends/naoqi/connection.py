@@ -205,7 +205,7 @@ class Connection:
             raise MissingServiceError(f"'{uri}': this robot has no {what}") from error
         except RuntimeError as error:
             reason = one_line(str(error))
-            if not self._session.isConnected():
+            if not self.connected:
                 raise NotConnectedError(f"'{uri}': the connection was lost at {what}") from error
             if "Cannot find service" in reason:
                 raise MissingServiceError(f"'{uri}': this robot has no service {what}") from error

@@ -30,8 +30,9 @@ TICK_PHASE = 0.6
 SAMPLE_PHASE = 0.2
 """[cycles] after a cycle of the robot at which its sample is requested at the earliest: its values are there then."""
 
-MAX_REQUEST_LEAD = 0.8
-"""[cycles] from requesting a sample to its tick, at most: the sample is over before the next one is requested."""
+MAX_REQUEST_LEAD = 0.65
+"""[cycles] from requesting a sample to its tick, at most. A sample that takes longer is asked for in the tick before:
+the command then is for the same cycle, and the sample has a whole cycle to come."""
 
 REQUEST_MARGIN = 0.0015
 """[s] added to the round trip of a sample: the pacer may wake up late."""
@@ -54,7 +55,7 @@ class Link:
     Attributes:
         trips: Round trips of calls.
         lead: From sending a command to its date [s].
-        request_lead: From requesting a sample to the tick that takes it [s].
+        request_lead: From requesting a sample to the tick that takes it [s]; 0 where the tick before asks for it.
         newest: What was measured last.
 
     Raises:
@@ -88,10 +89,12 @@ class Link:
         dcm, memory = connection.service("DCM"), connection.service("ALMemory")
         keys = SensorKeys(robot)
         sample_trips, answer = self._measure_samples(keys)
-        self.request_lead = min(sample_trips.p99 + REQUEST_MARGIN, MAX_REQUEST_LEAD * robot.cycle)
-        self._tick_phase = max(
-            TICK_PHASE * robot.cycle, SAMPLE_PHASE * robot.cycle + self.request_lead
-        )
+        lead, earliest = sample_trips.p99 + REQUEST_MARGIN, SAMPLE_PHASE * robot.cycle
+        if lead <= MAX_REQUEST_LEAD * robot.cycle:
+            self.request_lead = lead
+            self._tick_phase = max(TICK_PHASE * robot.cycle, earliest + lead)
+        else:
+            self.request_lead, self._tick_phase = 0.0, earliest
         first = keys.values(answer)
         if isinstance(first, str):
             raise BackendError(

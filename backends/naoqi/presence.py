@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import logging
 import os
+import time
 from datetime import UTC, datetime
 
 from pepper_driver.backends.interface import BackendError
@@ -19,6 +20,9 @@ NAME = "PepperDriver"
 
 ASK_TIME = 0.3
 """[s] in which another driver on this computer answers. On another computer it cannot be asked."""
+
+ATTEMPTS, PAUSE = 4, 0.02
+"""To register, and [s] between two of them."""
 
 
 class SecondDriverError(BackendError):
@@ -59,24 +63,31 @@ class Presence:
             SecondDriverError: Another program drives it, and this one was not told to do so all the same.
             NotConnectedError: The connection is lost.
         """
-        uri = self._connection.address.uri
-        try:
-            self._number = self._connection.register(NAME, DriverService())
-            return
-        except BackendError as error:
-            other = self._other()
-            if other is None:
-                logger.warning(
-                    "a second driver would not be noticed, as the robot keeps no service of ours: %s",
-                    error,
-                )
+        for _ in range(ATTEMPTS):
+            try:
+                self._number = self._connection.register(NAME, DriverService())
+            except BackendError as error:
+                refusal = error
+            else:
                 return
-            number, text = other
-            if not self._force:
-                raise SecondDriverError(
-                    f"'{uri}' is driven by another pepper_driver already: {text}; end that program, or add ?force=1 to "
-                    "drive it all the same"
-                ) from error
+            other = self._other()
+            if other is not None:
+                self._replace(*other)
+                return
+            time.sleep(PAUSE)  # a name is taken some milliseconds before it is listed
+        logger.warning(
+            "a second driver would not be noticed, as the robot keeps no service of ours: %s",
+            refusal,
+        )
+
+    def _replace(self, number: int, text: str) -> None:
+        """Take the place of another driver's service, where that is wanted."""
+        uri = self._connection.address.uri
+        if not self._force:
+            raise SecondDriverError(
+                f"'{uri}' is driven by another pepper_driver already: {text}; end that program, or add ?force=1 to "
+                "drive it all the same"
+            )
         logger.warning("'%s' is driven by another pepper_driver as well: %s", uri, text)
         try:
             self._connection.unregister(number, ASK_TIME)

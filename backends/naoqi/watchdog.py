@@ -6,7 +6,7 @@ PAUSE = 5.0
 """[cycles] without a tick that are more than some that were missed: nobody looked after the robot meanwhile."""
 
 NORMAL_AGE = 0.072
-"""[s] since the cycle of a sample, which takes 7 to 12 ms to its tick. Younger ones are late by whole cycles, as the
+"""[s] since the cycle of a sample, which takes 7 to 15 ms to its tick. Younger ones are late by whole cycles, as the
 observer counts; older ones are as old as they are."""
 
 

@@ -89,7 +89,8 @@ class Arbiter:
         self._rest: FloatArray | None = None  # where it stands while it is paused
         self._followed: FloatArray | None = self.target.copy()  # by the posture task
         self._duration: float | None = None
-        self._drive_ticks: int | None = None
+        self._drive_time: float | None = None
+        self._drive_end: float | None = None  # known from the next tick on
 
     # -- lasting requests of user and motion ----------------------------------------------------------------------
 
@@ -105,10 +106,10 @@ class Arbiter:
         self.target, self._duration = target, duration
         self._followed = None
 
-    def drive(self, twist: FloatArray, ticks: int | None = None) -> None:
-        """Request a twist of the base (3,), vx [m/s], vy [m/s], wz [rad/s], for some ticks; None for ever."""
+    def drive(self, twist: FloatArray, duration: float | None = None) -> None:
+        """Request a twist of the base (3,), vx [m/s], vy [m/s], wz [rad/s], for some time [s]; None for ever."""
         self.controller.base_velocity.target = twist
-        self._drive_ticks = ticks
+        self._drive_time, self._drive_end = duration, None
 
     def add(self, part: Task | Constraint) -> None:
         """Request a task, or that a constraint is kept; see :meth:`WholeBodyController.add`."""
@@ -134,10 +135,7 @@ class Arbiter:
             events = self._ask_reflexes(observation, measurement)
             self._exchange_tasks(tasks)
             self.stiffness = self._requests.stiffness
-        if self._drive_ticks is not None:
-            self._drive_ticks -= 1
-            if self._drive_ticks < 0:
-                self.drive(np.zeros(3))
+        self._watch_drive(measurement.time)
         self._follow_posture()
         return events
 
@@ -165,6 +163,15 @@ class Arbiter:
             self.controller.remove(task)
         for task in [task for key, task in now.items() if key not in before]:
             self.controller.add(task, enforce_limit=False)
+
+    def _watch_drive(self, time: float) -> None:
+        """Stop the base when the time is over for which it was to be driven."""
+        if self._drive_time is None:
+            return
+        if self._drive_end is None:
+            self._drive_end = time + self._drive_time - 0.5 * self._robot.cycle
+        elif time >= self._drive_end:
+            self.drive(np.zeros(3))
 
     def _follow_posture(self) -> None:
         """Lead the posture task to the posture of user or motion, or to the one that holds the whole robot."""

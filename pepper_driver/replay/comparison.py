@@ -27,7 +27,11 @@ SAME = 0.5
 ARITHMETIC = ("pepper_driver", "numpy", "pin")
 """Versions in the metadata that may change the last bits."""
 
-BY_HAND = FaultReason.EMERGENCY_STOP.value
+UNMEASURED = frozenset(
+    reason.value
+    for reason in (FaultReason.EMERGENCY_STOP, FaultReason.FOREIGN_COMMAND, FaultReason.LOST)
+)
+"""Reasons of stops that no recorded measurement shows."""
 
 T = TypeVar("T", Contact, LogEvent)
 
@@ -185,7 +189,7 @@ def _of_commands(run: RecordedRun, commands: CommandDifferences) -> Difference |
 
 
 def _of_fault(run: RecordedRun, found: Replayed) -> Difference | None:
-    """A stop that was none in the other. One by a program or a key is in no measurement: a replay goes on."""
+    """Return a stop that was none in the other; where no measurement shows why, the replay goes on."""
     fault, log = found.fault, run.log
     then = next((event for event in log.events if event.kind == "fault"), None)
     # Why no younger sample came follows in the text of then, and is in no row.
@@ -195,7 +199,7 @@ def _of_fault(run: RecordedRun, found: Replayed) -> Difference | None:
         and then.name == fault.reason.value
         and then.text.startswith(fault.text)
     )
-    if then is not None and not same and then.name != BY_HAND:
+    if then is not None and not same and then.name not in UNMEASURED:
         return Difference(time=then.time, text=f"stop of the robot: {then.text}: recorded only")
     lost = not log.complete and found.ticks == len(log)
     if fault is not None and then is None and not lost:

@@ -10,6 +10,7 @@ from time import monotonic
 from typing import Any
 
 import numpy as np
+import pytest
 from waiting import PATIENCE
 
 from pepper_driver.backends import Backend
@@ -21,6 +22,7 @@ from pepper_driver.controller.changes import Changes
 from pepper_driver.observer import Contact, Observation, Observer
 from pepper_driver.realtime import Pacer, RealTimePacer
 from pepper_driver.reflexes import Reflex, prepare_reflexes
+from pepper_driver.robot import Pepper
 from pepper_driver.safety import SafetyGate
 from pepper_driver.session import Session
 
@@ -65,6 +67,11 @@ class VirtualTime:
         """Let time pass, and all that happens in it happen: threads tick, and sleep again or end."""
         with self._changed:
             self._pass(self.now + round(seconds * 1e9))
+
+    @property
+    def sleeping(self) -> bool:
+        """Whether a thread sleeps."""
+        return bool(self._sleepers)
 
     def wait_for_sleeper(self) -> None:
         """Wait until a thread sleeps."""
@@ -215,3 +222,23 @@ class Background(threading.Thread):
         if self._raised is not None:
             raise self._raised
         return self._returned
+
+
+@contextmanager
+def virtual_time() -> Iterator[VirtualTime]:
+    """Robots that are made inside this block tick by a clock that the test turns."""
+    time = VirtualTime()
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(RealTimePacer, "from_backend", lambda _, cycle: time.pacer(cycle))
+        yield time
+
+
+def backend_of(pepper: Pepper) -> MockBackend:
+    assert isinstance(pepper.backend, MockBackend)
+    return pepper.backend
+
+
+def begun(pepper: Pepper) -> bool:
+    """Whether a thread waits for ticks."""
+    session = pepper._session
+    return session is not None and session._wait is not None

@@ -30,7 +30,11 @@ from pepper_driver.safety import FaultError, FaultReason, RobotState
 ROBOT = load_robot()
 CONTROLLER, SAFETY = load_controller_settings(ROBOT), load_safety_settings()
 SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
-KINDS = {signal.SIGINT: KeyboardInterrupt, signal.SIGTERM: Terminated, signal.SIGHUP: Terminated}
+KINDS: dict[int, type[KeyboardInterrupt]] = {
+    signal.SIGINT: KeyboardInterrupt,
+    signal.SIGTERM: Terminated,
+    signal.SIGHUP: Terminated,
+}
 STAGES = ("open", "activate", "read", "write", "deactivate")
 
 
@@ -113,7 +117,7 @@ def at_exit(monkeypatch: pytest.MonkeyPatch) -> list[Callable[[], None]]:
 
 
 def make_pepper(backend: MockBackend, log: Path | None = None, **arguments: Any) -> Pepper:
-    settings = {"robot": ROBOT, "controller": CONTROLLER, "safety": SAFETY}  # read once
+    settings: dict[str, Any] = {"robot": ROBOT, "controller": CONTROLLER, "safety": SAFETY}
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(robot_module, "make_backend", lambda *_: backend)
         return Pepper("fake", observer=None, log=log, **settings, **arguments)

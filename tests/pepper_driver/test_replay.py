@@ -14,8 +14,9 @@ from jitter_cases import Jittery
 from test_log_samples import same_bits
 
 from pepper_driver import Comply, FaultError, Hold, Pepper, Reflex, Retract, Soften, StopBase
-from pepper_driver.backends import Measurement
+from pepper_driver.backends import Measurement, NotConnectedError
 from pepper_driver.backends.log_file import LogError
+from pepper_driver.backends.mock import Fault, MockBackend
 from pepper_driver.cli.app import run as pepper_command
 from pepper_driver.config import PepperError, load_observer_settings, load_robot
 from pepper_driver.config.loading import package_file
@@ -279,6 +280,32 @@ def test_a_stop_by_hand_is_told_and_is_no_difference(tmp_path: Path) -> None:
     assert found.fault is None
     assert result.identical, result.differences
     assert any("stopped at" in note for note in result.notes)
+
+
+def unplugged(measurement: Measurement) -> Measurement:
+    raise NotConnectedError("the connection was lost")
+
+
+@pytest.mark.parametrize(
+    ("fault", "error", "words"),
+    [
+        (lambda m: replace(m, commanded_by_others=("HeadYaw",)), FaultError, "HeadYaw"),
+        (unplugged, NotConnectedError, "the connection was lost"),
+    ],
+)
+def test_a_stop_that_no_measurement_shows_is_told_and_is_no_difference(
+    tmp_path: Path, fault: Fault, error: type[PepperError], words: str
+) -> None:
+    path = tmp_path / "a.mcap"
+    with Pepper("mock", observer=None, log=path) as pepper:
+        assert isinstance(pepper.backend, MockBackend)
+        pepper.backend.faults[30] = fault
+        with pytest.raises(error, match=words):
+            pepper.run(1.0)
+    found, result = replayed(path)
+    assert found.fault is None
+    assert result.identical, result.differences
+    assert any("stopped at" in note and words in note for note in result.notes)
 
 
 # -- not the same ---------------------------------------------------------------------------------------------------

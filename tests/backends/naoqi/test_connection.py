@@ -305,6 +305,27 @@ def test_the_robot_dies_in_a_call() -> None:
         connection.close()
 
 
+def test_a_call_that_is_cut_off_by_closing_is_no_refusal(fake: FakeRobot) -> None:
+    """The library ends the calls under way first, and only then says that it is not connected."""
+    connection = connect(fake.address)
+
+    class Closing:
+        def isConnected(self) -> bool:
+            return True
+
+        def close(self) -> None: ...
+
+        def service(self, name: str, _async: bool) -> None:
+            connection.close()
+            raise RuntimeError("Session closed")
+
+    session = connection._session
+    connection._session = Closing()  # type: ignore[assignment]
+    with pytest.raises(NotConnectedError, match="lost at Slow"):
+        connection.service("Slow")
+    session.close()
+
+
 def test_closing_is_no_loss(fake: FakeRobot) -> None:
     lost = threading.Event()
     connect(fake.address, on_lost=lost.set).close()

@@ -30,7 +30,7 @@ def test_ages(late: int, since: float, silence: float, watched: float, age: floa
     assert found == pytest.approx(age)
 
 
-REQUESTED = st.floats(0.0072, 0.012)
+REQUESTED = st.floats(0.0072, 0.0145)
 """[s] from the cycle of a sample that was requested before its tick to the tick."""
 
 UNREQUESTED = st.floats(0.019, 0.024)
