@@ -194,9 +194,13 @@ def test_workers_end_with_the_process_that_started_them(number: int, code: int) 
     with program("-c", JOBS, until="working") as process:
         workers = children(process.pid)
         assert len(workers) >= 2
-        errors = end_all(process, number)
-        assert wait_until(lambda: not any(map(alive, workers)), END_TIME)
-    assert process.returncode == code
+        process.send_signal(number)
+        assert process.wait(END_TIME) == code
+        gone = wait_until(lambda: not any(map(alive, workers)), END_TIME)
+        for pid in filter(alive, workers):
+            os.kill(pid, signal.SIGKILL)
+        assert gone
+        _, errors = process.communicate()
     if number == signal.SIGTERM:
         assert not errors
 
@@ -209,11 +213,3 @@ def test_ctrl_c_in_a_terminal_is_for_the_first_process_alone() -> None:
         _, errors = process.communicate(timeout=PATIENCE)
         assert wait_until(lambda: not any(map(alive, workers)), END_TIME)
     assert errors.count("Traceback") == 1, errors
-
-
-def end_all(process: subprocess.Popen[str], number: int) -> str:
-    """Send a signal, whoever else writes to the pipes of the process."""
-    process.send_signal(number)
-    process.wait(END_TIME)
-    assert process.stderr is not None
-    return process.stderr.read()
