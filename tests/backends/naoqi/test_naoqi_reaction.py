@@ -159,7 +159,12 @@ def test_a_sample_is_requested_as_long_before_its_tick_as_it_takes() -> None:
 
 @pytest.mark.parametrize(
     ("way", "phase"),
-    [(0.5, TICK_PHASE), (3.0, SAMPLE_PHASE + 7.5 / CYCLE), (5.0, SAMPLE_PHASE), (9.0, SAMPLE_PHASE)],
+    [
+        (0.5, TICK_PHASE),
+        (3.0, SAMPLE_PHASE + 7.5 / CYCLE),
+        (5.0, SAMPLE_PHASE),
+        (9.0, SAMPLE_PHASE),
+    ],
 )
 def test_ticks_begin_when_their_sample_has_come_and_it_is_never_requested_too_early(
     way: float, phase: float
