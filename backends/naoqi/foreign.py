@@ -8,8 +8,9 @@ in every cycle, and the robot then jerks once we end. ALMotion does not see what
 
 from __future__ import annotations
 
+from collections import deque
+
 import numpy as np
-from numpy.typing import NDArray
 
 from pepper_driver.backends.naoqi.call import Call
 from pepper_driver.backends.naoqi.connection import Connection, MissingServiceError
@@ -17,6 +18,9 @@ from pepper_driver.backends.naoqi.history import CommandHistory
 from pepper_driver.config import RobotConfig
 from pepper_driver.config.naoqi import ForeignCommandSettings
 from pepper_driver.config.parts import FloatArray
+
+MEASURED_TICKS = 6
+"""In which a joint without stiffness was where ALMotion says that it lies: both look at different moments."""
 
 SETTLING_LOOKS = 3
 """Looks in which ALMotion comes to rest after its tasks were ended."""
@@ -54,6 +58,7 @@ class ForeignCommands:
         self._seen = np.zeros(len(self._names), dtype=np.bool_)
         self._seen_before = self._seen
         self._joint_names = list(robot.joint_names)
+        self._measured: deque[FloatArray] = deque(maxlen=MEASURED_TICKS)
         self._targets: FloatArray | None = None
         self._angles: Call | None = None
         self._drives: Call | None = None
@@ -89,7 +94,8 @@ class ForeignCommands:
         Args:
             position: (17,) where the joints are measured [rad].
         """
-        self._ask_almotion(position)
+        self._measured.append(position)
+        self._ask_almotion()
         self._ticks += 1
         if self._ticks >= self._look_ticks:
             both = self._seen & self._seen_before
@@ -98,12 +104,12 @@ class ForeignCommands:
             self._ticks = 0
             self._looks += 1
 
-    def _ask_almotion(self, position: FloatArray) -> None:
+    def _ask_almotion(self) -> None:
         angles, drives = self._angles, self._drives
         if angles is None or drives is None:
             return
         if (answer := angles.answer()) is not None:
-            self._compare_targets(answer, position)
+            self._compare_targets(answer)
         if drives.answer() is True:
             self._seen[self._joints :] = True
         if self._ticks == 0:
@@ -111,18 +117,19 @@ class ForeignCommands:
         elif self._ticks == self._look_ticks // 2:
             drives.begin()
 
-    def _compare_targets(self, answer: object, position: FloatArray) -> None:
+    def _compare_targets(self, answer: object) -> None:
         """Compare where ALMotion wants the joints with where it wanted them at first, and where they are."""
         try:
             wanted = np.array(answer, dtype=np.float64)
         except (TypeError, ValueError):
             return
-        if wanted.shape != position.shape:
+        if wanted.shape != (self._joints,):
             return
         if self._targets is None or self._looks < SETTLING_LOOKS:
             self._targets = wanted
         tolerance = self._settings.joint_tolerance
-        lies: NDArray[np.bool_] = np.abs(wanted - position) <= tolerance
+        measured = np.array(self._measured)
+        lies = _outside(wanted, measured.min(axis=0), measured.max(axis=0)) <= tolerance
         self._targets = np.where(lies, wanted, self._targets)
         self._seen[: self._joints] |= np.abs(wanted - self._targets) > tolerance
 

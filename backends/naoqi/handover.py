@@ -126,14 +126,14 @@ def let_go(link: Link, robot: RobotConfig, settings: NaoqiSettings, posture: Flo
 
     stiffness = link.stiffness
     taken = _shown(link, stiffness) < stiffness - TAKEN
+    legs_home = np.full(len(legs), np.nan)
     if (taken & legs).any():
         logger.warning("somebody else made the legs soft: they are not moved any more")
-        legs_home = np.full(len(legs), np.nan)
-    else:
+    elif not _moved_by_others(link.newest, robot):
         legs_home = np.where(legs & np.isfinite(posture), posture, np.nan)
     stiffness = np.where(taken, _shown(link, stiffness), stiffness)
     speed = settings.timing.legs_back_speed
-    if not _lead_back(link, legs_home, speed, robot.cycle, stiffness, tick):
+    if not _lead_back(link, robot, legs_home, speed, stiffness, tick):
         return False
 
     soft = np.zeros(len(legs)) if settings.legs_go_soft else np.where(legs, stiffness, 0.0)
@@ -158,17 +158,26 @@ def _shown(link: Link, otherwise: FloatArray) -> FloatArray:
     return otherwise if shown is None else np.where(shown < HARDLY, 0.0, shown)
 
 
+def _moved_by_others(measurement: Measurement, robot: RobotConfig) -> bool:
+    """Return True, with a warning, where another program commands legs, as one that sends the robot to rest."""
+    moved = not set(robot.chains["legs"]).isdisjoint(measurement.commanded_by_others)
+    if moved:
+        logger.warning("another program moves the legs: they are left to it")
+    return moved
+
+
 def _lead_back(
     link: Link,
+    robot: RobotConfig,
     goal: FloatArray,
     speed: float,
-    cycle: float,
     stiffness: FloatArray,
     tick: Callable[[FloatArray | None, FloatArray], Measurement | None],
 ) -> bool:
     """Lead joints to ``goal``, NaN where they stay; False where the robot does not answer.
 
-    Broken off by the button on the chest, and without fresh samples: nobody else looks after the robot any more.
+    Broken off by the button on the chest, by another program that moves legs, and without fresh samples: nobody else
+    looks after the robot any more.
     """
     try:
         start = link.commanded(Alias.POSITION, PATIENCE)
@@ -180,7 +189,7 @@ def _lead_back(
     if farthest <= ARRIVED:
         return True
     # The peak of a minimum-jerk way is 1.875 of its mean speed.
-    ticks = round(1.875 * farthest / speed / cycle)
+    ticks = round(1.875 * farthest / speed / robot.cycle)
     for number in range(1, ticks + 1):
         s = number / ticks
         measurement = tick(start + way * s**3 * (10.0 - 15.0 * s + 6.0 * s**2), stiffness)
@@ -190,6 +199,8 @@ def _lead_back(
             logger.warning(
                 "the legs do not go back to where ALMotion left them: before it moves them, let the robot rest"
             )
+            break
+        if _moved_by_others(measurement, robot):
             break
     return True
 

@@ -89,6 +89,39 @@ def test_a_robot_that_falls_silent_gets_no_more_stiffness(robot: VirtualRobot, l
     assert looks[-1] - looks[29] <= 100.0, "[ms]"
 
 
+LEGS = [ROBOT.joint_index(name) for name in ROBOT.chains["legs"]]
+
+
+@pytest.mark.parametrize("begins", [None, "before", "meanwhile"])
+def test_legs_are_led_back_unless_another_program_moves_them(
+    robot: VirtualRobot, link: Link, begins: str | None
+) -> None:
+    """As one that sends the robot to rest: two would fight for them."""
+    hold, _ = handover.ramp_up(link, ROBOT, SETTINGS, lambda: None)
+    bowed = hold.copy()
+    bowed[LEGS] += 0.3
+
+    def others_move_legs() -> None:
+        robot.wanted = robot.wanted.copy()
+        robot.wanted[LEGS] -= 0.2
+
+    for tick in range(200):
+        robot.pass_time(robot.time + 12.0)
+        if tick == 120 and begins == "before":
+            others_move_legs()
+        link.exchange(hold + (bowed - hold) * min(tick / 100, 1.0), np.ones(17), np.zeros(3))
+    if begins == "meanwhile":
+        robot._plan(robot.time + 500.0, others_move_legs)
+    assert handover.let_go(link, ROBOT, SETTINGS, hold)
+    left = robot.commanded[max(robot.commanded)][0][LEGS]
+    if begins is None:
+        np.testing.assert_allclose(left, hold[LEGS], atol=1e-6)
+    elif begins == "before":
+        np.testing.assert_allclose(left, bowed[LEGS])
+    else:
+        assert (left > hold[LEGS] + 0.1).all(), "it is broken off"
+
+
 def test_a_robot_that_is_silent_in_the_end_is_not_waited_for(
     robot: VirtualRobot, link: Link
 ) -> None:

@@ -208,8 +208,9 @@ class VirtualRobot:
 
         self._plan(self.time + period, again)
 
-    def _position(self) -> FloatArray:
-        answered = self._newest() - CYCLE * self._delay
+    def _position(self, before: int = 0) -> FloatArray:
+        """Of the newest cycle, or some before."""
+        answered = self._newest() - CYCLE * (self._delay + before)
         return self.commanded.get(answered, (ROBOT.posture("Stand"), None))[0]
 
     def _newest(self) -> int:
@@ -287,7 +288,7 @@ class VirtualRobot:
         assert not sensors
 
         def wanted() -> list[float]:
-            measured = self._position()
+            measured = self._position(before=2)  # it looks 50 times a second
             return [
                 float((measured if joint in self.limp else self.wanted)[joint])
                 for joint in range(17)
