@@ -14,7 +14,7 @@ from pepper_driver.backends.naoqi.handover import let_go, ramp_up
 from pepper_driver.backends.naoqi.keys import SensorKeys, actuator_keys
 from pepper_driver.backends.naoqi.link import Link
 from pepper_driver.backends.naoqi.preflight import Preflight
-from pepper_driver.backends.naoqi.priority import prefer_messages
+from pepper_driver.backends.naoqi.priority import prefer_messages, preferred
 from pepper_driver.backends.selection import BackendUri
 from pepper_driver.backends.serial import serial
 from pepper_driver.config import (
@@ -70,9 +70,10 @@ class NaoqiBackend(NaoqiRobot):
         return self._delay, found.body_id
 
     def _begin(self, connection: Connection) -> Measurement:
-        """Measures the way to the robot for half a second."""
+        """Measures the way to the robot for almost a second."""
         prefer_messages(True)
-        self._link = Link(connection, self._robot, self._settings, self._delay)
+        with preferred():
+            self._link = Link(connection, self._robot, self._settings, self._delay)
         return self._link.newest
 
     def _ramp_up(self) -> tuple[FloatArray, Measurement]:

@@ -200,8 +200,9 @@ def _paced_ticks(link: Link, cycle: float) -> Iterator[None]:
     while True:
         yield
         due += round(1e9 * (cycle + np.clip(link.phase_error(due), -0.001, 0.001)))
-        _sleep_until(due - round(1e9 * link.request_lead))
-        link.request()
+        if link.request_lead:
+            _sleep_until(due - round(1e9 * link.request_lead))
+            link.request()
         due = max(due, time.perf_counter_ns())  # what was missed is not made up for
         _sleep_until(due)
 

@@ -38,6 +38,7 @@ class RoundTrips:
 
     calls: int
     median: float
+    p95: float
     p99: float
     jitter: float
 
@@ -49,10 +50,8 @@ class RoundTrips:
         the two computers did at that moment than of the way.
         """
         times = np.array([reply.round_trip for reply in replies]) * 1e-3
-        least, median, p99 = np.percentile(times, [0, 50, 99])
-        return cls(
-            calls=len(times), median=float(median), p99=float(p99), jitter=float(p99 - least)
-        )
+        least, median, p95, p99 = np.percentile(times, [0, 50, 95, 99]).tolist()
+        return cls(calls=len(times), median=median, p95=p95, p99=p99, jitter=p99 - least)
 
     def lead(self, settings: TimingSettings) -> float:
         """[s] from sending a command to its date, so that it arrives before."""

@@ -31,8 +31,8 @@ SAMPLE_PHASE = 0.2
 """[cycles] after a cycle of the robot at which its sample is requested at the earliest: its values are there then."""
 
 MAX_REQUEST_LEAD = 0.65
-"""[cycles] from requesting a sample to its tick, at most. A sample that takes longer is asked for in the tick before:
-the command then is for the same cycle, and the sample has a whole cycle to come."""
+"""[cycles] from requesting a sample to its tick, at most. Where more than one in twenty takes longer, samples are asked
+for in the tick before: they have a whole cycle to come, and reactions take one more."""
 
 REQUEST_MARGIN = 0.0015
 """[s] added to the round trip of a sample: the pacer may wake up late."""
@@ -89,10 +89,10 @@ class Link:
         dcm, memory = connection.service("DCM"), connection.service("ALMemory")
         keys = SensorKeys(robot)
         sample_trips, answer = self._measure_samples(keys)
-        lead, earliest = sample_trips.p99 + REQUEST_MARGIN, SAMPLE_PHASE * robot.cycle
-        if lead <= MAX_REQUEST_LEAD * robot.cycle:
-            self.request_lead = lead
-            self._tick_phase = max(TICK_PHASE * robot.cycle, earliest + lead)
+        earliest, longest = SAMPLE_PHASE * robot.cycle, MAX_REQUEST_LEAD * robot.cycle
+        if sample_trips.p95 + REQUEST_MARGIN <= longest:
+            self.request_lead = min(sample_trips.p99 + REQUEST_MARGIN, longest)
+            self._tick_phase = max(TICK_PHASE * robot.cycle, earliest + self.request_lead)
         else:
             self.request_lead, self._tick_phase = 0.0, earliest
         first = keys.values(answer)

@@ -1,9 +1,11 @@
-"""Priority of the library's threads: a tick that begins in time is worth nothing when its messages wait."""
+"""Priority of what has to do with ticks: one that begins in time is worth nothing when its messages wait."""
 
 from __future__ import annotations
 
 import logging
 import os
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 logger = logging.getLogger("pepper_driver")
@@ -31,3 +33,19 @@ def prefer_messages(prefer: bool) -> None:
                 os.sched_setscheduler(int(task.name), scheduler, param)
         except OSError as error:  # not permitted; or the thread has ended meanwhile
             logger.debug("priority of libqi's thread %s: %s", task.name, error)
+
+
+@contextmanager
+def preferred() -> Iterator[None]:
+    """Give this thread real-time priority as well, where that is permitted: what it measures, ticks will find."""
+    try:
+        before = os.sched_getscheduler(0), os.sched_getparam(0)
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(PRIORITY))
+    except (OSError, AttributeError) as error:
+        logger.debug("priority of measurements: %s", error)
+        yield
+        return
+    try:
+        yield
+    finally:
+        os.sched_setscheduler(0, *before)

@@ -12,6 +12,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
+from waiting import wait_until
 
 from pepper_driver.cli.app import run
 
@@ -40,7 +41,9 @@ def children(pid: int) -> list[int]:
     return [int(child) for child in text.split()]
 
 
-@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+@pytest.mark.parametrize(
+    ("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143), (signal.SIGHUP, 129)]
+)
 def test_it_says_when_it_is_ready_and_ends_when_told(number: signal.Signals, code: int) -> None:
     with served("--seed", "3", "--posture", "Crouch") as (process, line):
         match = re.fullmatch(r"ready on tcp://127\.0\.0\.1:(\d+)", line)
@@ -56,6 +59,16 @@ def test_it_says_when_it_is_ready_and_ends_when_told(number: signal.Signals, cod
         assert not out
         assert "Traceback" not in err
         assert not any(os.path.exists(f"/proc/{pid}") for pid in pids)
+
+
+def test_nothing_is_left_of_one_that_is_killed() -> None:
+    with served("--network", "wired") as (process, line):
+        assert line.startswith("ready")
+        pids = children(process.pid)
+        assert len(pids) == 3
+        process.kill()
+        process.wait()
+        assert wait_until(lambda: not any(os.path.exists(f"/proc/{pid}") for pid in pids), 10.0)
 
 
 def test_it_starts_naoqi_anew_and_ends_with_the_robot() -> None:

@@ -89,7 +89,13 @@ def test_a_wrong_option_is_one_line_and_code_2(
     assert list(tmp_path.iterdir()) == []
 
 
-def test_ctrl_c_keeps_finished_runs_and_says_how_to_go_on(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("number", "code", "word"),
+    [(signal.SIGINT, 130, "interrupted"), (signal.SIGTERM, 143, "terminated")],
+)
+def test_ctrl_c_and_signals_keep_finished_runs_and_say_how_to_go_on(
+    tmp_path: Path, number: int, code: int, word: str
+) -> None:
     out, folder = tmp_path / "models.json", tmp_path / "kept"
     command = [
         sys.executable,
@@ -112,11 +118,10 @@ def test_ctrl_c_keeps_finished_runs_and_says_how_to_go_on(tmp_path: Path) -> Non
     deadline = time.monotonic() + 60
     while not list(folder.glob("*.npz")) and time.monotonic() < deadline:
         time.sleep(0.02)
-    process.send_signal(signal.SIGINT)
-    shown, errors = process.communicate(timeout=60)
-    assert process.returncode == 130
-    assert errors.strip().splitlines()[-1] == "pepper: interrupted"
-    assert "Traceback" not in errors
+    process.send_signal(number)
+    shown, errors = process.communicate(timeout=60)  # which waits for the workers too
+    assert process.returncode == code
+    assert errors == f"pepper: {word}\n"
     assert f"of 13 runs are kept in {folder}; the same command goes on from there" in shown
     assert not out.exists()
     kept = [path.name for path in folder.iterdir() if not path.name.startswith(".")]

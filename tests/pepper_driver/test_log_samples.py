@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pepper_driver.backends.interface import Command, Imu, Measurement
+from pepper_driver.backends.replay import NOT_LOGGED
 from pepper_driver.backends.simulated import TruthSample
 from pepper_driver.config import load_robot
 from pepper_driver.controller.reference import Reference
@@ -135,7 +136,9 @@ def flatten(tick: Tick, observation: Observation, step: int = 0) -> dict[str, ob
     """The values of one tick, in no real time, under the names they have in the log."""
     m = tick.measurement
     values: dict[str, object] = {
-        f.name: getattr(m, f.name) for f in fields(Measurement) if f.name not in ("imu", "missing")
+        f.name: getattr(m, f.name)
+        for f in fields(Measurement)
+        if f.name not in ("imu", *NOT_LOGGED)
     }
     values |= {f"imu_{f.name}": getattr(m.imu, f.name) for f in fields(Imu)}
     values |= {f"sent_{f.name}": getattr(tick.sent, f.name) for f in fields(Command)}

@@ -24,7 +24,7 @@ from pepper_driver.backends import (
     NotConnectedError,
     make_backend,
 )
-from pepper_driver.backends.naoqi.priority import PRIORITY, THREADS
+from pepper_driver.backends.naoqi.priority import PRIORITY, THREADS, preferred
 from pepper_driver.backends.naoqi_server.black_box import BlackBox
 from pepper_driver.backends.naoqi_server.launch import StandIn
 from pepper_driver.config import (
@@ -387,6 +387,15 @@ def test_messages_go_before_other_programs_while_a_robot_is_open(backend: Backen
     assert set(priorities()) == {PRIORITY}
     backend.close()
     assert set(priorities()) == {0}
+
+
+def test_what_is_measured_at_the_start_has_the_priority_of_ticks() -> None:
+    before = os.sched_getscheduler(0)
+    obstacle = priority_obstacle()
+    with preferred():
+        now = os.sched_getscheduler(0), os.sched_getparam(0).sched_priority
+    assert now == ((before, 0) if obstacle else (os.SCHED_FIFO, PRIORITY))
+    assert os.sched_getscheduler(0) == before
 
 
 def test_a_robot_that_is_woken_up_goes_on_from_where_it_then_stands(
