@@ -154,7 +154,7 @@ class Session:
         self._failure_raised = False  # where somebody sees it
         self._log: LogWriter | None = None
         self._wait: Wait | None = None
-        self._turn = threading.Lock()  # of who ticks, or waits for ticks
+        self._turn = threading.RLock()  # of who ticks, or waits for ticks; knows who has it
         self._runner: threading.Thread | None = None
         self._ticking: threading.Thread | None = None
         self._home = threading.current_thread()
@@ -241,6 +241,7 @@ class Session:
                     self._thread.start()
             check_signals()
         except BaseException:
+            self._closed = False  # by another thread, before all was open
             self.close()
             raise
 
@@ -354,6 +355,8 @@ class Session:
         """
         wait = Wait(ticks, on_tick, until)
 
+        outer = self._wait  # None, unless a signal handler runs the robot inside a run
+
         def start_wait() -> None:
             self._wait = wait
             if begin is not None:
@@ -368,7 +371,7 @@ class Session:
                     raise self._closed_error()
                 self._tick_until(wait.over)
             finally:
-                self._wait = None
+                self._wait = outer
                 if end is not None:
                     self._changes.make(end)
         if wait.error is not None:
@@ -391,7 +394,7 @@ class Session:
                 "this is inside a callback: it cannot run the robot, nor wait for its ticks"
             )
         runner = self._runner
-        if runner is not None:
+        if runner not in (None, threading.current_thread()):
             raise BackendError(
                 f"thread '{runner.name}' runs the robot already: only one can do so at a time"
             )
@@ -413,18 +416,25 @@ class Session:
         self.check_free()
         current = threading.current_thread()
         try:
-            self._callers.add(current)  # the session's thread gives the turn back after its tick
-            if not self._turn.acquire(timeout=MAX_TICK_TIME):
+            try:
+                self._callers.add(
+                    current
+                )  # the session's thread gives the turn back after its tick
+                taken = self._turn.acquire(timeout=MAX_TICK_TIME)
+            finally:
+                self._callers.discard(current)
+            if not taken:
                 self.check_free()
                 raise BackendError("the robot's loop does not answer")
-        finally:
-            self._callers.discard(current)
-        self._runner = current
-        try:
+            self._runner = current
             yield
-        finally:
-            self._runner = None
-            self._turn.release()
+        finally:  # whenever Ctrl-C comes
+            if self._runner is current:
+                self._runner = None
+            try:  # noqa: SIM105 each call is a place where Ctrl-C can come
+                self._turn.release()
+            except RuntimeError:  # it was not taken
+                pass
 
     def _tick_until(self, over: threading.Event) -> None:
         """Wait, and tick where no thread does."""
@@ -471,7 +481,9 @@ class Session:
             silence = 1e-9 * (self._pacer.clock() - self._ticked)
             # A caller that wants the turn gets it meanwhile.
             self._ending.wait(max(MAX_CALLER_SILENCE - silence, 0.001))
-            with self._turn:
+            if not self._turn.acquire(timeout=MAX_CALLER_SILENCE):
+                continue
+            try:
                 silence = 1e-9 * (self._pacer.clock() - self._ticked)
                 if silence < MAX_CALLER_SILENCE or self._callers:
                     continue
@@ -479,6 +491,8 @@ class Session:
                 while self._goes_on() and not self._callers:
                     self._tick()
                 self.loop.arbiter.paused = False
+            finally:
+                self._turn.release()
 
     def _goes_on(self) -> bool:
         return self._failure is None and not self._ending.is_set()

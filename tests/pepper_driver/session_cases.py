@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from pathlib import Path
 from time import monotonic
 from typing import Any
@@ -41,7 +41,7 @@ class VirtualTime:
     def __init__(self) -> None:
         self.now = 0
         self._sleepers: dict[threading.Thread, int] = {}  # and when each wakes up
-        self._flowing = False
+        self._flowing = 0  # blocks
         self._home = threading.current_thread()
         self._changed = threading.Condition()
 
@@ -82,13 +82,13 @@ class VirtualTime:
     def flowing(self) -> Iterator[None]:
         """Let nobody wait inside this block: time passes as fast as threads sleep."""
         with self._changed:
-            self._flowing = True
+            self._flowing += 1
             self._changed.notify_all()
         try:
             yield
         finally:
             with self._changed:
-                self._flowing = False
+                self._flowing -= 1
 
     def pacer(self, cycle: float = ROBOT.cycle, **_: Any) -> RealTimePacer:
         """A pacer by this clock."""
@@ -179,19 +179,23 @@ def active(
     backend: Backend | None = None,
     *,
     gate: SafetyGate | None = None,
-    pacer: Pacer | None = None,
+    time: VirtualTime | None = None,
     loop_thread: bool = False,
     **parts: Any,
 ) -> Iterator[Session]:
-    """A session inside a block, without what the facade does in the end."""
+    """A session inside a block, paced by a clock or not, without what the facade does in the end."""
     session = make_session(
-        backend or MockBackend(), gate=gate, pacer=pacer, loop_thread=loop_thread
+        backend or MockBackend(),
+        gate=gate,
+        pacer=None if time is None else time.pacer(),
+        loop_thread=loop_thread,
     )
     start(session, **parts)
     try:
         yield session
     finally:
-        session.close()
+        with nullcontext() if time is None else time.flowing():
+            session.close()
 
 
 def in_thread(function: Callable[[], object], name: str = "another") -> Background:
@@ -226,10 +230,16 @@ class Background(threading.Thread):
 
 @contextmanager
 def virtual_time() -> Iterator[VirtualTime]:
-    """Robots that are made inside this block tick by a clock that the test turns."""
-    time = VirtualTime()
+    """Robots that are made inside this block tick by a clock that the test turns; to end, they wait for none."""
+    time, close = VirtualTime(), Session.close
+
+    def close_at_once(session: Session) -> None:
+        with time.flowing():
+            close(session)
+
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(RealTimePacer, "from_backend", lambda _, cycle: time.pacer(cycle))
+        patch.setattr(Session, "close", close_at_once)
         yield time
 
 

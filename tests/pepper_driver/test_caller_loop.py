@@ -69,7 +69,7 @@ def test_while_the_caller_is_silent_the_robot_comes_to_rest_and_then_goes_on(
     tmp_path: Path,
 ) -> None:
     path, robot, time = tmp_path / "run.mcap", MockBackend(), VirtualTime()
-    with active(robot, pacer=time.pacer(), log=path) as session:
+    with active(robot, time=time, log=path) as session:
         set_out(session)
         moving = len(robot.commands)
         fall_silent(session, time)
@@ -105,7 +105,7 @@ def test_while_the_caller_is_silent_the_robot_comes_to_rest_and_then_goes_on(
 def test_who_calls_step_now_and_then_is_not_silent(silence: float) -> None:
     """By the robot's clock; on this one the session's thread gets time to be wrong."""
     robot, time = MockBackend(), VirtualTime()
-    with active(robot, pacer=time.pacer()) as session:
+    with active(robot, time=time) as session:
         set_out(session)
         for _ in range(5):
             time.now += round(1e9 * silence)
@@ -124,7 +124,7 @@ def test_a_tick_that_takes_long_is_not_silence() -> None:
         clock.sleep(1.5 * MAX_CALLER_SILENCE)
         assert not time.sleeping
 
-    with active(robot, pacer=time.pacer()) as session:
+    with active(robot, time=time) as session:
         set_out(session)
         session.run(3, think)
         clock.sleep(1.5 * MAX_CALLER_SILENCE)
@@ -134,7 +134,7 @@ def test_a_tick_that_takes_long_is_not_silence() -> None:
 
 def test_tasks_stand_still_meanwhile_and_go_on() -> None:
     time = VirtualTime()
-    with active(pacer=time.pacer()) as session:
+    with active(time=time) as session:
         controller = session.loop.arbiter.controller
         task = PositionTask("l_wrist", root="base_link")
         controller.add(task)
@@ -183,7 +183,7 @@ def test_a_fault_that_the_caller_has_seen_is_not_raised_again_in_the_end() -> No
 
 def test_a_thread_that_waits_for_the_turn_gets_it_from_the_resting_robot() -> None:
     time = VirtualTime()
-    with active(pacer=time.pacer()) as session:
+    with active(time=time) as session:
         session.run(1)
         fall_silent(session, time)
         with time.flowing():
@@ -196,7 +196,7 @@ def test_a_robot_that_rests_can_be_closed_at_any_time() -> None:
     time = VirtualTime()
     threads = set(threading.enumerate())
     robot = MockBackend()
-    with active(robot, pacer=time.pacer()) as session:
+    with active(robot, time=time) as session:
         session.run(1)
         fall_silent(session, time)
         with time.flowing():
@@ -214,7 +214,7 @@ def test_it_does_not_rest_before_its_time() -> None:
             time.now += 2_000_000_000
             return super().activate()
 
-    with active(Slow(), pacer=time.pacer()) as session:
+    with active(Slow(), time=time) as session:
         clock.sleep(1.5 * MAX_CALLER_SILENCE)
         assert not time.sleeping
         session.run(1)

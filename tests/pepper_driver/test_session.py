@@ -259,7 +259,7 @@ def test_a_run_in_real_time_leaves_the_process_as_it_was(loop_thread: bool) -> N
     time = VirtualTime()
     with (
         time.flowing(),
-        active(backend, pacer=time.pacer(), loop_thread=loop_thread) as session,
+        active(backend, time=time, loop_thread=loop_thread) as session,
     ):
         assert gc.get_freeze_count() > 1000
         with pytest.raises(ZeroDivisionError):
@@ -278,7 +278,7 @@ def test_a_slow_tick_is_missed_counted_and_told() -> None:
     def think(tick: Tick, _: object) -> None:
         time.now += 100_000_000 * (tick.measurement.tick == 4)
 
-    with active(pacer=time.pacer()) as session:
+    with active(time=time) as session:
         session.run(10, think)
         statistics = session.loop.times.statistics
     assert statistics.ticks == 10
