@@ -45,6 +45,8 @@ PROGRAMS = {
 }
 WORLDS = ("sim", "paced", "stand-in")
 MAX_ONSET_DIFFERENCE = 0.1  # [s]
+MAX_MISSED = 10  # ticks of a run over the stand-in that still counts
+MAX_AGE = 0.1  # [s] of its samples
 EVENTS = ("reflexes", "sensors", "faults", "cues")
 MAX_TIME = 300.0  # [s] of a program in one world
 
@@ -156,6 +158,15 @@ def limbs(contacts: Sequence[Played]) -> list[str]:
 def called(played: Played) -> list[tuple[str, int]]:
     """Return the callbacks and their calls, those for ticks and updates of contacts left out."""
     return [(callback["name"], callback["once"]) for callback in played["callbacks"]]
+
+
+def overload(played: Played) -> str:
+    """Return how far the machine fell behind; empty where it kept up."""
+    missed = sum(run["missed"] for run in played["runs"])
+    age = max((run["max_age"] for run in played["runs"]), default=0.0)
+    if missed <= MAX_MISSED and age <= MAX_AGE and "SlowLinkError" not in played["error"]:
+        return ""
+    return f"{played['world']}: the machine was too slow: {missed} ticks missed, samples up to {age:.2f} s old"
 
 
 # -- worlds -----------------------------------------------------------------------------------------------------------
@@ -283,7 +294,8 @@ def main() -> int:
     for name in dict.fromkeys(given.only or PROGRAMS):
         results = [play(PROGRAMS[name], world) for world in given.worlds]
         found = compare(results)
-        console.print("\n  ".join([f"{name}: {'DIFFERENT' if found else 'same'}", *found]))
+        remarks = [*found, *filter(None, map(overload, results))] if found else []
+        console.print("\n  ".join([f"{name}: {'DIFFERENT' if found else 'same'}", *remarks]))
         compared[name] = {"same": not found, "differences": found, "worlds": results}
     console.print(shown(compared), by_nature(), sep="\n")
     same = all(result["same"] for result in compared.values())

@@ -370,13 +370,13 @@ class Recording:
     def marking(self, name: str, order: Callable[..., None]) -> Callable[..., None]:
         """Wrap what has the robot pushed or grabbed, ``delay`` after it took the order.
 
-        Where time passes by itself, it passes during the call, which a busy machine draws out.
+        The clock of a real-time robot goes on during the call, which a busy machine draws out.
         """
 
         def marked(link: str, *arguments: object, delay: float = 0.0, **options: object) -> None:
             time, begin = self._pepper.time, perf_counter()
             order(link, *arguments, delay=delay, **options)
-            taken = perf_counter() - begin if self._pepper.paced else 0.0
+            taken = perf_counter() - begin if self._pepper.backend.real_time else 0.0
             self._marks.append(Mark(f"{name} {link}", time, time + taken + delay))
 
         return marked
@@ -476,23 +476,22 @@ def run_record(
     """
     steps = [Mark(f"step {e.name}", e.time, e.time) for e in log.events if e.kind == "step"]
     marks = sorted([*steps, *pushes], key=lambda mark: mark.asked)
+    begin = float(log["time"][0]) if len(log) else 0.0
     last = {contact.id: contact for contact in events}
     contacts = [last[contact.id] for contact in events if contact.phase == "begin"]
     touches = [contact for contact in contacts if contact.kind != "rebound"]
     return RunRecord(
         marks=[mark.name for mark in marks],
-        contacts=[
-            contact_record(contact, marks, float(log["time"][0]), robot) for contact in touches
-        ],
+        contacts=[contact_record(contact, marks, begin, robot) for contact in touches],
         rebounds=len(contacts) - len(touches),
         reflexes=[f"{e.name} {e.phase}" for e in log.events if e.kind == "reflex"],
         sensors=[f"{e.name} {e.phase}" for e in log.events if e.kind == "sensor"],
         faults=[e.name for e in log.events if e.kind == "fault"],
         cues=[e.text for e in log.events if e.kind == "cue"],
-        begin=float(log["time"][0]),
+        begin=begin,
         ticks=len(log),
-        missed=int(log["missed"][-1]),
-        max_age=float(log["age"].max()),
+        missed=int(log["missed"].max(initial=0)),
+        max_age=float(log["age"].max(initial=0.0)),
         truth=log.truth is not None,
     )
 

@@ -14,6 +14,7 @@ from stand_ins import PATIENT, patient_driver
 
 from pepper_driver.callbacks.dispatcher import Dispatcher
 from pepper_driver.observer import Contact
+from pepper_driver.realtime import priority_obstacle
 
 ROOT = Path(__file__).parents[1]
 SCRIPT = ROOT / "benchmarks" / "parity.py"
@@ -53,7 +54,11 @@ def test_in_real_time_it_is_the_same(name: str) -> None:
 def test_over_naoqi_it_is_the_same(qi: object, name: str) -> None:
     with patient_driver():
         result = played(PARITY["PROGRAMS"][name], "stand-in", safety=PATIENT)
-    assert differences(simulated(name), result) == []
+    found = differences(simulated(name), result)
+    obstacle = priority_obstacle()
+    if found and obstacle and (overload := PARITY["overload"](result)):
+        pytest.skip(f"{overload}; {obstacle}")
+    assert found == []
     assert [run["truth"] for run in result["runs"]] == [False]
 
 
@@ -168,6 +173,42 @@ def test_what_noise_decides_is_no_difference() -> None:
         ("truth", False),
     ):
         assert differences(first, changed(first, key, value)) == []
+
+
+def test_a_machine_that_was_too_slow_is_named() -> None:
+    first = simulated("feel_a_push")
+    assert PARITY["overload"](first) == ""
+    for key, value in (("missed", 30), ("max_age", 0.2), ("error", "SlowLinkError: 40 ms")):
+        assert "too slow" in PARITY["overload"](changed(first, key, value))
+
+
+def test_a_process_of_its_own_gives_the_same_bits() -> None:
+    path = PARITY["PROGRAMS"]["feel_a_push"]
+    assert PARITY["play"](path, "sim") == simulated("feel_a_push")
+
+
+@pytest.mark.parametrize(("change", "code"), [(0.0, 0), (0.2, 1)])
+def test_the_exit_code_says_if_it_is_the_same(
+    change: float,
+    code: int,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    first = simulated("feel_a_push")
+    other = changed(first, "onset", change)
+    results = {"sim": first, "paced": other}
+    main, file = PARITY["main"], tmp_path / "results.json"
+    monkeypatch.setenv("COLUMNS", "200")
+    monkeypatch.setitem(main.__globals__, "play", lambda _, world: results[world])
+    arguments = ["--only", "feel_a_push", "--worlds", "sim,paced", "--json", str(file)]
+    monkeypatch.setattr(sys, "argv", [str(SCRIPT), *arguments])
+    assert main() == code
+    shown, document = capsys.readouterr().out, json.loads(file.read_text())
+    assert ("feel_a_push: same" in shown, "begins 0.272 s" in shown) == (code == 0, code == 1)
+    assert "what differs by nature" in shown
+    assert document["same"] == (code == 0)
+    assert document["programs"]["feel_a_push"]["worlds"] == [first, other]
 
 
 def test_the_documentation_has_the_same_table() -> None:
