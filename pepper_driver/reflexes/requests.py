@@ -72,9 +72,11 @@ class ReflexRequests:
     def hold_posture(self, posture: FloatArray, stiffness: float) -> None:
         """Have the whole robot go to a posture (17,) [rad] with a stiffness [1/s2].
 
-        All other tasks stand still meanwhile, the base comes to rest, and afterwards they go on.
+        All other tasks stand still meanwhile, the base comes to rest, and afterwards they go on. The first request
+        counts: it is the one of the highest priority.
         """
-        self.posture, self.posture_stiffness = posture, stiffness
+        if self.posture is None:
+            self.posture, self.posture_stiffness = posture, stiffness
 
     def lower_stiffness(self, joints: BoolArray, stiffness: float) -> None:
         """Lower the stiffness of motors, a mask (17,), to 0..1; the lowest request counts."""
