@@ -236,8 +236,8 @@ class RecordingPepper(Pepper):
     def start(self) -> None:
         self.recording.begin(super().start)
 
-    def stop(self) -> None:
-        super().stop()
+    def _end(self, error: BaseException | None) -> None:
+        super()._end(error)
         self.recording.end()
 
     def run(
