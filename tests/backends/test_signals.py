@@ -27,7 +27,7 @@ send = signal.raise_signal
 
 
 class Clock:
-    """In place of the time; each test's is later than that of the test before."""
+    """In place of the time."""
 
     now = 0.0
 
@@ -35,7 +35,7 @@ class Clock:
         return self.now
 
     def advance(self, seconds: float) -> None:
-        Clock.now += seconds
+        self.now += seconds
 
 
 @pytest.fixture(autouse=True)
@@ -43,8 +43,8 @@ def clock(monkeypatch: pytest.MonkeyPatch) -> Iterator[Clock]:
     """Signals as a program finds them, and finds them again afterwards."""
     before = {number: signal.getsignal(number) for number in (INT, TERM, HUP)}
     clock = Clock()
-    clock.advance(1e6)
     monkeypatch.setattr(signals, "time", clock)
+    monkeypatch.setattr(signals._Blocks, "last_raised", -MIN_INTERVAL)  # and back: by another clock
     for number in (TERM, HUP):
         signal.signal(number, signal.SIG_DFL)
     signal.signal(INT, signal.default_int_handler)
