@@ -16,7 +16,6 @@ from pepper_driver.backends.naoqi.link import Link
 from pepper_driver.backends.naoqi.preflight import Preflight
 from pepper_driver.backends.naoqi.priority import prefer_messages, preferred
 from pepper_driver.backends.selection import BackendUri
-from pepper_driver.backends.serial import serial
 from pepper_driver.config import (
     ConfigError,
     NaoqiSettings,
@@ -103,11 +102,14 @@ class NaoqiBackend(NaoqiRobot):
         link = self._link
         return 0.0 if link is None else link.request_lead
 
-    @serial
     def request(self) -> None:
-        """Ask for the sample of the tick that begins ``request_lead`` later."""
-        if self._link is not None and not self._lost:
-            self._link.request()
+        """Ask for the sample of the tick that begins ``request_lead`` later; not where another thread is at work."""
+        if self._lock.acquire(blocking=False):  # a start or an end takes seconds
+            try:
+                if self._link is not None and not self._lost:
+                    self._link.request()
+            finally:
+                self._lock.release()
 
     def close(self) -> None:
         """Deactivate and disconnect."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Callable
 from typing import Any
 
@@ -9,6 +10,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from naoqi_fakes import address_of
 from virtual_robot import (
     CYCLE,
     ROBOT,
@@ -18,8 +20,11 @@ from virtual_robot import (
     link_with,
     wire,
 )
+from waiting import PATIENCE
 
-from pepper_driver.backends.interface import BackendError, Measurement
+from pepper_driver.backends.interface import BackendError, Measurement, NotConnectedError
+from pepper_driver.backends.naoqi.backend import NaoqiBackend
+from pepper_driver.backends.naoqi.connection import Connection
 from pepper_driver.backends.naoqi.keys import SensorKeys
 from pepper_driver.backends.naoqi.lead import SlowLinkError
 from pepper_driver.config import load_safety_settings
@@ -353,3 +358,42 @@ def test_before_the_start_nothing_is_sent() -> None:
         robot.pass_time(robot.time + CYCLE)
         assert link.exchange(STAND + 0.5, ONES, np.ones(3)).answers is None
     assert robot.taken == 0
+
+
+class Busy(NaoqiBackend):
+    """Takes its time to connect."""
+
+    def __init__(self) -> None:
+        super().__init__(address_of("naoqi://pepper.invalid"), ROBOT, SETTINGS)
+        self.begun, self.go = threading.Event(), threading.Event()
+
+    def _met(self) -> Connection:
+        self.begun.set()
+        self.go.wait(PATIENCE)
+        raise NotConnectedError("nobody there")
+
+
+def test_a_request_does_not_wait_for_another_thread(monkeypatch: pytest.MonkeyPatch) -> None:
+    requests: list[str] = []
+    backend, link = Busy(), link_with(VirtualRobot())
+    monkeypatch.setattr(link, "request", lambda: requests.append("asked"))
+    backend._link = link
+    backend.request()
+    assert requests == ["asked"]
+
+    def begin() -> None:
+        with pytest.raises(NotConnectedError):
+            backend.open()
+
+    beginning = threading.Thread(target=begin)
+    beginning.start()
+    assert backend.begun.wait(PATIENCE)
+    try:
+        backend.request()
+        assert beginning.is_alive()
+        assert requests == ["asked"]
+    finally:
+        backend.go.set()
+        beginning.join(PATIENCE)
+    backend.request()
+    assert requests == ["asked", "asked"]
