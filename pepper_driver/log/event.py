@@ -8,7 +8,7 @@ from typing import Literal, get_args
 from pepper_driver.callbacks.events import CueEvent, PushEvent, ReflexEvent, SensorEvent, StepEvent
 from pepper_driver.log.json_topic import JsonTopic
 
-EventKind = Literal["reflex", "fault", "sensor", "missed", "step", "cue", "push"]
+EventKind = Literal["reflex", "fault", "sensor", "step", "cue", "push"]
 Logged = ReflexEvent | SensorEvent | StepEvent | CueEvent | PushEvent
 EventPhase = Literal["begin", "end"]
 
@@ -20,13 +20,12 @@ class LogEvent:
     Attributes:
         time: Clock of the robot [s].
         kind: A ``reflex`` began or ended to act, a ``fault`` stopped the robot, a touch ``sensor``, bumper or button
-            was pressed or let go, ticks were ``missed``; a ``step`` of a motion began, a ``cue`` was given, a simulated
-            robot was told to ``push`` itself.
-        name: Of the reflex, sensor or step, the kind of fault or cue, the link pushed; empty for missed ticks.
+            was pressed or let go, a ``step`` of a motion began, a ``cue`` was given, a simulated robot was told to
+            ``push`` itself.
+        name: Of the reflex, sensor or step, the kind of fault or cue, the link pushed.
         phase: ``begin`` or ``end`` of a reflex, or of a press; None for what has no duration.
         contact_id: The contact that a reflex answers; None for none.
         joints: Those a reflex acts on.
-        count: How many ticks were missed; None for other kinds.
         text: More, for people: why the robot was stopped, for example.
     """
 
@@ -36,7 +35,6 @@ class LogEvent:
     phase: EventPhase | None = None
     contact_id: int | None = None
     joints: tuple[str, ...] = ()
-    count: int | None = None
     text: str = ""
 
     @classmethod
@@ -71,8 +69,7 @@ EVENTS = JsonTopic(
         "phase": {"type": "string", "enum": list(get_args(EventPhase))},
         "contact_id": {"type": "integer"},
         "joints": {"type": "array", "items": {"type": "string"}},
-        "count": {"type": "integer"},
         "text": {"type": "string"},
     },
-    optional=frozenset({"phase", "contact_id", "count"}),
+    optional=frozenset({"phase", "contact_id"}),
 )

@@ -40,7 +40,6 @@ REFLEX = LogEvent(
     joints=("LShoulderRoll", "LElbowRoll"),
 )
 FAULT = LogEvent(time=0.024, kind="fault", name="stale", text='the newest "sample" is old\n')
-MISSED = LogEvent(time=0.036, kind="missed", count=2)
 BUMP = SensorEvent(kind="bumper", name="bumper.Left", pressed=True, time=0.036)
 PRESSED = LogEvent(time=0.036, kind="sensor", name="bumper.Left", phase="begin")
 
@@ -87,7 +86,7 @@ def valid(schema: dict[str, Any], message: dict[str, Any]) -> bool:
         *((CONTACTS, Samples(1).contact(number)) for number in range(6)),
         (LABELS, Label(time=1.0, phase="onset", source="key")),
         (LABELS, Label(time=1.0, phase="release", source="head", link="Head", joint="HeadYaw")),
-        *((EVENTS, event) for event in (REFLEX, FAULT, MISSED, PRESSED)),
+        *((EVENTS, event) for event in (REFLEX, FAULT, PRESSED)),
     ],
 )
 def test_items_come_back_and_fit_their_schema(topic: JsonTopic[Any], item: object) -> None:
