@@ -110,7 +110,7 @@ def bare(uri: str, stand_in: StandIn, robot: RobotConfig, seconds: float) -> dic
         backend.open()
         measurement = backend.activate()
         hold = np.clip(measurement.position, robot.lower, robot.upper)
-        pacer = RealTimePacer.from_backend(backend, robot.cycle)
+        pacer = RealTimePacer(robot.cycle, backend)
         with realtime_process(), realtime_thread():
             pacer.wait()
             warm = round(WARM_UP / robot.cycle)

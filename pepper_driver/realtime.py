@@ -10,8 +10,9 @@ import threading
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import asdict, dataclass
+from itertools import pairwise
 from typing import Any, Self
 
 import numpy as np
@@ -87,9 +88,7 @@ class RealTimePacer(Pacer):
 
     Args:
         cycle: Between two ticks [s].
-        phase_error: How much later than a time [ns] a tick best begins [s]; see :meth:`Backend.phase_error`.
-        request: Requests the sample of the coming tick; see :meth:`Backend.request`.
-        request_lead: How long before the tick it is called [s]; 0 for never.
+        backend: Robot whose cycles are followed; see :meth:`Backend.phase_error` and :meth:`Backend.request`.
         clock: Monotonic [ns].
         sleep: Waits [s].
     """
@@ -99,58 +98,44 @@ class RealTimePacer(Pacer):
     def __init__(
         self,
         cycle: float,
+        backend: Backend,
         *,
-        phase_error: Callable[[int], float] = lambda _: 0.0,
-        request: Callable[[], None] = lambda: None,
-        request_lead: Callable[[], float] = lambda: 0.0,
         clock: Callable[[], int] = time.perf_counter_ns,
         sleep: Callable[[float], None] = time.sleep,
     ) -> None:
-        self._cycle = round(cycle * 1e9)
-        self._phase_error, self._clock, self._sleep = phase_error, clock, sleep
-        self._request, self._request_lead = request, request_lead
-        self._next = clock()
-        self._fresh = True
+        self._cycle, self._backend = round(cycle * 1e9), backend
+        self._clock, self._sleep = clock, sleep
+        self._next: int | None = None  # known from the first tick on
 
     def clock(self) -> int:
         """Return the time [ns] of the clock that ticks are paced by."""
         return self._clock()
 
-    @classmethod
-    def from_backend(cls, backend: Backend, cycle: float) -> Self:
-        """Return a pacer that follows a robot's cycles and requests its samples."""
-        return cls(
-            cycle,
-            phase_error=backend.phase_error,
-            request=backend.request,
-            request_lead=lambda: backend.request_lead,
-        )
-
     def wait(self) -> int:
         """Return when the next tick is to begin, with the number of ticks missed before it."""
-        now = self._clock()
-        if self._fresh:
-            self._fresh = False
-            if self._next <= now:
-                self._next = now + round(1e9 * self._phase_error(now)) % self._cycle
-        missed = max(0, -((self._next - now) // self._cycle))  # rounded up: begun is too late
-        due = self._next + missed * self._cycle
+        cycle, backend, now = self._cycle, self._backend, self._clock()
+        if self._next is None:
+            self._next = now + round(1e9 * backend.phase_error(now)) % cycle
+        missed = max(0, -((self._next - now) // cycle))  # rounded up: begun is too late
+        due = self._next + missed * cycle
         if due > now:
-            lead = round(1e9 * self._request_lead())
+            lead = round(1e9 * backend.request_lead)
             if lead:
-                if due - lead > now:
-                    self._sleep((due - lead - now) * 1e-9)
-                self._request()
-                now = self._clock()
-            if due > now:
-                self._sleep((due - now) * 1e-9)
-            overslept = max(0, (self._clock() - due) // self._cycle)
+                self._sleep_until(due - lead)
+                backend.request()
+            self._sleep_until(due)
+            overslept = max(0, (self._clock() - due) // cycle)
             missed += overslept
-            due += overslept * self._cycle
-        self.due, self._next = due, due + self._cycle
-        most = MAX_PHASE_SHIFT * self._cycle
-        self._next += round(max(-most, min(most, 1e9 * self._phase_error(self._next))))
+            due += overslept * cycle
+        most = MAX_PHASE_SHIFT * cycle
+        shift = 1e9 * backend.phase_error(due + cycle)
+        self.due, self._next = due, due + cycle + round(max(-most, min(most, shift)))
         return missed
+
+    def _sleep_until(self, end: int) -> None:
+        left = end - self._clock()
+        if left > 0:
+            self._sleep(left * 1e-9)
 
 
 # -- what keeps them punctual -------------------------------------------------------------------------------------
@@ -161,98 +146,78 @@ def realtime_process() -> Iterator[None]:
     """Set up the process for ticks in real time; all is put back at the end.
 
     The collector of reference cycles leaves alone what is there, and does not run by itself; what came since is
-    collected at the end. Threads switch more often. Blocks may be nested, and entered by several threads.
+    collected at the end. Threads switch more often. Blocks may be nested, and entered by several threads: the first
+    that begins sets up, the last that ends puts back.
     """
-    _process.enter()
+    with _process_lock:
+        _blocks.append(None)
+        if len(_blocks) == 1:
+            if gc.get_freeze_count() <= MAX_FROZEN_BY_PYTHON:  # else by the user: stays so
+                _undo.callback(gc.unfreeze)
+            if gc.isenabled():
+                _undo.callback(gc.enable)
+                _undo.callback(gc.collect)  # quick: what is frozen is not looked at
+            interval = sys.getswitchinterval()
+            _undo.callback(sys.setswitchinterval, interval)
+            sys.setswitchinterval(min(SWITCH_INTERVAL, interval))
+            gc.freeze()
+            gc.disable()
     try:
         yield
     finally:
-        _process.leave()
+        with _process_lock:
+            _blocks.pop()
+            if not _blocks:
+                _undo.close()
+
+
+_process_lock = threading.Lock()
+_blocks: list[None] = []  # one for each that is open
+_undo = ExitStack()
 
 
 @contextmanager
 def realtime_thread() -> Iterator[None]:
     """Give this thread real-time priority, or log once how to permit it. Threads that it starts do not inherit that."""
-    try:
-        before = _raise_priority()
-    except _RefusedError as error:
-        before = None
-        if str(error) not in _logged:
-            _logged.add(str(error))
-            logger.warning("ticks run at normal priority and may come late: %s", error)
-    try:
+    with _priority() as obstacle:
+        if obstacle and obstacle not in _logged:
+            _logged.add(obstacle)
+            logger.warning("ticks run at normal priority and may come late: %s", obstacle)
         yield
-    finally:
-        if before is not None:
-            _set_scheduler(*before)
 
 
 def priority_obstacle() -> str:
     """Return why this thread cannot have real-time priority, and what permits it; empty when it can."""
-    try:
-        before = _raise_priority()
-    except _RefusedError as error:
-        return str(error)
-    if before is not None:
-        _set_scheduler(*before)
-    return ""
+    with _priority() as obstacle:
+        return obstacle
 
 
-class _Process:
-    """What all threads share: set by the first block that begins, put back by the last that ends."""
-
-    def __init__(self) -> None:
-        self._lock = threading.Lock()
-        self._blocks = 0
-
-    def enter(self) -> None:
-        with self._lock:
-            self._blocks += 1
-            if self._blocks > 1:
-                return
-            self._switch_interval = sys.getswitchinterval()
-            self._collecting = gc.isenabled()
-            self._frozen = gc.get_freeze_count() > MAX_FROZEN_BY_PYTHON  # by the user: stays so
-            sys.setswitchinterval(min(SWITCH_INTERVAL, self._switch_interval))
-            gc.freeze()
-            gc.disable()
-
-    def leave(self) -> None:
-        with self._lock:
-            self._blocks -= 1
-            if self._blocks:
-                return
-            sys.setswitchinterval(self._switch_interval)
-            if self._collecting:
-                gc.collect()  # quick: what is frozen is not looked at
-                gc.enable()
-            if not self._frozen:
-                gc.unfreeze()
-
-
-_process = _Process()
 _logged: set[str] = set()
 
 
-class _RefusedError(Exception):
-    """The system gives no real-time priority, for the reason given."""
-
-
-def _raise_priority() -> tuple[int, int] | None:
-    """Raise the priority; return scheduler and priority before, None where nothing has changed."""
+@contextmanager
+def _priority() -> Iterator[str]:
+    """Give this thread real-time priority, or yield why it cannot have it, and what permits it."""
     if not hasattr(os, "sched_setscheduler"):
-        raise _RefusedError("this system knows no real-time priority")
+        yield "this system knows no real-time priority"
+        return
     before, priority = os.sched_getscheduler(0), os.sched_getparam(0).sched_priority
-    if before & ~os.SCHED_RESET_ON_FORK in (os.SCHED_FIFO, os.SCHED_RR):
-        return None  # given from outside, such as by chrt
+    # From outside, such as by chrt.
+    given = before & ~os.SCHED_RESET_ON_FORK in (os.SCHED_FIFO, os.SCHED_RR)
+    obstacle = ""
     try:
-        _set_scheduler(os.SCHED_FIFO | os.SCHED_RESET_ON_FORK, PRIORITY)
-    except OSError as error:  # a container may refuse with other errors than PermissionError
-        raise _RefusedError(
+        if not given:
+            _set_scheduler(os.SCHED_FIFO | os.SCHED_RESET_ON_FORK, PRIORITY)
+    except OSError:  # a container may refuse with other errors than PermissionError
+        obstacle = (
             "real-time priority is not permitted; a line like '@realtime - rtprio 50' in "
             "/etc/security/limits.d/pepper.conf permits it to the group realtime"
-        ) from error
-    return before, priority
+        )
+    try:
+        yield obstacle
+    finally:
+        if not (given or obstacle):
+            _set_scheduler(before, priority)
 
 
 def _set_scheduler(scheduler: int, priority: int) -> None:
@@ -270,7 +235,7 @@ def _set_scheduler(scheduler: int, priority: int) -> None:
 # -- how punctual they were ---------------------------------------------------------------------------------------
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class Quantiles:
     """Median, 99th percentile and maximum of many values; NaN of none."""
 
@@ -281,8 +246,8 @@ class Quantiles:
     @classmethod
     def from_values(cls, values: NDArray[np.floating[Any]]) -> Self:
         """Return those of (n,) values."""
-        median, p99, top = np.percentile(values, [50, 99, 100]) if len(values) else [np.nan] * 3
-        return cls(median=float(median), p99=float(p99), max=float(top))
+        figures = np.percentile(values, [50, 99, 100]) if len(values) else np.full(3, np.nan)
+        return cls(*figures.tolist())
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -350,13 +315,18 @@ class StageTimes:
     """
 
     def __init__(self, cycle: float, capacity: int = 300_000) -> None:
-        self._cycle, self._cycle_ns = cycle, round(cycle * 1e9)
-        # [ns] of the clock. Pages of memory are taken when they are first written.
-        self._marks = np.zeros((capacity, len(STAGES) + 1), dtype=np.int64)
-        self._due, self._ages = np.zeros(capacity, dtype=np.int64), np.zeros(capacity)
+        self._cycle = cycle
+        # Times of WAKING and the stages [ns], age [s]. Pages of memory are taken when they are first written.
+        self._ticks = np.zeros((capacity, len(STAGES) + 2))
         self._warned: int | None = None
-        self._paced = self._overran = False
         self.clear()
+
+    def clear(self) -> None:
+        """Forget all ticks."""
+        self._count = self._missed = 0
+        self._late: Counter[str] = Counter()
+        self._longest = ""
+        self._paced = self._overran = False
 
     def add(
         self, marks: Sequence[int], *, age: float, due: int | None = None, missed: int = 0
@@ -369,54 +339,43 @@ class StageTimes:
             due: When it was to begin, by the same clock; None where ticks do not wait.
             missed: Ticks before it that never began.
         """
-        slot = self._count % len(self._marks)
-        self._marks[slot] = marks
-        self._ages[slot] = age
-        self._due[slot] = marks[0] if due is None else due
+        begin = marks[0] if due is None else due
+        times = [b - a for a, b in pairwise((begin, *marks))]
+        self._ticks[self._count % len(self._ticks)] = (*times, age)
         self._count += 1
         if missed:
-            self.missed += missed
+            self._missed += missed
             if not self._overran:  # not the tick before, but the waiting took too long
                 self._late[WAKING] += 1
                 self._longest = WAKING
-            self._warn(marks[0])
+            if self._warned is None or marks[0] - self._warned >= WARNING_PERIOD * 1e9:
+                self._warned = marks[0]
+                logger.warning(
+                    "%d ticks missed so far; longest before the last: %s",
+                    self._missed,
+                    self._longest,
+                )
         self._paced = due is not None
-        self._overran = due is not None and marks[-1] - due > self._cycle_ns
-        if due is not None and self._overran:
-            times = [b - a for a, b in zip((due, *marks), marks, strict=False)]
+        self._overran = self._paced and sum(times) > self._cycle * 1e9
+        if self._overran:
             self._longest = (WAKING, *STAGES)[times.index(max(times))]
             self._late[self._longest] += 1
-
-    def clear(self) -> None:
-        """Forget all ticks."""
-        self._count = self.missed = 0
-        self._late: Counter[str] = Counter()
-        self._longest = ""
-        self._paced = self._overran = False
 
     @property
     def statistics(self) -> Statistics:
         """Statistics of the ticks so far."""
-        kept = min(self._count, len(self._marks))
-        marks, due = self._marks[:kept], self._due[:kept]
-        times = np.diff(marks, axis=1) * 1e-3
         of = Quantiles.from_values
-        own = [i for i, stage in enumerate(STAGES) if stage not in ("read", "write")]
+        *times, ages = self._ticks[: self._count].T
+        stages = dict(zip(STAGES, times[1:], strict=True))
+        own = [times for stage, times in stages.items() if stage not in ("read", "write")]
         return Statistics(
             cycle=self._cycle,
             ticks=self._count,
-            missed=self.missed,
+            missed=self._missed,
             late=dict(self._late),
-            stages={stage: of(times[:, i]) for i, stage in enumerate(STAGES)},
-            tick=of(times[:, own].sum(axis=1)),
-            begin=of(1e-6 * (marks[:, 0] - due)) if self._paced else None,
-            end=of(1e-6 * (marks[:, -1] - due)) if self._paced else None,
-            sample_age=of(self._ages[:kept] * 1e3),
+            stages={stage: of(1e-3 * times) for stage, times in stages.items()},
+            tick=of(1e-3 * np.sum(own, axis=0)),
+            begin=of(1e-6 * times[0]) if self._paced else None,
+            end=of(1e-6 * np.sum(times, axis=0)) if self._paced else None,
+            sample_age=of(1e3 * ages),
         )
-
-    def _warn(self, now: int) -> None:
-        if self._warned is None or now - self._warned >= WARNING_PERIOD * 1e9:
-            self._warned = now
-            logger.warning(
-                "%d ticks missed so far; longest before the last: %s", self.missed, self._longest
-            )

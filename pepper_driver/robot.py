@@ -223,9 +223,7 @@ class Pepper:
             self.config,
             self._gate,
             dispatcher=self._callbacks.make_dispatcher(),
-            pacer=RealTimePacer.from_backend(self.backend, self.config.cycle)
-            if self.paced
-            else Pacer(),
+            pacer=RealTimePacer(self.config.cycle, self.backend) if self.paced else Pacer(),
             changes=self._changes,
             loop_thread=self._loop_thread,
         )

@@ -60,7 +60,7 @@ def look(
     """
     pacer = Pacer()
     if backend.real_time:
-        pacer = RealTimePacer.from_backend(backend, robot.cycle)
+        pacer = RealTimePacer(robot.cycle, backend)
     tell = on_progress or (lambda share: None)
     ticks = round(seconds / robot.cycle)
     missed = 0

@@ -15,7 +15,7 @@ from pepper_driver.config.parts import FloatArray
 from pepper_driver.doctor import Examination, Result, examine
 from pepper_driver.observer import ModelSet
 from pepper_driver.observer.model_file import shipped
-from pepper_driver.realtime import Pacer, RealTimePacer
+from pepper_driver.realtime import Pacer
 
 ROBOT = load_robot()
 TICKS = 3000
@@ -62,7 +62,8 @@ def use(monkeypatch: pytest.MonkeyPatch, backend: Backend) -> None:
 
     monkeypatch.setattr("pepper_driver.doctor.examination.make_backend", make)
     monkeypatch.setattr("pepper_driver.robot.make_backend", make)
-    monkeypatch.setattr(RealTimePacer, "from_backend", lambda *_: Pacer())
+    monkeypatch.setattr("pepper_driver.doctor.look.RealTimePacer", lambda *_: Pacer())
+    monkeypatch.setattr("pepper_driver.robot.RealTimePacer", lambda *_: Pacer())
 
 
 def models_for(identity: str, folder: Path) -> Path:

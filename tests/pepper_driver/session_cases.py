@@ -90,9 +90,9 @@ class VirtualTime:
             with self._changed:
                 self._flowing -= 1
 
-    def pacer(self, cycle: float = ROBOT.cycle, **_: Any) -> RealTimePacer:
+    def pacer(self, cycle: float, backend: Backend) -> RealTimePacer:
         """A pacer by this clock."""
-        return RealTimePacer(cycle, clock=self.clock, sleep=self.sleep)
+        return RealTimePacer(cycle, backend, clock=self.clock, sleep=self.sleep)
 
     def _pass(self, end: int) -> None:
         while due := {at: thread for thread, at in self._sleepers.items() if at <= end}:
@@ -184,10 +184,11 @@ def active(
     **parts: Any,
 ) -> Iterator[Session]:
     """A session inside a block, paced by a clock or not, without what the facade does in the end."""
+    backend = backend or MockBackend()
     session = make_session(
-        backend or MockBackend(),
+        backend,
         gate=gate,
-        pacer=None if time is None else time.pacer(),
+        pacer=None if time is None else time.pacer(ROBOT.cycle, backend),
         loop_thread=loop_thread,
     )
     start(session, **parts)
@@ -238,7 +239,7 @@ def virtual_time() -> Iterator[VirtualTime]:
             close(session)
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(RealTimePacer, "from_backend", lambda _, cycle: time.pacer(cycle))
+        patch.setattr("pepper_driver.robot.RealTimePacer", time.pacer)
         patch.setattr(Session, "close", close_at_once)
         yield time
 

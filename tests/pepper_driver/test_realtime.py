@@ -59,7 +59,7 @@ class FakeClock:
 
 
 def make_pacer(clock: FakeClock) -> RealTimePacer:
-    return RealTimePacer(0.012, clock=clock, sleep=clock.sleep)
+    return RealTimePacer(0.012, MockBackend(), clock=clock, sleep=clock.sleep)
 
 
 def started(pacer: Pacer) -> int:
@@ -166,12 +166,13 @@ def test_no_pacing_waits_for_nothing_and_changes_nothing() -> None:
 def following(clock: FakeClock, beat: float, drift: float = 0.0) -> RealTimePacer:
     """Of a robot whose cycles are best met ``beat`` [ms] after whole cycles of a clock that is faster by ``drift``."""
 
-    def phase_error(due: int) -> float:
-        cycle = CYCLE / (1.0 + drift)
-        late = (beat * MS - due) % cycle
-        return (late - cycle if late > cycle / 2 else late) * 1e-9
+    class Robot(MockBackend):
+        def phase_error(self, due: int) -> float:
+            cycle = CYCLE / (1.0 + drift)
+            late = (beat * MS - due) % cycle
+            return (late - cycle if late > cycle / 2 else late) * 1e-9
 
-    return RealTimePacer(0.012, phase_error=phase_error, clock=clock, sleep=clock.sleep)
+    return RealTimePacer(0.012, Robot(), clock=clock, sleep=clock.sleep)
 
 
 @pytest.mark.parametrize("beat", [0.0, 1.0, 4.9, 5.1, 11.9])
@@ -201,12 +202,12 @@ def test_ticks_follow_a_robot_whose_clock_runs_apart(drift: float) -> None:
 def test_a_robot_whose_cycles_jump_is_followed_slowly() -> None:
     clock = FakeClock()
     beat = [3.0]
-    pacer = RealTimePacer(
-        0.012,
-        phase_error=lambda due: ((beat[0] * MS - due + CYCLE / 2) % CYCLE - CYCLE / 2) * 1e-9,
-        clock=clock,
-        sleep=clock.sleep,
-    )
+
+    class Robot(MockBackend):
+        def phase_error(self, due: int) -> float:
+            return ((beat[0] * MS - due + CYCLE / 2) % CYCLE - CYCLE / 2) * 1e-9
+
+    pacer = RealTimePacer(0.012, Robot(), clock=clock, sleep=clock.sleep)
     pacer.wait()
     beat[0] = 8.0
     begins = [started(pacer)]
@@ -230,19 +231,18 @@ def test_a_tick_that_was_missed_shifts_none_where_ticks_follow_a_robot() -> None
 # -- requests for samples ---------------------------------------------------------------------------------------
 
 
-class Requested:
-    """A pacer that notes when it requests a sample, and how long that takes."""
+class Requested(MockBackend):
+    """Notes when its pacer requests a sample, and takes its time for that."""
 
     def __init__(self, clock: FakeClock, lead_ms: float, takes_ms: float = 0.0) -> None:
+        super().__init__()
         self.clock, self.lead, self.takes = clock, lead_ms * 1e-3, round(takes_ms * MS)
         self.at: list[int] = []
-        self.pacer = RealTimePacer(
-            0.012,
-            request=self.request,
-            request_lead=lambda: self.lead,
-            clock=clock,
-            sleep=clock.sleep,
-        )
+        self.pacer = RealTimePacer(0.012, self, clock=clock, sleep=clock.sleep)
+
+    @property
+    def request_lead(self) -> float:
+        return self.lead
 
     def request(self) -> None:
         self.at.append(self.clock.now)
@@ -383,7 +383,7 @@ def test_the_pacer_of_a_robot_follows_it_and_requests_its_samples() -> None:
             return 0.0
 
     robot = Robot()
-    pacer = RealTimePacer.from_backend(robot, ROBOT.cycle)
+    pacer = RealTimePacer(ROBOT.cycle, robot)
     for _ in range(3):
         pacer.wait()
     assert set(robot.calls) == {"request", "phase"}

@@ -18,7 +18,6 @@ from pepper_driver.config.parts import FloatArray
 from pepper_driver.controller import Tick
 from pepper_driver.log import LogWriter, read_log
 from pepper_driver.observer import Observation
-from pepper_driver.realtime import RealTimePacer
 from pepper_driver.reflexes import Reflex, ReflexRequests
 from pepper_driver.robot import Pepper
 from pepper_driver.safety import FaultError, FaultReason, RobotState
@@ -216,7 +215,7 @@ def calls_of_a_run(monkeypatch: pytest.MonkeyPatch, *, real: bool, paced: bool) 
     """All that is called in a run of a backend whose caller ticks, by a clock that stands still but for sleeping."""
     calls: list[str] = []
     time = VirtualTime()
-    monkeypatch.setattr(RealTimePacer, "from_backend", lambda _, cycle: time.pacer(cycle))
+    monkeypatch.setattr("pepper_driver.robot.RealTimePacer", time.pacer)
     monkeypatch.setattr("pepper_driver.robot.make_backend", lambda *_: Recorder(real, calls))
     reflex = Reacting(calls)
     with Pepper(

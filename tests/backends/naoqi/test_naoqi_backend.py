@@ -79,7 +79,7 @@ def run(
     until: Callable[[Measurement], bool] = lambda _: False,
 ) -> list[Measurement]:
     """Ticks in real time."""
-    pacer, measured = RealTimePacer.from_backend(backend, ROBOT.cycle), []
+    pacer, measured = RealTimePacer(ROBOT.cycle, backend), []
     with realtime_process(), realtime_thread():
         for tick in range(ticks):
             pacer.wait()

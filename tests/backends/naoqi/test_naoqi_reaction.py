@@ -251,7 +251,7 @@ def test_who_begins_to_request_in_the_middle_soon_has_the_sample_of_the_tick() -
     for _ in range(100):
         loop.wait()
         loop.read()
-    loop.pacer._request_lead = lambda: loop.link.request_lead
+    loop.followed.request_lead = loop.link.request_lead
     late = []
     for _ in range(50):
         loop.wait()

@@ -168,7 +168,7 @@ def hold(
     backend: Backend, posture: FloatArray, until: Callable[[FloatArray], bool], seconds: float
 ) -> FloatArray:
     """(17,) stiffness shown by the last of ticks in real time, in all of which full stiffness is ordered."""
-    pacer, end = RealTimePacer.from_backend(backend, ROBOT.cycle), time.monotonic() + seconds
+    pacer, end = RealTimePacer(ROBOT.cycle, backend), time.monotonic() + seconds
     command = Command(position=posture, stiffness=ONES, wheel_speed=STILL)
     with realtime_process(), realtime_thread():
         while True:
@@ -189,7 +189,7 @@ def test_our_own_ramps_are_no_theft_over_qi_either(robot: StandIn, fault: str) -
         posture = np.clip(backend.activate().position, ROBOT.lower, ROBOT.upper)
         gate.activate(posture)
         sent, lowest = [gate.sent] * 60, 1.0
-        pacer = RealTimePacer.from_backend(backend, ROBOT.cycle)
+        pacer = RealTimePacer(ROBOT.cycle, backend)
         backend.write(gate.sent)
         with realtime_process(), realtime_thread():
             for tick in range(300):

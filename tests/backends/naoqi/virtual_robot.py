@@ -9,6 +9,7 @@ import heapq
 from collections import Counter
 from collections.abc import Callable, Sequence
 from itertools import count
+from types import SimpleNamespace
 from typing import Any, cast
 
 import numpy as np
@@ -330,14 +331,12 @@ class VirtualLoop:
         self.robot, self._compute = robot, compute
         self.link = link_with(robot, settings)
         link = self.link
-        self.pacer = RealTimePacer(
-            ROBOT.cycle,
+        self.followed: Any = SimpleNamespace(  # in place of a backend
             phase_error=link.phase_error if follow else lambda _: 0.0,
             request=link.request,
-            request_lead=lambda: link.request_lead if request else 0.0,
-            clock=robot.now,
-            sleep=robot.sleep,
+            request_lead=link.request_lead if request else 0.0,
         )
+        self.pacer = RealTimePacer(ROBOT.cycle, self.followed, clock=robot.now, sleep=robot.sleep)
         self.began: list[float] = []
 
     def wait(self, late: float = 0.0) -> None:
