@@ -62,11 +62,12 @@ class Loop:
         arbiter: Decides what its controller follows; the controller is reset to the posture the robot holds.
         gate: Active, holding the same posture.
         first: Newest measurement.
-        observer: Or None to detect nothing.
+        observer: Reset; or None to detect nothing.
         publish: Takes every tick; must not block.
 
     Attributes:
         arbiter: The same.
+        observer: The same.
         times: Times of the stages.
         latest: Newest tick, or the robot at the start, as it stands.
     """
@@ -85,7 +86,9 @@ class Loop:
         self._backend, self._robot, self._gate = backend, robot, gate
         self.arbiter = arbiter
         self._controller: WholeBodyController = arbiter.controller
-        self._observer, self._publish = observer, publish
+        self.observer, self._publish = observer, publish
+        if observer is not None:
+            observer.reset()
         self._log: LogWriter | None = None
         self._label: Labelling = lambda _: ()
         self._logs_truth = "truth" in backend.info.capabilities
@@ -104,9 +107,8 @@ class Loop:
         sent = Sent(reference=standing, command=gate.sent, changed=np.zeros(n, dtype=np.bool_))
         # The last one is in force.
         self._in_flight = deque([sent], maxlen=max(LONGEST_WAY, backend.info.response_delay) + 1)
-        self._written = self._answered = (
-            0  # numbers of the last command, and of the last one answered
-        )
+        # Numbers of the last command, and of the last one answered.
+        self._written = self._answered = 0
         self.latest = TickRecord(tick=_tick(first, sent))
         backend.write(sent.command)
 
@@ -160,8 +162,8 @@ class Loop:
         try:
             labels = self._label(measurement)
             events += self._sensors.step(measurement)
-            if self._observer is not None:
-                observation = self._observer.step(tick)
+            if self.observer is not None:
+                observation = self.observer.step(tick)
             marks.append(perf_counter_ns())
             events += self.arbiter.step(observation, measurement)
             marks.append(perf_counter_ns())

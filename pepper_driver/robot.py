@@ -47,14 +47,14 @@ from pepper_driver.controller.tasks.targets import finite_vector
 from pepper_driver.controller.whole_body import check_part
 from pepper_driver.extras import RobotExtras
 from pepper_driver.log import LogWriter, run_metadata
-from pepper_driver.loop import Labelling, Loop, TickRecord
+from pepper_driver.loop import Labelling, Loop
 from pepper_driver.motion import Conductor, OnStep, Player
 from pepper_driver.motion_report import MotionReport
 from pepper_driver.observer import Contact, Observation, Observer
 from pepper_driver.realtime import Pacer, RealTimePacer, Statistics
 from pepper_driver.reflexes import Arbiter, Reflex, prepare_reflexes
 from pepper_driver.reflexes.declared import declare
-from pepper_driver.safety import FaultReason, RobotState, SafetyGate
+from pepper_driver.safety import FaultReason, RobotState
 from pepper_driver.selection import check_observer, make_observer
 from pepper_driver.session import OnTick, Session
 
@@ -67,7 +67,7 @@ DRIVE_TIME = 0.5
 """[s] for which the base follows one :meth:`Pepper.drive`."""
 
 
-class Pepper:
+class Pepper(CallbackRegistry):
     """A Pepper, real or simulated, that detects where it is touched.
 
     >>> with Pepper("mujoco") as pepper:
@@ -105,8 +105,6 @@ class Pepper:
         observer: The observer in use; of a real robot, by name, once it is connected.
         reflexes: In the order in which they are asked.
         push, grab: Push or grab a link of a simulated robot; see :meth:`pepper_driver.backends.Backend.push`.
-        on_contact, on_tick, on_touch, on_bumper, on_button, on_fault, on_reflex, on_step, on_cue, on_push: Decorators
-            for callbacks; see :class:`~pepper_driver.callbacks.callback_registry.CallbackRegistry`.
 
     Raises:
         PepperError: An argument is wrong.
@@ -129,6 +127,7 @@ class Pepper:
     ) -> None:
         self.config = robot or load_robot()
         self.reflexes = prepare_reflexes(reflexes, self.config)
+        super().__init__(self.config, [reflex.name for reflex in self.reflexes])
         self.backend: Backend = make_backend(uri, self.config)
         self.extras = RobotExtras(self.backend, self._is_active)
         self.paced = real_time or self.backend.real_time
@@ -153,24 +152,10 @@ class Pepper:
         self._parts: tuple[Task | Constraint, ...] = ()  # of the user, added before the start
         self._model: RobotModel | None = None
         self._model_lock, self._starting = threading.Lock(), threading.Lock()
-        self._gate: SafetyGate | None = (
-            None  # before the session: a stop finds it while that starts
-        )
-        self._session: Session | None = None  # the one that runs, or the last one
+        self._session: Session | None = None  # the one that starts or runs, or the last one
         self._signals = ExitStack()  # SIGTERM and SIGHUP are exceptions while it is active
         self._raises_signals = False  # and were not before
-        self._callbacks = CallbackRegistry(self.config, [reflex.name for reflex in self.reflexes])
         self.push, self.grab = self.backend.push, self.backend.grab
-        self.on_contact = self._callbacks.on_contact
-        self.on_tick = self._callbacks.on_tick
-        self.on_touch = self._callbacks.on_touch
-        self.on_bumper = self._callbacks.on_bumper
-        self.on_button = self._callbacks.on_button
-        self.on_fault = self._callbacks.on_fault
-        self.on_reflex = self._callbacks.on_reflex
-        self.on_step = self._callbacks.on_step
-        self.on_cue = self._callbacks.on_cue
-        self.on_push = self._callbacks.on_push
 
     # -- life -----------------------------------------------------------------------------------------------------
 
@@ -217,12 +202,12 @@ class Pepper:
             self._starting.release()
 
     def _start(self) -> None:
-        self._gate = SafetyGate(self.config, self._safety_settings, self._controller_settings)
         self._session = Session(
             self.backend,
             self.config,
-            self._gate,
-            dispatcher=self._callbacks.make_dispatcher(),
+            self._controller_settings,
+            self._safety_settings,
+            dispatcher=self._make_dispatcher(),
             pacer=RealTimePacer(self.config.cycle, self.backend) if self.paced else Pacer(),
             changes=self._changes,
             loop_thread=self._loop_thread,
@@ -230,7 +215,6 @@ class Pepper:
         try:
             self._raises_signals = self._signals.enter_context(raised_signals())
             self._session.start(
-                self._controller_settings,
                 observer=self._make_observer,
                 reflexes=self.reflexes,
                 parts=self._parts,
@@ -259,8 +243,8 @@ class Pepper:
             raise
         finally:
             if isinstance(error, KeyboardInterrupt):
-                if session.log_path is not None:
-                    error.add_note(f"log: {session.log_path}")
+                if session.log is not None:
+                    error.add_note(f"log: {session.log.path}")
                 if isinstance(error, Terminated) and self._raises_signals:  # no traceback will tell
                     logger.warning("%s", describe_interrupt(error))
 
@@ -282,7 +266,7 @@ class Pepper:
 
     def run_metadata(self) -> dict[str, str]:
         """Return what a log says of a run that begins now: robot, observer, reflexes, settings, versions."""
-        known = run_metadata(
+        return self._about | run_metadata(
             self.backend,
             self.observer,
             self.config,
@@ -291,14 +275,13 @@ class Pepper:
             observer_name=self._observer_name,
             reflexes=[declare(reflex) for reflex in self.reflexes],
         )
-        return {**self._about, **known}
 
     # -- read it --------------------------------------------------------------------------------------------------
 
     @property
     def state(self) -> RobotState:
         """INACTIVE, ACTIVE, or FAULT, which only a new start leaves."""
-        return self._gate.state if self._gate is not None else RobotState.INACTIVE
+        return RobotState.INACTIVE if self._session is None else self._session.gate.state
 
     @property
     def time(self) -> float:
@@ -308,12 +291,12 @@ class Pepper:
     @property
     def measurement(self) -> Measurement:
         """The newest measurement."""
-        return self._latest.tick.measurement
+        return self._loop.latest.tick.measurement
 
     @property
     def observation(self) -> Observation | None:
         """The newest observation; None without an observer, and before the first tick."""
-        return self._latest.observation
+        return self._loop.latest.observation
 
     @property
     def position(self) -> JointArray:
@@ -553,9 +536,8 @@ class Pepper:
         Args:
             text: Why, for people: part of the FaultError.
         """
-        if self._gate is not None:
-            self._gate.stop(FaultReason.EMERGENCY_STOP, text)
         if self._session is not None:
+            self._session.gate.stop(FaultReason.EMERGENCY_STOP, text)
             self._session.publish_fault()
 
     # -- hear of it -----------------------------------------------------------------------------------------------
@@ -629,10 +611,6 @@ class Pepper:
         if loop is None:
             raise BackendError(f"'{self.backend.uri}' was never started")
         return loop
-
-    @property
-    def _latest(self) -> TickRecord:
-        return self._loop.latest
 
 
 def _checked_time(name: str, value: float, least: float, most: float) -> float:

@@ -25,7 +25,7 @@ from pepper_driver.callbacks.events import (
     TickEvent,
     Touches,
 )
-from pepper_driver.config import ControllerSettings, RobotConfig
+from pepper_driver.config import ControllerSettings, RobotConfig, SafetySettings
 from pepper_driver.controller import Tick, WholeBodyController
 from pepper_driver.controller.changes import Change, Changes
 from pepper_driver.controller.constraints import Constraint
@@ -114,7 +114,8 @@ class Session:
     Args:
         backend: Closed.
         robot: Its description.
-        gate: Passed by all commands.
+        controller: Gains, limits, feedback and solver of the controller.
+        safety: Limits of the safety gate.
         dispatcher: Calls the callbacks.
         pacer: Says when ticks begin.
         changes: Lock of what other threads change.
@@ -123,9 +124,9 @@ class Session:
     Attributes:
         active: True until it is closed.
         dispatcher: The same.
+        gate: Passed by all commands.
         loop: Runs the ticks, once started.
-        ticks_itself: True where a thread of the session makes all ticks.
-        has_observer: True where contacts can be detected.
+        log: Of the run; None without one.
         cycle: Period of the ticks [s].
         contact_history: All contact events so far, oldest first.
         touches: Contacts that last now.
@@ -137,22 +138,24 @@ class Session:
         self,
         backend: Backend,
         robot: RobotConfig,
-        gate: SafetyGate,
+        controller: ControllerSettings,
+        safety: SafetySettings,
         *,
         dispatcher: Dispatcher,
         pacer: Pacer,
         changes: Changes,
         loop_thread: bool,
     ) -> None:
-        self._backend, self._robot, self._gate = backend, robot, gate
-        self._pacer, self._changes = pacer, changes
-        self.ticks_itself, self.cycle = loop_thread, robot.cycle
-        self.active = self.has_observer = False
+        self._backend, self._robot, self._settings = backend, robot, controller
+        self._pacer, self._changes, self._loop_thread = pacer, changes, loop_thread
+        self.gate = SafetyGate(robot, safety, controller)
+        self.dispatcher, self.cycle = dispatcher, robot.cycle
+        self.active = False
+        self.log: LogWriter | None = None
         self.contact_history: list[Contact] = []
         self.touches = Touches()
         self._failure: BaseException | None = None  # what ended the ticks
         self._failure_raised = False  # where somebody sees it
-        self._log: LogWriter | None = None
         self._wait: Wait | None = None
         self._turn = threading.RLock()  # of who ticks, or waits for ticks; knows who has it
         self._runner: threading.Thread | None = None
@@ -166,16 +169,14 @@ class Session:
         self._closed = False
         self._closing = threading.RLock()  # re-entrant, for signal handlers
         self._fault_lock = threading.Lock()  # taken by the first who publishes a fault, for good
-        self.dispatcher = dispatcher
         self._rest = ExitStack()  # closed after the robot, the last first
-        self._rest.callback(self.dispatcher.close, timeout=CALLBACK_TIME)
+        self._rest.callback(dispatcher.close, timeout=CALLBACK_TIME)
 
     # -- begin and end --------------------------------------------------------------------------------------------
 
     @deferred_signals(checked=True)
     def start(
         self,
-        settings: ControllerSettings,
         *,
         observer: Callable[[], Observer | None],
         reflexes: tuple[Reflex, ...],
@@ -185,7 +186,6 @@ class Session:
         """Take the robot over and begin to tick; what fails leaves it closed.
 
         Args:
-            settings: Gains, limits, feedback and solver of the controller.
             observer: Makes the observer, or None, once it is known which robot this is.
             reflexes: In the order in which they are asked.
             parts: Tasks and constraints from the first tick on.
@@ -200,20 +200,17 @@ class Session:
         try:
             with immediate_signals():  # it may wait for long, and nothing moves
                 measurement = backend.open()
-            self._gate.check_ready(measurement)
+            self.gate.check_ready(measurement)
             measured, watching, logged = measurement.position, observer(), log()
             check_signals()
             if logged is not None:  # only now: a robot that is not there costs no earlier log
                 self._open_log(*logged)
-            controller = WholeBodyController(robot, settings, changes=self._changes)
+            controller = WholeBodyController(robot, self._settings, changes=self._changes)
             measurement = backend.activate()
             held = measured if backend.held is None else backend.held
             hold = np.clip(held, robot.lower, robot.upper)
             controller.reset(hold)
-            self._gate.activate(hold)
-            if watching is not None:
-                self.has_observer = True
-                watching.reset()
+            self.gate.activate(hold)
             arbiter = Arbiter(controller, robot, reflexes)
             for part in parts:
                 arbiter.add(part)
@@ -221,13 +218,13 @@ class Session:
                 backend,
                 robot,
                 arbiter,
-                self._gate,
+                self.gate,
                 first=measurement,
                 observer=watching,
                 publish=self._publish,
             )
-            if self._log is not None:
-                self.loop.start_log(self._log)
+            if self.log is not None:
+                self.loop.start_log(self.log)
             with self._closing:
                 if self._ending.is_set():
                     raise BackendError("the robot was stopped while it started")
@@ -250,22 +247,17 @@ class Session:
         self, path: Path, metadata: Mapping[str, str], label: Labelling | None
     ) -> LogWriter:
         """Log from the next tick on; see :meth:`pepper_driver.Pepper.start_log`."""
-        if self._log is not None:
-            raise BackendError(f"this run is logged already, to '{self._log.path}'")
+        if self.log is not None:
+            raise BackendError(f"this run is logged already, to '{self.log.path}'")
         log = self._open_log(path, metadata)
         self._changes.make(lambda: self.loop.start_log(log, label))
         return log
 
-    @property
-    def log_path(self) -> Path | None:
-        """File of the log; None without one."""
-        return None if self._log is None else self._log.path
-
     def _open_log(self, path: Path, metadata: Mapping[str, str]) -> LogWriter:
         lossless = not self._backend.real_time
-        self._log = LogWriter(path, self._robot, metadata, lossless=lossless)
-        self._rest.callback(self._log.close)
-        return self._log
+        self.log = LogWriter(path, self._robot, metadata, lossless=lossless)
+        self._rest.callback(self.log.close)
+        return self.log
 
     @deferred_signals()
     def close(self) -> None:
@@ -285,7 +277,7 @@ class Session:
                 try:
                     hangs = not self._wait_for_tick()
                 finally:
-                    self._gate.deactivate()
+                    self.gate.deactivate()
                     if hangs:
                         self._close_hanging_backend()
                     else:
@@ -354,7 +346,6 @@ class Session:
             ChangesError: It is called inside a group of changes.
         """
         wait = Wait(ticks, on_tick, until)
-
         outer = self._wait  # None, unless a signal handler runs the robot inside a run
 
         def start_wait() -> None:
@@ -409,7 +400,7 @@ class Session:
         current = threading.current_thread()
         if self._ticking is current:
             self.check_free()
-        return not self.ticks_itself and self._runner is None and self._home is current
+        return not self._loop_thread and self._runner is None and self._home is current
 
     @contextmanager
     def _take_turn(self) -> Iterator[None]:
@@ -417,9 +408,8 @@ class Session:
         current = threading.current_thread()
         try:
             try:
-                self._callers.add(
-                    current
-                )  # the session's thread gives the turn back after its tick
+                # The session's thread gives the turn back after its tick.
+                self._callers.add(current)
                 taken = self._turn.acquire(timeout=MAX_TICK_TIME)
             finally:
                 self._callers.discard(current)
@@ -437,28 +427,28 @@ class Session:
                 pass
 
     def _tick_until(self, over: threading.Event) -> None:
-        """Wait, and tick where no thread does."""
-        if self.ticks_itself:
+        """Wait, and tick where no thread does. Whatever a tick raises stops the robot and ends the wait."""
+        if self._loop_thread:
             over.wait()
             return
-        with realtime_thread() if self._pacer.paced else nullcontext():
-            while not over.is_set():
-                self._tick()
-
-    def _tick(self) -> None:
-        """Make one tick when it is due. Whatever it raises stops the robot and ends the wait for its ticks."""
         try:
-            missed = self._pacer.wait()
-            self._changes.give_way()
-            with self._changes.tick():
-                self._ticking = threading.current_thread()
-                try:
-                    self.loop.tick(self._pacer.due, missed)
-                finally:
-                    self._ticking = None
-                    self._ticked = self._pacer.clock()
+            with realtime_thread() if self._pacer.paced else nullcontext():
+                while not over.is_set():
+                    self._tick()
         except Exception as error:
             self._fail(error)
+
+    def _tick(self) -> None:
+        """Make one tick when it is due."""
+        missed = self._pacer.wait()
+        self._changes.give_way()
+        with self._changes.tick():
+            self._ticking = threading.current_thread()
+            try:
+                self.loop.tick(self._pacer.due, missed)
+            finally:
+                self._ticking = None
+                self._ticked = self._pacer.clock()
         self._ticks += 1
         if self._pacer.paced and self._ticks % COLLECTION_PERIOD == 0:
             gc.collect(1)  # what callers and callbacks leave behind
@@ -467,8 +457,8 @@ class Session:
         """Make all ticks, or those that the caller leaves out."""
         try:
             with realtime_thread():
-                if self.ticks_itself:
-                    while self._goes_on():
+                if self._loop_thread:
+                    while not self._ending.is_set():
                         self._tick()
                 else:
                     self._tick_for_silent_caller()
@@ -477,34 +467,30 @@ class Session:
 
     def _tick_for_silent_caller(self) -> None:
         """Tick whenever the caller has not done so for some time, with the robot at rest, until it does again."""
-        while self._goes_on():
-            silence = 1e-9 * (self._pacer.clock() - self._ticked)
+        while self._failure is None and not self._ending.is_set():
             # A caller that wants the turn gets it meanwhile.
-            self._ending.wait(max(MAX_CALLER_SILENCE - silence, 0.001))
-            if not self._turn.acquire(timeout=MAX_CALLER_SILENCE):
-                continue
-            try:
-                silence = 1e-9 * (self._pacer.clock() - self._ticked)
-                if silence < MAX_CALLER_SILENCE or self._callers:
+            self._ending.wait(max(MAX_CALLER_SILENCE - self._silence, 0.001))
+            with self._turn:
+                if self._silence < MAX_CALLER_SILENCE or self._failure is not None:
                     continue
                 self.loop.arbiter.paused = True
-                while self._goes_on() and not self._callers:
+                while not (self._callers or self._ending.is_set()):
                     self._tick()
                 self.loop.arbiter.paused = False
-            finally:
-                self._turn.release()
 
-    def _goes_on(self) -> bool:
-        return self._failure is None and not self._ending.is_set()
+    @property
+    def _silence(self) -> float:
+        """Time since the last tick [s]."""
+        return 1e-9 * (self._pacer.clock() - self._ticked)
 
     def _fail(self, error: BaseException) -> None:
         """Stop the robot for what a tick has raised; have callbacks, and whoever waits for ticks, learn of it."""
         if not isinstance(error, FaultError | EOFError):  # EOFError: the end of a recording
-            self._gate.stop(FaultReason.LOST, f"{type(error).__name__}: {error}")
+            self.gate.stop(FaultReason.LOST, f"{type(error).__name__}: {error}")
             self._changes.make(self.loop.halt)
         self._failure = error if self._failure is None else self._failure
         self.publish_fault()
-        if self._gate.fault is None:
+        if self.gate.fault is None:
             self.dispatcher.publish(EndEvent())
         if (wait := self._wait) is not None:
             wait.fail(error)
@@ -527,7 +513,7 @@ class Session:
         if self.dispatcher.has_receiver(TickEvent):
             publish(TickEvent(tick=record.tick, observation=observation))
         if (wait := self._wait) is not None:
-            wait.take(record, lambda: self._gate.fault is not None)
+            wait.take(record, lambda: self.gate.fault is not None)
 
     def publish(self, event: StepEvent | CueEvent | PushEvent) -> None:
         """Publish and log what belongs to no stage of a tick."""
@@ -536,14 +522,9 @@ class Session:
 
     def publish_fault(self) -> None:
         """Tell the callbacks that the robot was stopped, once, if it was. From any thread."""
-        if self._gate.fault and self._fault_lock.acquire(blocking=False):
-            time = self.time if self.active else 0.0
-            self.dispatcher.publish(FaultEvent(fault=self._gate.fault, time=time))
-
-    @property
-    def time(self) -> float:
-        """Clock of the robot at the last measurement [s]."""
-        return self.loop.time
+        if self.gate.fault and self._fault_lock.acquire(blocking=False):
+            time = self.loop.time if self.active else 0.0
+            self.dispatcher.publish(FaultEvent(fault=self.gate.fault, time=time))
 
     def check_failure(self, *, again: bool = True) -> None:
         """Raise what ended the ticks; only if it was not raised yet outside of callbacks, unless ``again``."""
@@ -558,5 +539,5 @@ class Session:
     def check_fault(self) -> None:
         """Raise what ended the ticks, or why the robot was stopped."""
         self.check_failure()
-        if self._gate.fault is not None:
-            raise FaultError(self._gate.fault)
+        if self.gate.fault is not None:
+            raise FaultError(self.gate.fault)

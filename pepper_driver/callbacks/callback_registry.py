@@ -53,7 +53,7 @@ class CallbackRegistry:
         self._dispatcher: Dispatcher | None = None  # of the run under way, or of the last one
         self._lock = threading.RLock()
 
-    def make_dispatcher(self) -> Dispatcher:
+    def _make_dispatcher(self) -> Dispatcher:
         """Return a dispatcher for a new run, which calls the callbacks, those that are registered later too."""
         with self._lock:
             self._dispatcher = Dispatcher()

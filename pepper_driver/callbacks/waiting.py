@@ -4,53 +4,20 @@ from __future__ import annotations
 
 import asyncio
 import math
-from collections.abc import AsyncGenerator, Callable
+from collections.abc import AsyncGenerator
 from contextlib import suppress
 from numbers import Real
 from queue import Empty, SimpleQueue
-from typing import Protocol
 
 from pepper_driver.callbacks.dispatcher import QUEUE, Dispatcher, EventSink, Subscription
 from pepper_driver.callbacks.events import EndEvent, FaultEvent, TickEvent
 from pepper_driver.callbacks.filters import ContactPredicate, SubscriptionError
 from pepper_driver.observer import Contact
-
-
-class ActiveSession(Protocol):
-    """A run of the robot, as far as waiting needs it.
-
-    An error that ends its ticks is published as a FaultEvent; any other end closes the dispatcher.
-
-    Attributes:
-        cycle: Period of the ticks [s].
-        has_observer: Whether contacts can be detected.
-        dispatcher: Publishes its events.
-    """
-
-    cycle: float
-    has_observer: bool
-    dispatcher: Dispatcher
-
-    @property
-    def time(self) -> float:
-        """Clock of the robot at the last measurement [s]."""
-
-    def ticks_here(self) -> bool:
-        """Return whether the calling thread is to tick while it waits: no other thread does.
-
-        Raises:
-            BackendError: The thread is inside a tick, and would wait for itself.
-        """
-
-    def run(self, ticks: int | None, *, until: Callable[[object], bool]) -> object:
-        """Make some ticks, None for ever, in the calling thread, until ``until`` is true at the end of one."""
-
-    def check_fault(self) -> None:
-        """Raise the error that has ended the ticks, if one has."""
+from pepper_driver.session import Session
 
 
 def wait_for_contact(
-    session: ActiveSession, predicate: ContactPredicate, timeout: float | None
+    session: Session, predicate: ContactPredicate, timeout: float | None
 ) -> Contact | None:
     """Wait for the first contact from now on that a predicate picks.
 
@@ -69,10 +36,11 @@ def wait_for_contact(
     """
     if timeout is not None and not (isinstance(timeout, Real) and 0 <= timeout < math.inf):
         raise SubscriptionError(f"timeout must be a time [s] from 0 up, or None, got {timeout!r}")
-    if not session.has_observer:
+    loop = session.loop
+    if loop.observer is None:
         raise SubscriptionError("without an observer no contact is detected: none can be awaited")
     ticks_here = session.ticks_here()
-    end = math.inf if timeout is None else session.time + timeout - 0.5 * session.cycle
+    end = math.inf if timeout is None else loop.time + timeout - 0.5 * session.cycle
     bell: SimpleQueue[None] = SimpleQueue()
     sink = EventSink("wait_for_contact()", lambda: bell.put(None))
     with session.dispatcher.attached(
@@ -87,8 +55,8 @@ def wait_for_contact(
             ticks = None if timeout is None else round(timeout / session.cycle)
             session.run(ticks, until=lambda _: bool(sink.events))
         time = -math.inf
-        while not (ticks_here or sink.events) and time != session.time:
-            time = session.time
+        while not (ticks_here or sink.events) and time != loop.time:
+            time = loop.time
             with suppress(Empty):
                 bell.get(timeout=timeout)
     event = sink.take()

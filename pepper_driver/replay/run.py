@@ -90,8 +90,6 @@ def replay(
         hold = np.clip(first.position, robot.lower, robot.upper)
         controller.reset(hold)
         gate.activate(hold)
-        if observer is not None:
-            observer.reset()
         loop = Loop(
             backend,
             robot,

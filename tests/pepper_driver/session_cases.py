@@ -23,7 +23,6 @@ from pepper_driver.observer import Contact, Observation, Observer
 from pepper_driver.realtime import Pacer, RealTimePacer
 from pepper_driver.reflexes import Reflex, prepare_reflexes
 from pepper_driver.robot import Pepper
-from pepper_driver.safety import SafetyGate
 from pepper_driver.session import Session
 
 ROBOT = load_robot()
@@ -133,14 +132,9 @@ class Scripted(Observer):
         return "scripted"
 
 
-def make_gate() -> SafetyGate:
-    return SafetyGate(ROBOT, load_safety_settings(), load_controller_settings(ROBOT))
-
-
 def make_session(
     backend: Backend,
     *,
-    gate: SafetyGate | None = None,
     pacer: Pacer | None = None,
     loop_thread: bool = False,
 ) -> Session:
@@ -148,7 +142,8 @@ def make_session(
     return Session(
         backend,
         ROBOT,
-        gate or make_gate(),
+        load_controller_settings(ROBOT),
+        load_safety_settings(),
         dispatcher=Dispatcher(),
         pacer=pacer or Pacer(),
         changes=Changes(),
@@ -165,7 +160,6 @@ def start(
 ) -> Session:
     """Start it."""
     session.start(
-        load_controller_settings(ROBOT),
         observer=lambda: observer,
         reflexes=prepare_reflexes(reflexes, ROBOT),
         parts=(),
@@ -178,7 +172,6 @@ def start(
 def active(
     backend: Backend | None = None,
     *,
-    gate: SafetyGate | None = None,
     time: VirtualTime | None = None,
     loop_thread: bool = False,
     **parts: Any,
@@ -187,7 +180,6 @@ def active(
     backend = backend or MockBackend()
     session = make_session(
         backend,
-        gate=gate,
         pacer=None if time is None else time.pacer(ROBOT.cycle, backend),
         loop_thread=loop_thread,
     )

@@ -232,7 +232,7 @@ def test_a_tick_callback_gets_the_room_it_asks_for() -> None:
         entered.set()
         release.wait(LONG)
 
-    dispatcher = registry.make_dispatcher()
+    dispatcher = registry._make_dispatcher()
     for number in range(1, 11):
         tick: Any = SimpleNamespace(measurement=SimpleNamespace(tick=number))
         dispatcher.publish(TickEvent(tick=tick, observation=None))

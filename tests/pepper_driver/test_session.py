@@ -22,7 +22,7 @@ from pepper_driver.reflexes import Reflex, ReflexRequests
 from pepper_driver.robot import Pepper
 from pepper_driver.safety import FaultError, FaultReason, RobotState
 
-from session_cases import ROBOT, Scripted, VirtualTime, active, make_gate, make_session, start  # isort: skip
+from session_cases import ROBOT, Scripted, VirtualTime, active, make_session, start  # isort: skip
 
 
 CYCLE = 12_000_000  # ns
@@ -91,15 +91,14 @@ class Unwilling(Reflex):
 
 def test_the_robot_ends_first_and_only_once(tmp_path: Path, ended: list[str]) -> None:
     path = tmp_path / "run.mcap"
-    gate = make_gate()
-    session = start(make_session(Fragile(ended), gate=gate), log=path)
+    session = start(make_session(Fragile(ended)), log=path)
     assert session.active
-    assert gate.state is RobotState.ACTIVE
+    assert session.gate.state is RobotState.ACTIVE
     session.run(5)
     session.close()
     assert ended == ["open", "activate", "close", "log", "callbacks"]
     assert not session.active
-    assert gate.state is RobotState.INACTIVE
+    assert session.gate.state is RobotState.INACTIVE
     assert read_log(path).complete
     session.close()
     assert not ended[5:]
@@ -141,10 +140,9 @@ def test_a_start_that_fails_with_the_robot_stiff_is_undone(
 
 
 def test_a_fault_outlasts_the_session() -> None:
-    gate = make_gate()
-    with active(gate=gate):
-        gate.stop(FaultReason.EMERGENCY_STOP, "emergency stop")
-    assert gate.state is RobotState.FAULT
+    with active() as session:
+        session.gate.stop(FaultReason.EMERGENCY_STOP, "emergency stop")
+    assert session.gate.state is RobotState.FAULT
 
 
 class Stopped(Fragile):

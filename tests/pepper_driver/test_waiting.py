@@ -209,10 +209,10 @@ def test_a_waiter_leaves_nothing_behind() -> None:
 class Ticking:
     """A session whose loop thread ticks when a test says so."""
 
-    cycle, has_observer = CYCLE, True
+    cycle = CYCLE
 
     def __init__(self) -> None:
-        self.time = 0.0
+        self.loop = SimpleNamespace(observer=object(), time=0.0)
         self.dispatcher = Dispatcher()
         self.fault: Fault | None = None
 
@@ -227,14 +227,14 @@ class Ticking:
             raise FaultError(self.fault)
 
     def tick(self, *events: object) -> None:
-        self.time += self.cycle
-        tick: Any = SimpleNamespace(measurement=SimpleNamespace(time=self.time))
+        self.loop.time += self.cycle
+        tick: Any = SimpleNamespace(measurement=SimpleNamespace(time=self.loop.time))
         for event in (*events, TickEvent(tick=tick, observation=None)):
             self.dispatcher.publish(event)
 
     def stop(self) -> None:
         self.fault = Fault(reason=FaultReason.EMERGENCY_STOP, text="a test")
-        self.dispatcher.publish(FaultEvent(fault=self.fault, time=self.time))
+        self.dispatcher.publish(FaultEvent(fault=self.fault, time=self.loop.time))
 
 
 @pytest.mark.parametrize(
@@ -250,7 +250,7 @@ class Ticking:
 def test_where_a_loop_thread_ticks_every_thread_only_waits(
     act: Callable[[Ticking], object], result: object
 ) -> None:
-    session = Ticking()
+    session: Any = Ticking()
     results: list[object] = []
 
     def wait() -> None:

@@ -331,12 +331,14 @@ class VirtualLoop:
         self.robot, self._compute = robot, compute
         self.link = link_with(robot, settings)
         link = self.link
-        self.followed: Any = SimpleNamespace(  # in place of a backend
+        self.followed = SimpleNamespace(  # in place of a backend
             phase_error=link.phase_error if follow else lambda _: 0.0,
             request=link.request,
             request_lead=link.request_lead if request else 0.0,
         )
-        self.pacer = RealTimePacer(ROBOT.cycle, self.followed, clock=robot.now, sleep=robot.sleep)
+        self.pacer = RealTimePacer(
+            ROBOT.cycle, cast("Any", self.followed), clock=robot.now, sleep=robot.sleep
+        )
         self.began: list[float] = []
 
     def wait(self, late: float = 0.0) -> None:
