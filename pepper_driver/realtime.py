@@ -58,16 +58,14 @@ class Pacer:
     """No pacing: a tick begins when the one before is over. For simulations.
 
     Attributes:
+        clock: Returns the time [ns]: monotonic.
         due: Time at which the tick under way was to begin [ns of the clock]; None where ticks do not wait.
         paced: True where ticks wait.
     """
 
+    clock: Callable[[], int] = staticmethod(time.perf_counter_ns)
     due: int | None = None
     paced = False
-
-    def clock(self) -> int:
-        """Return the time [ns]: monotonic."""
-        return time.perf_counter_ns()
 
     def wait(self) -> int:
         """Return when the next tick is to begin, with the number of ticks missed before it."""
@@ -104,16 +102,12 @@ class RealTimePacer(Pacer):
         sleep: Callable[[float], None] = time.sleep,
     ) -> None:
         self._cycle, self._backend = round(cycle * 1e9), backend
-        self._clock, self._sleep = clock, sleep
+        self.clock, self._sleep = clock, sleep
         self._next: int | None = None  # known from the first tick on
-
-    def clock(self) -> int:
-        """Return the time [ns] of the clock that ticks are paced by."""
-        return self._clock()
 
     def wait(self) -> int:
         """Return when the next tick is to begin, with the number of ticks missed before it."""
-        cycle, backend, now = self._cycle, self._backend, self._clock()
+        cycle, backend, now = self._cycle, self._backend, self.clock()
         if self._next is None:
             self._next = now + round(1e9 * backend.phase_error(now)) % cycle
         missed = max(0, -((self._next - now) // cycle))  # rounded up: begun is too late
@@ -124,7 +118,7 @@ class RealTimePacer(Pacer):
                 self._sleep_until(due - lead)
                 backend.request()
             self._sleep_until(due)
-            overslept = max(0, (self._clock() - due) // cycle)
+            overslept = max(0, (self.clock() - due) // cycle)
             missed += overslept
             due += overslept * cycle
         most = MAX_PHASE_SHIFT * cycle
@@ -133,7 +127,7 @@ class RealTimePacer(Pacer):
         return missed
 
     def _sleep_until(self, end: int) -> None:
-        left = end - self._clock()
+        left = end - self.clock()
         if left > 0:
             self._sleep(left * 1e-9)
 

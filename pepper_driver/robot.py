@@ -5,22 +5,16 @@ from __future__ import annotations
 import logging
 import threading
 from collections.abc import AsyncGenerator, Callable, Mapping, Sequence
-from contextlib import AbstractContextManager, ExitStack
+from contextlib import AbstractContextManager
 from numbers import Real
 from pathlib import Path
-from types import TracebackType
 from typing import Literal, Self, Unpack
 
 from pepper_driver.backends import Backend, BackendError, Measurement, make_backend
-from pepper_driver.backends.signals import (
-    Terminated,
-    deferred_signals,
-    describe_interrupt,
-    raised_signals,
-)
+from pepper_driver.backends.signals import Terminated, describe_interrupt
 from pepper_driver.callbacks.callback_registry import CallbackRegistry
 from pepper_driver.callbacks.dispatcher import CallbackStatistics
-from pepper_driver.callbacks.events import CueEvent, PushEvent, StepEvent
+from pepper_driver.callbacks.events import ProgramEvent
 from pepper_driver.callbacks.filters import ContactSelector, contact_filter
 from pepper_driver.callbacks.waiting import stream_contacts, wait_for_contact
 from pepper_driver.config import (
@@ -153,8 +147,6 @@ class Pepper(CallbackRegistry):
         self._model: RobotModel | None = None
         self._model_lock, self._starting = threading.Lock(), threading.Lock()
         self._session: Session | None = None  # the one that starts or runs, or the last one
-        self._signals = ExitStack()  # SIGTERM and SIGHUP are exceptions while it is active
-        self._raises_signals = False  # and were not before
         self.push, self.grab = self.backend.push, self.backend.grab
 
     # -- life -----------------------------------------------------------------------------------------------------
@@ -169,12 +161,7 @@ class Pepper(CallbackRegistry):
             raise
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
+    def __exit__(self, kind: object, error: BaseException | None, traceback: object) -> None:
         session = self._session
         try:
             self._end(error)
@@ -202,7 +189,7 @@ class Pepper(CallbackRegistry):
             self._starting.release()
 
     def _start(self) -> None:
-        self._session = Session(
+        session = self._session = Session(
             self.backend,
             self.config,
             self._controller_settings,
@@ -210,17 +197,15 @@ class Pepper(CallbackRegistry):
             dispatcher=self._make_dispatcher(),
             pacer=RealTimePacer(self.config.cycle, self.backend) if self.paced else Pacer(),
             changes=self._changes,
+            metadata=self.run_metadata,
             loop_thread=self._loop_thread,
         )
         try:
-            self._raises_signals = self._signals.enter_context(raised_signals())
-            self._session.start(
+            session.start(
                 observer=self._make_observer,
                 reflexes=self.reflexes,
                 parts=self._parts,
-                log=lambda: (
-                    None if self._log_path is None else (self._log_path, self.run_metadata())
-                ),
+                log=self._log_path,
             )
         except BaseException as error:
             self._end(error)
@@ -231,26 +216,24 @@ class Pepper(CallbackRegistry):
         self._end(None)
 
     def _end(self, error: BaseException | None) -> None:
-        """Close the session, let go of the signals, and note on the interrupt that ended it where the log is."""
+        """Close the session, and note on the interrupt that ended it where the log is."""
         session = self._session
         if session is None:
             return
         try:
-            self._close(session)
+            session.close()
         except KeyboardInterrupt as late:
             error = late
-            self._close(session)  # in case it came before it could be deferred
+            session.close()  # in case it came before it could be deferred
             raise
         finally:
             if isinstance(error, KeyboardInterrupt):
                 if session.log is not None:
                     error.add_note(f"log: {session.log.path}")
-                if isinstance(error, Terminated) and self._raises_signals:  # no traceback will tell
+                if (
+                    isinstance(error, Terminated) and session.raises_signals
+                ):  # no traceback will tell
                     logger.warning("%s", describe_interrupt(error))
-
-    def _close(self, session: Session) -> None:
-        with deferred_signals(), self._signals:
-            session.close()
 
     def start_log(self, path: Path | str, label: Labelling | None = None) -> LogWriter:
         """Log from the next tick on, where ``log`` would also log how the robot got ready; it ends with the run.
@@ -262,7 +245,7 @@ class Pepper(CallbackRegistry):
         Raises:
             PepperError: The robot is not active, the file cannot be opened, or there is a log already.
         """
-        return self._active().start_log(Path(path), self.run_metadata(), label)
+        return self._active().start_log(Path(path), label)
 
     def run_metadata(self) -> dict[str, str]:
         """Return what a log says of a run that begins now: robot, observer, reflexes, settings, versions."""
@@ -576,7 +559,7 @@ class Pepper(CallbackRegistry):
         predicate = contact_filter(self.config, **selector)
         return stream_contacts(self._active().dispatcher, predicate)
 
-    def publish(self, event: StepEvent | CueEvent | PushEvent) -> None:
+    def publish(self, event: ProgramEvent) -> None:
         """Have the log and the callbacks that want it learn of something that a program does with the robot."""
         self._active().publish(event)
 

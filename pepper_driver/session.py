@@ -14,17 +14,14 @@ from typing import NoReturn
 import numpy as np
 
 from pepper_driver.backends import Backend, BackendError
-from pepper_driver.backends.signals import check_signals, deferred_signals, immediate_signals
-from pepper_driver.callbacks.dispatcher import Dispatcher
-from pepper_driver.callbacks.events import (
-    CueEvent,
-    EndEvent,
-    FaultEvent,
-    PushEvent,
-    StepEvent,
-    TickEvent,
-    Touches,
+from pepper_driver.backends.signals import (
+    check_signals,
+    deferred_signals,
+    immediate_signals,
+    raised_signals,
 )
+from pepper_driver.callbacks.dispatcher import Dispatcher
+from pepper_driver.callbacks.events import EndEvent, FaultEvent, ProgramEvent, TickEvent, Touches
 from pepper_driver.config import ControllerSettings, RobotConfig, SafetySettings
 from pepper_driver.controller import Tick, WholeBodyController
 from pepper_driver.controller.changes import Change, Changes
@@ -119,6 +116,7 @@ class Session:
         dispatcher: Calls the callbacks.
         pacer: Says when ticks begin.
         changes: Lock of what other threads change.
+        metadata: Makes what a log says of its run, once it is known which robot this is.
         loop_thread: True where a thread of the session makes all ticks.
 
     Attributes:
@@ -127,6 +125,7 @@ class Session:
         gate: Passed by all commands.
         loop: Runs the ticks, once started.
         log: Of the run; None without one.
+        raises_signals: True where SIGTERM and SIGHUP are exceptions until it is closed, and were not before.
         cycle: Period of the ticks [s].
         contact_history: All contact events so far, oldest first.
         touches: Contacts that last now.
@@ -144,10 +143,12 @@ class Session:
         dispatcher: Dispatcher,
         pacer: Pacer,
         changes: Changes,
+        metadata: Callable[[], Mapping[str, str]],
         loop_thread: bool,
     ) -> None:
         self._backend, self._robot, self._settings = backend, robot, controller
         self._pacer, self._changes, self._loop_thread = pacer, changes, loop_thread
+        self._metadata = metadata
         self.gate = SafetyGate(robot, safety, controller)
         self.dispatcher, self.cycle = dispatcher, robot.cycle
         self.active = False
@@ -170,6 +171,7 @@ class Session:
         self._closing = threading.RLock()  # re-entrant, for signal handlers
         self._fault_lock = threading.Lock()  # taken by the first who publishes a fault, for good
         self._rest = ExitStack()  # closed after the robot, the last first
+        self.raises_signals = self._rest.enter_context(raised_signals())
         self._rest.callback(dispatcher.close, timeout=CALLBACK_TIME)
 
     # -- begin and end --------------------------------------------------------------------------------------------
@@ -181,7 +183,7 @@ class Session:
         observer: Callable[[], Observer | None],
         reflexes: tuple[Reflex, ...],
         parts: Iterable[Task | Constraint],
-        log: Callable[[], tuple[Path, Mapping[str, str]] | None],
+        log: Path | None,
     ) -> None:
         """Take the robot over and begin to tick; what fails leaves it closed.
 
@@ -189,7 +191,7 @@ class Session:
             observer: Makes the observer, or None, once it is known which robot this is.
             reflexes: In the order in which they are asked.
             parts: Tasks and constraints from the first tick on.
-            log: Returns file and metadata of the log, or None, once the observer is made.
+            log: File of the log, or None.
 
         Raises:
             PepperError: The robot or the log cannot be opened, or the robot is not ready to move.
@@ -201,10 +203,10 @@ class Session:
             with immediate_signals():  # it may wait for long, and nothing moves
                 measurement = backend.open()
             self.gate.check_ready(measurement)
-            measured, watching, logged = measurement.position, observer(), log()
+            measured, watching = measurement.position, observer()
             check_signals()
-            if logged is not None:  # only now: a robot that is not there costs no earlier log
-                self._open_log(*logged)
+            if log is not None:  # only now: a robot that is not there costs no earlier log
+                self._open_log(log)
             controller = WholeBodyController(robot, self._settings, changes=self._changes)
             measurement = backend.activate()
             held = measured if backend.held is None else backend.held
@@ -243,19 +245,17 @@ class Session:
             raise
 
     @deferred_signals()
-    def start_log(
-        self, path: Path, metadata: Mapping[str, str], label: Labelling | None
-    ) -> LogWriter:
+    def start_log(self, path: Path, label: Labelling | None) -> LogWriter:
         """Log from the next tick on; see :meth:`pepper_driver.Pepper.start_log`."""
         if self.log is not None:
             raise BackendError(f"this run is logged already, to '{self.log.path}'")
-        log = self._open_log(path, metadata)
+        log = self._open_log(path)
         self._changes.make(lambda: self.loop.start_log(log, label))
         return log
 
-    def _open_log(self, path: Path, metadata: Mapping[str, str]) -> LogWriter:
+    def _open_log(self, path: Path) -> LogWriter:
         lossless = not self._backend.real_time
-        self.log = LogWriter(path, self._robot, metadata, lossless=lossless)
+        self.log = LogWriter(path, self._robot, self._metadata(), lossless=lossless)
         self._rest.callback(self.log.close)
         return self.log
 
@@ -515,7 +515,7 @@ class Session:
         if (wait := self._wait) is not None:
             wait.take(record, lambda: self.gate.fault is not None)
 
-    def publish(self, event: StepEvent | CueEvent | PushEvent) -> None:
+    def publish(self, event: ProgramEvent) -> None:
         """Publish and log what belongs to no stage of a tick."""
         self.dispatcher.publish(event)
         self._changes.make(lambda: self.loop.log_event(LogEvent.of(event)))

@@ -136,6 +136,10 @@ class PushEvent:
     time: float
 
 
+ProgramEvent = StepEvent | CueEvent | PushEvent
+"""What a program does with the robot, and belongs to no stage of a tick."""
+
+
 @dataclass(frozen=True, slots=True)
 class EndEvent:
     """The run is over: no more events will come. For those that wait."""

@@ -5,11 +5,18 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal, get_args
 
-from pepper_driver.callbacks.events import CueEvent, PushEvent, ReflexEvent, SensorEvent, StepEvent
+from pepper_driver.callbacks.events import (
+    CueEvent,
+    ProgramEvent,
+    PushEvent,
+    ReflexEvent,
+    SensorEvent,
+    StepEvent,
+)
 from pepper_driver.log.json_topic import JsonTopic
 
 EventKind = Literal["reflex", "fault", "sensor", "step", "cue", "push"]
-Logged = ReflexEvent | SensorEvent | StepEvent | CueEvent | PushEvent
+Logged = ReflexEvent | SensorEvent | ProgramEvent
 EventPhase = Literal["begin", "end"]
 
 

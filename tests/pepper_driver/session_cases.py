@@ -147,6 +147,7 @@ def make_session(
         dispatcher=Dispatcher(),
         pacer=pacer or Pacer(),
         changes=Changes(),
+        metadata=dict,
         loop_thread=loop_thread,
     )
 
@@ -163,7 +164,7 @@ def start(
         observer=lambda: observer,
         reflexes=prepare_reflexes(reflexes, ROBOT),
         parts=(),
-        log=lambda: None if log is None else (log, {}),
+        log=log,
     )
     return session
 
