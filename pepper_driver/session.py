@@ -5,6 +5,7 @@ from __future__ import annotations
 import atexit
 import gc
 import logging
+import math
 import threading
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager, nullcontext
@@ -67,7 +68,8 @@ class Wait:
         on_tick: OnTick | None,
         until: Callable[[TickRecord], bool] | None,
     ) -> None:
-        self._left, self._on_tick, self._until = ticks, on_tick, until
+        self._left = math.inf if ticks is None else ticks
+        self._on_tick, self._until = on_tick, until
         self.over = threading.Event()
         self.record: TickRecord | None = None
         self.stopped = False
@@ -89,8 +91,7 @@ class Wait:
             self.stopped = self._until is not None and not is_faulty() and self._until(record)
         except BaseException as error:
             self.error = error
-        if self._left is not None:
-            self._left -= 1
+        self._left -= 1
         if self.stopped or self.error is not None or (self._left == 0 and not is_faulty()):
             self.over.set()
 
@@ -162,7 +163,7 @@ class Session:
         self._runner: threading.Thread | None = None
         self._ticking: threading.Thread | None = None
         self._home = threading.current_thread()
-        self._callers: set[threading.Thread] = set()  # that want the turn
+        self._callers: set[threading.Thread] = set()  # that have the turn, or want it
         self._ticks = 0
         self._ticked = 0  # when the last tick was over [ns of the pacer's clock]
         self._thread: threading.Thread | None = None
@@ -407,13 +408,9 @@ class Session:
         self.check_free()
         current = threading.current_thread()
         try:
-            try:
-                # The session's thread gives the turn back after its tick.
-                self._callers.add(current)
-                taken = self._turn.acquire(timeout=MAX_TICK_TIME)
-            finally:
-                self._callers.discard(current)
-            if not taken:
+            # The session's thread gives the turn back after its tick.
+            self._callers.add(current)
+            if not self._turn.acquire(timeout=MAX_TICK_TIME):
                 self.check_free()
                 raise BackendError("the robot's loop does not answer")
             self._runner = current
@@ -421,6 +418,7 @@ class Session:
         finally:  # whenever Ctrl-C comes
             if self._runner is current:
                 self._runner = None
+            self._callers -= {current}
             try:  # noqa: SIM105 each call is a place where Ctrl-C can come
                 self._turn.release()
             except RuntimeError:  # it was not taken
