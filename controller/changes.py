@@ -51,26 +51,21 @@ class Changes:
         before.
         """
         group = self._thread.group
-        if group is None:
-            with self._between_ticks():
-                change()
-        else:
+        if group is not None:
             group.append(change)
+            return
+        self._waiting.append(None)
+        try:
+            with self._lock:
+                change()
+        finally:
+            self._waiting.pop()
 
     def give_way(self) -> None:
         """Let threads that wait to make a change go first: ticks without a pause would keep the lock from them."""
         end = time.perf_counter() + MAX_GIVE_WAY_TIME
         while self._waiting and time.perf_counter() < end:
             time.sleep(GIVE_WAY_TIME)
-
-    @contextmanager
-    def _between_ticks(self) -> Iterator[None]:
-        self._waiting.append(None)
-        try:
-            with self._lock:
-                yield
-        finally:
-            self._waiting.pop()
 
     @contextmanager
     def together(self) -> Iterator[None]:
@@ -86,18 +81,18 @@ class Changes:
             yield
         finally:
             thread.group = outer
-        if outer is not None:
-            outer.extend(group)
-            return
-        refused: Exception | None = None
-        with self._between_ticks():
+
+        def change_all() -> None:
+            refused: Exception | None = None
             for change in group:
                 try:
                     change()
                 except Exception as error:
                     refused = refused or error
-        if refused is not None:
-            raise refused
+            if refused is not None:
+                raise refused
+
+        self.make(change_all)  # a part of the outer block's, where there is one
 
 
 class _Thread(threading.local):

@@ -119,9 +119,9 @@ class Pepper(CallbackRegistry):
         safety: SafetySettings | None = None,
         about: Mapping[str, str] | None = None,
     ) -> None:
-        self.config = robot or load_robot()
-        self.reflexes = prepare_reflexes(reflexes, self.config)
-        super().__init__(self.config, [reflex.name for reflex in self.reflexes])
+        config = robot or load_robot()
+        self.reflexes = prepare_reflexes(reflexes, config)
+        super().__init__(config, [reflex.name for reflex in self.reflexes])
         self.backend: Backend = make_backend(uri, self.config)
         self.extras = RobotExtras(self.backend, self._is_active)
         self.paced = real_time or self.backend.real_time
@@ -230,9 +230,8 @@ class Pepper(CallbackRegistry):
             if isinstance(error, KeyboardInterrupt):
                 if session.log is not None:
                     error.add_note(f"log: {session.log.path}")
-                if (
-                    isinstance(error, Terminated) and session.raises_signals
-                ):  # no traceback will tell
+                # No traceback will tell.
+                if isinstance(error, Terminated) and session.raises_signals:
                     logger.warning("%s", describe_interrupt(error))
 
     def start_log(self, path: Path | str, label: Labelling | None = None) -> LogWriter:

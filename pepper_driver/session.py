@@ -287,12 +287,13 @@ class Session:
 
     def _wait_for_tick(self) -> bool:
         """Wait for the end of a tick under way in another thread, and return True, unless it does not end."""
-        current, thread, ended = threading.current_thread(), self._thread, True
-        if current not in (self._ticking, self._runner):
-            ended = self._turn.acquire(timeout=MAX_TICK_TIME)
-            if ended:
-                self._turn.release()
-        if thread is not None and current not in (self._ticking, thread):
+        current, thread = threading.current_thread(), self._thread
+        if current is self._ticking:
+            return True
+        ended = self._turn.acquire(timeout=MAX_TICK_TIME)
+        if ended:
+            self._turn.release()
+        if thread is not None and thread is not current:
             thread.join(MAX_TICK_TIME)
             ended &= not thread.is_alive()
         return ended

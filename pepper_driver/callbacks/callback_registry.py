@@ -45,10 +45,13 @@ class CallbackRegistry:
     Args:
         config: Description of the robot.
         reflexes: Names of the reflexes it has.
+
+    Attributes:
+        config: The same.
     """
 
     def __init__(self, config: RobotConfig, reflexes: Sequence[str]) -> None:
-        self._config, self._reflexes = config, reflexes
+        self.config, self._reflexes = config, reflexes
         self._callbacks: list[tuple[Callable[[Any], object], Subscription]] = []
         self._dispatcher: Dispatcher | None = None  # of the run under way, or of the last one
         self._lock = threading.RLock()
@@ -73,7 +76,7 @@ class CallbackRegistry:
             UnknownNameError: No such link, joint, kind or phase.
             SubscriptionError: An intensity that is negative or not a number.
         """
-        return self._register(Subscription(Contact, contact_filter(self._config, **selector)))
+        return self._register(Subscription(Contact, contact_filter(self.config, **selector)))
 
     def on_tick(self, *, every: int = 1, queue: int = QUEUE) -> Register[TickEvent]:
         """Call the decorated function after the ticks. What must happen inside them is for ``run(on_tick=...)``.
@@ -101,19 +104,19 @@ class CallbackRegistry:
         Raises:
             UnknownNameError: No such sensor, or another value of ``pressed``.
         """
-        return self._on_sensor("touch", sensor, self._config.sensors.touch, pressed)
+        return self._on_sensor("touch", sensor, self.config.sensors.touch, pressed)
 
     def on_bumper(
         self, *, bumper: str | None = None, pressed: bool | None = True
     ) -> Register[SensorEvent]:
         """Call the decorated function when a bumper of the base is pressed; otherwise as :meth:`on_touch`."""
-        return self._on_sensor("bumper", bumper, self._config.sensors.bumpers, pressed)
+        return self._on_sensor("bumper", bumper, self.config.sensors.bumpers, pressed)
 
     def on_button(
         self, *, button: str | None = None, pressed: bool | None = True
     ) -> Register[SensorEvent]:
         """Call the decorated function when the button on the chest is pressed; otherwise as :meth:`on_touch`."""
-        return self._on_sensor("button", button, self._config.sensors.buttons, pressed)
+        return self._on_sensor("button", button, self.config.sensors.buttons, pressed)
 
     def on_fault(self) -> Register[FaultEvent]:
         """Call the decorated function when the robot is stopped, once in a run."""

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import asyncio
 import math
+import threading
 from collections.abc import AsyncGenerator
 from contextlib import suppress
 from numbers import Real
-from queue import Empty, SimpleQueue
 
 from pepper_driver.callbacks.dispatcher import QUEUE, Dispatcher, EventSink, Subscription
 from pepper_driver.callbacks.events import EndEvent, FaultEvent, TickEvent
@@ -41,8 +41,8 @@ def wait_for_contact(
         raise SubscriptionError("without an observer no contact is detected: none can be awaited")
     ticks_here = session.ticks_here()
     end = math.inf if timeout is None else loop.time + timeout - 0.5 * session.cycle
-    bell: SimpleQueue[None] = SimpleQueue()
-    sink = EventSink("wait_for_contact()", lambda: bell.put(None))
+    bell = threading.Semaphore(0)
+    sink = EventSink("wait_for_contact()", bell.release)
     with session.dispatcher.attached(
         sink,  # for the first of these; a tick comes behind its contacts
         Subscription(Contact, predicate, 1),
@@ -57,8 +57,7 @@ def wait_for_contact(
         time = -math.inf
         while not (ticks_here or sink.events) and time != loop.time:
             time = loop.time
-            with suppress(Empty):
-                bell.get(timeout=timeout)
+            bell.acquire(timeout=timeout)
     event = sink.take()
     if isinstance(event, Contact):
         return event
