@@ -158,7 +158,7 @@ class Session:
         self.touches = Touches()
         self._failure: BaseException | None = None  # what ended the ticks
         self._failure_raised = False  # where somebody sees it
-        self._wait: Wait | None = None
+        self._wait = Wait(0, None, None)  # the newest; over while nobody waits
         self._turn = threading.RLock()  # of who ticks, or waits for ticks; knows who has it
         self._runner: threading.Thread | None = None
         self._ticking: threading.Thread | None = None
@@ -272,8 +272,7 @@ class Session:
             if self._closed:
                 return
             self._ending.set()
-            if (wait := self._wait) is not None:
-                wait.fail(self._closed_error())
+            self._wait.fail(self._closed_error())
             with self._rest:  # each is done even if the one before fails
                 try:
                     hangs = not self._wait_for_tick()
@@ -348,7 +347,7 @@ class Session:
             ChangesError: It is called inside a group of changes.
         """
         wait = Wait(ticks, on_tick, until)
-        outer = self._wait  # None, unless a signal handler runs the robot inside a run
+        outer = self._wait  # not over where a signal handler runs the robot inside a run
 
         def start_wait() -> None:
             self._wait = wait
@@ -491,8 +490,7 @@ class Session:
         self.publish_fault()
         if self.gate.fault is None:
             self.dispatcher.publish(EndEvent())
-        if (wait := self._wait) is not None:
-            wait.fail(error)
+        self._wait.fail(error)
 
     def _closed_error(self) -> BackendError:
         return BackendError("the robot was closed while it ran")
@@ -511,8 +509,7 @@ class Session:
             publish(event)
         if self.dispatcher.has_receiver(TickEvent):
             publish(TickEvent(tick=record.tick, observation=observation))
-        if (wait := self._wait) is not None:
-            wait.take(record, lambda: self.gate.fault is not None)
+        self._wait.take(record, lambda: self.gate.fault is not None)
 
     def publish(self, event: ProgramEvent) -> None:
         """Publish and log what belongs to no stage of a tick."""

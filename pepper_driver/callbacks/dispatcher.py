@@ -75,12 +75,11 @@ class EventSink:
 
     def put(self, event: object, limit: int) -> bool:
         """Queue an event; drop it and return False where ``limit`` wait already."""
-        accepted = len(self.events) < limit
-        if accepted:
-            self.events.append(event)
-        else:
+        if len(self.events) >= limit:
             self.dropped += 1
-        return accepted
+            return False
+        self.events.append(event)
+        return True
 
     def take(self) -> object:
         """Return the oldest event, None where there is none; warn once of dropped ones."""

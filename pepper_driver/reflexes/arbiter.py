@@ -79,7 +79,6 @@ class Arbiter:
     ) -> None:
         self.controller, self._robot, self._reflexes = controller, robot, tuple(reflexes)
         self._requests = ReflexRequests(controller, robot)
-        self._was_active = [False] * len(self._reflexes)
         for reflex in self._reflexes:
             reflex.reset()
         self.target = controller.position
@@ -143,16 +142,15 @@ class Arbiter:
         self, observation: Observation, measurement: Measurement
     ) -> list[ReflexEvent]:
         requests, events = self._requests, []
-        for number, reflex in enumerate(self._reflexes):
+        for reflex in self._reflexes:
             if isinstance(reflex, Ignore):
                 observation = _without(observation, reflex)
                 continue
-            claimed = requests.claimed
+            claimed, was_active = requests.claimed, reflex.active
             reflex.step(observation, measurement, requests)
             if requests.claimed is not claimed:
                 reflex.granted_joints = reflex.granted_joints | (requests.claimed & ~claimed)
-            if reflex.active != self._was_active[number]:
-                self._was_active[number] = reflex.active
+            if reflex.active != was_active:
                 events.append(self._event(reflex, measurement.time))
         return events
 

@@ -245,4 +245,4 @@ def backend_of(pepper: Pepper) -> MockBackend:
 def begun(pepper: Pepper) -> bool:
     """Whether a thread waits for ticks."""
     session = pepper._session
-    return session is not None and session._wait is not None
+    return session is not None and not session._wait.over.is_set()
