@@ -7,7 +7,6 @@ from collections.abc import Callable, Iterable, Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from pepper_driver.backends import Measurement
 from pepper_driver.callbacks.events import StepEvent
 from pepper_driver.config import Motion, MotionStep, RobotConfig, check_motion
 from pepper_driver.loop import Loop
@@ -99,8 +98,8 @@ class Player:
         """Start the first step, from the next tick on."""
         self._start(next(self._order))
 
-    def advance(self, measurement: Measurement) -> bool:
-        """Go on after a tick, with what it measured; True once the motion is over."""
+    def advance(self) -> bool:
+        """Go on after a tick; True once the motion is over."""
         if self._arbiter.holds:
             self._waiting = True
             return False
@@ -113,7 +112,7 @@ class Player:
         goes_on = self._conductor.goes_on(self._number)
         following = next(self._order, None) if goes_on else None
         self._over = following is None
-        self._finish(measurement)
+        self._finish()
         if following is not None:
             self._start(following)
         return self._over
@@ -193,9 +192,9 @@ class Player:
             return all(goal.task.reached(tolerance) for goal in goals)
         return self._posture.reached(self._controller, tolerance)
 
-    def _finish(self, measurement: Measurement) -> None:
+    def _finish(self) -> None:
         """Report, and let go of the tasks that end here: their joints stay where they are."""
-        report = self._report_step(measurement)
+        report = self._report_step()
         self._reports.append(report)
         over = [goal for goal in self._active if self._over or not goal.keep]
         for goal in over:
@@ -206,8 +205,8 @@ class Player:
         if self._on_step is not None:
             self._on_step(report)
 
-    def _report_step(self, measurement: Measurement) -> StepReport:
-        controller = self._controller
+    def _report_step(self) -> StepReport:
+        controller, measurement = self._controller, self._loop.latest.tick.measurement
         model = self._measured.at(measurement, controller)
         goals = [
             GoalReport(

@@ -461,8 +461,7 @@ class Pepper(CallbackRegistry):
             BackendError: Another thread runs it, or this is inside a tick or a callback.
         """
         ticks = round(_checked_time("seconds", seconds, 0.0, MAX_RUN) / self.config.cycle)
-        wait = self._active().run(ticks, on_tick, None if until is None else lambda _: until())
-        return wait.stopped
+        return self._active().run(ticks, on_tick, until).stopped
 
     def play(
         self,
@@ -501,13 +500,7 @@ class Pepper(CallbackRegistry):
             on_begin=session.publish,
             conductor=conductor,
         )
-        session.run(
-            None,
-            on_tick,
-            lambda record: player.advance(record.tick.measurement),
-            begin=player.begin,
-            end=player.end,
-        )
+        session.run(None, on_tick, player.advance, begin=player.begin, end=player.end)
         return player.report
 
     def emergency_stop(self, text: str = "emergency stop") -> None:

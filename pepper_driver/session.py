@@ -66,7 +66,7 @@ class Wait:
         self,
         ticks: int | None,
         on_tick: OnTick | None,
-        until: Callable[[TickRecord], bool] | None,
+        until: Callable[[], bool] | None,
     ) -> None:
         self._left = math.inf if ticks is None else ticks
         self._on_tick, self._until = on_tick, until
@@ -88,7 +88,7 @@ class Wait:
         try:
             if self._on_tick is not None:
                 self._on_tick(record.tick, record.observation)
-            self.stopped = self._until is not None and not is_faulty() and self._until(record)
+            self.stopped = self._until is not None and not is_faulty() and self._until()
         except BaseException as error:
             self.error = error
         self._left -= 1
@@ -324,7 +324,7 @@ class Session:
         self,
         ticks: int | None,
         on_tick: OnTick | None = None,
-        until: Callable[[TickRecord], bool] | None = None,
+        until: Callable[[], bool] | None = None,
         *,
         begin: Change | None = None,
         end: Change | None = None,

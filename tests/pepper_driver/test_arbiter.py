@@ -285,7 +285,8 @@ class Playing:
     """A motion on the controller of a stage."""
 
     def __init__(self, stage: Stage, *steps: dict[str, Any]) -> None:
-        loop = SimpleNamespace(arbiter=stage.arbiter, time=0.0)
+        latest = SimpleNamespace(tick=SimpleNamespace(measurement=quiet()))
+        loop = SimpleNamespace(arbiter=stage.arbiter, time=0.0, latest=latest)
         self._stage = stage
         self.player = Player(make_motion(*steps), ROBOT, cast("Loop", loop))
         self.player.begin()
@@ -293,11 +294,10 @@ class Playing:
 
     def run(self, seconds: float, *contacts: Contact) -> None:
         """Play on; contacts come in the first tick."""
-        measurement = quiet()
         for _ in range(round(seconds / ROBOT.cycle)):
             self._stage.step(*contacts)
             contacts = ()
-            self.over = self.over or self.player.advance(measurement)
+            self.over = self.over or self.player.advance()
 
 
 def test_a_motion_has_what_the_user_had_and_gives_it_back() -> None:
@@ -439,7 +439,7 @@ def test_the_controllers_tasks_are_the_users_the_motions_and_those_of_active_ref
         for _ in range(ticks):
             stage.step(*contacts)
             contacts = ()
-            if player is not None and player.advance(quiet()):
+            if player is not None and player.advance():
                 player.end()
                 player = None
             motions = [] if player is None else [goal.task for goal in player._active]
