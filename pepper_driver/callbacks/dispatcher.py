@@ -95,20 +95,27 @@ class EventSink:
         self.dropped += len(events)
 
 
-class _CallbackThread(threading.Thread, EventSink):
-    """Thread that calls one callback, one event after the other. As a daemon it does not keep the program alive."""
+class _Worker(threading.Thread):
+    """Thread that does one job after the other. As a daemon it does not keep the program alive."""
 
-    def __init__(self, callback: Callable[[Any], object]) -> None:
-        name = getattr(callback, "__qualname__", None) or type(callback).__name__
-        threading.Thread.__init__(self, daemon=True)
+    def __init__(self, name: str) -> None:
+        threading.Thread.__init__(self, name=name, daemon=True)
         self.jobs: SimpleQueue[Callable[[], object] | None] = SimpleQueue()  # None is the last
-        EventSink.__init__(self, f"callback {name}", lambda: self.jobs.put(self._call))
-        self.callback, self.statistics = callback, CallbackStatistics(name=name)
         self.start()
 
     def run(self) -> None:
         for job in iter(self.jobs.get, None):
             job()
+
+
+class _CallbackThread(_Worker, EventSink):
+    """Calls one callback, one event after the other."""
+
+    def __init__(self, callback: Callable[[Any], object]) -> None:
+        name = getattr(callback, "__qualname__", None) or type(callback).__name__
+        _Worker.__init__(self, f"callback {name}")
+        EventSink.__init__(self, self.name, lambda: self.jobs.put(self._call))
+        self.callback, self.statistics = callback, CallbackStatistics(name=name)
 
     def _call(self) -> None:
         event, statistics, start = self.take(), self.statistics, time.perf_counter()
@@ -141,9 +148,7 @@ class Dispatcher:
         # Replaced, never changed: a tick reads it without the lock.
         self._routes: tuple[tuple[Subscription, EventSink], ...] = ()
         self._closed = False
-        self._wakes: SimpleQueue[Callable[[], object] | None] = SimpleQueue()  # None is the last
-        self._waker = threading.Thread(target=self._wake, name="callbacks", daemon=True)
-        self._waker.start()
+        self._waker = _Worker("callbacks")
 
     def subscribe(self, callback: Callable[[Any], object], subscription: Subscription) -> None:
         """Call a callback for the events of a subscription from now on. Does nothing when closed."""
@@ -179,7 +184,7 @@ class Dispatcher:
             if subscription.event is type(event):
                 try:
                     if subscription.predicate(event) and sink.put(event, subscription.queue):
-                        self._wakes.put(sink.wake)
+                        self._waker.jobs.put(sink.wake)
                 except Exception:  # a field of a wrong type, from an observer of another package
                     logger.exception("an event is lost: %r", event)
 
@@ -198,7 +203,7 @@ class Dispatcher:
                 return False
             callbacks = self._callbacks
             for callback in callbacks:
-                self._wakes.put(partial(callback.jobs.put, handled.release))
+                self._waker.jobs.put(partial(callback.jobs.put, handled.release))
         return all([handled.acquire(timeout=end - time.monotonic()) for _ in callbacks])
 
     def close(self, timeout: float = threading.TIMEOUT_MAX) -> bool:
@@ -217,8 +222,8 @@ class Dispatcher:
                 self.publish(EndEvent())
                 self._closed, self._routes = True, ()
                 for callback in self._callbacks:
-                    self._wakes.put(partial(callback.jobs.put, None))
-                self._wakes.put(None)
+                    self._waker.jobs.put(partial(callback.jobs.put, None))
+                self._waker.jobs.put(None)
         if self.inside_callback():
             return False
         for thread in (self._waker, *self._callbacks):
@@ -235,7 +240,3 @@ class Dispatcher:
     def statistics(self) -> tuple[CallbackStatistics, ...]:
         """Return the present counts and times of every callback, in the order of their first subscription."""
         return tuple(replace(one.statistics, dropped=one.dropped) for one in self._callbacks)
-
-    def _wake(self) -> None:
-        for wake in iter(self._wakes.get, None):
-            wake()
