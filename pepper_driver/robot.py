@@ -373,7 +373,9 @@ class Pepper(CallbackRegistry):
             duration = _checked_time("duration", duration, SHORTEST, LONGEST)
 
         def change() -> None:  # the target may have changed meanwhile, in the same group too
-            arbiter.move_to(self._resolve_posture(posture, arbiter), duration, stiffness)
+            arbiter.move_to(self._resolve_posture(posture, arbiter), duration)
+            if stiffness is not None:
+                arbiter.posture_stiffness = stiffness
 
         self._changes.make(change)
 

@@ -69,7 +69,7 @@ class Arbiter:
     Attributes:
         controller: The same.
         target: (17,) posture that user or motion request [rad].
-        posture_stiffness: Stiffness of the posture task that they request [1/s2].
+        posture_stiffness: Stiffness of the posture task that they request [1/s2]; may be set.
         stiffness: (17,) stiffness of the motors 0..1 for this tick.
         paused: True while the robot comes to rest and stands, whatever user and motion request.
     """
@@ -93,15 +93,11 @@ class Arbiter:
 
     # -- lasting requests of user and motion ----------------------------------------------------------------------
 
-    def move_to(
-        self, target: FloatArray, duration: float | None = None, stiffness: float | None = None
-    ) -> None:
+    def move_to(self, target: FloatArray, duration: float | None = None) -> None:
         """Request a posture (17,) [rad], reached within ``duration`` [s] along a spline; without one a set-point.
 
-        A motion under way ends here, even one to the same posture. A stiffness [1/s2] of the posture task stays.
+        A motion under way ends here, even one to the same posture.
         """
-        if stiffness is not None:
-            self.posture_stiffness = stiffness
         self.target, self._duration = target, duration
         self._followed = None
 

@@ -63,7 +63,8 @@ def base_speed(stage: Stage) -> float:
 
 def test_the_user_has_the_posture_until_a_reflex_takes_it_and_gets_it_back() -> None:
     stage = Stage(Hold(pause=0.1))
-    stage.arbiter.move_to(turned(stage, YAW, 0.6), stiffness=30.0)
+    stage.arbiter.move_to(turned(stage, YAW, 0.6))
+    stage.arbiter.posture_stiffness = 30.0
     stage.run(0.4)
     assert not stage.arbiter.holds
     assert stage.controller.posture.stiffness == 30.0
@@ -72,7 +73,8 @@ def test_the_user_has_the_posture_until_a_reflex_takes_it_and_gets_it_back() -> 
     assert stage.arbiter.holds
     held = stage.controller.position[YAW]
     assert stage.controller.posture.stiffness != 30.0
-    stage.arbiter.move_to(turned(stage, YAW, 0.3), stiffness=40.0)  # of the user, meanwhile
+    stage.arbiter.move_to(turned(stage, YAW, 0.3))  # of the user, meanwhile
+    stage.arbiter.posture_stiffness = 40.0
     stage.run(0.5)
     assert stage.controller.position[YAW] == pytest.approx(held, abs=1e-3)
     stage.step(touch(phase="end"))
@@ -304,7 +306,8 @@ def test_a_motion_has_what_the_user_had_and_gives_it_back() -> None:
     stage = Stage()
     mine = LookAtTask("Head")
     stage.arbiter.add(mine)
-    stage.arbiter.move_to(turned(stage, YAW, 0.2), stiffness=30.0)
+    stage.arbiter.move_to(turned(stage, YAW, 0.2))
+    stage.arbiter.posture_stiffness = 30.0
     stage.arbiter.drive(np.array([0.1, 0.0, 0.0]))
     stage.run(0.5)
     motion = Playing(
