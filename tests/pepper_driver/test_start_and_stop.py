@@ -288,7 +288,7 @@ def test_a_stop_from_another_thread_ends_a_run(mode: dict[str, Any], tmp_path: P
     pepper = make_pepper(log=tmp_path / "run.mcap", **mode)
     pepper.start()
     run = in_thread(lambda: pepper.run(1e6))
-    assert wait_until(lambda: pepper.measurement.tick > 10)
+    assert wait_until(lambda: begun(pepper) and pepper.measurement.tick > 10)
     pepper.stop()
     with pytest.raises(BackendError, match="closed while it ran"):
         run.result()
