@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import math
 import threading
 from collections.abc import AsyncGenerator, Callable, Mapping, Sequence
 from contextlib import AbstractContextManager
@@ -502,7 +503,7 @@ class Pepper(CallbackRegistry):
             on_begin=session.publish,
             conductor=conductor,
         )
-        session.run(None, on_tick, player.advance, begin=player.begin, end=player.end)
+        session.run(math.inf, on_tick, player.advance, begin=player.begin, end=player.end)
         return player.report
 
     def emergency_stop(self, text: str = "emergency stop") -> None:

@@ -5,10 +5,10 @@ from __future__ import annotations
 import atexit
 import gc
 import logging
-import math
 import threading
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager, nullcontext
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import NoReturn
 
@@ -52,29 +52,30 @@ MAX_CALLER_SILENCE = 0.06
 OnTick = Callable[[Tick, Observation | None], object]
 
 
+@dataclass(eq=False)
 class Wait:
     """Ticks that a caller waits for.
 
     Attributes:
+        ticks: How many are left; inf for ever.
+        on_tick: Called inside every tick.
+        until: Asked at the end of every tick; True ends the wait.
         over: Set when there is nothing more to wait for.
         record: Newest tick of the wait.
         stopped: True once ``until`` has ended it.
         error: Exception for the caller's thread.
     """
 
-    def __init__(
-        self,
-        ticks: int | None,
-        on_tick: OnTick | None,
-        until: Callable[[], bool] | None,
-    ) -> None:
-        self._left = math.inf if ticks is None else ticks
-        self._on_tick, self._until = on_tick, until
-        self.over = threading.Event()
-        self.record: TickRecord | None = None
-        self.stopped = False
-        self.error: BaseException | None = None
-        if ticks == 0:
+    ticks: float
+    on_tick: OnTick | None = None
+    until: Callable[[], bool] | None = None
+    over: threading.Event = field(default_factory=threading.Event)
+    record: TickRecord | None = None
+    stopped: bool = False
+    error: BaseException | None = None
+
+    def __post_init__(self) -> None:
+        if self.ticks == 0:
             self.over.set()
 
     def take(self, record: TickRecord, is_faulty: Callable[[], bool]) -> None:
@@ -86,13 +87,13 @@ class Wait:
             return
         self.record = record
         try:
-            if self._on_tick is not None:
-                self._on_tick(record.tick, record.observation)
-            self.stopped = self._until is not None and not is_faulty() and self._until()
+            if self.on_tick is not None:
+                self.on_tick(record.tick, record.observation)
+            self.stopped = self.until is not None and not is_faulty() and self.until()
         except BaseException as error:
             self.error = error
-        self._left -= 1
-        if self.stopped or self.error is not None or (self._left == 0 and not is_faulty()):
+        self.ticks -= 1
+        if self.stopped or self.error is not None or (self.ticks == 0 and not is_faulty()):
             self.over.set()
 
     def fail(self, error: BaseException) -> None:
@@ -158,7 +159,7 @@ class Session:
         self.touches = Touches()
         self._failure: BaseException | None = None  # what ended the ticks
         self._failure_raised = False  # where somebody sees it
-        self._wait = Wait(0, None, None)  # the newest; over while nobody waits
+        self._wait = Wait(0)  # the newest; over while nobody waits
         self._turn = threading.RLock()  # of who ticks, or waits for ticks; knows who has it
         self._runner: threading.Thread | None = None
         self._ticking: threading.Thread | None = None
@@ -322,20 +323,20 @@ class Session:
 
     def run(
         self,
-        ticks: int | None,
+        ticks: float,
         on_tick: OnTick | None = None,
         until: Callable[[], bool] | None = None,
         *,
         begin: Change | None = None,
         end: Change | None = None,
     ) -> Wait:
-        """Wait for some ticks, None for ever, and make them where no thread does.
+        """Wait for some ticks, and make them where no thread does.
 
         A tick that is missed is made up for at the end: motions count ticks and must not jump. Where time stands still
         afterwards, this waits until the callbacks have caught up.
 
         Args:
-            ticks: How many.
+            ticks: How many; inf for ever.
             on_tick: Called inside every tick.
             until: Asked at the end of every tick; True ends the wait.
             begin: Changes the loop before the first tick, once no other thread runs it.

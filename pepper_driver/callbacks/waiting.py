@@ -52,7 +52,7 @@ def wait_for_contact(
     ):
         session.check_fault()  # a fault from before is published no more
         if ticks_here:
-            ticks = None if timeout is None else round(timeout / session.cycle)
+            ticks = math.inf if timeout is None else round(timeout / session.cycle)
             session.run(ticks, until=lambda: bool(sink.events))
         time = -math.inf
         while not (ticks_here or sink.events) and time != loop.time:

@@ -219,7 +219,7 @@ class Ticking:
     def ticks_here(self) -> bool:
         return False
 
-    def run(self, ticks: int | None, *, until: Callable[[], bool]) -> Never:
+    def run(self, ticks: float, *, until: Callable[[], bool]) -> Never:
         raise AssertionError("the loop thread ticks, and no other")
 
     def check_fault(self) -> None:
