@@ -77,6 +77,10 @@ class Pepper(CallbackRegistry):
     program does; in a simulation that is not paced, time passes only inside :meth:`run` and :meth:`step`. What other
     threads change takes effect between two ticks.
 
+    Callbacks are registered with the decorators of
+    :class:`~pepper_driver.callbacks.callback_registry.CallbackRegistry`: ``on_contact``, ``on_tick``, ``on_touch``,
+    ``on_bumper``, ``on_button``, ``on_fault``, ``on_reflex``, ``on_step``, ``on_cue`` and ``on_push``.
+
     Args:
         uri: Which robot: ``mujoco``, ``mujoco://?plant=nominal&seed=3``, ``naoqi://pepper.local``, ...
         observer: Name of an observer, an observer, or None to detect nothing.
