@@ -183,11 +183,13 @@ class _Deferral:
                 signal.signal(number, self._defer)
 
     def end(self) -> None:
-        _Deferral.current = None
-        for number, handler in self._handlers.items():
-            if signal.getsignal(number) == self._defer:  # and not a new one
-                signal.signal(number, handler)
-        self.handle()
+        try:  # SIGINT, the last of them, may raise as soon as it is put back
+            for number, handler in self._handlers.items():
+                if signal.getsignal(number) == self._defer:  # and not a new one
+                    signal.signal(number, handler)
+        finally:
+            _Deferral.current = None
+            self.handle()
 
     def add(self, number: int, handler: Handler) -> None:
         """Let a signal wait, unless this is not the time."""

@@ -8,7 +8,7 @@ import re
 from collections.abc import Hashable
 from importlib.resources import files
 from pathlib import Path
-from typing import Any, TypeVar, get_args, get_type_hints
+from typing import TYPE_CHECKING, Any, TypeVar, get_args, get_type_hints
 
 import yaml
 from pydantic import ConfigDict, TypeAdapter, ValidationError, WrapValidator
@@ -16,8 +16,19 @@ from pydantic import ConfigDict, TypeAdapter, ValidationError, WrapValidator
 from pepper_driver.config.errors import ConfigError, UnknownNameError, suggestion
 from pepper_driver.config.lines import with_lines
 
+if TYPE_CHECKING:
+    from yaml import SafeLoader
+else:
+    try:  # libyaml is seven times as fast; not every computer's PyYAML has it
+        from yaml import CSafeLoader as SafeLoader
+    except ImportError:
+        from yaml import SafeLoader
+
 STRICT = ConfigDict(extra="forbid", strict=True, allow_inf_nan=False)
 """Pydantic settings of all configuration dataclasses: no unknown key, no silent conversion, no NaN."""
+
+MAX_DEPTH = 100
+"""Of lists and mappings in each other. libyaml crashes at some ten thousand."""
 
 MOST_VALUES = 100_000
 """In one file, anchors repeated: a few lines of anchors in anchors can stand for more than any memory holds."""
@@ -25,7 +36,7 @@ MOST_VALUES = 100_000
 T = TypeVar("T")
 
 
-class _Loader(yaml.SafeLoader):
+class _Loader(SafeLoader):
     """SafeLoader that refuses a key given twice, which YAML would silently overwrite."""
 
     def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Hashable, Any]:
@@ -94,6 +105,7 @@ def read_yaml(path: Path) -> dict[str, Any]:
     except (OSError, UnicodeDecodeError) as error:
         raise ConfigError(f"{path}: cannot be read ({error})") from error
     try:
+        _check_depth(text)
         data = yaml.load(text, Loader=_Loader)
         count = _count(data, {})
     except (yaml.YAMLError, ValueError, TypeError, RecursionError) as error:
@@ -108,6 +120,20 @@ def read_yaml(path: Path) -> dict[str, Any]:
             f"{path}: its anchors stand for {count:.0e} values, and {MOST_VALUES} is the most"
         )
     return data
+
+
+def _check_depth(text: str) -> None:
+    """Refuse what is nested too deep; events come without recursion."""
+    depth = 0
+    for event in yaml.parse(text, Loader=SafeLoader):
+        if isinstance(event, yaml.CollectionStartEvent):
+            depth += 1
+            if depth > MAX_DEPTH:
+                mark: Any = event.start_mark
+                problem = f"nested deeper than {MAX_DEPTH} levels"
+                raise yaml.MarkedYAMLError(problem=problem, problem_mark=mark)
+        elif isinstance(event, yaml.CollectionEndEvent):
+            depth -= 1
 
 
 def _count(value: object, known: dict[int, int]) -> int:

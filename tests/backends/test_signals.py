@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import signal
+import sys
 import threading
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
+from types import FrameType
 
 import pytest
 
@@ -281,6 +283,41 @@ def test_what_hangs_can_be_broken_off(clock: Clock) -> None:
             send(INT)
         done.append(1)
     assert done
+
+
+@pytest.mark.parametrize("number", [INT, TERM])
+def test_a_signal_at_any_moment_of_begin_and_end_leaves_all_as_it_was(
+    number: int, clock: Clock
+) -> None:
+    """Python handles signals where a function begins, and where one of C's returns."""
+    moments = [0]
+
+    def profile(frame: FrameType, event: str, argument: object) -> None:
+        code = (
+            frame if frame.f_code.co_filename == signals.__file__ else frame.f_back or frame
+        ).f_code
+        mine = code.co_filename == signals.__file__ and code.co_name in ("begin", "end")
+        if mine and event in ("call", "return", "c_return"):
+            moments[-1] += 1
+            if moments[-1] == len(moments) - 1:
+                send(number)
+
+    with raised_signals():
+        handlers = [signal.getsignal(each) for each in (INT, TERM, HUP)]
+        while moments[-1] >= len(moments) - 1:  # the first time, none is sent
+            moments.append(0)
+            clock.advance(MIN_INTERVAL)
+            before = sys.getprofile()
+            with suppress(KeyboardInterrupt):
+                sys.setprofile(profile)
+                try:
+                    with deferred_signals():
+                        pass
+                finally:
+                    sys.setprofile(before)
+            assert signals._Deferral.current is None, moments
+            assert [signal.getsignal(each) for each in (INT, TERM, HUP)] == handlers, moments
+    assert len(moments) > 8
 
 
 def test_in_other_threads_signals_are_handled_as_ever() -> None:

@@ -56,6 +56,17 @@ def test_a_damaged_plant_loads_or_says_one_line(data: dict[str, Any]) -> None:
         assert plant.physics.timestep > 0
 
 
+@pytest.mark.parametrize(
+    ("opening", "closing"), [("[", "]"), ("{a: ", "}"), ("- ", ""), ("? ", "")]
+)
+def test_what_is_nested_too_deep_is_one_error(tmp_path: Path, opening: str, closing: str) -> None:
+    path = tmp_path / "deep.yaml"
+    for levels, problem in ((150, "nested deeper than 100 levels$"), (200_000, "")):
+        path.write_text(f"a:\n {opening * levels}1{closing * levels}", encoding="utf-8")
+        with pytest.raises(ConfigError, match=rf"deep\.yaml line 2: {problem}"):
+            read_yaml(path)
+
+
 @settings(max_examples=150)
 @given(st.text())
 def test_any_text_is_yaml_or_one_error(tmp_path_factory: pytest.TempPathFactory, text: str) -> None:
