@@ -469,13 +469,17 @@ class Session:
         while self._failure is None and not self._ending.is_set():
             # A caller that wants the turn gets it meanwhile.
             self._ending.wait(max(MAX_CALLER_SILENCE - self._silence, 0.001))
-            with self._turn:
+            if not self._turn.acquire(timeout=MAX_CALLER_SILENCE):  # or it would not end
+                continue
+            try:
                 if self._silence < MAX_CALLER_SILENCE or self._failure is not None:
                     continue
                 self.loop.arbiter.paused = True
                 while not (self._callers or self._ending.is_set()):
                     self._tick()
                 self.loop.arbiter.paused = False
+            finally:
+                self._turn.release()
 
     @property
     def _silence(self) -> float:
@@ -485,6 +489,8 @@ class Session:
     def _fail(self, error: BaseException) -> None:
         """Stop the robot for what a tick has raised; have callbacks, and whoever waits for ticks, learn of it."""
         if not isinstance(error, FaultError | EOFError):  # EOFError: the end of a recording
+            if self._ending.is_set():  # a signal handler has closed the robot inside this tick
+                return
             self.gate.stop(FaultReason.LOST, f"{type(error).__name__}: {error}")
             self._changes.make(self.loop.halt)
         self._failure = error if self._failure is None else self._failure

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import signal
 import threading
 import time as clock
 from collections.abc import Callable
@@ -13,7 +14,7 @@ import pytest
 from waiting import wait_until
 
 from pepper_driver import FaultError, Hold, Pepper
-from pepper_driver.backends import Command
+from pepper_driver.backends import BackendError, Command
 from pepper_driver.backends.mock import MockBackend
 from pepper_driver.callbacks.events import FaultEvent
 from pepper_driver.config import load_controller_settings
@@ -203,6 +204,26 @@ def test_a_robot_that_rests_can_be_closed_at_any_time() -> None:
             session.close()
     assert robot.calls[-1] == "close"
     assert set(threading.enumerate()) == threads
+
+
+def test_a_handler_of_a_signal_can_stop_the_robot_that_its_thread_runs(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    pepper = Pepper("mock://", observer=None, real_time=True, loop="caller")
+    before = signal.signal(signal.SIGUSR1, lambda *_: pepper.stop())
+    try:
+        with pepper:
+            timer = threading.Timer(0.2, lambda: signal.raise_signal(signal.SIGUSR1))
+            timer.start()
+            with pytest.raises(BackendError, match="was closed while it ran"):
+                pepper.run(30.0)
+            timer.join()
+    finally:
+        signal.signal(signal.SIGUSR1, before)
+    assert not caplog.records, "nothing seems to hang"
+    assert pepper.state is RobotState.INACTIVE
+    assert backend_of(pepper).calls[-1] == "close"
+    wait_until(lambda: not [each for each in threading.enumerate() if each.name == "loop"])
 
 
 def test_it_does_not_rest_before_its_time() -> None:

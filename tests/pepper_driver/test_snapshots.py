@@ -5,6 +5,7 @@ from __future__ import annotations
 import threading
 from collections.abc import Iterator
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -51,10 +52,10 @@ class Counting(Scripted):
 
 
 def test_several_threads_read_what_belongs_together_and_never_go_back() -> None:
-    stop = threading.Event()
+    stop, reads = threading.Event(), [0, 0, 0]
 
-    def read() -> int:
-        newest, reads = 0, 0
+    def read(reader: int) -> None:
+        newest = 0
         while not stop.is_set():
             measurement, observation = pepper.measurement, pepper.observation
             number = measurement.tick
@@ -69,18 +70,20 @@ def test_several_threads_read_what_belongs_together_and_never_go_back() -> None:
             assert pepper.position.shape == (17,)
             assert pepper.base_pose.shape == (3,)
             pepper.link_pose("LForeArm")
-            newest, reads = number, reads + 1
-        return reads
+            newest = number
+            reads[reader] += 1
 
     with virtual_time() as time, pytest.MonkeyPatch.context() as patch:
         patch.setattr("pepper_driver.robot.make_backend", lambda *_: Telling())
         pepper = Pepper("any", observer=Counting(), real_time=True)
         with pepper, time.flowing():
-            readers = [in_thread(read) for _ in range(3)]
+            readers = [in_thread(partial(read, number)) for number in range(len(reads))]
             pepper.set_posture({"HeadYaw": 0.5})
-            pepper.run(3.0)
+            read_enough = pepper.run(60.0, until=lambda: min(reads) > 10)
             stop.set()
-            assert min(reader.result() for reader in readers) > 10
+            for reader in readers:
+                reader.result()
+            assert read_enough
 
 
 def test_joints_by_name_and_as_an_array() -> None:
