@@ -80,7 +80,6 @@ class Program:
         self._error, self._rate, self._bias, self._wanted = np.zeros((4, count))
         self._stiffness, self._damping, self._damped = np.zeros((3, count))
         self._slots: list[Slot] = []
-        self._stale = True
         start = 0
         for task in tasks:
             rows = slice(start, start + task.rows)
@@ -121,8 +120,7 @@ class Program:
         multiply(masked, self._weight, weighted)
         weighted.T.dot(masked, H)
         wanted.dot(weighted, g)
-        if self._stale:
-            self._regularise()
+        self._regularise()
         self._diagonal += self._regularisation
         multiply(self._resting, v, self._rest)
         np.subtract(self._rest, g, g)
@@ -133,17 +131,12 @@ class Program:
         self._stiffness[rows], self._damping[rows] = gains.stiffness, gains.damping
         self._weight[rows] = gains.weight[:, None]
         self._mask[rows] = slot.columns
-        self._stale = True
 
     def _regularise(self) -> None:
-        """A share of each variable's own cost is to be added to it; what no task asks for comes to rest.
-
-        Found whenever a gain was set: that is exact enough for a share of a millionth.
-        """
+        """A share of each variable's own cost is to be added to it; what no task asks for comes to rest."""
         least = LEAST_COST * self._diagonal.max()
         self._regularisation = self._share * np.maximum(self._diagonal, least if least > 0 else 1.0)
         self._resting = REST_RATE * self._regularisation
-        self._stale = False
 
     def solve(
         self,
