@@ -58,7 +58,7 @@ def test_clamping_for_a_second_raises_no_contact(
     def slow(robot: RobotConfig, safety: SafetySettings, limits: ControllerSettings) -> SafetyGate:
         return SafetyGate(robot, safety, slowed(limits, 0.7 / safety.speed_margin))
 
-    monkeypatch.setattr("pepper_driver.robot.SafetyGate", slow)
+    monkeypatch.setattr("pepper_driver.session.SafetyGate", slow)
     changed: list[Any] = []
     speeds: list[Any] = []
 
