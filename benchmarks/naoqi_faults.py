@@ -66,6 +66,7 @@ INTERRUPTED: Mapping[str, str | None] = {
 MOVING = "moving"
 ENOUGH = 0.8  # share of the speed that the wheels must have when it happens
 START_TRIES = 10
+PATIENCE = 30.0  # [s]
 STANDS = load_doctor_settings().wheel_rest  # [rad/s]
 
 
@@ -128,7 +129,7 @@ class Program:
 
     def end(self) -> dict[str, Any]:
         """Wait for its end, and return what it said."""
-        out, _ = self.process.communicate(timeout=30)
+        out, _ = self.process.communicate(timeout=PATIENCE)
         line = out.strip().splitlines()[-1] if out.strip() else "{}"
         ended: dict[str, Any] = json.loads(line)
         return ended
@@ -266,14 +267,17 @@ def interfere(stand_in: StandIn, name: str, speed: float) -> dict[str, float | s
     """Let another program command joints or wheels, until the first one ends."""
     program = Program(stand_in, speed)
     with service_of(stand_in, "ALMotion") as motion, service_of(stand_in, "DCM") as dcm:
+        goal = -0.5 if motion.getAngles("HeadYaw", True)[0] > 0.0 else 0.5  # not where it is
         begin = time.monotonic()
         if name == FOREIGN[1]:
-            motion.setAngles("HeadYaw", 0.5, 0.2)
+            motion.setAngles("HeadYaw", goal, 0.2)
         elif name == FOREIGN[2]:
             motion.move(0.1, 0.0, 0.0)
         while program.process.poll() is None:
+            if time.monotonic() > begin + PATIENCE:
+                raise SystemExit(f"{name}: not noticed within {PATIENCE:g} s")
             if name == FOREIGN[0]:
-                order = [[0.5, dcm.getTime(20)]]
+                order = [[goal, dcm.getTime(20)]]
                 dcm.set(["HeadYaw/Position/Actuator/Value", "ClearAll", order])
             time.sleep(0.02)
         motion.killAll()
@@ -289,7 +293,7 @@ def interrupt(stand_in: StandIn, name: str, speed: float) -> dict[str, float | s
         stand_in.set_fault(fault)
     begin = time.monotonic()
     program.process.send_signal(signal.SIGINT)
-    program.process.wait(30)
+    program.process.wait(PATIENCE)
     figures: dict[str, float | str] = {"exit": 1e3 * (time.monotonic() - begin)}
     program.end()
     stand_in.clear_faults()
