@@ -159,7 +159,7 @@ class Session:
         self.touches = Touches()
         self._failure: BaseException | None = None  # what ended the ticks
         self._failure_raised = False  # where somebody sees it
-        self._wait = Wait(0)  # the newest; over while nobody waits
+        self._wait = Wait(0)  # the newest; over while no call waits
         self._turn = threading.RLock()  # of who ticks, or waits for ticks; knows who has it
         self._runner: threading.Thread | None = None
         self._ticking: threading.Thread | None = None

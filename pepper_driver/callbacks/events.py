@@ -137,7 +137,7 @@ class PushEvent:
 
 
 ProgramEvent = StepEvent | CueEvent | PushEvent
-"""What a program does with the robot, and belongs to no stage of a tick."""
+"""Event of a program that moves the robot; of no stage of a tick."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -370,7 +370,7 @@ class Busy(NaoqiBackend):
     def _met(self) -> Connection:
         self.begun.set()
         self.go.wait(PATIENCE)
-        raise NotConnectedError("nobody there")
+        raise NotConnectedError("not reached")
 
 
 def test_a_request_does_not_wait_for_another_thread(monkeypatch: pytest.MonkeyPatch) -> None:
