@@ -9,13 +9,13 @@ from typing import Any
 
 import numpy as np
 import pytest
-from waiting import wait_until
+from waiting import PATIENCE, wait_until
 
 from pepper_driver import FaultError, Pepper, Reflex
 from pepper_driver.backends import BackendError, Measurement, NotConnectedError
 from pepper_driver.backends.mock import MockBackend
 from pepper_driver.callbacks.events import FaultEvent
-from pepper_driver.controller import PositionTask
+from pepper_driver.controller import PositionTask, Tick
 from pepper_driver.log import read_log
 from pepper_driver.observer import Observation
 from pepper_driver.reflexes import ReflexRequests
@@ -112,6 +112,32 @@ def test_a_step_waits_for_the_next_tick(time: VirtualTime) -> None:
             assert measurement.tick == tick + 1
             assert measurement is pepper.measurement
             assert observation is pepper.observation is not None
+
+
+class Slow(Scripted):
+    """Thinks in its fifth tick until it may go on."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.inside, self.go = threading.Event(), threading.Event()
+
+    def step(self, tick: Tick) -> Observation:
+        if tick.measurement.tick == 5:
+            self.inside.set()
+            assert self.go.wait(PATIENCE)
+        return super().step(tick)
+
+
+def test_a_step_that_begins_inside_a_tick_waits_for_the_one_after_it(time: VirtualTime) -> None:
+    """That one was read before; a motion would miss its first tick, or be asked before it has begun."""
+    observer = Slow()
+    with make_pepper(observer=observer) as pepper, time.flowing():
+        assert observer.inside.wait(PATIENCE)
+        step = in_thread(pepper.step)
+        assert wait_until(lambda: pepper._changes._waiting)
+        observer.go.set()
+        measurement, _ = step.result()
+        assert measurement.tick == 6
 
 
 def test_what_is_changed_before_a_step_is_in_its_command(time: VirtualTime) -> None:
