@@ -499,6 +499,9 @@ class Session:
 
     def _fail(self, error: BaseException) -> None:
         """Stop the robot for what a tick has raised; have callbacks, and whoever waits for ticks, learn of it."""
+        if self._ending.is_set() and not isinstance(error, FaultError):
+            logger.warning("the robot was closed in the middle of a tick, which failed: %s", error)
+            return
         if not isinstance(error, FaultError | EOFError):  # EOFError: the end of a recording
             self._gate.stop(FaultReason.LOST, f"{type(error).__name__}: {error}")
             self._changes.make(self.loop.halt)
@@ -546,8 +549,10 @@ class Session:
         return self.loop.time
 
     def check_failure(self, *, again: bool = True) -> None:
-        """Raise what ended the ticks; only if it was not raised yet outside of callbacks, unless ``again``."""
-        if self._failure is not None and (again or not self._failure_raised):
+        """Raise what ended the ticks; unless ``again``, only outside of callbacks and if it was not raised there."""
+        if self._failure is None or (not again and self._failure_raised):
+            return
+        if again or not self.dispatcher.inside_callback():
             self._raise(self._failure)
 
     def _raise(self, error: BaseException) -> NoReturn:

@@ -347,6 +347,49 @@ def test_a_fault_that_nobody_saw_is_raised_in_the_end(kind: str, time: VirtualTi
     pepper.stop()  # raises it no more
 
 
+@pytest.mark.parametrize("kind", KINDS)
+def test_without_a_block_the_end_raises_it(kind: str, time: VirtualTime) -> None:
+    pepper, error = faulty(kind, time)
+    pepper.start()
+    time.wait_for_sleeper()
+    time.advance(0.24)
+    with pytest.raises(error):
+        pepper.stop()
+    assert backend_of(pepper).calls[-1] == "close"
+    pepper.stop()
+
+
+def test_without_a_block_too_it_never_comes_in_place_of_an_error_under_way(
+    time: VirtualTime,
+) -> None:
+    def work() -> None:
+        pepper.start()
+        try:
+            time.wait_for_sleeper()
+            time.advance(0.24)
+            raise KeyError("the program's own")
+        finally:
+            pepper.stop()
+
+    pepper, _ = faulty("gate", time)
+    with pytest.raises(KeyError, match="the program's own"):
+        work()
+
+
+def test_a_callback_may_stop_a_robot_that_has_a_fault(
+    time: VirtualTime, caplog: pytest.LogCaptureFixture
+) -> None:
+    pepper, error = faulty("gate", time)
+    pepper.on_fault()(lambda _: pepper.stop())
+    pepper.start()
+    time.wait_for_sleeper()
+    time.advance(0.24)
+    assert wait_until(lambda: backend_of(pepper).calls[-1] == "close")
+    with pytest.raises(error):
+        pepper.stop()
+    assert "failed" not in caplog.text
+
+
 def test_a_fault_that_only_a_callback_saw_is_raised_in_the_end(time: VirtualTime) -> None:
     pepper, error = faulty("gate", time)
     seen: list[BaseException] = []
