@@ -274,7 +274,7 @@ class Session:
         Raises:
             PepperError: The robot or the log cannot be closed. All else is.
         """
-        self.active, hangs = False, False
+        was_active, self.active, hangs = self.active, False, False
         with self._closing:  # by one thread at a time, and not into another's tick
             if self._closed:
                 return
@@ -285,6 +285,9 @@ class Session:
                 try:
                     hangs = not self._wait_for_tick()
                 finally:
+                    if was_active and not hangs and self._failure is None and self._gate.fault:
+                        self._failure = FaultError(self._gate.fault)  # came after the last tick
+                        self.loop.halt()
                     self._gate.deactivate()
                     if hangs:
                         self._close_hanging_backend()
@@ -556,12 +559,12 @@ class Session:
             self._raise(self._failure)
 
     def _raise(self, error: BaseException) -> NoReturn:
-        if error is self._failure and not self.dispatcher.inside_callback():
-            self._failure_raised = True
+        if isinstance(error, FaultError) or error is self._failure:
+            self._failure_raised |= not self.dispatcher.inside_callback()
         raise error
 
     def check_fault(self) -> None:
         """Raise what ended the ticks, or why the robot was stopped."""
         self.check_failure()
         if self._gate.fault is not None:
-            raise FaultError(self._gate.fault)
+            self._raise(FaultError(self._gate.fault))

@@ -439,6 +439,31 @@ def test_an_emergency_stop_from_the_program_is_raised_too(time: VirtualTime) -> 
     assert len(faults) == 1
 
 
+@pytest.mark.parametrize("real_time", [False, True])
+def test_an_emergency_stop_just_before_the_end_is_raised_and_logged(
+    real_time: bool, time: VirtualTime, tmp_path: Path
+) -> None:
+    path = tmp_path / "run.mcap"
+    pepper = Pepper("mock", observer=None, real_time=real_time, log=path)
+    with pytest.raises(FaultError, match="too close"):
+        inside(
+            pepper,
+            lambda: pepper.drive(0.2, 0.0, 0.0, hold=True),
+            lambda: pepper.emergency_stop("too close"),
+        )
+    (event,) = read_log(path).events
+    assert (event.kind, event.text) == ("fault", "too close")
+    assert not backend_of(pepper).commands[-1].wheel_speed.any()
+    pepper.stop()
+
+
+def test_a_fault_that_a_wait_has_raised_is_not_raised_in_the_end() -> None:
+    with Pepper("mock", observer=Scripted()) as pepper:
+        pepper.emergency_stop()
+        with pytest.raises(FaultError):
+            pepper.wait_for_contact(timeout=1.0)
+
+
 def test_a_robot_can_be_started_again_after_a_fault(time: VirtualTime) -> None:
     pepper, error = faulty("gate", time)
     with pytest.raises(error):
