@@ -135,7 +135,7 @@ class Program:
     def _regularise(self) -> None:
         """A share of each variable's own cost is to be added to it; what no task asks for comes to rest."""
         least, regularisation = LEAST_COST * self._diagonal.max(), self._regularisation
-        np.maximum(self._diagonal, least if least > 0 else 1.0, regularisation)
+        np.maximum(self._diagonal, least if least > 0 else 1.0, out=regularisation)
         multiply(self._share, regularisation, regularisation)
         multiply(REST_RATE, regularisation, self._resting)
 

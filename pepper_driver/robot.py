@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import math
+import sys
 import threading
 from collections.abc import AsyncGenerator, Callable, Mapping, Sequence
 from contextlib import AbstractContextManager
@@ -217,8 +218,16 @@ class Pepper(CallbackRegistry):
             raise
 
     def stop(self) -> None:
-        """Stop, lower the stiffness, close the log, disconnect. Does nothing when stopped."""
+        """Stop, lower the stiffness, close the log, disconnect. Does nothing when stopped.
+
+        Raises:
+            PepperError: What ended the ticks, unless a call has raised it already or another error is under way; or
+                the robot or the log cannot be closed.
+        """
+        session = self._session
         self._end(None)
+        if session is not None and sys.exc_info()[0] is None:
+            session.check_failure(again=False)
 
     def _end(self, error: BaseException | None) -> None:
         """Close the session, and note on the interrupt that ended it where the log is."""

@@ -268,7 +268,7 @@ class Session:
         Raises:
             PepperError: The robot or the log cannot be closed. All else is.
         """
-        self.active, hangs = False, False
+        was_active, self.active, hangs = self.active, False, False
         with self._closing:  # by one thread at a time, and not into another's tick
             if self._closed:
                 return
@@ -278,6 +278,9 @@ class Session:
                 try:
                     hangs = not self._wait_for_tick()
                 finally:
+                    if was_active and not hangs and self._failure is None and self.gate.fault:
+                        self._failure = FaultError(self.gate.fault)  # came after the last tick
+                        self.loop.halt()
                     self.gate.deactivate()
                     if hangs:
                         self._close_hanging_backend()
@@ -488,9 +491,10 @@ class Session:
 
     def _fail(self, error: BaseException) -> None:
         """Stop the robot for what a tick has raised; have callbacks, and whoever waits for ticks, learn of it."""
+        if self._ending.is_set() and not isinstance(error, FaultError):
+            logger.warning("the robot was closed in the middle of a tick, which failed: %s", error)
+            return
         if not isinstance(error, FaultError | EOFError):  # EOFError: the end of a recording
-            if self._ending.is_set():  # a signal handler has closed the robot inside this tick
-                return
             self.gate.stop(FaultReason.LOST, f"{type(error).__name__}: {error}")
             self._changes.make(self.loop.halt)
         self._failure = error if self._failure is None else self._failure
@@ -530,17 +534,19 @@ class Session:
             self.dispatcher.publish(FaultEvent(fault=self.gate.fault, time=time))
 
     def check_failure(self, *, again: bool = True) -> None:
-        """Raise what ended the ticks; only if it was not raised yet outside of callbacks, unless ``again``."""
-        if self._failure is not None and (again or not self._failure_raised):
+        """Raise what ended the ticks; unless ``again``, only outside of callbacks and if it was not raised there."""
+        if self._failure is None or (not again and self._failure_raised):
+            return
+        if again or not self.dispatcher.inside_callback():
             self._raise(self._failure)
 
     def _raise(self, error: BaseException) -> NoReturn:
-        if error is self._failure and not self.dispatcher.inside_callback():
-            self._failure_raised = True
+        if isinstance(error, FaultError) or error is self._failure:
+            self._failure_raised |= not self.dispatcher.inside_callback()
         raise error
 
     def check_fault(self) -> None:
         """Raise what ended the ticks, or why the robot was stopped."""
         self.check_failure()
         if self.gate.fault is not None:
-            raise FaultError(self.gate.fault)
+            self._raise(FaultError(self.gate.fault))

@@ -174,10 +174,12 @@ def test_an_emergency_stop_is_told_before_anybody_ticks() -> None:
     pepper.emergency_stop()  # not active: nobody to be stopped, and nobody is told
     for _ in range(2):  # a new run has faults of its own
         heard.clear()
-        with pepper:
-            pepper.run(2 * CYCLE)
-            pepper.emergency_stop()
-            assert heard.wait(LONG)
+        pepper.start()
+        pepper.run(2 * CYCLE)
+        pepper.emergency_stop()
+        assert heard.wait(LONG)
+        with pytest.raises(FaultError, match="emergency stop"):
+            pepper.stop()
     assert [event.fault.reason for event in faults] == [FaultReason.EMERGENCY_STOP] * 2
 
 

@@ -9,13 +9,13 @@ from typing import Any
 
 import numpy as np
 import pytest
-from waiting import wait_until
+from waiting import PATIENCE, wait_until
 
 from pepper_driver import FaultError, Pepper, Reflex
 from pepper_driver.backends import BackendError, Measurement, NotConnectedError
 from pepper_driver.backends.mock import MockBackend
 from pepper_driver.callbacks.events import FaultEvent
-from pepper_driver.controller import PositionTask
+from pepper_driver.controller import PositionTask, Tick
 from pepper_driver.log import read_log
 from pepper_driver.observer import Observation
 from pepper_driver.reflexes import ReflexRequests
@@ -112,6 +112,32 @@ def test_a_step_waits_for_the_next_tick(time: VirtualTime) -> None:
             assert measurement.tick == tick + 1
             assert measurement is pepper.measurement
             assert observation is pepper.observation is not None
+
+
+class Slow(Scripted):
+    """Thinks in its fifth tick until it may go on."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.inside, self.go = threading.Event(), threading.Event()
+
+    def step(self, tick: Tick) -> Observation:
+        if tick.measurement.tick == 5:
+            self.inside.set()
+            assert self.go.wait(PATIENCE)
+        return super().step(tick)
+
+
+def test_a_step_that_begins_inside_a_tick_waits_for_the_one_after_it(time: VirtualTime) -> None:
+    """That one was read before; a motion would miss its first tick, or be asked before it has begun."""
+    observer = Slow()
+    with make_pepper(observer=observer) as pepper, time.flowing():
+        assert observer.inside.wait(PATIENCE)
+        step = in_thread(pepper.step)
+        assert wait_until(lambda: pepper._changes._waiting)
+        observer.go.set()
+        measurement, _ = step.result()
+        assert measurement.tick == 6
 
 
 def test_what_is_changed_before_a_step_is_in_its_command(time: VirtualTime) -> None:
@@ -321,6 +347,49 @@ def test_a_fault_that_nobody_saw_is_raised_in_the_end(kind: str, time: VirtualTi
     pepper.stop()  # raises it no more
 
 
+@pytest.mark.parametrize("kind", KINDS)
+def test_without_a_block_the_end_raises_it(kind: str, time: VirtualTime) -> None:
+    pepper, error = faulty(kind, time)
+    pepper.start()
+    time.wait_for_sleeper()
+    time.advance(0.24)
+    with pytest.raises(error):
+        pepper.stop()
+    assert backend_of(pepper).calls[-1] == "close"
+    pepper.stop()
+
+
+def test_without_a_block_too_it_never_comes_in_place_of_an_error_under_way(
+    time: VirtualTime,
+) -> None:
+    def work() -> None:
+        pepper.start()
+        try:
+            time.wait_for_sleeper()
+            time.advance(0.24)
+            raise KeyError("the program's own")
+        finally:
+            pepper.stop()
+
+    pepper, _ = faulty("gate", time)
+    with pytest.raises(KeyError, match="the program's own"):
+        work()
+
+
+def test_a_callback_may_stop_a_robot_that_has_a_fault(
+    time: VirtualTime, caplog: pytest.LogCaptureFixture
+) -> None:
+    pepper, error = faulty("gate", time)
+    pepper.on_fault()(lambda _: pepper.stop())
+    pepper.start()
+    time.wait_for_sleeper()
+    time.advance(0.24)
+    assert wait_until(lambda: backend_of(pepper).calls[-1] == "close")
+    with pytest.raises(error):
+        pepper.stop()
+    assert "failed" not in caplog.text
+
+
 def test_a_fault_that_only_a_callback_saw_is_raised_in_the_end(time: VirtualTime) -> None:
     pepper, error = faulty("gate", time)
     seen: list[BaseException] = []
@@ -368,6 +437,31 @@ def test_an_emergency_stop_from_the_program_is_raised_too(time: VirtualTime) -> 
             lambda: time.advance(0.024),
         )
     assert len(faults) == 1
+
+
+@pytest.mark.parametrize("real_time", [False, True])
+def test_an_emergency_stop_just_before_the_end_is_raised_and_logged(
+    real_time: bool, time: VirtualTime, tmp_path: Path
+) -> None:
+    path = tmp_path / "run.mcap"
+    pepper = Pepper("mock", observer=None, real_time=real_time, log=path)
+    with pytest.raises(FaultError, match="too close"):
+        inside(
+            pepper,
+            lambda: pepper.drive(0.2, 0.0, 0.0, hold=True),
+            lambda: pepper.emergency_stop("too close"),
+        )
+    (event,) = read_log(path).events
+    assert (event.kind, event.text) == ("fault", "too close")
+    assert not backend_of(pepper).commands[-1].wheel_speed.any()
+    pepper.stop()
+
+
+def test_a_fault_that_a_wait_has_raised_is_not_raised_in_the_end() -> None:
+    with Pepper("mock", observer=Scripted()) as pepper:
+        pepper.emergency_stop()
+        with pytest.raises(FaultError):
+            pepper.wait_for_contact(timeout=1.0)
 
 
 def test_a_robot_can_be_started_again_after_a_fault(time: VirtualTime) -> None:

@@ -18,6 +18,7 @@ from pepper_driver.config.parts import FloatArray
 from pepper_driver.controller import Tick
 from pepper_driver.log import LogWriter, read_log
 from pepper_driver.observer import Observation
+from pepper_driver.realtime import COLLECTION_PERIOD
 from pepper_driver.reflexes import Reflex, ReflexRequests
 from pepper_driver.robot import Pepper
 from pepper_driver.safety import FaultError, FaultReason, RobotState
@@ -266,6 +267,26 @@ def test_a_run_in_real_time_leaves_the_process_as_it_was(loop_thread: bool) -> N
     assert gc.get_freeze_count() == 0
     assert sys.getswitchinterval() == interval
     assert set(threading.enumerate()) == threads
+
+
+@pytest.mark.parametrize("loop_thread", [True, False])
+def test_garbage_of_a_run_in_real_time_is_collected_meanwhile(loop_thread: bool) -> None:
+    """A robot may be active for hours, and Python's own collector waits for the end."""
+    gone: list[int] = []
+
+    class Circle:
+        def __init__(self, number: int) -> None:
+            self.number, self.me = number, self
+
+        def __del__(self) -> None:
+            gone.append(self.number)
+
+    time = VirtualTime()
+    with time.flowing(), active(time=time, loop_thread=loop_thread) as session:
+        for number in range(3):
+            Circle(number)
+            session.run(COLLECTION_PERIOD + 1)
+        assert gone[:2] == [0, 1]
 
 
 def test_a_slow_tick_is_missed_counted_and_told() -> None:
