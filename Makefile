@@ -1,10 +1,10 @@
-# make demo: the main job on the simulated Pepper. make test: lint, types, tests. Both need Python 3.11 to 3.13 and nothing else.
+# make demo: the main job on the simulated Pepper. make test: lint, types, tests; make test-all: the slow ones too. All need Python 3.11 to 3.13 and nothing else.
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 WORKERS ?= 3
 
-.PHONY: demo test lint types format build bench-controller clean
+.PHONY: demo test test-all lint types format build bench-controller clean
 
 $(VENV)/.demo: pyproject.toml
 	$(PYTHON) -m venv $(VENV)
@@ -26,6 +26,9 @@ demo: $(VENV)/.demo
 
 test: $(VENV)/.dev lint types
 	$(BIN)/python -m pytest -n $(WORKERS) --dist worksteal
+
+test-all: $(VENV)/.dev lint types
+	$(BIN)/python -m pytest -n $(WORKERS) --dist worksteal -m ""
 
 lint: $(VENV)/.dev
 	$(BIN)/ruff check .

@@ -1,7 +1,9 @@
 """Robots, real and simulated, behind one interface."""
 
+from pepper_driver.backends.commands import checked_command
 from pepper_driver.backends.extras import Extras
 from pepper_driver.backends.interface import (
+    DEAD_MAN_CYCLES,
     Backend,
     BackendError,
     BackendInfo,
@@ -14,13 +16,17 @@ from pepper_driver.backends.interface import (
     Measurement,
     NotConnectedError,
 )
-from pepper_driver.backends.selection import make_backend
-from pepper_driver.backends.simulated import SimulatedPlant, Truth
+from pepper_driver.backends.pushes import ScheduledPush, schedule_push
+from pepper_driver.backends.selection import BackendUri, make_backend, with_query
+from pepper_driver.backends.serial import Serial, serial
+from pepper_driver.backends.simulated import SimulatedPlant, TrueContact, Truth
 
 __all__ = [
+    "DEAD_MAN_CYCLES",
     "Backend",
     "BackendError",
     "BackendInfo",
+    "BackendUri",
     "Capability",
     "CapabilityError",
     "Command",
@@ -30,7 +36,14 @@ __all__ = [
     "Imu",
     "Measurement",
     "NotConnectedError",
+    "ScheduledPush",
+    "Serial",
     "SimulatedPlant",
+    "TrueContact",
     "Truth",
+    "checked_command",
     "make_backend",
+    "schedule_push",
+    "serial",
+    "with_query",
 ]

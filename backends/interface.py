@@ -13,13 +13,17 @@ from numpy.typing import ArrayLike
 
 from pepper_driver.backends.extras import Extras
 from pepper_driver.backends.simulated import SimulatedPlant, Truth
-from pepper_driver.config import PepperError
+from pepper_driver.config import PepperError, RobotIdentity
 from pepper_driver.config.parts import FloatArray
 
 LONGEST_WAY = 50
 """[commands] From a command to the sample that answers it, at most: by then the safety gate has stopped the robot."""
 
-Capability = Literal["push", "grab", "truth", "speech", "leds", "tablet", "postures", "wake"]
+Capability = Literal[
+    "push", "grab", "seed", "truth", "speech", "leds", "tablet", "postures", "wake"
+]
+"""``push`` and ``grab``: can be touched by software, has :attr:`Backend.plant`. ``truth``: has :attr:`Backend.truth`.
+``seed``: its URI takes ``seed=N``, the root of all its noise. The others: parts of :attr:`Backend.extras`."""
 
 
 class BackendError(PepperError, RuntimeError):
@@ -138,6 +142,8 @@ class BackendInfo:
             be reached. A measurement answers the command sent this many ticks before the last one.
         capabilities: What this backend can do beyond the interface.
         identity: Hash of the simulated robot, or the body id of a real one. Models carry it.
+        name: For people: of the plant of a simulated robot, or where a real one is reached.
+        parents: Plants that a simulated robot is a variant of, nearest first: their models serve it too.
     """
 
     joint_names: tuple[str, ...]
@@ -145,6 +151,14 @@ class BackendInfo:
     response_delay: int
     capabilities: frozenset[Capability]
     identity: str
+    name: str = ""
+    parents: tuple[RobotIdentity, ...] = ()
+
+    @property
+    def identities(self) -> tuple[RobotIdentity, ...]:
+        """Robots whose models serve this one: itself first, then its parents."""
+        own = RobotIdentity(name=self.name or self.identity, identity=self.identity)
+        return (own, *self.parents)
 
 
 DEAD_MAN_CYCLES = 3
@@ -294,7 +308,7 @@ class Backend(ABC):
         Args:
             link: Name of the link.
             force: (3,) largest force [N] in ``frame``.
-            point: (3,) where it acts, in the link's frame [m]; by default the link's centre of mass.
+            point: (3,) where it acts, in the link's frame [m], up to 1 m; by default the link's centre of mass.
             duration: Length of the push [s], rise and fall included.
             frame: Axes of ``force``: fixed to the ``world``, or turning with the ``link``.
             delay: Time until the push begins [s].
@@ -304,7 +318,7 @@ class Backend(ABC):
             CapabilityError: A real robot must be pushed by hand.
             UnknownNameError: No such link.
             NotConnectedError: Not open.
-            CommandError: A number that is not finite, or a duration that is not positive.
+            CommandError: A number that is not finite or out of range, or a point over a metre off the link's origin.
         """
         raise CapabilityError(f"'{self.uri}' cannot push itself: only simulated backends do")
 

@@ -1,4 +1,4 @@
-"""A log as its file has it: metadata, tables of rows, messages as text; whole, or as far as it was written.
+"""A log as its file has it: metadata, tables of rows, messages as text; whole, or as far as it is intact.
 
 It stands this low because a recording is a robot as well: :mod:`pepper_driver.backends.replay`.
 """
@@ -6,39 +6,46 @@ It stands this low because a recording is a robot as well: :mod:`pepper_driver.b
 from __future__ import annotations
 
 import json
-import struct
-from collections.abc import Iterable, Iterator
+import logging
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from io import BytesIO
 from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
-from mcap.data_stream import ReadDataStream
-from mcap.opcode import Opcode
-from mcap.records import Channel, Chunk, Metadata
-from mcap.stream_reader import get_chunk_data_stream
 from mcap.writer import MCAP0_MAGIC
 from numpy.typing import NDArray
 
+from pepper_driver.backends.log_records import Message, Records, find_records
 from pepper_driver.config import PepperError
+from pepper_driver.config.errors import reason
+
+logger = logging.getLogger("pepper_driver")
 
 TICK_TOPIC = "/tick"
 UNANSWERED_TOPIC = "/unanswered"
 
+RUN, LAYOUT, END = "run", "layout", "end"
+"""Metadata: text about the run; what the reader must know of robot and rows; how many messages were written."""
+
+UNKNOWN = "unknown"
+"""In place of their number in a log that lacks its last messages, but has an end: one that was repaired."""
+
 CDR_HEADER = b"\x00\x01\x00\x00"
 """Plain CDR, little-endian, no options."""
 
-LAYOUT_VERSION = "4"
+LAYOUT_VERSION = "5"
+
+SEQUENCES = 2**32
+"""Messages are numbered from 0 up to here, and then from 0 again."""
+
+SHOWN_GAPS = 3
+"""Gaps of a log that its description names one by one."""
 
 FieldType = Literal["float64", "int64", "bool", "int8"]
 
 Column = NDArray[Any]
 """float64, int64, int8 or bool, as the field was appended."""
-
-_RECORD_HEADER = struct.Struct("<BQ")  # opcode, length of what follows
-_CHANNEL_ID = struct.Struct("<H")
-_MESSAGE_HEADER = 22  # channel, sequence, two time stamps [bytes]
 
 
 class LogError(PepperError, OSError):
@@ -63,14 +70,37 @@ class Field:
 
 
 @dataclass(frozen=True, kw_only=True)
+class Gap:
+    """Messages that are missing between two that are there, or before the first.
+
+    Attributes:
+        start: Time stamp of the last message before it [s]; None where there is none.
+        stop: Time stamp of the first message after it [s].
+        messages: How many are missing.
+        chunks: In how many damaged chunks they were, at least.
+    """
+
+    start: float | None
+    stop: float
+    messages: int
+    chunks: int
+
+    def __str__(self) -> str:
+        start = "up" if self.start is None else f"{self.start:.2f}"
+        return f"{start} to {self.stop:.2f} s"
+
+
+@dataclass(frozen=True, kw_only=True)
 class LogFile:
     """The contents of a log file.
 
     Attributes:
         path: Where it was read.
-        metadata: Text about the run.
+        metadata: Text about the run; empty where it is damaged.
         layout: What the writer said of robot and rows, each value as JSON.
-        complete: False when the file ends early.
+        complete: False when the file ends early, because it was cut or its end is damaged.
+        gaps: What is missing before the end.
+        missing: All that is missing, as text in one line; empty for a log that is whole.
         fields: Of the rows of each table, by topic.
         tables: Arrays over the rows, (n,) or (n, width), by topic and field.
         messages: Of the other topics, as they were written.
@@ -80,6 +110,8 @@ class LogFile:
     metadata: dict[str, str]
     layout: dict[str, str]
     complete: bool
+    gaps: tuple[Gap, ...]
+    missing: str
     fields: dict[str, tuple[Field, ...]] = field(repr=False)
     tables: dict[str, dict[str, Column]] = field(repr=False)
     messages: dict[str, list[bytes]] = field(repr=False)
@@ -88,6 +120,19 @@ class LogFile:
     def joint_names(self) -> tuple[str, ...]:
         """Order of every joint vector."""
         return tuple(json.loads(self.layout["joint_names"]))
+
+
+def topics_of(layout: Mapping[str, str]) -> tuple[str, ...]:
+    """Return the topics of a layout; the channel of each has its number, from 1."""
+    return tuple(json.loads(layout["topics"]))
+
+
+def fields_of(layout: Mapping[str, str]) -> dict[str, tuple[Field, ...]]:
+    """Return the fields of each table of a layout, by topic."""
+    return {
+        topic: tuple(_field(entry) for entry in table)
+        for topic, table in json.loads(layout["fields"]).items()
+    }
 
 
 def row_type(fields: Iterable[Field]) -> np.dtype[Any]:
@@ -104,37 +149,44 @@ def row_type(fields: Iterable[Field]) -> np.dtype[Any]:
     )
 
 
-def reason(error: Exception) -> str:
-    """What went wrong, without the path that an OSError repeats."""
-    return getattr(error, "strerror", None) or str(error) or type(error).__name__
+def read_log_file(path: Path, usual_layout: Mapping[str, str] | None = None) -> LogFile:
+    """Read all of a log that is intact, and warn in one line of what is missing.
 
-
-def read_log_file(path: Path) -> LogFile:
-    """Read a log, also one that was cut short.
+    Args:
+        path: The file.
+        usual_layout: Layout of the logs of this version, for one whose own is damaged; None to refuse it.
 
     Raises:
-        LogError: The file is missing, damaged, or no log of this package.
+        LogError: The file is missing, no log of this package, or nothing of it is intact.
+    """
+    file = decode_records(path, read_records(path), usual_layout)
+    if file.missing:
+        logger.warning("%s: %s", path, file.missing)
+    return file
+
+
+def read_records(path: Path) -> Records:
+    """Read the intact records of a log.
+
+    Raises:
+        LogError: The file is missing, or no MCAP file.
     """
     try:
-        data = memoryview(path.read_bytes())
+        data = path.read_bytes()
     except (OSError, ValueError) as error:
         raise LogError(f"{path}: cannot be read ({reason(error)})") from error
-    if not bytes(data[: len(MCAP0_MAGIC)]) == MCAP0_MAGIC:
-        raise LogError(f"{path}: is {'not an MCAP file' if len(data) else 'empty'}")
-    contents = _Contents()
-    position = 0
+    records = find_records(data, (RUN, LAYOUT, END))
+    if not (data.startswith(MCAP0_MAGIC) or records.messages or records.metadata):
+        raise LogError(f"{path}: is {'not an MCAP file' if data else 'empty'}")
+    return records
+
+
+def decode_records(
+    path: Path, records: Records, usual_layout: Mapping[str, str] | None = None
+) -> LogFile:
+    """Return the contents of a log of these records; see :func:`read_log_file`."""
     try:
-        for position, opcode, body in _records(data, len(MCAP0_MAGIC)):
-            if opcode == Opcode.FOOTER:
-                end = position + _RECORD_HEADER.size + len(body)
-                contents.complete = bytes(data[end:]) == MCAP0_MAGIC
-                break
-            contents.take(opcode, body)
-    except Exception as error:  # whatever the decoders make of damaged bytes
-        what = (str(error) or type(error).__name__).splitlines()[0]
-        raise LogError(f"{path}: damaged at byte {position} ({what})") from error
-    try:
-        return contents.result(path)
+        return _decode(path, records, usual_layout)
     except LogError as error:
         raise LogError(f"{path}: {error}") from error
     except Exception as error:
@@ -147,86 +199,106 @@ def misfit(path: Path, error: Exception) -> LogError:
     return LogError(f"{path}: its rows do not fit its layout ({what})")
 
 
-def _records(data: memoryview, position: int) -> Iterator[tuple[int, int, memoryview]]:
-    """Position, opcode and body of every record that is there to its end."""
-    while position + _RECORD_HEADER.size <= len(data):
-        opcode, length = _RECORD_HEADER.unpack_from(data, position)
-        start = position + _RECORD_HEADER.size
-        if start + length > len(data):
-            return
-        yield position, opcode, data[start : start + length]
-        position = start + length
-
-
-class _Contents:
-    """Records sorted by what they are, while a file is read."""
-
-    def __init__(self) -> None:
-        self.complete = False
-        self._metadata: dict[str, dict[str, str]] = {}
-        self._topics: dict[int, str] = {}
-        self._messages: dict[str, list[memoryview]] = {}
-
-    def take(self, opcode: int, body: memoryview) -> None:
-        """Take in one record; kinds that do not matter here are passed over.
-
-        Zeros, which a loss of power may leave at the end, read as empty records of no known kind.
-        """
-        if opcode == Opcode.MESSAGE:
-            topic = self._topics.get(_CHANNEL_ID.unpack_from(body)[0], "")
-            self._messages.setdefault(topic, []).append(body[_MESSAGE_HEADER:])
-        elif opcode == Opcode.CHUNK:
-            stream, length = get_chunk_data_stream(Chunk.read(_stream(body)), validate_crc=True)
-            for _, inner, inner_body in _records(memoryview(stream.read(length)), 0):
-                self.take(inner, inner_body)
-        elif opcode == Opcode.CHANNEL:
-            channel = Channel.read(_stream(body))
-            self._topics[channel.id] = channel.topic
-        elif opcode == Opcode.METADATA:
-            record = Metadata.read(_stream(body))
-            self._metadata.setdefault(record.name, record.metadata)
-
-    def result(self, path: Path) -> LogFile:
-        """All of it."""
-        layout = self._metadata.get("layout")
-        if layout is None or "run" not in self._metadata:
-            raise LogError(
-                "is an MCAP file, but not a log of this package, or cut before its first row"
-            )
-        if layout["version"] != LAYOUT_VERSION:
-            raise LogError(f"has layout {layout['version']}, this version reads {LAYOUT_VERSION}")
-        fields = {
-            topic: tuple(_field(entry) for entry in table)
-            for topic, table in json.loads(layout["fields"]).items()
-        }
-        return LogFile(
-            path=path,
-            metadata=self._metadata["run"],
-            layout=layout,
-            complete=self.complete,
-            fields=fields,
-            tables={topic: self._table(topic, table) for topic, table in fields.items()},
-            messages={
-                topic: [bytes(message) for message in messages]
-                for topic, messages in self._messages.items()
-                if topic not in fields
-            },
+def _decode(path: Path, records: Records, usual_layout: Mapping[str, str] | None) -> LogFile:
+    """Return the contents of a log; the errors lack its path."""
+    own = records.metadata.get(LAYOUT)
+    if own is not None and own["version"] != LAYOUT_VERSION:
+        raise LogError(f"has layout {own['version']}, this version reads {LAYOUT_VERSION}")
+    layout = usual_layout if own is None and records.messages else own
+    if layout is None:
+        raise LogError(
+            "is an MCAP file, but not a log of this package, cut before its first row, or its layout is damaged"
         )
+    if not records.messages and (
+        records.damaged or records.metadata.get(END, {}).get("messages", "0") not in ("0", UNKNOWN)
+    ):
+        raise LogError("is damaged, and none of its chunks is intact")
+    fields = fields_of(layout)
+    messages = _by_topic(records.messages, topics_of(layout))
+    try:
+        tables = {topic: _table(topic, fields[topic], messages) for topic in fields}
+    except LogError as error:
+        if own is None:
+            raise LogError("is not a log of this package, or of another version") from error
+        raise
+    complete, gaps = is_complete(records), _gaps(records)
+    return LogFile(
+        path=path,
+        metadata=records.metadata.get(RUN, {}),
+        layout=dict(layout),
+        complete=complete,
+        gaps=gaps,
+        missing="; ".join(_missing(records, complete, gaps)),
+        fields=fields,
+        tables=tables,
+        messages={topic: found for topic, found in messages.items() if topic not in fields},
+    )
 
-    def _table(self, topic: str, fields: tuple[Field, ...]) -> dict[str, Column]:
-        messages = self._messages.get(topic, [])
-        head, kind = len(CDR_HEADER), row_type(fields)
-        for message in messages:
-            if len(message) != head + kind.itemsize or message[:head] != CDR_HEADER:
-                raise LogError(f"{topic} holds a message of {len(message)} bytes that is not a row")
-        rows = np.frombuffer(b"".join(m[head:] for m in messages), dtype=kind)
-        return {field.name: rows[field.name].astype(field.type) for field in fields}
+
+def is_complete(records: Records) -> bool:
+    """Return True unless the last messages of a log are missing, or its end."""
+    after_last = (records.messages[-1].sequence + 1) % SEQUENCES if records.messages else 0
+    if (end := records.metadata.get(END)) is not None:
+        return records.finished and end["messages"] == str(after_last)
+    return records.finished and len(records.messages) not in records.damaged
+
+
+def _gaps(records: Records) -> tuple[Gap, ...]:
+    gaps, expected, start = [], 0, None
+    for number, message in enumerate(records.messages):
+        if message.sequence != expected:
+            gaps.append(
+                Gap(
+                    start=start,
+                    stop=1e-9 * message.time,
+                    messages=(message.sequence - expected) % SEQUENCES,
+                    chunks=max(1, records.damaged.count(number)),
+                )
+            )
+        expected, start = (message.sequence + 1) % SEQUENCES, 1e-9 * message.time
+    return tuple(gaps)
+
+
+def _missing(records: Records, complete: bool, gaps: Sequence[Gap]) -> Iterator[str]:
+    """Yield what is missing in a log, for people."""
+    if not complete:
+        last = (
+            f"after {1e-9 * records.messages[-1].time:.2f} s"
+            if records.messages
+            else "before its first tick"
+        )
+        yield f"cut short {last}"
+    if gaps:
+        count = sum(gap.chunks for gap in gaps)
+        shown = ", ".join(map(str, gaps[:SHOWN_GAPS]))
+        more = f" and {len(gaps) - SHOWN_GAPS} more times" if len(gaps) > SHOWN_GAPS else ""
+        yield f"{'1 chunk is' if count == 1 else f'{count} chunks are'} missing: {shown}{more}"
+    if RUN not in records.metadata:
+        yield "what it says of its run is damaged"
+    if LAYOUT not in records.metadata:
+        yield "its layout is damaged, and read as that of this version"
+
+
+def _by_topic(messages: Sequence[Message], topics: Sequence[str]) -> dict[str, list[bytes]]:
+    """Return the messages of each topic; channels have the numbers of their topics, from 1."""
+    found: dict[str, list[bytes]] = {topic: [] for topic in topics}
+    for message in messages:
+        if 1 <= message.channel <= len(topics):
+            found[topics[message.channel - 1]].append(message.data)
+    return found
+
+
+def _table(
+    topic: str, fields: tuple[Field, ...], messages: Mapping[str, Sequence[bytes]]
+) -> dict[str, Column]:
+    head, kind = len(CDR_HEADER), row_type(fields)
+    for message in messages[topic]:
+        if len(message) != head + kind.itemsize or message[:head] != CDR_HEADER:
+            raise LogError(f"{topic} holds a message of {len(message)} bytes that is not a row")
+    rows = np.frombuffer(b"".join(m[head:] for m in messages[topic]), dtype=kind)
+    return {field.name: rows[field.name].astype(field.type) for field in fields}
 
 
 def _field(entry: dict[str, Any]) -> Field:
     elements = entry.pop("elements")
     return Field(elements=None if elements is None else tuple(elements), **entry)
-
-
-def _stream(body: memoryview) -> ReadDataStream:
-    return ReadDataStream(BytesIO(body))

@@ -11,6 +11,7 @@ import numpy as np
 from pepper_driver.backends.commands import checked_command
 from pepper_driver.backends.interface import (
     DEAD_MAN_CYCLES,
+    LONGEST_WAY,
     Backend,
     BackendError,
     BackendInfo,
@@ -92,6 +93,7 @@ class MockBackend(Serial, Backend):
             response_delay=self._delay,
             capabilities=frozenset(),
             identity="mock",
+            name=self.uri,
         )
 
     @serial
@@ -208,6 +210,6 @@ def from_uri(uri: BackendUri, robot: RobotConfig) -> MockBackend:
     return MockBackend(
         robot,
         posture=uri.query.get("posture", "Stand"),
-        delay=uri.integer("delay", 0),
+        delay=uri.integer("delay", 0, LONGEST_WAY),
         uri=uri.text,
     )

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import json
 import math
+from collections.abc import Mapping
 from dataclasses import fields, replace
 from pathlib import Path
 
@@ -32,7 +34,7 @@ from pepper_driver.backends.log_file import (
 )
 from pepper_driver.backends.selection import BackendUri
 from pepper_driver.backends.serial import Serial, serial
-from pepper_driver.config import ConfigError, RobotConfig
+from pepper_driver.config import ConfigError, RobotConfig, RobotIdentity
 
 FloatArray = NDArray[np.float64]
 
@@ -210,7 +212,21 @@ def _info(file: LogFile) -> BackendInfo:
         response_delay=delay,
         capabilities=frozenset(),
         identity=identity,
+        name=run.get("backend", ""),
+        parents=parents_in(file.path, run),
     )
+
+
+def parents_in(path: Path, metadata: Mapping[str, str]) -> tuple[RobotIdentity, ...]:
+    """Return the plants of which the robot of a log is a variant.
+
+    Raises:
+        LogError: They cannot be read.
+    """
+    try:
+        return tuple(RobotIdentity(**entry) for entry in json.loads(metadata.get("parents", "[]")))
+    except (TypeError, ValueError) as error:
+        raise LogError(f"{path}: its metadata has no 'parents' that can be read") from error
 
 
 def _answered(table: dict[str, Column], delay: int) -> NDArray[np.int64]:

@@ -4,15 +4,24 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from urllib.parse import parse_qsl, urlsplit
+from urllib.parse import parse_qsl, urlencode, urlsplit
 
 from pepper_driver.backends.interface import Backend
 from pepper_driver.backends.passwords import check_no_password
+from pepper_driver.backends.signals import deferred_signals
 from pepper_driver.config import ConfigError, RobotConfig, load_robot, suggestion
-from pepper_driver.config.plugins import load_plugin
+from pepper_driver.config.arguments import checked_arguments
+from pepper_driver.config.errors import shown
+from pepper_driver.config.plugins import load_plugin, make_part
 
 GROUP = "pepper_driver.backends"
 """Entry-point group for backends of other packages: ``scheme = "module:factory"``."""
+
+MAX_LENGTH = 1000
+"""[letters] Of a URI."""
+
+MAX_INTEGER = 10**18
+"""In a URI."""
 
 _BUILTIN = {
     "mock": "pepper_driver.backends.mock:from_uri",
@@ -47,17 +56,24 @@ class BackendUri:
             raise ConfigError(f"backend '{self.text}': a path says nothing here")
         for key in self.query:
             if key not in known:
-                raise ConfigError(
-                    f"backend '{self.text}': unknown key '{key}'{suggestion(key, known)}"
-                )
+                possible = suggestion(key, known) or " (there are none)"
+                raise ConfigError(f"backend '{self.text}': unknown key '{key}'{possible}")
 
-    def integer(self, key: str, default: int) -> int:
-        """A query value as a whole number that is not negative."""
+    def integer(self, key: str, default: int, most: int | None = None) -> int:
+        """A query value as a whole number from 0 to ``most``, where there is a most.
+
+        Raises:
+            ConfigError: It is none.
+        """
         text = self.query.get(key)
         if text is None:
             return default
-        if not text.isdecimal():
-            raise ConfigError(f"backend '{self.text}': {key} must be a whole number, got '{text}'")
+        most = MAX_INTEGER if most is None else most
+        if not (text.isascii() and text.isdecimal() and len(text) < 20 and int(text) <= most):
+            wanted = "0 or more" if most == MAX_INTEGER else f"from 0 to {most}"
+            raise ConfigError(
+                f"backend '{self.text}': {key} must be a whole number, {wanted}, got {shown(text)}"
+            )
         return int(text)
 
 
@@ -65,17 +81,30 @@ def parse_uri(text: str) -> BackendUri:
     """Take a backend URI apart.
 
     Raises:
-        ConfigError: It is empty, gives a key twice, or holds a robot's password.
+        ConfigError: It is no text, empty, gives a key twice, or holds a robot's password.
     """
+    if not isinstance(text, str):
+        raise ConfigError(
+            f"a backend is named by a URI, such as 'mujoco' or 'naoqi://pepper.local', got {shown(text)}"
+        )
     check_no_password(text)
+    if not text.strip():
+        raise ConfigError("backend URI is empty; for example: mujoco")
+    if len(text) > MAX_LENGTH:
+        raise ConfigError(f"backend {shown(text)}: {len(text)} letters, {MAX_LENGTH} at most")
+    if not text.isprintable():  # some of these are cut out of a URI without a word
+        raise ConfigError(f"backend {text!r}: a URI holds no control characters")
     try:
         parts = urlsplit(text if "://" in text else text.replace("?", "://?", 1))
         scheme = parts.scheme or text
+    except ValueError as error:
+        raise ConfigError(f"backend '{text}': not a URI ({error})") from error
+    try:
         pairs = parse_qsl(parts.query, keep_blank_values=True, strict_parsing=bool(parts.query))
     except ValueError as error:
-        raise ConfigError(f"backend '{text}': {error}") from error
-    if not text.strip():
-        raise ConfigError("backend URI is empty; for example: mujoco")
+        raise ConfigError(
+            f"backend '{text}': after '?' come key=value, with & between them"
+        ) from error
     query = dict(pairs)
     if len(query) != len(pairs):
         raise ConfigError(f"backend '{text}': a key is given twice")
@@ -85,6 +114,14 @@ def parse_uri(text: str) -> BackendUri:
     return BackendUri(text=text, scheme=scheme, host=parts.netloc, path=path, query=query)
 
 
+def with_query(uri: str, **values: str | int) -> str:
+    """A backend URI with values of query keys, in place of those that it has."""
+    parsed = parse_uri(uri)
+    query = urlencode({**parsed.query, **values})
+    return f"{parsed.scheme}://{parsed.host}{parsed.path}?{query}"
+
+
+@checked_arguments
 def make_backend(uri: str, robot: RobotConfig | None = None) -> Backend:
     """The backend that ``uri`` names, not yet opened.
 
@@ -96,10 +133,14 @@ def make_backend(uri: str, robot: RobotConfig | None = None) -> Backend:
         UnknownNameError: No backend of this scheme.
         ConfigError: A part of the URI is wrong.
         MissingExtraError: The backend needs an optional part of the package.
+        PluginError: That of another package cannot be loaded, or fails.
     """
     parsed = parse_uri(uri)
-    factory = load_plugin("backend", GROUP, parsed.scheme, _BUILTIN)
-    backend = factory(parsed, robot or load_robot())
+    if "." in parsed.scheme:
+        raise ConfigError(f"backend '{uri}': for a robot at an address, write naoqi://{uri}")
+    with deferred_signals():  # MuJoCo takes one for a defect of its own while it is imported
+        factory = load_plugin("backend", GROUP, parsed.scheme, _BUILTIN)
+    backend = make_part("backend", parsed.scheme, factory, parsed, robot or load_robot())
     if not isinstance(backend, Backend):
         raise ConfigError(
             f"backend '{uri}': its factory returned {type(backend).__name__}, no Backend"

@@ -20,14 +20,19 @@ class SimulatedPlant:
     """The robot that a simulation simulates: what pushes are planned with, and nothing of what happens to it.
 
     Attributes:
-        config: Its parameters.
-        stiffness: (17,) proportional stiffness K = kp N Kt / R of each joint [N m/rad].
+        stiffness: (17,) proportional stiffness of each joint [N m/rad]; of a motor board K = kp N Kt / R.
         torque_limit: (17,) largest torque each board can hold at stiffness 1 [N m], gear friction left out.
+        friction: (17,) largest torque that friction holds at rest [N m].
+        rolling: True where the robot stands on wheels, and a push can tip it over.
+        config: Parameters of the motors, boards and gears, where they are those of ``config/plants``; None for a
+            simulation with a model of its own. With them, identification compares its models with the closed form.
     """
 
-    config: PlantConfig
     stiffness: FloatArray
     torque_limit: FloatArray
+    friction: FloatArray
+    rolling: bool
+    config: PlantConfig | None = None
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -70,7 +75,7 @@ class TruthSample:
 class Truth(ABC):
     """Ground truth of a simulation, now. For the log and for evaluation; no estimator may hold a reference to it.
 
-    Arrays are copies.
+    Arrays are copies. What is not abstract is that of a robot on a fixed base, with gears without backlash.
     """
 
     @property
@@ -94,19 +99,19 @@ class Truth(ABC):
         """(3,) pose of base_link in the world: x, y [m], yaw [rad], counted on over full turns."""
 
     @property
-    @abstractmethod
     def tilt(self) -> FloatArray:
         """(2,) pitch and roll of the base [rad], applied after the yaw in this order."""
+        return np.zeros(2)
 
     @property
-    @abstractmethod
     def fallen(self) -> bool:
         """True once the robot has fallen over."""
+        return False
 
     @property
-    @abstractmethod
     def wheel_load(self) -> FloatArray:
         """(3,) force with which the floor carries each wheel [N]; zero on a fixed base."""
+        return np.zeros(3)
 
     @property
     @abstractmethod
@@ -114,14 +119,14 @@ class Truth(ABC):
         """Kinetic energy of all links, rotors and wheels, with the objects of the world [J]."""
 
     @property
-    @abstractmethod
     def in_gap(self) -> NDArray[np.bool_]:
-        """(17,) whether the joint was inside its backlash at the end of the last cycle."""
+        """(17,) True where the joint was inside its backlash at the end of the last cycle."""
+        return np.zeros(len(self.position), dtype=np.bool_)
 
     @property
     @abstractmethod
     def saturated(self) -> NDArray[np.bool_]:
-        """(17,) whether the board was at its current or voltage limit at any time of the last cycle.
+        """(17,) True where the board was at its current or voltage limit at any time of the last cycle.
 
         At stiffness 0 the limit is no current: a motor that is off is at it.
         """

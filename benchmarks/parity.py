@@ -7,7 +7,7 @@ stands: only robot and pace are forced (parity_side.py).
 Compared with the first world are results of the facade's calls; pushes and steps; contacts by limb and order, with
 onsets that count from the push or step before, by the robot's clock; reflexes, touch sensors, faults and cues in their
 order; calls of callbacks. In each world every callback must have been called once for each of its events in the log.
-The limb of a contact is that of `observer.alarms.limb_of`, as the contact was last reported. A table says what differs
+The limb of a contact is the one it was last reported on. A table says what differs
 by nature.
 
 Nothing else should keep the machine busy. Run: python benchmarks/parity.py. Exit code 0: same, 1: different, 2: wrong

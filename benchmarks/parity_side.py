@@ -22,7 +22,7 @@ from time import perf_counter
 from typing import Any, NamedTuple, Unpack
 from unittest.mock import patch
 
-import pepper_driver.experiment
+import pepper_driver.experiments.experiment
 import pepper_driver.robot
 from pepper_driver import (
     Contact,
@@ -40,13 +40,13 @@ from pepper_driver import (
 )
 from pepper_driver.backends.naoqi.lead import SlowLinkError
 from pepper_driver.backends.naoqi_server.launch import StandIn
-from pepper_driver.callbacks.filters import ContactSelector, contact_filter
-from pepper_driver.config import Motion, RobotConfig, SafetySettings
+from pepper_driver.callbacks.filters import ContactArguments, contact_filter
+from pepper_driver.config import Experiment, RobotConfig, SafetySettings
 from pepper_driver.controller import Tick
+from pepper_driver.experiments.plan import Plan
+from pepper_driver.experiments.player import OnStep
+from pepper_driver.experiments.reports import ExperimentReport, StepReport
 from pepper_driver.log import LogData, LogEvent, read_log
-from pepper_driver.motion import Conductor, OnStep
-from pepper_driver.motion_report import MotionReport, StepReport
-from pepper_driver.observer.alarms import limb_of
 from pepper_driver.session import OnTick
 
 MAX_STARTS = 10
@@ -86,7 +86,7 @@ class ContactRecord:
     """One contact, as it was last reported.
 
     Attributes:
-        limb: Chain of its joint, or ``trunk``, by `observer.alarms.limb_of`.
+        limb: That of the contact.
         link: Where it was.
         onset: Since the mark [s].
         mark: Number of the last push or grab before its detection, of the last step where there was none; -1 for the
@@ -199,7 +199,7 @@ def play(program: Path, world: str, *, safety: SafetySettings | None = None) -> 
                 }
                 super().__init__(played, recorders, uri, **options)
 
-        for module in (pepper_driver.robot, pepper_driver.experiment):
+        for module in (pepper_driver.robot, pepper_driver.experiments.experiment):
             stack.enter_context(patch.object(module, "Pepper", PepperOfWorld))
         try:
             if program.suffix == ".yaml":
@@ -261,18 +261,20 @@ class RecordingPepper(Pepper):
 
     def play(
         self,
-        motion: Motion | str | Path,
+        experiment: Plan | Experiment | str | Path,
         *,
         on_step: OnStep | None = None,
         on_tick: OnTick | None = None,
-        conductor: Conductor | None = None,
-    ) -> MotionReport:
+        on_progress: Callable[[float], None] | None = None,
+        skip_settling: bool = False,
+    ) -> ExperimentReport:
         reported: list[StepReport] = []
         report = super().play(
-            motion,
+            experiment,
             on_step=None if on_step is None else both(reported.append, on_step),
             on_tick=self.recording.counting(on_tick, None),
-            conductor=conductor,
+            on_progress=on_progress,
+            skip_settling=skip_settling,
         )
         steps = [(step.name or str(step.number), step.reached) for step in report.steps]
         self.recording.played.outcomes.append(f"play {report.name}: {steps}")
@@ -281,14 +283,14 @@ class RecordingPepper(Pepper):
         return report
 
     def wait_for_contact(
-        self, *, timeout: float | None = None, **selector: Unpack[ContactSelector]
+        self, *, timeout: float | None = None, **selector: Unpack[ContactArguments]
     ) -> Contact | None:
         contact = super().wait_for_contact(timeout=timeout, **selector)
-        limb = "nothing" if contact is None else limb_of(contact.joint, self.config)
+        limb = "nothing" if contact is None else contact.limb
         self.recording.played.outcomes.append(f"wait_for_contact: {limb}")
         return contact
 
-    def contacts(self, **selector: Unpack[ContactSelector]) -> AsyncGenerator[Contact, None]:
+    def contacts(self, **selector: Unpack[ContactArguments]) -> AsyncGenerator[Contact, None]:
         return self.recording.streaming(selector, super().contacts(**selector))
 
 
@@ -454,7 +456,7 @@ class Recording:
         steps: Sequence[StepReport],
         reported: Sequence[StepReport],
     ) -> None:
-        """Compare the steps of a motion with those that were reported to its ``on_step``."""
+        """Compare the steps of an experiment with those that were reported to its ``on_step``."""
         recorder = self._recorder("on_step of play()", on_step)
         for keys, reports in ((recorder.events, steps), (recorder.calls, reported)):
             keys += [(self._run, ("step", s.number, None, s.time)) for s in reports]
@@ -504,7 +506,7 @@ def contact_record(
     pushes = [n for n in before if not marks[n].name.startswith("step")]
     mark = (pushes or before or [-1])[-1]
     return ContactRecord(
-        limb=limb_of(contact.joint, robot),
+        limb=contact.limb,
         link=contact.link,
         onset=contact.onset_time - (marks[mark].begin if mark >= 0 else begin),
         mark=mark,

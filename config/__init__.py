@@ -8,18 +8,19 @@ from pepper_driver.config.errors import (
     UnknownNameError,
     suggestion,
 )
-from pepper_driver.config.experiment import Experiment, check_experiment, load_experiment
-from pepper_driver.config.motion import (
-    Motion,
-    MotionStep,
-    check_motion,
-    load_motion,
-    motion_names,
-)
+from pepper_driver.config.experiment import Experiment, load_experiment
 from pepper_driver.config.naoqi import NaoqiSettings, load_naoqi_settings
 from pepper_driver.config.naoqi_services import NaoqiServices, load_naoqi_services
 from pepper_driver.config.network import Network, load_network, network_names
-from pepper_driver.config.plant import PlantConfig, draws, load_plant, plant_hash, plant_names
+from pepper_driver.config.plant import (
+    PlantConfig,
+    RobotIdentity,
+    draws,
+    load_plant,
+    parent_plants,
+    plant_hash,
+    plant_names,
+)
 from pepper_driver.config.recordings import (
     Calibration,
     HoldStatistics,
@@ -30,11 +31,6 @@ from pepper_driver.config.recordings import (
     load_recordings,
 )
 from pepper_driver.config.robot import JointArray, Posture, RobotConfig, load_robot
-from pepper_driver.config.scenario import (
-    Scenario,
-    load_scenario,
-    scenario_names,
-)
 from pepper_driver.config.self_collision import (
     Capsule,
     SelfCollisionSettings,
@@ -62,8 +58,6 @@ __all__ = [
     "HoldStatistics",
     "JointArray",
     "MissingExtraError",
-    "Motion",
-    "MotionStep",
     "NaoqiServices",
     "NaoqiSettings",
     "Network",
@@ -74,20 +68,17 @@ __all__ = [
     "RampProtocol",
     "Recordings",
     "RobotConfig",
+    "RobotIdentity",
     "SafetySettings",
-    "Scenario",
     "SelfCollisionSettings",
     "TrackingTable",
     "UnknownNameError",
     "World",
-    "check_experiment",
-    "check_motion",
     "draws",
     "load_calibration",
     "load_controller_settings",
     "load_doctor_settings",
     "load_experiment",
-    "load_motion",
     "load_naoqi_services",
     "load_naoqi_settings",
     "load_network",
@@ -96,14 +87,12 @@ __all__ = [
     "load_recordings",
     "load_robot",
     "load_safety_settings",
-    "load_scenario",
     "load_self_collision",
     "load_world",
-    "motion_names",
     "network_names",
+    "parent_plants",
     "plant_hash",
     "plant_names",
-    "scenario_names",
     "suggestion",
     "world_names",
 ]

@@ -8,7 +8,7 @@ from typing import Annotated
 from pydantic import Field
 from pydantic.dataclasses import dataclass
 
-from pepper_driver.config.loading import STRICT, load, package_file
+from pepper_driver.config.loading import STRICT, load, own_or_shipped
 from pepper_driver.config.parts import Positive
 
 Share = Annotated[float, Field(ge=0, le=1)]
@@ -54,6 +54,6 @@ class DoctorSettings:
             raise ValueError("'gravity' must be the lower bound, then the upper one")
 
 
-def load_doctor_settings(path: Path | None = None) -> DoctorSettings:
+def load_doctor_settings(path: Path | str | None = None) -> DoctorSettings:
     """Levels from ``path``, by default the shipped ``doctor.yaml``."""
-    return load(DoctorSettings, path or package_file("doctor.yaml"))
+    return load(DoctorSettings, own_or_shipped(path, "doctor.yaml"))

@@ -2,13 +2,47 @@
 
 from __future__ import annotations
 
+import errno
 from collections.abc import Iterable
 from difflib import get_close_matches
+from types import BuiltinFunctionType, FunctionType, MethodType
 from typing import Any
+
+LONGEST_SHOWN = 80
+"""Letters of a wrong value that a message repeats."""
+
+MAX_LISTED = 25
+"""Names that a message lists."""
+
+MAX_LIST_LENGTH = 400
+"""[letters] Of all names that a message lists."""
+
+_REASONS: dict[int, str] = {
+    errno.ENOENT: "there is no such file",
+    errno.EISDIR: "it is a folder",
+    errno.ENOTDIR: "a part of its path is no folder",
+    errno.EEXIST: "there is a file of this name",
+    errno.EACCES: "no permission",
+    errno.EPERM: "no permission",
+    errno.EROFS: "the disk is read-only",
+    errno.ENOSPC: "the disk is full",
+    errno.ENAMETOOLONG: "its name is too long",
+    errno.ELOOP: "its links lead in a circle",
+}
 
 
 class PepperError(Exception):
-    """Root of every error this project raises on purpose. All can be sent between processes."""
+    """Root of every error this project raises on purpose. All can be sent between processes.
+
+    Attributes:
+        while_active: True where it ended a run of a robot that was active, and not the attempt to begin one.
+    """
+
+    while_active = False
+
+    def __str__(self) -> str:
+        """Return the message in one line, whatever the names in it hold."""
+        return printable(super().__str__())
 
     def __reduce__(self) -> tuple[Any, ...]:
         return _rebuilt, (type(self), self.args, self.__dict__)
@@ -26,20 +60,24 @@ class ConfigError(PepperError, ValueError):
     """A configuration file is wrong; the message names file, key and cure."""
 
 
+class ArgumentError(PepperError, TypeError):
+    """An argument of a function is missing, not known to it, or of another kind than it takes."""
+
+
 class UnknownNameError(PepperError, LookupError):
     """A name (joint, link, plant, backend, ...) that does not exist here.
 
     Attributes:
         kind: What was looked for, for example ``"joint"``.
-        name: The name as given.
+        name: The name as given, whatever it is.
         choices: The names that do exist.
     """
 
-    def __init__(self, kind: str, name: str, choices: Iterable[str]) -> None:
+    def __init__(self, kind: str, name: object, choices: Iterable[str]) -> None:
         self.kind = kind
         self.name = name
         self.choices = tuple(choices)
-        super().__init__(f"unknown {kind} '{name}'{suggestion(name, self.choices)}")
+        super().__init__(f"unknown {kind} {shown(name)}{suggestion(name, self.choices)}")
 
 
 class MissingExtraError(PepperError, ImportError):
@@ -50,13 +88,67 @@ class MissingExtraError(PepperError, ImportError):
         super().__init__(f'{what} needs an optional part: pip install "pepper-driver[{extra}]"')
 
 
-def suggestion(name: str, choices: Iterable[str]) -> str:
-    """The tail of an error message: close matches of ``name``, and all choices where they are few."""
+def check_name(kind: str, name: object, choices: Iterable[str]) -> None:
+    """Refuse what is none of some names.
+
+    Raises:
+        UnknownNameError: It is none of them.
+    """
+    known = tuple(choices)
+    if not (isinstance(name, str) and name in known):
+        raise UnknownNameError(kind, name, known)
+
+
+def suggestion(name: object, choices: Iterable[str]) -> str:
+    """The tail of an error message: close matches of ``name``, and the choices, or the first of many."""
     known = sorted({str(choice) for choice in choices})
     close = get_close_matches(str(name), known, n=3, cutoff=0.5)
     parts = []
     if close:
         parts.append(f"did you mean {' or '.join(close)}?")
-    if known and (len(known) <= 25 or not close):
-        parts.append(f"possible: {', '.join(known)}")
+    if known and (len(known) <= MAX_LISTED or not close):
+        listed = known[:MAX_LISTED]
+        while len(", ".join(listed)) > MAX_LIST_LENGTH:
+            listed.pop()
+        more = f" and {len(known) - len(listed)} more" if len(listed) < len(known) else ""
+        parts.append(f"possible: {', '.join(listed)}{more}")
     return f" ({'; '.join(parts)})" if parts else ""
+
+
+def shown(value: object) -> str:
+    """Return a wrong value for a message: in one line, cut where it is long; of a large object, its type."""
+    if isinstance(value, type):
+        return f"the class {value.__name__}, not an object of it"
+    if isinstance(value, FunctionType | BuiltinFunctionType | MethodType):
+        return f"the function {value.__name__}"
+    text = repr(value)
+    if len(text) <= LONGEST_SHOWN and text.isprintable() and " at 0x" not in text:
+        return text
+    if isinstance(value, str):
+        return f"{value[:LONGEST_SHOWN]!r}..."
+    if hasattr(value, "shape") and hasattr(value, "dtype"):
+        return f"an array {value.shape} of {value.dtype}"
+    return with_article(type(value).__name__)
+
+
+def with_article(noun: str) -> str:
+    """Return a noun behind ``a`` or ``an``."""
+    return f"{'an' if noun[:1].upper() in 'AEIOU' else 'a'} {noun}"
+
+
+def printable(text: str) -> str:
+    """Return a text in one line: line breaks and other control characters as Python writes them."""
+    if text.isprintable():
+        return text
+    return "".join(letter if letter.isprintable() else repr(letter)[1:-1] for letter in text)
+
+
+def reason(error: Exception) -> str:
+    """Return why a file cannot be read or written, without the path that the error repeats."""
+    if isinstance(error, UnicodeDecodeError):
+        return f"not UTF-8 text, at byte {error.start}"
+    if isinstance(error, OSError) and error.errno is not None:
+        return _REASONS.get(error.errno) or error.strerror or type(error).__name__
+    if isinstance(error, ValueError) and "null byte" in str(error):
+        return "no file can have this name"
+    return str(error) or type(error).__name__

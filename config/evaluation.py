@@ -20,15 +20,15 @@ from zlib import crc32
 from pydantic import Field
 from pydantic.dataclasses import dataclass
 
-from pepper_driver.config.errors import ConfigError, UnknownNameError
+from pepper_driver.config.contact_specs import RandomTouch
+from pepper_driver.config.errors import ConfigError, UnknownNameError, reason
+from pepper_driver.config.experiment import Experiment, load_experiment
 from pepper_driver.config.lines import with_lines
-from pepper_driver.config.loading import STRICT, package_file, parse, read_yaml
+from pepper_driver.config.loading import STRICT, own_or_shipped, parse, read_yaml
 from pepper_driver.config.parts import Positive
 from pepper_driver.config.plant import plant_names
 from pepper_driver.config.robot import RobotConfig, load_robot
-from pepper_driver.config.scenario import Scenario, load_scenario
-from pepper_driver.config.scenario_contacts import RandomTouch
-from pepper_driver.config.scenario_motion import Count, Holds, Script, Setpoints, Sweeps
+from pepper_driver.config.steps import Count, Holds, Setpoints, Sweeps
 
 FOLDER = "evaluation_scenarios"
 
@@ -38,7 +38,7 @@ _CURE = "python -m pepper_driver.config.evaluation"
 
 
 @dataclass(frozen=True, kw_only=True, config=STRICT)
-class Experiment:
+class SuiteEntry:
     """What is performed, and on which robots.
 
     Attributes:
@@ -49,7 +49,7 @@ class Experiment:
         task_stiffness: Of the posture task [1/s2]; one take each.
         repetitions: Takes that differ by nothing but their seed.
         goals: In place of the scenario's own number of goals.
-        joints: For motion of kind sweeps: these, one after the other.
+        joints: Of sweeps: these, one after the other.
     """
 
     name: str
@@ -76,7 +76,7 @@ class _File:
 
     version: Literal[1]
     root: Annotated[int, Field(ge=1)]
-    suites: dict[str, Annotated[tuple[Experiment, ...], Field(min_length=1)]]
+    suites: dict[str, Annotated[tuple[SuiteEntry, ...], Field(min_length=1)]]
     frozen: Frozen
 
 
@@ -97,12 +97,17 @@ class Run:
 
     suite: str
     experiment: str
-    scenario: Scenario
+    scenario: Experiment
     plant: str
     draw: int | None
     task_stiffness: float
     goals: int | None
     seed: tuple[int, ...]
+
+    @property
+    def performed(self) -> Experiment:
+        """The scenario with the number of goals of this run."""
+        return self.scenario if self.goals is None else self.scenario.with_goals(count=self.goals)
 
     @property
     def label(self) -> str:
@@ -113,15 +118,10 @@ class Run:
     @property
     def seconds(self) -> float:
         """Simulated time expected [s]."""
-        motion = self.scenario.motion
-        if isinstance(motion, Script):
-            length = motion.length
-        elif isinstance(motion, Sweeps):
-            dwells = 2 * len(motion.joints) * (2 * motion.sweeps + motion.setpoints)
-            length = dwells * sum(motion.dwell) / 2
-        else:
-            length = motion.period * (motion.count if self.goals is None else self.goals)
-        return self.scenario.settle + length
+        goals = _goals(self.scenario)
+        if isinstance(goals, Sweeps):
+            return goals.settle + goals.number * sum(goals.dwell) / 2
+        return goals.settle + goals.period * (goals.count if self.goals is None else self.goals)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -136,8 +136,8 @@ class Evaluation:
     """
 
     root: int
-    suites: dict[str, tuple[Experiment, ...]]
-    scenarios: dict[str, Scenario]
+    suites: dict[str, tuple[SuiteEntry, ...]]
+    scenarios: dict[str, Experiment]
     digest: str
 
     @cached_property
@@ -164,23 +164,21 @@ class Evaluation:
         runs = [run for experiment in self.suites[suite] for run in self._runs(suite, experiment)]
         if share == 1.0:
             return tuple(runs)
-        whole = [run for run in runs if not isinstance(run.scenario.motion, Setpoints | Holds)]
+        whole = [run for run in runs if isinstance(_goals(run.scenario), Sweeps)]
         kept = {id(run) for run in whole[:: max(1, round(1 / share))]}
         shorter = ((run, _shorter(run, share)) for run in runs)
         return tuple(s if s is not None else run for run, s in shorter if s or id(run) in kept)
 
-    def _runs(self, suite: str, experiment: Experiment) -> Iterator[Run]:
+    def _runs(self, suite: str, experiment: SuiteEntry) -> Iterator[Run]:
         scenario = self.scenarios[experiment.scenario]
         for name in experiment.joints or (experiment.name,):
-            motion = scenario.motion
-            if experiment.joints and isinstance(motion, Sweeps):
-                motion = replace(motion, joints=(name,))
+            performed = scenario.with_goals(joints=(name,)) if experiment.joints else scenario
             for number, (draw, stiffness, _) in enumerate(_each(experiment)):
                 for plant in experiment.plants:
                     yield Run(
                         suite=suite,
                         experiment=name,
-                        scenario=replace(scenario, motion=motion, stiffness=stiffness),
+                        scenario=replace(performed, stiffness=stiffness),
                         plant=plant,
                         draw=draw,
                         task_stiffness=stiffness,
@@ -196,7 +194,7 @@ class Evaluation:
                     )
 
 
-def _each(experiment: Experiment) -> Iterator[tuple[int | None, float, int]]:
+def _each(experiment: SuiteEntry) -> Iterator[tuple[int | None, float, int]]:
     """Draw, task stiffness and repetition of each take on one plant."""
     for draw in range(experiment.draws) if experiment.draws else (None,):
         for stiffness in experiment.task_stiffness:
@@ -206,8 +204,8 @@ def _each(experiment: Experiment) -> Iterator[tuple[int | None, float, int]]:
 
 def _shorter(run: Run, share: float) -> Run | None:
     """A run with fewer goals after the free motion it begins with; None where the motion has none."""
-    motion = run.scenario.motion
-    if not isinstance(motion, Setpoints | Holds):
+    motion = _goals(run.scenario)
+    if isinstance(motion, Sweeps):
         return None
     goals = motion.count if run.goals is None else run.goals
     random = (c.after for c in run.scenario.contacts if isinstance(c, RandomTouch))
@@ -217,13 +215,13 @@ def _shorter(run: Run, share: float) -> Run | None:
 
 
 @with_lines
-def load_evaluation(robot: RobotConfig, path: Path | None = None) -> Evaluation:
+def load_evaluation(robot: RobotConfig, path: Path | str | None = None) -> Evaluation:
     """The suites, by default those of the package; scenarios lie in the folder beside the file.
 
     Raises:
         ConfigError: The file or a scenario is wrong, or was changed since it was frozen.
     """
-    path = path or package_file(_FILE)
+    path = own_or_shipped(path, _FILE)
     file = parse(_File, read_yaml(path), str(path))
     changed = _changed(path, file)
     if changed:
@@ -232,7 +230,7 @@ def load_evaluation(robot: RobotConfig, path: Path | None = None) -> Evaluation:
             f"'{_CURE}' and fit all models again"
         )
     scenarios = {
-        name: load_scenario(_scenario_path(path, name), robot) for name in _scenario_names(file)
+        name: load_experiment(_scenario_path(path, name), robot) for name in _scenario_names(file)
     }
     for suite, experiments in file.suites.items():
         for number, experiment in enumerate(experiments):
@@ -247,13 +245,13 @@ def load_evaluation(robot: RobotConfig, path: Path | None = None) -> Evaluation:
     )
 
 
-def freeze(path: Path | None = None) -> None:
+def freeze(path: Path | str | None = None) -> None:
     """Write the hashes of the suites and of their scenarios into the file.
 
     Raises:
         ConfigError: The file cannot be read or written, or has no suites.
     """
-    path = path or package_file(_FILE)
+    path = own_or_shipped(path, _FILE)
     data = read_yaml(path)
     data["frozen"] = {"suites": "", "scenarios": {}}
     file = parse(_File, data, str(path))
@@ -262,22 +260,30 @@ def freeze(path: Path | None = None) -> None:
     try:
         path.write_text(_unfrozen(path) + "\n".join(lines) + "\n", encoding="utf-8")
     except OSError as error:
-        raise ConfigError(f"{path}: cannot be written ({error.strerror})") from error
+        raise ConfigError(f"{path}: cannot be written ({reason(error)})") from error
 
 
 def _check(
-    experiment: Experiment, scenarios: dict[str, Scenario], robot: RobotConfig, where: str
+    experiment: SuiteEntry, scenarios: dict[str, Experiment], robot: RobotConfig, where: str
 ) -> None:
-    motion = scenarios[experiment.scenario].motion
+    goals = _goals(scenarios[experiment.scenario])
     for plant in experiment.plants:
         if plant not in plant_names():
             raise ConfigError(f"{where}.plants': {UnknownNameError('plant', plant, plant_names())}")
     for joint in experiment.joints:
         robot.joint_index(joint)
-    if experiment.joints and not isinstance(motion, Sweeps):
-        raise ConfigError(f"{where}.joints': only motion of kind sweeps takes joints")
-    if experiment.goals is not None and not isinstance(motion, Setpoints | Holds):
-        raise ConfigError(f"{where}.goals': motion of kind {motion.kind} has no goals")
+    if experiment.joints and not isinstance(goals, Sweeps):
+        raise ConfigError(f"{where}.joints': only sweeps take joints")
+    if experiment.goals is not None and isinstance(goals, Sweeps):
+        raise ConfigError(f"{where}.goals': sweeps have a number of goals of their own")
+
+
+def _goals(scenario: Experiment) -> Setpoints | Holds | Sweeps:
+    """The random goals of a scenario."""
+    step = scenario.random_step
+    if step is None:
+        raise scenario.error("steps", "a suite performs random goals, and no step has any")
+    return step.goals
 
 
 def _scenario_names(file: _File) -> tuple[str, ...]:
@@ -303,7 +309,7 @@ def _text(path: Path) -> str:
     try:
         return path.read_text(encoding="utf-8")  # turns the line ends of all systems into one
     except (OSError, UnicodeDecodeError) as error:
-        raise ConfigError(f"{path}: cannot be read ({error})") from error
+        raise ConfigError(f"{path}: cannot be read ({reason(error)})") from error
 
 
 def _unfrozen(path: Path) -> str:

@@ -3,26 +3,25 @@
 from __future__ import annotations
 
 import json
-import math
 import re
-from collections.abc import Hashable
+from collections.abc import Hashable, Mapping
 from importlib.resources import files
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar, get_args, get_type_hints
+from typing import Annotated, Any, TypeVar, get_args, get_type_hints
 
 import yaml
-from pydantic import ConfigDict, TypeAdapter, ValidationError, WrapValidator
+from pydantic import ConfigDict, Field, TypeAdapter, ValidationError, WrapValidator
 
-from pepper_driver.config.errors import ConfigError, UnknownNameError, suggestion
-from pepper_driver.config.lines import with_lines
-
-if TYPE_CHECKING:
-    from yaml import SafeLoader
-else:
-    try:  # libyaml is seven times as fast; not every computer's PyYAML has it
-        from yaml import CSafeLoader as SafeLoader
-    except ImportError:
-        from yaml import SafeLoader
+from pepper_driver.config.arguments import as_path
+from pepper_driver.config.errors import ConfigError, UnknownNameError, reason, suggestion
+from pepper_driver.config.lines import SafeLoader, with_lines
+from pepper_driver.config.mistakes import (
+    as_written,
+    explain,
+    kind_of_value,
+    refuse_hidden,
+    with_known_keys,
+)
 
 STRICT = ConfigDict(extra="forbid", strict=True, allow_inf_nan=False)
 """Pydantic settings of all configuration dataclasses: no unknown key, no silent conversion, no NaN."""
@@ -47,6 +46,10 @@ class _Loader(SafeLoader):
                     None, None, "a key must be a word or a number", key_node.start_mark
                 )
             key = self.construct_object(key_node, deep=True)
+            if not isinstance(key, str | int | float) or isinstance(key, bool):
+                raise yaml.constructor.ConstructorError(
+                    None, None, "a key must be a word or a number", key_node.start_mark
+                )
             if key in seen:
                 raise yaml.constructor.ConstructorError(
                     None, None, f"key '{key}' is given twice", key_node.start_mark
@@ -55,9 +58,10 @@ class _Loader(SafeLoader):
         return super().construct_mapping(node, deep)
 
 
-# YAML 1.1 reads on, off, yes and no as booleans; here they are words.
+# YAML 1.1 reads on, off, yes and no as booleans, and 2026-01-31 as a date; here they are words.
+_NOT_READ = {"tag:yaml.org,2002:bool", "tag:yaml.org,2002:timestamp"}
 _Loader.yaml_implicit_resolvers = {
-    first: [(tag, pattern) for tag, pattern in resolvers if tag != "tag:yaml.org,2002:bool"]
+    first: [(tag, pattern) for tag, pattern in resolvers if tag not in _NOT_READ]
     for first, resolvers in yaml.SafeLoader.yaml_implicit_resolvers.items()
 }
 _Loader.add_implicit_resolver(
@@ -76,6 +80,11 @@ def package_file(*parts: str) -> Path:
     return Path(str(files("pepper_driver.config").joinpath(*parts)))
 
 
+def own_or_shipped(path: Path | str | None, name: str) -> Path:
+    """Path of a user's file, or where that is None, of the file of this name that is shipped in ``config/``."""
+    return package_file(name) if path is None else as_path("path", path)
+
+
 def shipped_names(folder: str) -> tuple[str, ...]:
     """Names of the files shipped in a folder of this package."""
     return tuple(sorted(path.stem for path in package_file(folder).glob("*.yaml")))
@@ -91,7 +100,8 @@ def named_file(kind: str, name: str | Path, folder: str) -> Path:
         return Path(name)
     if str(name) in shipped_names(folder):
         return package_file(folder, f"{name}.yaml")
-    raise UnknownNameError(kind, str(name), shipped_names(folder))
+    given = str(name) if isinstance(name, Path) else name
+    raise UnknownNameError(kind, given, (*shipped_names(folder), "FILE.yaml"))
 
 
 def read_yaml(path: Path) -> dict[str, Any]:
@@ -102,19 +112,26 @@ def read_yaml(path: Path) -> dict[str, Any]:
     """
     try:
         text = path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        raise ConfigError(f"{path}: cannot be read ({error})") from error
+    except (OSError, ValueError) as error:
+        raise ConfigError(f"{path}: cannot be read ({reason(error)})") from error
     try:
         _check_depth(text)
         data = yaml.load(text, Loader=_Loader)
         count = _count(data, {})
+    except yaml.reader.ReaderError as error:
+        line = 1 + text.count("\n", 0, error.position)
+        raise ConfigError(
+            f"{path} line {line}: holds a control character, which YAML forbids"
+        ) from error
     except (yaml.YAMLError, ValueError, TypeError, RecursionError) as error:
         mark = getattr(error, "problem_mark", None)
         where = f" line {mark.line + 1}" if mark is not None else ""
         problem = getattr(error, "problem", None) or "not valid YAML"
         raise ConfigError(f"{path}{where}: {problem}") from error
     if not isinstance(data, dict):
-        raise ConfigError(f"{path}: holds {_kind(data)}, expected a mapping of keys to values")
+        raise ConfigError(
+            f"{path}: holds {kind_of_value(data)}, expected a mapping of keys to values"
+        )
     if count > MOST_VALUES:
         raise ConfigError(
             f"{path}: its anchors stand for {count:.0e} values, and {MOST_VALUES} is the most"
@@ -147,26 +164,33 @@ def _count(value: object, known: dict[int, int]) -> int:
     return known[id(value)]
 
 
-def parse(cls: type[T], data: dict[str, Any], source: str) -> T:
+def parse(
+    cls: type[T], data: dict[str, Any], source: str, hidden: Mapping[str, object] | None = None
+) -> T:
     """``data`` as an instance of the configuration dataclass ``cls``.
 
     Args:
         cls: A pydantic dataclass made with ``STRICT``.
         data: A mapping as read from YAML.
         source: Name of the file, for the message.
+        hidden: Values of fields that files do not have.
 
     Raises:
         ConfigError: Unknown or missing key, wrong type, value out of range.
     """
     try:
         # Through JSON: there pydantic's strict mode takes lists for tuples, and nothing else for anything else.
-        text = json.dumps(data, default=_refuse)
-    except (TypeError, ValueError, RecursionError) as error:
+        text = json.dumps({**data, **(hidden or {})}, default=_refuse)
+    except TypeError as error:
         raise ConfigError(f"{source}: {error}") from error
+    except (ValueError, RecursionError) as error:
+        problem = "a list or mapping holds itself, or a number has too many digits"
+        raise ConfigError(f"{source}: {problem}") from error
     try:
+        refuse_hidden(cls, data)
         return TypeAdapter(cls).validate_json(text, strict=True)
     except ValidationError as error:
-        raise ConfigError(f"{source}: {_explain(error, cls, data)}") from error
+        raise ConfigError(f"{source}: {explain(error, cls)}") from error
     except RecursionError as error:
         raise ConfigError(f"{source}: nested too deeply") from error
 
@@ -178,12 +202,45 @@ def by_kind(union: object) -> WrapValidator:
     def build(value: object, _: object) -> object:
         if isinstance(value, tuple(classes.values())):
             return value
-        kind = value.get("kind") if isinstance(value, dict) else None
-        if not isinstance(kind, str) or kind not in classes:
-            problem = "no 'kind'" if kind is None else f"unknown kind '{kind}'"
-            raise ValueError(f"{problem}{suggestion(str(kind), classes)}")
-        # Through JSON, as in :func:`parse`: there strict mode takes lists for tuples.
-        return TypeAdapter(classes[kind]).validate_json(json.dumps(value), strict=True)
+        if not isinstance(value, dict):
+            raise ValueError("must be a mapping of keys to values")
+        kind = value.get("kind")
+        if kind is None:
+            raise ValueError(f"no 'kind'{suggestion('', classes)}")
+        if not isinstance(kind, str):
+            raise ValueError(f"'kind' must be a text, got {as_written(kind)}")
+        if kind not in classes:
+            raise ValueError(f"unknown kind '{kind}'{suggestion(kind, classes)}")
+        return parse_part(classes[kind], value)
+
+    return WrapValidator(build)
+
+
+def parse_part(
+    cls: Any,  # noqa: ANN401 any type that pydantic knows
+    value: object,
+    hidden: Mapping[str, object] | None = None,
+) -> Any:  # noqa: ANN401 an instance of it
+    """A part of what :func:`parse` is given, in a validator: through JSON, where strict mode takes lists for tuples."""
+    refuse_hidden(cls, value)
+    if hidden and isinstance(value, dict):
+        value = {**value, **hidden}
+    try:
+        return TypeAdapter(cls).validate_json(json.dumps(value), strict=True)
+    except ValidationError as error:
+        raise with_known_keys(error, cls) from error
+
+
+def one_or_more(cls: Any) -> WrapValidator:  # noqa: ANN401 a class, of which mypy makes no tuple[cls, ...]
+    """One mapping, or a list of up to 100, becomes a tuple; errors carry a number only where there is a list."""
+    several = Annotated[tuple[cls, ...], Field(min_length=1, max_length=100)]
+
+    def build(value: object, _: object) -> object:
+        if isinstance(value, tuple):
+            return value
+        if isinstance(value, list):
+            return parse_part(several, value)
+        return (parse_part(cls, value),)
 
     return WrapValidator(build)
 
@@ -195,54 +252,4 @@ def load(cls: type[T], path: Path) -> T:
 
 
 def _refuse(value: object) -> None:
-    raise TypeError(f"{value!r} is {_kind(value)}, which no setting takes")
-
-
-def _explain(error: ValidationError, cls: type[Any], data: dict[str, Any]) -> str:
-    """The first problem in one line, and how many more there are."""
-    problems = error.errors()
-    # An unknown key explains a missing one more often than the other way round.
-    problems.sort(key=lambda p: p["type"] != "unexpected_keyword_argument")
-    first = problems[0]
-    location = [part for part in first["loc"] if not str(part).startswith("function-")]
-    key = ".".join(str(part) for part in location) or "top level"
-    if first["type"] == "unexpected_keyword_argument":
-        name, beside = str(location[-1]), first["loc"][:-1]
-        missing = [
-            str(p["loc"][-1])
-            for p in problems
-            if p["type"] == "missing" and p["loc"][:-1] == beside
-        ]
-        # What another kind of the same thing calls a key is no help here.
-        known = missing or sorted(_field_names(cls) - {name})
-        message = f"unknown key '{key}'{suggestion(name, known)}"
-    elif first["type"] == "missing":
-        message = f"key '{key}' is missing"
-    else:
-        message = f"key '{key}': {first['msg'].removeprefix('Value error, ')}"
-        value = first.get("input")
-        if isinstance(value, str | int | float | bool) or value is None:
-            message += f", got {_shown(value)}"
-    if len(problems) > 1:
-        message += f" (and {len(problems) - 1} more)"
-    return " ".join(message.split())  # a key may hold anything, a line break too
-
-
-def _field_names(cls: type[Any]) -> set[str]:
-    """Names of the fields of a dataclass and of the dataclasses in it."""
-    schema = TypeAdapter(cls).json_schema()
-    names = set(schema.get("properties", {}))
-    for part in schema.get("$defs", {}).values():
-        names |= set(part.get("properties", {}))
-    return names
-
-
-def _shown(value: object) -> str:
-    if isinstance(value, float) and not math.isfinite(value):
-        return str(value)
-    return json.dumps(value)
-
-
-def _kind(value: object) -> str:
-    names = {dict: "a mapping", list: "a list", str: "text", type(None): "nothing"}
-    return names.get(type(value), f"a {type(value).__name__}")
+    raise TypeError(f"holds {kind_of_value(value)}, which no setting takes")

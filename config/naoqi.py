@@ -8,7 +8,7 @@ from typing import Annotated, Literal
 from pydantic import Field
 from pydantic.dataclasses import dataclass
 
-from pepper_driver.config.loading import STRICT, load, package_file
+from pepper_driver.config.loading import STRICT, load, own_or_shipped
 from pepper_driver.config.parts import NotNegative, Positive
 
 Policy = Literal["off", "off if allowed", "keep"]
@@ -120,6 +120,6 @@ class NaoqiSettings:
     angles: AnglesSettings
 
 
-def load_naoqi_settings(path: Path | None = None) -> NaoqiSettings:
+def load_naoqi_settings(path: Path | str | None = None) -> NaoqiSettings:
     """Settings from ``path``, by default the shipped ``naoqi_settings.yaml``."""
-    return load(NaoqiSettings, path or package_file("naoqi_settings.yaml"))
+    return load(NaoqiSettings, own_or_shipped(path, "naoqi_settings.yaml"))

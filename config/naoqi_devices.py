@@ -10,7 +10,7 @@ from pathlib import Path
 from pydantic.dataclasses import dataclass
 
 from pepper_driver.config.errors import ConfigError
-from pepper_driver.config.loading import STRICT, load, package_file
+from pepper_driver.config.loading import STRICT, load, own_or_shipped
 from pepper_driver.config.robot import RobotConfig
 
 _BRACES = re.compile(r"\{([^{}]*)\}")
@@ -84,11 +84,11 @@ def _expanded(pattern: str, names: Mapping[str, tuple[str, ...]]) -> list[tuple[
     return found
 
 
-def load_naoqi_devices(robot: RobotConfig, path: Path | None = None) -> NaoqiDevices:
+def load_naoqi_devices(robot: RobotConfig, path: Path | str | None = None) -> NaoqiDevices:
     """The device list from ``path``, by default the shipped ``naoqi_devices.yaml``.
 
     Raises:
         ConfigError: One line naming the file, the key and what is possible.
     """
-    path = path or package_file("naoqi_devices.yaml")
+    path = own_or_shipped(path, "naoqi_devices.yaml")
     return NaoqiDevices(load(_DeviceFile, path), robot, str(path))

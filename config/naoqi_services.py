@@ -10,7 +10,7 @@ from pydantic.dataclasses import dataclass
 
 from pepper_driver.config.errors import ConfigError, suggestion
 from pepper_driver.config.lines import with_lines
-from pepper_driver.config.loading import STRICT, load, package_file
+from pepper_driver.config.loading import STRICT, load, own_or_shipped
 from pepper_driver.config.parts import NotNegative, Positive, Vector3
 from pepper_driver.config.robot import RobotConfig, check_joint_keys
 
@@ -89,13 +89,13 @@ class NaoqiServices:
 
 
 @with_lines
-def load_naoqi_services(robot: RobotConfig, path: Path | None = None) -> NaoqiServices:
+def load_naoqi_services(robot: RobotConfig, path: Path | str | None = None) -> NaoqiServices:
     """Settings from ``path``, by default the shipped ``naoqi_services.yaml``.
 
     Raises:
         ConfigError: A mistake in the file, a joint that ``robot`` lacks or that is in no chain, an unknown posture.
     """
-    path = path or package_file("naoqi_services.yaml")
+    path = own_or_shipped(path, "naoqi_services.yaml")
     settings = load(NaoqiServices, path)
     named = {joint for chain in settings.chains.values() for joint in chain}
     check_joint_keys(named, set(robot.joint_names), f"{path}: key 'chains'")

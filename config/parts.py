@@ -197,3 +197,11 @@ class Hands:
     joints: tuple[str, ...]
     finger_angle: Positive
     finger_inertia: Positive
+
+
+def check_bounds(key: str, bounds: tuple[float, float]) -> None:
+    """Raise a ValueError unless the first bound is the smaller one."""
+    if bounds[0] > bounds[1]:
+        raise ValueError(
+            f"'{key}': the lower bound {bounds[0]:g} is above the upper, {bounds[1]:g}"
+        )

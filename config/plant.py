@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Iterable
+from contextlib import suppress
 from dataclasses import asdict
 from functools import reduce
 from math import isfinite
@@ -14,6 +15,7 @@ from typing import Any, Literal
 import numpy as np
 from pydantic.dataclasses import dataclass
 
+from pepper_driver.config.arguments import checked_arguments
 from pepper_driver.config.errors import ConfigError, suggestion
 from pepper_driver.config.lines import with_lines
 from pepper_driver.config.loading import STRICT, named_file, parse, shipped_names
@@ -31,6 +33,19 @@ from pepper_driver.config.plant_parts import (
 )
 from pepper_driver.config.plant_variants import Randomisation, randomise, resolve
 from pepper_driver.config.robot import RobotConfig, check_joint_keys
+
+
+@dataclass(frozen=True, kw_only=True, config=STRICT)
+class RobotIdentity:
+    """A robot as models and people know it.
+
+    Attributes:
+        name: For people: of the plant of a simulated robot, or where a real one is reached.
+        identity: Hash of the simulated robot, or the body id of a real one. Models carry it.
+    """
+
+    name: str
+    identity: str
 
 
 @dataclass(frozen=True, kw_only=True, config=STRICT)
@@ -76,6 +91,7 @@ def plant_names() -> tuple[str, ...]:
     return shipped_names("plants")
 
 
+@checked_arguments
 @with_lines
 def load_plant(name: str, robot: RobotConfig, *, draw: int | None = None) -> PlantConfig:
     """Load a plant by name, or from a path that ends in ``.yaml``.
@@ -90,7 +106,7 @@ def load_plant(name: str, robot: RobotConfig, *, draw: int | None = None) -> Pla
         ConfigError: The file is wrong, the message names file and key; or ``draw`` is given and nothing is drawn.
     """
     path = _plant_path(name)
-    data = resolve(path, _plant_path, robot)
+    data, _ = resolve(path, _plant_path, robot)
     source = str(path)
     drawing = data.pop("randomise", None)
     if drawing is not None:
@@ -111,7 +127,37 @@ def load_plant(name: str, robot: RobotConfig, *, draw: int | None = None) -> Pla
 
 def draws(name: str, robot: RobotConfig) -> bool:
     """Whether a plant, by name or path, is drawn anew for each ``draw``."""
-    return "randomise" in resolve(_plant_path(name), _plant_path, robot)
+    data, _ = resolve(_plant_path(name), _plant_path, robot)
+    return "randomise" in data
+
+
+@with_lines
+def parent_plants(
+    name: str, robot: RobotConfig, *, draw: int | None = None
+) -> tuple[RobotIdentity, ...]:
+    """Return the plants of which a plant is a variant, nearest first.
+
+    They are those that it extends, and of a plant that is drawn its first draw before these.
+
+    Args:
+        name: Of a shipped plant, or a path.
+        robot: The robot it simulates.
+        draw: Which robot of a plant with a ``randomise`` section; the same draw of what it extends comes first.
+
+    Raises:
+        UnknownNameError: No shipped plant has this name.
+        ConfigError: A file cannot be read, or names a joint, key or plant that does not exist.
+    """
+    path = _plant_path(name)
+    _, extended = resolve(path, _plant_path, robot)
+    candidates: list[tuple[Path, int | None]] = [(path, None)] if draw else []
+    candidates += [(file, number) for file in extended for number in dict.fromkeys((draw, None))]
+    parents = []
+    for file, number in candidates:
+        with suppress(ConfigError):  # it draws nothing, or is no robot without what extends it
+            plant = load_plant(str(file), robot, draw=number)
+            parents.append(RobotIdentity(name=plant.name, identity=plant_hash(plant, robot)))
+    return tuple(dict.fromkeys(parents))
 
 
 def _plant_path(name: str) -> Path:

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import copy
+import math
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Callable, Iterable
+from dataclasses import fields
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -12,9 +14,12 @@ import numpy as np
 from pydantic import Field
 from pydantic.dataclasses import dataclass
 
+from pepper_driver.config.arguments import is_number
 from pepper_driver.config.errors import ConfigError, UnknownNameError, suggestion
 from pepper_driver.config.loading import STRICT, read_yaml
+from pepper_driver.config.mistakes import as_written
 from pepper_driver.config.parts import NotNegative, Positive
+from pepper_driver.config.plant_parts import Actuator
 from pepper_driver.config.robot import RobotConfig
 
 Tree = dict[str, Any]
@@ -35,13 +40,18 @@ class Randomisation:
     model_error: tuple[NotNegative, Annotated[float, Field(lt=1)]]
 
 
-def resolve(path: Path, find: Callable[[str], Path], robot: RobotConfig) -> Tree:
-    """The complete mapping of a plant file: what it extends, changed as it says.
+def resolve(
+    path: Path, find: Callable[[str], Path], robot: RobotConfig
+) -> tuple[Tree, tuple[Path, ...]]:
+    """Return the complete mapping of a plant file: what it extends, changed as it says.
 
     Args:
         path: The file.
         find: The file of a plant by name or path; a relative path is taken from the extending file.
         robot: Whose joints the file names.
+
+    Returns:
+        The mapping, and the files that it extends, nearest first.
 
     Raises:
         ConfigError: A file cannot be read, or names a joint, key or plant that does not exist.
@@ -51,23 +61,25 @@ def resolve(path: Path, find: Callable[[str], Path], robot: RobotConfig) -> Tree
 
 def _resolve(
     path: Path, find: Callable[[str], Path], robot: RobotConfig, seen: tuple[Path, ...]
-) -> Tree:
+) -> tuple[Tree, tuple[Path, ...]]:
     data = read_yaml(path)
     if "extends" not in data:
-        return data
+        return data, ()
     source = str(path)
     if path.resolve() in seen:
         raise ConfigError(f"{source}: key 'extends': the plant extends itself")
     parent = data.pop("extends")
     if not isinstance(parent, str):
-        raise ConfigError(f"{source}: key 'extends': expected the name of a plant, got {parent!r}")
+        raise ConfigError(
+            f"{source}: key 'extends': expected the name of a plant, got {as_written(parent)}"
+        )
     try:
         parent_path = find(parent)
     except UnknownNameError as error:
         raise ConfigError(f"{source}: key 'extends': {error}") from error
     if not parent_path.is_absolute() and not parent_path.exists():
         parent_path = path.parent / parent_path
-    plant = _resolve(parent_path, find, robot, (*seen, path.resolve()))
+    plant, further = _resolve(parent_path, find, robot, (*seen, path.resolve()))
     factors = _mapping(data.pop("factors", {}), f"{source}: key 'factors'")
     joints = _mapping(data.pop("joints", {}), f"{source}: key 'joints'")
     if "actuators" in data:
@@ -79,9 +91,15 @@ def _resolve(
         _scale(plant["actuators"], str(key), factor, robot, f"{source}: key 'factors.{key}'")
     for joint, changes in joints.items():
         where = f"{source}: key 'joints.{joint}'"
-        _merge(_drive(plant["actuators"], joint, where), _mapping(changes, where))
+        drive = _drive(plant["actuators"], joint, where)
+        for key in _mapping(changes, where):
+            if key not in (known := [field.name for field in fields(Actuator)]):
+                raise ConfigError(
+                    f"{source}: unknown key 'joints.{joint}.{key}'{suggestion(key, known)}"
+                )
+        _merge(drive, changes)
     _merge(plant, data)
-    return plant
+    return plant, (parent_path, *further)
 
 
 def randomise(
@@ -152,8 +170,10 @@ def _scale(actuators: list[Tree], key: str, factor: object, robot: RobotConfig, 
     """Multiply one value of the drives: by one factor for all joints, or by joint."""
     by_joint = factor if isinstance(factor, dict) else dict.fromkeys(robot.joint_names, factor)
     for joint, number in by_joint.items():
-        if not isinstance(number, int | float) or isinstance(number, bool):
-            raise ConfigError(f"{where}: expected a number, or numbers by joint, got {number!r}")
+        if not (is_number(number) and math.isfinite(number)):
+            raise ConfigError(
+                f"{where}: expected a finite number, or numbers by joint, got {as_written(number)}"
+            )
         holder, last = _place(_drive(actuators, joint, where), key, where)
         try:
             holder[last] = float(holder[last]) * float(number)

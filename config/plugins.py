@@ -2,15 +2,21 @@
 
 from __future__ import annotations
 
+import traceback
 from collections.abc import Callable, Mapping
 from importlib import import_module
 from importlib.metadata import entry_points
+from pathlib import Path
 
 from pepper_driver.config.errors import PepperError, UnknownNameError
 
 
 class PluginError(PepperError, ImportError):
-    """A registered part exists, but cannot be loaded."""
+    """A registered part exists, but cannot be loaded or made."""
+
+
+class PluginInterfaceError(PepperError, TypeError):
+    """A plug-in that is no object of the kind asked for, or does not keep to the interface of its kind."""
 
 
 def load_plugin(
@@ -50,3 +56,28 @@ def load_plugin(
             f"{kind} '{name}': {point.value} is {type(part).__name__}, no class or factory"
         )
     return part
+
+
+def plugin_names(group: str, builtin: Mapping[str, str]) -> tuple[str, ...]:
+    """Names that :func:`load_plugin` finds: those of the project, then those of other packages."""
+    return tuple(dict.fromkeys([*builtin, *(point.name for point in entry_points(group=group))]))
+
+
+def make_part(kind: str, name: str, factory: Callable[..., object], *arguments: object) -> object:
+    """Return what a factory of :func:`load_plugin` makes of its arguments.
+
+    Raises:
+        PluginError: The factory of another package raises anything but a PepperError, which comes out as it is.
+    """
+    if getattr(factory, "__module__", "").partition(".")[0] == __name__.partition(".")[0]:
+        return factory(*arguments)
+    try:
+        return factory(*arguments)
+    except PepperError:
+        raise
+    except Exception as error:
+        frame = traceback.extract_tb(error.__traceback__)[-1]
+        where = f"{Path(frame.filename).name} line {frame.lineno}"
+        raise PluginError(
+            " ".join(f"{kind} '{name}' fails ({where}): {type(error).__name__}: {error}".split())
+        ) from error

@@ -11,12 +11,12 @@ from pydantic import Field
 from pydantic.dataclasses import dataclass
 
 from pepper_driver.config.errors import ConfigError
+from pepper_driver.config.experiment import load_experiment
 from pepper_driver.config.lines import with_lines
-from pepper_driver.config.loading import STRICT, load, package_file
+from pepper_driver.config.loading import STRICT, load, own_or_shipped, package_file
 from pepper_driver.config.parts import FloatArray, NotNegative, Positive
 from pepper_driver.config.robot import RobotConfig
-from pepper_driver.config.scenario import load_scenario
-from pepper_driver.config.scenario_motion import Holds
+from pepper_driver.config.steps import Holds
 
 Count = Annotated[int, Field(ge=1)]
 
@@ -112,13 +112,13 @@ class Calibration:
 
 
 @with_lines
-def load_recordings(robot: RobotConfig, path: Path | None = None) -> Recordings:
+def load_recordings(robot: RobotConfig, path: Path | str | None = None) -> Recordings:
     """The figures in ``path``, by default the shipped ``recordings.yaml``.
 
     Raises:
         ConfigError: The file is wrong: a key, a joint, or a table whose rows and columns do not fit.
     """
-    path = path or package_file("recordings.yaml")
+    path = own_or_shipped(path, "recordings.yaml")
     recordings = load(Recordings, path)
     for key, joints in (("tables", recordings.tables), ("holds", recordings.holds)):
         for name in joints:
@@ -136,14 +136,15 @@ def load_recordings(robot: RobotConfig, path: Path | None = None) -> Recordings:
 
 @with_lines
 def load_calibration(robot: RobotConfig) -> Calibration:
-    """The shipped recordings, with ``calibration.yaml`` and ``scenarios/calibrate.yaml``."""
-    scenario = load_scenario("calibrate", robot)
-    if not isinstance(scenario.motion, Holds):
-        raise ConfigError(f"{scenario.source}: key 'motion.kind': calibration needs holds")
+    """The shipped recordings, with ``calibration.yaml`` and ``experiments/calibrate.yaml``."""
+    experiment = load_experiment("calibrate", robot)
+    step = experiment.random_step
+    if step is None or not isinstance(step.goals, Holds):
+        raise experiment.error("steps", "calibration needs a step with holds")
     recordings = load_recordings(robot)
     settings = load(CalibrationSettings, package_file("calibration.yaml"))
     for where, given, wanted in (
-        ("scenarios/calibrate.yaml", set(scenario.motion.joints), set(recordings.holds)),
+        ("experiments/calibrate.yaml", set(step.goals.joints), set(recordings.holds)),
         ("calibration.yaml", set(settings.largest_residual_deg), set(recordings.tables)),
     ):
         if given != wanted:
@@ -151,6 +152,6 @@ def load_calibration(robot: RobotConfig) -> Calibration:
     return Calibration(
         recordings=recordings,
         settings=settings,
-        holds=scenario.motion,
-        seed=scenario.seed,
+        holds=step.goals,
+        seed=experiment.seed,
     )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import xml.etree.ElementTree as ElementTree
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass as plain_dataclass
 from functools import cached_property, lru_cache
 from pathlib import Path
@@ -13,9 +13,19 @@ import numpy as np
 from numpy.typing import ArrayLike
 from pydantic.dataclasses import dataclass
 
-from pepper_driver.config.errors import ConfigError, UnknownNameError, suggestion
+from pepper_driver.config.arguments import checked_arguments
+from pepper_driver.config.errors import (
+    ArgumentError,
+    ConfigError,
+    UnknownNameError,
+    check_name,
+    reason,
+    shown,
+    suggestion,
+)
 from pepper_driver.config.lines import with_lines
-from pepper_driver.config.loading import STRICT, load, package_file, read_yaml
+from pepper_driver.config.loading import STRICT, load, own_or_shipped, read_yaml
+from pepper_driver.config.mistakes import as_written
 from pepper_driver.config.parts import (
     FloatArray,
     Hands,
@@ -30,6 +40,12 @@ from pepper_driver.config.parts import (
 
 Posture = str | Mapping[str, float] | ArrayLike
 """A posture by name, joints by name with their angles [rad] (the others stay), or all 17 angles [rad]."""
+
+LEGS = "legs"
+"""Chain that carries the robot; its joints belong to the limb TRUNK."""
+
+TRUNK = "trunk"
+"""Limb of everything that carries the others: torso, legs and base."""
 
 POSTURE_TOLERANCE = 2 * np.pi / 4096
 """[rad] Recorded postures touch the limits to one count of the encoder."""
@@ -160,6 +176,22 @@ class RobotConfig:
             table.append((index, 1.0 if aperture or along > 0 else -1.0))
         return tuple(table)
 
+    @cached_property
+    def limbs(self) -> dict[str, tuple[str, ...]]:
+        """Joints of each limb, from the trunk outwards: the chains, with TRUNK in place of LEGS."""
+        outer = {name: joints for name, joints in self.chains.items() if name != LEGS}
+        return {TRUNK: self.chains.get(LEGS, ()), **outer}
+
+    def limb_of(self, joint: str | None) -> str:
+        """Limb that a joint belongs to; TRUNK for None, as contacts on trunk and base have it."""
+        return next((name for name, joints in self.limbs.items() if joint in joints), TRUNK)
+
+    def limb_of_link(self, link: str) -> str:
+        """Limb that a link belongs to: that of the joint that carries it, or TRUNK."""
+        return self.limb_of(
+            next((joint.name for joint in self.joints if joint.child == link), None)
+        )
+
     def joint_index(self, name: str) -> int:
         """Place of a joint in every joint vector.
 
@@ -180,6 +212,7 @@ class RobotConfig:
 
         Raises:
             UnknownNameError: No such posture or joint.
+            ArgumentError: It is none of these.
         """
         if isinstance(posture, str):
             return self.posture(posture)
@@ -188,7 +221,14 @@ class RobotConfig:
             for name, angle in posture.items():
                 angles[self.joint_index(name)] = angle
             return angles
-        return posture
+        if hasattr(posture, "__array__") or (
+            isinstance(posture, Sequence) and not isinstance(posture, bytes)
+        ):
+            return posture
+        raise ArgumentError(
+            "a posture is its name, a mapping from joints to angles [rad], or all"
+            f" {len(self.joint_names)} angles, got {shown(posture)}"
+        )
 
     def posture(self, name: str) -> FloatArray:
         """(17,) a named posture [rad], a copy.
@@ -196,8 +236,7 @@ class RobotConfig:
         Raises:
             UnknownNameError: No such posture.
         """
-        if name not in self.postures:
-            raise UnknownNameError("posture", name, self.postures)
+        check_name("posture", name, self.postures)
         return self.postures[name].copy()
 
 
@@ -227,7 +266,7 @@ def _read_urdf(path: Path) -> tuple[dict[str, Joint], tuple[str, ...]]:
             )
         return joints, tuple(element.attrib["name"] for element in root.iter("link"))
     except (OSError, ElementTree.ParseError, KeyError, ValueError) as error:
-        raise ConfigError(f"{path}: not a usable URDF ({error})") from error
+        raise ConfigError(f"{path}: not a usable URDF ({reason(error)})") from error
 
 
 def check_joint_keys(given: set[str], expected: set[str], where: str) -> None:
@@ -250,7 +289,9 @@ def _load_postures(path: Path, joints: tuple[Joint, ...]) -> dict[str, FloatArra
         for joint in joints:
             value = values[joint.name]
             if not isinstance(value, int | float) or isinstance(value, bool):
-                raise ConfigError(f"{where}.{joint.name}: expected an angle [rad], got {value!r}")
+                raise ConfigError(
+                    f"{where}.{joint.name}: expected an angle [rad], got {as_written(value)}"
+                )
             if not joint.lower - POSTURE_TOLERANCE <= value <= joint.upper + POSTURE_TOLERANCE:
                 raise ConfigError(
                     f"{where}.{joint.name}: {value} rad lies outside {joint.lower} to {joint.upper} rad"
@@ -263,9 +304,10 @@ def _load_postures(path: Path, joints: tuple[Joint, ...]) -> dict[str, FloatArra
     return postures
 
 
+@checked_arguments
 @lru_cache(maxsize=8)
 @with_lines
-def load_robot(path: Path | None = None) -> RobotConfig:
+def load_robot(path: Path | str | None = None) -> RobotConfig:
     """Load a robot description.
 
     Args:
@@ -275,7 +317,7 @@ def load_robot(path: Path | None = None) -> RobotConfig:
     Raises:
         ConfigError: One line naming the file, the key and what is possible.
     """
-    path = path or package_file("pepper.yaml")
+    path = own_or_shipped(path, "pepper.yaml")
     top = load(_RobotFile, path)
     folder = path.parent
     in_urdf, links = _read_urdf(folder / top.urdf)

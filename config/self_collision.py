@@ -11,7 +11,7 @@ from pydantic.dataclasses import dataclass
 
 from pepper_driver.config.errors import ConfigError, suggestion
 from pepper_driver.config.lines import with_lines
-from pepper_driver.config.loading import STRICT, load, package_file
+from pepper_driver.config.loading import STRICT, load, own_or_shipped
 from pepper_driver.config.parts import Positive, Vector3
 from pepper_driver.config.robot import RobotConfig
 
@@ -41,14 +41,16 @@ class SelfCollisionSettings:
 
 
 @with_lines
-def load_self_collision(robot: RobotConfig, path: Path | None = None) -> SelfCollisionSettings:
+def load_self_collision(
+    robot: RobotConfig, path: Path | str | None = None
+) -> SelfCollisionSettings:
     """Self-collision settings for ``robot`` from ``path``, by default the shipped ``self_collision.yaml``.
 
     Raises:
         ConfigError: A link that the robot has not, a pair without capsules, of one link or given twice, an interaction
             distance that is not above the security distance; beyond what :func:`load` refuses.
     """
-    path = path or package_file("self_collision.yaml")
+    path = own_or_shipped(path, "self_collision.yaml")
     settings = load(SelfCollisionSettings, path)
     if settings.interaction_distance <= settings.security_distance:
         raise ConfigError(

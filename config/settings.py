@@ -9,8 +9,9 @@ import numpy as np
 from pydantic import Field
 from pydantic.dataclasses import dataclass
 
+from pepper_driver.config.arguments import checked_arguments
 from pepper_driver.config.lines import with_lines
-from pepper_driver.config.loading import STRICT, load, package_file
+from pepper_driver.config.loading import STRICT, load, own_or_shipped
 from pepper_driver.config.parts import FloatArray, NotNegative, Positive
 from pepper_driver.config.robot import RobotConfig, check_joint_keys
 
@@ -36,6 +37,23 @@ class ConstraintSwitches:
 
 
 @dataclass(frozen=True, kw_only=True, config=STRICT)
+class AttentiveSettings:
+    """Oscillation of an attentive robot, on top of posture and motion.
+
+    Attributes:
+        joints: That oscillate; their phases are spread evenly over the period in this order.
+        amplitude_deg: Of each [deg].
+        frequency: [Hz]
+        fade_time: From rest to the full amplitude, and back [s].
+    """
+
+    joints: list[str]
+    amplitude_deg: Annotated[float, Field(ge=0, le=5)]
+    frequency: Annotated[float, Field(gt=0, le=2)]
+    fade_time: Annotated[float, Field(ge=0.5, le=60)]
+
+
+@dataclass(frozen=True, kw_only=True, config=STRICT)
 class ControllerSettings:
     """Defaults of the whole-body controller; see ``controller.yaml`` for the meaning of each.
 
@@ -47,6 +65,7 @@ class ControllerSettings:
     feedback_time: Positive
     posture: TaskGains
     base: TaskGains
+    attentive: AttentiveSettings
     regularisation: Positive
     velocity: Literal["safe", "robot"]
     velocity_limit: dict[str, Positive]
@@ -99,7 +118,7 @@ class ObserverSettings:
         collision_factor: A residual beyond so many thresholds is a collision (mode ``fusion``).
         merge_gap: A residual that returns with the same sign within this time continues the contact.
         rebound_window: After a contact, a residual of the other sign is the joint swinging back.
-        update_period: Between two update events of a lasting contact.
+        update_period: At least, before the next update of a contact of which only intensity or torque change [s].
     """
 
     tree: Literal["cart", "affine"]
@@ -148,10 +167,13 @@ class SafetySettings:
                 raise ValueError(f"'{less}' must not be above '{more}'")
 
 
+@checked_arguments
 @with_lines
-def load_controller_settings(robot: RobotConfig, path: Path | None = None) -> ControllerSettings:
+def load_controller_settings(
+    robot: RobotConfig, path: Path | str | None = None
+) -> ControllerSettings:
     """Controller settings from ``path``, by default the shipped ``controller.yaml``."""
-    path = path or package_file("controller.yaml")
+    path = own_or_shipped(path, "controller.yaml")
     settings = load(ControllerSettings, path)
     for key in ("velocity_limit", "acceleration_limit", "jerk_limit"):
         table = getattr(settings, key)
@@ -160,14 +182,14 @@ def load_controller_settings(robot: RobotConfig, path: Path | None = None) -> Co
     return settings
 
 
-def load_observer_settings(path: Path | None = None) -> ObserverSettings:
+def load_observer_settings(path: Path | str | None = None) -> ObserverSettings:
     """Observer settings from ``path``, by default the shipped ``observer.yaml``."""
-    return load(ObserverSettings, path or package_file("observer.yaml"))
+    return load(ObserverSettings, own_or_shipped(path, "observer.yaml"))
 
 
-def load_safety_settings(path: Path | None = None) -> SafetySettings:
+def load_safety_settings(path: Path | str | None = None) -> SafetySettings:
     """Safety settings from ``path``, by default the shipped ``safety.yaml``."""
-    return load(SafetySettings, path or package_file("safety.yaml"))
+    return load(SafetySettings, own_or_shipped(path, "safety.yaml"))
 
 
 def _of_joints(key: str, table: dict[str, float], robot: RobotConfig) -> FloatArray:

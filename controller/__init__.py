@@ -2,11 +2,14 @@
 
 import pepper_driver.backends.naoqi.before_pinocchio  # noqa: F401
 from pepper_driver.controller.changes import Changes
+from pepper_driver.controller.constraints import BrakingLimits, Constraint, LinearInequality
 from pepper_driver.controller.errors import (
     ChangesError,
     GainError,
     LimitError,
+    PartError,
     RobotMismatchError,
+    ShapeError,
     TargetError,
     TaskCountError,
 )
@@ -26,6 +29,7 @@ from pepper_driver.controller.tasks import (
     PositionTask,
     PostureTask,
     Task,
+    TaskRows,
 )
 from pepper_driver.controller.tick import Sent, Tick
 from pepper_driver.controller.wheels import Odometry, desaturated
@@ -34,30 +38,36 @@ from pepper_driver.controller.whole_body import WholeBodyController
 __all__ = [
     "BasePoseTask",
     "BaseVelocityTask",
+    "BrakingLimits",
     "Changes",
     "ChangesError",
     "ComTask",
     "ComplianceTask",
+    "Constraint",
     "ControllerStatus",
     "FrameTask",
     "GainError",
     "HandTask",
     "LimitError",
+    "LinearInequality",
     "LoadTorque",
     "LookAtTask",
     "MomentumTask",
     "Odometry",
     "OrientationTask",
+    "PartError",
     "PositionTask",
     "PostureTask",
     "Reference",
     "RobotMismatchError",
     "RobotModel",
     "Sent",
+    "ShapeError",
     "TargetError",
     "Task",
     "TaskCountError",
     "TaskReport",
+    "TaskRows",
     "Tick",
     "WholeBodyController",
     "desaturated",

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 from pepper_driver.config import PepperError
+from pepper_driver.config.errors import shown
 
 MAX_LISTED = 6
 """Names in a message."""
@@ -43,7 +44,7 @@ class LimitError(PepperError, ValueError):
 
     def __init__(self, name: str, value: object, what: str) -> None:
         self.name, self.value = name, value
-        super().__init__(f"{name} must be {what}, got {value!r}")
+        super().__init__(f"{name} must be {what}, got {shown(value)}")
 
 
 class GainError(PepperError, ValueError):
@@ -58,11 +59,30 @@ class GainError(PepperError, ValueError):
         self, name: str, value: object, what: str = "a finite number that is not negative"
     ) -> None:
         self.name, self.value = name, value
-        super().__init__(f"{name} must be {what}, got {value!r}")
+        super().__init__(f"{name} must be {what}, got {shown(value)}")
 
 
 class ChangesError(PepperError, RuntimeError):
     """The robot was told to run inside a group of changes, which are made only when the group is complete."""
+
+
+class ShapeError(PepperError, ValueError):
+    """An array of another shape than is expected, or something that is no array of numbers.
+
+    Attributes:
+        name: Which, as it stands in a program.
+        expected: Its shape.
+        given: The shape, or the type, that was given.
+    """
+
+    def __init__(self, name: str, expected: tuple[int, ...], given: tuple[int, ...] | str) -> None:
+        self.name, self.expected, self.given = name, expected, given
+        shown = given if isinstance(given, str) else f"an array {given}"
+        super().__init__(f"{name} takes an array {expected} of numbers, got {shown}")
+
+
+class PartError(PepperError, TypeError):
+    """An object to be added that is neither a task nor a constraint."""
 
 
 class RobotMismatchError(PepperError, ValueError):

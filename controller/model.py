@@ -10,7 +10,9 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike, NDArray
 
-from pepper_driver.config import RobotConfig, UnknownNameError
+from pepper_driver.config import RobotConfig
+from pepper_driver.config.arguments import checked_arguments, real_array
+from pepper_driver.config.errors import ArgumentError, check_name, shown
 
 FloatArray = NDArray[np.float64]
 
@@ -40,6 +42,7 @@ class LoadTorque:
     gravity: FloatArray
 
 
+@checked_arguments
 class RobotModel:
     """Kinematics and dynamics of the robot with 3 base and 17 joint degrees of freedom.
 
@@ -271,16 +274,23 @@ class RobotModel:
         Raises:
             UnknownNameError: No such link.
         """
-        if link not in self.robot.links:
-            raise UnknownNameError("link", link, self.robot.links)
+        check_name("link", link, self.robot.links)
         number: int = self.pin.getFrameId(link)
         return number
 
     def link_pose(self, link: str, joint_position: FloatArray) -> FloatArray:
-        """(4, 4) transform of a link in base_link, at (17,) joint positions [rad]."""
+        """(4, 4) transform of a link in base_link, at (17,) joint positions [rad].
+
+        Raises:
+            UnknownNameError: No such link.
+            ArgumentError: Not 17 numbers.
+        """
         frame = self.frame_id(link)
-        data = self._elsewhere
-        pin.forwardKinematics(self.pin, data, self.configuration(joint_position))
+        data, count = self._elsewhere, len(self.robot.joint_names)
+        position = real_array(joint_position)
+        if position is None or position.shape != (count,):
+            raise ArgumentError(f"link_pose takes {count} angles, got {shown(joint_position)}")
+        pin.forwardKinematics(self.pin, data, self.configuration(position))
         pose: FloatArray = pin.updateFramePlacement(self.pin, data, frame).homogeneous
         return pose
 

@@ -9,7 +9,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from pepper_driver.controller.constraints.constraint import Rows, stack
+from pepper_driver.controller.constraints.constraint import LinearInequality, stack
 from pepper_driver.controller.model import RobotModel
 from pepper_driver.controller.solvers import Solver
 from pepper_driver.controller.solvers.daqp_ import DaqpSolver
@@ -34,7 +34,7 @@ TIE = 1e-6
 
 multiply = np.multiply
 
-NOTHING = Rows(NO_ROWS, NO_BOUNDS, ())
+NOTHING = LinearInequality(NO_ROWS, NO_BOUNDS, ())
 
 Outcome = Literal["solved", "relaxed", "infeasible", "failed"]
 
@@ -51,8 +51,9 @@ class Slot:
     """Where a task stands: its rows, (20,) what may move for it, and the gains that its rows have by now."""
 
     task: Task
-    rows: slice
-    columns: FloatArray
+    place: slice
+    rows: TaskRows
+    joint_mask: FloatArray
     gains: Gains | None = None
 
 
@@ -82,13 +83,14 @@ class Program:
         self._slots: list[Slot] = []
         start = 0
         for task in tasks:
-            rows = slice(start, start + task.rows)
+            place = slice(start, start + task.rows)
             start += task.rows
             if model is not None:
                 arrays = (self._jacobian, self._error, self._rate, self._bias, self._wanted)
-                task.attach(model, TaskRows(*(array[rows] for array in arrays)))
-                self._slots.append(Slot(task, rows, task.columns(model)))
-        if all(slot.columns.all() for slot in self._slots):
+                rows = TaskRows(*(array[place] for array in arrays))
+                task.attach(model, rows)
+                self._slots.append(Slot(task, place, rows, task.joint_mask(model)))
+        if all(slot.joint_mask.all() for slot in self._slots):
             self._masked = self._jacobian
 
     def assemble(self, model: RobotModel, dt: float) -> None:
@@ -97,9 +99,9 @@ class Program:
         for slot in self._slots:
             task = slot.task
             if task.driven:
-                driven.append(task)
+                driven.append(slot)
                 task.advance(model, dt)
-            task.measure(model)
+            task.compute(model, slot.rows)
             task.up_to_date = True
             if task.gains is not slot.gains:
                 self._take_gains(slot)
@@ -111,8 +113,8 @@ class Program:
         multiply(self._damping, rate, damped)
         wanted -= damped
         wanted -= self._bias
-        for task in driven:
-            task.refer()
+        for slot in driven:
+            slot.task.add_feedforward(slot.rows)
         # Two arrays, J and W J: as one times itself the product would take the slower way of symmetric ones.
         masked = self._masked
         if masked is not self._jacobian:
@@ -126,11 +128,11 @@ class Program:
         np.subtract(self._rest, g, g)
 
     def _take_gains(self, slot: Slot) -> None:
-        gains, rows = slot.task.gains, slot.rows
+        gains, place = slot.task.gains, slot.place
         slot.gains = gains
-        self._stiffness[rows], self._damping[rows] = gains.stiffness, gains.damping
-        self._weight[rows] = gains.weight[:, None]
-        self._mask[rows] = slot.columns
+        self._stiffness[place], self._damping[place] = gains.stiffness, gains.damping
+        self._weight[place] = gains.weight[:, None]
+        self._mask[place] = slot.joint_mask
 
     def _regularise(self) -> None:
         """A share of each variable's own cost is to be added to it; what no task asks for comes to rest."""
@@ -144,11 +146,11 @@ class Program:
         solver: Solver,
         lower: FloatArray,
         upper: FloatArray,
-        groups: Sequence[tuple[int, Rows]],
+        groups: Sequence[tuple[int, LinearInequality]],
     ) -> Answer:
         """Minimise the cost inside the box and the rows.
 
-        Rows that cannot all be kept are relaxed: those of the lowest rank first may be broken at a high price, then
+        Rows that cannot all be kept are relaxed: those of the lowest priority first may be broken at a high price, then
         also those of the next, until there is a solution. The box is never broken.
 
         Args:
@@ -166,37 +168,43 @@ class Program:
             solution = self._exact.solve(*problem)
         if solution.status == "solved" or not groups:
             return Answer(solution.x, solution.status)
-        ranks = np.concatenate([np.full(len(part.bound), rank) for rank, part in groups])
-        x = self._give_up(lower, upper, rows, ranks)
+        priorities = np.concatenate(
+            [np.full(len(part.bound), priority) for priority, part in groups]
+        )
+        x = self._give_up(lower, upper, rows, priorities)
         return Answer(solution.x, solution.status) if x is None else Answer(x, "relaxed")
 
     def _give_up(
-        self, lower: FloatArray, upper: FloatArray, rows: Rows, ranks: NDArray[np.int_]
+        self,
+        lower: FloatArray,
+        upper: FloatArray,
+        rows: LinearInequality,
+        priorities: NDArray[np.int_],
     ) -> FloatArray | None:
-        """The best accelerations when rows up to some rank are given up, as low a rank as will do; None if none does.
+        """Return the best accelerations when rows up to some priority, the lowest that will do, are given up; or None.
 
-        What is given up still counts by rank: rows of the highest are broken as little as possible, whatever those
+        What is given up still counts by priority: rows of the highest are broken as little as possible, whatever those
         below them want; then the next.
         """
         given_up: list[int] = []
-        for rank in sorted(set(ranks.tolist())):
-            given_up.insert(0, rank)
+        for priority in sorted(set(priorities.tolist())):
+            given_up.insert(0, priority)
             bound = rows.bound.copy()
             x = None
             for lexical, own in enumerate(given_up):
-                kept = ranks >= own
-                part = Rows(rows.matrix[kept], bound[kept], ())
-                x, slack = self._soft(lower, upper, part, ranks[kept] == own)
+                kept = priorities >= own
+                part = LinearInequality(rows.matrix[kept], bound[kept], ())
+                x, slack = self._soft(lower, upper, part, priorities[kept] == own)
                 if x is None:
                     break
                 if lexical + 1 < len(given_up):
-                    bound[ranks == own] += slack
+                    bound[priorities == own] += slack
             if x is not None:
                 return x
         return None
 
     def _soft(
-        self, lower: FloatArray, upper: FloatArray, rows: Rows, soft: NDArray[np.bool_]
+        self, lower: FloatArray, upper: FloatArray, rows: LinearInequality, soft: NDArray[np.bool_]
     ) -> tuple[FloatArray | None, FloatArray]:
         """The solution where the ``soft`` rows may be broken by a slack, and by how much each of them is, or would be.
 
@@ -228,4 +236,4 @@ class Program:
         """Every task with what (20,) accelerations miss of its rows and what that costs, in the last cycle's rows."""
         missed = self._masked @ acceleration - self._wanted
         price = self._weight[:, 0] * missed**2
-        return [(s.task, missed[s.rows], float(price[s.rows].sum())) for s in self._slots]
+        return [(s.task, missed[s.place], float(price[s.place].sum())) for s in self._slots]

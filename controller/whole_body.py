@@ -5,22 +5,29 @@ from __future__ import annotations
 import weakref
 from collections.abc import Sequence
 from math import sqrt
-from numbers import Real
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pepper_driver.backends.interface import Measurement
 from pepper_driver.config import ControllerSettings, RobotConfig, load_controller_settings
+from pepper_driver.config.arguments import checked_arguments, is_number
+from pepper_driver.config.errors import shown
 from pepper_driver.controller.changes import Changes
 from pepper_driver.controller.constraints import (
     AccelerationBox,
+    BrakingLimits,
     Constraint,
-    Rows,
-    Stopping,
+    LinearInequality,
     standard_constraints,
 )
-from pepper_driver.controller.errors import GainError, RobotMismatchError, TaskCountError
+from pepper_driver.controller.dither import Dither
+from pepper_driver.controller.errors import (
+    GainError,
+    PartError,
+    RobotMismatchError,
+    TaskCountError,
+)
 from pepper_driver.controller.feedback import Feedback
 from pepper_driver.controller.model import BASE, LoadTorque, RobotModel
 from pepper_driver.controller.program import Answer, Outcome, Program
@@ -43,6 +50,7 @@ MET = 1e-6
 """[rad/s2] By how much a row may be missed and still count as kept."""
 
 
+@checked_arguments
 class WholeBodyController:
     """Acceleration-resolved, weighted multi-objective QP on the 3 base and 17 joint degrees of freedom.
 
@@ -66,6 +74,7 @@ class WholeBodyController:
         base_velocity: The base velocity task that is there from the start; its target is zero. While a task in use
             moves the base, it gives way, unless its target is a motion.
         odometry: Where the wheels have rolled to.
+        dither: Small oscillation that is added to the posture task; off from the start.
         hold: Whether only the posture task acts and the base comes to rest, whatever other tasks there are; they stand
             still meanwhile, and go on afterwards.
 
@@ -91,10 +100,11 @@ class WholeBodyController:
         # Small arrays are quicker to multiply by arrays of their shape than by numbers.
         self._cycle, self._half = np.full(self.model.nv, self._dt), np.full(self.model.nv, 0.5)
         self._box = AccelerationBox(robot, settings, self.model, self._dt)
-        self._stopping = Stopping(self._box.acceleration_limit, self._dt)
+        self._braking_limits = BrakingLimits(self._box.acceleration_limit, self._dt)
         self._solver = make_solver(settings.solver)
         self._program = Program(self.model.nv, settings.regularisation)
         self.odometry = Odometry(robot)
+        self.dither = Dither(robot, settings.attentive, self._dt)
         self._feedback: Feedback | None = None
         if settings.feedback == "joints":
             share = min(1.0, self._dt / settings.feedback_time)
@@ -139,7 +149,7 @@ class WholeBodyController:
             enforce_limit: False for a task that must act however many there are, such as one of a reflex.
 
         Raises:
-            TypeError: It is neither.
+            PartError: It is neither.
             RobotMismatchError: The task was made for a robot with other joints or links.
             TaskCountError: :data:`MAX_TASKS` are in use.
         """
@@ -208,13 +218,15 @@ class WholeBodyController:
         for task in self._tasks:
             task.stop()
         self.odometry.reset()
+        self.dither.reset()
+        self.posture.superpose(None)
         self._q = self._before = self.model.configuration(position)
         self._v = np.zeros(self.model.nv)
         self._acceleration = np.zeros(self.model.nv)
         if self._feedback is not None:
             self._feedback.reset()
         self._outcome: Outcome = "solved"
-        self._active: list[tuple[Constraint, Rows]] = []
+        self._active: list[tuple[Constraint, LinearInequality]] = []
         self.model.set_state(self._q, self._v)
         self._box.update(self._q, self._v, self._acceleration)
 
@@ -243,12 +255,19 @@ class WholeBodyController:
         """(17,) upper position limits of the robot [rad]."""
         return self._robot.upper
 
-    def rest(self, stiffness: float) -> FloatArray:
+    def rest(self, stiffness: float, *, dither: bool = True) -> FloatArray:
         """(17,) where the joints come to rest without turning round, led by tasks of this stiffness [1/s2], in rad.
 
         A critically damped joint at q with velocity v decays exponentially towards q + v / sqrt(stiffness).
+
+        Args:
+            stiffness: Of the tasks [1/s2].
+            dither: False for joints that go on oscillating about that place.
         """
-        rest: FloatArray = self.position + self.velocity / sqrt(stiffness)
+        position, velocity = self.position, self.velocity
+        if not dither:
+            position, velocity = position - self.dither.position, velocity - self.dither.velocity
+        rest: FloatArray = position + velocity / sqrt(stiffness)
         return np.clip(rest, self.lower, self.upper)
 
     def accept(self, position: ArrayLike, base_twist: ArrayLike | None = None) -> None:
@@ -292,7 +311,7 @@ class WholeBodyController:
         """Solve and integrate one cycle.
 
         Never raises for what tasks want or constraints forbid: rows that cannot all be kept are relaxed in the order
-        of their ranks, and a problem without solution brakes to rest within the limits.
+        of their priorities, and a problem without solution brakes to rest within the limits.
 
         Args:
             measurement: What the robot measured: for odometry, and for tasks if ``feedback`` says so.
@@ -312,7 +331,12 @@ class WholeBodyController:
             self.odometry.update(measurement.wheel_speed, dt)
             if self._feedback is not None:
                 model.set_state(self._feedback.configuration(q, measurement, answered), v)
+        dithers = self.dither.active
+        if dithers:
+            self.posture.superpose(self.dither.step())
         acceleration = self._solve(q, v)
+        if dithers and not self.dither.active:
+            self.posture.superpose(None)
         self._acceleration = acceleration
         change = acceleration * self._cycle
         displacement = change * self._half
@@ -345,7 +369,7 @@ class WholeBodyController:
         # Rows of lazy constraints are made when the accelerations would break them; each is asked until all agree.
         while waiting and answer.outcome in ("solved", "relaxed"):
             a = answer.acceleration
-            broken = [c for c in waiting if not c.kept(model, self._stopping, a)]
+            broken = [c for c in waiting if not c.is_satisfied(model, self._braking_limits, a)]
             if not broken:
                 break
             waiting = [c for c in waiting if c not in broken]
@@ -361,18 +385,20 @@ class WholeBodyController:
         """Take in the rows of constraints; whether there were any."""
         before = len(self._active)
         for constraint in constraints:
-            rows = constraint.rows(self.model, self._stopping)
+            rows = constraint.compute_inequality(self.model, self._braking_limits)
             if rows is None:
                 continue
             if not rows.usable(self.model.nv):
-                rows = Rows(np.zeros((1, self.model.nv)), np.array([np.nan]), (constraint.name,))
+                rows = LinearInequality(
+                    np.zeros((1, self.model.nv)), np.array([np.nan]), (constraint.name,)
+                )
             self._active.append((constraint, rows))
         return len(self._active) > before
 
     def _optimise(self, q: FloatArray, v: FloatArray) -> Answer:
         """Solve for the rows there are."""
         box, program = self._box, self._program
-        groups = [(constraint.rank, rows) for constraint, rows in self._active]
+        groups = [(constraint.priority, rows) for constraint, rows in self._active]
         answer = program.solve(self._solver, box.lower, box.upper, groups)
         if answer.outcome != "solved" and self._jerk_limited:
             # Joints that may not brake at once cannot keep what they share: jerk matters less than that.
@@ -435,7 +461,7 @@ class WholeBodyController:
         """The load torque of the last reference, in parts, at the state it belongs to: the end of the cycle."""
         return self.model.load_torque_parts(self._q, self._v, self._acceleration)
 
-    def _excess(self, rows: Rows) -> FloatArray:
+    def _excess(self, rows: LinearInequality) -> FloatArray:
         """By how much the accelerations break each row, in units of its largest entry."""
         size = np.abs(rows.matrix).max(axis=1, initial=0.0)
         size[size <= 0.0] = 1.0
@@ -447,11 +473,11 @@ def check_part(part: Task | Constraint, robot: RobotConfig) -> None:
     """Check what is to be added to the controller of a robot.
 
     Raises:
-        TypeError: It is neither a task nor a constraint.
+        PartError: It is neither a task nor a constraint.
         RobotMismatchError: The task was made for a robot with other joints or links.
     """
     if not isinstance(part, Task | Constraint):
-        raise TypeError(f"add takes a task or a constraint, got {type(part).__name__}")
+        raise PartError(f"add takes a task or a constraint, got {shown(part)}")
     made_for = part.robot if isinstance(part, Task) else None
     if made_for is None or made_for is robot:
         return
@@ -461,6 +487,6 @@ def check_part(part: Task | Constraint, robot: RobotConfig) -> None:
 
 
 def _checked_cycle(dt: float) -> float:
-    if not (isinstance(dt, Real) and 0.0 < dt < np.inf):
+    if not (is_number(dt) and 0.0 < dt < np.inf):
         raise GainError("dt", dt, "a cycle in seconds above 0")
     return dt

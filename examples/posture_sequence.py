@@ -7,12 +7,14 @@ from pepper_driver import Pepper
 
 BACKEND = "mujoco"
 NOD = """
-schema: 1
+schema: 2
 name: nod
-repeat: 2
 steps:
-  - {name: down, duration: 0.8, joints: {HeadPitch: 0.2}}   # [s], [rad]
-  - {name: up, duration: 0.8, joints: {HeadPitch: -0.3}}
+  - repeat:
+      times: 2
+      steps:
+        - {name: down, duration: 0.8, joints: {HeadPitch: 0.2}}   # [s], [rad]
+        - {name: up, duration: 0.8, joints: {HeadPitch: -0.3}}
 """
 
 with Pepper(BACKEND, observer=None) as pepper, TemporaryDirectory() as folder:

@@ -105,5 +105,7 @@ class Adaptation:
 
     @property
     def worn(self) -> BoolArray:
-        """(n,) where friction or lag has grown beyond WORN."""
-        return (self.share[:, 0] > WORN) | (self.share[:, 1] > WORN)
+        """(n,) where friction or lag has surely grown beyond WORN: by two standard deviations of what is known."""
+        spread = np.sqrt(np.maximum(np.einsum("nii->ni", self._covariance)[:, :2], 0.0))
+        grown: BoolArray = (self.share[:, :2] - 2.0 * spread > WORN).any(axis=1)
+        return grown

@@ -8,19 +8,6 @@ from dataclasses import dataclass
 from pepper_driver.config import RobotConfig
 from pepper_driver.observer.contact import Contact
 
-TRUNK = "trunk"
-"""Limb of everything that carries the others: torso, legs and base."""
-
-_TRUNK_CHAINS = ("legs",)
-
-
-def limb_of(joint: str | None, robot: RobotConfig) -> str:
-    """The limb that a joint belongs to: the name of its chain, or TRUNK for a joint of the legs and for None."""
-    for name, joints in robot.chains.items():
-        if joint in joints and name not in _TRUNK_CHAINS:
-            return name
-    return TRUNK
-
 
 @dataclass(frozen=True, kw_only=True)
 class Alarm:
@@ -40,7 +27,7 @@ class Alarm:
     def limbs(self, until: float, robot: RobotConfig) -> frozenset[str]:
         """The limbs it was put on until a time [s], that of its begin always."""
         told = (self.begin, *(event for event in self.updates if event.time <= until))
-        return frozenset(limb_of(event.joint, robot) for event in told)
+        return frozenset(robot.limb_of(event.joint) for event in told)
 
 
 def alarms_of(contacts: Iterable[Contact]) -> tuple[Alarm, ...]:

@@ -8,7 +8,14 @@ from collections.abc import Callable, Sequence
 from itertools import count
 
 from pepper_driver.config import ObserverSettings, RobotConfig
-from pepper_driver.observer.contact import Contact, Kind, Phase
+from pepper_driver.config.contact_selector import Kind
+from pepper_driver.config.robot import TRUNK
+from pepper_driver.observer.contact import (
+    INTENSITY_STEP_DEG,
+    TORQUE_STEP_STDS,
+    Contact,
+    Phase,
+)
 from pepper_driver.observer.events import TIME_TOLERANCE, Excursion, JointMonitor, Onset
 from pepper_driver.observer.interface import JointState
 from pepper_driver.observer.signal import Signal
@@ -19,8 +26,12 @@ RELATIVE_SHARE = 0.35
 RATIO_MEMORY = 12
 """Ticks over which the largest ratio of a joint counts."""
 
-REVISIONS = (0.05, 0.15)
+REISOLATION_TIMES = (0.05, 0.15)
 """[s] after the alarm, when the joint is named anew."""
+
+HOLD_BACK = 0.024
+"""[s] For which a contact that the trunk feels is not reported yet: two ticks. The trunk often feels a push on a limb
+first, and the limb within this time."""
 
 TRUNK_LINK = "torso"
 """Of a contact that a joint of the legs feels: most of what can be touched above it is trunk."""
@@ -29,19 +40,23 @@ BASE_LINK = "base_link"
 """Of a contact that only the wheels feel."""
 
 
-class _Touch:
-    """A contact that has begun and not ended, on one limb."""
+class ActiveContact:
+    """A contact that has begun and not ended, on one limb; it has a number once it is reported."""
 
-    def __init__(self, number: int, time: float, onset_time: float) -> None:
-        self.number = number
+    def __init__(self, time: float, onset_time: float) -> None:
+        self.number: int | None = None
         self.kind: Kind = "contact"
+        self.limb = ""
         self.joint: int | None = None
         self.link = ""
         self.sign = 0
         self.peak = 0.0
         self.onset_time = onset_time
+        self.alarm_time = time
         self.detection_time = time
-        self.told_time = time
+        self.report_time = time
+        self.reported_peak = 0.0
+        self.reported_torque: float | None = None
         self.fall_time: float | None = None
         self.revisions = 0
 
@@ -53,7 +68,7 @@ class _Limb:
         self.joints = tuple(joints)
         self.monitors = tuple(monitors)
         self.ratios: deque[list[float]] = deque(maxlen=RATIO_MEMORY)
-        self.touch: _Touch | None = None
+        self.touch: ActiveContact | None = None
         self.explained = False
 
     def live(self) -> list[Excursion]:
@@ -65,10 +80,11 @@ class BodyTracker:
 
     - On a limb, a contact is on the last joint whose ratio of residual and threshold has exceeded 1 and RELATIVE_SHARE
       of the limb's largest, within the last RATIO_MEMORY ticks: joints beyond the hand are shaken, but less. It is
-      named at the alarm, and again REVISIONS later; then it stays, unless it goes blind.
+      named at the alarm, and again REISOLATION_TIMES later; then it stays, unless it goes blind.
     - The trunk carries the limbs: while one is touched, or had been when the trunk's joints began to feel it, what they
-      feel belongs to it. A contact that begins on the trunk moves to a limb that feels it within the last of REVISIONS;
-      it keeps its id.
+      feel belongs to it. A contact that begins on the trunk is reported HOLD_BACK later. If a limb feels it until then,
+      it is reported on that limb at once. If a limb feels it later, within the last of REISOLATION_TIMES, it moves
+      there and keeps its id.
     - A contact becomes a ``collision`` when a residual exceeds ``collision_factor`` times its threshold.
     - A limb that swings back after its contact makes a ``rebound``, with an id of its own.
 
@@ -84,16 +100,16 @@ class BodyTracker:
         self._collision = settings.collision_factor
         self._update_period = settings.update_period - TIME_TOLERANCE
         self._limbs: dict[str, _Limb] = {}
-        for name, chain in robot.chains.items():
+        for name, chain in robot.limbs.items():
             joints = [robot.joint_index(joint) for joint in chain]
             monitors = [JointMonitor(j, settings, onset, settles=True) for j in joints]
             self._limbs[name] = _Limb(joints, monitors)
         # The wheels are the trunk's innermost joint.
         wheels = len(self._names)
-        self._trunk = self._limbs["legs"]
+        self._trunk = self._limbs[TRUNK]
         self._trunk.joints = (wheels, *self._trunk.joints)
         self._trunk.monitors = (JointMonitor(wheels, settings, onset), *self._trunk.monitors)
-        self._outer = [limb for name, limb in self._limbs.items() if name != "legs"]
+        self._outer = [limb for name, limb in self._limbs.items() if name != TRUNK]
         self._next_id: Callable[[], int]
         self.reset()
 
@@ -177,23 +193,59 @@ class BodyTracker:
         touching = [excursion for excursion in over if excursion.kind != "rebound"]
         touch = limb.touch
         if touch is not None and over and (touch.kind == "rebound") == bool(touching):
-            self._tell(touch, "end", time if touch.fall_time is None else touch.fall_time, events)
-            touch = limb.touch = None
+            end = time if touch.fall_time is None else touch.fall_time
+            self._end(limb, touch, end, time, events)
+            touch = None
         if touch is None:
             if over:
                 self._begin(limb, touching or over, time, events)
             return
-        if not over:
+        news = False
+        if over:
+            touch.fall_time = None
+            news = self._revise(limb, touch, touching or over, time)
+        else:
             if touch.fall_time is None:
                 touch.fall_time = time
             if not live:
-                self._tell(touch, "end", touch.fall_time, events)
-                limb.touch = None
-            return
-        touch.fall_time = None
-        news = self._revise(limb, touch, touching or over, time)
-        if news or time - touch.told_time >= self._update_period:
-            self._tell(touch, "update", time, events)
+                self._end(limb, touch, touch.fall_time, time, events)
+                return
+        if touch.number is None:
+            if time - touch.alarm_time + TIME_TOLERANCE >= HOLD_BACK:
+                if over:
+                    self._locate(limb, touch, touching or over)
+                self._report(touch, "begin", time, events)
+        elif news or (
+            over and time - touch.report_time >= self._update_period and self._has_changed(touch)
+        ):
+            self._report(touch, "update", time, events)
+
+    def _has_changed(self, touch: ActiveContact) -> bool:
+        """Return True where intensity or torque are no longer what was reported last."""
+        if abs(math.degrees(touch.peak - touch.reported_peak)) >= INTENSITY_STEP_DEG:
+            return True
+        torque, std = self._torque(touch)
+        if torque is None or std is None or touch.reported_torque is None:
+            return torque is not touch.reported_torque
+        return abs(torque - touch.reported_torque) >= TORQUE_STEP_STDS * std
+
+    def _torque(self, touch: ActiveContact) -> tuple[float | None, float | None]:
+        """Return torque on the joint and its standard deviation [N m]; None where they are unknown."""
+        if touch.joint is not None:
+            torque = float(self._signal.torque[touch.joint])
+            std = float(self._signal.torque_std[touch.joint])
+            if torque == torque and std == std:  # not NaN
+                return torque, std
+        return None, None
+
+    def _end(
+        self, limb: _Limb, touch: ActiveContact, end: float, time: float, events: list[Contact]
+    ) -> None:
+        """Report at ``time`` that a contact has ended; one that was held back is reported first."""
+        limb.touch = None
+        if touch.number is None:
+            self._report(touch, "begin", time, events)
+        self._report(touch, "end", max(end, touch.report_time), events)
 
     def _begin(
         self, limb: _Limb, over: Sequence[Excursion], time: float, events: list[Contact]
@@ -205,25 +257,28 @@ class BodyTracker:
             limb is not trunk
             and moved is not None
             and moved.kind != "rebound"
-            and time - moved.detection_time <= REVISIONS[-1] + TIME_TOLERANCE
+            and time - moved.alarm_time <= REISOLATION_TIMES[-1] + TIME_TOLERANCE
         ):
             # What the trunk felt first was the push on this limb.
             limb.touch, trunk.touch, trunk.explained = moved, None, True
             moved.onset_time, moved.fall_time = min(moved.onset_time, first), None
             self._locate(limb, moved, over)
-            self._tell(moved, "update", time, events)
+            self._report(moved, "begin" if moved.number is None else "update", time, events)
             return
-        touch = limb.touch = _Touch(self._next_id(), time, first)
+        touch = limb.touch = ActiveContact(time, first)
         if all(excursion.kind == "rebound" for excursion in over):
             touch.kind = "rebound"
         self._locate(limb, touch, over)
-        self._tell(touch, "begin", time, events)
+        if limb is not trunk or touch.kind == "rebound":
+            self._report(touch, "begin", time, events)
 
-    def _revise(self, limb: _Limb, touch: _Touch, over: Sequence[Excursion], time: float) -> bool:
+    def _revise(
+        self, limb: _Limb, touch: ActiveContact, over: Sequence[Excursion], time: float
+    ) -> bool:
         """Bring a contact up to date; whether there is something to tell."""
-        before = (touch.joint, touch.link, touch.kind)
-        since = time - touch.detection_time + TIME_TOLERANCE
-        if touch.revisions < len(REVISIONS) and since >= REVISIONS[touch.revisions]:
+        before = (touch.joint, touch.link, touch.kind, touch.sign)
+        since = time - touch.alarm_time + TIME_TOLERANCE
+        if touch.revisions < len(REISOLATION_TIMES) and since >= REISOLATION_TIMES[touch.revisions]:
             touch.revisions += 1
             self._locate(limb, touch, over)
         elif touch.joint is not None and not any(e.joint == touch.joint for e in limb.live()):
@@ -235,9 +290,9 @@ class BodyTracker:
                 limb is self._trunk and excursion.joint < len(self._names)
             ):
                 touch.peak = max(touch.peak, excursion.peak)
-        return (touch.joint, touch.link, touch.kind) != before
+        return (touch.joint, touch.link, touch.kind, touch.sign) != before
 
-    def _locate(self, limb: _Limb, touch: _Touch, over: Sequence[Excursion]) -> None:
+    def _locate(self, limb: _Limb, touch: ActiveContact, over: Sequence[Excursion]) -> None:
         """Name joint and link."""
         peaks = [max(column) for column in zip(*limb.ratios, strict=True)]
         bound = RELATIVE_SHARE * max(peaks)
@@ -256,26 +311,27 @@ class BodyTracker:
         if excursion.kind == "collision" and touch.kind == "contact":
             touch.kind = "collision"
         if limb is self._trunk:
-            touch.joint = None
+            touch.limb, touch.joint = TRUNK, None
             touch.link = TRUNK_LINK if place > 0 else BASE_LINK
             touch.peak = max((e.peak for e in over if e.joint != limb.joints[0]), default=0.0)
         else:
             touch.joint = excursion.joint
-            touch.link = self._robot.joints[excursion.joint].child
+            joint = self._robot.joints[excursion.joint]
+            touch.limb, touch.link = self._robot.limb_of(joint.name), joint.child
 
-    def _tell(self, touch: _Touch, phase: Phase, time: float, events: list[Contact]) -> None:
-        touch.told_time = time
-        torque = torque_std = None
-        if touch.joint is not None:
-            value = float(self._signal.torque[touch.joint])
-            std = float(self._signal.torque_std[touch.joint])
-            if value == value and std == std:
-                torque, torque_std = value, std
+    def _report(
+        self, touch: ActiveContact, phase: Phase, time: float, events: list[Contact]
+    ) -> None:
+        if touch.number is None:
+            touch.number, touch.detection_time = self._next_id(), time
+        torque, torque_std = self._torque(touch)
+        touch.report_time, touch.reported_peak, touch.reported_torque = time, touch.peak, torque
         events.append(
             Contact(
                 id=touch.number,
                 phase=phase,
                 kind=touch.kind,
+                limb=touch.limb,
                 joint=None if touch.joint is None else self._names[touch.joint],
                 link=touch.link,
                 direction=-1 if touch.sign > 0 else 1,

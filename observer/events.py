@@ -7,7 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from pepper_driver.config import ObserverSettings
-from pepper_driver.observer.contact import Kind
+from pepper_driver.config.contact_selector import Kind
 from pepper_driver.observer.interface import JointState
 
 TIME_TOLERANCE = 1e-6

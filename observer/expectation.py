@@ -166,6 +166,11 @@ class Expectation:
         band: FloatArray = self._band_unloaded + self._band_per_load * np.abs(then.load)
         return band
 
+    def beyond_friction(self, then: Expected, measured: FloatArray) -> FloatArray:
+        """(n,) part of the tracking error of joints that stand still which friction cannot hold [rad]."""
+        error = then.target - measured - then.remainder
+        return self._twins.beyond_friction(error, then.load * self._load_factor + self._offset)
+
     def follow_boards(self, error: FloatArray, motor: FloatArray, bad: BoolArray | None) -> None:
         """Take in what the boards sum up.
 
@@ -210,12 +215,13 @@ class Expectation:
         """Give the twins the constants of today: (n, 4) shares of ``Adaptation``."""
         p = self.identified
         self._load_factor, self._extra_load = 1.0 + share[:, 2], share[:, 3] * OFFSET_UNIT
+        self._offset = p["offset"] + self._extra_load
         self._twins.set(
             {
                 **p,
                 "friction": p["friction"] * np.maximum(1.0 + share[:, 0], 0.2),
                 "lag": p["lag"] * np.maximum(1.0 + share[:, 1], 0.2),
                 "load_gain": p["load_gain"] * self._load_factor,
-                "offset": p["offset"] + self._extra_load,
+                "offset": self._offset,
             }
         )

@@ -268,7 +268,9 @@ class FusionSignal:
             self._base.learn(untouched, moving)
         self._count += 1
         if self._count % LEARN_PERIOD == LEARN_PERIOD // 2 and self._untouched > PAUSE:
-            self._learn_hands(seen & (size < self._threshold.bearable), then, residual)
+            use = seen & (size < self._threshold.bearable)
+            self._reconcile_hands(use, detail)
+            self._learn_hands(use, then, residual)
         if self._count % LEARN_PERIOD == 0:
             other = 0.0 if self._hands is None else self._hands.variance()
             self._adaptation.update(residual, self._effects(then), other, calm)
@@ -282,6 +284,16 @@ class FusionSignal:
         explained = self._hands.update(residual, noise, use & (self._under_way >= UNDER_WAY))
         # At once: until the twins had moved there, the same residual would be learned from again.
         self._expectation.shift(explained)
+
+    def _reconcile_hands(self, use: BoolArray, detail: _Detail) -> None:
+        """A joint at rest teaches no load, but it may contradict the load that other joints have taught."""
+        if self._hands is None:
+            return
+        still = (self._threshold.speed <= RESTING) & (np.abs(self._change) <= RESTING)
+        beyond = self._expectation.beyond_friction(detail.then, detail.measured)
+        explained = self._hands.reconcile(beyond, use & still & (self._under_way == 0))
+        if explained is not None:
+            self._expectation.shift(explained)
 
     def _effects(self, then: Expected) -> FloatArray:
         return self._adaptation.effects(then.friction, self._expectation.twin_velocity, then.load)

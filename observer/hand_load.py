@@ -84,6 +84,8 @@ class HandLoads:
         self._gain = np.where(tells, gain, 0.0)
         friction = np.array([0.0 if m is None else m.twin.friction for m in models])
         self._noise = LEAST_NOISE + (FRICTION_DOUBT * friction) ** 2
+        breakaway = np.array([1.0 if m is None else m.twin.breakaway for m in models])
+        self._held = (breakaway * friction) ** 2
         arms = len(self._wrists)
         self._prior = np.tile(PRIOR, arms) ** 2
         self._wander = np.tile(WANDER, arms) ** 2 * LEARN_PERIOD * robot.cycle / 60.0
@@ -151,6 +153,37 @@ class HandLoads:
         shrink = np.sqrt(np.minimum(1.0, self._prior / known))
         self._covariance = (self._covariance + np.diag(self._wander)) * shrink * shrink[:, None]
         explained: FloatArray = effect @ change
+        return explained
+
+    def reconcile(self, beyond: FloatArray, use: BoolArray) -> FloatArray | None:
+        """Give up the part of the load that joints at rest contradict.
+
+        In one posture a load in the hand and an offset of the shoulder's own model are the same to the shoulder. Their
+        sum is known, and the share of each drifts. A wrist that stands still tells: its friction could not hold what
+        the estimate makes it bear. The estimate then moves, along its covariance, to where friction could; it gets no
+        more certain by that. A joint counts only where the load's uncertainty exceeds its friction: worn gears hold
+        more than was identified, which would look like a lighter load.
+
+        Args:
+            beyond: (n,) part of the tracking error that friction cannot hold under the estimated load [rad].
+            use: (n,) joints that stand still, and that nothing touches.
+
+        Returns:
+            (n,) how much of ``beyond`` is explained now [rad]; None if nothing has changed.
+        """
+        effect = self._regressor * self._gain[:, None]
+        less = use & (beyond * (effect @ self._load) < 0.0)
+        explained: FloatArray | None = None
+        for joint in np.flatnonzero(less).tolist():
+            row = effect[joint]
+            spread = self._covariance @ row
+            unknown, borne = float(row @ spread), float(row @ self._load)
+            if unknown <= self._held[joint] or beyond[joint] * borne >= 0.0:
+                continue
+            wanted = float(np.clip(beyond[joint], -abs(borne), abs(borne)))
+            self._load = self._load + spread * (wanted / unknown)
+            explained = np.zeros(len(use)) if explained is None else explained
+            explained[joint] = wanted
         return explained
 
     def held(self) -> dict[str, HandLoad]:

@@ -7,7 +7,8 @@ from collections.abc import Callable, Sequence
 from itertools import count
 
 from pepper_driver.config import ObserverSettings, RobotConfig
-from pepper_driver.observer.contact import Contact, Kind, Phase
+from pepper_driver.config.contact_selector import Kind
+from pepper_driver.observer.contact import INTENSITY_STEP_DEG, Contact, Phase
 from pepper_driver.observer.events import TIME_TOLERANCE, Excursion, JointMonitor, Onset
 from pepper_driver.observer.interface import JointState
 from pepper_driver.observer.signal import Signal
@@ -24,7 +25,7 @@ def last_in_chain(excursions: Sequence[Excursion]) -> Excursion:
     return excursions[-1]
 
 
-class _Touch:
+class ActiveContact:
     """A contact that has begun and not ended."""
 
     def __init__(self, number: int, time: float, kind: Kind, located: Excursion) -> None:
@@ -34,7 +35,8 @@ class _Touch:
         self.peak = located.peak
         self.onset_time = located.onset_time
         self.detection_time = time
-        self.told_time = time
+        self.report_time = time
+        self.reported_peak = located.peak
         self.fall_time: float | None = None
 
     def move(self, excursion: Excursion) -> None:
@@ -47,12 +49,13 @@ class _Touch:
     def event(self, phase: Phase, time: float, robot: RobotConfig) -> Contact:
         """The contact as it stands."""
         self.peak = max(self.peak, self.located.peak)
-        self.told_time = time
+        self.report_time, self.reported_peak = time, self.peak
         joint = robot.joints[self.located.joint]
         return Contact(
             id=self.number,
             phase=phase,
             kind=self.kind,
+            limb=robot.limb_of(joint.name),
             joint=joint.name,
             link=joint.child,
             direction=-1 if self.located.sign > 0 else 1,
@@ -74,7 +77,7 @@ class ChainTracker:
     - A joint further out that crosses later takes the contact over: an update with the same id. The contact never
       moves inwards, because the inner joints are slower to come back; only if its joint goes blind, it falls to the
       last one that is left.
-    - Updates come every ``update_period`` while a joint is over its threshold, and at once when the contact moves.
+    - Updates come at once when the contact moves, and not more often than every ``update_period`` when it grows.
     - It ends when all joints of the chain are free or blind; the end bears the time at which the last of them fell
       under its threshold, which lies ``merge_gap`` back.
     - If joints swing back and no other is over its threshold, the contact ends and a rebound begins, a contact with
@@ -103,7 +106,7 @@ class ChainTracker:
         self._monitors = [JointMonitor(joint, settings, onset) for joint in self.joints]
         self._update_period = settings.update_period - TIME_TOLERANCE
         self._next_id = next_id
-        self._touch: _Touch | None = None
+        self._touch: ActiveContact | None = None
 
     @property
     def idle(self) -> bool:
@@ -144,12 +147,13 @@ class ChainTracker:
         if touch is None:
             if over:
                 kind: Kind = "contact" if touching else "rebound"
-                touch = _Touch(self._next_id(), time, kind, last_in_chain(touching or over))
+                touch = ActiveContact(self._next_id(), time, kind, last_in_chain(touching or over))
                 events.append(touch.event("begin", time, self._robot))
         elif over:
             news = self._follow(touch, touching or over, state)
             touch.fall_time = None
-            if news or time - touch.told_time >= self._update_period:
+            grown = math.degrees(touch.located.peak - touch.reported_peak) >= INTENSITY_STEP_DEG
+            if news or (grown and time - touch.report_time >= self._update_period):
                 events.append(touch.event("update", time, self._robot))
         else:
             if touch.fall_time is None:
@@ -162,18 +166,17 @@ class ChainTracker:
 
     def _follow(
         self,
-        touch: _Touch,
+        touch: ActiveContact,
         over: Sequence[Excursion],
         state: Sequence[JointState],
     ) -> bool:
-        """Bring a contact up to date with the joints over their thresholds; whether it moved."""
+        """Bring a contact up to date with the joints over their thresholds; whether it moved or turned round."""
         last = last_in_chain(over)
-        joint = touch.located.joint
+        joint, sign = touch.located.joint, touch.located.sign
         outwards = self._place[last.joint] - self._place[joint]
         if outwards >= 0 or state[joint] is JointState.BLIND:
             touch.move(last)
-            return outwards != 0
-        return False
+        return (touch.located.joint, touch.located.sign) != (joint, sign)
 
     def reset(self) -> None:
         """Forget everything."""

@@ -6,7 +6,7 @@ import hashlib
 import json
 import math
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, fields
 from importlib.resources import files
 from pathlib import Path
@@ -14,7 +14,9 @@ from typing import Any, Literal, NoReturn, Self
 
 from pydantic.dataclasses import dataclass as validated_dataclass
 
-from pepper_driver.config import ConfigError, PepperError, RobotConfig
+from pepper_driver.config import ConfigError, PepperError, RobotConfig, RobotIdentity
+from pepper_driver.config.arguments import as_path
+from pepper_driver.config.errors import reason
 from pepper_driver.config.loading import STRICT, parse
 from pepper_driver.config.parts import Positive
 from pepper_driver.observer.base import BaseModel
@@ -32,7 +34,8 @@ MODEL_TYPES: dict[ModelKind, type[JointModel]] = {
     "fusion": FusionModel,
 }
 
-_CURE = "identify the robot again with 'pepper identify'"
+_CURE = "identify the robot with 'pepper identify'"
+_SOURCE = "'pepper identify' writes model files"
 _LONGEST_REASON = 300
 
 
@@ -151,9 +154,8 @@ class ModelSet:
             finally:
                 temporary.unlink(missing_ok=True)
         except OSError as error:
-            reason = error.strerror or str(error)
             raise ModelFileError(
-                f"{path}: cannot be written ({reason}); choose another place"
+                f"{path}: cannot be written ({reason(error)}); choose another place"
             ) from error
 
     def sha256(self) -> str:
@@ -175,7 +177,7 @@ class ModelSet:
         return json.dumps(asdict(self.models[joint]), allow_nan=False)
 
     @classmethod
-    def load(cls, path: Path, robot: RobotConfig | None = None) -> Self:
+    def load(cls, path: Path | str, robot: RobotConfig | None = None) -> Self:
         """Read a file.
 
         Args:
@@ -185,20 +187,24 @@ class ModelSet:
         Raises:
             ModelFileError: In one line: file, reason, cure.
         """
+        path = as_path("models", path)
+        try:
+            text = path.read_bytes()
+        except OSError as error:
+            raise ModelFileError(f"{path}: cannot be read ({reason(error)}); {_SOURCE}") from error
+        if not text.lstrip().startswith(b"{"):
+            raise ModelFileError(f"{path}: not a model file; {_SOURCE}")
         try:
             data = json.loads(
-                path.read_bytes().decode("utf-8"),
+                text.decode("utf-8"),
                 parse_float=_finite,
                 parse_constant=_refuse_constant,
                 object_pairs_hook=_unique,
             )
-        except OSError as error:
-            reason = error.strerror or str(error)
-            raise ModelFileError(f"{path}: cannot be read ({reason}); {_CURE}") from error
         except (ValueError, RecursionError) as error:
             raise _damaged(path, error) from error
         if not isinstance(data, dict) or "format" not in data:
-            raise ModelFileError(f"{path}: this is no model file; {_CURE}")
+            raise ModelFileError(f"{path}: not a model file; {_SOURCE}")
         if data["format"] != FORMAT:
             raise ModelFileError(
                 f"{path}: format {json.dumps(data['format'])[:20]} is not the format {FORMAT} "
@@ -233,20 +239,24 @@ def shipped(kind: ModelKind) -> dict[str, Path]:
     return {path.name.removesuffix(suffix): path for path in paths}
 
 
-def load_shipped(kind: ModelKind, identity: str) -> ModelSet:
-    """The models that come with the package for the robot ``identity``.
+def load_shipped(kind: ModelKind, identities: Sequence[RobotIdentity]) -> ModelSet:
+    """Return the models that come with the package for a robot.
+
+    Args:
+        kind: What the models are.
+        identities: Of the robot, and of those whose models serve it too, the nearest first.
 
     Raises:
         ModelFileError: There are none.
     """
     plants = shipped(kind)
-    for path in plants.values():
-        models = ModelSet.load(path)
-        if models.identity == identity:
-            return models
+    models = {found.identity: found for found in map(ModelSet.load, plants.values())}
+    for robot in identities:
+        if robot.identity in models:
+            return models[robot.identity]
     raise ModelFileError(
-        f"no models come with the package for this robot ({identity}), only for the plants {', '.join(plants)} "
-        f"as they were shipped; {_CURE}"
+        f"no models come with the package for '{identities[0].name}', only for the plants {', '.join(plants)} "
+        f"as they were shipped and plants that extend them; {_CURE}"
     )
 
 
@@ -279,7 +289,7 @@ def _unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
 
 
 def _damaged(path: Path, error: Exception) -> ModelFileError:
-    reason = " ".join(str(error).split())
-    if len(reason) > _LONGEST_REASON:
-        reason = f"{reason[:_LONGEST_REASON]}..."
-    return ModelFileError(f"{path}: damaged: {reason}; {_CURE}")
+    text = " ".join(reason(error).split())
+    if len(text) > _LONGEST_REASON:
+        text = f"{text[:_LONGEST_REASON]}..."
+    return ModelFileError(f"{path}: damaged: {text}; {_CURE}")

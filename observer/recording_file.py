@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pepper_driver.config import PepperError
+from pepper_driver.config.errors import reason
 
 FORMAT = 1
 
@@ -42,9 +43,8 @@ def write_arrays(path: Path, arrays: Mapping[str, NDArray[Any]]) -> None:
         finally:
             temporary.unlink(missing_ok=True)
     except (OSError, ValueError) as error:
-        reason = getattr(error, "strerror", None) or str(error)
         raise RecordingError(
-            f"{path}: cannot be written ({reason}); choose another place"
+            f"{path}: cannot be written ({reason(error)}); choose another place"
         ) from error
 
 
@@ -76,8 +76,7 @@ def read_arrays(path: Path, names: Iterable[str]) -> dict[str, NDArray[Any]]:
     except RecordingError as error:
         raise RecordingError(f"{path}: is no recording, it is {error}; {_CURE}") from None
     except OSError as error:
-        reason = error.strerror or str(error)
-        raise RecordingError(f"{path}: cannot be read ({reason}); {_CURE}") from error
+        raise RecordingError(f"{path}: cannot be read ({reason(error)}); {_CURE}") from error
     except Exception as error:  # whatever the decoders make of damaged bytes
-        reason = " ".join(str(error).split())[:_LONGEST_REASON] or type(error).__name__
-        raise RecordingError(f"{path}: damaged: {reason}; {_CURE}") from error
+        text = " ".join(reason(error).split())[:_LONGEST_REASON]
+        raise RecordingError(f"{path}: damaged: {text}; {_CURE}") from error

@@ -7,7 +7,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from pepper_driver.config import RobotConfig
-from pepper_driver.observer.alarms import TRUNK, Alarm, alarms_of, limb_of
+from pepper_driver.config.robot import TRUNK
+from pepper_driver.observer.alarms import Alarm, alarms_of
 from pepper_driver.observer.contact import Contact
 
 RELEASE_GRACE = 0.15
@@ -113,12 +114,12 @@ def score(pushes: Sequence[Push], contacts: Sequence[Contact], robot: RobotConfi
     over: dict[str, float] = {}
     for alarm in alarms_of(contacts):
         contact = alarm.begin
-        time, limb = contact.detection_time, limb_of(contact.joint, robot)
+        time, limb = contact.detection_time, robot.limb_of(contact.joint)
         goes_on = time - over.get(limb, -math.inf) < RUN_GAP
         over[limb] = max(over.get(limb, alarm.end), alarm.end)
         near = [n for n, p in enumerate(pushes) if p.onset <= time <= p.release + REBOUND_TIME]
         places = {n: alarm.limbs(pushes[n].release + RELEASE_GRACE, robot) for n in near}
-        own = [n for n in near if limb_of(pushes[n].joint, robot) in places[n]]
+        own = [n for n in near if robot.limb_of(pushes[n].joint) in places[n]]
         carried = [n for n in near if places[n] == {TRUNK}]
         if not own and not carried:
             (repeated if goes_on else false).append(contact)

@@ -153,6 +153,16 @@ class Twins:
             self.integral = self.integral + p["integral_rate"] * dt * left
         return self.position
 
+    def beyond_friction(self, error: FloatArray, load: FloatArray) -> FloatArray:
+        """Part of the error of joints at rest that their friction cannot hold under a load, all in [rad].
+
+        The boards have summed up nothing.
+        """
+        p = self._p
+        drive = self._beyond_dead_band(error) - load
+        held = p["breakaway"] * (p["friction"] + p["load_friction"] * np.abs(load))
+        return drive - np.minimum(np.maximum(drive, -held), held)
+
     def put(
         self, where: BoolArray, position: FloatArray, velocity: FloatArray, integral: FloatArray
     ) -> None:

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
         TickEvent,
     )
     from pepper_driver.config import PepperError
-    from pepper_driver.experiment import ExperimentRun
+    from pepper_driver.experiments.experiment import ExperimentRun
     from pepper_driver.observer import Contact, Observation, Observer
     from pepper_driver.reflexes import (
         Assist,
@@ -64,7 +64,7 @@ _HOMES = {
     "Comply": "pepper_driver.reflexes",
     "Contact": "pepper_driver.observer",
     "CueEvent": "pepper_driver.callbacks.events",
-    "ExperimentRun": "pepper_driver.experiment",
+    "ExperimentRun": "pepper_driver.experiments.experiment",
     "FaultError": "pepper_driver.safety",
     "FaultEvent": "pepper_driver.callbacks.events",
     "FaultReason": "pepper_driver.safety",

@@ -6,19 +6,21 @@ import os
 import signal
 import sys
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
 
 
 def main() -> None:
-    """Run the command line and exit with its code.
-
-    0 well, 1 a fault of ours, 2 a wrong input, 130 after Ctrl-C, 143 after SIGTERM, 129 after SIGHUP.
-    """
+    """Run the command line and exit with its code, see :func:`pepper_driver.cli.app.run`."""
+    signals: AbstractContextManager[object] = nullcontext()
     with _signals_end_at_once():  # importing takes a moment
-        from pepper_driver.backends.signals import raised_signals
-        from pepper_driver.cli.app import end_by, run
+        from pepper_driver.cli.app import end_by, load_called, run
+
+        if load_called(sys.argv[1:]):
+            from pepper_driver.backends.signals import raised_signals
+
+            signals = raised_signals()
     try:
-        with raised_signals():
+        with signals:
             code = run(sys.argv[1:])
     except KeyboardInterrupt as error:
         code = end_by(error)

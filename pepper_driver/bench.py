@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from pepper_driver.backends import Command, make_backend
-from pepper_driver.config import load_scenario
+from pepper_driver.config import load_experiment
 from pepper_driver.observer import shipped
 from pepper_driver.realtime import Statistics
 from pepper_driver.reflexes import Hold
@@ -81,7 +81,7 @@ def _whole(plant: str, seconds: float, log: Path) -> tuple[Statistics, float]:
     observer = "fusion" if plant in shipped("fusion") else None
     pepper = Pepper(f"mujoco://?plant={plant}", observer=observer, log=log, reflexes=[Hold()])
     rng = np.random.default_rng(0)
-    joints = load_scenario("demo", pepper.config).touched_joints
+    joints = load_experiment("demo", pepper.config).touched_joints
     with pepper:
         pepper.run(1.0)
         pepper.clear_statistics()

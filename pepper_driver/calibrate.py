@@ -214,7 +214,7 @@ def measure(
     recordings, ramps, holds = calibration.recordings, calibration.settings.ramps, calibration.holds
     cells = {name: len(t.torque) * len(t.moving) / 2 for name, t in recordings.tables.items()}
     weights = [n * (ramps.arrival_time + ramps.wait + ramps.time) for n in cells.values()]
-    weights.append(holds.length)
+    weights.append(holds.count * holds.period)
     done = 0.0
 
     def tell(part: int, of: int) -> None:

@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from pepper_driver.calibrate import CalibrationReport, residual
-from pepper_driver.config import MissingExtraError, UnknownNameError
+from pepper_driver.config.errors import reason
 from pepper_driver.palette import BLUE, GREEN, ORANGE, RED
-from pepper_driver.plots import FORMATS, PlotError
+from pepper_driver.plots import PlotError, check_picture
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -32,20 +31,7 @@ def plot_calibration(report: CalibrationReport, path: Path) -> None:
         path.parent.mkdir(parents=True, exist_ok=True)
         figure.savefig(path)
     except OSError as error:
-        raise PlotError(f"{path}: cannot be written ({error.strerror or error})") from error
-
-
-def check_picture(path: Path) -> None:
-    """Refuse what cannot be drawn, before the work for it is done.
-
-    Raises:
-        MissingExtraError: matplotlib is not installed.
-        UnknownNameError: No such file format.
-    """
-    if path.suffix.lower().removeprefix(".") not in FORMATS:
-        raise UnknownNameError("picture format", path.suffix.removeprefix("."), FORMATS)
-    if find_spec("matplotlib") is None:
-        raise MissingExtraError("plotting", "plot")
+        raise PlotError(f"{path}: cannot be written ({reason(error)})") from error
 
 
 def calibration_figure(report: CalibrationReport) -> Figure:

@@ -2,31 +2,47 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from pepper_driver.config import ConfigError, RobotConfig, Scenario, load_robot, load_scenario
-from pepper_driver.config.scenario_motion import Script, Setpoints
+from pepper_driver.callbacks.events import PushEvent
+from pepper_driver.config import (
+    ConfigError,
+    Experiment,
+    PepperError,
+    RobotConfig,
+    load_experiment,
+    load_robot,
+)
+from pepper_driver.config.experiment import DAY
+from pepper_driver.config.steps import Setpoints
+from pepper_driver.experiments.plan import experiment_uri, plan_experiment
 from pepper_driver.observer import Contact, Push, Score, score
 from pepper_driver.output import check_writable, make_folder, write_json
 from pepper_driver.realtime import Statistics
 from pepper_driver.reflexes import Hold
 from pepper_driver.robot import Pepper
-from pepper_driver.staging import Stage, scenario_uri
 
 LOG_NAME, CONTACTS_NAME, FIGURE_NAME = "demo.mcap", "contacts.json", "contacts.png"
+
+SETTLING_TIME = 0.15
+"""[s] After its detection a contact may still move to another joint or limb."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class DemoResult:
-    """What happened: the pushes, all contact events, how they match, and how the ticks went."""
+    """What happened: the pushes, all contact events, how they match, and how the ticks went.
+
+    ``complete`` is False where the run was interrupted or stopped.
+    """
 
     uri: str
     scenario: str
+    complete: bool
     pushes: tuple[Push, ...]
     contacts: tuple[Contact, ...]
     score: Score
@@ -39,6 +55,7 @@ class DemoResult:
         return {
             "uri": self.uri,
             "scenario": self.scenario,
+            "complete": self.complete,
             "summary": self.summary,
             "felt": [
                 {"push": asdict(f.push), "contact": asdict(f.contact), "delay": f.delay}
@@ -80,27 +97,22 @@ def _extent(values: list[float]) -> dict[str, float | None]:
     return {"least": min(values, default=None), "most": max(values, default=None)}
 
 
-def demo_scenario(name: str | Path, robot: RobotConfig) -> Scenario:
-    """A scenario by name or file that a demonstration can show.
+def demo_experiment(name: str | Path, robot: RobotConfig) -> Experiment:
+    """Load an experiment that a demonstration can show.
 
     Raises:
-        PepperError: There is none of this name, it is wrong, or its motion is no demonstration.
+        PepperError: There is none of this name, it is wrong, or it is no demonstration.
     """
-    scenario = load_scenario(name, robot)
-    if not isinstance(scenario.motion, Setpoints | Script):
-        raise ConfigError(
-            f"{scenario.source}: key 'motion.kind': a demonstration takes setpoints or script, "
-            f"not {scenario.motion.kind}"
-        )
-    if not scenario.contacts:
-        raise ConfigError(f"{scenario.source}: key 'contacts': a demonstration needs some")
-    return scenario
+    experiment = load_experiment(name, robot)
+    if not experiment.contacts:
+        raise experiment.error("contacts", "a demonstration needs some")
+    return experiment
 
 
 def run_demo(
     out: Path,
     *,
-    scenario: str | Path = "demo",
+    experiment: str | Path = "demo",
     seconds: float | None = None,
     seed: int | None = None,
     models: Path | None = None,
@@ -109,27 +121,27 @@ def run_demo(
     on_contact: Callable[[Contact, tuple[Push, ...]], None] | None = None,
     on_progress: Callable[[float], None] | None = None,
 ) -> DemoResult:
-    """Run the demonstration and write log and contacts.
+    """Run the demonstration and write log and contacts: those so far where it is interrupted or stopped.
 
     Args:
         out: Folder for the results; made when it does not exist.
-        scenario: Motion and contacts, by name or file.
-        seconds: Simulated time [s]; as many whole periods of the scenario as fit into it. None for the scenario's own.
-        seed: Of motion, pushes and noise; None for the scenario's.
+        experiment: Steps and contacts, by name or file.
+        seconds: Simulated time [s]; as many random goals as fit into it. None for the experiment's own number.
+        seed: Of motion, pushes and noise; None for the experiment's.
         models: Model file of the observer; None for the shipped one.
         show: Show the robot in a window, in real time.
         real_time: Pace the simulation to the wall clock without a window too.
-        on_contact: Told each contact that begins, with the pushes so far; on the callback thread.
+        on_contact: Called with each contact, as it is SETTLING_TIME after its detection or at its earlier end, and with
+            the pushes so far; on the callback thread.
         on_progress: Told the share done, 0..1.
 
     Raises:
         PepperError: The folder cannot be written, or the scenario, the robot or the models refuse; nothing has moved.
     """
     robot = load_robot()
-    chosen = demo_scenario(scenario, robot)
-    count = _count(chosen, seconds)
+    chosen = _shortened(demo_experiment(experiment, robot), seconds)
     seed = chosen.seed if seed is None else seed
-    uri = scenario_uri(f"mujoco://?seed={seed}" + ("&window=1" if show else ""), chosen)
+    uri = experiment_uri(f"mujoco://?seed={seed}" + ("&window=1" if show else ""), chosen)
     pepper = Pepper(
         uri,
         models=models,
@@ -138,47 +150,72 @@ def run_demo(
         real_time=show or real_time,
         robot=robot,
     )
-    stage = Stage(pepper, chosen, [seed, 1], count=count)
+    plan = plan_experiment(chosen, robot, pepper.backend, seed=[seed, 1])
     make_folder(out)
     for name in (CONTACTS_NAME, FIGURE_NAME):
         check_writable(out / name)
-    if on_contact is not None:
-        tell = on_contact
+    tell = on_contact or (lambda *_: None)
+    unsettled: dict[int, Contact] = {}
+    pushes: list[Push] = []
 
-        @pepper.on_contact()
-        def _(contact: Contact) -> None:
-            tell(contact, stage.pushes)
+    @pepper.on_push()
+    def _(event: PushEvent) -> None:
+        pushes.extend([event.push] if event.push else [])
 
-    with pepper:
-        for name in (
-            CONTACTS_NAME,
-            FIGURE_NAME,
-        ):  # of an earlier run: they would not fit the new log
-            (out / name).unlink(missing_ok=True)
-        start = pepper.time
-        stage.perform(on_progress=on_progress)
-        simulated = pepper.time - start
-    result = DemoResult(
-        uri=uri,
-        scenario=chosen.name,
-        pushes=stage.pushes,
-        contacts=pepper.contact_history,
-        score=score(stage.pushes, pepper.contact_history, robot),
-        simulated_seconds=simulated,
-        timing=pepper.statistics,
-    )
-    write_json(out / CONTACTS_NAME, result.as_json())
-    return result
+    @pepper.on_contact(phase=None)
+    def _(contact: Contact) -> None:
+        if contact.phase == "begin" or contact.id in unsettled:
+            unsettled[contact.id] = contact
+        settled = contact.time - contact.detection_time >= SETTLING_TIME or contact.phase == "end"
+        if settled and unsettled.pop(contact.id, None) is not None:
+            tell(contact, tuple(pushes))
+
+    def finish(performed: Sequence[Push], seconds: float, *, complete: bool) -> DemoResult:
+        for contact in unsettled.values():
+            tell(contact, tuple(pushes))
+        result = DemoResult(
+            uri=uri,
+            scenario=chosen.name,
+            complete=complete,
+            pushes=tuple(performed),
+            contacts=pepper.contact_history,
+            score=score(performed, pepper.contact_history, robot),
+            simulated_seconds=seconds,
+            timing=pepper.statistics,
+        )
+        write_json(out / CONTACTS_NAME, result.as_json())
+        return result
+
+    start = end = report = None
+    try:
+        with pepper:
+            # Of an earlier run: they would not fit the new log.
+            for name in (CONTACTS_NAME, FIGURE_NAME):
+                (out / name).unlink(missing_ok=True)
+            start = pepper.time
+            try:
+                report = pepper.play(plan, on_progress=on_progress)
+            finally:
+                end = pepper.time
+    except (KeyboardInterrupt, PepperError) as error:
+        if start is not None and end is not None:
+            begun = report.pushes if report else [push for push in pushes if push.onset <= end]
+            finish(begun, end - start, complete=report is not None)
+            error.add_note(f"contacts: {out / CONTACTS_NAME}")
+        raise
+    return finish(report.pushes, end - start, complete=True)
 
 
-def _count(scenario: Scenario, seconds: float | None) -> int | None:
-    """How many whole periods fit into a time; None for the scenario's own number."""
+def _shortened(experiment: Experiment, seconds: float | None) -> Experiment:
+    """Return it with as many goals as fit into a time [s]; as it is for None."""
     if seconds is None:
-        return None
-    if not isinstance(scenario.motion, Setpoints):
-        raise ConfigError(f"scenario '{scenario.name}' has a length of its own: leave out seconds")
-    period = scenario.motion.period
+        return experiment
+    step = experiment.random_step
+    if step is None or not isinstance(step.goals, Setpoints):
+        raise ConfigError(f"'{experiment.name}' has a length of its own: leave out seconds")
+    period = step.goals.period
     count = int(seconds // period) if np.isfinite(seconds) else 0
     if count < 1:
         raise ConfigError(f"seconds must be at least {period:g}, got {seconds:g}")
-    return count
+    # The way to the first goal and the last steps come on top.
+    return replace(experiment.with_goals(count=count), max_duration=DAY)

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable, Sequence
-from numbers import Real
 
 from pepper_driver.backends import Backend, BackendError, Capability, Extras
 from pepper_driver.callbacks.events import CueEvent
 from pepper_driver.config import PepperError
+from pepper_driver.config.arguments import checked_arguments, is_number, real_array
+from pepper_driver.config.errors import shown
 
 logger = logging.getLogger("pepper_driver")
 
@@ -33,6 +34,7 @@ class RobotExtras:
         self._backend = backend
         self._is_active = is_active
 
+    @checked_arguments
     def say(self, text: str) -> None:
         """Begin to speak; returns before the text is spoken.
 
@@ -42,6 +44,7 @@ class RobotExtras:
         _check_text("say", text)
         self._call("speech", lambda extras: extras.say(text))
 
+    @checked_arguments
     def leds(self, group: str, colour: Sequence[float], duration: float = 0.2) -> None:
         """Begin to fade lights to a colour; returns before they have it.
 
@@ -54,13 +57,15 @@ class RobotExtras:
             PepperError: An argument is none of these, or the robot cannot be reached or refuses.
         """
         _check_text("group", group)
-        if len(colour) != 3 or not all(isinstance(c, Real) and 0 <= c <= 1 for c in colour):
-            raise ExtrasError(f"a colour is (r, g, b), each from 0 to 1, got {colour!r}")
-        if not (isinstance(duration, Real) and 0 <= duration <= 60):
-            raise ExtrasError(f"lights fade within a time from 0 to 60 s, got {duration!r}")
-        r, g, b = map(float, colour)
+        rgb = real_array(colour)
+        if rgb is None or rgb.shape != (3,) or not all(0 <= part <= 1 for part in rgb):
+            raise ExtrasError(f"a colour is (r, g, b), each from 0 to 1, got {shown(colour)}")
+        if not (is_number(duration) and 0 <= duration <= 60):
+            raise ExtrasError(f"lights fade within a time from 0 to 60 s, got {shown(duration)}")
+        r, g, b = rgb.tolist()
         self._call("leds", lambda extras: extras.leds(group, (r, g, b), float(duration)))
 
+    @checked_arguments
     def show_image(self, url: str) -> None:
         """Have the tablet show an image.
 
@@ -81,6 +86,7 @@ class RobotExtras:
         """
         self._call("tablet", lambda extras: extras.hide_image())
 
+    @checked_arguments
     def go_to_posture(self, name: str, speed: float = 0.5) -> None:
         """Have the robot's own program take it to a posture; returns when it is there. Not inside the ``with`` block.
 
@@ -92,8 +98,10 @@ class RobotExtras:
             PepperError: The robot is active, cannot be reached or refuses, or an argument is none of these.
         """
         _check_text("name", name)
-        if not (isinstance(speed, Real) and 0 < speed <= 1):
-            raise ExtrasError(f"a speed is a share of the full one, above 0 up to 1, got {speed!r}")
+        if not (is_number(speed) and 0 < speed <= 1):
+            raise ExtrasError(
+                f"a speed is a share of the full one, above 0 up to 1, got {shown(speed)}"
+            )
         self._check_inactive(f"go to posture '{name}'", "set_posture() moves it now")
         self._call("postures", lambda extras: extras.go_to_posture(name, float(speed)))
 
@@ -120,7 +128,7 @@ class RobotExtras:
         try:
             if cue.kind == "say":
                 self.say(cue.text)
-            else:
+            elif cue.kind == "leds":
                 self.leds(cue.group, cue.colour, cue.duration)
         except PepperError as error:
             logger.warning("left out: %s: %s", cue, error)
@@ -144,4 +152,4 @@ class RobotExtras:
 
 def _check_text(what: str, text: object) -> None:
     if not (isinstance(text, str) and text.strip()):
-        raise ExtrasError(f"{what} must be a text, got {text!r}")
+        raise ExtrasError(f"{what} must be a text, got {shown(text)}")

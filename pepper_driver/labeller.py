@@ -7,11 +7,11 @@ from typing import Literal, get_args
 
 from pepper_driver.backends import Measurement
 from pepper_driver.config import RobotConfig, UnknownNameError
+from pepper_driver.config.robot import TRUNK
 from pepper_driver.keys import SpaceBar
 from pepper_driver.labelling import LabelError
 from pepper_driver.log import Label
 from pepper_driver.log.label import LabelPhase
-from pepper_driver.observer.alarms import TRUNK, limb_of
 
 LabelSource = Literal["key", "head", "hand-left", "hand-right", "bumper"]
 
@@ -31,9 +31,6 @@ class Labeller:
         pressed: Whether it is, given a measurement.
         link: What is touched then; None where nobody knows.
         joint: The last joint of its chain that moves the link; None on trunk and base.
-
-    Attributes:
-        latest: What the last step returned.
     """
 
     def __init__(
@@ -43,7 +40,6 @@ class Labeller:
         self._link, self._joint = link, joint
         self._ready = source == "key"
         self._touched = False
-        self.latest: tuple[Label, ...] = ()
 
     @property
     def touched(self) -> bool:
@@ -54,11 +50,10 @@ class Labeller:
         """The label of this tick, if there is one."""
         pressed = self._pressed(measurement)
         self._ready = self._ready or not pressed
-        self.latest = ()
-        if self._ready and pressed != self._touched:
-            self._touched = pressed
-            self.latest = (self._label(float(measurement.time), "onset" if pressed else "release"),)
-        return self.latest
+        if not self._ready or pressed == self._touched:
+            return ()
+        self._touched = pressed
+        return (self._label(float(measurement.time), "onset" if pressed else "release"),)
 
     def _label(self, time: float, phase: LabelPhase) -> Label:
         return Label(
@@ -118,4 +113,4 @@ def _place(
         link = child if link is None else link
     elif link is not None:
         joint = next((j.name for j in robot.joints if j.child == link), None)
-    return link, None if limb_of(joint, robot) == TRUNK else joint
+    return link, None if robot.limb_of(joint) == TRUNK else joint

@@ -8,6 +8,7 @@ import math
 import numpy as np
 
 from pepper_driver.config import PepperError, RobotConfig
+from pepper_driver.config.arguments import checked_arguments
 from pepper_driver.log import Label, LogData
 from pepper_driver.observer import Push, Recording, RecordingError
 
@@ -39,6 +40,7 @@ class LabelError(PepperError, ValueError):
     """Touches cannot be labelled this way, or a log does not say what was touched when."""
 
 
+@checked_arguments
 def recording_of(log: LogData, robot: RobotConfig) -> Recording:
     """The recording that a log holds; ticks that repeat a cycle of the robot are left out.
 
@@ -54,6 +56,7 @@ def recording_of(log: LogData, robot: RobotConfig) -> Recording:
     return Recording(joint_names=log.joint_names, **columns)
 
 
+@checked_arguments
 def pushes_of(
     log: LogData, *, link: str | None = None, joint: str | None = None
 ) -> tuple[Push, ...]:

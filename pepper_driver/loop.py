@@ -18,7 +18,9 @@ from pepper_driver.config import RobotConfig
 from pepper_driver.config.parts import FloatArray
 from pepper_driver.controller import Reference, Sent, Tick, WholeBodyController
 from pepper_driver.log import Label, LogEvent, LogWriter
+from pepper_driver.log.event import EventPhase
 from pepper_driver.observer import Observation, Observer
+from pepper_driver.plugin_check import describe_failure
 from pepper_driver.realtime import StageTimes
 from pepper_driver.reflexes import Arbiter
 from pepper_driver.safety import FaultError, FaultReason, SafetyGate
@@ -126,6 +128,13 @@ class Loop:
         """Log every tick from the next one on, with the labels made of its measurement."""
         self._log, self._label, self._missed = log, label or self._label, 0
 
+    def set_attentive(self, value: bool) -> None:
+        """Begin or end to oscillate by a little on top of the posture, from the next tick on."""
+        if value != self.arbiter.attentive:
+            self.arbiter.attentive = value
+            phase: EventPhase = "begin" if value else "end"
+            self.log_event(LogEvent(time=self.time, kind="attentive", phase=phase))
+
     def log_event(self, event: LogEvent) -> None:
         """Log what happened outside the stages of a tick."""
         if self._log is not None:
@@ -173,7 +182,7 @@ class Loop:
             marks.append(perf_counter_ns())
         except Exception as error:
             # An observer's or a reflex's mistake must not leave the robot moving.
-            gate.stop(FaultReason.EXCEPTION, f"{type(error).__name__} inside a tick: {error}")
+            gate.stop(FaultReason.EXCEPTION, describe_failure(error))
             cause = error
         else:
             self._backend.write(sent.command)

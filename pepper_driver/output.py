@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import os
 from collections.abc import Iterator, Mapping
@@ -10,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from pepper_driver.config import PepperError
+from pepper_driver.config.errors import reason
 
 
 class OutputError(PepperError, OSError):
@@ -25,7 +27,7 @@ def make_folder(path: Path) -> None:
     try:
         path.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise OutputError(f"{path}: cannot be made ({error.strerror})") from error
+        raise OutputError(f"{path}: cannot be made ({reason(error)})") from error
     if not os.access(path, os.W_OK | os.X_OK):
         raise OutputError(f"{path}: no permission to write there")
 
@@ -73,17 +75,17 @@ def replacing(path: Path, *, keep: bool = True) -> Iterator[Path]:
     Raises:
         OutputError: It cannot be written.
     """
-    partial = path.with_name(path.name + ".part")
+    partial = path.with_name(f".{path.name}.{os.getpid()}.part")  # two runs may write the same
     try:
         if path.is_dir():
-            raise IsADirectoryError(None, "it is a folder")
+            raise IsADirectoryError(errno.EISDIR, "it is a folder")
         yield partial
         if keep:
             os.replace(partial, path)
     except OutputError:  # of another file written meanwhile
         raise
     except OSError as error:
-        raise OutputError(f"{path}: cannot be written ({error.strerror or error})") from error
+        raise OutputError(f"{path}: cannot be written ({reason(error)})") from error
     finally:
         with suppress(OSError):
             partial.unlink()

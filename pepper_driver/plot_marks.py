@@ -116,7 +116,7 @@ def _reflexes(log: LogData, joint: str) -> Iterator[tuple[str, float, float]]:
             continue
         if event.phase == "begin":
             since.setdefault(event.name, event.time)
-        elif event.name in since:
+        elif event.phase == "end" and event.name in since:
             yield event.name, since.pop(event.name), event.time
     for name, begin in since.items():
         yield name, begin, float(log["time"][-1])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
+from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -11,6 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pepper_driver.config import MissingExtraError, PepperError, UnknownNameError
+from pepper_driver.config.arguments import as_path, checked_arguments
+from pepper_driver.config.errors import reason
 from pepper_driver.log import LogData, LogError
 from pepper_driver.palette import BLACK, GREEN, ORANGE, RED
 from pepper_driver.plot_marks import (
@@ -37,9 +40,26 @@ class PlotError(PepperError, OSError):
     """A picture cannot be written."""
 
 
+def check_picture(path: Path) -> None:
+    """Refuse what cannot be drawn, before the work for it is done.
+
+    Raises:
+        MissingExtraError: matplotlib is not installed.
+        UnknownNameError: No such file format.
+        PlotError: It is a folder.
+    """
+    if path.is_dir():
+        raise PlotError(f"{path}: cannot be written (it is a folder)")
+    if path.suffix.lower().removeprefix(".") not in FORMATS:
+        raise UnknownNameError("picture format", path.suffix.removeprefix("."), FORMATS)
+    if find_spec("matplotlib") is None:
+        raise MissingExtraError("plotting", "plot")
+
+
+@checked_arguments
 def plot_contacts(
     log: LogData,
-    path: Path,
+    path: Path | str,
     joints: Sequence[str] | None = None,
     *,
     start: float | None = None,
@@ -60,15 +80,14 @@ def plot_contacts(
         LogError: The log holds no tick, or none at that time.
         PlotError: The file cannot be written.
     """
-    path = Path(path)
-    if path.suffix.lower().removeprefix(".") not in FORMATS:
-        raise UnknownNameError("picture format", path.suffix.removeprefix("."), FORMATS)
+    path = as_path("path", path)
+    check_picture(path)
     figure = contact_figure(log, joints, start=start, stop=stop)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         figure.savefig(path)
     except OSError as error:
-        raise PlotError(f"{path}: cannot be written ({error.strerror or error})") from error
+        raise PlotError(f"{path}: cannot be written ({reason(error)})") from error
 
 
 def contact_figure(

@@ -2,20 +2,25 @@
 
 from __future__ import annotations
 
+import math
+from collections import deque
 from collections.abc import Callable
 from contextlib import nullcontext
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
-from pepper_driver.config import Motion, Scenario, load_robot
+from pepper_driver.backends import Measurement
+from pepper_driver.config import Experiment, load_robot
+from pepper_driver.config.arguments import as_path, checked_arguments, is_number
+from pepper_driver.config.errors import shown
 from pepper_driver.controller import Tick
+from pepper_driver.experiments.plan import experiment_uri, plan_experiment
 from pepper_driver.keys import SpaceBar
 from pepper_driver.labeller import make_labeller
 from pepper_driver.labelling import LabelError
 from pepper_driver.log import Label
 from pepper_driver.observer import Observation
 from pepper_driver.robot import Pepper
-from pepper_driver.staging import Stage, scenario_uri
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -37,13 +42,13 @@ class LabelledRun:
     missing: int
 
 
+@checked_arguments
 def record_labelled(
     uri: str,
-    out: Path,
+    out: Path | str,
     source: str,
     *,
-    motion: Motion | None = None,
-    scenario: Scenario | None = None,
+    experiment: Experiment | None = None,
     seconds: float | None = None,
     seed: int | None = None,
     link: str | None = None,
@@ -57,10 +62,9 @@ def record_labelled(
         uri: The robot. A simulated one runs in real time where the labels come from a key.
         out: The log; an existing file is replaced once the robot is there.
         source: Where the labels come from, see :func:`pepper_driver.labeller.make_labeller`.
-        motion: What the robot plays, again and again until ``seconds`` are over, or once.
-        scenario: Or what it performs, once.
-        seconds: How long it holds its posture, or plays the motion at least [s].
-        seed: Of a scenario; None is its own.
+        experiment: Played again and again until ``seconds`` are over, or once; its reactions are left out.
+        seconds: Time for which it holds its posture, or plays at least [s].
+        seed: Of the experiment's random goals; None for its own.
         link: What is touched; in place of the link of the sensor.
         joint: The last joint that moves it.
         on_label: Told each label, inside the tick: must be quick.
@@ -70,50 +74,57 @@ def record_labelled(
         LabelError: No terminal for keys, a time that is none, or nothing that tells how long.
         PepperError: The robot or the log cannot be opened, or the robot stopped.
     """
-    if seconds is not None and not 0 < seconds < float("inf"):
-        raise LabelError(f"seconds must be a time above 0, got {seconds!r}")
-    if scenario is not None and (motion is not None or seconds is not None):
-        raise LabelError("a scenario has a motion and a length of its own: give it alone")
-    if scenario is None and motion is None and seconds is None:
-        raise LabelError("give seconds to hold the posture for, a motion or a scenario")
+    out = as_path("out", out)
+    if seconds is not None and not (is_number(seconds) and 0 < seconds < math.inf):
+        raise LabelError(f"seconds must be a time above 0, got {shown(seconds)}")
+    if experiment is None and seed is not None:
+        raise LabelError("a seed is for an experiment: leave it out")
+    if experiment is None and seconds is None:
+        raise LabelError("give seconds to hold the posture for, or an experiment")
     length = 0.0 if seconds is None else seconds
     robot = load_robot()
     space_bar, by_key = SpaceBar(), source == "key"
     labeller = make_labeller(source, robot, space_bar, link=link, joint=joint)
-    if scenario is not None:
-        uri = scenario_uri(uri, scenario)
+    if experiment is not None:
+        uri = experiment_uri(uri, experiment)
     pepper = Pepper(uri, observer=None, robot=robot, real_time=by_key)
-    stage = (
-        None
-        if scenario is None
-        else Stage(pepper, scenario, scenario.seed if seed is None else seed)
-    )
+    plan = None
+    if experiment is not None:
+        experiment = replace(experiment, reactions=())
+        plan = plan_experiment(experiment, robot, pepper.backend, seed=seed)
     ticks = touches = 0
+    made: deque[Label] = (
+        deque()
+    )  # also by the ticks between the start and the first call of on_tick
     interrupt: KeyboardInterrupt | None = None
 
     def on_tick(tick: Tick, observation: Observation | None) -> None:
         nonlocal ticks, touches
         ticks += 1
-        for label in labeller.latest:
+        while made:
+            label = made.popleft()
             touches += label.phase == "onset"
             if on_label is not None:
                 on_label(label)
 
+    def make_labels(measurement: Measurement) -> tuple[Label, ...]:
+        labels = labeller.step(measurement)
+        made.extend(labels)
+        return labels
+
     with space_bar if by_key else nullcontext(), pepper:
         space_bar.forget()  # what was pressed while the robot started
-        log = pepper.start_log(out, labeller.step)
+        log = pepper.start_log(out, make_labels)
         if on_start is not None:
             on_start(pepper)
         try:
-            if stage is not None:
-                stage.perform(on_tick=on_tick, settling=True)
-            elif motion is None:
+            if plan is None:
                 pepper.run(length, on_tick=on_tick)
             else:
                 end = pepper.time + length
-                pepper.play(motion, on_tick=on_tick)
+                pepper.play(plan, on_tick=on_tick)
                 while pepper.time < end:
-                    pepper.play(motion, on_tick=on_tick)
+                    pepper.play(plan, on_tick=on_tick)
         except KeyboardInterrupt as error:
             error.add_note(f"log: {out}")
             interrupt = error

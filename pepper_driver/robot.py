@@ -8,45 +8,51 @@ import sys
 import threading
 from collections.abc import AsyncGenerator, Callable, Mapping, Sequence
 from contextlib import AbstractContextManager
-from numbers import Real
+from functools import wraps
 from pathlib import Path
-from typing import Literal, Self, Unpack
+from typing import Literal, ParamSpec, Self, Unpack
 
 from pepper_driver.backends import Backend, BackendError, Measurement, make_backend
 from pepper_driver.backends.signals import Terminated, describe_interrupt
 from pepper_driver.callbacks.callback_registry import CallbackRegistry
 from pepper_driver.callbacks.dispatcher import CallbackStatistics
 from pepper_driver.callbacks.events import ProgramEvent
-from pepper_driver.callbacks.filters import ContactSelector, contact_filter
+from pepper_driver.callbacks.filters import ContactArguments, contact_filter
 from pepper_driver.callbacks.waiting import stream_contacts, wait_for_contact
 from pepper_driver.config import (
+    ConfigError,
     ControllerSettings,
+    Experiment,
     JointArray,
-    Motion,
     PepperError,
     Posture,
     RobotConfig,
     SafetySettings,
     load_controller_settings,
-    load_motion,
+    load_experiment,
     load_robot,
     load_safety_settings,
 )
-from pepper_driver.config.motion import LONGEST, SHORTEST
+from pepper_driver.config.arguments import as_path, checked_arguments, is_number
+from pepper_driver.config.errors import ArgumentError, shown
 from pepper_driver.config.parts import FloatArray
-from pepper_driver.controller import GainError, TargetError, WholeBodyController
+from pepper_driver.config.steps import MAX_STEP_TIME, MIN_DURATION
+from pepper_driver.controller import GainError, TargetError, Tick, WholeBodyController
 from pepper_driver.controller.changes import Changes
 from pepper_driver.controller.constraints import Constraint
 from pepper_driver.controller.model import RobotModel
+from pepper_driver.controller.solvers import make_solver
 from pepper_driver.controller.tasks import Task, checked_stiffness
 from pepper_driver.controller.tasks.targets import finite_vector
 from pepper_driver.controller.whole_body import check_part
+from pepper_driver.experiments.plan import Plan, plan_experiment
+from pepper_driver.experiments.player import OnStep, Player
+from pepper_driver.experiments.reports import ExperimentReport
 from pepper_driver.extras import RobotExtras
-from pepper_driver.log import LogWriter, run_metadata
+from pepper_driver.log import LogError, LogWriter, run_metadata
 from pepper_driver.loop import Labelling, Loop
-from pepper_driver.motion import Conductor, OnStep, Player
-from pepper_driver.motion_report import MotionReport
 from pepper_driver.observer import Contact, Observation, Observer
+from pepper_driver.plugin_check import dry_run_observer, dry_run_part, dry_run_reflexes
 from pepper_driver.realtime import Pacer, RealTimePacer, Statistics
 from pepper_driver.reflexes import Arbiter, Reflex, prepare_reflexes
 from pepper_driver.reflexes.declared import declare
@@ -56,13 +62,19 @@ from pepper_driver.session import OnTick, Session
 
 logger = logging.getLogger("pepper_driver")
 
+P = ParamSpec("P")
+
 MAX_RUN = 1e9
 """[s] Longest run: thirty years."""
+
+MAX_DRIVE = 10.0
+"""[m/s], [rad/s] Of a drive: far beyond what the wheels do, so it is a mistake."""
 
 DRIVE_TIME = 0.5
 """[s] for which the base follows one :meth:`Pepper.drive`."""
 
 
+@checked_arguments
 class Pepper(CallbackRegistry):
     """A Pepper, real or simulated, that detects where it is touched.
 
@@ -85,7 +97,7 @@ class Pepper(CallbackRegistry):
     Args:
         uri: Which robot: ``mujoco``, ``mujoco://?plant=nominal&seed=3``, ``naoqi://pepper.local``, ...
         observer: Name of an observer, an observer, or None to detect nothing.
-        models: Model file of the observer, by default the one shipped for this robot.
+        models: Model file of the observer, by default the one shipped for this robot, or for a plant that it extends.
         log: Where to write the MCAP log; None for no log.
         reflexes: Reactions inside the tick, asked in the order of their priority.
         real_time: Pace a simulation to the wall clock.
@@ -125,9 +137,10 @@ class Pepper(CallbackRegistry):
         safety: SafetySettings | None = None,
         about: Mapping[str, str] | None = None,
     ) -> None:
-        config = robot or load_robot()
+        config = load_robot() if robot is None else robot
         self.reflexes = prepare_reflexes(reflexes, config)
-        super().__init__(config, [reflex.name for reflex in self.reflexes])
+        dry_run_reflexes(self.reflexes, config)
+        super().__init__(config, self.reflexes)
         self.backend: Backend = make_backend(uri, self.config)
         self.extras = RobotExtras(self.backend, self._is_active)
         self.paced = real_time or self.backend.real_time
@@ -138,22 +151,32 @@ class Pepper(CallbackRegistry):
             )
         self._loop_thread = self.paced and loop != "caller"
         self._observer_name = observer if isinstance(observer, str) else None
-        self._models = None if models is None else Path(models)
+        self._models = None if models is None else as_path("models", models)
+        if self._models is not None and self._observer_name is None:
+            raise ConfigError("models are for an observer that is given by its name")
         self.observer = observer if isinstance(observer, Observer) else None
+        if self.observer is not None:
+            dry_run_observer(self.observer, self.config)
         if self._observer_name is not None:
             check_observer(self._observer_name, self._models)
             if not self.backend.real_time:  # a real robot is not asked before it is connected
                 self._make_observer()
-        self._log_path = None if log is None else Path(log)
-        self._about = dict(about or {})
+        self._log_path = None if log is None else as_path("log", log)
+        if self._log_path is not None and self._log_path.is_dir():
+            raise LogError(f"{self._log_path}: cannot be written (it is a folder)")
+        self._about = _texts(about or {})
         self._controller_settings = controller or load_controller_settings(self.config)
+        make_solver(self._controller_settings.solver)  # now, and not once the robot is connected
         self._safety_settings = safety or load_safety_settings()
         self._changes = Changes()
+        self._attentive = False
         self._parts: tuple[Task | Constraint, ...] = ()  # of the user, added before the start
         self._model: RobotModel | None = None
         self._model_lock, self._starting = threading.Lock(), threading.Lock()
         self._session: Session | None = None  # the one that starts or runs, or the last one
-        self.push, self.grab = self.backend.push, self.backend.grab
+        self._stopped_early: str | None = None  # why, if it was stopped before the first start
+        self.push = self._when_active(self.backend.push)
+        self.grab = self._when_active(self.backend.grab)
 
     # -- life -----------------------------------------------------------------------------------------------------
 
@@ -172,9 +195,12 @@ class Pepper(CallbackRegistry):
         try:
             self._end(error)
         except PepperError as problem:
+            problem.while_active = True
             if error is None:
                 raise
             error.add_note(f"and in the end: {problem}")
+        if isinstance(error, PepperError):
+            error.while_active = True
         if error is None and session is not None:
             session.check_failure(again=False)
 
@@ -195,6 +221,7 @@ class Pepper(CallbackRegistry):
             self._starting.release()
 
     def _start(self) -> None:
+        first = self._session is None
         session = self._session = Session(
             self.backend,
             self.config,
@@ -206,12 +233,15 @@ class Pepper(CallbackRegistry):
             metadata=self.run_metadata,
             loop_thread=self._loop_thread,
         )
+        if first and self._stopped_early is not None:
+            session.gate.stop(FaultReason.EMERGENCY_STOP, self._stopped_early)
         try:
             session.start(
                 observer=self._make_observer,
                 reflexes=self.reflexes,
                 parts=self._parts,
                 log=self._log_path,
+                attentive=self._attentive,
             )
         except BaseException as error:
             self._end(error)
@@ -230,7 +260,7 @@ class Pepper(CallbackRegistry):
             session.check_failure(again=False)
 
     def _end(self, error: BaseException | None) -> None:
-        """Close the session, and note on the interrupt that ended it where the log is."""
+        """Close the session, and note on the interrupt that ended it where the log is, and the contacts so far."""
         session = self._session
         if session is None:
             return
@@ -244,10 +274,13 @@ class Pepper(CallbackRegistry):
             if isinstance(error, KeyboardInterrupt):
                 if session.log is not None:
                     error.add_note(f"log: {session.log.path}")
+                if count := len({contact.id for contact in session.contact_history}):
+                    error.add_note("1 contact so far" if count == 1 else f"{count} contacts so far")
                 # No traceback will tell.
                 if isinstance(error, Terminated) and session.raises_signals:
                     logger.warning("%s", describe_interrupt(error))
 
+    @checked_arguments
     def start_log(self, path: Path | str, label: Labelling | None = None) -> LogWriter:
         """Log from the next tick on, where ``log`` would also log how the robot got ready; it ends with the run.
 
@@ -258,11 +291,12 @@ class Pepper(CallbackRegistry):
         Raises:
             PepperError: The robot is not active, the file cannot be opened, or there is a log already.
         """
-        return self._active().start_log(Path(path), label)
+        return self._active().start_log(as_path("path", path), label)
 
     def run_metadata(self) -> dict[str, str]:
         """Return what a log says of a run that begins now: robot, observer, reflexes, settings, versions."""
-        return self._about | run_metadata(
+        about = self._about | {"attentive": str(self._attentive).lower()}
+        return about | run_metadata(
             self.backend,
             self.observer,
             self.config,
@@ -319,6 +353,7 @@ class Pepper(CallbackRegistry):
         """(3,) x [m], y [m], heading [rad] of the base by its wheels, since the start."""
         return self.controller.odometry.pose.copy()
 
+    @checked_arguments
     def link_pose(self, link: str, of: Literal["measured", "commanded"] = "measured") -> FloatArray:
         """Return the (4, 4) transform of a link in base_link.
 
@@ -331,8 +366,8 @@ class Pepper(CallbackRegistry):
             TargetError: ``of`` is neither.
             BackendError: The robot was never started.
         """
-        if of not in ("measured", "commanded"):
-            raise TargetError(f"of is 'measured' or 'commanded', got {of!r}")
+        if not isinstance(of, str) or of not in ("measured", "commanded"):
+            raise TargetError(f"of is 'measured' or 'commanded', got {shown(of)}")
         joints = self.measurement.position if of == "measured" else self._loop.commanded
         with self._model_lock:
             if self._model is None:
@@ -360,6 +395,7 @@ class Pepper(CallbackRegistry):
 
     # -- move it --------------------------------------------------------------------------------------------------
 
+    @checked_arguments
     def set_posture(
         self,
         posture: Posture,
@@ -384,7 +420,7 @@ class Pepper(CallbackRegistry):
         if stiffness is not None and checked_stiffness(stiffness) == 0:
             raise GainError("stiffness", stiffness, "above 0 for a posture")  # to stop the joints
         if duration is not None:
-            duration = _checked_time("duration", duration, SHORTEST, LONGEST)
+            duration = _checked_time("duration", duration, MIN_DURATION, MAX_STEP_TIME)
 
         def change() -> None:  # the target may have changed meanwhile, in the same group too
             arbiter.move_to(self._resolve_posture(posture, arbiter), duration)
@@ -393,6 +429,32 @@ class Pepper(CallbackRegistry):
 
         self._changes.make(change)
 
+    @property
+    def attentive(self) -> bool:
+        """True to feel lighter touches: the arm joints oscillate by a little on top of posture and motion; may be set.
+
+        The oscillation of ``controller.yaml`` fades in, and out again, from the next tick on; before the start, from
+        the first one. Joints that a reflex has do not oscillate. :attr:`target` knows nothing of it.
+
+        Raises:
+            TargetError: Not True or False; nothing changes.
+        """
+        return self._attentive
+
+    @attentive.setter
+    def attentive(self, value: bool) -> None:
+        if not isinstance(value, bool):
+            raise TargetError(f"attentive is True or False, got {value!r}")
+        loop = self._active().loop if self._is_active() else None
+
+        def change() -> None:
+            if loop is not None:
+                loop.set_attentive(value)
+            self._attentive = value
+
+        self._changes.make(change)
+
+    @checked_arguments
     def drive(self, vx: float, vy: float, wz: float, *, hold: bool = False) -> None:
         """Drive the base from the next tick on; returns at once.
 
@@ -403,20 +465,27 @@ class Pepper(CallbackRegistry):
             hold: Drive on until told otherwise. By default the base stops half a second after the last call.
 
         Raises:
-            TargetError: Not finite numbers; nothing changes.
+            TargetError: Not finite numbers, or beyond 10; nothing changes.
         """
         arbiter = self._active().loop.arbiter
-        twist = finite_vector("a base twist (vx, vy, wz)", [vx, vy, wz], 3)
+        names = ("vx", "vy", "wz")
+        twist = finite_vector("drive", [vx, vy, wz], 3, names=names)
+        for name, value in zip(names, twist.tolist(), strict=True):
+            if abs(value) > MAX_DRIVE:
+                raise TargetError(f"drive: {name} is {MAX_DRIVE:g} at most, got {value:g}")
         self._changes.make(lambda: arbiter.drive(twist, None if hold else DRIVE_TIME))
 
     def add(self, part: Task | Constraint) -> None:
         """Have the robot follow a task, or keep a constraint, from the next tick on; before the start too.
 
+        A task or constraint of a class that is not of this package is evaluated once before, on a copy.
+
         Raises:
-            PepperError: The task is for another robot, or there are too many.
-            TypeError: It is neither.
+            PepperError: The task is for another robot, or there are too many; it is neither a task nor a constraint; or
+                it raises, or gives arrays of a wrong shape (``PluginInterfaceError``).
         """
         check_part(part, self.config)
+        dry_run_part(part, self.config)
         arbiter = self._active().loop.arbiter if self._is_active() else None
 
         def change() -> None:
@@ -426,6 +495,7 @@ class Pepper(CallbackRegistry):
 
         self._changes.make(change)
 
+    @checked_arguments
     def remove(self, part: Task | Constraint) -> None:
         """Take a task or constraint back; one that is not there is no error."""
         arbiter = self._active().loop.arbiter if self._is_active() else None
@@ -452,6 +522,7 @@ class Pepper(CallbackRegistry):
         assert record is not None
         return record.tick.measurement, record.observation
 
+    @checked_arguments
     def run(
         self,
         seconds: float,
@@ -479,62 +550,83 @@ class Pepper(CallbackRegistry):
         ticks = round(_checked_time("seconds", seconds, 0.0, MAX_RUN) / self.config.cycle)
         return self._active().run(ticks, on_tick, until).stopped
 
+    @checked_arguments
     def play(
         self,
-        motion: Motion | str | Path,
+        experiment: Plan | Experiment | str | Path,
         *,
         on_step: OnStep | None = None,
         on_tick: OnTick | None = None,
-        conductor: Conductor | None = None,
-    ) -> MotionReport:
-        """Play a motion to its end; callbacks then catch up as after :meth:`run`.
+        on_progress: Callable[[float], None] | None = None,
+        skip_settling: bool = False,
+    ) -> ExperimentReport:
+        """Play a motion or an experiment to its end; callbacks then catch up as after :meth:`run`.
 
-        However it ends, its tasks are gone, the base is at rest, and the posture is where the motion ended or was
-        broken off. While a reflex holds the posture, the motion waits.
+        However it ends, its tasks are gone, the base is at rest, and the posture is where it ended or was broken off.
+        While a reflex holds the posture, it waits.
 
         Args:
-            motion: A motion, the name of a shipped one, or a path that ends in ``.yaml``.
+            experiment: A plan, an experiment, the name of a shipped one, or a path that ends in ``.yaml``.
             on_step: Called with each step's report as it ends, inside the tick: must be quick.
             on_tick: Called inside every tick: must be quick.
-            conductor: Says which step follows which; by default as the motion is written.
+            on_progress: Called inside a tick every second with the share of the longest time that is over, 0..1.
+            skip_settling: Do not call ``on_tick`` on the way to the first posture of random goals.
 
         Returns:
-            What each step reached.
+            What each step reached, and what was felt.
 
         Raises:
-            PepperError: The motion is wrong, or another thread runs the robot; nothing moves.
+            PepperError: The experiment is wrong, has reflexes, which only :class:`ExperimentRun` gives to a robot, or
+                another thread runs the robot; nothing moves.
             FaultError: The safety gate stopped the robot.
         """
         session = self._active()
-        if not isinstance(motion, Motion):
-            motion = load_motion(motion, self.config)
+        if not isinstance(experiment, Plan):
+            if not isinstance(experiment, Experiment):
+                experiment = load_experiment(experiment, self.config)
+            for number, reaction in enumerate(experiment.reactions):
+                if reaction.reflex:
+                    raise experiment.error(
+                        f"reactions.{number}.do",
+                        "a Pepper has its reflexes from the start; perform it with ExperimentRun or 'pepper run'",
+                    )
+            experiment = plan_experiment(experiment, self.config, self.backend)
         player = Player(
-            motion,
-            self.config,
-            session.loop,
-            on_step=on_step,
-            on_begin=session.publish,
-            conductor=conductor,
+            experiment, self.config, session.loop, self.backend, session.publish, on_step=on_step
         )
-        session.run(math.inf, on_tick, player.advance, begin=player.begin, end=player.end)
+        report_every = round(1.0 / self.config.cycle)
+
+        def listener(tick: Tick, observation: Observation | None) -> None:
+            if on_tick is not None and not (skip_settling and player.is_settling):
+                on_tick(tick, observation)
+            if on_progress is not None and tick.measurement.tick % report_every == 0:
+                on_progress(player.progress)
+
+        session.run(math.inf, listener, player.advance, begin=player.begin, end=player.end)
+        if on_progress is not None:
+            on_progress(1.0)
         return player.report
 
     def emergency_stop(self, text: str = "emergency stop") -> None:
         """Hold the joints and stop the wheels from the next tick on; only a new start leaves this state.
 
-        May come from any thread. While the robot starts it makes the start fail with a FaultError.
+        May come from any thread. Before the first start, and while the robot starts, it makes the start fail with a
+        FaultError. After a run it does nothing.
 
         Args:
             text: Why, for people: part of the FaultError.
         """
-        if self._session is not None:
+        if self._session is None:
+            self._stopped_early = text
+        if self._session is not None:  # asked again: it may start just now
             self._session.gate.stop(FaultReason.EMERGENCY_STOP, text)
             self._session.publish_fault()
 
     # -- hear of it -----------------------------------------------------------------------------------------------
 
+    @checked_arguments
     def wait_for_contact(
-        self, *, timeout: float | None = None, **selector: Unpack[ContactSelector]
+        self, *, timeout: float | None = None, **selector: Unpack[ContactArguments]
     ) -> Contact | None:
         """Wait for the next contact. Where no thread ticks, the thread that calls this does meanwhile.
 
@@ -546,27 +638,29 @@ class Pepper(CallbackRegistry):
             The contact; None after the timeout, or when the robot was stopped meanwhile by :meth:`stop`.
 
         Raises:
-            UnknownNameError: No such link, joint, kind or phase.
-            SubscriptionError: A number that is none, or a robot without an observer.
+            UnknownNameError: No such limb, link, joint, kind or phase.
+            SubscriptionError: Another wrong argument, or a robot without an observer.
             FaultError: The robot was stopped.
             BackendError: The robot is not active, or this is inside a tick.
         """
         return wait_for_contact(self._active(), contact_filter(self.config, **selector), timeout)
 
-    def contacts(self, **selector: Unpack[ContactSelector]) -> AsyncGenerator[Contact, None]:
+    @checked_arguments
+    def contacts(self, **selector: Unpack[ContactArguments]) -> AsyncGenerator[Contact, None]:
         """Return contacts for ``async for``, until the robot is stopped.
 
         Args:
             **selector: Which contacts, as in :meth:`on_contact`.
 
         Raises:
-            UnknownNameError: No such link, joint, kind or phase.
-            SubscriptionError: An intensity that is none.
+            UnknownNameError: No such limb, link, joint, kind or phase.
+            SubscriptionError: Another wrong argument, or a choice that no contact can meet.
             BackendError: The robot is not active.
         """
         predicate = contact_filter(self.config, **selector)
         return stream_contacts(self._active().dispatcher, predicate)
 
+    @checked_arguments
     def publish(self, event: ProgramEvent) -> None:
         """Have the log and the callbacks that want it learn of something that a program does with the robot."""
         self._active().publish(event)
@@ -575,8 +669,8 @@ class Pepper(CallbackRegistry):
 
     def _make_observer(self) -> Observer | None:
         if self.observer is None and self._observer_name is not None:
-            identity = self.backend.info.identity
-            self.observer = make_observer(self._observer_name, self.config, identity, self._models)
+            robots = self.backend.info.identities
+            self.observer = make_observer(self._observer_name, self.config, robots, self._models)
         return self.observer
 
     def _active(self) -> Session:
@@ -587,6 +681,16 @@ class Pepper(CallbackRegistry):
             )
         self._session.check_failure()
         return self._session
+
+    def _when_active(self, call: Callable[P, None]) -> Callable[P, None]:
+        """Return a function of the backend, refused while the robot is not active."""
+
+        @wraps(call)
+        def checked(*args: P.args, **kwargs: P.kwargs) -> None:
+            self._active()
+            call(*args, **kwargs)
+
+        return checked_arguments(checked)
 
     def _is_active(self) -> bool:
         return self._session is not None and self._session.active
@@ -606,6 +710,13 @@ class Pepper(CallbackRegistry):
 
 def _checked_time(name: str, value: float, least: float, most: float) -> float:
     """Return a time [s] within bounds, else raise a TargetError."""
-    if isinstance(value, Real) and least <= value <= most:
+    if is_number(value) and least <= value <= most:
         return float(value)
-    raise TargetError(f"{name} must be a time from {least:g} to {most:g} s, got {value!r}")
+    raise TargetError(f"{name} must be a time from {least:g} to {most:g} s, got {shown(value)}")
+
+
+def _texts(about: Mapping[str, str]) -> dict[str, str]:
+    for name, text in about.items():
+        if not (isinstance(name, str) and isinstance(text, str)):
+            raise ArgumentError(f"about holds texts by name, got {shown(text)} for {shown(name)}")
+    return dict(about)

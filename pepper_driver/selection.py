@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+import logging
+from collections.abc import Sequence
 from pathlib import Path
 
 from pepper_driver.config import (
     ConfigError,
     ObserverSettings,
     RobotConfig,
+    RobotIdentity,
     UnknownNameError,
     load_observer_settings,
 )
-from pepper_driver.config.plugins import load_plugin
+from pepper_driver.config.plugins import load_plugin, make_part
 from pepper_driver.observer import (
     ContactObserver,
     ModelFileError,
@@ -20,9 +23,12 @@ from pepper_driver.observer import (
     Observer,
     load_shipped,
 )
+from pepper_driver.plugin_check import dry_run_observer
+
+logger = logging.getLogger("pepper_driver")
 
 OBSERVER_GROUP = "pepper_driver.observers"
-"""Entry-point group for observers: ``name = "module:factory"``, factory(robot, identity, models) -> Observer."""
+"""Entry-point group for observers: ``name = "module:factory"``, factory(robot, identities, models) -> Observer."""
 
 _OBSERVERS = {
     "fusion": "pepper_driver.selection:fusion_observer",
@@ -32,27 +38,33 @@ _OBSERVERS = {
 
 
 def make_observer(
-    name: str, robot: RobotConfig, identity: str, models: Path | None = None
+    name: str,
+    robot: RobotConfig,
+    identities: Sequence[RobotIdentity],
+    models: Path | None = None,
 ) -> Observer:
-    """The observer of this name.
+    """Make the observer of this name.
 
     Args:
         name: ``fusion``, ``paper``, the baseline ``momentum``, or what another package registered.
         robot: Description of the robot.
-        identity: Of the backend that will be observed.
+        identities: Of the backend that will be observed: robots whose models serve it, itself first.
         models: Model file; None for the one shipped for this robot.
 
     Raises:
         UnknownNameError: No observer of this name.
         ModelFileError: The models cannot be used here.
         ConfigError: What another package registered makes no observer.
+        PluginError: That of another package cannot be loaded, or fails.
+        PluginInterfaceError: What it makes fails in a dry run.
     """
     factory = load_plugin("observer", OBSERVER_GROUP, name, _OBSERVERS)
-    observer = factory(robot, identity, models)
+    observer = make_part("observer", name, factory, robot, identities, models)
     if not isinstance(observer, Observer):
         raise ConfigError(
             f"observer '{name}': its factory returned {type(observer).__name__}, no Observer"
         )
+    dry_run_observer(observer, robot)
     return observer
 
 
@@ -71,11 +83,13 @@ def check_observer(name: str, models: Path | None) -> None:
 def contact_observer(
     mode: str,
     robot: RobotConfig,
-    identity: str,
+    identities: Sequence[RobotIdentity],
     models: Path | None,
     settings: ObserverSettings,
 ) -> ContactObserver:
-    """The observer of the project of this mode, with the models of ``models`` or the shipped ones.
+    """Make the observer of the project of this mode, with the models of ``models`` or the shipped ones.
+
+    A line in the log tells of models of another robot.
 
     Raises:
         UnknownNameError: No such mode.
@@ -85,36 +99,48 @@ def contact_observer(
         raise UnknownNameError("mode of the observer", mode, _OBSERVERS)
     shipped: ModelKind = settings.tree if mode == "paper" else "fusion"
     kinds: tuple[ModelKind, ...] = ("cart", "affine") if mode == "paper" else ("fusion",)
-    return ContactObserver(
-        robot,
-        find_models(identity, models, shipped, kinds),
-        settings,
-        momentum=mode == "momentum",
-    )
+    found = find_models(identities, models, shipped, kinds)
+    source = source_of(found, identities)
+    if source != identities[0]:
+        logger.warning(
+            "'%s' uses the models of plant '%s', of which it is a variant",
+            identities[0].name,
+            source.name,
+        )
+    return ContactObserver(robot, found, settings, momentum=mode == "momentum")
 
 
-def paper_observer(robot: RobotConfig, identity: str, models: Path | None) -> ContactObserver:
+def paper_observer(
+    robot: RobotConfig, identities: Sequence[RobotIdentity], models: Path | None
+) -> ContactObserver:
     """The observer of the paper."""
-    return contact_observer("paper", robot, identity, models, load_observer_settings())
+    return contact_observer("paper", robot, identities, models, load_observer_settings())
 
 
-def fusion_observer(robot: RobotConfig, identity: str, models: Path | None) -> ContactObserver:
+def fusion_observer(
+    robot: RobotConfig, identities: Sequence[RobotIdentity], models: Path | None
+) -> ContactObserver:
     """The observer that goes beyond the paper."""
-    return contact_observer("fusion", robot, identity, models, load_observer_settings())
+    return contact_observer("fusion", robot, identities, models, load_observer_settings())
 
 
-def momentum_observer(robot: RobotConfig, identity: str, models: Path | None) -> ContactObserver:
+def momentum_observer(
+    robot: RobotConfig, identities: Sequence[RobotIdentity], models: Path | None
+) -> ContactObserver:
     """A momentum observer with the constants of fusion models: a baseline to compare with."""
-    return contact_observer("momentum", robot, identity, models, load_observer_settings())
+    return contact_observer("momentum", robot, identities, models, load_observer_settings())
 
 
 def find_models(
-    identity: str, path: Path | None, shipped: ModelKind, kinds: tuple[ModelKind, ...]
+    identities: Sequence[RobotIdentity],
+    path: Path | None,
+    shipped: ModelKind,
+    kinds: tuple[ModelKind, ...],
 ) -> ModelSet:
-    """The models of a file, or those of kind ``shipped`` that come with the package.
+    """Load the models of a file, or those of kind ``shipped`` that come with the package.
 
     Args:
-        identity: Of the robot's backend.
+        identities: Robots whose models serve the one observed, itself first.
         path: The file; None for those of the package.
         shipped: Their kind.
         kinds: That will do.
@@ -123,11 +149,11 @@ def find_models(
         ModelFileError: There are none, or they are of another robot or of another kind.
     """
     if path is None:
-        return load_shipped(shipped, identity)
+        return load_shipped(shipped, identities)
     models = ModelSet.load(path)
-    if models.identity != identity:
+    if all(models.identity != robot.identity for robot in identities):
         raise ModelFileError(
-            f"{path}: identified on another robot ({models.identity}, this one is {identity}); "
+            f"{path}: identified on another robot than '{identities[0].name}'; "
             "identify this one with 'pepper identify'"
         )
     if models.kind not in kinds:
@@ -137,3 +163,8 @@ def find_models(
             f"this one needs {' or '.join(kinds)}, from 'pepper identify --kind {kinds[-1]}'"
         )
     return models
+
+
+def source_of(models: ModelSet, identities: Sequence[RobotIdentity]) -> RobotIdentity:
+    """Return which of the robots models were identified on; they were found for these."""
+    return next(robot for robot in identities if robot.identity == models.identity)

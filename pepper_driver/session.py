@@ -31,6 +31,7 @@ from pepper_driver.controller.tasks import Task
 from pepper_driver.log import LogEvent, LogWriter
 from pepper_driver.loop import Labelling, Loop, TickRecord
 from pepper_driver.observer import Contact, Observation, Observer
+from pepper_driver.plugin_check import describe_failure
 from pepper_driver.realtime import COLLECTION_PERIOD, Pacer, realtime_process, realtime_thread
 from pepper_driver.reflexes import Arbiter, Reflex
 from pepper_driver.safety import FaultError, FaultReason, SafetyGate
@@ -186,6 +187,7 @@ class Session:
         reflexes: tuple[Reflex, ...],
         parts: Iterable[Task | Constraint],
         log: Path | None,
+        attentive: bool = False,
     ) -> None:
         """Take the robot over and begin to tick; what fails leaves it closed.
 
@@ -194,6 +196,7 @@ class Session:
             reflexes: In the order in which they are asked.
             parts: Tasks and constraints from the first tick on.
             log: File of the log, or None.
+            attentive: True to oscillate by a little on top of the posture.
 
         Raises:
             PepperError: The robot or the log cannot be opened, or the robot is not ready to move.
@@ -210,6 +213,8 @@ class Session:
             if log is not None:  # only now: a robot that is not there costs no earlier log
                 self._open_log(log)
             controller = WholeBodyController(robot, self._settings, changes=self._changes)
+            if self.gate.fault:  # stopped meanwhile: nothing gets stiff
+                raise FaultError(self.gate.fault)
             measurement = backend.activate()
             held = measured if backend.held is None else backend.held
             hold = np.clip(held, robot.lower, robot.upper)
@@ -229,6 +234,7 @@ class Session:
             )
             if self.log is not None:
                 self.loop.start_log(self.log)
+            self.loop.set_attentive(attentive)
             with self._closing:
                 if self._ending.is_set():
                     raise BackendError("the robot was stopped while it started")
@@ -495,7 +501,7 @@ class Session:
             logger.warning("the robot was closed in the middle of a tick, which failed: %s", error)
             return
         if not isinstance(error, FaultError | EOFError):  # EOFError: the end of a recording
-            self.gate.stop(FaultReason.LOST, f"{type(error).__name__}: {error}")
+            self.gate.stop(FaultReason.LOST, describe_failure(error))
             self._changes.make(self.loop.halt)
         self._failure = error if self._failure is None else self._failure
         self.publish_fault()

@@ -21,16 +21,6 @@ settings.register_profile(
 settings.load_profile("any machine")
 
 
-def pytest_addoption(parser: pytest.Parser) -> None:
-    """Options of single suites: pytest takes them here only."""
-    parser.addoption(
-        "--backend",
-        action="append",
-        metavar="URI",
-        help="run tests/backends/conformance on this backend in place of those of the package; it moves",
-    )
-
-
 @pytest.fixture(scope="session")
 def qi() -> Any:
     """NAOqi's library, for which there is no package for every computer."""

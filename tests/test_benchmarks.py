@@ -532,3 +532,96 @@ def test_wrong_options_of_the_comparison_are_one_line(
     shown = capsys.readouterr()
     assert (stopped.value.code, shown.out, shown.err.count("\n")) == (2, "", 1)
     assert word in shown.err
+
+
+ATTENTIVE = Path(__file__).parents[1] / "benchmarks" / "attentive.py"
+
+
+def attentive(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], *arguments: str
+) -> tuple[object, str, str]:
+    """Exit status, standard output and error of the script, in this process."""
+    monkeypatch.setattr(sys, "argv", [str(ATTENTIVE), *arguments])
+    with pytest.raises(SystemExit) as ended:
+        runpy.run_path(str(ATTENTIVE), run_name="__main__")
+    return ended.value.code, *capsys.readouterr()
+
+
+def test_runs_without_touch_are_made_once_and_shown_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A minute's hundredth: what is measured is tested, not how much."""
+    path = tmp_path / "attentive.json"
+    options = [
+        "--push-plants",
+        "--plants",
+        "integral",
+        "cold",
+        "--minutes",
+        "0.05",
+        "--json",
+        str(path),
+    ]
+    status, out, err = attentive(monkeypatch, capsys, *options)
+    assert (status, err.count("\n")) == (0, 3)
+    assert "1 of 3" in err
+    runs = json.loads(path.read_text())["runs"]
+    # Without the oscillation only where figures of heat and current are compared.
+    names = [
+        "development free integral 0 deg 0.05 min",
+        "development free integral 2 deg 0.05 min",
+        "development free cold 2 deg 0.05 min",
+    ]
+    assert sorted(runs) == sorted(names)
+    for result in runs.values():
+        assert result["false"] == []
+        assert set(result["current"]) == set(result["temperature_rise"])
+        assert max(result["current"].values()) > 0.0
+    status, again, err = attentive(monkeypatch, capsys, *options)
+    assert (status, again, err) == (0, out, "")
+    assert out.count("│ 0.05 ") == 3
+
+
+def test_pushes_are_counted_by_plant_amplitude_and_force(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "attentive.json"
+    run = {"felt": [[8.0, 0.15], [20.0, 0.11]], "missed": [3.0, 5.0, 8.0, 12.0]}
+    counts = {"false": 1, "before": 0, "after_release": 2, "on_trunk": 3, "fallen": False}
+    names = [f"test push nominal 2 deg {number}" for number in range(2)]
+    path.write_text(json.dumps({"runs": dict.fromkeys(names, run | counts)}))
+    options = ["--seeds", "test", "--push-plants", "nominal", "--amplitudes", "2", "--runs", "2"]
+    status, out, err = attentive(
+        monkeypatch, capsys, *options, "--minutes", "0", "--json", str(path)
+    )
+    assert (status, err) == (0, "")
+    row = next(line for line in out.splitlines() if "nominal" in line)
+    # 2 of 4 by Clopper and Pearson: 0.068 to 0.932; 0 of 2: at most 0.842; 2 of 2: at least 0.158.
+    for cell in ("2 of 4 [0.07-0.93]", "0 of 2 [0.00-0.84]", "2 of 2 [0.16-1.00]", "130 ms"):
+        assert cell in row
+    assert [cell.strip() for cell in row.split("│")[-5:-1]] == ["2", "0", "6", "4"]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "word"),
+    [
+        (["--plants", "nominl"], "nominl"),
+        (["--runs", "0"], "--runs"),
+        (["--minutes", "-1"], "--minutes"),
+        (["--minutes", "nan"], "--minutes"),
+        (["--amplitudes", "0", "7"], "amplitude"),
+        (["--jobs", "0"], "--jobs"),
+        (["--seeds", "mine"], "--seeds"),
+        (["--json", str(ATTENTIVE)], "holds no results"),
+        (["--json", "no/such/folder/figures.json"], "no/such/folder"),
+    ],
+)
+def test_wrong_options_of_the_attentive_robot_are_one_line(
+    arguments: list[str],
+    word: str,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    status, out, err = attentive(monkeypatch, capsys, *arguments)
+    assert (status, out, err.count("\n")) == (2, "", 1)
+    assert word in err

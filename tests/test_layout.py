@@ -83,7 +83,7 @@ def test_pyproject_lists_every_package() -> None:
                 continue
             parts = init.parent.relative_to(ROOT).parts
             expected.add(".".join(parts if layer == "pepper_driver" else ("pepper_driver", *parts)))
-    assert set(setup["packages"]) == expected
+    assert set(setup["packages"]) == expected | {"pepper_driver.examples"}
 
 
 def test_every_folder_with_sources_is_a_package() -> None:
@@ -93,7 +93,7 @@ def test_every_folder_with_sources_is_a_package() -> None:
 
 
 @pytest.mark.parametrize(
-    "name", ["pepper.urdf", "pepper.yaml", "plants/nominal.yaml", "scenarios/demo.yaml"]
+    "name", ["pepper.urdf", "pepper.yaml", "plants/nominal.yaml", "experiments/demo.yaml"]
 )
 def test_data_files_are_found_in_the_package(name: str) -> None:
     assert files("pepper_driver.config").joinpath(name).is_file()

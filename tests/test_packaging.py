@@ -1,5 +1,7 @@
 """A wheel and an sdist hold every layer once, and what is installed from them works."""
 
+import os
+import shutil
 import subprocess
 import sys
 import tarfile
@@ -91,6 +93,7 @@ def test_the_installed_wheel_works(built: tuple[Path, Path], tmp_path: Path) -> 
     )
     script = (
         "import pepper_driver, pathlib\n"
+        "import pepper_driver.testing.conformance\n"
         f"assert pathlib.Path(pepper_driver.__file__).is_relative_to({str(tmp_path)!r})\n"
         "with pepper_driver.Pepper('mujoco://?plant=integral') as pepper:\n"
         "    pepper.push('LBicep', [0, 25, 0], [0.16, 0, 0], 0.8, frame='link')\n"
@@ -106,3 +109,52 @@ def test_the_installed_wheel_works(built: tuple[Path, Path], tmp_path: Path) -> 
         check=True,
     )
     assert int(done.stdout) >= 2
+    subprocess.run(
+        [sys.executable, "-m", "pepper_driver", "examples", "mine"],
+        env={"PYTHONPATH": str(tmp_path), "PATH": ""},
+        cwd=tmp_path,
+        capture_output=True,
+        check=True,
+    )
+    listed = subprocess.run(
+        ["git", "ls-files", "-z", "examples"], cwd=ROOT, capture_output=True, text=True, check=True
+    )
+    for name in filter(None, listed.stdout.split("\0")):
+        copied = tmp_path / "mine" / Path(name).relative_to("examples")
+        assert copied.read_bytes() == (ROOT / name).read_bytes()
+
+
+def test_the_plug_in_packages_install_and_are_found(tmp_path: Path) -> None:
+    source, target = tmp_path / "plugins", tmp_path / "site"
+    shutil.copytree(ROOT / "examples" / "plugins", source)  # a build leaves files behind
+    packages = sorted(str(project.parent) for project in source.glob("*/pyproject.toml"))
+    assert len(packages) == 5
+    options = ["--quiet", "--no-deps", "--no-build-isolation", "--target", str(target)]
+    subprocess.run(
+        [sys.executable, "-m", "pip", "install", *options, *packages],
+        check=True,
+        capture_output=True,
+    )
+    script = (
+        "from pepper_driver import Pepper\n"
+        "from pepper_driver.config import load_robot\n"
+        "from pepper_driver.reflexes.declared import make_reflex\n"
+        "from ceiling import Ceiling\n"
+        "from hands_apart import HandsApart\n"
+        "reflex = make_reflex({'do': 'lift_arm'}, load_robot(), 'a.yaml', 'reflexes.0')\n"
+        "with Pepper('pinocchio://?seed=3', observer='resting', reflexes=[reflex]) as pepper:\n"
+        "    pepper.add(HandsApart(0.5))\n"
+        "    pepper.add(Ceiling('Head', 1.5))\n"
+        "    pepper.run(0.5)\n"
+        "    print(pepper.observer.describe())\n"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", script],
+        env={"PYTHONPATH": f"{target}{os.pathsep}{ROOT}", "PATH": ""},
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.startswith("resting")

@@ -1,12 +1,21 @@
 """Files that were damaged: by their values, and by their text."""
 
 import copy
+import re
 from typing import Any
 
 import yaml
 from hypothesis import strategies as st
 
-WORDS = st.text(st.characters(exclude_categories=["Cs"]), max_size=12)
+JARGON = re.compile(
+    r"Input should|String should|should (have|match|be)|Value error|validation|valid (number|integer|string)|keyword"
+    r"|[Tt]uple|[Dd]ict\b|NoneType|instance of|function-|JSON|pydantic|<class|Error\b|\bNone\b|\bTrue\b|\bFalse\b"
+)
+"""Words of Python and its libraries, which no message about a file has."""
+
+WORDS = st.text(st.characters(exclude_categories=["Cs"]), max_size=12).filter(
+    lambda text: not JARGON.search(text)  # messages repeat what is in a file
+)
 SCALARS = (
     st.none()
     | st.booleans()
@@ -68,4 +77,5 @@ def damaged_text(draw: st.DrawFn, text: str) -> str:
 
 def dump(data: Any) -> str:
     """As YAML."""
-    return str(yaml.safe_dump(data, allow_unicode=True, sort_keys=False))
+    dumper = getattr(yaml, "CSafeDumper", yaml.SafeDumper)  # seven times as fast
+    return str(yaml.dump(data, Dumper=dumper, allow_unicode=True, sort_keys=False))

@@ -33,9 +33,11 @@ from pepper_driver.config import (
     ConfigError,
     PlantConfig,
     RobotConfig,
+    RobotIdentity,
     World,
     load_plant,
     load_world,
+    parent_plants,
     plant_hash,
 )
 from pepper_driver.config.parts import FloatArray
@@ -79,6 +81,7 @@ class MujocoBackend(Serial, Backend):
         posture: str = "Stand",
         window: bool = False,
         uri: str = "mujoco",
+        parents: tuple[RobotIdentity, ...] = (),
     ) -> None:
         super().__init__()
         if window:
@@ -103,8 +106,10 @@ class MujocoBackend(Serial, Backend):
             joint_names=robot.joint_names,
             cycle=robot.cycle,
             response_delay=plant.response_delay,
-            capabilities=frozenset({"push", "grab", "truth"}),
+            capabilities=frozenset({"push", "grab", "seed", "truth"}),
             identity=plant_hash(plant, robot),
+            name=plant.name,
+            parents=parents,
         )
 
     @property
@@ -120,11 +125,14 @@ class MujocoBackend(Serial, Backend):
     @property
     def plant(self) -> SimulatedPlant:
         """Which robot this is."""
-        boards = self._simulation.boards
+        boards, plant = self._simulation.boards, self._plant
+        friction = [plant.actuator(name).friction.contact for name in self._robot.joint_names]
         return SimulatedPlant(
-            config=self._plant,
             stiffness=boards.stiffness.copy(),
             torque_limit=boards.torque_limit.copy(),
+            friction=np.array([part.motor + part.link for part in friction]),
+            rolling=plant.base == "rolling",
+            config=plant,
         )
 
     @property
@@ -346,12 +354,14 @@ def from_uri(uri: BackendUri, robot: RobotConfig) -> MujocoBackend:
     if uri.query.get("window", "0") not in ("0", "1"):
         raise ConfigError(f"backend '{uri.text}': window takes 0 or 1")
     draw = uri.integer("draw", 0) if "draw" in uri.query else None
+    plant = uri.query.get("plant", "nominal")
     return MujocoBackend(
         robot,
-        load_plant(uri.query.get("plant", "nominal"), robot, draw=draw),
+        load_plant(plant, robot, draw=draw),
         world=load_world(uri.query.get("world", "empty")),
         seed=uri.integer("seed", 0),
         posture=uri.query.get("posture", "Stand"),
         window=uri.integer("window", 0) == 1,
         uri=uri.text,
+        parents=parent_plants(plant, robot, draw=draw),
     )

@@ -37,7 +37,7 @@ class Contacts(Resumable):
         self._steps = round(robot.cycle / model.mj.opt.timestep)
         self._joint_torque = data.qfrc_applied
         self.touch = TouchSensors(robot, model, data)
-        self.pushes, self.hands = Pushes(data), Hands(model, data)
+        self.pushes, self.hands = Pushes(model, data), Hands(model, data)
         self._tally = Tally(model, data, self.touch, self._steps)
         self._world = world if world is not None and world.objects else None
         self._collisions: Collisions | None = None

@@ -2,43 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from math import cos, pi, sqrt
+from math import sqrt
 
 import mujoco
 
+from pepper_driver.backends.mujoco_.model import PlantModel
 from pepper_driver.backends.mujoco_.resumable import Resumable
 from pepper_driver.backends.mujoco_.tally import Tally
+from pepper_driver.backends.pushes import ScheduledPush
 from pepper_driver.config.parts import FloatArray
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Push:
-    """One push: ``force`` (3,) [N] at ``point`` (3,) of the body [m], from ``start`` [s] for ``duration`` [s].
-
-    It rises and falls along half a cosine, in ``rise`` [s] each.
-    """
-
-    body: int
-    force: FloatArray
-    point: FloatArray
-    turns_with_link: bool
-    start: float
-    duration: float
-    rise: float
-
-    @property
-    def end(self) -> float:
-        """When it is over [s]."""
-        return self.start + self.duration
-
-    def strength(self, time: float) -> float:
-        """Share of the force that acts at ``time`` [s], 0..1."""
-        since, until = time - self.start, self.end - time
-        if since <= 0.0 or until <= 0.0:
-            return 0.0
-        edge = min(since, until)
-        return 1.0 if edge >= self.rise else 0.5 - 0.5 * cos(pi * edge / self.rise)
 
 
 class Pushes(Resumable):
@@ -46,12 +18,12 @@ class Pushes(Resumable):
 
     STATE = ("_pending",)
 
-    def __init__(self, data: mujoco.MjData) -> None:
-        self._data = data
-        self._pending: list[Push] = []
-        self._due: list[Push] = []
+    def __init__(self, model: PlantModel, data: mujoco.MjData) -> None:
+        self._bodies, self._data = model.bodies, data
+        self._pending: list[ScheduledPush] = []
+        self._due: list[ScheduledPush] = []
 
-    def add(self, push: Push) -> None:
+    def add(self, push: ScheduledPush) -> None:
         """Schedule a push."""
         self._pending.append(push)
 
@@ -75,14 +47,15 @@ class Pushes(Resumable):
             strength = push.strength(data.time)
             if strength == 0.0:
                 continue
-            rotation = data.xmat[push.body].reshape(3, 3)
+            body = self._bodies[push.link]
+            rotation = data.xmat[body].reshape(3, 3)
             force = strength * push.force
             if push.turns_with_link:
                 force = rotation @ force
-            px, py, pz = (data.xpos[push.body] + rotation @ push.point).tolist()
+            px, py, pz = (data.xpos[body] + rotation @ push.point).tolist()
             x, y, z = force.tolist()
             joint_torque += tally.put(
-                tally.entry(push, "push", push.body),
+                tally.entry(push, "push", body),
                 (px, py, pz),
                 (x, y, z),
                 sqrt(x * x + y * y + z * z),

@@ -18,7 +18,7 @@ from pepper_driver.backends.mujoco_.backend import MujocoBackend
 from pepper_driver.backends.mujoco_.simulation import Simulation
 from pepper_driver.config import PlantConfig, RampProtocol, RobotConfig
 from pepper_driver.config.parts import FloatArray
-from pepper_driver.config.scenario_motion import Holds
+from pepper_driver.config.steps import Holds
 
 Progress = Callable[[int, int], None]
 """Called with (runs done, runs in all)."""

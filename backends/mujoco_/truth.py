@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from pepper_driver.backends.mujoco_.rolling import FALLEN
 from pepper_driver.backends.mujoco_.simulation import Simulation
 from pepper_driver.backends.simulated import TrueContact, Truth
-from pepper_driver.config import UnknownNameError
+from pepper_driver.config.errors import check_name
 from pepper_driver.config.parts import FloatArray
 
 LYING = 0.05
@@ -94,8 +94,7 @@ class MujocoTruth(Truth):
     def link_pose(self, link: str) -> FloatArray:
         """(4, 4) transform of a link in the world."""
         model = self._simulation.model
-        if link not in model.bodies:
-            raise UnknownNameError("link", link, model.bodies)
+        check_name("link", link, model.bodies)
         # In a place of its own: the simulation goes on from what its last step left behind.
         scratch = mujoco.MjData(model.mj)
         scratch.qpos[:] = self._simulation.data.qpos

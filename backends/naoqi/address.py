@@ -12,6 +12,9 @@ from pepper_driver.config import ConfigError
 PORTS = {"naoqi": 9559, "naoqis": 9503}
 """By scheme: where NAOqi listens by default. NAOqi 2.5 in clear, 2.9 over TLS with user and password."""
 
+MAX_HOST_LENGTH = 253
+"""[letters] Of a name, as DNS has it."""
+
 USER = "nao"
 """Who logs in where the URI names nobody: the one user every Pepper has."""
 
@@ -65,13 +68,21 @@ def naoqi_address(uri: BackendUri, options: set[str]) -> Address:
         parts = urlsplit(f"//{place}")
         host, port = parts.hostname, parts.port
     except ValueError as error:
-        raise ConfigError(f"backend '{uri.text}': {error}; for example: {example}") from error
+        port_text = place.rpartition(":")[2]
+        raise ConfigError(
+            f"backend '{uri.text}': a port is a whole number from 1 to 65535, got '{port_text}';"
+            f" NAOqi listens at {PORTS[uri.scheme]}"
+        ) from error
     if port == 0:
         raise ConfigError(
             f"backend '{uri.text}': port 0 is none; NAOqi listens at {PORTS[uri.scheme]}"
         )
     if not host:
         raise ConfigError(f"backend '{uri.text}': names no robot; for example: {example}")
+    if len(host) > MAX_HOST_LENGTH or any(letter.isspace() for letter in host):
+        raise ConfigError(
+            f"backend '{uri.text}': no host can have this name; for example: {example}"
+        )
     return Address(
         uri=uri.text,
         host=host,

@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 from abc import abstractmethod
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import cached_property
 from typing import ClassVar, Literal
 
@@ -29,7 +30,7 @@ from pepper_driver.backends.naoqi.fitness import check_fit
 from pepper_driver.backends.naoqi.preflight import Preflight, preflight
 from pepper_driver.backends.naoqi.presence import Presence
 from pepper_driver.backends.naoqi.secret import Secret, find_secret
-from pepper_driver.backends.naoqi.stand_in import SERVICE, Handled
+from pepper_driver.backends.naoqi.stand_in import SERVICE, Handled, simulated_parents
 from pepper_driver.backends.serial import Serial, serial
 from pepper_driver.config import NaoqiSettings, RobotConfig
 from pepper_driver.config.naoqi import TakeOverSettings
@@ -259,19 +260,24 @@ class NaoqiRobot(Serial, Handled):
         try:
             found = preflight(self._connection, self._robot, self._needed, need_dcm=self.NEED_DCM)
             services = self._connection.service_names
+            simulated = SERVICE in services
+            parents = simulated_parents(self._connection) if simulated else ()
         except BaseException:
             self._disconnect()
             raise
         capabilities: set[Capability] = set(abilities(services))
-        if SERVICE in services:
+        if simulated:
             capabilities |= {"push", "grab"}
         delay, identity = self._described(found)
+        way = identity.removeprefix(found.body_id)
         self._info = BackendInfo(
             joint_names=self._robot.joint_names,
             cycle=self._robot.cycle,
             response_delay=delay,
             capabilities=frozenset(capabilities),
             identity=identity,
+            name=self.uri,
+            parents=tuple(replace(parent, identity=parent.identity + way) for parent in parents),
         )
 
     def _met(self) -> Connection:

@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from typing import Literal
+from typing import Any, Literal
 
+import numpy as np
 from numpy.typing import ArrayLike
 
+from pepper_driver.backends.commands import check_grab, check_push
 from pepper_driver.backends.interface import Backend, CapabilityError
 from pepper_driver.backends.naoqi.connection import Connection, ServiceError
 from pepper_driver.backends.selection import make_backend
 from pepper_driver.backends.simulated import SimulatedPlant
-from pepper_driver.config import PepperError, RobotConfig, UnknownNameError
+from pepper_driver.config import PepperError, RobotConfig, RobotIdentity
 
 SERVICE = "StandIn"
 
@@ -95,7 +97,12 @@ class Handled(Backend):
             self._plant = simulated_plant(self._met(), self._robot)
         return self._plant
 
-    def _handle(self, method: Literal["push", "grab"], link: str, **arguments: object) -> None:
+    def _handle(
+        self,
+        method: Literal["push", "grab"],
+        link: str,
+        **arguments: Any,  # noqa: ANN401 as of push and grab
+    ) -> None:
         connection = self._connected()
         if method not in self.info.capabilities:
             raise CapabilityError(f"'{self.uri}' cannot {method} itself: only simulated robots can")
@@ -103,7 +110,11 @@ class Handled(Backend):
 
 
 def handle(
-    connection: Connection, robot: RobotConfig, method: str, link: str, **arguments: object
+    connection: Connection,
+    robot: RobotConfig,
+    method: str,
+    link: str,
+    **arguments: Any,  # noqa: ANN401 as of push and grab
 ) -> None:
     """Have a link pushed or grabbed; see :class:`~pepper_driver.backends.interface.Backend`.
 
@@ -117,11 +128,12 @@ def handle(
         arguments: The others.
 
     Raises:
-        UnknownNameError: No such link.
+        UnknownNameError: No such link or frame.
+        CommandError: A number that is not finite or out of range.
         HandlingError: That is not possible, for the reason given.
     """
-    if link not in robot.links:
-        raise UnknownNameError("link", link, robot.links)
+    check = check_push if method == "push" else check_grab
+    check(robot.links, link, **arguments)
     plain = {"link": link, **{name: _plain(value) for name, value in arguments.items()}}
     try:
         connection.call(SERVICE, method, plain)
@@ -147,7 +159,15 @@ def simulated_plant(connection: Connection, robot: RobotConfig) -> SimulatedPlan
     return backend.plant
 
 
+def simulated_parents(connection: Connection) -> tuple[RobotIdentity, ...]:
+    """Return the plants of which the robot of the stand-in is a variant, nearest first."""
+    parents = connection.call(SERVICE, "info")["parents"]
+    return tuple(RobotIdentity(name=name, identity=identity) for name, identity in parents)
+
+
 def _plain(value: object) -> object:
     """As qi takes it; it makes no sense of numpy."""
-    tolist = getattr(value, "tolist", None)
-    return value if tolist is None else tolist()
+    if isinstance(value, str | None):
+        return value
+    plain: object = np.asarray(value).tolist()
+    return plain

@@ -120,11 +120,13 @@ class Body:
     @property
     def info(self) -> dict[str, Any]:
         """What the robot says of itself, for the other processes."""
-        info = self.backend.info
+        info, plant = self.backend.info, self.backend.plant.config
+        assert plant is not None  # of MuJoCo
         return {
             "identity": info.identity,
+            "parents": [[parent.name, parent.identity] for parent in info.parents],
             "uri": self.backend.uri,
-            "plant": self.backend.plant.config.name,
+            "plant": plant.name,
             "response_delay": info.response_delay,
             "cycle_ms": round(1000 * info.cycle),
         }

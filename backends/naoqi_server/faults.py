@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 from pepper_driver.config import ConfigError, UnknownNameError, suggestion
+from pepper_driver.config.errors import shown
 
 Place = Literal["link", "process", "services", "robot", "start"]
 """Where a fault is: in the network; the NAOqi process as a whole; its services; the robot; only at its start."""
@@ -207,6 +208,8 @@ def parse_fault(text: str) -> Fault:
         UnknownNameError: No fault of this name.
         ConfigError: It takes no such argument, or not this value.
     """
+    if not isinstance(text, str):
+        raise ConfigError(f"a fault is a text such as 'hang:seconds=2', got {shown(text)}")
     name, _, rest = text.partition(":")
     if name not in FAULTS:
         raise UnknownNameError("fault", name, FAULTS)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import os
 import signal
 import socket
@@ -12,9 +13,10 @@ from collections.abc import Sequence
 from contextlib import ExitStack, suppress
 from importlib.util import find_spec
 from types import TracebackType
-from typing import Self
+from typing import Self, TypeVar
 
 from pepper_driver.backends.interface import BackendError
+from pepper_driver.backends.mujoco_.backend import MujocoBackend
 from pepper_driver.backends.naoqi_server.black_box import BlackBox
 from pepper_driver.backends.naoqi_server.clock import SPAN, wrapped
 from pepper_driver.backends.naoqi_server.fault_control import FaultControl
@@ -25,13 +27,20 @@ from pepper_driver.backends.naoqi_server.link import RobotLink
 from pepper_driver.backends.naoqi_server.messages import make_pair
 from pepper_driver.backends.naoqi_server.processes import spawn, wait_until_ready
 from pepper_driver.backends.naoqi_server.proxy import NetworkProxy
+from pepper_driver.backends.naoqi_server.robot_faults import RobotFaults
 from pepper_driver.backends.naoqi_server.table import Table
 from pepper_driver.backends.naoqi_server.tls import Login
+from pepper_driver.backends.selection import make_backend
 from pepper_driver.backends.signals import deferred_signals
-from pepper_driver.config import MissingExtraError, load_robot
+from pepper_driver.config import ConfigError, MissingExtraError, load_network, load_robot
+from pepper_driver.config.arguments import as_tuple, checked_arguments, is_number
+from pepper_driver.config.errors import shown
 from pepper_driver.config.naoqi_devices import load_naoqi_devices
 
+T = TypeVar("T")
 
+
+@checked_arguments
 class StandIn:
     """A stand-in NAOqi with its robot. Use it as a context manager.
 
@@ -50,11 +59,12 @@ class StandIn:
         faults: What is wrong from the start.
 
     Attributes:
-        robot: The robot, past NAOqi.
         proxy: What its clients' connections go through; None for nothing.
+
+    Raises:
+        PepperError: An argument is wrong, such as a plant, a world or a network that does not exist.
     """
 
-    robot: RobotLink
     proxy: NetworkProxy | None = None
 
     def __init__(
@@ -71,6 +81,34 @@ class StandIn:
         login: Login | None = None,
         faults: Sequence[Fault] = (),
     ) -> None:
+        for name, value, least, most in (("port", port, 0, 65535), ("clock", clock, -SPAN, SPAN)):
+            if value is not None or name == "port":
+                _check_integer(name, value, least, most)
+        if not (is_number(outlive) and 0 <= outlive < math.inf):
+            raise ConfigError(f"outlive must be a time [s], 0 or more, got {shown(outlive)}")
+        for name, text in (("host", host), ("version", version)):
+            if not isinstance(text, str) or (name == "host" and not text.strip()):
+                raise ConfigError(f"{name} must be a text, got {shown(text)}")
+        if as_tuple(faults) is None:
+            raise ConfigError(f"faults must be a list: [parse_fault('hang')], got {shown(faults)}")
+        for fault in faults:
+            if not isinstance(fault, Fault):
+                raise ConfigError(
+                    f"each of faults comes from parse_fault('hang'), got {shown(fault)}"
+                )
+        if network is not None:
+            load_network(network)
+        # Names are checked here, and not in processes that first have to start.
+        config = load_robot()
+        if not isinstance(make_backend(uri, config), MujocoBackend):
+            raise BackendError(f"'{uri}': behind the stand-in there must be a simulated robot")
+        trial = RobotFaults(config, table_keys(config, load_naoqi_devices(config)))
+        for fault in faults:
+            if fault.kind.place == "robot":
+                trial.set(fault.name, fault.all_arguments)
+            elif fault.name == "network":
+                load_network(str(fault.arguments["name"]))
+        self._link: RobotLink | None = None
         self._uri, self._host, self._port = uri, host, port
         self._clock, self._outlive = clock, outlive
         self._network, self._login, self._faults = network, login, faults
@@ -85,8 +123,10 @@ class StandIn:
         """Start the robot, then NAOqi.
 
         Raises:
-            BackendError: One of them refuses, for the reason given.
+            BackendError: One of them refuses, for the reason given, or is started already.
         """
+        if self._robot is not None:
+            raise BackendError("the stand-in is started already")
         if find_spec("qi") is None:
             raise MissingExtraError(
                 "a stand-in NAOqi (Linux on x86-64, Python up to 3.12)", "naoqi"
@@ -116,7 +156,7 @@ class StandIn:
             naoqis = self._spawn_naoqi()  # at the same time: both take a while
             wait_until_ready(self._robot, owner)
             table = Table(self._file, len(keys), config)
-            self.robot = RobotLink(table, owner, keys, frozenset(devices.actuators))
+            self._link = RobotLink(table, owner, keys, frozenset(devices.actuators))
             self._take_naoqi(naoqis)
             if proxied:
                 self.proxy = NetworkProxy(
@@ -139,8 +179,9 @@ class StandIn:
         """Start the NAOqi process anew after it died, at the same port.
 
         Raises:
-            BackendError: It cannot start, for example because the port is in use by now.
+            BackendError: It cannot start, for example because the port is in use by now; or nothing was started.
         """
+        _started(self._robot)
         self._take_naoqi(self._spawn_naoqi())
 
     def _spawn_naoqi(self) -> socket.socket:
@@ -172,6 +213,7 @@ class StandIn:
         self._naoqi_at = (self._naoqi_at[0], int(ready["port"]))
         self._naoqi_killed = False
 
+    @checked_arguments
     def set_fault(self, text: str) -> None:
         """Let something go wrong; see ``faults.parse_fault``.
 
@@ -191,6 +233,7 @@ class StandIn:
         """Name or file of the network that it had at the start."""
         return self._network or "clear"
 
+    @checked_arguments
     def signal_naoqi(self, number: int) -> None:
         """Send the NAOqi process a signal; when this returns it is gone after SIGKILL, and stands after SIGSTOP."""
         process = self.naoqi_process
@@ -209,6 +252,15 @@ class StandIn:
             self._naoqis_line.ask("set_fault", name=fault.name, arguments=fault.all_arguments)
 
     @property
+    def robot(self) -> RobotLink:
+        """The robot, past NAOqi.
+
+        Raises:
+            BackendError: It was never started.
+        """
+        return _started(self._link)
+
+    @property
     def port(self) -> int:
         """Where NAOqi listens."""
         return self._port
@@ -221,15 +273,14 @@ class StandIn:
     @property
     def robot_process(self) -> subprocess.Popen[bytes]:
         """The robot process."""
-        assert self._robot is not None, "not started"
-        return self._robot
+        return _started(self._robot)
 
     @property
     def naoqi_process(self) -> subprocess.Popen[bytes]:
         """The NAOqi process. What happens to it does not touch the robot: kill, stop or continue it by its ``pid``."""
-        assert self._naoqi is not None, "not started"
-        return self._naoqi
+        return _started(self._naoqi)
 
+    @checked_arguments
     def black_box(self, last: int | None = None) -> BlackBox:
         """What the robot really did in the last two minutes, or ``last`` cycles; also after its process ended."""
         return self.robot.black_box(last)
@@ -242,7 +293,9 @@ class StandIn:
         """
         while True:
             if (code := self.robot_process.poll()) is not None:
-                raise BackendError(f"the stand-in's robot process ended {_how(code)}")
+                error = BackendError(f"the stand-in's robot process ended {_how(code)}")
+                error.while_active = True
+                raise error
             if (code := self.naoqi_process.poll()) is not None and not self._naoqi_killed:
                 return _how(code)
             time.sleep(0.1)
@@ -272,6 +325,19 @@ class StandIn:
         traceback: TracebackType | None,
     ) -> None:
         self.stop()
+
+
+def _check_integer(name: str, value: object, least: int, most: int) -> None:
+    if isinstance(value, bool) or not (isinstance(value, int) and least <= value <= most):
+        raise ConfigError(
+            f"{name} must be a whole number from {least} to {most}, got {shown(value)}"
+        )
+
+
+def _started(part: T | None) -> T:
+    if part is None:
+        raise BackendError("the stand-in is not started: use it in a 'with' block")
+    return part
 
 
 def _how(code: int) -> str:

@@ -19,7 +19,6 @@ from typing import Any
 
 import numpy as np
 
-from pepper_driver.backends.interface import BackendError
 from pepper_driver.backends.mujoco_.backend import MujocoBackend
 from pepper_driver.backends.naoqi_server.body import Body
 from pepper_driver.backends.naoqi_server.clock import DcmClock, wrapped
@@ -48,8 +47,7 @@ class RobotProcess:
         robot = load_robot()
         devices = load_naoqi_devices(robot)
         backend = make_backend(uri, robot)
-        if not isinstance(backend, MujocoBackend):
-            raise BackendError(f"'{uri}': behind the stand-in there must be a simulated robot")
+        assert isinstance(backend, MujocoBackend)  # StandIn refuses others
         self._body = Body(robot, devices, backend, clock)
         self._cycle_ms = round(1000 * robot.cycle)
         self._clock = DcmClock(begin=time.monotonic_ns(), origin=clock)

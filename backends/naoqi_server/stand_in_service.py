@@ -16,7 +16,7 @@ class StandInService:
         self._record = context.shared.record
 
     def info(self) -> dict[str, Any]:
-        """Which robot this is: ``identity``, ``plant``, ``uri``, ``response_delay``, ``pid``, ..."""
+        """Which robot this is: ``identity``, ``plant``, ``parents``, ``uri``, ``response_delay``, ``pid``, ..."""
         return dict(self._robot.info)
 
     def push(self, arguments: dict[str, Any]) -> None:

@@ -32,8 +32,9 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from pepper_driver.config import RobotConfig
-from pepper_driver.controller.constraints.constraint import Constraint, Rows, is_number
-from pepper_driver.controller.constraints.stopping import Stopping
+from pepper_driver.config.arguments import checked_arguments, is_number
+from pepper_driver.controller.constraints.braking_limits import BrakingLimits
+from pepper_driver.controller.constraints.constraint import Constraint, LinearInequality
 from pepper_driver.controller.errors import LimitError
 from pepper_driver.controller.model import BASE, RobotModel
 
@@ -76,6 +77,7 @@ def _product(a: list[float], b: list[float]) -> float:
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2] + a[3] * b[3] + a[4] * b[4]
 
 
+@checked_arguments
 class Balance(Constraint):
     """Keeps zero moment point and centre of mass over the triangle of the wheels.
 
@@ -94,7 +96,7 @@ class Balance(Constraint):
     """
 
     name = "balance"
-    rank = 4
+    priority = 4
     lazy = True
 
     def __init__(
@@ -123,9 +125,11 @@ class Balance(Constraint):
         self._least = LEAST_ROOM * self._mass * GRAVITY
         self._own = model.pin.createData()  # for accelerations that are only looked at
 
-    def kept(self, model: RobotModel, stopping: Stopping, acceleration: FloatArray) -> bool:
+    def is_satisfied(
+        self, model: RobotModel, braking_limits: BrakingLimits, acceleration: FloatArray
+    ) -> bool:
         """Whether zero moment point and capture point stay inside with (20,) accelerations."""
-        own, dt = self._own, stopping.dt
+        own, dt = self._own, braking_limits.dt
         pin.computeCentroidalMomentumTimeVariation(model.pin, own, model.q, model.v, acceleration)
         place = self._place(model, own.com[0].tolist())
         force = own.dhg.vector.tolist()
@@ -145,9 +149,11 @@ class Balance(Constraint):
             for row, d in zip(place.moments, place.caught, strict=True)
         )
 
-    def rows(self, model: RobotModel, stopping: Stopping) -> Rows | None:
+    def compute_inequality(
+        self, model: RobotModel, braking_limits: BrakingLimits
+    ) -> LinearInequality | None:
         """Up to six rows, of the lines that an acceleration could reach."""
-        acceleration, dt, data = stopping.acceleration, stopping.dt, model.data
+        acceleration, dt, data = braking_limits.acceleration, braking_limits.dt, model.data
         pin.ccrba(model.pin, data, model.q, model.v)
         pin.computeCentroidalMomentumTimeVariation(model.pin, data)
         full = data.Ag
@@ -204,7 +210,7 @@ class Balance(Constraint):
 
     def _that_matter(
         self, matrix: FloatArray, room: list[float], acceleration: FloatArray
-    ) -> Rows | None:
+    ) -> LinearInequality | None:
         """Without rows that no acceleration within its limits can break; the others in units of their largest entry."""
         size = np.abs(matrix)
         reach = size.dot(acceleration).tolist()
@@ -212,7 +218,7 @@ class Balance(Constraint):
         if not matters:
             return None
         scale = [1.0 / max(row.max(), LEAST_SIZE) for row in size[matters]]
-        return Rows(
+        return LinearInequality(
             matrix[matters] * np.array(scale)[:, None],
             np.array([room[i] * s for i, s in zip(matters, scale, strict=True)]),
             tuple(self._names[i] for i in matters),

@@ -29,9 +29,10 @@ from math import inf
 import numpy as np
 
 from pepper_driver.config import ConfigError, RobotConfig
+from pepper_driver.config.arguments import checked_arguments, is_number
 from pepper_driver.controller.constraints.braking import BRAKE_SHARE
-from pepper_driver.controller.constraints.constraint import Constraint, Rows, is_number
-from pepper_driver.controller.constraints.stopping import Stopping
+from pepper_driver.controller.constraints.braking_limits import BrakingLimits
+from pepper_driver.controller.constraints.constraint import Constraint, LinearInequality
 from pepper_driver.controller.errors import LimitError
 from pepper_driver.controller.model import RobotModel
 
@@ -158,6 +159,7 @@ class Pair:
         self.low = -min((c.tightest for sign, c, _ in self.sides if sign < 0), default=np.inf)
 
 
+@checked_arguments
 class CoupledLimits(Constraint):
     """Keeps coupled joints in the region of their common limits.
 
@@ -175,32 +177,37 @@ class CoupledLimits(Constraint):
     """
 
     name = "coupled limits"
-    rank = 3
+    priority = 3
     needs_kinematics = False
 
     def __init__(self, robot: RobotConfig, margin: float = 0.005) -> None:
         if not (is_number(margin) and 0.0 <= margin < inf):
             raise LimitError("margin", margin, "a finite angle that is not negative")
         self._pairs = [Pair(robot, i, margin) for i in range(len(robot.limits.coupled))]
-        self._for: tuple[RobotModel, Stopping] | None = None
+        self._for: tuple[RobotModel, BrakingLimits] | None = None
         self._quick: list[tuple[int, int, float, float, float, float, float]] = []
 
-    def _prepare(self, model: RobotModel, stopping: Stopping) -> None:
+    def _prepare(self, model: RobotModel, braking_limits: BrakingLimits) -> None:
         """Look up columns and accelerations."""
-        self._for = (model, stopping)
+        self._for = (model, braking_limits)
         self._offset = len(model.q) - model.nv
         self._columns, self._quick, self._spans = [], [], []
         for number, pair in enumerate(self._pairs):
             driver, driven = (int(model.joint_columns[i]) for i in (pair.driver, pair.driven))
-            spans = [Span(float(stopping.acceleration[i]), stopping.dt) for i in (driver, driven)]
+            spans = [
+                Span(float(braking_limits.acceleration[i]), braking_limits.dt)
+                for i in (driver, driven)
+            ]
             self._columns.append((driver, driven))
             self._spans.append((spans[0], spans[1]))
             self._quick.append((number, driven, pair.low, pair.high, *spans[1].far))
 
-    def rows(self, model: RobotModel, stopping: Stopping) -> Rows | None:
+    def compute_inequality(
+        self, model: RobotModel, braking_limits: BrakingLimits
+    ) -> LinearInequality | None:
         """The lines that the joints could get beyond; none while the driven joints are far from all of them."""
-        if self._for is None or self._for[0] is not model or self._for[1] is not stopping:
-            self._prepare(model, stopping)
+        if self._for is None or self._for[0] is not model or self._for[1] is not braking_limits:
+            self._prepare(model, braking_limits)
         position, velocity, offset = model.q.item, model.v.item, self._offset
         found: list[Row] = []
         for number, driven, low, high, far, gain, bend in self._quick:
@@ -213,7 +220,7 @@ class CoupledLimits(Constraint):
         matrix, bound = np.zeros((len(found), model.nv)), np.zeros(len(found))
         for i, (_, driven, entry, driver, other, most) in enumerate(found):
             matrix[i, driven], matrix[i, driver], bound[i] = entry, other, most
-        return Rows(matrix, bound, tuple(row[0] for row in found))
+        return LinearInequality(matrix, bound, tuple(row[0] for row in found))
 
     def _find(self, number: int, model: RobotModel, found: list[Row]) -> None:
         """Append the rows of one pair, in units of the driven joint's acceleration."""

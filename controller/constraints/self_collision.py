@@ -21,11 +21,12 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from pepper_driver.config import RobotConfig, SelfCollisionSettings, load_self_collision
+from pepper_driver.config.arguments import checked_arguments
 from pepper_driver.controller.capsules import CapsuleDistances
 from pepper_driver.controller.constraints.braking import BRAKE_SHARE
+from pepper_driver.controller.constraints.braking_limits import BrakingLimits
 from pepper_driver.controller.constraints.braking_path import BrakingPath
-from pepper_driver.controller.constraints.constraint import Constraint, Rows, stack
-from pepper_driver.controller.constraints.stopping import Stopping
+from pepper_driver.controller.constraints.constraint import Constraint, LinearInequality, stack
 from pepper_driver.controller.model import RobotModel
 
 FloatArray = NDArray[np.float64]
@@ -40,6 +41,7 @@ LEAST_SIZE = 1e-9
 """[m s2/rad] A row of smaller entries moves nothing."""
 
 
+@checked_arguments
 class SelfCollision(Constraint):
     """Keeps the security distance between pairs of links.
 
@@ -52,7 +54,7 @@ class SelfCollision(Constraint):
     """
 
     name = "self-collision"
-    rank = 2
+    priority = 2
     lazy = True
 
     def __init__(self, robot: RobotConfig, settings: SelfCollisionSettings | None = None) -> None:
@@ -63,13 +65,15 @@ class SelfCollision(Constraint):
         self._close = CapsuleDistances(model, settings, margin=settings.security_distance)
         self._names = tuple(f"{self.name} {pair}" for pair in self._capsules.names)
         self._limit = np.full(len(self._names), settings.security_distance)
-        self._prepared: Stopping | None = None
+        self._prepared: BrakingLimits | None = None
         self._watched = 0
 
-    def kept(self, model: RobotModel, stopping: Stopping, acceleration: FloatArray) -> bool:
+    def is_satisfied(
+        self, model: RobotModel, braking_limits: BrakingLimits, acceleration: FloatArray
+    ) -> bool:
         """Whether all pairs keep the security distance on the way to rest from where (20,) accelerations lead."""
-        if stopping is not self._prepared:
-            self._prepare(stopping)
+        if braking_limits is not self._prepared:
+            self._prepare(braking_limits)
         rest = self._rest
         rest.update(model.v)
         if not self._near(self._capsules, model.q, rest.way + rest.gain * acceleration):
@@ -78,26 +82,30 @@ class SelfCollision(Constraint):
             self._watched -= 1
         else:
             self._watched = WATCHED
-        for place in self._places(model, stopping):
+        for place in self._places(model, braking_limits):
             if self._near(self._close, model.q, place.way + place.gain * acceleration):
                 return False
         return True
 
-    def rows(self, model: RobotModel, stopping: Stopping) -> Rows | None:
+    def compute_inequality(
+        self, model: RobotModel, braking_limits: BrakingLimits
+    ) -> LinearInequality | None:
         """Distances on the way to rest, of the pairs that an acceleration could bring too near there."""
-        if stopping is not self._prepared:
-            self._prepare(stopping)
+        if braking_limits is not self._prepared:
+            self._prepare(braking_limits)
         self._rest.update(model.v)
-        limit = self._limit_now(model, stopping.dt)
-        parts = [self._rows_at(place, model.q, limit) for place in self._places(model, stopping)]
+        limit = self._limit_now(model, braking_limits.dt)
+        parts = [
+            self._rows_at(place, model.q, limit) for place in self._places(model, braking_limits)
+        ]
         found = [part for part in parts if part is not None]
         return stack(found) if found else None
 
-    def _places(self, model: RobotModel, stopping: Stopping) -> list[BrakingPath]:
+    def _places(self, model: RobotModel, braking_limits: BrakingLimits) -> list[BrakingPath]:
         """The places on the way to rest that are looked at: rest, and those before it."""
         places, longest = [self._rest], self._rest.longest
         for cycles, place in self._on_the_way:
-            if longest > cycles * stopping.dt:  # else the robot is at rest there
+            if longest > cycles * braking_limits.dt:  # else the robot is at rest there
                 place.update(model.v)
                 places.append(place)
         return places
@@ -109,13 +117,13 @@ class SelfCollision(Constraint):
         capsules.place(data)
         return capsules.any_near()
 
-    def _prepare(self, stopping: Stopping) -> None:
-        brake, dt = stopping.brake, stopping.dt
+    def _prepare(self, braking_limits: BrakingLimits) -> None:
+        brake, dt = braking_limits.brake, braking_limits.dt
         self._rest = BrakingPath(brake, dt, inf)
         self._on_the_way = [(cycles, BrakingPath(brake, dt, cycles)) for cycles in CYCLES]
         self._acceleration = brake / BRAKE_SHARE
         self._reach = self._capsules.levers * self._acceleration
-        self._prepared = stopping
+        self._prepared = braking_limits
 
     def _limit_now(self, model: RobotModel, dt: float) -> FloatArray:
         """(pairs,) the distances to keep [m]: less than the security distance where it is not kept yet."""
@@ -126,7 +134,9 @@ class SelfCollision(Constraint):
         recovered = np.array(close.distances()) + settings.recovery_speed * dt
         return np.minimum(recovered, settings.security_distance)
 
-    def _rows_at(self, place: BrakingPath, q: FloatArray, limit: FloatArray) -> Rows | None:
+    def _rows_at(
+        self, place: BrakingPath, q: FloatArray, limit: FloatArray
+    ) -> LinearInequality | None:
         """Rows for one place on the way; those that no acceleration within its limits can break are left out."""
         capsules, data, gain = self._capsules, self._data, place.gain
         pin.computeJointJacobians(self._pin, data, pin.integrate(self._pin, q, place.way))
@@ -147,4 +157,4 @@ class SelfCollision(Constraint):
         # Solvers judge rows by one tolerance, meant for entries near 1.
         scale = 1.0 / size[matters].max(axis=1)
         names = tuple(self._names[pair] for pair in near[matters])
-        return Rows(matrix[matters] * scale[:, None], room[matters] * scale, names)
+        return LinearInequality(matrix[matters] * scale[:, None], room[matters] * scale, names)

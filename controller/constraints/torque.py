@@ -9,12 +9,14 @@ import numpy as np
 import pinocchio as pin
 
 from pepper_driver.config import RobotConfig
-from pepper_driver.controller.constraints.constraint import Constraint, Rows, is_number
-from pepper_driver.controller.constraints.stopping import Stopping
+from pepper_driver.config.arguments import checked_arguments, is_number
+from pepper_driver.controller.constraints.braking_limits import BrakingLimits
+from pepper_driver.controller.constraints.constraint import Constraint, LinearInequality
 from pepper_driver.controller.errors import LimitError
 from pepper_driver.controller.model import RobotModel
 
 
+@checked_arguments
 class TorqueLimit(Constraint):
     """The load torque of each joint, |M qdd + C v + g|, within a share of what its motor brings through its reduction.
 
@@ -39,7 +41,7 @@ class TorqueLimit(Constraint):
     """
 
     name = "torque"
-    rank = 1
+    priority = 1
     needs_kinematics = False
 
     def __init__(
@@ -59,7 +61,9 @@ class TorqueLimit(Constraint):
         self._joints = robot.joint_names
         self._model: RobotModel | None = None
 
-    def rows(self, model: RobotModel, stopping: Stopping) -> Rows | None:
+    def compute_inequality(
+        self, model: RobotModel, braking_limits: BrakingLimits
+    ) -> LinearInequality | None:
         """Rows of the joints that could get beyond their limit, on the side where they could."""
         if model is not self._model:
             self._model = model
@@ -71,14 +75,14 @@ class TorqueLimit(Constraint):
         columns, limit = self._columns, self._limits
         inertia = pin.crba(model.pin, self._data, model.q)[columns]
         load = pin.nonLinearEffects(model.pin, self._data, model.q, model.v)[columns]
-        reach = np.abs(inertia) @ stopping.acceleration
+        reach = np.abs(inertia) @ braking_limits.acceleration
         if not np.any(np.abs(load) + reach > limit):
             return None
         (high,) = np.nonzero(load + reach > limit)
         (low,) = np.nonzero(reach - load > limit)
-        brake = stopping.brake
-        braking = inertia @ np.minimum(np.maximum(-model.v / stopping.dt, -brake), brake)
-        return Rows(
+        brake = braking_limits.brake
+        braking = inertia @ np.minimum(np.maximum(-model.v / braking_limits.dt, -brake), brake)
+        return LinearInequality(
             np.concatenate([inertia[high], -inertia[low]]),
             np.concatenate(
                 [

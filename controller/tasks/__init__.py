@@ -10,7 +10,7 @@ from pepper_driver.controller.tasks.hand import HandTask
 from pepper_driver.controller.tasks.look_at import LookAtTask
 from pepper_driver.controller.tasks.momentum import MomentumTask
 from pepper_driver.controller.tasks.posture import PostureTask
-from pepper_driver.controller.tasks.task import Task
+from pepper_driver.controller.tasks.task import Task, TaskRows
 
 __all__ = [
     "BasePoseTask",
@@ -25,5 +25,6 @@ __all__ = [
     "PositionTask",
     "PostureTask",
     "Task",
+    "TaskRows",
     "checked_stiffness",
 ]

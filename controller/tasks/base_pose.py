@@ -7,14 +7,16 @@ from math import atan2, pi
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from pepper_driver.config.arguments import checked_arguments
 from pepper_driver.controller.model import BASE, RobotModel
 from pepper_driver.controller.tasks.targets import Target, finite_vector
-from pepper_driver.controller.tasks.task import Task
+from pepper_driver.controller.tasks.task import Task, TaskRows
 from pepper_driver.controller.trajectory import Trajectory, vector_trajectory
 
 FloatArray = NDArray[np.float64]
 
 
+@checked_arguments
 class BasePoseTask(Task):
     """The base as a critically damped spring in the plane, turning the short way.
 
@@ -53,13 +55,13 @@ class BasePoseTask(Task):
             self._target = target  # as given: only a trajectory's heading is wrapped
             self._stop_moving()
 
-        self._change(change)
+        self.change(change)
 
     def checked(self, target: Target) -> FloatArray:
         """The target; see :meth:`Task.checked`."""
         return finite_vector("a base pose (x, y, heading)", target, BASE)
 
-    def measure(self, model: RobotModel) -> None:
+    def compute(self, model: RobotModel, rows: TaskRows) -> None:
         """Velocities of the model are in the base's axes, which turn: d/dt (R v) = R (dv/dt + w x v)."""
         if self._target is None:
             self._target = model.base_pose(model.q)
@@ -67,9 +69,9 @@ class BasePoseTask(Task):
         vx, vy, wz = model.v[:BASE].tolist()
         goal_x, goal_y, heading = self._target.tolist()
         turn = _wrapped(heading - atan2(sine, cosine))
-        self._error[:] = goal_x - x, goal_y - y, turn
-        self._bias[:] = wz * (-sine * vx - cosine * vy), wz * (cosine * vx - sine * vy), 0.0
-        jacobian = self._jacobian
+        rows.error[:] = goal_x - x, goal_y - y, turn
+        rows.bias[:] = wz * (-sine * vx - cosine * vy), wz * (cosine * vx - sine * vy), 0.0
+        jacobian = rows.jacobian
         jacobian[0, 0] = jacobian[1, 1] = cosine
         jacobian[0, 1], jacobian[1, 0] = -sine, sine
         jacobian[2, 2] = 1.0

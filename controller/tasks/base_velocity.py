@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from pepper_driver.config.arguments import checked_arguments
 from pepper_driver.controller.model import BASE, RobotModel
 from pepper_driver.controller.tasks.lag import LagTask
 from pepper_driver.controller.tasks.targets import finite_vector
@@ -19,6 +20,7 @@ RELAXED_BASE_RATIO = 0.01
 """Of the weight, for a base at rest that gives way to a task: then it weighs as much as the posture does."""
 
 
+@checked_arguments
 class BaseVelocityTask(LagTask):
     """The base reaches a twist as a first-order lag: a* = damping (target - twist).
 
@@ -71,7 +73,7 @@ class BaseVelocityTask(LagTask):
     def attach(self, model: RobotModel, rows: TaskRows) -> None:
         """One row for each of vx, vy, wz."""
         super().attach(model, rows)
-        self._jacobian[:, :BASE] = np.eye(BASE)
+        rows.jacobian[:, :BASE] = np.eye(BASE)
 
-    def measure(self, model: RobotModel) -> None:
+    def compute(self, model: RobotModel, rows: TaskRows) -> None:
         """What there is to know is the rate, and that is the model's velocity."""

@@ -8,8 +8,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pepper_driver.config import RobotConfig, UnknownNameError, load_robot
+from pepper_driver.config.arguments import checked_arguments
 from pepper_driver.controller.model import BASE, RobotModel
-from pepper_driver.controller.tasks.task import Task
+from pepper_driver.controller.tasks.task import Task, TaskRows
 from pepper_driver.controller.trajectory import Trajectory, vector_trajectory
 
 FloatArray = NDArray[np.float64]
@@ -17,6 +18,7 @@ FloatArray = NDArray[np.float64]
 BASE_LINK = "base_link"
 
 
+@checked_arguments
 class ComTask(Task):
     """The centre of mass goes to a place.
 
@@ -65,19 +67,19 @@ class ComTask(Task):
     def target(self, value: ArrayLike) -> None:
         self._set_target(self.checked(value))
 
-    def measure(self, model: RobotModel) -> None:
+    def compute(self, model: RobotModel, rows: TaskRows) -> None:
         """The error is target minus centre of mass [m]."""
         position, full, velocity, bias = model.com()
         if self._in_base:
             position, _, bias = _in_base_link(model, position, velocity, bias)
             # The base is a rigid body here: joints alone move the centre of mass in it.
-            self._jacobian[:, BASE:] = _rotation_world_to_base(model) @ full[:, BASE:]
+            rows.jacobian[:, BASE:] = _rotation_world_to_base(model) @ full[:, BASE:]
         else:
-            self._jacobian[...] = full
+            rows.jacobian[...] = full
         if self._target is None:
             self._target = position.copy()
-        np.subtract(self._target, position, self._error)
-        self._bias[...] = bias
+        np.subtract(self._target, position, rows.error)
+        rows.bias[...] = bias
 
     def _plan(
         self, model: RobotModel, targets: list[FloatArray], durations: list[float], dt: float

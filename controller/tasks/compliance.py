@@ -8,10 +8,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pepper_driver.config import RobotConfig, load_robot
+from pepper_driver.config.arguments import checked_arguments, real_array
 from pepper_driver.controller.errors import GainError
 from pepper_driver.controller.model import RobotModel
 from pepper_driver.controller.tasks.posture import PostureTask
 from pepper_driver.controller.tasks.targets import finite_vector
+from pepper_driver.controller.tasks.task import TaskRows
 
 FloatArray = NDArray[np.float64]
 
@@ -22,6 +24,7 @@ SLIP = 1e-9
 """[s] What sums of cycles may be off by."""
 
 
+@checked_arguments
 class ComplianceTask(PostureTask):
     """Joints follow an external torque: qdd* = torque / inertia - damping qd + stiffness (rest - q).
 
@@ -83,10 +86,9 @@ class ComplianceTask(PostureTask):
     def _each(self, name: str, value: ArrayLike, *, above_zero: bool = False) -> FloatArray:
         """(joints,) one number for all or one a joint."""
         what = f"one or {self.rows} finite numbers {'above' if above_zero else 'not below'} 0"
-        try:
-            numbers = np.array(value, dtype=np.float64)
-        except (TypeError, ValueError):
-            raise GainError(name, value, what) from None
+        numbers = real_array(value)
+        if numbers is None:
+            raise GainError(name, value, what)
         good = np.isfinite(numbers) & ((numbers > 0) if above_zero else (numbers >= 0))
         if numbers.shape not in ((), (self.rows,)) or not good.all():
             raise GainError(name, value, what)
@@ -116,7 +118,7 @@ class ComplianceTask(PostureTask):
             self._push = push if torque.any() else None
             self._update_driven()
 
-        self._change(change)
+        self.change(change)
 
     def _update_driven(self) -> None:
         super()._update_driven()
@@ -134,14 +136,14 @@ class ComplianceTask(PostureTask):
             self._torque, self._push = np.zeros(self.rows), None
             self._update_driven()
 
-    def measure(self, model: RobotModel) -> None:
+    def compute(self, model: RobotModel, rows: TaskRows) -> None:
         """The error is rest posture minus position [rad]."""
         if not self._rest_known:
             self._follow(np.clip(model.joint_position[self._indices], self._lower, self._upper))
-        super().measure(model)
+        super().compute(model, rows)
 
-    def refer(self) -> None:
+    def add_feedforward(self, rows: TaskRows) -> None:
         """Add the torque's acceleration to that of the reference motion."""
-        super().refer()
+        super().add_feedforward(rows)
         if self._push is not None:
-            self._wanted += self._push
+            rows.wanted += self._push

@@ -9,6 +9,7 @@ import pinocchio as pin
 from numpy.typing import ArrayLike, NDArray
 
 from pepper_driver.config import RobotConfig, load_robot
+from pepper_driver.config.arguments import checked_arguments
 from pepper_driver.controller.errors import TargetError
 from pepper_driver.controller.model import RobotModel
 from pepper_driver.controller.tasks.frame_motion import FrameMotion
@@ -91,6 +92,7 @@ class _FrameTask(Task):
         self._target = target
 
 
+@checked_arguments
 class PositionTask(_FrameTask):
     """A point of a link goes to a place.
 
@@ -131,14 +133,14 @@ class PositionTask(_FrameTask):
             "position", 3, link, point, root, joints, base, stiffness, weight, name, robot
         )
 
-    def measure(self, model: RobotModel) -> None:
+    def compute(self, model: RobotModel, rows: TaskRows) -> None:
         """The error is target minus position [m]."""
         motion = self._motion
         motion.update(model)
         if self._target is None:
             self._target = motion.position.copy()
-        np.subtract(self._target, motion.position, self._error)
-        self._jacobian[:], self._bias[:] = motion.jacobian[:3], motion.bias[:3]
+        np.subtract(self._target, motion.position, rows.error)
+        rows.jacobian[:], rows.bias[:] = motion.jacobian[:3], motion.bias[:3]
 
     def _plan(
         self, model: RobotModel, targets: list[FloatArray], durations: list[float], dt: float
@@ -149,6 +151,7 @@ class PositionTask(_FrameTask):
         return vector_trajectory(points, velocity, durations, dt)
 
 
+@checked_arguments
 class OrientationTask(_FrameTask):
     """A link takes an orientation, the short way round.
 
@@ -191,14 +194,14 @@ class OrientationTask(_FrameTask):
         """(3, 3) rotation matrix; a unit quaternion (x, y, z, w) is taken too."""
         return checked_rotation(f"the target of {self.name}", target)
 
-    def measure(self, model: RobotModel) -> None:
+    def compute(self, model: RobotModel, rows: TaskRows) -> None:
         """The error is the rotation vector from the orientation to the target [rad]."""
         motion = self._motion
         motion.update(model)
         if self._target is None:
             self._target = motion.rotation.copy()
-        self._error[:] = pin.log3(self._target.dot(motion.rotation.T))
-        self._jacobian[:], self._bias[:] = motion.jacobian[3:], motion.bias[3:]
+        rows.error[:] = pin.log3(self._target.dot(motion.rotation.T))
+        rows.jacobian[:], rows.bias[:] = motion.jacobian[3:], motion.bias[3:]
 
     def _plan(
         self, model: RobotModel, targets: list[FloatArray], durations: list[float], dt: float
@@ -209,6 +212,7 @@ class OrientationTask(_FrameTask):
         return Trajectory(rotation_spline(ways, velocity, durations), sum(durations), dt)
 
 
+@checked_arguments
 class FrameTask(_FrameTask):
     """A frame of a link goes to a pose: position and orientation together (SE3).
 
@@ -254,13 +258,13 @@ class FrameTask(_FrameTask):
     def attach(self, model: RobotModel, rows: TaskRows) -> None:
         """Look the frames up."""
         super().attach(model, rows)
-        self._way_left, self._turn_left = self._error[:3], self._error[3:]
+        self._way_left, self._turn_left = rows.error[:3], rows.error[3:]
 
     def _follow(self, target: FloatArray) -> None:
         self._target = target
         self._place, self._back = target[:3, 3].copy(), target[:3, :3].T.copy()
 
-    def measure(self, model: RobotModel) -> None:
+    def compute(self, model: RobotModel, rows: TaskRows) -> None:
         """The error is the way to the target [m], then the rotation vector to it [rad]."""
         motion = self._motion
         motion.update(model)
@@ -268,8 +272,8 @@ class FrameTask(_FrameTask):
             self._follow(_pose(motion.position, motion.rotation))
         np.subtract(self._place, motion.position, self._way_left)
         np.negative(pin.log3(motion.rotation.dot(self._back)), self._turn_left)
-        self._jacobian[...] = motion.jacobian
-        self._bias[...] = motion.bias
+        rows.jacobian[...] = motion.jacobian
+        rows.bias[...] = motion.bias
 
     def _plan(
         self, model: RobotModel, targets: list[FloatArray], durations: list[float], dt: float

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from math import sqrt
-from numbers import Real
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from pepper_driver.config.arguments import is_number, real_array
 from pepper_driver.config.parts import STIFFEST
 from pepper_driver.controller.changes import Change, Changes
 from pepper_driver.controller.errors import GainError
@@ -68,7 +68,7 @@ class GainsMixin:
             self._stiffness = stiffness
             self._update_gains()
 
-        self._change(change)
+        self.change(change)
 
     @property
     def damping(self) -> float:
@@ -84,7 +84,7 @@ class GainsMixin:
             self._own_damping = damping
             self._update_gains()
 
-        self._change(change)
+        self.change(change)
 
     @property
     def weight(self) -> float:
@@ -99,7 +99,7 @@ class GainsMixin:
             self._weight = weight
             self._update_gains()
 
-        self._change(change)
+        self.change(change)
 
     @property
     def dim_weight(self) -> FloatArray:
@@ -110,20 +110,21 @@ class GainsMixin:
     def dim_weight(self, value: ArrayLike) -> None:
         rows = len(self._dim_weight)
         what = f"{rows} finite numbers that are not negative"
-        try:
-            weights = np.array(value, dtype=np.float64)
-        except (TypeError, ValueError):
-            raise GainError("dim_weight", value, what) from None
-        if weights.shape != (rows,) or not (np.isfinite(weights) & (weights >= 0)).all():
+        weights = real_array(value)
+        if (
+            weights is None
+            or weights.shape != (rows,)
+            or not (np.isfinite(weights) & (weights >= 0)).all()
+        ):
             raise GainError("dim_weight", value, what)
 
         def change() -> None:
             self._dim_weight = weights
             self._update_gains()
 
-        self._change(change)
+        self.change(change)
 
-    def _change(self, change: Change) -> None:
+    def change(self, change: Change) -> None:
         """Make a change between two ticks, or at once where no controller has the task."""
         if self.changes is None:
             change()
@@ -150,6 +151,6 @@ def checked_stiffness(value: float) -> float:
 
 
 def _within(name: str, value: float, most: float) -> float:
-    if not (isinstance(value, Real) and 0.0 <= value <= most):  # False for NaN
+    if not (is_number(value) and 0.0 <= value <= most):  # False for NaN
         raise GainError(name, value, f"a number from 0 to {most:g}")
     return float(value)

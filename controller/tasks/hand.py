@@ -4,11 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from numbers import Real
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pepper_driver.config import RobotConfig, UnknownNameError, load_robot
+from pepper_driver.config import RobotConfig, load_robot
+from pepper_driver.config.arguments import checked_arguments
+from pepper_driver.config.errors import check_name
 from pepper_driver.controller.errors import TargetError
 from pepper_driver.controller.tasks.posture import PostureTask
 from pepper_driver.controller.tasks.targets import Target, finite_vector
@@ -16,6 +19,7 @@ from pepper_driver.controller.tasks.targets import Target, finite_vector
 FloatArray = NDArray[np.float64]
 
 
+@checked_arguments
 class HandTask(PostureTask):
     """A hand goes to an aperture, 0 closed to 1 open.
 
@@ -40,8 +44,7 @@ class HandTask(PostureTask):
         robot: RobotConfig | None = None,
     ) -> None:
         robot = load_robot() if robot is None else robot
-        if hand not in robot.hands.joints:
-            raise UnknownNameError("hand", hand, robot.hands.joints)
+        check_name("hand", hand, robot.hands.joints)
         super().__init__(
             (hand,), stiffness=stiffness, weight=weight, name=f"hand {hand}", robot=robot
         )
@@ -55,7 +58,7 @@ class HandTask(PostureTask):
         if isinstance(target, Mapping):
             return super()._checked_part(target)
         single = isinstance(target, Real) or (isinstance(target, np.ndarray) and target.ndim == 0)
-        aperture = np.array([target]) if single else target
+        aperture: Any = [target] if single else target
         value = finite_vector(f"the aperture of {hand}", aperture, 1)
         if not 0.0 <= value[0] <= 1.0:
             raise TargetError(

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from pepper_driver.config.arguments import checked_arguments
 from pepper_driver.controller.model import RobotModel
 from pepper_driver.controller.tasks.task import Task, TaskRows
 
@@ -19,7 +20,7 @@ class LagTask(Task):
     def attach(self, model: RobotModel, rows: TaskRows) -> None:
         """There is no error of position: only the rate matters, and the target is its reference."""
         super().attach(model, rows)
-        self._error[:] = 0.0
+        rows.error[:] = 0.0
 
     def _update_gains(self) -> None:
         super()._update_gains()
@@ -31,6 +32,7 @@ class LagTask(Task):
         error: FloatArray = self.reference_velocity - self._rate
         return error
 
+    @checked_arguments
     def reached(self, tolerance: ArrayLike) -> bool:
         """Whether every row that has weight is within a tolerance of its target.
 

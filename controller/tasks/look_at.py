@@ -10,6 +10,7 @@ import pinocchio as pin
 from numpy.typing import ArrayLike, NDArray
 
 from pepper_driver.config import RobotConfig, load_robot
+from pepper_driver.config.arguments import checked_arguments
 from pepper_driver.controller.errors import TargetError
 from pepper_driver.controller.model import BodyFrame, RobotModel
 from pepper_driver.controller.tasks.frame_motion import OWN_AXES, cross
@@ -30,6 +31,7 @@ TINY = 1e-12
 """Sine of an angle that no float tells from 0."""
 
 
+@checked_arguments
 class LookAtTask(Task):
     """An axis of a link, the line of sight, points at a target.
 
@@ -116,7 +118,7 @@ class LookAtTask(Task):
         self._seen: BodyFrame | None = None
         self._seen_point: FloatArray | None = None
 
-    def measure(self, model: RobotModel) -> None:
+    def compute(self, model: RobotModel, rows: TaskRows) -> None:
         """Turn of the link minus turn of the way to the target, w - s with s = d x d' / d^2 and d that way.
 
         All in the axes of the eye, the third of which is the line of sight. They turn with w, so that the rows y are
@@ -153,8 +155,8 @@ class LookAtTask(Task):
         x, y, z = (place - eye.translation).dot(rotation).tolist()
         square = x * x + y * y + z * z
         if square < NEAREST**2:
-            self._error[:] = 0.0
-            self._jacobian[:], self._bias[:] = jacobian[3:5], bias[3:5]
+            rows.error[:] = 0.0
+            rows.jacobian[:], rows.bias[:] = jacobian[3:5], bias[3:5]
             if motion is not None:
                 self._reference_velocity = None
             return
@@ -168,20 +170,20 @@ class LookAtTask(Task):
         lines = self._lines
         lines[0, 1], lines[0, 2] = -z / square, y / square
         lines[1, 0], lines[1, 2] = z / square, -x / square
-        lines.dot(jacobian, self._jacobian)
+        lines.dot(jacobian, rows.jacobian)
         twist, first, second = wz - sz, wx - sx, wy - sy
-        self._bias[:] = (
+        rows.bias[:] = (
             wy * sz - wz * sy + approach * sx - twist * second,
             wz * sx - wx * sz + approach * sy + twist * first,
         )
-        self._bias += lines.dot(bias)
+        rows.bias += lines.dot(bias)
         if other is not None:
-            self._jacobian -= lines[:, :3].dot(other)
+            rows.jacobian -= lines[:, :3].dot(other)
         if acceleration is not None:
-            self._bias -= lines[:, :3].dot(acceleration)
+            rows.bias -= lines[:, :3].dot(acceleration)
         if motion is not None:
             self._reference_velocity = lines[:, :3].dot(motion[0])
-        self._error[:] = _turn_left(x, y, z)
+        rows.error[:] = _turn_left(x, y, z)
 
     def _frame_of_target(self, model: RobotModel, link: str) -> BodyFrame:
         """The frame at the target; found again only when the target was set."""
@@ -210,7 +212,7 @@ class LookAtTask(Task):
         self._target = target
 
     def _refer_to(self, velocity: FloatArray | None, acceleration: FloatArray | None) -> None:
-        """The target's own motion is no motion of the rows: :meth:`measure` makes it one."""
+        """The target's own motion is no motion of the rows: :meth:`compute` makes it one."""
         if velocity is None or acceleration is None:
             self._target_motion = None
         else:

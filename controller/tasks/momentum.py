@@ -8,13 +8,16 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pepper_driver.config import RobotConfig, load_robot
+from pepper_driver.config.arguments import checked_arguments
 from pepper_driver.controller.model import RobotModel
 from pepper_driver.controller.tasks.lag import LagTask
 from pepper_driver.controller.tasks.targets import finite_vector
+from pepper_driver.controller.tasks.task import TaskRows
 
 FloatArray = NDArray[np.float64]
 
 
+@checked_arguments
 class MomentumTask(LagTask):
     r"""The centroidal momentum h goes to a target as a first-order lag: A qdd + dA/dt qd = damping (target - h).
 
@@ -60,6 +63,6 @@ class MomentumTask(LagTask):
     def target(self, value: ArrayLike) -> None:
         self.reference_velocity = finite_vector("a momentum (linear, angular)", value, self.rows)
 
-    def measure(self, model: RobotModel) -> None:
+    def compute(self, model: RobotModel, rows: TaskRows) -> None:
         """The rate is the momentum: it is linear in the velocities."""
-        self._jacobian[:], _, self._bias[:] = model.centroidal_momentum()
+        rows.jacobian[:], _, rows.bias[:] = model.centroidal_momentum()

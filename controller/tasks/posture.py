@@ -8,6 +8,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pepper_driver.config import RobotConfig, UnknownNameError, load_robot
+from pepper_driver.config.arguments import checked_arguments
+from pepper_driver.controller.dither import Superposition
 from pepper_driver.controller.errors import TargetError
 from pepper_driver.controller.model import RobotModel
 from pepper_driver.controller.tasks.targets import Target, checked_joints, finite_vector
@@ -20,6 +22,7 @@ TOLERANCE = 1e-6
 """[rad] A target may lie this far beyond a limit: what rounding does to a limit itself."""
 
 
+@checked_arguments
 class PostureTask(Task):
     """Joints as critically damped springs about a reference motion.
 
@@ -59,6 +62,7 @@ class PostureTask(Task):
         self._indices: slice | NDArray[np.intp] = slice(None) if joints is None else indices
         self._lower, self._upper = robot.lower[indices], robot.upper[indices]
         self._target = (self._lower + self._upper) / 2
+        self._superposed: Superposition | None = None
 
     @property
     def target(self) -> FloatArray:
@@ -80,7 +84,7 @@ class PostureTask(Task):
             self._follow(self._completed([part])[0])
             self._stop_moving()
 
-        self._change(change)
+        self.change(change)
 
     def checked(self, target: Target) -> FloatArray:
         """(joints,) the angles that ``target`` means [rad]; the task's target stays. Raises as :attr:`target` does."""
@@ -124,17 +128,43 @@ class PostureTask(Task):
     def attach(self, model: RobotModel, rows: TaskRows) -> None:
         """One row a joint."""
         super().attach(model, rows)
-        self._jacobian[np.arange(self.rows), model.joint_columns[self._indices]] = 1.0
+        rows.jacobian[np.arange(self.rows), model.joint_columns[self._indices]] = 1.0
 
-    def measure(self, model: RobotModel) -> None:
-        """The error is target minus position [rad]."""
-        np.subtract(self._target, model.joint_position[self._indices], self._error)
+    def superpose(self, motion: Superposition | None) -> None:
+        """Add a motion of all joints of the robot to targets and reference motion for one cycle; None for none."""
+        self._superposed = motion
+        self._update_driven()
+
+    def _update_driven(self) -> None:
+        super()._update_driven()
+        self.driven = self.driven or self._superposed is not None
+
+    def compute(self, model: RobotModel, rows: TaskRows) -> None:
+        """The error is target minus position [rad]; a superposed motion is part of the target."""
+        np.subtract(self._target, model.joint_position[self._indices], rows.error)
+        if self._superposed is not None:
+            rows.error += self._superposed.position[self._indices]
+
+    def add_feedforward(self, rows: TaskRows) -> None:
+        """Add what the reference motion and the superposed one ask for."""
+        super().add_feedforward(rows)
+        if self._superposed is not None:
+            rows.wanted += self._damping * self._superposed.velocity[self._indices]
+            rows.wanted += self._superposed.acceleration[self._indices]
+
+    def _relative_rate(self) -> FloatArray:
+        if self._superposed is None:
+            return self._rate
+        return self._rate - self._superposed.velocity[self._indices]
 
     def _plan(
         self, model: RobotModel, targets: list[FloatArray], durations: list[float], dt: float
     ) -> Trajectory:
         start = model.joint_position[self._indices]
         velocity = model.joint_velocity[self._indices].copy()
+        if self._superposed is not None:  # which goes on meanwhile
+            start = start - self._superposed.position[self._indices]
+            velocity -= self._superposed.velocity[self._indices]
         return vector_trajectory(np.array([start, *targets]), velocity, durations, dt)
 
     def _follow(self, target: FloatArray) -> None:

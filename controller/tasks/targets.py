@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation
 
 from pepper_driver.config import RobotConfig, UnknownNameError
-from pepper_driver.config.motion_tasks import UNIT
+from pepper_driver.config.arguments import as_tuple, is_number, real_array
+from pepper_driver.config.errors import shown
+from pepper_driver.config.task_specs import UNIT
 from pepper_driver.controller.errors import TargetError
 
 FloatArray = NDArray[np.float64]
@@ -22,18 +24,20 @@ def checked_joints(robot: RobotConfig, joints: Sequence[str] | None) -> tuple[st
     """Names of joints as given by the user; None for all of them.
 
     Raises:
-        TargetError: Not a list of names, or an empty one.
+        TargetError: Not a list of names, an empty one, or one that has a name twice.
         UnknownNameError: No such joint.
     """
     if joints is None:
         return None
-    names = () if isinstance(joints, str) or not isinstance(joints, Iterable) else tuple(joints)
+    names = as_tuple(joints)
     if not names or not all(isinstance(name, str) for name in names):
         raise TargetError(
-            f"joints must be a list of names of joints, one at least, got {_short(joints)}"
+            f"joints must be a list of names of joints, one at least, got {shown(joints)}"
         )
     for name in names:
         robot.joint_index(name)
+        if names.count(name) > 1:
+            raise TargetError(f"joints: {name} is given twice")
     return names
 
 
@@ -45,7 +49,7 @@ def check_link(robot: RobotConfig, link: str) -> None:
         UnknownNameError: No such link.
     """
     if not isinstance(link, str):
-        raise TargetError(f"a link is given by its name, got {_short(link)}")
+        raise TargetError(f"a link is given by its name, got {shown(link)}")
     if link not in robot.links:
         raise UnknownNameError("link", link, robot.links)
 
@@ -62,12 +66,12 @@ def finite_vector(what: str, value: Target, size: int, *, names: Sequence[str] =
     Raises:
         TargetError: Not ``size`` finite numbers.
     """
-    try:
-        vector = np.array(value, dtype=np.float64)
-    except (TypeError, ValueError):
-        raise TargetError(f"{what} takes {size} numbers, got {type(value).__name__}") from None
+    vector = real_array(value)
+    if vector is None:
+        raise TargetError(f"{what} takes {_numbers(size)}, got {_no_number(value, size, names)}")
     if vector.shape != (size,):
-        raise TargetError(f"{what} takes {size} numbers, got shape {vector.shape}")
+        got = f"shape {vector.shape}" if vector.ndim else shown(value)
+        raise TargetError(f"{what} takes {_numbers(size)}, got {got}")
     finite = np.isfinite(vector)
     if not finite.all():
         index = int(np.argmin(finite))
@@ -134,16 +138,22 @@ def checked_pose(what: str, value: Target) -> FloatArray:
 
 
 def _array(what: str, value: Target, kind: str) -> FloatArray:
-    try:
-        array = np.array(value, dtype=np.float64)
-    except (TypeError, ValueError):
-        raise TargetError(f"{what} takes {kind}, got {type(value).__name__}") from None
+    array = real_array(value)
+    if array is None:
+        raise TargetError(f"{what} takes {kind}, got {shown(value)}")
     if not np.isfinite(array).all():
         raise TargetError(f"{what} takes finite numbers, got {array.tolist()}")
     return array
 
 
-def _short(value: object) -> str:
-    """Return a wrong argument for a message; of a long one, such as a whole robot description, the type."""
-    text = repr(value)
-    return text if len(text) <= 80 else f"a {type(value).__name__}"
+def _numbers(size: int) -> str:
+    return "one number" if size == 1 else f"{size} numbers"
+
+
+def _no_number(value: object, size: int, names: Sequence[str]) -> str:
+    """Return what is no vector of numbers for a message; of a list of the right size, the first that is no number."""
+    if isinstance(value, list | tuple) and len(value) == size:
+        for index, number in enumerate(value):
+            if not is_number(number):
+                return f"{shown(number)} for {names[index] if names else f'number {index}'}"
+    return shown(value)

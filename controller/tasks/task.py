@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from dataclasses import dataclass
 from math import sqrt
 from typing import Any
 from weakref import ReferenceType
@@ -17,8 +16,10 @@ from weakref import ReferenceType
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pepper_driver.config import RobotConfig
-from pepper_driver.controller.errors import TargetError
+from pepper_driver.config import RobotConfig, suggestion
+from pepper_driver.config.arguments import checked_arguments, real_array
+from pepper_driver.config.errors import ArgumentError, shown
+from pepper_driver.controller.errors import ShapeError, TargetError
 from pepper_driver.controller.model import BASE, RobotModel
 from pepper_driver.controller.tasks.gains import GainsMixin
 from pepper_driver.controller.tasks.targets import Target, checked_joints, finite_vector
@@ -44,29 +45,30 @@ class Task(GainsMixin, ABC):
     Attributes:
         name: For reports.
         rows: Number of rows.
-        needs_kinematics: True if the controller must compute placements and Jacobians before :meth:`measure`.
+        needs_kinematics: True if the controller must compute placements and Jacobians before :meth:`compute`.
         owner: Controller that has it.
         robot: Description that its joints and links belong to; None for a task that names none.
         moves_base: True if it was told to move the base: then the controller's own base task gives way.
         up_to_date: True if the error is that of the target there is now: False from setting it to the next cycle.
-        driven: True if there is a reference motion: something to do in :meth:`advance` and :meth:`refer`.
+        driven: True if there is a reference motion: something to do in :meth:`advance` and :meth:`add_feedforward`.
     """
 
     needs_kinematics = True
+    robot: RobotConfig | None = None
 
     def __init__(
         self, rows: int, *, stiffness: float, weight: float, name: str | None = None
     ) -> None:
         super().__init__(rows, stiffness=stiffness, weight=weight)
+        if not isinstance(name, str | None):
+            raise ArgumentError(f"the name of a task is a text, got {shown(name)}")
         self.rows = rows
         self.name = name or type(self).__name__
-        self.robot: RobotConfig | None = None
         self.moves_base = False
         self.owner: ReferenceType[Any] | None = None
         self._moving: tuple[str, ...] | None = None
         self._with_base = True
-        self._error, self._rate, self._bias = np.full((3, rows), np.nan)
-        self._jacobian, self._wanted = np.zeros((rows, 0)), np.zeros(rows)
+        self._error, self._rate = np.full((2, rows), np.nan)
         self.driven = self.up_to_date = False
         self._reference_velocity: FloatArray | None = None
         self._reference_acceleration: FloatArray | None = None
@@ -93,7 +95,7 @@ class Task(GainsMixin, ABC):
             self._reference_velocity = velocity if velocity.any() else None
             self._update_driven()
 
-        self._change(change)
+        self.change(change)
 
     @property
     def reference_acceleration(self) -> FloatArray:
@@ -113,7 +115,7 @@ class Task(GainsMixin, ABC):
             self._reference_acceleration = acceleration if acceleration.any() else None
             self._update_driven()
 
-        self._change(change)
+        self.change(change)
 
     def _update_driven(self) -> None:
         self.driven = any(
@@ -126,6 +128,12 @@ class Task(GainsMixin, ABC):
             )
         )
 
+    @property
+    def under_way(self) -> bool:
+        """True during a motion by :meth:`move_to` or :meth:`move_through`."""
+        return self._way is not None or self._trajectory is not None
+
+    @checked_arguments
     def move_to(self, target: Target, duration: float) -> None:
         """Go to a target in a given time [s], along a spline that starts as the robot moves now and ends at rest.
 
@@ -134,6 +142,7 @@ class Task(GainsMixin, ABC):
         """
         self.move_through([target], [duration])
 
+    @checked_arguments
     def move_through(self, targets: Sequence[Target], durations: Sequence[float]) -> None:
         """Go through targets without stopping, to each within its own time [s], along one quintic spline.
 
@@ -144,7 +153,7 @@ class Task(GainsMixin, ABC):
         if type(self)._plan is Task._plan:
             raise TargetError(f"{self.name} has no target to move to")
         if not isinstance(targets, Sequence | np.ndarray) or not len(targets):
-            raise TargetError(f"{self.name} moves through one target or more, got {targets!r}")
+            raise TargetError(f"{self.name} moves through one target or more, got {shown(targets)}")
         times = finite_vector(f"the durations of {self.name}", durations, len(targets))
         if not (times >= MIN_DURATION).all():
             raise TargetError(
@@ -156,7 +165,7 @@ class Task(GainsMixin, ABC):
             self._way = (self._completed(parts), times.tolist())
             self._update_driven()
 
-        self._change(change)
+        self.change(change)
 
     def _checked_part(self, target: Target) -> FloatArray:
         """Return a target as far as it goes, checked; NaN where it leaves a joint open."""
@@ -181,22 +190,22 @@ class Task(GainsMixin, ABC):
             self._follow(target)
             self._stop_moving()
 
-        self._change(change)
+        self.change(change)
 
     def stop(self) -> None:
         """End a motion by :meth:`move_to`: the target stays where it has come to."""
-        self._change(self._stop_moving)
+        self.change(self._stop_moving)
 
     def _stop_moving(self) -> None:
         """Forget a motion under way, and what it left as reference velocity and acceleration."""
         self.up_to_date = False
-        if self._way is not None or self._trajectory is not None:
+        if self.under_way:
             self._way = self._trajectory = None
             self._refer_to(None, None)
             self._update_driven()
 
     def advance(self, model: RobotModel, dt: float) -> None:
-        """Let the reference motion go on by one cycle [s]; called by the controller before :meth:`measure`.
+        """Let the reference motion go on by one cycle [s]; called by the controller before :meth:`compute`.
 
         Args:
             model: At the state of the controller, kinematics computed for tasks that need them.
@@ -237,6 +246,7 @@ class Task(GainsMixin, ABC):
         """(rows,) target minus value in the last cycle, in the unit of the task; NaN before the first."""
         return self._error.copy()
 
+    @checked_arguments
     def reached(self, tolerance: ArrayLike) -> bool:
         """Whether every row that has weight, one at least, is within a tolerance of its target and has come to rest.
 
@@ -251,21 +261,27 @@ class Task(GainsMixin, ABC):
             TargetError: Not a number above 0, or not as many.
         """
         limit = self._tolerance(tolerance)
-        if not self.up_to_date or self._way is not None or self._trajectory is not None:
+        if not self.up_to_date or self.under_way:
             return False
         near = np.abs(self._error) <= limit
-        slow = np.abs(self._rate) <= limit * max(sqrt(self._stiffness), 1.0)
+        slow = np.abs(self._relative_rate()) <= limit * max(sqrt(self._stiffness), 1.0)
         asked = self._dim_weight > 0
         return bool(asked.any() and (near & slow)[asked].all())
 
+    def _relative_rate(self) -> FloatArray:
+        """(rows,) velocity that comes to rest at the target."""
+        return self._rate
+
     def _tolerance(self, value: ArrayLike) -> FloatArray:
-        what = f"{self.name} takes one tolerance or {self.rows}, above 0, got {value!r}"
-        try:
-            tolerance = np.array(value, dtype=np.float64)
-        except (TypeError, ValueError):
-            raise TargetError(what) from None
-        if tolerance.shape not in ((), (self.rows,)) or not (tolerance > 0).all():
-            raise TargetError(what)
+        tolerance = real_array(value)
+        if (
+            tolerance is None
+            or tolerance.shape not in ((), (self.rows,))
+            or not (tolerance > 0).all()
+        ):
+            raise TargetError(
+                f"{self.name} takes one tolerance or {self.rows}, above 0, got {shown(value)}"
+            )
         return tolerance
 
     # -- rows ---------------------------------------------------------------------------------------------------
@@ -282,7 +298,7 @@ class Task(GainsMixin, ABC):
         self._with_base = self.moves_base = base
         self.robot = robot
 
-    def columns(self, model: RobotModel) -> FloatArray:
+    def joint_mask(self, model: RobotModel) -> FloatArray:
         """(20,) 1 for what may move for the task, 0 for what may not."""
         columns = np.zeros(model.nv)
         columns[:BASE] = self._with_base
@@ -291,37 +307,86 @@ class Task(GainsMixin, ABC):
         return columns
 
     def attach(self, model: RobotModel, rows: TaskRows) -> None:
-        """Called when the controller lays out the tasks' rows: the task writes into ``rows`` from now on.
+        """Called when the controller lays out the tasks' rows, before the first :meth:`compute` with them.
 
         Rows are zero at first and keep what is written: what never changes can be written here.
         """
         rows.error[:], rows.rate[:] = self._error, self._rate
-        self._jacobian, self._bias, self._wanted = rows.jacobian, rows.bias, rows.wanted
         self._error, self._rate = rows.error, rows.rate
 
     @abstractmethod
-    def measure(self, model: RobotModel) -> None:
-        """Evaluate the task at the model's state.
+    def compute(self, model: RobotModel, rows: TaskRows) -> None:
+        """Evaluate the task at the model's state: assign ``rows.error``, ``rows.jacobian`` and ``rows.bias``.
 
-        Write into ``_error`` (rows,), target minus value; ``_jacobian`` (rows, 20), whose product with the velocity
-        is the rate of the value; ``_bias`` (rows,), Jdot qd.
+        Called in every cycle, with the same ``rows`` as :meth:`attach`.
         """
 
-    def refer(self) -> None:
-        """Add what the reference motion asks for to the wanted accelerations, once the rest of them is there."""
+    def add_feedforward(self, rows: TaskRows) -> None:
+        """Add what the reference motion asks for to ``rows.wanted``, once the rest of it is there."""
         velocity, acceleration = self._reference_velocity, self._reference_acceleration
         if velocity is not None:
-            self._wanted += self._damping * velocity
+            rows.wanted += self._damping * velocity
         if acceleration is not None:
-            self._wanted += acceleration
+            rows.wanted += acceleration
 
 
-@dataclass(frozen=True, slots=True)
 class TaskRows:
-    """Where a task reads and writes: views of the arrays of all tasks, (rows, 20) and four times (rows,)."""
+    """Rows of a task in the QP: views of the arrays of all tasks. What is assigned to a field is copied into it.
+
+    ``rows.jacobian = J``, ``rows.jacobian[:] = J`` and ``rows.jacobian[0, 3] = 1.0`` all do what they say. Columns are
+    those of ``RobotModel.v``.
+
+    Attributes:
+        jacobian: (rows, 20), whose product with the velocity is the rate of the value.
+        error: (rows,) target minus value.
+        bias: (rows,) Jdot qd: acceleration of the value without accelerations of the robot.
+        rate: (rows,) J qd; the controller computes it after :meth:`Task.compute`.
+        wanted: (rows,) accelerations a* - Jdot qd that are asked for; the controller computes them.
+
+    Raises:
+        ShapeError: Assigned is an array of another shape, or no numbers.
+    """
+
+    __slots__ = ("bias", "error", "jacobian", "rate", "wanted")
 
     jacobian: FloatArray
     error: FloatArray
-    rate: FloatArray
     bias: FloatArray
+    rate: FloatArray
     wanted: FloatArray
+
+    def __init__(
+        self,
+        jacobian: FloatArray,
+        error: FloatArray,
+        rate: FloatArray,
+        bias: FloatArray,
+        wanted: FloatArray,
+    ) -> None:
+        keep = super().__setattr__
+        keep("jacobian", jacobian)
+        keep("error", error)
+        keep("rate", rate)
+        keep("bias", bias)
+        keep("wanted", wanted)
+
+    @classmethod
+    def empty(cls, rows: int, columns: int) -> TaskRows:
+        """Rows of a task on its own, all zero."""
+        return cls(np.zeros((rows, columns)), *np.zeros((4, rows)))
+
+    def __setattr__(self, name: str, value: ArrayLike) -> None:
+        if name not in self.__slots__:
+            raise AttributeError(
+                f"rows of a task have no '{name}'{suggestion(name, self.__slots__)}"
+            )
+        array: FloatArray = getattr(self, name)
+        if value is array:  # after an operator in place
+            return
+        try:
+            numbers = np.asarray(value, dtype=np.float64)
+        except (TypeError, ValueError):
+            raise ShapeError(f"rows.{name}", array.shape, type(value).__name__) from None
+        if numbers.shape != array.shape:
+            raise ShapeError(f"rows.{name}", array.shape, numbers.shape)
+        array[...] = numbers

@@ -5,7 +5,8 @@ from __future__ import annotations
 import inspect
 import threading
 from collections.abc import Callable, Iterable, Sequence
-from typing import Any, TypeVar, Unpack, get_args
+from functools import wraps
+from typing import Any, Concatenate, ParamSpec, Protocol, TypeVar, Unpack, cast, get_args, overload
 
 from pepper_driver.callbacks.dispatcher import QUEUE, Dispatcher, Subscription
 from pepper_driver.callbacks.events import (
@@ -21,36 +22,74 @@ from pepper_driver.callbacks.events import (
     TickEvent,
 )
 from pepper_driver.callbacks.filters import (
-    ContactSelector,
+    ContactArguments,
     SubscriptionError,
     check_count,
     contact_filter,
     match,
     tick_filter,
 )
-from pepper_driver.config import RobotConfig
+from pepper_driver.config import RobotConfig, UnknownNameError
+from pepper_driver.config.arguments import checked_arguments, takes_arguments
+from pepper_driver.config.errors import shown
 from pepper_driver.observer import Contact
+from pepper_driver.reflexes.reflex import Reflex, kind_of
 
 E = TypeVar("E")
+P = ParamSpec("P")
 Register = Callable[[Callable[[E], object]], Callable[[E], object]]
 """Decorator for functions that take an event; it returns them as they are."""
+
+
+class Registration(Protocol[P, E]):
+    """Function that registers a callback: ``@robot.on_tick`` does, and so does ``@robot.on_tick(every=2)``."""
+
+    @overload
+    def __call__(  # type: ignore[overload-overlap] # a lone function is never one of the arguments
+        self, callback: Callable[[E], object], /
+    ) -> Callable[[E], object]: ...
+
+    @overload
+    def __call__(self, *args: P.args, **kwargs: P.kwargs) -> Register[E]: ...
+
+
+class RegistrationMethod(Protocol[P, E]):
+    """The same as a method of a class."""
+
+    def __get__(self, instance: object, owner: object = None, /) -> Registration[P, E]: ...
+
+
+def registration(
+    method: Callable[Concatenate[Any, P], Register[E]],
+) -> RegistrationMethod[P, E]:
+    """Let a method that returns a decorator also be one itself: ``@robot.on_tick`` in place of ``@robot.on_tick()``."""
+    checked: Callable[..., Any] = checked_arguments(method)
+
+    @wraps(method)
+    def register(self: CallbackRegistry, *args: Any, **kwargs: Any) -> object:  # noqa: ANN401 as of the method
+        if len(args) == 1 and callable(args[0]) and not kwargs:
+            return checked(self)(args[0])
+        return checked(self, *args, **kwargs)
+
+    return cast("RegistrationMethod[P, E]", register)
 
 
 class CallbackRegistry:
     """Callbacks of a robot. Each runs on a thread of its own and disturbs neither the ticks nor other callbacks.
 
-    All names are checked when a callback is registered, and what is registered stays so for all runs.
+    Each method ``on_...`` is a decorator, with arguments or without: ``@robot.on_contact``. All names are checked when
+    a callback is registered, and what is registered stays so for all runs.
     ``docs/callbacks.md`` says the rest.
 
     Args:
         config: Description of the robot.
-        reflexes: Names of the reflexes it has.
+        reflexes: Those it has, prepared.
 
     Attributes:
         config: The same.
     """
 
-    def __init__(self, config: RobotConfig, reflexes: Sequence[str]) -> None:
+    def __init__(self, config: RobotConfig, reflexes: Sequence[Reflex]) -> None:
         self.config, self._reflexes = config, reflexes
         self._callbacks: list[tuple[Callable[[Any], object], Subscription]] = []
         self._dispatcher: Dispatcher | None = None  # of the run under way, or of the last one
@@ -64,20 +103,23 @@ class CallbackRegistry:
                 self._dispatcher.subscribe(callback, subscription)
             return self._dispatcher
 
-    def on_contact(self, **selector: Unpack[ContactSelector]) -> Register[Contact]:
+    @registration
+    def on_contact(self, **selector: Unpack[ContactArguments]) -> Register[Contact]:
         """Call the decorated function with each contact.
 
         Args:
-            **selector: Which contacts: ``link``, ``joint``, ``kind`` (``contact``, ``collision`` or ``rebound``; None,
-                the default, for contacts and collisions), ``phase`` (``begin``, the default: once for each contact, as
-                soon as it is as described; ``update``; ``end``; None for all), ``min_intensity`` [deg].
+            **selector: Which contacts: those that meet all of these. ``limb``, ``link``, ``joint``: a name, or a list
+                of which any will do. ``kind``: ``contact``, ``collision`` or ``rebound``; None, the default, for
+                contacts and collisions. ``min_intensity_deg`` [deg]. ``min_torque`` [N m]. ``phase``: ``begin``, the
+                default: once for each contact, as soon as it is as described; ``update``; ``end``; None for all.
 
         Raises:
-            UnknownNameError: No such link, joint, kind or phase.
-            SubscriptionError: An intensity that is negative or not a number.
+            UnknownNameError: No such limb, link, joint, kind or phase.
+            SubscriptionError: Another wrong argument, or a choice that no contact can meet.
         """
         return self._register(Subscription(Contact, contact_filter(self.config, **selector)))
 
+    @registration
     def on_tick(self, *, every: int = 1, queue: int = QUEUE) -> Register[TickEvent]:
         """Call the decorated function after the ticks. What must happen inside them is for ``run(on_tick=...)``.
 
@@ -92,6 +134,7 @@ class CallbackRegistry:
         check_count("queue", queue)
         return self._register(Subscription(TickEvent, tick_filter(every), queue))
 
+    @registration
     def on_touch(
         self, *, sensor: str | None = None, pressed: bool | None = True
     ) -> Register[SensorEvent]:
@@ -106,49 +149,54 @@ class CallbackRegistry:
         """
         return self._on_sensor("touch", sensor, self.config.sensors.touch, pressed)
 
+    @registration
     def on_bumper(
         self, *, bumper: str | None = None, pressed: bool | None = True
     ) -> Register[SensorEvent]:
         """Call the decorated function when a bumper of the base is pressed; otherwise as :meth:`on_touch`."""
         return self._on_sensor("bumper", bumper, self.config.sensors.bumpers, pressed)
 
+    @registration
     def on_button(
         self, *, button: str | None = None, pressed: bool | None = True
     ) -> Register[SensorEvent]:
         """Call the decorated function when the button on the chest is pressed; otherwise as :meth:`on_touch`."""
         return self._on_sensor("button", button, self.config.sensors.buttons, pressed)
 
+    @registration
     def on_fault(self) -> Register[FaultEvent]:
         """Call the decorated function when the robot is stopped, once in a run."""
         return self._register(Subscription(FaultEvent))
 
+    @registration
     def on_reflex(
-        self, *, name: str | None = None, phase: ReflexPhase | None = "begin"
+        self, *, name: str | Reflex | None = None, phase: ReflexPhase | None = "begin"
     ) -> Register[ReflexEvent]:
-        """Call the decorated function when a reflex begins or ceases to act.
+        """Call the decorated function when a reflex begins or ceases to act, or is given other joints.
 
         Args:
-            name: Only this one of the robot's reflexes.
-            phase: ``begin``, ``end``, or None for both.
+            name: Only these of the robot's reflexes: a kind, such as ``follow_hand``, or a name, for all that have it;
+                a name with a number, such as ``follow_hand 2``, or the reflex itself, for one of them.
+            phase: ``begin``; ``update``, when it is given other joints; ``end``; None for all.
 
         Raises:
             UnknownNameError: No such reflex or phase.
-            SubscriptionError: The robot has no reflexes.
+            SubscriptionError: The robot has no reflexes, or not this one.
         """
-        if name is not None and not self._reflexes:
-            raise SubscriptionError(
-                f"there is no reflex '{name}': this robot has none; give it some with Pepper(reflexes=[...])"
-            )
-        predicate = match(
-            reflex=("reflex", name, self._reflexes),
-            phase=("phase of a reflex", phase, get_args(ReflexPhase)),
-        )
+        in_phase = match(phase=("phase of a reflex", phase, get_args(ReflexPhase)))
+        names = None if name is None else self._find_reflexes(name)
+
+        def predicate(event: ReflexEvent) -> bool:
+            return in_phase(event) and (names is None or event.reflex in names)
+
         return self._register(Subscription(ReflexEvent, predicate))
 
+    @registration
     def on_step(self) -> Register[StepEvent]:
         """Call the decorated function when a step of a motion or an experiment begins."""
         return self._register(Subscription(StepEvent))
 
+    @registration
     def on_cue(self, *, kind: CueKind | None = None) -> Register[CueEvent]:
         """Call the decorated function when an experiment has something said or shown.
 
@@ -161,9 +209,30 @@ class CallbackRegistry:
         predicate = match(kind=("kind of cue", kind, get_args(CueKind)))
         return self._register(Subscription(CueEvent, predicate))
 
+    @registration
     def on_push(self) -> Register[PushEvent]:
         """Call the decorated function when an experiment has a simulated robot pushed."""
         return self._register(Subscription(PushEvent))
+
+    def _find_reflexes(self, name: str | Reflex) -> frozenset[str]:
+        """Return the full names of the reflexes that a kind, a name or a reflex stands for."""
+        if not self._reflexes:
+            raise SubscriptionError(
+                f"there is no reflex {shown(name)}: this robot has none; give it some with Pepper(reflexes=[...])"
+            )
+        if isinstance(name, Reflex):
+            if not any(reflex is name for reflex in self._reflexes):
+                raise SubscriptionError(f"the reflex given, {shown(name)}, is none of this robot's")
+            return frozenset({name.full_name})
+        names_of = {
+            reflex.full_name: (kind_of(type(reflex)), reflex.name, reflex.full_name)
+            for reflex in self._reflexes
+        }
+        found = frozenset(full_name for full_name, names in names_of.items() if name in names)
+        if not found:
+            known = dict.fromkeys(known for names in names_of.values() for known in names)
+            raise UnknownNameError("reflex", name, known)
+        return found
 
     def _on_sensor(
         self, kind: SensorKind, name: str | None, known: Iterable[str], pressed: bool | None
@@ -177,9 +246,9 @@ class CallbackRegistry:
 
     def _register(self, subscription: Subscription) -> Register[Any]:
         def register(callback: Callable[[Any], object]) -> Callable[[Any], object]:
-            if inspect.iscoroutinefunction(callback) or not callable(callback):
+            if inspect.iscoroutinefunction(callback) or not takes_arguments(callback, 1):
                 raise SubscriptionError(
-                    f"a callback must be a function that takes the event, and not a coroutine, got {callback!r};"
+                    f"a callback must be a function that takes the event, and not a coroutine, got {shown(callback)};"
                     " for asyncio there is 'async for contact in pepper.contacts()'"
                 )
             with self._lock:

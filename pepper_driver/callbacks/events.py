@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Literal, get_args
 
@@ -10,13 +10,14 @@ import numpy as np
 
 from pepper_driver.backends import Measurement
 from pepper_driver.config import RobotConfig
+from pepper_driver.config.steps import Cues
 from pepper_driver.controller import Tick
-from pepper_driver.observer import Contact, Observation
+from pepper_driver.observer import Contact, Observation, Push
 from pepper_driver.safety import Fault
 
 SensorKind = Literal["touch", "bumper", "button"]
-ReflexPhase = Literal["begin", "end"]
-CueKind = Literal["say", "leds"]
+ReflexPhase = Literal["begin", "update", "end"]
+CueKind = Literal["say", "leds", "cue"]
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -64,21 +65,28 @@ class FaultEvent:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class ReflexEvent:
-    """A reflex began or ceased to act.
+    """A reflex began or ceased to act, or was given other joints than before.
 
     Attributes:
-        reflex: Its name.
-        phase: ``begin`` or ``end``.
+        reflex: Its name, with its number where several have this name: ``follow_hand 2``.
+        kind: Its class in small letters: ``follow_hand``.
+        number: Its place among the reflexes of its name, from 1, in the order in which they are asked.
+        phase: ``begin``; ``update``, when the joints that it is given change; ``end``.
         time: Clock of the robot [s].
         contact_id: The contact that set it off; None where it was none.
-        joints: Whose motion or stiffness it takes over.
+        joints: Those it acts on: whose motion or stiffness it wants to take over.
+        held_joints: Those it has; of an ``end``, those that it gives back. Empty while another reflex has them, and
+            for a reflex that claims none.
     """
 
     reflex: str
+    kind: str
+    number: int
     phase: ReflexPhase
     time: float
     contact_id: int | None
     joints: tuple[str, ...]
+    held_joints: tuple[str, ...]
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -99,8 +107,8 @@ class CueEvent:
     """An experiment wants something said or shown; who hears of it may do so.
 
     Attributes:
-        kind: ``say`` or ``leds``.
-        text: What to say; empty for lights.
+        kind: ``say``, ``leds``, or ``cue``: a word of the author's, for callbacks and the log.
+        text: Speech or word; empty for lights.
         group: Of lights, by NAOqi's name for it; empty for speech.
         colour: (r, g, b), each 0..1.
         duration: In which the lights fade to it [s].
@@ -114,9 +122,25 @@ class CueEvent:
     colour: tuple[float, float, float] = (0.0, 0.0, 0.0)
     duration: float = 0.0
 
+    @classmethod
+    def of(cls, cues: Cues, time: float) -> Iterator[CueEvent]:
+        """Make the events of all cues that are given at a time [s]."""
+        if cues.say is not None:
+            yield cls(kind="say", text=cues.say, time=time)
+        if (leds := cues.leds) is not None:
+            yield cls(
+                kind="leds",
+                group=leds.group,
+                colour=leds.colour,
+                duration=leds.duration,
+                time=time,
+            )
+        if cues.cue is not None:
+            yield cls(kind="cue", text=cues.cue, time=time)
+
     def __str__(self) -> str:
-        if self.kind == "say":
-            return f"say: {self.text}"
+        if self.kind != "leds":
+            return f"{self.kind}: {self.text}"
         r, g, b = self.colour
         return f"{self.group} to {r:g} {g:g} {b:g}"
 
@@ -127,13 +151,15 @@ class PushEvent:
 
     Attributes:
         link: Where.
-        text: Which push, and why not if not.
+        text: Size and length of the push, and the reason if it was left out.
         time: Clock of the robot when the push was ordered [s].
+        push: The push; None where it was left out.
     """
 
     link: str
     text: str
     time: float
+    push: Push | None
 
 
 ProgramEvent = StepEvent | CueEvent | PushEvent

@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
-from numbers import Real
+from collections.abc import Callable, Iterable, Sequence
+from numbers import Integral
 from typing import Any, TypedDict, get_args
 
 from pepper_driver.callbacks.events import TickEvent
 from pepper_driver.config import PepperError, RobotConfig, UnknownNameError
-from pepper_driver.observer.contact import Contact, Kind, Phase
+from pepper_driver.config.contact_selector import ContactSelector, Kind, SelectorError
+from pepper_driver.config.errors import shown
+from pepper_driver.observer.contact import Contact, Phase
+
+MAX_COUNT = 1_000_000
+"""Of ticks and events."""
 
 ContactPredicate = Callable[[Contact], bool]
 
@@ -17,50 +22,60 @@ class SubscriptionError(PepperError, ValueError):
     """Events were asked for that can never come; nothing was registered."""
 
 
-class ContactSelector(TypedDict, total=False):
-    """Choice of contacts.
+class ContactArguments(TypedDict, total=False):
+    """Arguments of a call that choose contacts: those of a :class:`ContactSelector`, and a phase.
 
-    A contact begins weak, and where it is turns out within 150 ms. ``phase="begin"`` therefore means the first event in
+    A contact grows, and where it is may be revised within 150 ms. ``phase="begin"`` therefore means the first event in
     which a contact that has begun is as described, once for each: its begin, or an update.
 
     Attributes:
-        link: Only contacts on this link.
-        joint: Only contacts felt by this joint.
-        kind: Only this kind. None, the default, takes contacts and collisions: a rebound is no touch.
+        limb: One or several of the robot's limbs.
+        link: One or several of its links.
+        joint: One or several of its joints.
+        kind: Kind of contact.
+        min_intensity_deg: [deg]
+        min_torque: [N m]
         phase: ``begin``, the default; ``update``; ``end``; None for every event.
-        min_intensity: Only contacts of at least this intensity [deg].
     """
 
-    link: str | None
-    joint: str | None
+    limb: str | Sequence[str] | None
+    link: str | Sequence[str] | None
+    joint: str | Sequence[str] | None
     kind: Kind | None
+    min_intensity_deg: float
+    min_torque: float
     phase: Phase | None
-    min_intensity: float
 
 
 def contact_filter(
     robot: RobotConfig,
     *,
-    link: str | None = None,
-    joint: str | None = None,
-    kind: Kind | None = None,
     phase: Phase | None = "begin",
-    min_intensity: float = 0.0,
+    **selector: Any,  # noqa: ANN401 checked by the selector
 ) -> ContactPredicate:
-    """Return a predicate that picks contacts of a ``robot``; the other arguments are those of :class:`ContactSelector`.
+    """Return a predicate that picks contacts of a ``robot``; the arguments are those of :class:`ContactArguments`.
 
     Raises:
-        UnknownNameError: No such link, joint, kind or phase.
-        SubscriptionError: An intensity that is negative or not a number.
+        UnknownNameError: No such limb, link, joint, kind or phase.
+        SubscriptionError: A wrong argument, or a choice that no contact can meet.
     """
-    named = match(
-        link=("link", link, robot.links),
-        joint=("joint", joint, robot.joint_names),
-        kind=("kind of contact", kind, get_args(Kind)),
-    )
+    try:
+        return selector_filter(robot, ContactSelector.from_arguments(**selector), phase=phase)
+    except SelectorError as error:
+        raise SubscriptionError(str(error)) from error
+
+
+def selector_filter(
+    robot: RobotConfig, selector: ContactSelector, *, phase: Phase | None = "begin"
+) -> ContactPredicate:
+    """Return a predicate that picks contacts of a ``robot`` by a selector and a phase.
+
+    Raises:
+        UnknownNameError: No such limb, link, joint or phase.
+        SelectorError: No contact can meet all conditions.
+    """
+    selector.check(robot)
     in_phase = match(phase=("phase of a contact", phase, get_args(Phase)))
-    if not (isinstance(min_intensity, Real) and min_intensity >= 0):  # NaN is neither
-        raise SubscriptionError(f"min_intensity must be degrees from 0 up, got {min_intensity!r}")
     begun: set[int] = set()  # and not picked yet
 
     def predicate(contact: Contact) -> bool:
@@ -68,17 +83,26 @@ def contact_filter(
             begun.add(contact.id)
         elif contact.phase == "end":
             begun.discard(contact.id)
-        picked = (
-            (contact.id in begun if phase == "begin" else in_phase(contact))
-            and named(contact)
-            and (kind is not None or contact.kind != "rebound")
-            and contact.intensity >= min_intensity
+        picked = (contact.id in begun if phase == "begin" else in_phase(contact)) and meets(
+            contact, selector
         )
         if picked:
             begun.discard(contact.id)
         return picked
 
     return predicate
+
+
+def meets(contact: Contact, selector: ContactSelector) -> bool:
+    """Return True where a contact, as it is reported now, meets all conditions of a selector."""
+    return (
+        (not selector.limb or contact.limb in selector.limb)
+        and (not selector.link or contact.link in selector.link)
+        and (not selector.joint or contact.joint in selector.joint)
+        and (contact.kind == selector.kind if selector.kind else contact.kind != "rebound")
+        and contact.intensity >= selector.min_intensity_deg
+        and (not selector.min_torque or abs(contact.torque or 0.0) >= selector.min_torque)
+    )
 
 
 def tick_filter(every: int) -> Callable[[TickEvent], bool]:
@@ -110,17 +134,25 @@ def match(**fields: tuple[str, Any, Iterable[Any]]) -> Callable[[Any], bool]:
         UnknownNameError: A value is not possible.
     """
     for name, value, known in fields.values():
-        if value is not None and value not in (choices := tuple(known)):
+        if value is None:
+            continue
+        choices = tuple(known)
+        # Only of their type: 1 equals True, and what an array equals is an array.
+        if not isinstance(value, tuple({type(choice) for choice in choices})) or (
+            value not in choices
+        ):
             raise UnknownNameError(name, value, choices)
     chosen = [(field, value) for field, (_, value, _) in fields.items() if value is not None]
     return lambda event: all([getattr(event, field) == value for field, value in chosen])
 
 
 def check_count(name: str, number: int) -> None:
-    """Refuse what is no whole number from 1 up.
+    """Refuse what is no whole number from 1 to a million.
 
     Raises:
         SubscriptionError: It is none.
     """
-    if isinstance(number, bool) or not isinstance(number, int) or number < 1:
-        raise SubscriptionError(f"{name} must be a whole number from 1 up, got {number!r}")
+    if isinstance(number, bool) or not isinstance(number, Integral) or not 1 <= number <= MAX_COUNT:
+        raise SubscriptionError(
+            f"{name} must be a whole number from 1 to {MAX_COUNT}, got {shown(number)}"
+        )

@@ -7,11 +7,12 @@ import math
 import threading
 from collections.abc import AsyncGenerator
 from contextlib import suppress
-from numbers import Real
 
 from pepper_driver.callbacks.dispatcher import QUEUE, Dispatcher, EventSink, Subscription
 from pepper_driver.callbacks.events import EndEvent, FaultEvent, TickEvent
 from pepper_driver.callbacks.filters import ContactPredicate, SubscriptionError
+from pepper_driver.config.arguments import is_number
+from pepper_driver.config.errors import shown
 from pepper_driver.observer import Contact
 from pepper_driver.session import Session
 
@@ -34,8 +35,10 @@ def wait_for_contact(
         FaultError: The robot was stopped.
         BackendError: Called inside a tick.
     """
-    if timeout is not None and not (isinstance(timeout, Real) and 0 <= timeout < math.inf):
-        raise SubscriptionError(f"timeout must be a time [s] from 0 up, or None, got {timeout!r}")
+    if timeout is not None and not (is_number(timeout) and 0 <= timeout < math.inf):
+        raise SubscriptionError(
+            f"timeout must be a time [s] from 0 up, or None, got {shown(timeout)}"
+        )
     loop = session.loop
     if loop.observer is None:
         raise SubscriptionError("without an observer no contact is detected: none can be awaited")

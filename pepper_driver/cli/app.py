@@ -2,52 +2,163 @@
 
 from __future__ import annotations
 
+import math
 import sys
 from collections.abc import Sequence
 from contextlib import suppress
+from dataclasses import dataclass
+from functools import cache
+from importlib import import_module
 from importlib.metadata import version
-from typing import Annotated
+from itertools import pairwise
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+from typer.core import TyperGroup
 from typer.main import get_command
 
-from pepper_driver.backends.signals import describe_interrupt, exit_code
-from pepper_driver.cli.bench import bench
-from pepper_driver.cli.calibrate import calibrate
-from pepper_driver.cli.demo import demo
-from pepper_driver.cli.doctor import doctor
-from pepper_driver.cli.evaluate import evaluate_command
-from pepper_driver.cli.identify import identify
-from pepper_driver.cli.log import app as log_app
-from pepper_driver.cli.move import move
-from pepper_driver.cli.plot import plot
-from pepper_driver.cli.record import record
-from pepper_driver.cli.replay import replay_command
-from pepper_driver.cli.run import run_command
-from pepper_driver.cli.serve import serve
-from pepper_driver.config import PepperError
+if TYPE_CHECKING:
+    from pydantic_core import ErrorDetails
+
+HELP_OPTIONS: dict[str, Any] = {"help_option_names": ["-h", "--help"]}
+
+
+@dataclass(frozen=True, kw_only=True)
+class CommandEntry:
+    """What is known of a command before it is imported.
+
+    Attributes:
+        place: Module of this package, and the function or group in it.
+        summary: The first line of its help.
+        example: A call of it.
+        docs: The page about it, in ``docs``.
+    """
+
+    place: str
+    summary: str
+    example: str
+    docs: str
+
+    @property
+    def epilog(self) -> str:
+        """The end of its help."""
+        return f"Example: {self.example}\n\nMore: docs/{self.docs}"
+
+
+COMMANDS = {
+    "demo": CommandEntry(
+        place="demo:demo",
+        summary="Move a simulated Pepper's arms, push them, and print each contact as it is felt.",
+        example="pepper demo --seed 3 --out runs/third",
+        docs="demo.md",
+    ),
+    "doctor": CommandEntry(
+        place="doctor:doctor",
+        summary="Check a robot before it moves, then with a small motion whether its models fit.",
+        example="pepper doctor naoqi://pepper.local --no-motion",
+        docs="doctor.md",
+    ),
+    "run": CommandEntry(
+        place="run:run_command",
+        summary="Play an experiment or a motion, by name or written in YAML.",
+        example="pepper run examples/experiments/retract.yaml --log run.mcap",
+        docs="experiments.md",
+    ),
+    "move": CommandEntry(
+        place="run:run_command",
+        summary="The same as run.",
+        example="pepper move wave --dry-run",
+        docs="experiments.md",
+    ),
+    "identify": CommandEntry(
+        place="identify:identify",
+        summary="Drive joints in free motion, fit an expected-error model to each, write the model file.",
+        example="pepper identify --out mine.json --backend 'mujoco://?plant=mine.yaml'",
+        docs="observer.md",
+    ),
+    "record": CommandEntry(
+        place="record:record",
+        summary="Record a run with labels of touches: on a real robot too.",
+        example="pepper record --out touches.mcap --label head --seconds 30",
+        docs="recording.md",
+    ),
+    "list": CommandEntry(
+        place="list:list_command",
+        summary="List motions, experiments, plants, suites, reflexes, limbs and the like that can be named.",
+        example="pepper list plants",
+        docs="experiments.md",
+    ),
+    "examples": CommandEntry(
+        place="examples:examples_command",
+        summary="List the example programs, experiments and plug-ins, or copy them into a folder.",
+        example="pepper examples my_examples",
+        docs="plugins.md",
+    ),
+    "replay": CommandEntry(
+        place="replay:replay_command",
+        summary="Run observer and reflexes on a recording, and compare with what was decided then.",
+        example="pepper replay run.mcap --observer momentum",
+        docs="replay.md",
+    ),
+    "evaluate": CommandEntry(
+        place="evaluate:evaluate_command",
+        summary="Score what observers feel, on seeded simulated runs or labelled recordings.",
+        example="pepper evaluate --suite free --quick",
+        docs="results.md",
+    ),
+    "bench": CommandEntry(
+        place="bench:bench",
+        summary="Time the stages of a tick and the simulation, on one core.",
+        example="pepper bench --tick --seconds 10",
+        docs="realtime.md",
+    ),
+    "calibrate": CommandEntry(
+        place="calibrate:calibrate",
+        summary="Fit the simulated robot to recordings of real ones, or check how near it comes.",
+        example="pepper calibrate --check --plant integral",
+        docs="plant.md",
+    ),
+    "plot": CommandEntry(
+        place="plot:plot",
+        summary="Draw a log: trajectories, tracking errors, residuals, contacts and reflexes.",
+        example="pepper plot run.mcap --joint LShoulderRoll --from 4 --to 6",
+        docs="log.md",
+    ),
+    "serve": CommandEntry(
+        place="serve:serve",
+        summary="Offer a simulated Pepper over NAOqi's protocol, in real time, until Ctrl-C.",
+        example="pepper serve --plant integral --port 9559",
+        docs="stand_in.md",
+    ),
+    "log": CommandEntry(
+        place="log:app",
+        summary="Say what a log holds, export it, or repair it.",
+        example="pepper log info run.mcap",
+        docs="log.md",
+    ),
+}
+"""In the order of the help. Each is imported when it is called: all of them take a second."""
+
+
+class _Commands(TyperGroup):
+    """Commands that are imported once they are called; help and errors know them before."""
+
+    def resolve_command(self, ctx: Any, args: list[str]) -> Any:  # noqa: ANN401 typer's own click
+        name, _, rest = super().resolve_command(ctx, args)
+        return name, load_command(name or ""), rest
+
 
 app = typer.Typer(
     name="pepper",
+    cls=_Commands,
     help="Lets a Pepper humanoid feel where, when and how hard it is touched.",
     add_completion=False,
     no_args_is_help=True,
     pretty_exceptions_enable=False,
-    context_settings={"help_option_names": ["-h", "--help"]},
+    context_settings=HELP_OPTIONS,
 )
-app.command()(demo)
-app.command()(doctor)
-app.command()(move)
-app.command("run")(run_command)
-app.command()(identify)
-app.command()(record)
-app.command("replay")(replay_command)
-app.command("evaluate")(evaluate_command)
-app.command()(bench)
-app.command()(calibrate)
-app.command()(plot)
-app.command()(serve)
-app.add_typer(log_app, name="log")
+for _name, _entry in COMMANDS.items():
+    app.command(_name, help=_entry.summary)(lambda: None)
 
 
 @app.callback(invoke_without_command=True)
@@ -61,24 +172,62 @@ def _top(
         raise typer.Exit()
 
 
-def run(arguments: Sequence[str]) -> int:
-    """Run one command; returns its exit code. A wrong input is one line on stderr and code 2, never a traceback.
+@cache
+def load_command(name: str) -> Any:  # noqa: ANN401 typer's own click
+    """Import a command, and return it as typer runs it."""
+    entry = COMMANDS[name]
+    module, _, attribute = entry.place.partition(":")
+    part = getattr(import_module(f"pepper_driver.cli.{module}"), attribute)
+    if not isinstance(part, typer.Typer):
+        alone = typer.Typer(add_completion=False)
+        alone.command(name, epilog=entry.epilog, context_settings=HELP_OPTIONS)(part)
+        part = alone
+    return _without_types(get_command(part))
 
-    So is what ends it: 130 after Ctrl-C, 143 after SIGTERM, 129 after SIGHUP; the line has the path of the log, if any.
+
+def _without_types(command: Any) -> Any:  # noqa: ANN401 typer's own click
+    """Have the help show no type behind flags and arguments, where typer shows ``<bool>`` and ``<list[Path]>``."""
+    for part in (command, *getattr(command, "commands", {}).values()):
+        for parameter in part.get_params(typer.Context(part, **HELP_OPTIONS)):
+            if getattr(parameter, "is_bool_flag", False):
+                parameter.metavar = ""
+            elif parameter.param_type_name == "argument":
+                parameter.display_type_rich = lambda ctx: ""
+    return command
+
+
+def load_called(arguments: Sequence[str]) -> bool:
+    """Import the command that is called; return False where none is: for help, version, and a wrong name."""
+    name = next((argument for argument in arguments if not argument.startswith("-")), "")
+    if name not in COMMANDS:
+        return False
+    load_command(name)
+    return True
+
+
+def run(arguments: Sequence[str]) -> int:
+    """Run one command; returns its exit code, and says in one line on stderr what went wrong, never by a traceback.
+
+    - 0: well.
+    - 1: it began and failed: a check, a wait, a replay that differs, an error while the robot was active.
+    - 2: it did not begin: a wrong input, or a robot that cannot be reached or is not ready.
+    - 130 after Ctrl-C, 143 after SIGTERM, 129 after SIGHUP; the line has the path of the log, if any.
     """
     try:
-        command = get_command(app)  # called by itself, it would make a bare 130 of every interrupt
+        _refuse_empty(arguments)
+        command = _without_types(get_command(app))
+        # Called by itself, it would make a bare 130 of every interrupt.
         with command.make_context("pepper", list(arguments)) as context:
             code = command.invoke(context)
     except typer.Exit as error:  # help and version
         return error.exit_code
     except typer.TyperException as error:
-        if message := error.format_message():  # none when the help was shown
+        if message := _describe(error):  # none when the help was shown
             _say(message)
         return 2
-    except PepperError as error:
+    except _pepper_error() as error:
         _say(str(error))
-        return 2
+        return 1 if error.while_active else 2
     except (KeyboardInterrupt, OSError, SystemExit, typer.Abort) as error:
         interrupt = _interrupt(error)
         if interrupt is None and not isinstance(error, typer.Abort):  # a question without an answer
@@ -89,8 +238,56 @@ def run(arguments: Sequence[str]) -> int:
 
 def end_by(interrupt: KeyboardInterrupt) -> int:
     """Say in one line what ended a command; returns its exit code."""
+    from pepper_driver.backends.signals import describe_interrupt, exit_code
+
     _say(describe_interrupt(interrupt))
     return exit_code(interrupt)
+
+
+def _pepper_error() -> type[Any]:
+    """The root of the project's errors, imported only where there is an error to compare with."""
+    from pepper_driver.config import PepperError
+
+    return PepperError
+
+
+def _refuse_empty(arguments: Sequence[str]) -> None:
+    """Refuse ``--out ""``: an empty path means the current folder, which nobody means."""
+    for before, argument in pairwise(["", *arguments]):
+        option = f"option '{before}'" if before.startswith("--") else "an argument"
+        if argument.startswith("--") and argument.endswith("="):
+            option, argument = f"option '{argument[:-1]}'", ""
+        if not argument.strip():
+            raise typer.BadParameter("must not be empty", param_hint=option)
+
+
+def _describe(error: typer.TyperException) -> str:
+    """Return a wrong option in one line: which, what it must be, what it was."""
+    if not isinstance(error, typer.BadParameter) or not error.message:
+        return error.format_message()
+    parameter = error.param
+    if parameter is None:
+        return f"{error.param_hint}: {error.message}"
+    from pydantic import ValidationError
+
+    hint = f"{parameter.param_type_name} {parameter.get_error_hint()}"
+    if not isinstance(error.__cause__, ValidationError):
+        return f"{hint}: {error.message}"
+    problem = error.__cause__.errors()[0]
+    choices = parameter.type_descriptor.choices
+    return f"{hint}: {_wanted(problem, choices)}, got {problem['input']!r}"
+
+
+def _wanted(problem: ErrorDetails, choices: Sequence[str] | None) -> str:
+    """Return what an option must be."""
+    from pepper_driver.config.mistakes import requirement
+
+    if choices:
+        return f"must be {', '.join(choices[:-1])} or {choices[-1]}"
+    with suppress(TypeError, ValueError):
+        if not math.isfinite(float(problem["input"])):
+            return "must be a finite number"
+    return requirement(problem)
 
 
 def _interrupt(error: BaseException | None) -> KeyboardInterrupt | None:

@@ -19,6 +19,7 @@ from pepper_driver.cli.console import (
     make_progress,
     save_json,
 )
+from pepper_driver.config import ConfigError
 from pepper_driver.realtime import Statistics
 from pepper_driver.soak import run_soak
 from pepper_driver.tick_bench import run_tick_bench
@@ -28,7 +29,8 @@ def bench(
     seconds: Annotated[
         float,
         typer.Option(
-            help="Simulated time for each plant, of --tick, or for each kind of --callbacks.",
+            metavar="SECONDS",
+            help="Time: simulated for each plant, real for --tick and for each kind of --callbacks.",
             min=2.0,
             max=600.0,
         ),
@@ -37,8 +39,8 @@ def bench(
         list[str] | None,
         typer.Option(
             "--plant",
-            metavar="NAME|FILE",
-            help="Plant to simulate, by default nominal; may be given again.",
+            metavar="NAME_OR_FILE",
+            help="Plant to simulate, by default nominal; may be given again. Not with --tick or --callbacks.",
         ),
     ] = None,
     tick: Annotated[
@@ -63,9 +65,10 @@ def bench(
         float | None,
         typer.Option(
             metavar="SECONDS",
-            help="Instead, run the first plant this long in simulated time, moved, pushed and held at random, "
+            help="Instead, run the plant for this simulated time, moved, pushed and held at random, "
             "and say whether it stays finite and its energy bounded.",
             min=60.0,
+            max=1e6,
         ),
     ] = None,
     json_file: JsonOption = None,
@@ -73,12 +76,20 @@ def bench(
     """Time the stages of a tick and the simulation, on one core."""
     console = make_console()
     check_outputs(json_file)
+    kinds = {"--tick": tick, "--callbacks": callbacks, "--soak": soak is not None}
+    given = [name for name, value in kinds.items() if value]
+    if len(given) > 1:
+        raise ConfigError(f"options {' and '.join(given)}: give one of them")
+    if plants and (tick or callbacks):
+        raise ConfigError(f"option '--plant': {given[0]} has a plant of its own; leave it out")
+    if plants and len(plants) > 1 and soak is not None:
+        raise ConfigError("option '--plant': --soak takes one plant")
+    if busy and not tick:
+        raise ConfigError("option '--busy': goes with --tick")
     plants = plants or ["nominal"]
     if soak is not None:
         _soak(console, plants[0], soak, json_file)
         return
-    if busy and not tick:
-        raise typer.BadParameter("goes with --tick", param_hint="--busy")
     if tick:
         _tick(console, seconds, busy, json_file)
         return

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, get_args
+from typing import Annotated
 
 import typer
 from rich.console import Console
@@ -12,9 +12,10 @@ from rich.table import Table
 
 from pepper_driver.calibrate import CalibrationReport, Figure, Law, check
 from pepper_driver.calibration_fit import Fitted, fit_integral, fit_pd
-from pepper_driver.calibration_plot import check_picture, plot_calibration
+from pepper_driver.calibration_plot import plot_calibration
 from pepper_driver.cli.console import (
     JsonOption,
+    WorkersOption,
     check_outputs,
     make_console,
     make_progress,
@@ -25,15 +26,16 @@ from pepper_driver.config import (
     ConfigError,
     PlantConfig,
     RobotConfig,
-    UnknownNameError,
     draws,
     load_calibration,
     load_plant,
     load_robot,
     plant_names,
 )
+from pepper_driver.config.errors import reason
 from pepper_driver.drive_values import plant_text
 from pepper_driver.output import OutputError
+from pepper_driver.plots import check_picture
 
 LABELS = {
     "residual": "residual deg",
@@ -47,10 +49,7 @@ START = {"pd": "nominal", "integral": "integral"}
 
 
 def calibrate(
-    law: Annotated[
-        str,
-        typer.Option(metavar="LAW", help="Law of the boards to fit: pd or integral."),
-    ] = "pd",
+    law: Annotated[Law, typer.Option(help="Control law of the boards to fit.")] = "pd",
     plant: Annotated[
         str | None,
         typer.Option(
@@ -62,19 +61,20 @@ def calibrate(
         Path | None, typer.Option(metavar="FILE", help="Plant file to write, name.yaml.")
     ] = None,
     plot: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Also draw real and simulated figures.")
+        Path | None,
+        typer.Option(
+            metavar="FILE",
+            help="Also draw real and simulated figures: PNG, SVG or PDF by its ending.",
+        ),
     ] = None,
     json_file: JsonOption = None,
     only_check: Annotated[
         bool, typer.Option("--check", help="Measure the plant as it is, fit nothing.")
     ] = False,
-    workers: Annotated[
-        int | None, typer.Option(help="Processes; by default one per core.", min=1)
-    ] = None,
+    workers: WorkersOption = None,
 ) -> None:
     """Fit the simulated robot to recordings of real ones, or check how near it comes. Simulation only."""
     console = make_console()
-    chosen = _law(law)
     if only_check and out is not None:
         raise ConfigError("--check fits nothing, so there is no plant for --out to write")
     if out is not None and out.suffix not in (".yaml", ".yml"):
@@ -84,7 +84,7 @@ def calibrate(
     check_outputs(out, plot, json_file)
     robot = load_robot()
     calibration = load_calibration(robot)
-    name = plant or START[chosen]
+    name = plant or START[law]
     start = load_plant(name, robot)
     for drive in start.actuators:
         if not only_check and drive.friction.contact.motor + drive.friction.contact.link == 0.0:
@@ -97,12 +97,12 @@ def calibrate(
         )
     if out is not None and out.resolve() == Path(start.source).resolve():
         raise ConfigError(f"{out}: this is the plant to begin from; choose another file for --out")
-    if chosen == "integral" and not only_check and not any(d.ki for d in start.actuators):
+    if law == "integral" and not only_check and not any(d.ki for d in start.actuators):
         raise ConfigError(f"{start.source}: no board has an integral part to fit")
     tested, count = start, workers or -1
     fitted: Fitted | None = None
     if not only_check:
-        fitted = _fit(console, chosen, robot, start, calibration, count)
+        fitted = _fit(console, law, robot, start, calibration, count)
         tested = replace(fitted.plant, name=out.stem if out else f"{start.name}, fitted")
         _print_fit(console, fitted)
         if out is not None:
@@ -123,14 +123,6 @@ def calibrate(
     if plot is not None:
         plot_calibration(report, plot)
         console.print(f"figure: {plot}")
-
-
-def _law(text: str) -> Law:
-    laws: tuple[Law, ...] = get_args(Law)
-    for law in laws:
-        if law == text:
-            return law
-    raise UnknownNameError("law", text, laws)
 
 
 def _fit(
@@ -160,7 +152,7 @@ def _write(path: Path, text: str) -> None:
         partial.write_text(text, encoding="utf-8")
         partial.replace(path)
     except OSError as error:
-        raise OutputError(f"{path}: cannot be written ({error.strerror})") from error
+        raise OutputError(f"{path}: cannot be written ({reason(error)})") from error
 
 
 def _text(name: str, start: PlantConfig, fitted: Fitted, out: Path) -> str:

@@ -1,9 +1,11 @@
-"""What the sub-commands share: progress bars, the options ``--json`` and ``--real-time``."""
+"""Parts that the sub-commands share: progress bars, the options ``--json``, ``--models`` and ``--real-time``."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import math
+from collections.abc import Iterator, Mapping
 from pathlib import Path
+from threading import Event, Thread
 from typing import Annotated, Any
 
 import typer
@@ -12,6 +14,7 @@ from rich.progress import (
     BarColumn,
     MofNCompleteColumn,
     Progress,
+    TaskID,
     TaskProgressColumn,
     TextColumn,
     TimeRemainingColumn,
@@ -20,8 +23,38 @@ from rich.progress import (
 from pepper_driver.output import check_writable, write_json
 from pepper_driver.realtime import Statistics
 
+LINE_INTERVAL = 2.0
+"""[s] between two looks at a progress that is shown line by line."""
+
 RealTimeOption = Annotated[
     bool, typer.Option("--real-time", help="Pace a simulation to the wall clock.")
+]
+
+ModelsOption = Annotated[
+    Path | None,
+    typer.Option(
+        metavar="FILE",
+        help="Model file of the observer; by default the one shipped for this robot.",
+    ),
+]
+
+AttentiveOption = Annotated[
+    bool,
+    typer.Option(
+        "--attentive", help="Let the arm joints oscillate a little, to feel lighter touches."
+    ),
+]
+
+WorkersOption = Annotated[
+    int | None,
+    typer.Option(
+        "--workers",
+        metavar="N",
+        min=1,
+        max=1000,
+        help="Processes that work at the same time; by default one per core.",
+        show_default=False,
+    ),
 ]
 
 JsonOption = Annotated[
@@ -30,22 +63,91 @@ JsonOption = Annotated[
 ]
 
 
+def finite(value: float | None) -> float | None:
+    """Refuse an option that is NaN or infinite."""
+    if value is not None and not math.isfinite(value):
+        raise typer.BadParameter(f"must be a finite number, got {value}")
+    return value
+
+
 def make_console() -> Console:
     """The console commands print to: text as it is, square brackets too, and lines as long as they are."""
     return Console(highlight=False, markup=False, soft_wrap=True)
 
 
-def make_progress(console: Console, *, count: bool = False) -> Progress:
-    """A progress bar with the time that remains; ``count`` shows n/N in place of per cent."""
-    return Progress(
-        TextColumn("{task.description}"),
-        BarColumn(),
-        MofNCompleteColumn() if count else TaskProgressColumn(),
-        TimeRemainingColumn(),
-        console=console,
-        transient=True,
-        disable=not console.is_terminal,
-    )
+class LineProgress(Progress):
+    """A progress bar; where there is no terminal for it, a line for each part or tenth, with the time that remains.
+
+    A task that continues earlier work has what was done before as its field ``before``, which tells no speed.
+    """
+
+    def __init__(self, console: Console, *, count: bool = False, lines: bool = True) -> None:
+        super().__init__(
+            TextColumn("{task.description}"),
+            BarColumn(),
+            MofNCompleteColumn() if count else TaskProgressColumn(),
+            TimeRemainingColumn(),
+            console=console,
+            transient=True,
+            disable=not console.is_terminal,
+            speed_estimate_period=3600.0,  # [s] parts may take minutes
+        )
+        self._count, self._lines = count, lines
+        self._shown: dict[TaskID, tuple[str, int]] = {}
+        self._stopped = Event()
+
+    def start(self) -> None:
+        """Show what is done from now on."""
+        super().start()
+        if self.disable and self._lines:
+            self._stopped = Event()
+            # A thread of its own: a pipe that nobody reads must not hold up a tick.
+            Thread(target=self._run, args=(self._stopped,), name="progress", daemon=True).start()
+
+    def stop(self) -> None:
+        """Show nothing more."""
+        self._stopped.set()
+        super().stop()
+
+    def lines(self) -> Iterator[str]:
+        """Yield a line for each task that has come further by a part or a tenth since the last call."""
+        for task in self.tasks:
+            total = task.total or 1.0
+            share = task.completed / total
+            step = (task.description, int(task.completed if self._count else 10.0 * share))
+            if self._shown.get(task.id) != step:
+                self._shown[task.id] = step
+                shown = f"{task.completed:.0f} of {total:.0f}" if self._count else f"{share:.0%}"
+                done = task.completed - task.fields.get("before", 0.0)
+                remaining = (
+                    (task.elapsed or 0.0) * (total - task.completed) / done if done else None
+                )
+                estimate = "" if remaining is None else f", about {duration_text(remaining)} left"
+                yield f"{task.description}: {shown}{estimate}"
+
+    def _run(self, stopped: Event) -> None:
+        while not stopped.wait(LINE_INTERVAL):
+            for line in self.lines():
+                show_line(self.console, line)
+
+
+def make_progress(console: Console, *, count: bool = False, lines: bool = True) -> LineProgress:
+    """Return a progress with the time that remains.
+
+    Args:
+        console: Where to show it.
+        count: Show n/N in place of per cent.
+        lines: False for a command that prints enough by itself where there is no terminal.
+    """
+    return LineProgress(console, count=count, lines=lines)
+
+
+def duration_text(seconds: float) -> str:
+    """Return a duration for people: ``40 s``, ``12 min``, ``2 h 05 min``."""
+    if round(seconds) < 100:
+        return f"{seconds:.0f} s"
+    hours, minutes = divmod(round(seconds / 60.0), 60)
+    return f"{hours} h {minutes:02d} min" if hours else f"{minutes} min"
 
 
 def show_line(console: Console, line: str) -> None:

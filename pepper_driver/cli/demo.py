@@ -13,6 +13,7 @@ from rich.table import Table
 
 from pepper_driver.cli.console import (
     JsonOption,
+    ModelsOption,
     RealTimeOption,
     check_outputs,
     make_console,
@@ -23,47 +24,47 @@ from pepper_driver.cli.console import (
 )
 from pepper_driver.cli.identify import identify_with_progress
 from pepper_driver.cli.identify_report import print_fits
-from pepper_driver.config import MissingExtraError, load_robot, load_scenario
+from pepper_driver.config import MissingExtraError, load_experiment, load_robot
 from pepper_driver.demo import (
     CONTACTS_NAME,
     FIGURE_NAME,
     LOG_NAME,
     DemoResult,
-    demo_scenario,
+    demo_experiment,
     run_demo,
 )
+from pepper_driver.experiments.plan import experiment_uri
+from pepper_driver.file_lock import lock_folder
 from pepper_driver.log import read_log
 from pepper_driver.observer import RELEASE_GRACE, Contact, Push
 from pepper_driver.plots import plot_contacts
-from pepper_driver.staging import scenario_uri
 
 
 def demo(
     out: Annotated[
         Path, typer.Option(metavar="DIR", help="Folder for the log, the contacts and the figure.")
     ] = Path("runs/demo"),
-    scenario: Annotated[
-        str,
-        typer.Option(
-            metavar="NAME_OR_FILE", help="Motion and pushes; of kind setpoints or script."
-        ),
+    experiment: Annotated[
+        str, typer.Option(metavar="NAME_OR_FILE", help="Steps and contacts.")
     ] = "demo",
     seconds: Annotated[
         float | None,
         typer.Option(
-            help="Simulated time; whole periods of the scenario (8 s, and 48 s by default).",
+            metavar="SECONDS",
+            help="Time of the random goals: whole periods, which are 8 s; 48 s by default.",
             min=8.0,
             max=3600.0,
         ),
     ] = None,
     seed: Annotated[
         int | None,
-        typer.Option(help="Of motion, pushes and noise; else the scenario's.", min=0),
+        typer.Option(
+            metavar="N",
+            help="Seed of motion, pushes and noise; by default that of the experiment.",
+            min=0,
+        ),
     ] = None,
-    models: Annotated[
-        Path | None,
-        typer.Option(metavar="FILE", help="Models to use, in place of the shipped ones."),
-    ] = None,
+    models: ModelsOption = None,
     fresh: Annotated[
         bool, typer.Option("--fresh", help="Identify the models anew; with --models, keep them.")
     ] = False,
@@ -73,61 +74,65 @@ def demo(
     real_time: RealTimeOption = False,
     json_file: JsonOption = None,
 ) -> None:
-    """Move a simulated Pepper's arms, push them, and print each contact as it is felt."""
+    """Move a simulated Pepper's arms, push them, and print each contact that is detected."""
     console = make_console()
     check_outputs(json_file)
     robot = load_robot()
-    chosen = demo_scenario(scenario, robot)
+    chosen = demo_experiment(experiment, robot)
     joints = chosen.touched_joints
-    with TemporaryDirectory() as folder:
+    with lock_folder(out), TemporaryDirectory() as folder:
         if fresh:
             models = models or Path(folder) / "models.json"
             check_outputs(models)
             result = identify_with_progress(
                 console,
-                scenario_uri("mujoco", chosen),
+                experiment_uri("mujoco", chosen),
                 joints,
-                load_scenario("identify", robot),
+                load_experiment("identify", robot),
                 "fusion",
                 seed=seed,
             )
             print_fits(console, result)
             result.models.save(models)
-        with make_progress(console) as progress:
+        with make_progress(console, lines=False) as progress:
             bar = progress.add_task("simulating", total=1.0)
             result_demo = run_demo(
                 out,
-                scenario=scenario,
+                experiment=experiment,
                 seconds=seconds,
                 seed=seed,
                 models=models,
                 show=show,
                 real_time=real_time,
-                on_contact=lambda contact, pushes: show_line(console, _line(contact, pushes)),
+                on_contact=lambda contact, pushes: show_line(
+                    console, describe_contact(contact, pushes)
+                ),
                 on_progress=lambda done: progress.update(bar, completed=done),
             )
-    _table(result_demo, console)
-    if real_time or show:
-        show_timing(console, result_demo.timing)
-    console.print(f"results in {out}: {LOG_NAME}, {CONTACTS_NAME}")
-    save_json(json_file, result_demo.summary, console)
-    _figure(out, joints, console)
+        _table(result_demo, console)
+        if real_time or show:
+            show_timing(console, result_demo.timing)
+        console.print(f"results in {out}: {LOG_NAME}, {CONTACTS_NAME}")
+        save_json(json_file, result_demo.summary, console)
+        _figure(out, joints, console)
 
 
-def _line(contact: Contact, pushes: tuple[Push, ...]) -> str:
-    """One felt contact, for people; the delay is against the true push under way on that joint."""
-    side = "+" if contact.direction > 0 else "-"
+def describe_contact(contact: Contact, pushes: tuple[Push, ...]) -> str:
+    """Describe a settled contact; the delay is that of its detection after the true push under way on its joint."""
+    side, time = "+" if contact.direction > 0 else "-", contact.detection_time
     text = (
-        f"{contact.time:7.2f} s  {contact.kind:8s} {contact.joint or 'trunk':14s} {contact.link:10s} "
-        f"direction {side}  intensity {contact.intensity:4.1f} deg"
+        f"{time:7.2f} s  {contact.kind:9s} {contact.joint or 'trunk':14s} {contact.link:10s} "
+        f"direction {side}  intensity {_intensity(contact):>8s}"
     )
     for push in pushes:
-        if (
-            push.joint == contact.joint
-            and push.onset <= contact.time <= push.release + RELEASE_GRACE
-        ):
-            return f"{text}  {1e3 * (contact.time - push.onset):4.0f} ms after the true onset"
+        if push.joint == contact.joint and push.onset <= time <= push.release + RELEASE_GRACE:
+            return f"{text}  {1e3 * (time - push.onset):4.0f} ms after the true onset"
     return text
+
+
+def _intensity(contact: Contact) -> str:
+    """Return the intensity of a contact on a joint; trunk and base have none in degrees."""
+    return "-" if contact.joint is None else f"{contact.intensity:.1f} deg"
 
 
 def _figure(out: Path, joints: Sequence[str], console: Console) -> None:
@@ -160,5 +165,5 @@ def _table(result: DemoResult, console: Console) -> None:
         )
     for contact in result.score.false:
         console.print(
-            f"false: {contact.joint} at {contact.time:.2f} s, {contact.intensity:.1f} deg"
+            f"false: {contact.joint or 'trunk'} at {contact.time:.2f} s, intensity {_intensity(contact)}"
         )

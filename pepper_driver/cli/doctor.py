@@ -12,6 +12,7 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
+from pepper_driver.backends.passwords import without_secrets
 from pepper_driver.cli.console import (
     JsonOption,
     check_outputs,
@@ -33,7 +34,6 @@ from pepper_driver.doctor import (
 from pepper_driver.doctor.result import unknown
 from pepper_driver.doctor.trial import make_pepper
 from pepper_driver.keys import StopKey
-from pepper_driver.log.metadata import without_secrets
 from pepper_driver.observer import ModelSet
 
 
@@ -41,7 +41,7 @@ def doctor(
     uri: Annotated[str, typer.Argument(metavar="URI", help="Robot to examine.")] = "mujoco",
     models: Annotated[
         Path | None,
-        typer.Option(metavar="FILE", help="Model file; else the one shipped for this robot."),
+        typer.Option(metavar="FILE", help="Model file; by default the one shipped for this robot."),
     ] = None,
     yes: Annotated[bool, typer.Option("--yes", help="Do not ask before the robot moves.")] = False,
     no_motion: Annotated[

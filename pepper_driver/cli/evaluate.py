@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Annotated
 
@@ -12,6 +13,7 @@ from rich.table import Table
 
 from pepper_driver.cli.console import (
     JsonOption,
+    WorkersOption,
     check_outputs,
     make_console,
     make_progress,
@@ -28,6 +30,8 @@ from pepper_driver.evaluation.metrics import RECALL_BINS, Metrics
 from pepper_driver.evaluation.report import write_report
 from pepper_driver.evaluation.results import Evaluation
 from pepper_driver.evaluation.takes import DEFAULT_CACHE
+from pepper_driver.file_lock import lock_file, lock_folder
+from pepper_driver.log import read_log
 from pepper_driver.output import make_folder
 
 ALL = "all"
@@ -37,27 +41,32 @@ def evaluate_command(
     suite: Annotated[
         str | None,
         typer.Option(
-            metavar="A,B", help="What to perform: paper, free, collision, fit, ..., or all."
+            metavar="A,B",
+            help="Suites to perform, such as free or paper,collision; all for all. Without --suite and --log their"
+            " names are printed.",
         ),
     ] = None,
     mode: Annotated[
         str | None,
         typer.Option(
             metavar="A,B",
-            help=f"Observers: {', '.join(DEFAULTS)}, or of other packages; else all that have models.",
+            help=f"Observers: {', '.join(DEFAULTS)}, or of other packages; by default all that have models.",
         ),
     ] = None,
     models: Annotated[
         list[Path] | None,
-        typer.Option(metavar="FILE", help="Model file in place of the shipped one of its kind."),
+        typer.Option(
+            metavar="FILE",
+            help="Model file in place of the shipped one of its kind; may be given again.",
+        ),
     ] = None,
-    workers: Annotated[
-        int | None, typer.Option(help="Processes; by default one per core.", min=1)
-    ] = None,
+    workers: WorkersOption = None,
     json_file: JsonOption = None,
     report: Annotated[
         Path | None,
-        typer.Option(metavar="FILE", help="Also write a page with all tables and pictures."),
+        typer.Option(
+            metavar="FILE", help="Also write a page with all tables and pictures, NAME.md."
+        ),
     ] = None,
     cache: Annotated[
         Path,
@@ -84,6 +93,8 @@ def evaluate_command(
     if bool(logs) == (suite is not None):
         known = "" if frozen is None else f"; suites: {', '.join((*frozen.names, ALL))}"
         raise ConfigError(f"give either --suite or --log{known}")
+    for path in logs:  # in a worker this would be a failure of one recording
+        read_log(path)
     check_outputs(json_file)
     if report is not None:
         if report.suffix != ".md":
@@ -98,26 +109,30 @@ def evaluate_command(
         suites = _names(suite or "")
         suites = frozen.names if ALL in suites else suites
         jobs = suite_jobs(frozen, suites, robot, quick=quick, cache=cache)
-        make_folder(cache)
-    with make_progress(console, count=True) as progress:
-        bar = progress.add_task("evaluating", total=len(jobs))
-        result = evaluate(
-            jobs,
-            chosen,
-            workers=workers or -1,
-            digest=None if frozen is None else frozen.digest,
-            share=QUICK if quick and frozen is not None else 1.0,
-            progress=lambda done, _: progress.update(bar, completed=done),
-        )
-    _print(console, result)
-    save_json(json_file, result.as_json(), console)
-    if report is not None:
-        what = f"--suite {suite}" if suite else f"--log {' '.join(path.name for path in logs)}"
-        options = (f" --mode {mode}" if mode else "") + (" --quick" if quick else "")
-        command = f"pepper evaluate {what}{options} --report {report.name}"
-        write_report(result, report, robot, command)
-        console.print(f"report: {report}")
-    return 1 if result.failures else 0
+    with ExitStack() as locks:
+        if frozen is not None:
+            locks.enter_context(lock_folder(cache))
+        if report is not None:
+            locks.enter_context(lock_file(report))
+        with make_progress(console, count=True) as progress:
+            bar = progress.add_task("evaluating", total=len(jobs))
+            result = evaluate(
+                jobs,
+                chosen,
+                workers=workers or -1,
+                digest=None if frozen is None else frozen.digest,
+                share=QUICK if quick and frozen is not None else 1.0,
+                progress=lambda done, _: progress.update(bar, completed=done),
+            )
+        _print(console, result)
+        save_json(json_file, result.as_json(), console)
+        if report is not None:
+            what = f"--suite {suite}" if suite else f"--log {' '.join(path.name for path in logs)}"
+            options = (f" --mode {mode}" if mode else "") + (" --quick" if quick else "")
+            command = f"pepper evaluate {what}{options} --report {report.name}"
+            write_report(result, report, robot, command)
+            console.print(f"report: {report}")
+        return 1 if result.failures else 0
 
 
 def _names(text: str) -> tuple[str, ...]:

@@ -12,7 +12,9 @@ from rich.console import Console
 
 from pepper_driver.cli.console import (
     JsonOption,
+    WorkersOption,
     check_outputs,
+    duration_text,
     make_console,
     make_progress,
     save_json,
@@ -20,11 +22,10 @@ from pepper_driver.cli.console import (
 from pepper_driver.cli.identify_report import print_fits
 from pepper_driver.config import (
     ConfigError,
+    Experiment,
     PepperError,
-    Scenario,
-    UnknownNameError,
+    load_experiment,
     load_robot,
-    load_scenario,
 )
 from pepper_driver.identification import (
     MANIFEST,
@@ -40,7 +41,7 @@ from pepper_driver.identification import (
     read_manifest,
     record_joints,
 )
-from pepper_driver.observer import MODEL_TYPES, ModelKind
+from pepper_driver.observer import ModelKind
 
 BACKEND, SCENARIO, CALIBRATION = "mujoco", "identify", "calibration_motion"
 NO_CALIBRATION = "none"
@@ -54,12 +55,13 @@ def identify(
     joints: Annotated[
         str | None,
         typer.Option(
-            metavar="A,B", help="Joints to identify, with commas between; else the scenario's."
+            metavar="A,B",
+            help="Joints to identify, with commas between; by default those of the scenario.",
         ),
     ] = None,
     kind: Annotated[
-        str,
-        typer.Option(help="Of the models: fusion, or the paper's trees, affine or cart."),
+        ModelKind,
+        typer.Option(help="Type of the models; affine and cart are the paper's trees."),
     ] = "fusion",
     mirror: Annotated[
         bool,
@@ -90,7 +92,12 @@ def identify(
         typer.Option("--yes", help="Do not ask before a real robot moves its legs or its base."),
     ] = False,
     seed: Annotated[
-        int | None, typer.Option(help="Of the random motion; else the scenario's.", min=0)
+        int | None,
+        typer.Option(
+            metavar="N",
+            help="Seed of the random motion; by default that of the scenario.",
+            min=0,
+        ),
     ] = None,
     scenario: Annotated[
         str | None,
@@ -105,18 +112,11 @@ def identify(
             help=f"Free motion to choose thresholds on, or {NO_CALIBRATION}; {CALIBRATION} by default.",
         ),
     ] = None,
-    workers: Annotated[
-        int, typer.Option(help="Processes for simulated runs; -1 for one per core.", min=-1)
-    ] = -1,
+    workers: WorkersOption = None,
     json_file: JsonOption = None,
 ) -> None:
     """Drive joints in free motion, fit an expected-error model to each, write the model file."""
     console = make_console()
-    wanted = next((known for known in MODEL_TYPES if known == kind), None)
-    if wanted is None:
-        raise UnknownNameError("kind", kind, MODEL_TYPES)
-    if workers == 0:
-        raise ConfigError("option '--workers': a number from 1 up, or -1 for one per core, not 0")
     check_outputs(out, json_file)
     folder = out.with_name(f"{out.stem}-recordings") if recordings is None else recordings
     if fit_only:
@@ -125,8 +125,8 @@ def identify(
         )
     else:
         robot = load_robot()
-        chosen = load_scenario(scenario or SCENARIO, robot)
-        named = None if joints is None else joints.split(",")
+        chosen = load_experiment(scenario or SCENARIO, robot)
+        named = None if joints is None else [name.strip() for name in joints.split(",")]
         full, tested = chosen_joints(robot, chosen, named, mirror=mirror, share=share_types)
         body = calibration or CALIBRATION
         with _resumable(folder, console), _progress(console) as (progress, confirm):
@@ -136,14 +136,14 @@ def identify(
                 chosen,
                 folder,
                 tested=tested,
-                calibration=None if body == NO_CALIBRATION else load_scenario(body, robot),
+                calibration=None if body == NO_CALIBRATION else load_experiment(body, robot),
                 seed=chosen.seed if seed is None else seed,
-                workers=workers,
+                workers=workers or -1,
                 confirm=None if yes else confirm,
                 progress=progress,
             )
     with console.status("fitting models"):
-        result = fit_folder(folder, wanted, mirror=mirror, share=share_types)
+        result = fit_folder(folder, kind, mirror=mirror, share=share_types)
     result.models.save(out)
     print_fits(console, result)
     console.print(f"models: {out}; recordings: {folder}")
@@ -154,7 +154,7 @@ def identify_with_progress(
     console: Console,
     backend: str,
     joints: Sequence[str],
-    scenario: Scenario,
+    scenario: Experiment,
     kind: ModelKind,
     *,
     seed: int | None,
@@ -189,10 +189,11 @@ def _progress(console: Console) -> Iterator[tuple[Progress, Confirm]]:
         def tell(what: str, done: float, total: float) -> None:
             nonlocal bar, begun
             if bar is None or (what == "rehearsing") != (begun == "rehearsing"):
-                if bar is not None:
+                if bar is None:
+                    console.print(f"runs of {duration_text(total - done)} in robot time to record")
+                else:
                     bars.remove_task(bar)
-                # What was recorded before says nothing about the time that remains.
-                bar = bars.add_task(what, total=total, completed=round(done))
+                bar = bars.add_task(what, total=total, completed=round(done), before=done)
             begun = what
             bars.update(bar, description=what, completed=done, total=total)
 

@@ -11,12 +11,13 @@ from rich.table import Table
 
 from pepper_driver.cli.console import JsonOption, check_outputs, make_console, save_json
 from pepper_driver.log import read_log
-from pepper_driver.log.export import export_log
+from pepper_driver.log.export import Format, export_log
+from pepper_driver.log.repair import repair_log
 from pepper_driver.log.summary import LogSummary, summarise
 
 LogArgument = Annotated[Path, typer.Argument(metavar="LOG", help="MCAP log of a run.")]
 
-app = typer.Typer(help="Say what a log holds, or export it.", no_args_is_help=True)
+app = typer.Typer(help="Say what a log holds, export it, or repair it.", no_args_is_help=True)
 
 SHOWN = (
     "start",
@@ -31,7 +32,7 @@ SHOWN = (
 """Of the metadata; ``--json`` has all of it."""
 
 
-@app.command()
+@app.command(epilog="Example: pepper log info run.mcap --json figures.json\n\nMore: docs/log.md")
 def info(log: LogArgument, json_file: JsonOption = None) -> None:
     """Say what a log holds: length, timing, contacts, reflexes, faults, and the run it is of."""
     console = make_console()
@@ -43,10 +44,10 @@ def info(log: LogArgument, json_file: JsonOption = None) -> None:
     save_json(json_file, summary.as_json(), console)
 
 
-@app.command()
+@app.command(epilog="Example: pepper log export run.mcap --to csv\n\nMore: docs/log.md")
 def export(
     log: LogArgument,
-    to: Annotated[str, typer.Option(metavar="FORMAT", help="parquet, csv or npz.")],
+    to: Annotated[Format, typer.Option(help="Format; Parquet needs the extra 'export'.")],
     out: Annotated[
         Path | None,
         typer.Option(metavar="FILE", help="File for the ticks; by default beside the log."),
@@ -59,8 +60,19 @@ def export(
         console.print(str(file))
 
 
+@app.command()
+def repair(
+    log: LogArgument,
+    out: Annotated[Path, typer.Argument(metavar="OUT", help="New log to write.")],
+    force: Annotated[bool, typer.Option("--force", help="Replace OUT if it is there.")] = False,
+) -> None:
+    """Write the intact chunks of a damaged log as a new log that every program reads."""
+    file = repair_log(log, out, force=force)
+    make_console().print(f"{out}: {file.missing or f'{log} is whole; this is a copy'}")
+
+
 def _print_run(console: Console, path: Path, summary: LogSummary) -> None:
-    cut = "" if summary.complete else ", cut short"
+    cut = ("" if summary.complete else ", cut short") + (", with gaps" if summary.gaps else "")
     ticks = "1 tick" if summary.ticks == 1 else f"{summary.ticks} ticks"
     console.print(f"{path}: {summary.robot}, {summary.duration:.1f} s, {ticks}{cut}")
     for name in SHOWN:

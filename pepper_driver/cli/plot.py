@@ -7,10 +7,10 @@ from typing import Annotated
 
 import typer
 
-from pepper_driver.cli.console import make_console
+from pepper_driver.cli.console import finite, make_console
 from pepper_driver.cli.log import LogArgument
 from pepper_driver.log import read_log
-from pepper_driver.plots import plot_contacts
+from pepper_driver.plots import check_picture, plot_contacts
 
 
 def plot(
@@ -20,7 +20,7 @@ def plot(
         typer.Option(
             "--joint",
             metavar="JOINT",
-            help="Joint to show, may be given again; else those with most contacts.",
+            help="Joint to show, may be given again; by default those with most contacts.",
         ),
     ] = None,
     out: Annotated[
@@ -30,11 +30,26 @@ def plot(
         ),
     ] = None,
     start: Annotated[
-        float | None, typer.Option("--from", metavar="S", help="On the clock of the robot.")
+        float | None,
+        typer.Option(
+            "--from",
+            metavar="SECONDS",
+            help="Begin, on the clock of the robot; by default the first tick.",
+            callback=finite,
+        ),
     ] = None,
-    stop: Annotated[float | None, typer.Option("--to", metavar="S", help="The same.")] = None,
+    stop: Annotated[
+        float | None,
+        typer.Option(
+            "--to",
+            metavar="SECONDS",
+            help="End, on the clock of the robot; by default the last tick.",
+            callback=finite,
+        ),
+    ] = None,
 ) -> None:
     """Draw trajectories, tracking errors with their prediction, residuals with thresholds, contacts and reflexes."""
     out = out or log.with_suffix(".png")
+    check_picture(out)
     plot_contacts(read_log(log), out, joints, start=start, stop=stop)
     make_console().print(f"figure: {out}")

@@ -8,56 +8,62 @@ from typing import Annotated
 import typer
 
 from pepper_driver.cli.console import check_outputs, make_console, show_line
-from pepper_driver.config import load_motion, load_robot, load_scenario
+from pepper_driver.config import load_experiment, load_robot
+from pepper_driver.file_lock import lock_file
+from pepper_driver.labeller import LabelSource
 from pepper_driver.log import Label
 from pepper_driver.record import record_labelled
 
 DEFAULT_SECONDS = 60.0
-"""[s] for which a robot without a motion holds its posture."""
+"""[s] for which a robot that plays nothing holds its posture."""
 
 
 def record(
     out: Annotated[Path, typer.Option(metavar="LOG", help="MCAP log to write.")],
     label: Annotated[
-        str,
-        typer.Option(
-            help="What tells that the robot is touched: key (the space bar), head, hand-left, hand-right or bumper."
-        ),
+        LabelSource,
+        typer.Option(help="What tells that the robot is touched; key is the space bar."),
     ],
     backend: Annotated[str, typer.Option(metavar="URI", help="Robot to record.")] = "mujoco",
     seconds: Annotated[
         float | None,
         typer.Option(
-            help=f"How long the posture is held ({DEFAULT_SECONDS:g} by default), or the motion is repeated."
+            metavar="SECONDS",
+            help=f"How long the posture is held, {DEFAULT_SECONDS:g} by default, or what is played is repeated.",
         ),
     ] = None,
-    motion: Annotated[
+    play: Annotated[
         str | None,
-        typer.Option(metavar="NAME_OR_FILE", help="Motion to play; else the posture is held."),
+        typer.Option(
+            metavar="NAME_OR_FILE",
+            help="Motion or experiment to play, without its reactions; by default the posture is held.",
+        ),
     ] = None,
-    scenario: Annotated[
-        str | None, typer.Option(metavar="NAME_OR_FILE", help="Scenario to perform, in its place.")
+    seed: Annotated[
+        int | None,
+        typer.Option(
+            metavar="N", help="Seed of random goals; by default that of the experiment.", min=0
+        ),
     ] = None,
-    seed: Annotated[int | None, typer.Option(help="Of the scenario; else its own.", min=0)] = None,
     link: Annotated[
         str | None,
-        typer.Option(metavar="LINK", help="What is touched; else the link of the sensor."),
+        typer.Option(metavar="LINK", help="What is touched; by default the link of the sensor."),
     ] = None,
     joint: Annotated[
         str | None,
         typer.Option(
             metavar="JOINT",
-            help="The joint that should feel it; else the one that carries the link.",
+            help="The joint that should feel it; by default the one that carries the link.",
         ),
     ] = None,
 ) -> None:
     """Record a run with labels of touches: on a real robot too. Ctrl-C ends it; what was recorded stays."""
     console = make_console()
     check_outputs(out)
+    lock_file(out).release()  # what the log would refuse, before the robot moves
     robot = load_robot()
-    chosen_motion = None if motion is None else load_motion(motion, robot)
-    chosen_scenario = None if scenario is None else load_scenario(scenario, robot)
-    if chosen_motion is None and chosen_scenario is None and seconds is None:
+    experiment = None if play is None else load_experiment(play, robot)
+    if experiment is None and seconds is None:
         seconds = DEFAULT_SECONDS
 
     def start() -> None:
@@ -75,8 +81,7 @@ def record(
         backend,
         out,
         label,
-        motion=chosen_motion,
-        scenario=chosen_scenario,
+        experiment=experiment,
         seconds=seconds,
         seed=seed,
         link=link,

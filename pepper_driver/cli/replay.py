@@ -25,20 +25,22 @@ NONE = "none"
 def replay_command(
     log: LogArgument,
     observer: Annotated[
-        str | None, typer.Option(metavar="NAME", help="Another observer than that of the run.")
+        str | None, typer.Option(metavar="NAME", help="Observer; by default that of the run.")
     ] = None,
     models: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Model file; else those shipped.")
+        Path | None, typer.Option(metavar="FILE", help="Model file; by default the one shipped.")
     ] = None,
     settings: Annotated[
         Path | None,
         typer.Option(
-            "--observer-settings", metavar="FILE", help="Like observer.yaml; else those of the run."
+            "--observer-settings",
+            metavar="FILE",
+            help="Settings such as observer.yaml; by default those of the run.",
         ),
     ] = None,
     reflexes: Annotated[
         str | None,
-        typer.Option(metavar="FILE", help=f"Other reflexes than those of the run, or '{NONE}'."),
+        typer.Option(metavar="FILE", help=f"Reflexes, or '{NONE}'; by default those of the run."),
     ] = None,
     out: Annotated[
         Path | None, typer.Option(metavar="FILE", help="MCAP log of the replay to write.")
@@ -97,7 +99,7 @@ def _contacts(pairs: Sequence[Pair[Contact]]) -> Table:
             _change(*(None if c is None else c.kind for c in (then, now))),
             *("-" if c is None else f"{c.detection_time:.3f}" for c in (then, now)),
             _later(pair),
-            *("-" if c is None else f"{c.intensity:.2f}" for c in (then, now)),
+            *(f"{c.intensity:.2f}" if c and c.intensity else "-" for c in (then, now)),
         )
     return table
 

@@ -1,8 +1,8 @@
-"""``pepper run``: performs an experiment written in YAML."""
+"""``pepper run`` and ``pepper move``: play experiments and motions written in YAML."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -12,7 +12,9 @@ from rich.table import Table
 
 from pepper_driver.callbacks.events import CueEvent, PushEvent, ReflexEvent, StepEvent
 from pepper_driver.cli.console import (
+    AttentiveOption,
     JsonOption,
+    ModelsOption,
     RealTimeOption,
     check_outputs,
     make_console,
@@ -21,64 +23,129 @@ from pepper_driver.cli.console import (
     show_timing,
 )
 from pepper_driver.cli.steps import step_parts, step_times
-from pepper_driver.config import Experiment, MotionStep, RobotConfig
-from pepper_driver.config.experiment_steps import (
-    ContactWait,
-    PlayedStep,
-    SayStep,
-    WaitStep,
-    is_open,
-)
-from pepper_driver.experiment import ExperimentRun
-from pepper_driver.experiment_plan import push_text
+from pepper_driver.config import RobotConfig
+from pepper_driver.config.steps import AnyStep, BranchStep, PlayStep, RepeatStep
+from pepper_driver.experiments.experiment import ExperimentRun
+from pepper_driver.experiments.reports import ExperimentReport, StepReport
 from pepper_driver.keys import StopKey
-from pepper_driver.observer import Contact
-from pepper_driver.reflexes import Reflex
+from pepper_driver.observer import Contact, score
+from pepper_driver.observer.alarms import alarms_of
+
+Event = StepEvent | CueEvent | PushEvent | Contact | ReflexEvent
 
 
 def run_command(
-    file: Annotated[Path, typer.Argument(metavar="FILE", help="The experiment, a YAML file.")],
+    file: Annotated[
+        str,
+        typer.Argument(
+            metavar="NAME_OR_FILE", help="A shipped experiment or motion, or a file name.yaml."
+        ),
+    ],
     backend: Annotated[str, typer.Option(metavar="URI", help="Robot to run it on.")] = "mujoco",
+    models: ModelsOption = None,
     log: Annotated[Path | None, typer.Option(metavar="FILE", help="MCAP log to write.")] = None,
+    seed: Annotated[
+        int | None,
+        typer.Option(
+            metavar="N",
+            help="Seed of random goals and contacts; by default that of the experiment.",
+            min=0,
+        ),
+    ] = None,
+    no_contacts: Annotated[
+        bool, typer.Option("--no-contacts", help="Leave out the contacts for a simulated robot.")
+    ] = False,
+    attentive: AttentiveOption = False,
     dry_run: Annotated[
-        bool,
-        typer.Option("--dry-run", help="Check everything and print the plan; move nothing."),
+        bool, typer.Option("--dry-run", help="Check everything and print the plan; move nothing.")
     ] = False,
     real_time: RealTimeOption = False,
     json_file: JsonOption = None,
 ) -> int:
-    """Perform an experiment; code 1 if it stopped early or a step gave up reaching its targets.
+    """Play an experiment or a motion; code 1 if it stopped early or a step gave up reaching its targets.
 
     The space bar or q stops the robot at once.
     """
     console = make_console()
-    run = ExperimentRun(file, backend, log=None if dry_run else log, real_time=real_time)
+    run = ExperimentRun(
+        file,
+        backend,
+        log=None if dry_run else log,
+        real_time=real_time,
+        seed=seed,
+        models=models,
+        contacts=not no_contacts,
+        attentive=attentive or None,
+    )
     check_outputs(json_file)
     if dry_run:
-        show_plan(console, run)
+        for line in plan_lines(run):
+            console.print(line)
         save_json(json_file, plan_json(run), console)
         return 0
-    if skipped := run.plan().skipped:
-        console.print(skipped)
     tell_all(console, run)
     with StopKey(run.pepper.emergency_stop) as key:
         if key.listening:
             console.print(key.HELP)
-        report = run.perform()
+        try:
+            report = run.perform(on_step=lambda step: show_reached(console, step))
+        finally:
+            if run.report is not None:  # even where the log could not be written to its end
+                show_report(console, run, run.report, log, json_file)
+    return 0 if report.completed else 1
+
+
+def show_report(
+    console: Console,
+    run: ExperimentRun,
+    report: ExperimentReport,
+    log: Path | None,
+    json_file: Path | None,
+) -> None:
+    """Print what came of an experiment, and store its figures."""
     if run.pepper.paced:
         show_timing(console, run.pepper.statistics)
     console.print(str(report))
+    if report.pushes:
+        console.print(push_table(report, run.pepper.config))
     if log is not None:
         console.print(f"log: {log}")
     save_json(json_file, report.as_json(), console)
-    return 0 if report.completed else 1
+
+
+def show_reached(console: Console, step: StepReport) -> None:
+    """Print what a step reached that has tasks, or waits for its targets."""
+    if step.reached is not None or any(goal.name != "posture" for goal in step.goals):
+        show_line(console, f"{step.time:8.2f} s  {step}")
+
+
+def push_table(report: ExperimentReport, robot: RobotConfig) -> Table:
+    """Make a table of each push: when it was felt, where at first and at last."""
+    result = score(report.pushes, report.contacts, robot)
+    felt = {id(f.push): f for f in result.felt}
+    last = {
+        alarm.begin.id: alarm.updates[-1].link if alarm.updates else alarm.begin.link
+        for alarm in alarms_of(report.contacts)
+    }
+    title = f"{len(felt)} of {len(report.pushes)} pushes felt, {len(result.false)} false contacts"
+    table = Table("from", "pushed", "force", "felt after", "at first", "at last", title=title)
+    table.title_justify = "left"
+    for push in report.pushes:
+        row = [f"{push.onset:.2f} s", push.link, f"{push.force:.1f} N"]
+        if (found := felt.get(id(push))) is None:
+            table.add_row(*row, "-")
+        else:
+            begin = found.contact
+            row.append(f"{1e3 * found.delay:.0f} ms")
+            table.add_row(*row, begin.link, last[begin.id])
+    return table
 
 
 def tell_all(console: Console, run: ExperimentRun) -> None:
     """Print what happens as it happens: steps, cues, pushes, contacts, reflexes."""
     pepper = run.pepper
 
-    def tell(event: StepEvent | CueEvent | PushEvent | Contact | ReflexEvent) -> None:
+    def tell(event: Event) -> None:
         if (text := event_text(event)) is not None:
             show_line(console, f"{event.time:8.2f} s  {text}")
 
@@ -87,15 +154,16 @@ def tell_all(console: Console, run: ExperimentRun) -> None:
         pepper.on_step(),
         pepper.on_cue(),
         pepper.on_push(),
-        pepper.on_contact(phase=None),
         pepper.on_reflex(phase=None),
     ]
+    if run.experiment.observer is not None:
+        ways.append(pepper.on_contact(phase=None))
     for register in ways:
         register(tell)
 
 
-def event_text(event: StepEvent | CueEvent | PushEvent | Contact | ReflexEvent) -> str | None:
-    """One event for people; None for what is not worth a line."""
+def event_text(event: Event) -> str | None:
+    """Describe one event; None for what is not worth a line."""
     if isinstance(event, StepEvent):
         return f"step {event.step}"
     if isinstance(event, CueEvent):
@@ -103,113 +171,72 @@ def event_text(event: StepEvent | CueEvent | PushEvent | Contact | ReflexEvent) 
     if isinstance(event, PushEvent):
         return f"push  {event.link}: {event.text}"
     if isinstance(event, ReflexEvent):
-        return f"reflex {event.reflex}: {event.phase}"
+        held = f", has {len(event.held_joints)} joints" if event.held_joints else ""
+        return f"reflex {event.reflex}: {event.phase}{held}"
     if event.phase == "update":
         return None
-    text = f"{event.kind} {event.link}: {event.phase}"
-    return f"{text}, {event.joint or 'trunk'} {event.direction:+d}, {event.intensity:.1f} deg"
-
-
-def show_plan(console: Console, run: ExperimentRun) -> None:
-    """Print what would be done."""
-    experiment, robot = run.experiment, run.pepper.config
-    times = "at most " if any(is_open(step) for step in experiment.written.values()) else ""
-    console.print(
-        f"{experiment.name}: {len(experiment.order)} steps, {times}{experiment.length:.1f} s"
+    degrees = f"{event.intensity:.1f} deg" if event.intensity else "-"  # wheels have none
+    torque = "" if event.torque is None else f", {abs(event.torque):.1f} N m"
+    text = (
+        f"{event.kind} {event.link}: {event.phase}, {event.joint or 'trunk'} {event.direction:+d}"
     )
-    table = Table("step", "from", "times", "takes", "does", title="steps", title_justify="left")
-    for row in _rows(experiment, robot):
-        table.add_row(*row)
-    console.print(table)
-    if reflexes := run.pepper.reflexes:
-        table = Table("priority", "reflex", "answers to", "then", title="reflexes")
-        table.title_justify = "left"
-        for reflex in reflexes:
-            table.add_row(str(reflex.priority), reflex.name, _answers(reflex), reflex.then)
-        console.print(table)
-    pushes = run.plan()
-    if pushes.skipped:
-        console.print(pushes.skipped)
-    elif experiment.pushes:
-        table = Table("when", "link", "push", title="pushes", title_justify="left")
-        names = [step.name or "" for step in experiment.written.values()]
-        groups = [("begin", pushes.at_begin)]
-        groups += [(names[number], touches) for number, touches in pushes.in_step.items()]
-        for where, touches in groups:
-            for touch in touches:
-                table.add_row(f"{where} + {touch.delay:g} s", touch.planned.link, push_text(touch))
-        console.print(table)
+    return f"{text}, {degrees}{torque}"
+
+
+def plan_lines(run: ExperimentRun) -> Iterator[str]:
+    """Describe what would be done, one line for each step, reaction and contact."""
+    experiment, plan = run.experiment, run.plan()
+    times = "at most " if experiment.is_open else ""
+    yield f"{experiment.name}: {times}{experiment.max_length:.1f} s"
+    yield from _step_lines(run, experiment.steps, "steps", "  ")
+    for reaction in experiment.reactions:
+        answers = [*map(str, CueEvent.of(reaction, 0.0))]
+        answers += [f"play {reaction.play}"] if reaction.play else []
+        answers += [str(reaction.reflex["do"])] if reaction.reflex else []
+        yield f"  on {reaction.on}: {'; '.join(answers)}"
+    for reflex in run.pepper.reflexes:
+        yield f"  reflex {reflex.name}: priority {reflex.priority}, then {reflex.then}"
+    for name, contacts in [
+        ("begin", plan.at_begin),
+        *((s.name, s.contacts) for s in plan.segments),
+    ]:
+        yield from (f"  {name} + {c.delay:.2f} s: {c.planned.link} {c}" for c in contacts)
+
+
+def _step_lines(
+    run: ExperimentRun, steps: Sequence[AnyStep], key: str, indent: str
+) -> Iterator[str]:
+    """Describe steps, those that they hold below them, a little further in."""
+    for number, step in enumerate(steps):
+        here = f"{key}.{number}"
+        own = f"{here}.branch" if isinstance(step, BranchStep) else here
+        for segment in run.plan().rounds.get(own, [[]])[0]:
+            parts = step_parts(segment.step, run.pepper.config)
+            text = "; ".join([step_times(segment.step), *parts])
+            yield f"{indent}{segment.start:7.2f} s  {segment.name}: {text}"
+        for title, (inner, block) in zip(_block_titles(step), step.blocks(), strict=True):
+            if block:
+                yield f"{indent}{title}:"
+                yield from _step_lines(run, block, f"{here}.{inner}", indent + "  ")
+
+
+def _block_titles(step: AnyStep) -> list[str]:
+    """Describe when the blocks of a step are played."""
+    if isinstance(step, RepeatStep):
+        until = f", or until {step.repeat.until}" if step.repeat.until is not None else ""
+        return [f"{step.repeat.times} times{until}"]
+    if isinstance(step, BranchStep):
+        return [*(f"after {case.on}" for case in step.branch.cases), "otherwise"]
+    return [f"play {step.play}"] if isinstance(step, PlayStep) else []
 
 
 def plan_json(run: ExperimentRun) -> dict[str, Any]:
-    """The plan, for files."""
-    experiment, pushes = run.experiment, run.plan()
+    """Make the plan, for files."""
+    plan = run.plan()
     return {
-        "experiment": experiment.name,
-        "longest": experiment.length,
-        "steps": [
-            {"key": key, "name": step.name, "from": start}
-            for (key, step), start in zip(experiment.played, experiment.starts, strict=True)
-        ],
-        "reflexes": [
-            {"name": reflex.name, "priority": reflex.priority} for reflex in run.pepper.reflexes
-        ],
-        "pushes": sum(map(len, (pushes.at_begin, *pushes.in_step.values()))),
-        "pushes_skipped": pushes.skipped or None,
+        "experiment": run.experiment.name,
+        "max_duration": run.experiment.max_length,
+        "steps": [{"key": s.key, "name": s.name, "from": s.start} for s in plan.segments],
+        "reflexes": [{"name": r.name, "priority": r.priority} for r in run.pepper.reflexes],
+        "contacts": len(plan.at_begin) + sum(len(s.contacts) for s in plan.segments),
     }
-
-
-def _rows(experiment: Experiment, robot: RobotConfig) -> Iterator[tuple[str, str, str, str, str]]:
-    """One row for each step as the file has it."""
-    played = [key for key, _ in experiment.played]
-    for number, (key, step) in enumerate(experiment.written.items()):
-        motion = experiment.motion.steps[number]
-        yield (
-            f"{number} {motion.name or ''}".strip(),
-            f"{experiment.starts[played.index(key)]:.2f} s",
-            str(played.count(key)),
-            _takes(step, motion),
-            "; ".join(_does(step, robot)),
-        )
-
-
-def _takes(step: PlayedStep, motion: MotionStep) -> str:
-    if isinstance(step, MotionStep):
-        return step_times(step)
-    if isinstance(step, WaitStep):
-        return f"{'at most ' if is_open(step) else ''}{motion.longest:.2f} s"
-    return "no time"
-
-
-def _does(step: PlayedStep, robot: RobotConfig) -> Iterator[str]:
-    if isinstance(step, MotionStep):
-        yield from step_parts(step, robot)
-    elif isinstance(step, SayStep):
-        yield f"say: {step.say}"
-    elif isinstance(step, WaitStep):
-        yield _waits(step)
-    else:
-        r, g, b = step.leds.colour
-        yield f"{step.leds.group} to {r:g} {g:g} {b:g}"
-
-
-def _waits(step: WaitStep) -> str:
-    wait = step.wait
-    if not isinstance(wait, ContactWait):
-        return "wait"
-    which = _which(wait.link, wait.joint, wait.kind, wait.min_intensity)
-    return f"wait for {which}, or {'stop' if wait.otherwise == 'stop' else 'go on'}"
-
-
-def _answers(reflex: Reflex) -> str:
-    return _which(reflex.link, reflex.joint, reflex.kind, reflex.min_intensity)
-
-
-def _which(link: str | None, joint: str | None, kind: str | None, intensity: float) -> str:
-    """Contacts of a choice, for people."""
-    text = f"a {kind or 'contact'}"
-    if link is not None:
-        text += f" on {link}"
-    if joint is not None:
-        text += f" felt by {joint}"
-    return text + (f", {intensity:g} deg and more" if intensity else "")

@@ -31,18 +31,25 @@ def serve(
     port: Annotated[
         int | None,
         typer.Option(
-            min=0, max=65535, help="Port; 0 for a free one. By default 9559, with --tls 9503."
+            metavar="N",
+            min=0,
+            max=65535,
+            help="Port; 0 for a free one. By default 9559, with --tls 9503.",
         ),
     ] = None,
-    host: Annotated[str, typer.Option(help="Address to listen at.")] = "127.0.0.1",
+    host: Annotated[str, typer.Option(metavar="ADDRESS", help="Where to listen.")] = "127.0.0.1",
     plant: Annotated[
-        str, typer.Option(metavar="NAME_OR_FILE", help="The simulated robot.")
+        str, typer.Option(metavar="NAME_OR_FILE", help="Plant: the simulated robot.")
     ] = "nominal",
-    seed: Annotated[int, typer.Option(min=0, help="Of the noise of its sensors.")] = 0,
+    seed: Annotated[
+        int, typer.Option(metavar="N", min=0, help="Seed of the noise of its sensors.")
+    ] = 0,
     world: Annotated[
-        str, typer.Option(metavar="NAME_OR_FILE", help="What stands around it.")
+        str, typer.Option(metavar="NAME_OR_FILE", help="World: what stands around it.")
     ] = "empty",
-    posture: Annotated[str, typer.Option(metavar="NAME", help="How it stands.")] = "Stand",
+    posture: Annotated[
+        str, typer.Option(metavar="NAME", help="Posture in which it stands.")
+    ] = "Stand",
     consent: Annotated[
         bool,
         typer.Option(
@@ -52,7 +59,10 @@ def serve(
     ] = False,
     clock: Annotated[
         int | None,
-        typer.Option(metavar="MS", help="The DCM's time at the start; by default the time of day."),
+        typer.Option(
+            metavar="MILLISECONDS",
+            help="The DCM's time at the start; by default the time of day.",
+        ),
     ] = None,
     tls: Annotated[
         bool,

@@ -1,26 +1,21 @@
-"""Steps of motions as text, for what commands print before they move anything."""
+"""Steps as text, for what commands print before they move anything."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 
-from pepper_driver.config import Motion, MotionStep, RobotConfig
-from pepper_driver.config.motion_tasks import BaseSpec, LookAtSpec, OrientationSpec, PoseSpec
+from pepper_driver.callbacks.events import CueEvent
+from pepper_driver.config import RobotConfig
+from pepper_driver.config.steps import Step
+from pepper_driver.config.task_specs import BaseSpec, LookAtSpec, OrientationSpec, PoseSpec
 
 
-def plan(motion: Motion, robot: RobotConfig) -> Iterator[str]:
-    """What a motion will do, one line a step."""
-    times = "" if motion.repeat == 1 else f", {motion.repeat} times"
-    count = len(motion.steps)
-    steps = "1 step" if count == 1 else f"{count} steps"
-    yield f"{motion.name}: {steps}{times}, {motion.longest:.1f} s at most"
-    for number, step in enumerate(motion.steps):
-        text = "; ".join([step_times(step), *step_parts(step, robot)])
-        yield f"step {number}{'' if step.name is None else f' {step.name}'}: {text}"
-
-
-def step_times(step: MotionStep) -> str:
-    """How long a step takes."""
+def step_times(step: Step) -> str:
+    """Time that a step takes."""
+    if step.wait is not None:
+        return f"at most {step.wait.timeout:.2f} s"
+    if not step.max_duration:
+        return "no time"
     parts = [] if step.duration is None else [f"{step.duration:.2f} s"]
     if step.until is not None:
         parts.append(f"until reached, {step.timeout:.2f} s at most")
@@ -29,8 +24,11 @@ def step_times(step: MotionStep) -> str:
     return ", ".join(parts)
 
 
-def step_parts(step: MotionStep, robot: RobotConfig) -> Iterator[str]:
-    """What a step does, part by part."""
+def step_parts(step: Step, robot: RobotConfig) -> Iterator[str]:
+    """Describe a step, part by part."""
+    yield from map(str, CueEvent.of(step, 0.0))
+    if (wait := step.wait) is not None:
+        yield f"wait for a {wait}, or {'stop' if wait.on_timeout == 'stop' else 'go on'}"
     if step.posture is not None:
         yield f"posture {step.posture}"
     for joint, angle in step.joints.items():
@@ -38,6 +36,8 @@ def step_parts(step: MotionStep, robot: RobotConfig) -> Iterator[str]:
     yield from (f"{hand} to {aperture:g}" for hand, aperture in step.hands.items())
     if step.stiffness is not None:
         yield f"posture stiffness {step.stiffness:g} 1/s2"
+    if step.attentive is not None:
+        yield "attentive" if step.attentive else "no longer attentive"
     for _, task in step.tasks():
         kept = ", kept" if task.keep else ""
         if isinstance(task, BaseSpec):

@@ -84,7 +84,7 @@ def examine(
     backend = make_backend(uri, robot)
     results = list(_robot(backend, robot, settings, safety, on_progress))
     results += [check_settings(safety, controller), check_computer(backend)]
-    found, result = _models(backend.info.identity, models, robot)
+    found, result = _models(backend.info, models, robot)
     return Examination(info=backend.info, results=(*results, result), models=found)
 
 
@@ -120,8 +120,8 @@ def _robot(
         ]
     connected = rated(
         "connection",
-        f"{info.identity}; {len(info.joint_names)} joints every {info.cycle * 1e3:g} ms, commands answered "
-        f"{info.response_delay} ticks later",
+        f"'{info.identities[0].name}'; {len(info.joint_names)} joints every {info.cycle * 1e3:g} ms, "
+        f"commands answered {info.response_delay} ticks later",
     )
     return [connected, *_checks(seen, robot, settings, safety)]
 
@@ -146,14 +146,16 @@ def _checks(
     ]
 
 
-def _models(identity: str, path: Path | None, robot: RobotConfig) -> tuple[ModelSet | None, Result]:
+def _models(
+    info: BackendInfo, path: Path | None, robot: RobotConfig
+) -> tuple[ModelSet | None, Result]:
     """The models of a robot, of any kind if they are in a file."""
     try:
-        models = find_models(identity, path, "fusion", ("fusion", "affine", "cart"))
+        models = find_models(info.identities, path, "fusion", ("fusion", "affine", "cart"))
         models.check_robot(robot)
     except ModelFileError as error:
         found, _, cure = str(error).rpartition("; ")
         return None, Result(
             name="models", outcome=Outcome.FAILED, found=found or str(error), cure=cure
         )
-    return models, check_models(models, robot)
+    return models, check_models(models, info.identities, robot)

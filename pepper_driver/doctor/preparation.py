@@ -4,16 +4,18 @@ from __future__ import annotations
 
 import os
 import platform
+from collections.abc import Sequence
 from importlib.metadata import PackageNotFoundError, version
 
 import numpy as np
 
 from pepper_driver.backends import Backend
-from pepper_driver.config import ControllerSettings, RobotConfig, SafetySettings
+from pepper_driver.config import ControllerSettings, RobotConfig, RobotIdentity, SafetySettings
 from pepper_driver.doctor.body import named
 from pepper_driver.doctor.result import Result, rated
 from pepper_driver.observer import ModelSet
 from pepper_driver.realtime import priority_obstacle
+from pepper_driver.selection import source_of
 
 
 def check_settings(safety: SafetySettings, controller: ControllerSettings) -> Result:
@@ -55,13 +57,16 @@ def check_computer(backend: Backend) -> Result:
     return rated("computer", f"{found}; real-time priority permitted")
 
 
-def check_models(models: ModelSet, robot: RobotConfig) -> Result:
-    """Whether models are of all joints and of this version; that they are of this robot was seen before."""
-    here = _version()
+def check_models(
+    models: ModelSet, identities: Sequence[RobotIdentity], robot: RobotConfig
+) -> Result:
+    """Check that models are of all joints and of this version; they were found for these ``identities``."""
+    here, source = _version(), source_of(models, identities)
     without = [name not in models.models for name in robot.joint_names]
     found = (
         f"{models.kind} models of {len(models.models)} of {len(without)} joints, "
-        f"identified on {models.identity}, version {models.version}"
+        f"identified on '{source.name}', "
+        f"{'' if source == identities[0] else 'of which it is a variant, '}version {models.version}"
     )
     cures = []
     if any(without):

@@ -9,11 +9,13 @@ import numpy as np
 
 from pepper_driver.config import (
     DoctorSettings,
+    Experiment,
     PepperError,
     RobotConfig,
     load_doctor_settings,
     load_observer_settings,
 )
+from pepper_driver.config.steps import Step
 from pepper_driver.controller import Tick
 from pepper_driver.doctor.body import named
 from pepper_driver.doctor.goals import moving_joints, plan_goals
@@ -69,14 +71,19 @@ def try_motion(
         if observation is not None:
             contacts.extend(c for c in observation.contacts if c.phase == "begin")
 
-    tell = on_progress or (lambda share: None)
     try:
         with pepper:
             goals = plan_goals(pepper.target, robot, settings)
-            for number, goal in enumerate(goals):
-                pepper.set_posture(goal, duration=settings.stretch - REST)
-                pepper.run(settings.stretch, on_tick=on_tick)
-                tell((number + 1) / len(goals))
+            steps = [
+                Step(
+                    joints=dict(zip(robot.joint_names, goal.tolist(), strict=True)),
+                    duration=settings.stretch - REST,
+                    hold=REST,
+                )
+                for goal in goals
+            ]
+            motion = Experiment(schema=2, name="small motion", steps=tuple(steps))
+            pepper.play(motion, on_tick=on_tick, on_progress=on_progress)
             statistics = pepper.statistics
     except PepperError as error:
         result = rated(
@@ -87,7 +94,7 @@ def try_motion(
         )
         return Trial(results=(result,), fits=())
     share = statistics.missed / (statistics.ticks + statistics.missed)
-    motion = rated(
+    ticks = rated(
         "motion",
         statistics.summary,
         warning=share > settings.late_share,
@@ -95,7 +102,7 @@ def try_motion(
     )
     fits = watch.fits(settings)
     results = (
-        motion,
+        ticks,
         _judge_following(fits),
         _judge_models(fits, settings),
         _judge_touch(contacts),
@@ -128,24 +135,24 @@ def _judge_models(fits: tuple[JointFit, ...], settings: DoctorSettings) -> Resul
     found = (
         f"residual over threshold, rms: {median:.2f} as a rule, {worst.rms:.2f} at {worst.joint}"
     )
-    again = "identify again with 'pepper identify'"
+    identify = "identify it with 'pepper identify'"
     if median > settings.misfit_median:
         return rated(
             "models fit",
             f"{found}: these models are not of this robot as it is",
             failure=True,
-            cure=f"{again}, or give the models of this robot with --models",
+            cure=f"{identify}, or give the models of this robot with --models",
         )
     misfit = [fit.verdict is Verdict.MISFIT for fit in fits]
     worn = [fit.verdict is Verdict.WORN for fit in fits]
     parts, cures = [found], []
     if any(misfit):
         parts.append(f"do not fit: {named(names, misfit)}")
-        cures.append(f"see that nothing touches the robot; if nothing does, {again}")
+        cures.append(f"see that nothing touches the robot; if nothing does, {identify}")
     if any(worn):
         parts.append(f"worn or laden: {named(names, worn)}")
         cures.append(
-            f"empty the hands (a load looks the same) and try again; if it stays, {again}: until then "
+            f"empty the hands (a load looks the same) and try again; if it stays, {identify}: until then "
             "light touches of these joints are not felt"
         )
     return rated(
@@ -165,5 +172,5 @@ def _judge_touch(contacts: list[Contact]) -> Result:
         f"{number} felt: {named(felt, [True] * len(felt))}" if felt else "no contact felt",
         failure=bool(felt),
         cure="something touches the robot, or the model does not fit: clear the space around it and try again; "
-        "if nothing was there, identify again with 'pepper identify'",
+        "if nothing was there, identify it with 'pepper identify'",
     )

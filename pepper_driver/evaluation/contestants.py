@@ -11,6 +11,7 @@ from urllib.parse import urlencode
 from pepper_driver.config import (
     PepperError,
     RobotConfig,
+    RobotIdentity,
     UnknownNameError,
     load_observer_settings,
     load_plant,
@@ -25,10 +26,9 @@ from pepper_driver.observer import (
     ModelSet,
     Observer,
     TreeKind,
-    load_shipped,
 )
 from pepper_driver.observer.model_file import ModelKind
-from pepper_driver.selection import make_observer
+from pepper_driver.selection import find_models, make_observer
 
 ORACLE = "oracle"
 TREES: dict[str, TreeKind] = {f"paper-{kind}": kind for kind in TREE_TYPES}
@@ -82,12 +82,13 @@ class Contestants:
         """
         if mode == ORACLE:
             return OracleObserver(robot, untouched_error(take.recording, _oracle_uri(take), robot))
-        recorded = take.plant == RECORDED
-        identity = (
-            take.identity if recorded else _identity(reference_plant(take.plant, robot), robot)
-        )
+        if recorded := take.plant == RECORDED:
+            own = RobotIdentity(name=take.experiment, identity=take.identity)
+            identities = (own, *take.parents)
+        else:
+            identities = (_identity(reference_plant(take.plant, robot), robot),)
         shared = take.suite == SHARED_SUITE
-        return _make(mode, robot, identity, self.files, strict=recorded, shared=shared)
+        return _make(mode, robot, identities, self.files, strict=recorded, shared=shared)
 
 
 def reference_plant(plant: str, robot: RobotConfig) -> str:
@@ -119,7 +120,7 @@ def contestants(
     for mode in wanted:
         try:
             if mode != ORACLE:
-                _make(mode, robot, _identity(_REFERENCES[0], robot), files)
+                _make(mode, robot, (_identity(_REFERENCES[0], robot),), files)
         except PepperError as error:
             if modes is not None and isinstance(error, UnknownNameError):
                 raise UnknownNameError("mode", mode, {*DEFAULTS, *error.choices}) from None
@@ -144,36 +145,39 @@ def _file(path: Path, robot: RobotConfig) -> ModelFile:
 def _make(
     mode: str,
     robot: RobotConfig,
-    identity: str,
+    identities: Sequence[RobotIdentity],
     files: Sequence[ModelFile],
     *,
     strict: bool = False,
     shared: bool = False,
 ) -> Observer:
-    """An observer with models of the robot ``identity``, ``shared`` by type of motor if so.
+    """Make an observer with models of the robots ``identities``, ``shared`` by type of motor if so.
 
     A file of a robot that is none of the reference plants stands for them too, unless ``strict``.
     """
     kind: ModelKind = TREES.get(mode, "fusion")
-    known = [_identity(plant, robot) for plant in _REFERENCES]
-    fitting = [f for f in files if f.kind == kind and f.identity == identity]
-    foreign = [f for f in files if f.kind == kind and f.identity not in known]
+    known = [_identity(plant, robot).identity for plant in _REFERENCES]
+    files = [file for file in files if file.kind == kind]
+    fitting = [f for one in reversed(identities) for f in files if f.identity == one.identity]
+    foreign = [f for f in files if f.identity not in known]
     if strict and foreign and not fitting:
         raise ModelFileError(
-            f"{foreign[-1].path}: identified on another robot ({foreign[-1].identity}, this one is {identity})"
+            f"{foreign[-1].path}: identified on another robot than that of '{identities[0].name}'"
         )
     file = next(iter(reversed(fitting or foreign)), None)
+    path = None if file is None else file.path
+    if file is not None and not fitting:
+        identities = (RobotIdentity(name=str(path), identity=file.identity),)
     if mode not in TREES and not shared:
-        path, of = (None, identity) if file is None else (file.path, file.identity)
-        return make_observer(mode, robot, of, path)
-    models = load_shipped(kind, identity) if file is None else ModelSet.load(file.path)
+        return make_observer(mode, robot, identities, path)
+    models = find_models(identities, path, kind, (kind,))
     if shared:
         models = shared_by_type(models, robot)
     if mode in TREES:
         return ContactObserver(robot, models, load_observer_settings())
     with TemporaryDirectory() as folder:
         models.save(Path(folder) / "shared.json")
-        return make_observer(mode, robot, models.identity, Path(folder) / "shared.json")
+        return make_observer(mode, robot, identities, Path(folder) / "shared.json")
 
 
 def shared_by_type(models: ModelSet, robot: RobotConfig) -> ModelSet:
@@ -190,8 +194,8 @@ def shared_by_type(models: ModelSet, robot: RobotConfig) -> ModelSet:
     )
 
 
-def _identity(plant: str, robot: RobotConfig) -> str:
-    return plant_hash(load_plant(plant, robot), robot)
+def _identity(plant: str, robot: RobotConfig) -> RobotIdentity:
+    return RobotIdentity(name=plant, identity=plant_hash(load_plant(plant, robot), robot))
 
 
 def _oracle_uri(take: Take) -> str:

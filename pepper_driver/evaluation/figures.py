@@ -11,11 +11,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from pepper_driver.config import MissingExtraError, RobotConfig
+from pepper_driver.config.errors import reason
+from pepper_driver.config.robot import TRUNK
 from pepper_driver.evaluation.jobs import EXPERIMENT_JOINTS, FIT_JOINT
 from pepper_driver.evaluation.metrics import RECALL_BINS
 from pepper_driver.evaluation.results import Evaluation
 from pepper_driver.evaluation.trace import Trace
-from pepper_driver.observer.alarms import TRUNK, limb_of
 from pepper_driver.palette import BLACK, BLUE, GREEN, GREY, ORANGE, RED, SHADE
 from pepper_driver.plots import PlotError
 
@@ -245,11 +246,11 @@ def _draw_residual(trace: Trace, rows: slice, robot: RobotConfig, axes: Axes) ->
         axes.plot(
             time, sign * threshold, color=RED, linestyle="--", linewidth=1.0, label="threshold"
         )
-    limb = limb_of(trace.joint, robot)
+    limb = robot.limb_of(trace.joint)
     for contact in trace.contacts:
         if (
             contact.phase == "begin"
-            and limb_of(contact.joint, robot) in (limb, TRUNK)
+            and robot.limb_of(contact.joint) in (limb, TRUNK)
             and start <= contact.onset_time <= end
         ):
             rebound = contact.kind == "rebound"
@@ -264,9 +265,9 @@ def _draw_residual(trace: Trace, rows: slice, robot: RobotConfig, axes: Axes) ->
 
 def _shade(trace: Trace, rows: slice, robot: RobotConfig, axes: Axes) -> None:
     start, end = trace.time[rows][0], trace.time[rows][-1]
-    limb = limb_of(trace.joint, robot)
+    limb = robot.limb_of(trace.joint)
     for push in trace.pushes:
-        if limb_of(push.joint, robot) == limb and push.release > start and push.onset < end:
+        if robot.limb_of(push.joint) == limb and push.release > start and push.onset < end:
             axes.axvspan(
                 max(push.onset, start) - start,
                 min(push.release, end) - start,
@@ -303,4 +304,4 @@ def _save(figure: Figure, path: Path) -> None:
         path.parent.mkdir(parents=True, exist_ok=True)
         Image.open(picture).convert("RGB").quantize(_COLOURS).save(path, optimize=True)
     except OSError as error:
-        raise PlotError(f"{path}: cannot be written ({error.strerror or error})") from error
+        raise PlotError(f"{path}: cannot be written ({reason(error)})") from error

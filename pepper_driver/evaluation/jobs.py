@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
+from pepper_driver.backends.replay import parents_in
 from pepper_driver.config import RobotConfig, load_robot
 from pepper_driver.config.evaluation import Evaluation, Run
 from pepper_driver.evaluation.contestants import RECORDED, reference_plant
@@ -121,6 +122,7 @@ def take_of_log(path: Path) -> Take:
         plant=RECORDED,
         draw=None,
         identity=log.metadata.get("identity", "unknown"),
+        parents=parents_in(path, log.metadata),
         seed=0,
         task_stiffness=0.0,
         recording=recording,

@@ -45,7 +45,9 @@ def untouched_error(recording: Recording, uri: str, robot: RobotConfig) -> Float
         PepperError: No such backend, or its simulation diverged.
     """
     backend = make_backend(uri, robot)
-    delay = backend.plant.config.transport.command_delay
+    plant = backend.plant.config
+    assert plant is not None  # of MuJoCo
+    delay = plant.transport.command_delay
     rows = [*range(len(recording)), *[len(recording) - 1] * delay]
     positions = []
     with backend:

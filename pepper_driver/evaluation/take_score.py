@@ -10,10 +10,11 @@ from numpy.typing import NDArray
 
 from pepper_driver.config import RobotConfig
 from pepper_driver.config.parts import FloatArray
+from pepper_driver.config.robot import TRUNK
 from pepper_driver.evaluation.takes import Take
 from pepper_driver.evaluation.watching import Watched
 from pepper_driver.observer import FittingError, JointState, Push, nrmse_fit, score
-from pepper_driver.observer.alarms import TRUNK, Alarm, alarms_of, limb_of
+from pepper_driver.observer.alarms import Alarm, alarms_of
 from pepper_driver.observer.scoring import REBOUND_TIME, Felt
 
 Group = Literal["plain", "trunk", "saturated", "axis", "hand"]
@@ -177,7 +178,7 @@ def _is_there(felt: Felt, after: float, robot: RobotConfig) -> bool:
     grace = robot.cycle if after else 0.0
     joint = felt.alarm.at(felt.contact.detection_time + after + grace).joint
     if felt.push.joint is None:
-        return limb_of(joint, robot) == TRUNK
+        return robot.limb_of(joint) == TRUNK
     return joint == felt.push.joint
 
 
@@ -235,7 +236,7 @@ def _swings_and_touches(
             push
             for push in take.pushes
             if push.onset <= begin.detection_time <= push.release + REBOUND_TIME
-            and limb_of(push.joint, robot) == limb_of(begin.joint, robot)
+            and robot.limb_of(push.joint) == robot.limb_of(begin.joint)
         ]
         if not near:
             continue

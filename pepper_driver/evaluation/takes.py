@@ -22,18 +22,20 @@ from pepper_driver.config import (
     ConfigError,
     PepperError,
     RobotConfig,
+    RobotIdentity,
     load_robot,
     load_safety_settings,
 )
+from pepper_driver.config.errors import reason
 from pepper_driver.config.evaluation import Run
 from pepper_driver.config.loading import package_file
 from pepper_driver.config.parts import FloatArray
 from pepper_driver.controller import Tick
+from pepper_driver.experiments.plan import plan_experiment
 from pepper_driver.observer import Observation, Push, Recording, RecordingBuilder
 from pepper_driver.output import make_folder, write_json
 from pepper_driver.robot import Pepper
 from pepper_driver.safety import FaultError
-from pepper_driver.staging import Stage
 from pepper_driver.workers import run_jobs
 
 DEFAULT_CACHE = Path("runs/evaluation/takes")
@@ -81,6 +83,7 @@ class Take:
         plant: Name of the simulated robot.
         draw: Which one of a plant that is drawn at random, else None.
         identity: Hash of the simulated robot.
+        parents: Plants that the simulated robot of a recording is a variant of, nearest first.
         seed: Of its noise; unlike any other in the suites.
         task_stiffness: Of the posture task [1/s2].
         recording: What observers are stepped over.
@@ -95,6 +98,7 @@ class Take:
     plant: str
     draw: int | None = None
     identity: str = ""
+    parents: tuple[RobotIdentity, ...] = ()
     seed: int
     task_stiffness: float
     recording: Recording
@@ -123,7 +127,7 @@ class Take:
                 )
             os.replace(partial, folder / _TRUTH)
         except OSError as error:
-            raise TakeError(f"{folder}: cannot be written ({error.strerror})") from error
+            raise TakeError(f"{folder}: cannot be written ({reason(error)})") from error
         finally:
             partial.unlink(missing_ok=True)
         labels = {key: getattr(self, key) for key in _labels()}
@@ -261,10 +265,11 @@ def _performed(run: Run, pepper: Pepper) -> Take:
         tilt = max(tilt, float(np.abs(truth.tilt).max()))
 
     reason, stopped = "", False
+    pushes: tuple[Push, ...] = ()
     try:
-        stage = Stage(pepper, run.scenario, run.seed, count=run.goals)
+        plan = plan_experiment(run.performed, robot, pepper.backend, seed=run.seed)
         with pepper:
-            stage.perform(on_tick=on_tick)
+            pushes = pepper.play(plan, on_tick=on_tick, skip_settling=True).pushes
     except (FaultError, BackendError, ConfigError) as error:
         reason, stopped = str(error), isinstance(error, FaultError)
     if tilt > TIPPED:
@@ -286,7 +291,7 @@ def _performed(run: Run, pepper: Pepper) -> Take:
         recording=recording,
         pushes=tuple(
             _as_it_was(push, recording.time, contact_torque, pepper.backend.plant.stiffness, robot)
-            for push in sorted(stage.pushes, key=lambda push: push.onset)
+            for push in sorted(pushes, key=lambda push: push.onset)
         ),
         contact_torque=contact_torque,
         saturated=np.array(saturated),

@@ -9,7 +9,7 @@ from pathlib import Path
 from pepper_driver.config import ConfigError, RobotConfig, load_controller_settings
 from pepper_driver.identification.folder import finished, recording_path
 from pepper_driver.identification.rehearsal import rehearse
-from pepper_driver.identification.runs import Run, perform
+from pepper_driver.identification.runs import Run, perform, seeded_uri
 from pepper_driver.workers import run_jobs
 
 Progress = Callable[[str, float, float], None]
@@ -26,6 +26,7 @@ def record_missing(
     robot: RobotConfig,
     *,
     real_time: bool,
+    takes_seed: bool,
     workers: int = -1,
     confirm: Confirm | None = None,
     progress: Progress | None = None,
@@ -41,7 +42,8 @@ def record_missing(
         runs: All runs.
         folder: Where their recordings are.
         robot: Its description.
-        real_time: Whether this is a real robot.
+        real_time: True for a real robot.
+        takes_seed: True where the URI takes a seed of the noise.
         workers: Processes for simulated runs and rehearsals; -1 for one per core.
         confirm: Asked before each run of a real robot in which legs or base move.
         progress: Told how far it is.
@@ -60,10 +62,11 @@ def record_missing(
     done = total - sum(run.seconds for run in todo)
     if not real_time:
         tell("recording in simulation", done, total)
-        jobs = (partial(_make, uri, run, folder) for run in todo)
-        for seconds in run_jobs(jobs, workers=workers, ordered=False):
-            done += seconds
-            tell("recording in simulation", done, total)
+        uris = [seeded_uri(uri, run) if takes_seed else uri for run in todo]
+        jobs = (partial(_make, uri, run, folder) for uri, run in zip(uris, todo, strict=True))
+        for run in run_jobs(jobs, workers=workers, ordered=False):
+            done += run.seconds
+            tell(f"recording in simulation: {run.name}", done, total)
         return
     _rehearse_all(todo, workers, tell)
     for run in todo:
@@ -80,10 +83,10 @@ def record_missing(
         tell(run.name, done, total)
 
 
-def _make(uri: str, run: Run, folder: Path) -> float:
-    """Perform one run and keep it; returns its length [s]."""
+def _make(uri: str, run: Run, folder: Path) -> Run:
+    """Perform one run and keep it; returns the run."""
     perform(uri, run).save(recording_path(folder, run.name))
-    return run.seconds
+    return run
 
 
 def _rehearse_all(runs: Sequence[Run], workers: int, tell: Progress) -> None:

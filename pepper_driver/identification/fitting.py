@@ -8,8 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pepper_driver.backends import Backend
-from pepper_driver.config import RobotConfig, load_observer_settings
+from pepper_driver.config import PlantConfig, RobotConfig, load_observer_settings
 from pepper_driver.config.parts import FloatArray
 from pepper_driver.identification.recordings import (
     IdentificationRecordings,
@@ -199,12 +198,17 @@ def model_sources(
 
 
 def closed_form_fits(
-    backend: Backend, recordings: IdentificationRecordings, robot: RobotConfig, *, mirror: bool
+    plant: PlantConfig,
+    cycle: float,
+    recordings: IdentificationRecordings,
+    robot: RobotConfig,
+    *,
+    mirror: bool,
 ) -> dict[str, Fit]:
-    """How well Eq. 11 predicts with the true parameters of a simulated robot, by joint."""
+    """Return by joint how well Eq. 11 predicts with the true parameters of a simulated robot; ``cycle`` in [s]."""
     fits = {}
     for entry in recordings.entries(robot, mirror=mirror):
-        predict = _oracle(backend, robot, entry.joint)
+        predict = _oracle(plant, cycle, robot, entry.joint)
         test = mean_fit(entry, (entry.test,), predict)
         runs = entry.estimation
         fits[entry.joint] = Fit(
@@ -231,9 +235,8 @@ def predictor(model: JointModel, joint: str) -> Predictor:
     return lambda run: predict_recording(model, joint, run)
 
 
-def _oracle(backend: Backend, robot: RobotConfig, joint: str) -> Predictor:
+def _oracle(plant: PlantConfig, cycle: float, robot: RobotConfig, joint: str) -> Predictor:
     """Eq. 11 with the plant's true parameters: what the method could know at best without friction's memory."""
-    plant, info = backend.plant.config, backend.info
     motor, ratio = robot.motors.of(joint), robot.motors.joints[joint].ratio
     actuator = plant.actuator(joint)
     friction = actuator.friction.contact
@@ -249,6 +252,4 @@ def _oracle(backend: Backend, robot: RobotConfig, joint: str) -> Predictor:
         coulomb_friction=friction.motor + friction.link,
         viscous_friction=friction.motor_viscous + friction.link_viscous,
     )
-    return lambda run: expected_error(
-        parameters, run.features(run.joint_names.index(joint)), info.cycle
-    )
+    return lambda run: expected_error(parameters, run.features(run.joint_names.index(joint)), cycle)

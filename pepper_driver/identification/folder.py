@@ -15,7 +15,8 @@ from pydantic import Field
 from pydantic.dataclasses import dataclass
 
 from pepper_driver.backends import Backend
-from pepper_driver.config import ConfigError, PepperError, RobotConfig, Scenario
+from pepper_driver.config import ConfigError, Experiment, PepperError, RobotConfig
+from pepper_driver.config.errors import reason
 from pepper_driver.config.loading import STRICT, parse
 from pepper_driver.identification.recordings import IdentificationRecordings, JointRecordings
 from pepper_driver.identification.runs import Role, Run
@@ -100,8 +101,8 @@ def make_manifest(
     robot: RobotConfig,
     backend: Backend,
     runs: Sequence[Run],
-    scenario: Scenario,
-    calibration: Scenario | None,
+    scenario: Experiment,
+    calibration: Experiment | None,
     seed: int,
 ) -> Manifest:
     """The manifest of runs that are about to be made."""
@@ -132,7 +133,7 @@ def make_manifest(
                 name=run.name,
                 joint=run.joint,
                 role=run.role,
-                stiffness=run.scenario.stiffness,
+                stiffness=run.stiffness,
                 seed=run.seed,
                 seconds=run.seconds,
             )
@@ -141,7 +142,7 @@ def make_manifest(
     )
 
 
-def scenario_hash(scenario: Scenario) -> str:
+def scenario_hash(scenario: Experiment) -> str:
     """Hash of what a scenario makes the robot do: not of its description, nor of where the file lies."""
     content = {k: v for k, v in asdict(scenario).items() if k not in ("source", "description")}
     return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()[:16]
@@ -196,7 +197,7 @@ def read_manifest(folder: Path) -> Manifest:
             f"{folder}: no recordings there (no {MANIFEST}); record with 'pepper identify --recordings {folder}'"
         ) from None
     except OSError as error:
-        raise RecordingFolderError(f"{path}: cannot be read ({error.strerror})") from error
+        raise RecordingFolderError(f"{path}: cannot be read ({reason(error)})") from error
     except ConfigError as error:
         raise RecordingFolderError(f"{error}; record anew into another folder") from error
     except (ValueError, RecursionError) as error:

@@ -12,7 +12,9 @@ from typing import Any
 import numpy as np
 
 from pepper_driver.backends import make_backend
-from pepper_driver.config import ConfigError, RobotConfig, Scenario, load_robot
+from pepper_driver.config import ConfigError, Experiment, RobotConfig, load_robot
+from pepper_driver.experiments.plan import experiment_uri
+from pepper_driver.file_lock import lock_folder
 from pepper_driver.identification.driving import Confirm, Progress, record_missing
 from pepper_driver.identification.fitting import (
     CLOSED_FORM,
@@ -32,7 +34,6 @@ from pepper_driver.identification.recordings import IdentificationRecordings, mi
 from pepper_driver.identification.runs import plan_runs, sweeps_of
 from pepper_driver.identification.sharing import SharedFit, shared_fits
 from pepper_driver.observer import TREE_TYPES, ModelKind, ModelSet
-from pepper_driver.staging import scenario_uri
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -73,7 +74,7 @@ class Identification:
 
 def chosen_joints(
     robot: RobotConfig,
-    scenario: Scenario,
+    scenario: Experiment,
     joints: Sequence[str] | None,
     *,
     mirror: bool,
@@ -83,7 +84,7 @@ def chosen_joints(
 
     Args:
         robot: Its description.
-        scenario: Motion of kind sweeps.
+        scenario: An experiment with sweeps.
         joints: Those asked for; None for the scenario's, and without ``mirror`` also those of the other side.
         mirror: Whether the other side's models come from a mirror.
         share: Whether of each motor type only the first joint is identified.
@@ -105,11 +106,11 @@ def chosen_joints(
 def record_joints(
     uri: str,
     joints: Sequence[str],
-    scenario: Scenario,
+    scenario: Experiment,
     folder: Path,
     *,
     tested: Sequence[str] = (),
-    calibration: Scenario | None = None,
+    calibration: Experiment | None = None,
     seed: int = 0,
     workers: int = -1,
     confirm: Confirm | None = None,
@@ -120,7 +121,7 @@ def record_joints(
     Args:
         uri: The backend. A seed in it makes other noise, not other motion.
         joints: Names of the joints to identify.
-        scenario: Motion of kind sweeps; its joints are those given here.
+        scenario: An experiment with sweeps; its joints are those given here.
         folder: For the recordings; made if need be.
         tested: Joints with a test run only.
         calibration: Free motion of the whole body; None for none.
@@ -135,24 +136,26 @@ def record_joints(
     """
     robot = load_robot()
     runs = plan_runs(robot, joints, scenario, tested=tested, calibration=calibration, seed=seed)
-    uri = scenario_uri(uri, scenario)
+    uri = experiment_uri(uri, scenario)
     _check_plant(scenario, calibration)
     backend = make_backend(uri, robot)
-    open_folder(folder, make_manifest(robot, backend, runs, scenario, calibration, seed))
-    record_missing(
-        uri,
-        runs,
-        folder,
-        robot,
-        real_time=backend.real_time,
-        workers=workers,
-        confirm=confirm,
-        progress=progress,
-    )
+    with lock_folder(folder):
+        open_folder(folder, make_manifest(robot, backend, runs, scenario, calibration, seed))
+        record_missing(
+            uri,
+            runs,
+            folder,
+            robot,
+            real_time=backend.real_time,
+            takes_seed="seed" in backend.info.capabilities,
+            workers=workers,
+            confirm=confirm,
+            progress=progress,
+        )
     return load_recordings(folder, robot)
 
 
-def _check_plant(scenario: Scenario, calibration: Scenario | None) -> None:
+def _check_plant(scenario: Experiment, calibration: Experiment | None) -> None:
     """One robot for all runs."""
     if calibration is None:
         return
@@ -213,14 +216,18 @@ def fit_folder(
 def _closed_form(
     manifest: Manifest, recordings: IdentificationRecordings, robot: RobotConfig, *, mirror: bool
 ) -> dict[str, dict[str, Fit]]:
-    """That of a simulated robot, unless its plant has changed since."""
+    """That of a simulated robot whose motors are those of Eq. 11, unless its plant has changed since."""
     if not manifest.simulated:
         return {}
     backend = make_backend(manifest.backend, robot)
     info = backend.info
-    if "truth" not in info.capabilities or info.identity != manifest.identity:
+    if "push" not in info.capabilities or info.identity != manifest.identity:
         return {}
-    return {CLOSED_FORM: closed_form_fits(backend, recordings, robot, mirror=mirror)}
+    plant = backend.plant.config
+    if plant is None:
+        return {}
+    fits = closed_form_fits(plant, info.cycle, recordings, robot, mirror=mirror)
+    return {CLOSED_FORM: fits}
 
 
 def _command(manifest: Manifest, kind: ModelKind, *, mirror: bool, share: bool) -> str:
@@ -242,7 +249,7 @@ def _command(manifest: Manifest, kind: ModelKind, *, mirror: bool, share: bool) 
 def identify_joints(
     uri: str,
     joints: Sequence[str],
-    scenario: Scenario,
+    scenario: Experiment,
     kind: ModelKind,
     *,
     seed: int = 0,

@@ -6,11 +6,11 @@ import numpy as np
 
 from pepper_driver.config import PepperError, load_robot
 from pepper_driver.controller import Tick
+from pepper_driver.experiments.plan import plan_experiment
 from pepper_driver.identification.runs import Run
 from pepper_driver.observer import Observation
 from pepper_driver.robot import Pepper
 from pepper_driver.safety import FaultError
-from pepper_driver.staging import Stage
 
 
 class RehearsalError(PepperError, RuntimeError):
@@ -40,10 +40,10 @@ def rehearse(run: Run) -> None:
             joint = robot.joint_names[int(np.argmax(tick.changed))]
             raise RehearsalError(f"the safety gate would alter the command of {joint}")
 
-    stage = Stage(pepper, run.scenario, run.seed)
+    plan = plan_experiment(run.scenario, robot, pepper.backend, seed=run.seed)
     try:
         with pepper:
-            stage.perform(on_tick=watch)
+            pepper.play(plan, on_tick=watch, skip_settling=True)
     except (RehearsalError, FaultError) as error:
         raise RehearsalError(
             f"run {run.name} would fail {time:.1f} s after its start: {error}; nothing has moved"

@@ -5,18 +5,17 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
-from urllib.parse import urlencode
 
 import numpy as np
 
-from pepper_driver.backends.selection import parse_uri
-from pepper_driver.config import ConfigError, RobotConfig, Scenario, load_robot
-from pepper_driver.config.scenario_motion import Sweeps
+from pepper_driver.backends.mock import MockBackend
+from pepper_driver.backends.selection import parse_uri, with_query
+from pepper_driver.config import ConfigError, Experiment, RobotConfig, load_robot
+from pepper_driver.config.steps import Sweeps
+from pepper_driver.experiments.plan import plan_experiment
 from pepper_driver.identification.recordings import run_name
 from pepper_driver.observer import Recording, RecordingBuilder
 from pepper_driver.robot import Pepper
-from pepper_driver.staging import Stage
-from pepper_driver.timeline import legs
 
 Role = Literal["estimation", "test", "calibration"]
 
@@ -32,7 +31,8 @@ class Run:
         name: Of its file.
         joint: The joint to excite; None where the whole body moves.
         role: What it is for.
-        scenario: With the stiffness and the joint of this run.
+        scenario: With the joint of this run.
+        stiffness: Of the posture task [1/s2].
         seed: Of the random motion, and of a simulated robot's noise.
         seconds: How long it takes, from the first posture on [s].
         watched: Whether legs or base move: on a real robot somebody must be asked first.
@@ -41,7 +41,8 @@ class Run:
     name: str
     joint: str | None
     role: Role
-    scenario: Scenario
+    scenario: Experiment
+    stiffness: float
     seed: tuple[int, ...]
     seconds: float
     watched: bool
@@ -50,10 +51,10 @@ class Run:
 def plan_runs(
     robot: RobotConfig,
     joints: Sequence[str],
-    scenario: Scenario,
+    scenario: Experiment,
     *,
     tested: Sequence[str] = (),
-    calibration: Scenario | None = None,
+    calibration: Experiment | None = None,
     seed: int = 0,
 ) -> tuple[Run, ...]:
     """All runs of an identification, as Sec. IV of the paper has them, then those of the whole body.
@@ -63,35 +64,40 @@ def plan_runs(
     Args:
         robot: Its description.
         joints: To identify: estimation runs and a test run each.
-        scenario: Motion of kind sweeps; its joints are those given here.
+        scenario: An experiment with sweeps; its joints are those given here.
         tested: Joints with a test run only, after the others.
         calibration: Free motion of the whole body; None for none.
         seed: Root of the random motion and noise.
 
     Raises:
-        ConfigError: A joint given twice, motion of another kind, contacts.
+        ConfigError: A joint given twice, no sweeps, contacts.
         UnknownNameError: No such joint.
     """
     named = (*joints, *tested)
-    if len(set(named)) != len(named):
-        raise ConfigError(f"a joint is given twice: {', '.join(named)}")
     if not named:
         raise ConfigError("no joint is given: nothing to identify")
     for name in named:
         robot.joint_index(name)
-    motion = sweeps_of(scenario)
+    if len(set(named)) != len(named):
+        raise ConfigError(f"a joint is given twice: {', '.join(named)}")
+    sweeps = sweeps_of(scenario)
+    if scenario.stiffness is None:
+        raise scenario.error(
+            "stiffness", "missing: that of the posture task in the test run [1/s2]"
+        )
     runs = []
     for name in named:
-        stiffnesses = () if name in tested else motion.estimation_stiffness
-        swept = replace(scenario, motion=replace(motion, joints=(name,)))
+        stiffnesses = () if name in tested else sweeps.estimation_stiffness
+        swept = scenario.with_goals(joints=(name,))
         # The test run has the same seed with or without estimation runs.
-        numbers = [*range(len(stiffnesses)), len(motion.estimation_stiffness)]
+        numbers = [*range(len(stiffnesses)), len(sweeps.estimation_stiffness)]
         for number, stiffness in zip(numbers, (*stiffnesses, scenario.stiffness), strict=True):
             test = number == numbers[-1]
             runs.append(
                 _run(
                     robot,
-                    replace(swept, stiffness=stiffness),
+                    swept,
+                    stiffness=stiffness,
                     name=run_name(name, None if test else number + 1),
                     joint=name,
                     role="test" if test else "estimation",
@@ -103,15 +109,14 @@ def plan_runs(
     return tuple(runs)
 
 
-def _calibration_runs(robot: RobotConfig, scenario: Scenario, seed: int) -> list[Run]:
+def _calibration_runs(robot: RobotConfig, scenario: Experiment, seed: int) -> list[Run]:
     if scenario.contacts:
-        raise ConfigError(
-            f"{scenario.source}: key 'contacts': thresholds are chosen on free motion; leave them out"
-        )
+        raise scenario.error("contacts", "thresholds are chosen on free motion; leave them out")
     return [
         _run(
             robot,
-            replace(scenario, stiffness=stiffness),
+            scenario,
+            stiffness=stiffness,
             name=run_name("calibration", number + 1),
             joint=None,
             role="calibration",
@@ -123,36 +128,39 @@ def _calibration_runs(robot: RobotConfig, scenario: Scenario, seed: int) -> list
 
 def _run(
     robot: RobotConfig,
-    scenario: Scenario,
+    scenario: Experiment,
     *,
+    stiffness: float,
     name: str,
     joint: str | None,
     role: Role,
     seed: tuple[int, ...],
 ) -> Run:
-    ticks = sum(leg.ticks for leg in legs(scenario, robot, np.random.default_rng(seed)))
+    scenario = replace(scenario, stiffness=stiffness)
+    plan = plan_experiment(scenario, robot, MockBackend(robot), seed=seed)
+    ticks = sum(segment.ticks for segment in plan.segments)
     return Run(
         name=name,
         joint=joint,
         role=role,
         scenario=scenario,
+        stiffness=stiffness,
         seed=seed,
         seconds=ticks * robot.cycle,
         watched=joint is None or joint in robot.chains.get("legs", ()),
     )
 
 
-def sweeps_of(scenario: Scenario) -> Sweeps:
-    """The motion of a scenario that can identify.
+def sweeps_of(scenario: Experiment) -> Sweeps:
+    """The sweeps of an experiment that can identify.
 
     Raises:
-        ConfigError: Its motion is of another kind.
+        ConfigError: It has none.
     """
-    if not isinstance(scenario.motion, Sweeps):
-        raise ConfigError(
-            f"{scenario.source}: key 'motion.kind': identification takes sweeps, not {scenario.motion.kind}"
-        )
-    return scenario.motion
+    step = scenario.random_step
+    if step is None or not isinstance(step.goals, Sweeps):
+        raise scenario.error("steps", "identification takes a step with sweeps")
+    return step.goals
 
 
 def perform(uri: str, run: Run, *, on_progress: Callable[[float], None] | None = None) -> Recording:
@@ -168,18 +176,19 @@ def perform(uri: str, run: Run, *, on_progress: Callable[[float], None] | None =
     """
     robot = load_robot()
     builder = RecordingBuilder(robot)
-    pepper = Pepper(_seeded(uri, run.seed), observer=None, robot=robot)
-    stage = Stage(pepper, run.scenario, run.seed)
+    pepper = Pepper(uri, observer=None, robot=robot)
+    plan = plan_experiment(run.scenario, robot, pepper.backend, seed=run.seed)
     with pepper:
-        stage.perform(on_tick=lambda tick, _: builder.append(tick), on_progress=on_progress)
+        pepper.play(
+            plan,
+            on_tick=lambda tick, _: builder.append(tick),
+            on_progress=on_progress,
+            skip_settling=True,
+        )
     return builder.finish()
 
 
-def _seeded(uri: str, seed: tuple[int, ...]) -> str:
-    """The URI of the simulated Pepper with a noise seed of its own for this run; any other URI as it is."""
-    parsed = parse_uri(uri)
-    if parsed.scheme != "mujoco":
-        return uri
-    root = parsed.integer("seed", 0)
-    number = int(np.random.SeedSequence((*seed, root)).generate_state(1)[0])
-    return f"{parsed.scheme}://?{urlencode({**parsed.query, 'seed': number})}"
+def seeded_uri(uri: str, run: Run) -> str:
+    """The URI of a simulated robot that takes a seed, with one of its own for the noise of this run."""
+    root = parse_uri(uri).integer("seed", 0)
+    return with_query(uri, seed=int(np.random.SeedSequence((*run.seed, root)).generate_state(1)[0]))

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from typing import get_args
 
+from pepper_driver.config.contact_selector import Kind
 from pepper_driver.log.json_topic import JsonTopic
-from pepper_driver.observer.contact import Contact, Kind, Phase
+from pepper_driver.observer.contact import Contact, Phase
 
 CONTACTS = JsonTopic(
     "/contact",
@@ -14,6 +15,7 @@ CONTACTS = JsonTopic(
         "id": {"type": "integer"},
         "phase": {"type": "string", "enum": list(get_args(Phase))},
         "kind": {"type": "string", "enum": list(get_args(Kind))},
+        "limb": {"type": "string"},
         "joint": {"type": "string"},
         "link": {"type": "string"},
         "direction": {"type": "integer", "enum": [-1, 1]},

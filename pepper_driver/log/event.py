@@ -15,9 +15,9 @@ from pepper_driver.callbacks.events import (
 )
 from pepper_driver.log.json_topic import JsonTopic
 
-EventKind = Literal["reflex", "fault", "sensor", "step", "cue", "push"]
+EventKind = Literal["reflex", "fault", "sensor", "step", "cue", "push", "attentive"]
 Logged = ReflexEvent | SensorEvent | ProgramEvent
-EventPhase = Literal["begin", "end"]
+EventPhase = Literal["begin", "update", "end"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -26,13 +26,15 @@ class LogEvent:
 
     Attributes:
         time: Clock of the robot [s].
-        kind: A ``reflex`` began or ended to act, a ``fault`` stopped the robot, a touch ``sensor``, bumper or button
-            was pressed or let go, a ``step`` of a motion began, a ``cue`` was given, a simulated robot was told to
-            ``push`` itself.
-        name: Of the reflex, sensor or step, the kind of fault or cue, the link pushed.
-        phase: ``begin`` or ``end`` of a reflex, or of a press; None for what has no duration.
+        kind: A ``reflex`` began or ceased to act, or was given other joints; a ``fault`` stopped the robot; a touch
+            ``sensor``, bumper or button was pressed or let go; a ``step`` of a motion began; a ``cue`` was given; a
+            simulated robot was told to ``push`` itself; the robot began or ceased to be ``attentive``.
+        name: Of the reflex with its number, the sensor or step, the kind of fault or cue, the link pushed.
+        phase: ``begin`` or ``end`` of a reflex, of a press, or of being attentive; ``update`` of a reflex that is given
+            other joints; None for what has no duration.
         contact_id: The contact that a reflex answers; None for none.
         joints: Those a reflex acts on.
+        held_joints: Those a reflex has; of its end, those that it gives back.
         text: More, for people: why the robot was stopped, for example.
     """
 
@@ -42,6 +44,7 @@ class LogEvent:
     phase: EventPhase | None = None
     contact_id: int | None = None
     joints: tuple[str, ...] = ()
+    held_joints: tuple[str, ...] = ()
     text: str = ""
 
     @classmethod
@@ -63,6 +66,7 @@ class LogEvent:
             phase=event.phase,
             contact_id=event.contact_id,
             joints=event.joints,
+            held_joints=event.held_joints,
         )
 
 
@@ -76,6 +80,7 @@ EVENTS = JsonTopic(
         "phase": {"type": "string", "enum": list(get_args(EventPhase))},
         "contact_id": {"type": "integer"},
         "joints": {"type": "array", "items": {"type": "string"}},
+        "held_joints": {"type": "array", "items": {"type": "string"}},
         "text": {"type": "string"},
     },
     optional=frozenset({"phase", "contact_id"}),

@@ -7,23 +7,26 @@ import json
 from collections.abc import Callable, Mapping
 from contextlib import ExitStack
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pepper_driver.config import MissingExtraError, UnknownNameError
+from pepper_driver.config.arguments import as_path, checked_arguments
 from pepper_driver.log.json_topic import JsonTopic
 from pepper_driver.log.reader import LogData
 from pepper_driver.log.tables import Column, Table, item_tables, tick_table, truth_table
 from pepper_driver.output import OutputError, make_folder, replacing
 
-FORMATS = ("parquet", "csv", "npz")
+Format = Literal["parquet", "csv", "npz"]
+FORMATS: tuple[Format, ...] = get_args(Format)
 
 Write = Callable[[Path], None]
 
 
-def export_log(log: LogData, path: Path, to: str, *, force: bool = False) -> tuple[Path, ...]:
+@checked_arguments
+def export_log(log: LogData, path: Path | str, to: str, *, force: bool = False) -> tuple[Path, ...]:
     """Write a log in another format: all its files, or none.
 
     Ticks go to ``path``; ground truth, contacts, events and labels to files beside it, ``run.contacts.csv`` for
@@ -44,6 +47,7 @@ def export_log(log: LogData, path: Path, to: str, *, force: bool = False) -> tup
         MissingExtraError: pyarrow is not installed.
         OutputError: A file cannot be written, or is there already.
     """
+    path = as_path("path", path)
     files = _files(log, path, to)
     for file in files:
         if file.exists() and not force:

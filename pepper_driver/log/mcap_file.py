@@ -5,25 +5,27 @@ from __future__ import annotations
 from collections.abc import Mapping
 from contextlib import suppress
 from pathlib import Path
-from typing import Any, BinaryIO, TypeVar
+from typing import BinaryIO, TypeVar
 
 from mcap.well_known import MessageEncoding, SchemaEncoding
 from mcap.writer import Writer
 
-from pepper_driver.backends.log_file import TICK_TOPIC, UNANSWERED_TOPIC, LogError, reason
-from pepper_driver.config import RobotConfig
-from pepper_driver.log.contacts import CONTACTS
-from pepper_driver.log.event import EVENTS
-from pepper_driver.log.json_topic import JsonTopic
-from pepper_driver.log.label import LABELS
-from pepper_driver.log.schema import (
-    TRUTH_TOPIC,
-    layout_metadata,
-    message_definition,
-    tick_fields,
-    truth_fields,
-    unanswered_fields,
+from pepper_driver.backends.log_file import (
+    END,
+    LAYOUT,
+    RUN,
+    SEQUENCES,
+    UNKNOWN,
+    LogError,
+    fields_of,
+    topics_of,
 )
+from pepper_driver.backends.log_records import Message, with_checksum
+from pepper_driver.config.errors import reason
+from pepper_driver.file_lock import FileLock, lock_file
+from pepper_driver.log.json_topic import JsonTopic
+from pepper_driver.log.schema import JSON_TOPICS, message_definition
+from pepper_driver.output import OutputError
 
 T = TypeVar("T")
 
@@ -41,46 +43,28 @@ class McapFile:
 
     Args:
         path: Where to write. Missing folders are made, an existing file is replaced.
-        robot: Gives the widths of the fields and the names stored with them.
+        layout: Topics, fields and names, see :func:`pepper_driver.log.schema.layout_metadata`.
         metadata: Text for the ``run`` record.
 
     Raises:
+        InUseError: Another run writes it.
         LogError: The file cannot be made. Nothing half-written stays behind.
     """
 
-    def __init__(self, path: Path, robot: RobotConfig, metadata: Mapping[str, str]) -> None:
+    def __init__(self, path: Path, layout: Mapping[str, str], metadata: Mapping[str, str]) -> None:
         self._sequence = 0
+        self._metadata = {RUN: with_checksum(metadata), LAYOUT: with_checksum(layout)}
+        self._lock = _lock(path)
         try:
-            # A device or pipe would block, or be removed below when something fails.
-            if path.exists() and not path.is_file():
-                kind = "a directory" if path.is_dir() else "not a regular file"
-                raise LogError(f"{path}: cannot be written ({kind})")
-            try:
-                path.parent.mkdir(parents=True, exist_ok=True)
-            except OSError as error:
-                raise LogError(f"{path}: its folder cannot be made ({reason(error)})") from error
             self._stream = open_file(path)
-        except LogError:
-            raise
         except (OSError, ValueError) as error:
+            self._lock.release()
             raise LogError(f"{path}: cannot be written ({reason(error)})") from error
         try:
             self._writer = Writer(self._stream, chunk_size=CHUNK_SIZE)
             self._writer.start(library="pepper_driver")
-            self._writer.add_metadata("run", dict(metadata))
-            self._writer.add_metadata("layout", layout_metadata(robot))
-            self._tick = self._ros_channel(
-                TICK_TOPIC, "Tick", message_definition(tick_fields(robot))
-            )
-            self._unanswered = self._ros_channel(
-                UNANSWERED_TOPIC, "Unanswered", message_definition(unanswered_fields(robot))
-            )
-            self._truth = self._ros_channel(
-                TRUTH_TOPIC, "Truth", message_definition(truth_fields(robot))
-            )
-            self._json = {
-                topic.topic: self._json_channel(topic) for topic in (CONTACTS, LABELS, EVENTS)
-            }
+            self._write_metadata()
+            self._channels = self._register(layout)
             self._stream.flush()
         except BaseException as error:
             self.abandon()
@@ -90,29 +74,30 @@ class McapFile:
                 raise LogError(f"{path}: cannot be written ({reason(error)})") from error
             raise
 
-    def _ros_channel(self, topic: str, name: str, definition: str) -> int:
-        schema = self._writer.register_schema(
-            f"pepper_driver/msg/{name}", SchemaEncoding.ROS2, definition.encode()
-        )
-        return self._writer.register_channel(topic, MessageEncoding.CDR, schema)
+    def _register(self, layout: Mapping[str, str]) -> dict[str, int]:
+        """Register a channel for each topic, in their order; returns their numbers."""
+        rows = fields_of(layout)
+        items = {topic.topic: topic for topic in JSON_TOPICS}
+        channels = {}
+        for topic in topics_of(layout):
+            name, encoding = topic.removeprefix("/").capitalize(), MessageEncoding.CDR
+            if topic in rows:
+                schema = self._writer.register_schema(
+                    f"pepper_driver/msg/{name}",
+                    SchemaEncoding.ROS2,
+                    message_definition(rows[topic]).encode(),
+                )
+            else:
+                encoding, item = MessageEncoding.JSON, items[topic]
+                schema = self._writer.register_schema(
+                    f"pepper_driver.{item.name}", SchemaEncoding.JSONSchema, item.schema.encode()
+                )
+            channels[topic] = self._writer.register_channel(topic, encoding, schema)
+        return channels
 
-    def _json_channel(self, topic: JsonTopic[Any]) -> int:
-        schema = self._writer.register_schema(
-            f"pepper_driver.{topic.name}", SchemaEncoding.JSONSchema, topic.schema.encode()
-        )
-        return self._writer.register_channel(topic.topic, MessageEncoding.JSON, schema)
-
-    def write_tick(self, time: float, message: bytes) -> None:
-        """Write a message of ``/tick``, stamped ``time`` [s]."""
-        self._write(self._tick, time, message)
-
-    def write_unanswered(self, time: float, message: bytes) -> None:
-        """Write a message of ``/unanswered``, stamped ``time`` [s]."""
-        self._write(self._unanswered, time, message)
-
-    def write_truth(self, time: float, message: bytes) -> None:
-        """Write a message of ``/truth``, stamped ``time`` [s]."""
-        self._write(self._truth, time, message)
+    def write_row(self, topic: str, time: float, message: bytes) -> None:
+        """Write a message of a table such as ``/tick``, stamped ``time`` [s]."""
+        self._write(self._channels[topic], nanoseconds(time), message, self._sequence)
 
     def write_item(self, topic: JsonTopic[T], time: float, item: T) -> None:
         """Write a contact, label or event, stamped ``time`` [s].
@@ -120,28 +105,61 @@ class McapFile:
         Raises:
             TypeError: A value of the item is neither text nor number.
         """
-        self._write(self._json[topic.topic], time, topic.encode(item))
+        self.write_row(topic.topic, time, topic.encode(item))
 
-    def _write(self, channel: int, time: float, data: bytes) -> None:
-        stamp = nanoseconds(time)
+    def copy(self, message: Message) -> None:
+        """Write a message of another file of the same layout, with its number and stamp."""
+        self._write(message.channel, message.time, message.data, message.sequence)
+
+    def _write(self, channel: int, stamp: int, data: bytes, sequence: int) -> None:
         self._writer.add_message(
-            channel, log_time=stamp, publish_time=stamp, data=data, sequence=self._sequence
+            channel, log_time=stamp, publish_time=stamp, data=data, sequence=sequence
         )
-        self._sequence = (self._sequence + 1) % 2**32
+        self._sequence = (sequence + 1) % SEQUENCES
+
+    def _write_metadata(self) -> None:
+        for name, values in self._metadata.items():
+            self._writer.add_metadata(name, values)
 
     def flush(self) -> None:
         """Hand all finished chunks to the operating system."""
         self._stream.flush()
 
-    def finish(self) -> None:
-        """Write index and footer, close the file."""
+    def finish(self, *, complete: bool = True) -> None:
+        """Write the metadata once more, index and footer; close the file.
+
+        Args:
+            complete: False where further messages are missing.
+        """
+        self._write_metadata()
+        messages = str(self._sequence) if complete else UNKNOWN
+        self._writer.add_metadata(END, with_checksum({"messages": messages}))
         self._writer.finish()  # type: ignore[no-untyped-call]
         self._stream.close()
+        self._lock.release()
 
     def abandon(self) -> None:
         """Close the file as it is."""
         with suppress(OSError):
             self._stream.close()
+        self._lock.release()
+
+
+def _lock(path: Path) -> FileLock:
+    """Lock a file that can be a log, and make its folder."""
+    try:
+        # A device or pipe would block, or be removed when something fails.
+        if path.exists() and not path.is_file():
+            kind = "it is a folder" if path.is_dir() else "not a regular file"
+            raise LogError(f"{path}: cannot be written ({kind})")
+        path.parent.mkdir(parents=True, exist_ok=True)
+        return lock_file(path)
+    except (OutputError, LogError):
+        raise
+    except OSError as error:
+        raise LogError(f"{path}: its folder cannot be made ({reason(error)})") from error
+    except ValueError as error:
+        raise LogError(f"{path}: cannot be written ({reason(error)})") from error
 
 
 def nanoseconds(time: float) -> int:

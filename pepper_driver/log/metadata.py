@@ -6,7 +6,6 @@ import hashlib
 import json
 import os
 import platform
-import re
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from datetime import UTC, datetime
@@ -15,15 +14,13 @@ from importlib.metadata import PackageNotFoundError, version
 import numpy as np
 
 from pepper_driver.backends import Backend
+from pepper_driver.backends.passwords import without_secrets
 from pepper_driver.backends.selection import parse_uri
 from pepper_driver.config import ControllerSettings, RobotConfig, SafetySettings
 from pepper_driver.observer import Observer
 
 LIBRARIES = ("numpy", "mujoco", "pin", "daqp", "mcap")
 """Whose versions decide what a run gives, or how it was written."""
-
-_USER = re.compile(r"//[^?#]*@")
-_SECRET = re.compile(r"(?i)([?&][^=&]*(?:pass|pwd|secret|token|auth|key)[^=&]*=)[^&#]*")
 
 
 def run_metadata(
@@ -59,6 +56,8 @@ def run_metadata(
         "observer": observer.describe() if observer is not None else "none",
         "reflexes": _text(reflexes),
     }
+    if info.parents:
+        metadata["parents"] = _text([asdict(parent) for parent in info.parents])
     if (seed := parse_uri(backend.uri).query.get("seed")) is not None:
         metadata["seed"] = seed
     if observer_name is not None:
@@ -77,11 +76,6 @@ def run_metadata(
         "machine": f"{platform.system()} {platform.release()} {platform.machine()}, "
         f"{os.cpu_count()} processors",
     }
-
-
-def without_secrets(uri: str) -> str:
-    """A backend URI without user, password and keys: ``naoqis://nao:pw@pepper.local`` is ``naoqis://pepper.local``."""
-    return _SECRET.sub(r"\1...", _USER.sub("//", uri))
 
 
 def _version(package: str) -> str:

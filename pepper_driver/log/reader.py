@@ -1,4 +1,4 @@
-"""A log back from its file: whole, or as far as it was written."""
+"""A log back from its file: whole, or as far as it is intact."""
 
 from __future__ import annotations
 
@@ -13,16 +13,18 @@ from pepper_driver.backends.log_file import (
     TICK_TOPIC,
     UNANSWERED_TOPIC,
     Column,
+    Gap,
     LogFile,
     misfit,
     read_log_file,
 )
-from pepper_driver.config import UnknownNameError
+from pepper_driver.config import UnknownNameError, load_robot
+from pepper_driver.config.arguments import as_path, checked_arguments
 from pepper_driver.log.contacts import CONTACTS
 from pepper_driver.log.event import EVENTS, LogEvent
 from pepper_driver.log.json_topic import JsonTopic
 from pepper_driver.log.label import LABELS, Label
-from pepper_driver.log.schema import TRUTH_TOPIC
+from pepper_driver.log.schema import TRUTH_TOPIC, layout_metadata
 from pepper_driver.observer.contact import Contact
 
 T = TypeVar("T")
@@ -34,7 +36,9 @@ class LogData:
 
     Attributes:
         metadata: Text about the run, as given to ``LogWriter``.
-        complete: False when the file ends early, because the process was killed or the disk failed.
+        complete: False when the file ends early: the process was killed, the disk failed, or the end is damaged.
+        gaps: What is missing before the end, because its bytes are damaged.
+        missing: All that is missing, as text in one line; empty for a log that is whole.
         joint_names: Order of every joint vector.
         chains: Joints of each chain, from the trunk outwards.
         hand_joints: Joints that measure aperture, 0..1, not an angle.
@@ -64,6 +68,8 @@ class LogData:
     events: list[LogEvent] = field(repr=False, default_factory=list)
     unanswered: dict[str, Column] = field(repr=False, default_factory=dict)
     elements: dict[str, tuple[str, ...]] = field(repr=False, default_factory=dict)
+    gaps: tuple[Gap, ...] = ()
+    missing: str = ""
 
     def __getitem__(self, name: str) -> Column:
         """The array of one field.
@@ -103,6 +109,8 @@ class LogData:
             return cls(
                 metadata=file.metadata,
                 complete=file.complete,
+                gaps=file.gaps,
+                missing=file.missing,
                 joint_names=file.joint_names,
                 chains={k: tuple(v) for k, v in json.loads(layout["chains"]).items()},
                 hand_joints=tuple(json.loads(layout["hand_joints"])),
@@ -119,13 +127,19 @@ class LogData:
             raise misfit(file.path, error) from error
 
 
-def read_log(path: Path) -> LogData:
-    """Read a log, also one that was cut short.
+@checked_arguments
+def read_log(path: Path | str) -> LogData:
+    """Read all of a log that is intact, and warn in one line of what is missing.
 
     Raises:
-        LogError: The file is missing, damaged, or no log of this package.
+        LogError: The file is missing, no log of this package, or nothing of it is intact.
     """
-    return LogData.of(read_log_file(Path(path)))
+    return LogData.of(read_log_file(as_path("path", path), usual_layout()))
+
+
+def usual_layout() -> dict[str, str]:
+    """Return the layout of logs of the robot as this version describes it."""
+    return layout_metadata(load_robot())
 
 
 def _items(file: LogFile, topic: JsonTopic[T]) -> list[T]:

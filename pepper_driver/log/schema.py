@@ -9,6 +9,7 @@ from __future__ import annotations
 import json
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict
+from typing import Any
 
 from pepper_driver.backends.log_file import (
     LAYOUT_VERSION,
@@ -18,9 +19,14 @@ from pepper_driver.backends.log_file import (
     FieldType,
 )
 from pepper_driver.config import RobotConfig
+from pepper_driver.log.contacts import CONTACTS
+from pepper_driver.log.event import EVENTS
+from pepper_driver.log.json_topic import JsonTopic
+from pepper_driver.log.label import LABELS
 from pepper_driver.observer.interface import JointState
 
 TRUTH_TOPIC = "/truth"
+JSON_TOPICS: tuple[JsonTopic[Any], ...] = (CONTACTS, LABELS, EVENTS)
 
 _XYZ = ("x", "y", "z")
 
@@ -140,13 +146,17 @@ def message_definition(fields: Iterable[Field]) -> str:
 
 
 def layout_metadata(robot: RobotConfig) -> dict[str, str]:
-    """What the reader must know of rows and robot: text values of the file's ``layout`` record."""
+    """What the reader must know of rows and robot: text values of the file's ``layout`` record.
+
+    Channels have the numbers of their topics in ``topics``, from 1: no reader needs the records that say so.
+    """
     tables = {
         TICK_TOPIC: tick_fields(robot),
         UNANSWERED_TOPIC: unanswered_fields(robot),
         TRUTH_TOPIC: truth_fields(robot),
     }
     values: Mapping[str, object] = {
+        "topics": [*tables, *(topic.topic for topic in JSON_TOPICS)],
         "fields": {topic: [asdict(f) for f in fields] for topic, fields in tables.items()},
         "robot": robot.name,
         "joint_names": robot.joint_names,

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pepper_driver.backends.log_file import Gap
 from pepper_driver.log.reader import LogData
 
 
@@ -29,6 +30,8 @@ class LogSummary:
     Attributes:
         robot: Name of the robot.
         complete: False when the log ends early.
+        gaps: What is missing before the end.
+        missing: All that is missing, as text in one line.
         duration: From the first tick to the last [s].
         ticks: Number of rows.
         absent: Numbers of cycles between the first and the last that have no row.
@@ -47,6 +50,8 @@ class LogSummary:
 
     robot: str
     complete: bool
+    gaps: tuple[Gap, ...]
+    missing: str
     duration: float
     ticks: int
     absent: int
@@ -67,6 +72,8 @@ class LogSummary:
         return {
             "robot": self.robot,
             "complete": self.complete,
+            "gaps": [asdict(gap) for gap in self.gaps],
+            "missing": self.missing,
             "duration": self.duration,
             "ticks": self.ticks,
             "absent": self.absent,
@@ -93,6 +100,8 @@ def summarise(log: LogData) -> LogSummary:
     return LogSummary(
         robot=log.robot,
         complete=log.complete,
+        gaps=log.gaps,
+        missing=log.missing,
         duration=float(time[-1] - time[0])
         if len(log) and np.isfinite(time[[0, -1]]).all()
         else 0.0,

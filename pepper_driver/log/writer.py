@@ -13,14 +13,16 @@ from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Self
 
-from pepper_driver.backends.log_file import LogError, reason
+from pepper_driver.backends.log_file import TICK_TOPIC, UNANSWERED_TOPIC, LogError
 from pepper_driver.config import RobotConfig
+from pepper_driver.config.errors import reason
 from pepper_driver.log.contacts import CONTACTS
 from pepper_driver.log.event import EVENTS, LogEvent
 from pepper_driver.log.json_topic import JsonTopic
 from pepper_driver.log.label import LABELS
 from pepper_driver.log.mcap_file import McapFile
 from pepper_driver.log.rows import TickRows, TruthRows, UnansweredRows
+from pepper_driver.log.schema import TRUTH_TOPIC, layout_metadata
 
 if TYPE_CHECKING:
     from pepper_driver.loop import TickRecord
@@ -55,6 +57,7 @@ class LogWriter:
             time.
 
     Raises:
+        InUseError: Another run writes this file.
         LogError: The file cannot be written. Nothing half-written stays behind.
         ValueError: A capacity below 1.
     """
@@ -88,7 +91,7 @@ class LogWriter:
         self._closing = False
         self._wake = threading.Event()
         self._room = threading.Event()
-        self._file = McapFile(self._path, robot, metadata)
+        self._file = McapFile(self._path, layout_metadata(robot), metadata)
         self._thread = threading.Thread(target=self._run, name="pepper_driver.log", daemon=True)
         self._thread.start()
 
@@ -201,11 +204,11 @@ class LogWriter:
             self._problem = error
             self._lost += 1
         else:
-            self._file.write_tick(time, row)
+            self._file.write_row(TICK_TOPIC, time, row)
             for message in passed_over:
-                self._file.write_unanswered(time, message)
+                self._file.write_row(UNANSWERED_TOPIC, time, message)
             if truth_row is not None:
-                self._file.write_truth(time, truth_row)
+                self._file.write_row(TRUTH_TOPIC, time, truth_row)
         for label in record.labels:
             self._write_item(LABELS, time, label)
         for contact in () if observation is None else observation.contacts:

@@ -6,6 +6,7 @@ from pepper_driver.reflexes.comply import Comply
 from pepper_driver.reflexes.follow_hand import FollowHand
 from pepper_driver.reflexes.hold import Hold
 from pepper_driver.reflexes.ignore import Ignore
+from pepper_driver.reflexes.limbs import JointSelectionError, joint_mask, limb_joints
 from pepper_driver.reflexes.reflex import Reflex, ReflexError
 from pepper_driver.reflexes.requests import ReflexRequests
 from pepper_driver.reflexes.retract import Retract
@@ -19,11 +20,14 @@ __all__ = [
     "FollowHand",
     "Hold",
     "Ignore",
+    "JointSelectionError",
     "Reflex",
     "ReflexError",
     "ReflexRequests",
     "Retract",
     "Soften",
     "StopBase",
+    "joint_mask",
+    "limb_joints",
     "prepare_reflexes",
 ]

@@ -4,20 +4,23 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from itertools import count
 
 import numpy as np
 
 from pepper_driver.backends import Measurement
 from pepper_driver.callbacks.events import ReflexEvent
 from pepper_driver.config import RobotConfig
+from pepper_driver.config.arguments import as_tuple, checked_arguments
+from pepper_driver.config.errors import shown
 from pepper_driver.config.parts import FloatArray
 from pepper_driver.controller import WholeBodyController
 from pepper_driver.controller.constraints import Constraint
 from pepper_driver.controller.tasks import Task
 from pepper_driver.observer import Observation
 from pepper_driver.reflexes.ignore import Ignore
-from pepper_driver.reflexes.reflex import Reflex, ReflexError
-from pepper_driver.reflexes.requests import BRAKING_STIFFNESS, ReflexRequests
+from pepper_driver.reflexes.reflex import Reflex, ReflexError, kind_of
+from pepper_driver.reflexes.requests import BRAKING_STIFFNESS, BoolArray, ReflexRequests
 
 MAX_RETURN_SPEED = 0.6
 """[rad/s] Of joints that a reflex has led away and that go back to the user's posture."""
@@ -29,28 +32,37 @@ PEAK_SPEED_RATIO = 1.875
 """Largest speed of a motion of least jerk over its mean."""
 
 
+@checked_arguments
 def prepare_reflexes(reflexes: Sequence[Reflex], robot: RobotConfig) -> tuple[Reflex, ...]:
     """Return reflexes in the order of their priority, those of the same one in the order given.
 
-    Their names are made different by numbers where they are not.
+    Those of the same name are numbered, and their ``full_name`` ends in the number.
 
     Raises:
         ReflexError: Something among them is no reflex, or is there twice.
-        UnknownNameError: One is for a link or joint that the robot does not have.
+        UnknownNameError: One is for a limb, link or joint that the robot does not have.
     """
-    for reflex in reflexes:
+    if isinstance(reflexes, Reflex):
+        raise ReflexError(f"reflexes are given in a list: [{type(reflexes).__name__}()]")
+    given = as_tuple(reflexes)
+    if given is None:
+        raise ReflexError(f"reflexes are given in a list, such as [Hold()], got {shown(reflexes)}")
+    for reflex in given:
         if not isinstance(reflex, Reflex):
-            raise ReflexError(f"{reflex!r} is no reflex: give objects such as Hold()")
-        if sum(other is reflex for other in reflexes) > 1:
-            raise ReflexError(f"'{reflex.name}' is given twice: make a second one like it")
-    ordered = sorted(reflexes, key=lambda reflex: -reflex.priority)
-    names: list[str] = []
+            raise ReflexError(f"reflexes are objects such as Hold(), got {shown(reflex)}")
+        if sum(other is reflex for other in given) > 1:
+            raise ReflexError(f"'{reflex.full_name}' is given twice: make a second one like it")
+    ordered = sorted(given, key=lambda reflex: -reflex.priority)
+    names = [reflex.name for reflex in ordered]
     for reflex in ordered:
         reflex.prepare(robot)
-        alike = names.count(reflex.name)
-        names.append(reflex.name)
-        if alike:
-            reflex.name = f"{reflex.name} {alike + 1}"
+        reflex.number, reflex.full_name = 1, reflex.name
+    for name in dict.fromkeys(names):
+        alike = [reflex for reflex in ordered if reflex.name == name]
+        free = (n for n in count(1) if f"{name} {n}" not in names)  # a name may end in a number
+        if len(alike) > 1:
+            for reflex, number in zip(alike, free, strict=False):
+                reflex.number, reflex.full_name = number, f"{name} {number}"
     return tuple(ordered)
 
 
@@ -79,6 +91,7 @@ class Arbiter:
     ) -> None:
         self.controller, self._robot, self._reflexes = controller, robot, tuple(reflexes)
         self._requests = ReflexRequests(controller, robot)
+        self._no_joints: BoolArray = np.zeros(len(robot.joint_names), dtype=np.bool_)
         for reflex in self._reflexes:
             reflex.reset()
         self.target = controller.position
@@ -115,6 +128,15 @@ class Arbiter:
         self.controller.remove(part)
 
     @property
+    def attentive(self) -> bool:
+        """True to oscillate by a little on top of the posture, with the joints that no reflex has; may be set."""
+        return self.controller.dither.enabled
+
+    @attentive.setter
+    def attentive(self, value: bool) -> None:
+        self.controller.dither.enabled = value
+
+    @property
     def holds(self) -> bool:
         """True while a reflex, or a pause, holds the whole robot: motions wait."""
         return self._requests.posture is not None or self._rest is not None
@@ -122,7 +144,7 @@ class Arbiter:
     # -- one tick -------------------------------------------------------------------------------------------------
 
     def step(self, observation: Observation | None, measurement: Measurement) -> list[ReflexEvent]:
-        """Decide for one tick and tell the controller; return which reflexes have begun and ended."""
+        """Decide for one tick and tell the controller; return what has changed of the reflexes."""
         events: list[ReflexEvent] = []
         if self._reflexes and observation is not None:
             tasks = self._requests.tasks
@@ -132,6 +154,7 @@ class Arbiter:
             self.stiffness = self._requests.stiffness
         self._watch_drive(measurement.time)
         self._follow_posture()
+        self._lead_dither()
         return events
 
     def _ask_reflexes(
@@ -144,10 +167,16 @@ class Arbiter:
                 continue
             claimed, was_active = requests.claimed, reflex.active
             reflex.step(observation, measurement, requests)
-            if requests.claimed is not claimed:
-                reflex.granted_joints = reflex.granted_joints | (requests.claimed & ~claimed)
-            if reflex.active != was_active:
-                events.append(self._event(reflex, measurement.time))
+            if requests.claimed is claimed:
+                held = self._no_joints
+            else:
+                held = requests.claimed & ~claimed
+                reflex.granted_joints = reflex.granted_joints | held
+            given_others = reflex.active and np.count_nonzero(held != reflex.held_joints) > 0
+            if given_others:
+                reflex.held_joints = held
+            if given_others or reflex.active != was_active:
+                events.append(self._event(reflex, was_active, measurement.time))
         return events
 
     def _exchange_tasks(self, before: Mapping[int, Task]) -> None:
@@ -171,7 +200,7 @@ class Arbiter:
         """Lead the posture task to the posture of user or motion, or to the one that holds the whole robot."""
         controller, requests, task = self.controller, self._requests, self.controller.posture
         if np.count_nonzero(requests.released_in_place):
-            rest = controller.rest(self.posture_stiffness)
+            rest = controller.rest(self.posture_stiffness, dither=False)
             self.target = np.where(requests.released_in_place, rest, self.target)
         held, stiffness = requests.posture, requests.posture_stiffness
         if self.paused:
@@ -190,23 +219,41 @@ class Arbiter:
             else:
                 task.target = wanted
             self._followed = wanted.copy()
-        elif held is None and np.count_nonzero(requests.released_to_posture) and not task.driven:
+        elif held is None and np.count_nonzero(requests.released_to_posture) and not task.under_way:
             # A spring would jerk at first, and creep at the end, where worn gears stick and slip.
-            way = np.abs(wanted - controller.position)[requests.released_to_posture].max()
-            task.move_to(wanted, max(PEAK_SPEED_RATIO * way / MAX_RETURN_SPEED, MIN_RETURN_TIME))
+            away = (wanted - controller.position)[requests.released_to_posture]
+            task.move_to(wanted, return_time(away))
         stiffness = self.posture_stiffness if stiffness is None else stiffness
         if task.stiffness != stiffness:
             task.stiffness = stiffness
 
-    def _event(self, reflex: Reflex, time: float) -> ReflexEvent:
-        names, contact = self._robot.joint_names, reflex.contact
+    def _lead_dither(self) -> None:
+        """Keep the joints that a reflex has, or a pause, from oscillating."""
+        if self.controller.dither.active:
+            taken = np.ones_like(self._requests.claimed) if self.holds else self._requests.claimed
+            if np.count_nonzero(taken):
+                self.controller.dither.suspend(taken)
+
+    def _event(self, reflex: Reflex, was_active: bool, time: float) -> ReflexEvent:
         return ReflexEvent(
-            reflex=reflex.name,
-            phase="begin" if reflex.active else "end",
+            reflex=reflex.full_name,
+            kind=kind_of(type(reflex)),
+            number=reflex.number,
+            phase="end" if not reflex.active else "update" if was_active else "begin",
             time=time,
-            contact_id=None if contact is None else contact.id,
-            joints=tuple(names[joint] for joint in np.flatnonzero(reflex.joints)),
+            contact_id=None if reflex.contact is None else reflex.contact.id,
+            joints=self._names(reflex.joints | reflex.held_joints),
+            held_joints=self._names(reflex.held_joints),
         )
+
+    def _names(self, joints: BoolArray) -> tuple[str, ...]:
+        return tuple(self._robot.joint_names[joint] for joint in np.flatnonzero(joints))
+
+
+def return_time(away: FloatArray) -> float:
+    """Return the time for joints to come back from ``away`` [rad], gently [s]."""
+    way = float(np.abs(away).max())
+    return max(PEAK_SPEED_RATIO * way / MAX_RETURN_SPEED, MIN_RETURN_TIME)
 
 
 def _without(observation: Observation, ignore: Ignore) -> Observation:

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from pepper_driver.config.arguments import checked_arguments
 from pepper_driver.config.parts import FloatArray
 from pepper_driver.observer import Contact, Observation
 from pepper_driver.reflexes.comply import Comply
@@ -19,6 +20,7 @@ RATE = 4.0
 """[1/s] At which it changes by e while the torque is twice what it should be."""
 
 
+@checked_arguments
 @dataclass(kw_only=True, eq=False)
 class Assist(Comply):
     """A :class:`Comply` whose gain adapts, so that the torque of the interaction stays at ``torque``.

@@ -8,11 +8,12 @@ from math import sqrt
 import numpy as np
 
 from pepper_driver.backends import Measurement
+from pepper_driver.config.arguments import checked_arguments
 from pepper_driver.config.parts import FloatArray
 from pepper_driver.controller.tasks import ComplianceTask
 from pepper_driver.controller.tasks.gains import MAX_DAMPING
 from pepper_driver.observer import Contact, JointState, Observation
-from pepper_driver.reflexes.limbs import limb_of
+from pepper_driver.reflexes.limbs import limb_joints
 from pepper_driver.reflexes.reflex import Part, Reflex
 from pepper_driver.reflexes.requests import ReflexRequests
 
@@ -35,6 +36,7 @@ STIFFEST = 2000.0
 """[1/s2] Of the spring: the controller takes no stiffer task."""
 
 
+@checked_arguments
 @dataclass(kw_only=True, eq=False)
 class Comply(Reflex):
     """The joints of the limb that is touched give way to the external torque that the observer tells of.
@@ -67,7 +69,7 @@ class Comply(Reflex):
 
     def begin(self, contact: Contact, requests: ReflexRequests) -> None:
         """Lead the limb from here on, besides those that are led already."""
-        joints = self.joints | limb_of(contact, self.robot)
+        joints = self.joints | limb_joints(contact, self.robot)
         if np.array_equal(joints, self.joints):
             return
         self.joints = joints

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import re
+from collections.abc import Mapping
 from dataclasses import fields
 from itertools import combinations
 from pathlib import Path
 from typing import Any
 
 from pepper_driver.config import ConfigError, PepperError, RobotConfig, UnknownNameError, suggestion
+from pepper_driver.config.contact_selector import SELECTOR_FIELDS, ContactSelector, SelectorError
 from pepper_driver.config.lines import with_lines
 from pepper_driver.config.loading import read_yaml
-from pepper_driver.config.plugins import load_plugin
+from pepper_driver.config.plugins import load_plugin, plugin_names
 from pepper_driver.reflexes.assist import Assist
 from pepper_driver.reflexes.comply import Comply
 from pepper_driver.reflexes.follow_hand import FollowHand
@@ -31,17 +33,26 @@ _REFLEXES = {
     kind_of(cls): f"{cls.__module__}:{cls.__name__}"
     for cls in (Assist, Comply, FollowHand, Hold, Ignore, Retract, Soften, StopBase)
 }
-_ON: tuple[str, ...] = ("link", "joint", "kind", "min_intensity")
+
+
+def reflex_kinds() -> dict[str, str]:
+    """Return the kinds of reflex that can be declared, those of other packages too, each with its purpose."""
+    kinds = {}
+    for kind in plugin_names(REFLEX_GROUP, _REFLEXES):
+        doc = load_plugin("reflex", REFLEX_GROUP, kind, _REFLEXES).__doc__ or ""
+        first = doc.strip().partition("\n")[0]
+        kinds[kind] = re.sub(r":\w+:|`", "", first)
+    return kinds
 
 
 @with_lines
 def make_reflexes(
-    declared: Sequence[Mapping[str, Any]], robot: RobotConfig, source: str
+    declared: Mapping[str, Mapping[str, Any]], robot: RobotConfig, source: str
 ) -> tuple[Reflex, ...]:
-    """Reflexes from the entries of a file's key ``reflexes``, in their order.
+    """Make reflexes from the entries of a file, in their order.
 
     Args:
-        declared: Each with ``on``, which contacts, ``do``, the kind of reflex, and what this kind takes besides.
+        declared: By key: ``on``, which contacts, ``do``, the kind of reflex, and what this kind takes besides.
         robot: Its description.
         source: Name of the file, for messages.
 
@@ -49,36 +60,28 @@ def make_reflexes(
         ConfigError: An unknown kind, argument, link or joint, a value that makes no sense, or two reflexes of which
             nobody could say who gets the robot; the message names the key.
     """
-    made = [
-        make_reflex(entry, robot, source, f"reflexes.{number}")
-        for number, entry in enumerate(declared)
-    ]
-    for (first, one), (second, other) in combinations(enumerate(made), 2):
+    made = {key: make_reflex(entry, robot, source, key) for key, entry in declared.items()}
+    for (first, one), (second, other) in combinations(made.items(), 2):
         if one.priority == other.priority and overlap(one, other, robot):
             what = _contended(one, other)
             if what:
                 raise ConfigError(
-                    f"{source}: key 'reflexes.{second}': '{other.name}' and '{one.name}' of 'reflexes.{first}' answer"
+                    f"{source}: key '{second}': '{other.name}' and '{one.name}' of '{first}' answer"
                     f" the same contacts with the same priority, {one.priority}, and both want {what}; give one of"
                     " them another 'priority', or other contacts"
                 )
-    return tuple(made)
+    return tuple(made.values())
 
 
 def overlap(one: Reflex, other: Reflex, robot: RobotConfig) -> bool:
     """Return True where both may answer one contact, of whatever kind: a contact may grow into a collision."""
-    for key in ("link", "joint"):
-        first, second = getattr(one, key), getattr(other, key)
-        if first is not None and second is not None and first != second:
+    for first, second in (
+        (one.selector.link, other.selector.link),
+        (one.selector.joint, other.selector.joint),
+    ):
+        if first and second and set(first).isdisjoint(second):
             return False
-    link, joint = one.link or other.link, one.joint or other.joint
-    return link is None or joint is None or _may_feel(joint, link, robot)
-
-
-def _may_feel(joint: str, link: str, robot: RobotConfig) -> bool:
-    """Return True where a joint may detect a contact on a link: none of another limb does."""
-    carrier = next((j.name for j in robot.joints if j.child == link), None)
-    return carrier is None or carrier in robot.chain_of(joint)
+    return not one.selector.limbs_in(robot).isdisjoint(other.selector.limbs_in(robot))
 
 
 def _contended(one: Reflex, other: Reflex) -> str:
@@ -101,15 +104,19 @@ def make_reflex(entry: Mapping[str, Any], robot: RobotConfig, source: str, key: 
     if not isinstance(kind, str):
         raise ConfigError(f"{where}.do' is missing: {suggestion('', _REFLEXES).strip(' ()')}")
     if not isinstance(on, dict):
-        raise ConfigError(f"{where}.on': which contacts: a mapping with any of {', '.join(_ON)}")
+        raise ConfigError(
+            f"{where}.on': which contacts: a mapping with any of {', '.join(SELECTOR_FIELDS)}"
+        )
     try:
         cls = load_plugin("reflex", REFLEX_GROUP, kind, _REFLEXES)
     except PepperError as error:
         raise ConfigError(f"{where}.do': {error}") from error
     if not (isinstance(cls, type) and issubclass(cls, Reflex)):
         raise ConfigError(f"{where}.do': what is registered as '{kind}' is no reflex")
-    known = [field.name for field in fields(cls) if field.init and field.name not in _ON]
-    for given, allowed, part in ((on, _ON, ".on"), (rest, known, "")):
+    known = [
+        field.name for field in fields(cls) if field.init and field.name not in SELECTOR_FIELDS
+    ]
+    for given, allowed, part in ((on, SELECTOR_FIELDS, ".on"), (rest, known, "")):
         for name in given:
             if name not in allowed:
                 raise ConfigError(
@@ -119,11 +126,15 @@ def make_reflex(entry: Mapping[str, Any], robot: RobotConfig, source: str, key: 
     if not (isinstance(name, str) and 0 < len(name) <= LONGEST_NAME and name.isprintable()):
         raise ConfigError(f"{where}.name': a name of up to {LONGEST_NAME} letters, got {name!r}")
     try:
+        ContactSelector.from_arguments(**on).check(robot)
         reflex = cls(**on, **rest)
         reflex.prepare(robot)
     except UnknownNameError as error:
-        place = next((f".on.{key}" for key in _ON if on.get(key) == error.name), "")
-        raise ConfigError(f"{where}{place}': {error}") from error
+        raise ConfigError(f"{where}.on.{error.kind}': {error}") from error
+    except SelectorError as error:
+        raise ConfigError(
+            f"{where}.{'.'.join(filter(None, ('on', error.field)))}': {error}"
+        ) from error
     except (PepperError, TypeError, ValueError) as error:
         raise ConfigError(f"{where}': {error}") from error
     return reflex
@@ -133,7 +144,14 @@ def declare(reflex: Reflex) -> dict[str, Any]:
     """The entry of a reflex, with all its arguments; ``class`` is there only where it is of none that is registered."""
     cls = type(reflex)
     rest = {field.name: getattr(reflex, field.name) for field in fields(reflex) if field.init}
-    on = {key: value for key in _ON if (value := rest.pop(key)) is not None}
+    on = {}
+    for key in SELECTOR_FIELDS:
+        del rest[key]
+        value = getattr(reflex.selector, key)
+        if isinstance(value, tuple):
+            value = value[0] if len(value) == 1 else list(value)
+        if value not in (None, []):
+            on[key] = value
     entry = {"do": kind_of(cls), "on": on, **rest}
     try:
         registered = load_plugin("reflex", REFLEX_GROUP, kind_of(cls), _REFLEXES) is cls
@@ -155,4 +173,5 @@ def load_reflexes(path: Path, robot: RobotConfig) -> tuple[Reflex, ...]:
         raise ConfigError(f"{path}: unknown key '{key}'{suggestion(str(key), ['reflexes'])}")
     if not (isinstance(declared, list) and all(isinstance(entry, dict) for entry in declared)):
         raise ConfigError(f"{path}: key 'reflexes': a list such as [{{do: hold}}]")
-    return make_reflexes(declared, robot, str(path))
+    keyed = {f"reflexes.{number}": entry for number, entry in enumerate(declared)}
+    return make_reflexes(keyed, robot, str(path))

@@ -9,12 +9,13 @@ import numpy as np
 
 from pepper_driver.backends import Measurement
 from pepper_driver.config import RobotConfig
+from pepper_driver.config.arguments import checked_arguments
 from pepper_driver.config.parts import FloatArray
+from pepper_driver.config.robot import TRUNK
 from pepper_driver.controller.model import RobotModel
 from pepper_driver.controller.tasks import BaseVelocityTask
 from pepper_driver.observer import Contact, Observation
 from pepper_driver.reflexes.comply import Comply
-from pepper_driver.reflexes.limbs import LEGS
 from pepper_driver.reflexes.reflex import Part, ReflexError, Then
 from pepper_driver.reflexes.requests import DOMINANT_WEIGHT, ReflexRequests
 
@@ -30,6 +31,7 @@ BASE_STIFFNESS = 16.0
 """[1/s2] Of the task that moves the base."""
 
 
+@checked_arguments
 @dataclass(kw_only=True, eq=False)
 class FollowHand(Comply):
     """The arm, or the base, follows the hand that pulls the robot's arm.
@@ -80,11 +82,11 @@ class FollowHand(Comply):
     def begin(self, contact: Contact, requests: ReflexRequests) -> None:
         """Lead the arm; find the hand that is pulled."""
         super().begin(contact, requests)
-        for chain, names in self.robot.chains.items():
-            if chain != LEGS and contact.joint in names:
-                wrist = next(n for n in reversed(names) if n not in self.robot.hands.joints)
-                self._link = self.robot.joints[self.robot.joint_index(wrist)].child
-                self._force[:] = 0.0
+        if contact.limb != TRUNK:
+            joints = self.robot.limbs[contact.limb]
+            wrist = next(name for name in reversed(joints) if name not in self.robot.hands.joints)
+            self._link = self.robot.joints[self.robot.joint_index(wrist)].child
+            self._force[:] = 0.0
 
     def act(
         self, observation: Observation, measurement: Measurement, requests: ReflexRequests

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pepper_driver.backends import Measurement
+from pepper_driver.config.arguments import checked_arguments
 from pepper_driver.config.parts import FloatArray
 from pepper_driver.observer import Contact, Observation
 from pepper_driver.reflexes.reflex import Reflex
@@ -16,6 +17,7 @@ STIFFNESS = 400.0
 """[1/s2] Of the posture task while holding."""
 
 
+@checked_arguments
 @dataclass(kw_only=True, eq=False)
 class Hold(Reflex):
     """Brake when a contact begins, stand still, and go on ``pause`` [s] after the last one ended.

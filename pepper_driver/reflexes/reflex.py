@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import math
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Literal, get_args
 
@@ -11,10 +11,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pepper_driver.backends import Measurement
-from pepper_driver.callbacks.filters import contact_filter
+from pepper_driver.callbacks.filters import meets
 from pepper_driver.config import PepperError, RobotConfig
+from pepper_driver.config.arguments import is_number
+from pepper_driver.config.contact_selector import (
+    SELECTOR_FIELDS,
+    ContactSelector,
+    Kind,
+    SelectorError,
+)
+from pepper_driver.config.errors import shown
 from pepper_driver.observer import Contact, Observation
-from pepper_driver.observer.contact import Kind
 from pepper_driver.reflexes.requests import ReflexRequests
 
 BoolArray = NDArray[np.bool_]
@@ -46,44 +53,64 @@ class Reflex:
     :meth:`step`. To test one without a loop, see ``docs/reflexes.md``.
 
     Attributes:
+        limb: Only contacts on this limb; as ``link`` and ``joint`` one name, or a list of which any will do. A contact
+            that a reflex is for meets all of its conditions.
         link: Only contacts on this link.
         joint: Only contacts felt by this joint.
         kind: ``contact`` or ``collision``; None for both. A contact that grows into a collision begins a reflex that
             is for collisions.
-        min_intensity: Only contacts of at least this intensity [deg].
+        min_intensity_deg: Only contacts of at least this intensity [deg].
+        min_torque: Only contacts with at least this torque on their joint [N m].
         priority: Of several that want the same joints, or the base, the one with the highest gets them.
         then: ``resume``: the user's motion goes on. ``stay``: the joints stay where they are until the user moves them.
         pause: After the last contact, for which it goes on [s].
         longest: That it acts without pause [s].
-        name: In events and log; by default that of the class, ``stop_base`` for ``StopBase``.
-        joints: (17,) those it acts on, once it is active.
+        name: In events and log; by default its kind, ``stop_base`` for ``StopBase``.
+        full_name: The same with ``number``, where several of a robot's reflexes have this name: ``hold 2``.
+        number: Place among those of its name, from 1.
+        joints: (17,) those it acts on, once it is active, for its own use and for the event; may be left alone.
         granted_joints: (17,) those it has been given since it began.
+        held_joints: (17,) those it has been given in this tick; after its end, in its last one.
         contact: The one that it began with.
+        selector: The contacts it is for.
 
     Raises:
         ReflexError: A number that makes no sense, or an unknown ``then``.
+        UnknownNameError: No such kind of contact.
     """
 
-    link: str | None = None
-    joint: str | None = None
+    limb: str | Sequence[str] | None = None
+    link: str | Sequence[str] | None = None
+    joint: str | Sequence[str] | None = None
     kind: Kind | None = None
-    min_intensity: float = 0.0
+    min_intensity_deg: float = 0.0
+    min_torque: float = 0.0
     priority: int = 0
     then: Then = "resume"
     pause: float = 0.5
     longest: float = 60.0
     name: str = ""
+    selector: ContactSelector = field(init=False, repr=False, default=ContactSelector())
     contact: Contact | None = field(default=None, init=False, repr=False)
     _began: float | None = field(default=None, init=False, repr=False)
 
     def __post_init__(self) -> None:
-        self.name = self.name or kind_of(type(self))
+        if not (isinstance(self.name, str) and self.name.isprintable()):
+            raise ReflexError(f"the name of a reflex is a text, got {shown(self.name)}")
+        self.name = self.full_name = self.name or kind_of(type(self))
+        self.number = 1
         if self.then not in get_args(Then):
-            raise ReflexError(f"{self.name}: 'then' is 'resume' or 'stay', got {self.then!r}")
+            raise ReflexError(f"{self.name}: 'then' is 'resume' or 'stay', got {shown(self.then)}")
         self.check("pause", 0.0, LONGEST)
         self.check("longest", 0.0, LONGEST)
-        self.check("min_intensity", 0.0, 180.0)
         self.check("priority", -1000, 1000)
+        if self.priority != int(self.priority):
+            raise ReflexError(f"{self.name}: priority is a whole number, got {self.priority!r}")
+        given = {name: getattr(self, name) for name in SELECTOR_FIELDS}
+        try:
+            self.selector = ContactSelector.from_arguments(**given)
+        except SelectorError as error:
+            raise ReflexError(f"{self.name}: {error}") from error
 
     def check(self, what: str, least: float, largest: float) -> None:
         """Refuse an attribute that is not a number within bounds.
@@ -92,29 +119,26 @@ class Reflex:
             ReflexError: It is not.
         """
         value = getattr(self, what)
-        number = isinstance(value, int | float | np.number) and not isinstance(value, bool)
-        if not (number and math.isfinite(value) and least <= value <= largest):
+        if not (is_number(value) and least <= value <= largest):
             raise ReflexError(
-                f"{self.name}: {what} is a number from {least:g} to {largest:g}, got {value!r}"
+                f"{self.name}: {what} is a number from {least:g} to {largest:g}, got {shown(value)}"
             )
 
     def prepare(self, robot: RobotConfig) -> None:
         """Learn of the robot, before anything moves.
 
         Raises:
-            UnknownNameError: It is for a link, joint or kind that there is none of.
+            UnknownNameError: It is for a limb, link or joint that there is none of.
+            ReflexError: No contact can meet its conditions.
         """
         self.robot = robot
         self.joints: BoolArray = np.zeros(len(robot.joint_names), dtype=np.bool_)
         self.granted_joints: BoolArray = np.zeros_like(self.joints)
-        self._for_it = contact_filter(
-            robot,
-            link=self.link,
-            joint=self.joint,
-            kind=self.kind,
-            phase=None,
-            min_intensity=self.min_intensity,
-        )
+        self.held_joints: BoolArray = np.zeros_like(self.joints)
+        try:
+            self.selector.check(robot)
+        except SelectorError as error:
+            raise ReflexError(f"{self.name}: {error}") from error
         self.reset()
 
     def reset(self) -> None:
@@ -123,7 +147,7 @@ class Reflex:
         self._given_up: set[int] = set()
         self._until: float | None = None
         self._began, self.contact = None, None
-        self.granted_joints = np.zeros_like(self.joints)
+        self.granted_joints = self.held_joints = np.zeros_like(self.joints)
 
     @property
     def active(self) -> bool:
@@ -142,7 +166,7 @@ class Reflex:
 
     def is_for(self, contact: Contact) -> bool:
         """Return True where it answers this contact, whatever its phase."""
-        return self._for_it(contact)
+        return meets(contact, self.selector)
 
     def step(
         self, observation: Observation, measurement: Measurement, requests: ReflexRequests
@@ -177,7 +201,7 @@ class Reflex:
             if self._began is None:
                 self._began, self.contact = time, contact
                 self.joints = np.zeros_like(self.joints)
-                self.granted_joints = np.zeros_like(self.joints)
+                self.granted_joints = self.held_joints = np.zeros_like(self.joints)
             self._touching[contact.id] = contact.link
             self._until = None
             self.begin(contact, requests)

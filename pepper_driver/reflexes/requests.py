@@ -6,9 +6,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pepper_driver.config import RobotConfig
+from pepper_driver.config.errors import shown
 from pepper_driver.config.parts import FloatArray
 from pepper_driver.controller import WholeBodyController
+from pepper_driver.controller.errors import PartError
 from pepper_driver.controller.tasks import BaseVelocityTask, Task
+from pepper_driver.reflexes.limbs import JointSelection, joint_mask
 
 BoolArray = NDArray[np.bool_]
 
@@ -22,7 +25,8 @@ BRAKING_STIFFNESS = 400.0
 class ReflexRequests:
     """Requests for one tick: a reflex that still wants something requests it again in the next.
 
-    Reflexes are asked in the order of their priority, and joints and base go to the first that claims them.
+    Reflexes are asked in the order of their priority, and joints and base go to the first that claims them. Joints are
+    given by name, of a joint or a chain such as ``left_arm``, by a list of names, or by a mask (17,) of bool.
 
     Attributes:
         controller: Its state and model, to be read only.
@@ -36,7 +40,7 @@ class ReflexRequests:
     """
 
     def __init__(self, controller: WholeBodyController, robot: RobotConfig) -> None:
-        self.controller = controller
+        self.controller, self._robot = controller, robot
         self._none: BoolArray = np.zeros(len(robot.joint_names), dtype=np.bool_)
         self._stiff = np.ones(len(self._none))
         self._base_at_rest = BaseVelocityTask(
@@ -53,11 +57,17 @@ class ReflexRequests:
         self.tasks: dict[int, Task] = {}
         self._base_claimed = False
 
-    def claim(self, joints: BoolArray) -> bool:
-        """Take joints, a mask (17,), for this tick: all of them, or, where one is taken already, none."""
-        if np.count_nonzero(self.claimed & joints):
+    def claim(self, joints: JointSelection) -> bool:
+        """Take joints for this tick: all of them, or, where one is taken already, none.
+
+        Raises:
+            UnknownNameError: No such joint or chain.
+            JointSelectionError: Neither names nor a mask.
+        """
+        mask = joint_mask(joints, self._robot)
+        if np.count_nonzero(self.claimed & mask):
             return False
-        self.claimed = self.claimed | joints
+        self.claimed = self.claimed | mask
         return True
 
     def claim_base(self) -> bool:
@@ -66,7 +76,13 @@ class ReflexRequests:
         return free
 
     def add_task(self, task: Task) -> None:
-        """Have the controller follow a task in this tick, beside the user's."""
+        """Have the controller follow a task in this tick, beside the user's.
+
+        Raises:
+            PartError: It is no task.
+        """
+        if not isinstance(task, Task):
+            raise PartError(f"add_task takes a task, got {shown(task)}")
         self.tasks[id(task)] = task
 
     def hold_posture(self, posture: FloatArray, stiffness: float) -> None:
@@ -78,17 +94,22 @@ class ReflexRequests:
         if self.posture is None:
             self.posture, self.posture_stiffness = posture, stiffness
 
-    def lower_stiffness(self, joints: BoolArray, stiffness: float) -> None:
-        """Lower the stiffness of motors, a mask (17,), to 0..1; the lowest request counts."""
-        self.stiffness = np.where(joints, np.minimum(self.stiffness, stiffness), self.stiffness)
+    def lower_stiffness(self, joints: JointSelection, stiffness: float) -> None:
+        """Lower the stiffness of motors to 0..1; the lowest request counts. Raises as :meth:`claim` does."""
+        mask = joint_mask(joints, self._robot)
+        self.stiffness = np.where(mask, np.minimum(self.stiffness, stiffness), self.stiffness)
 
     def stop_base(self) -> None:
         """Bring the base to rest."""
         self.add_task(self._base_at_rest)
 
-    def release(self, joints: BoolArray, *, in_place: bool) -> None:
-        """Give joints, a mask (17,), back to the user: where they are, or on their way to the user's posture."""
+    def release(self, joints: JointSelection, *, in_place: bool) -> None:
+        """Give joints back to the user: where they are, or on their way to the user's posture.
+
+        Raises as :meth:`claim` does.
+        """
+        mask = joint_mask(joints, self._robot)
         if in_place:
-            self.released_in_place = self.released_in_place | joints
+            self.released_in_place = self.released_in_place | mask
         else:
-            self.released_to_posture = self.released_to_posture | joints
+            self.released_to_posture = self.released_to_posture | mask

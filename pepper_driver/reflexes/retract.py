@@ -7,10 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from pepper_driver.backends import Measurement
+from pepper_driver.config.arguments import checked_arguments
 from pepper_driver.config.parts import FloatArray
 from pepper_driver.controller.tasks import PostureTask
 from pepper_driver.observer import Contact, Observation
-from pepper_driver.reflexes.limbs import limb_of
+from pepper_driver.reflexes.limbs import limb_joints
 from pepper_driver.reflexes.reflex import Part, Reflex
 from pepper_driver.reflexes.requests import DOMINANT_WEIGHT, ReflexRequests
 
@@ -24,6 +25,7 @@ LEFT = 0.25
 """Of the largest torque since the contact began: when no more is felt, the limb has gone far enough."""
 
 
+@checked_arguments
 @dataclass(kw_only=True, eq=False)
 class Retract(Reflex):
     """The limb moves away from the contact, as long as it is felt: its joints turn as the external torque turns them.
@@ -55,7 +57,7 @@ class Retract(Reflex):
 
     def begin(self, contact: Contact, requests: ReflexRequests) -> None:
         """Choose the limb; the way follows from the torques of this tick. A further contact leads on."""
-        joints = limb_of(contact, self.robot)
+        joints = limb_joints(contact, self.robot)
         if not joints.any():
             return
         if not np.array_equal(joints, self.joints):

@@ -5,12 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from pepper_driver.backends import Measurement
+from pepper_driver.config.arguments import checked_arguments
 from pepper_driver.observer import Contact, Observation
-from pepper_driver.reflexes.limbs import limb_of
+from pepper_driver.reflexes.limbs import limb_joints
 from pepper_driver.reflexes.reflex import Part, Reflex
 from pepper_driver.reflexes.requests import ReflexRequests
 
 
+@checked_arguments
 @dataclass(kw_only=True, eq=False)
 class Soften(Reflex):
     """Lower the stiffness of the limb's motors, down the safety gate's ramp, and up again ``pause`` after the contact.
@@ -37,7 +39,7 @@ class Soften(Reflex):
 
     def begin(self, contact: Contact, requests: ReflexRequests) -> None:
         """Choose the limb; a further contact adds its own."""
-        self.joints = self.joints | limb_of(contact, self.robot, fingers=True)
+        self.joints = self.joints | limb_joints(contact, self.robot, fingers=True)
 
     def act(
         self, observation: Observation, measurement: Measurement, requests: ReflexRequests

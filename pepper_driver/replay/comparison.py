@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pepper_driver.backends.command_differences import CommandDifferences
+from pepper_driver.config.arguments import checked_arguments
 from pepper_driver.log import LogEvent
 from pepper_driver.log.contacts import CONTACTS
 from pepper_driver.log.event import EVENTS
@@ -104,6 +105,7 @@ class Comparison:
         }
 
 
+@checked_arguments
 def compare(run: RecordedRun, found: Replayed) -> Comparison:
     """Hold a replay against its recording."""
     log = run.log

@@ -21,9 +21,11 @@ from pepper_driver.config import (
     load_observer_settings,
     load_robot,
 )
+from pepper_driver.config.arguments import as_path, checked_arguments
 from pepper_driver.config.loading import parse
 from pepper_driver.controller import Reference, Sent, Tick
 from pepper_driver.log import LogData
+from pepper_driver.log.reader import usual_layout
 from pepper_driver.observer import ContactObserver, ModelFileError, Observer
 from pepper_driver.reflexes import Reflex
 from pepper_driver.reflexes.declared import REFLEX_GROUP, make_reflex
@@ -145,9 +147,9 @@ class RecordedRun:
         Raises:
             PepperError: It cannot be made.
         """
-        identity = self.backend.info.identity
+        identities = self.backend.info.identities
         if name is not None and settings is None:
-            return make_observer(name, self.robot, identity, models)
+            return make_observer(name, self.robot, identities, models)
         if name is None and not self.felt:
             if models is not None or settings is not None:
                 raise ReplayError(f"{self.path}: the run had no observer; name one with --observer")
@@ -162,7 +164,7 @@ class RecordedRun:
             else load_observer_settings(settings)
         )
         try:
-            observer = contact_observer(mode, self.robot, identity, models, chosen)
+            observer = contact_observer(mode, self.robot, identities, models, chosen)
         except ModelFileError as error:
             if models is not None:
                 raise
@@ -202,7 +204,7 @@ class RecordedRun:
                 f"{self.path}: its observer was an object of its program "
                 f"({self.log.metadata['observer']}); name one with --observer"
             )
-        return make_observer(name, self.robot, self.backend.info.identity, models)
+        return make_observer(name, self.robot, self.backend.info.identities, models)
 
     def _check_models(self, mode: str, observer: ContactObserver) -> None:
         run = self.log.metadata
@@ -237,14 +239,15 @@ def _each(kind: type[T], prefix: str, table: Mapping[str, Column]) -> Iterator[T
     return (kind(**dict(zip(names, values, strict=True))) for values in zip(*columns, strict=True))
 
 
-def load_run(path: Path, robot: RobotConfig | None = None) -> RecordedRun:
+@checked_arguments
+def load_run(path: Path | str, robot: RobotConfig | None = None) -> RecordedRun:
     """A log, ready for a replay.
 
     Raises:
         LogError: The file is missing, damaged, no log of this package, without a tick, or of another robot.
     """
-    robot = robot or load_robot()
-    file = read_log_file(path)
+    robot, path = robot or load_robot(), as_path("path", path)
+    file = read_log_file(path, usual_layout())
     log = LogData.of(file)
     return RecordedRun(
         path=path, robot=robot, log=log, backend=ReplayBackend(robot, file, f"replay://{path}")

@@ -12,6 +12,7 @@ import numpy as np
 from pepper_driver.backends.command_differences import CommandDifferences
 from pepper_driver.backends.log_file import Column
 from pepper_driver.backends.replay import EndOfLogError
+from pepper_driver.config.arguments import as_path, checked_arguments
 from pepper_driver.controller import Tick
 from pepper_driver.controller.recorded import RecordedController
 from pepper_driver.log import LogEvent, LogWriter, run_metadata
@@ -52,12 +53,13 @@ class Replayed:
     fault: Fault | None
 
 
+@checked_arguments
 def replay(
     run: RecordedRun,
     observer: Observer | None,
     reflexes: Sequence[Reflex] = (),
     *,
-    out: Path | None = None,
+    out: Path | str | None = None,
 ) -> Replayed:
     """Step observer and reflexes through a recording.
 
@@ -73,6 +75,7 @@ def replay(
     Raises:
         PepperError: The recording lacks something, a reflex is not for this robot, or ``out`` cannot be written.
     """
+    out = None if out is None else as_path("out", out)
     if out is not None and out.exists() and out.samefile(run.path):
         raise ReplayError(f"{out}: is the recording itself; give another file")
     robot, backend = run.robot, run.backend
@@ -110,7 +113,7 @@ def replay(
     return Replayed(
         ticks=seen.ticks,
         observer=None if observer is None else observer.describe(),
-        reflexes=tuple(reflex.name for reflex in prepared),
+        reflexes=tuple(reflex.full_name for reflex in prepared),
         contacts=seen.contacts,
         events=seen.events,
         values={} if observer is None else seen.values(),

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pepper_driver.backends import make_backend
+from pepper_driver.backends import make_backend, with_query
 from pepper_driver.backends.mujoco_ import MujocoBackend
 from pepper_driver.backends.selection import BackendUri, parse_uri
 from pepper_driver.config import PepperError, RobotConfig, load_plant
@@ -53,12 +53,32 @@ def test_any_text_is_a_uri_or_one_error(text: str) -> None:
         assert isinstance(parse_uri(text), BackendUri)
 
 
+@pytest.mark.parametrize(
+    ("uri", "expected"),
+    [
+        ("mujoco", "mujoco://?seed=5"),
+        ("mujoco?seed=3&plant=worn", "mujoco://?seed=5&plant=worn"),
+        ("mine://host/a%20b?x=1", "mine://host/a%20b?x=1&seed=5"),
+    ],
+)
+def test_a_value_takes_its_place_in_a_uri(uri: str, expected: str) -> None:
+    assert with_query(uri, seed=5) == expected
+
+
 def third_party(uri: BackendUri, robot: RobotConfig) -> MujocoBackend:
     return MujocoBackend(robot, load_plant("nominal", robot), uri=uri.text)
 
 
 def not_a_backend(uri: BackendUri, robot: RobotConfig) -> str:
     return "hello"
+
+
+def in_need_of_more(uri: BackendUri) -> MujocoBackend:
+    raise NotImplementedError
+
+
+def out_of_luck(uri: BackendUri, robot: RobotConfig) -> MujocoBackend:
+    raise ZeroDivisionError("no\nluck")
 
 
 def test_another_package_registers_a_backend(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -68,6 +88,8 @@ def test_another_package_registers_a_backend(monkeypatch: pytest.MonkeyPatch) ->
             EntryPoint(name="theirs", value=f"{__name__}:third_party", group=group),
             EntryPoint(name="broken", value="no_such_module:x", group=group),
             EntryPoint(name="odd", value=f"{__name__}:not_a_backend", group=group),
+            EntryPoint(name="short", value=f"{__name__}:in_need_of_more", group=group),
+            EntryPoint(name="luckless", value=f"{__name__}:out_of_luck", group=group),
             EntryPoint(name="text", value=f"{__name__}:__name__", group=group),
         ]
     )
@@ -77,6 +99,12 @@ def test_another_package_registers_a_backend(monkeypatch: pytest.MonkeyPatch) ->
         make_backend("broken")
     with pytest.raises(PepperError, match="no Backend"):
         make_backend("odd")
+    with pytest.raises(PluginError, match=r"backend 'short' fails .*TypeError.*takes 1 positional"):
+        make_backend("short")
+    with pytest.raises(
+        PluginError, match=r"test_selection\.py line \d+\): ZeroDivisionError: no luck$"
+    ):
+        make_backend("luckless")
     with pytest.raises(PluginError, match="is str, no class or factory"):
         make_backend("text")
     with pytest.raises(PepperError, match="theirs"):

@@ -16,6 +16,7 @@ from waiting import wait_until
 
 from pepper_driver.backends import BackendError
 from pepper_driver.backends.naoqi_server.launch import StandIn
+from pepper_driver.config import UnknownNameError
 
 pytestmark = pytest.mark.usefixtures("qi")
 
@@ -226,10 +227,12 @@ def test_the_robot_outlives_its_owner_for_as_long_as_told() -> None:
 
 
 def test_what_cannot_start() -> None:
-    with pytest.raises(BackendError, match=r"possible: .*nominal"):
-        StandIn("mujoco://?plant=nix").start()
-    with pytest.raises(BackendError, match="unknown backend"):
-        StandIn("nix://").start()
+    with pytest.raises(UnknownNameError, match=r"possible: .*nominal"):
+        StandIn("mujoco://?plant=nix")
+    with pytest.raises(UnknownNameError, match="unknown backend"):
+        StandIn("nix://")
+    with pytest.raises(BackendError, match="there must be a simulated robot"):
+        StandIn("mock")
     with StandIn() as first, pytest.raises(BackendError, match="Address already in use") as error:
         StandIn(port=first.port).start()
     assert "\n" not in str(error.value)

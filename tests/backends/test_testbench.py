@@ -15,13 +15,13 @@ from pepper_driver.backends.mujoco_.testbench import (
     real_time_factor,
 )
 from pepper_driver.config import RampProtocol
-from pepper_driver.config.scenario_motion import Holds
+from pepper_driver.config.steps import Holds
 
 RAMP = RampProtocol(
     arrival=0.2, arrival_time=0.3, onwards=False, wait=0.3, time=0.6, travel=1.0, skip=0.4
 )
 ARM = ("RShoulderPitch", "RElbowRoll")
-HOLDS = Holds(kind="holds", joints=ARM, range=0.5, move=0.6, hold=0.6, count=3)
+HOLDS = Holds(joints=ARM, range=0.5, move=0.6, hold=0.6, count=3)
 CONSTANT = 118.1 * 0.0192  # [N m/A] of shoulder roll and elbow roll
 RESISTANCE = 5.293
 

@@ -40,7 +40,15 @@ def test_an_error_survives_the_way_from_a_worker(error: PepperError) -> None:
 
 
 def test_every_leaf_is_also_a_builtin_error() -> None:
-    builtin = (ValueError, LookupError, ImportError, OSError, RuntimeError, NotImplementedError)
+    builtin = (
+        ValueError,
+        TypeError,
+        LookupError,
+        ImportError,
+        OSError,
+        RuntimeError,
+        NotImplementedError,
+    )
     for leaf in leaves(PepperError):
         if leaf.__module__.startswith("pepper_driver"):
             assert issubclass(leaf, builtin), leaf

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from pepper_driver.config import ConfigError, UnknownNameError, load_robot
+from pepper_driver.config.contact_specs import RandomForces, RandomPushes
 from pepper_driver.config.evaluation import FOLDER, Evaluation, Run, freeze, load_evaluation
 from pepper_driver.config.loading import package_file
-from pepper_driver.config.scenario_contacts import RandomForces, RandomPushes
-from pepper_driver.config.scenario_motion import Setpoints, Sweeps
+from pepper_driver.config.steps import Setpoints, Sweeps
 
 ROBOT = load_robot()
 SUITES = [
@@ -83,7 +83,7 @@ def frozen_anew(path: Path) -> Evaluation:
         ("plants: [drift]", "plants: [drifft]", "did you mean drift"),
         ("scenario: free, plants", "scenario: fre, plants", "fre.yaml: cannot be read"),
         ("goals: 10}", "gools: 10}", "unknown key"),
-        ("root: 20261121", "root: 0", "greater than or equal to 1"),
+        ("root: 20261121", "root: 0", "must be 1 or more"),
     ],
 )  # fmt: skip
 def test_wrong_suites_are_one_line(copy: Path, old: str, new: str, reason: str) -> None:
@@ -110,9 +110,17 @@ def test_no_two_takes_share_a_seed_and_none_has_one_of_identification(
     assert all(len(run.seed) > 3 and run.seed[3] for run in runs)
 
 
+def goals_of(run: Run) -> Setpoints | Sweeps:
+    """The random goals of a run."""
+    step = run.scenario.random_step
+    assert step is not None
+    assert isinstance(step.goals, Setpoints | Sweeps)
+    return step.goals
+
+
 def count_of(run: Run) -> int:
     """Contacts of a run, as many of each kind."""
-    motion = run.scenario.motion
+    motion = goals_of(run)
     assert isinstance(motion, Setpoints)
     goals = motion.count if run.goals is None else run.goals
     count = 0
@@ -127,8 +135,8 @@ def count_of(run: Run) -> int:
 def test_table_1_has_the_contacts_of_the_paper(evaluation: Evaluation) -> None:
     rows = {}
     for run in evaluation.runs("paper"):
-        motion, (contact,) = run.scenario.motion, run.scenario.contacts
-        assert isinstance(motion, Setpoints)
+        (contact,) = run.scenario.contacts
+        assert isinstance(goals_of(run), Setpoints)
         assert isinstance(contact, RandomPushes)
         assert contact.degrees == (2.5, 12.0)
         key = (run.experiment, run.plant)
@@ -145,14 +153,14 @@ def test_the_free_suite_is_three_hours_of_the_whole_body_on_twenty_robots(
 ) -> None:
     runs = evaluation.runs("free")
     for run in runs:
-        motion = run.scenario.motion
+        motion = goals_of(run)
         assert isinstance(motion, Setpoints)
-        assert set(motion.joints) | set(motion.also_move) == set(ROBOT.joint_names)
+        assert set(motion.joints) | set(motion.secondary_joints) == set(ROBOT.joint_names)
         assert motion.base is not None
         assert not run.scenario.contacts
     assert {run.draw for run in runs} == set(range(20))
     assert {run.task_stiffness for run in runs} == {8.0, 12.0}
-    assert sum(run.seconds - run.scenario.settle for run in runs) == pytest.approx(3 * 3600)
+    assert sum(run.seconds - goals_of(run).settle for run in runs) == pytest.approx(3 * 3600)
 
 
 def test_the_collision_suite_has_six_hundred_pushes_on_the_nominal_plant(
@@ -162,8 +170,7 @@ def test_the_collision_suite_has_six_hundred_pushes_on_the_nominal_plant(
     for run in evaluation.runs("collision"):
         (contact,) = run.scenario.contacts
         assert isinstance(contact, RandomPushes)
-        motion = run.scenario.motion
-        assert isinstance(motion, Setpoints)
+        assert isinstance(goals_of(run), Setpoints)
         if run.experiment == "collision":
             assert run.plant == "nominal"
             assert contact.degrees == (1.0, 12.0)
@@ -175,16 +182,17 @@ def test_the_collision_suite_has_six_hundred_pushes_on_the_nominal_plant(
 def test_the_whole_body_suite_has_pairs_and_pushes_on_trunk_and_base(
     evaluation: Evaluation,
 ) -> None:
-    runs = {run.experiment: run.scenario for run in evaluation.runs("whole-body")}
-    left, right = runs["pairs"].contacts
+    runs = {run.experiment: run for run in evaluation.runs("whole-body")}
+    left, right = runs["pairs"].scenario.contacts
     assert isinstance(left, RandomPushes)
     assert isinstance(right, RandomPushes)
     assert left.times == right.times
-    assert not set(left.links) & set(right.links)
-    (force,) = runs["trunk"].contacts
+    hands = [{p.link for points in c.points.values() for p in points} for c in (left, right)]
+    assert not hands[0] & hands[1]
+    (force,) = runs["trunk"].scenario.contacts
     assert isinstance(force, RandomForces)
-    assert {"torso", "Hip", "Pelvis", "Tibia"} == set(force.links)
-    motion = runs["driving"].motion
+    assert {"torso", "Hip", "Pelvis", "Tibia"} == {point.link for point in force.points}
+    motion = goals_of(runs["driving"])
     assert isinstance(motion, Setpoints)
     assert motion.base is not None
 
@@ -195,8 +203,9 @@ def test_the_fit_suite_moves_every_joint_at_the_stiffness_of_estimation_and_test
     done = {(run.experiment, run.task_stiffness) for run in evaluation.runs("fit")}
     assert done == {(name, k) for name in ROBOT.joint_names for k in (2.0, 3.0, 4.0, 5.0, 9.0)}
     for run in evaluation.runs("fit"):
-        assert isinstance(run.scenario.motion, Sweeps)
-        assert run.scenario.motion.joints == (run.experiment,)
+        motion = goals_of(run)
+        assert isinstance(motion, Sweeps)
+        assert motion.joints == (run.experiment,)
         assert run.scenario.stiffness == run.task_stiffness
 
 

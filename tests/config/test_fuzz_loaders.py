@@ -12,33 +12,36 @@ from pepper_driver.config import (
     PepperError,
     load_controller_settings,
     load_experiment,
-    load_motion,
     load_network,
     load_observer_settings,
     load_plant,
     load_recordings,
     load_robot,
     load_safety_settings,
-    load_scenario,
     load_self_collision,
     load_world,
 )
 from pepper_driver.config.loading import package_file, read_yaml
 
-from yaml_cases import ANYTHING, damaged, damaged_text, dump  # isort: skip
+from yaml_cases import ANYTHING, JARGON, damaged, damaged_text, dump  # isort: skip
 
 ROBOT = load_robot()
 EXPERIMENTS = Path(__file__).parents[2] / "examples" / "experiments"
+BRANCHES = Path(__file__).parent / "branches.yaml"
 Loader = Callable[[Path], object]
 LOADERS: dict[str, tuple[Path, Loader]] = {
-    "motion": (package_file("motions", "reach.yaml"), lambda p: load_motion(p, ROBOT)),
-    "scenario": (
-        package_file("scenarios", "reach_and_push.yaml"),
-        lambda p: load_scenario(p, ROBOT),
+    "motion": (package_file("motions", "reach.yaml"), lambda p: load_experiment(p, ROBOT)),
+    "contacts": (
+        package_file("experiments", "reach_and_push.yaml"),
+        lambda p: load_experiment(p, ROBOT),
     ),
-    "random scenario": (
-        package_file("scenarios", "demo.yaml"),
-        lambda p: load_scenario(p, ROBOT),
+    "random goals": (
+        package_file("experiments", "demo.yaml"),
+        lambda p: load_experiment(p, ROBOT),
+    ),
+    "sweeps": (
+        package_file("experiments", "identify.yaml"),
+        lambda p: load_experiment(p, ROBOT),
     ),
     "plant": (package_file("plants", "nominal.yaml"), lambda p: load_plant(str(p), ROBOT)),
     "variant": (package_file("plants", "random.yaml"), lambda p: load_plant(str(p), ROBOT)),
@@ -57,10 +60,11 @@ LOADERS: dict[str, tuple[Path, Loader]] = {
     "recordings": (package_file("recordings.yaml"), lambda p: load_recordings(ROBOT, p)),
     "experiment": (EXPERIMENTS / "known_pushes.yaml", lambda p: load_experiment(p, ROBOT)),
     "other experiment": (EXPERIMENTS / "retract.yaml", lambda p: load_experiment(p, ROBOT)),
+    "branches": (BRANCHES, lambda p: load_experiment(p, ROBOT)),
 }
 WHOLE: dict[str, Any] = {name: read_yaml(path) for name, (path, _) in LOADERS.items()}
 FEW = settings(
-    max_examples=60,
+    max_examples=40,
     suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large],
 )
 
@@ -71,6 +75,7 @@ def check(name: str, path: Path) -> None:
     except PepperError as error:
         assert len(str(error).splitlines()) == 1, str(error)
         assert ".yaml" in str(error)
+        assert not JARGON.search(str(error)), str(error)
 
 
 @pytest.mark.parametrize("name", LOADERS)

@@ -4,12 +4,12 @@ from pathlib import Path
 
 import pytest
 
-from pepper_driver.config import ConfigError, load_motion, load_robot
+from pepper_driver.config import ConfigError, load_experiment, load_robot
 from pepper_driver.config.lines import located
 from pepper_driver.config.loading import read_yaml
 
 FILE = """# a comment
-schema: 1
+schema: 2
 name: mine
 steps:
   - {duration: 1.0, posture: Stand}
@@ -64,17 +64,29 @@ def test_a_loader_says_the_line(tmp_path: Path) -> None:
     with pytest.raises(
         ConfigError, match=r"mine\.yaml line 9: key 'steps\.1\.joints\.HeadYaw': 9 rad"
     ):
-        load_motion(path, load_robot())
+        load_experiment(path, load_robot())
 
 
 def test_on_and_off_are_words(tmp_path: Path) -> None:
     path = tmp_path / "words.yaml"
-    path.write_text("on: off\nyes: no\nreally: true\nnever: False\n")
-    assert read_yaml(path) == {"on": "off", "yes": "no", "really": True, "never": False}
+    path.write_text("on: off\nyes: no\nreally: true\nnever: False\nday: 2026-01-31\n")
+    words = {"on": "off", "yes": "no", "really": True, "never": False, "day": "2026-01-31"}
+    assert read_yaml(path) == words
 
 
 @pytest.mark.parametrize(
-    "text", ["? [a, [b]]\n: 1\n", "? {a: 1}\n: 2\n", "{[a]: 1}", "!!set {a: }"]
+    "text",
+    [
+        "? [a, [b]]\n: 1\n",
+        "? {a: 1}\n: 2\n",
+        "{[a]: 1}",
+        "!!set {a: }",
+        "!!binary YQ==: 1",
+        "!!timestamp 2026-01-31: 1",
+        "true: 1",
+        "~: 1",
+        ": 1",
+    ],
 )
 def test_a_key_is_a_word(tmp_path: Path, text: str) -> None:
     path = tmp_path / "keys.yaml"

@@ -42,30 +42,34 @@ def give(joint: str, to: str) -> Change:
 WRONG: list[tuple[Change, str, str]] = [
     (put("physics", "timestep", value=0.0007), "physics.timestep", "does not divide the cycle"),
     (put("physics", "timestep", value=1e-320), "physics.timestep", "does not divide the cycle"),
-    (put("physics", "timestep", value=0.003), "physics.timestep", "less than or equal to 0.002"),
-    (put("physics", "timestep", value=0.0), "physics.timestep", "greater than 0"),
+    (put("physics", "timestep", value=0.003), "physics.timestep", "must be 0.002 or less"),
+    (put("physics", "timestep", value=0.0), "physics.timestep", "must be above 0"),
     (give("HipRol", "HipRoll"), "joints", "did you mean HipRoll"),
     (give("KneePitch", "HipRoll"), "joints", "already has an actuator"),
     (take("HeadYaw"), "actuators", "no entry for joint HeadYaw"),
     (put("actuators", 0, "half_gap", value=0.6), "half_gap", "wider than the joint's range"),
-    (put("actuators", 0, "half_gap", value=-0.1), "half_gap", "greater than or equal to 0"),
-    (put("actuators", 0, "gear_stiffness", value=-2), "gear_stiffness", "greater than 0"),
-    (put("actuators", 0, "friction", "breakaway", value=0.9), "breakaway", "than or equal to 1"),
-    (put("actuators", 0, "friction", "load", value=1.0), "friction.load", "less than 1"),
+    (put("actuators", 0, "half_gap", value=-0.1), "half_gap", "must be 0 or more"),
+    (put("actuators", 0, "gear_stiffness", value=-2), "gear_stiffness", "must be above 0"),
+    (put("actuators", 0, "friction", "breakaway", value=0.9), "breakaway", "must be 1 or more"),
+    (put("actuators", 0, "friction", "load", value=1.0), "friction.load", "must be below 1"),
     (put("actuators", 0, "friction", "gap", "relatve", value=1.0), "relatve", "did you mean"),
     (put("board", "brakes", value=["KneePich"]), "board.brakes", "did you mean KneePitch"),
     (put("base", value="flying"), "base", "fixed"),
-    (put("transport", "command_delay", value=1.5), "transport.command_delay", "integer"),
-    (put("transport", "late", value=1.0), "transport.late", "less than 1"),
+    (
+        put("transport", "command_delay", value=1.5),
+        "transport.command_delay",
+        "must be a whole number",
+    ),
+    (put("transport", "late", value=1.0), "transport.late", "must be below 1"),
     (put("battery", "empty_voltage", value=40.0), "battery.empty_voltage", "not below"),
-    (put("battery", "charge", value=0.0), "battery.charge", "greater than 0"),
+    (put("battery", "charge", value=0.0), "battery.charge", "must be above 0"),
     (put("heat", "rise", value={}), "heat.rise", "no entry for motor type"),
     (put("heat", "rise", "9", value=1.0), "heat.rise", "unknown name '9'"),
-    (put("heat", "rise", "1", value=-1.0), "heat.rise.1", "greater than or equal to 0"),
+    (put("heat", "rise", "1", value=-1.0), "heat.rise.1", "must be 0 or more"),
     (put("heat", "start", value=math.nan), "heat.start", "finite"),
-    (put("body", "masses", value={"Head": -1.0}), "body.masses.Head", "greater than 0"),
+    (put("body", "masses", value={"Head": -1.0}), "body.masses.Head", "must be above 0"),
     (put("body", "masses", value={"Haed": 1.0}), "body.masses", "did you mean Head"),
-    (put("body", "coms", value={"Head": [0, 0]}), "body.coms.Head", "is missing"),
+    (put("body", "coms", value={"Head": [0, 0]}), "body.coms.Head", "needs at least 3 entries"),
     (
         put(
             "body", "payloads", value=[{"link": "hnd", "mass": 1, "radius": 0.1, "xyz": [0, 0, 0]}]
@@ -78,8 +82,8 @@ WRONG: list[tuple[Change, str, str]] = [
 for key, value, message in (
     ("joint", "Hip", "unknown name 'Hip'"),
     ("axis", [0, 0, 0], "the axis has no length"),
-    ("stiffness", 0, "greater than 0"),
-    ("inertia", -0.1, "greater than or equal to 0"),
+    ("stiffness", 0, "must be above 0"),
+    ("inertia", -0.1, "must be 0 or more"),
 ):
     WRONG.append((put("flexibilities", value=[{**FLEXIBLE, key: value}]), "flexibilities", message))
 
@@ -175,7 +179,7 @@ def test_a_negative_rotor_is_refused(tmp_path: Path) -> None:
     motors["types"]["4"]["rotor_inertia"] *= -1
     save(tmp_path, motors, "motors.yaml")
     with pytest.raises(
-        ConfigError, match=r"motors\.yaml line \d+: key 'types\.4\.rotor_inertia'.*than 0"
+        ConfigError, match=r"motors\.yaml line \d+: key 'types\.4\.rotor_inertia'.*above 0"
     ):
         load_robot(tmp_path / "pepper.yaml")
 

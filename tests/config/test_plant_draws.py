@@ -88,7 +88,7 @@ def test_a_draw_where_nothing_is_drawn_is_refused(tmp_path: Path) -> None:
         ({"values": {"battery.chrge": [0.2, 0.2]}}, "did you mean battery.charge"),
         ({"values": {"flexibilities.7.stiffness": [1.0, 2.0]}}, "no number has this key"),
         ({"model_error": [0.5, 0.1]}, "above the upper"),
-        ({"model_error": [0.5, 1.0]}, "less than 1"),
+        ({"model_error": [0.5, 1.0]}, "must be below 1"),
     ],
 )
 def test_a_wrong_drawing_is_refused(tmp_path: Path, drawing: Tree, message: str) -> None:

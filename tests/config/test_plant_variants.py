@@ -8,11 +8,18 @@ import pytest
 from plant_files import (
     ROBOT,
     Tree,
+    nominal,
     save,
     variant,
 )
 
-from pepper_driver.config import ConfigError, load_plant
+from pepper_driver.config import (
+    ConfigError,
+    RobotIdentity,
+    load_plant,
+    parent_plants,
+    plant_hash,
+)
 
 
 def test_a_chain_of_variants_adds_up(tmp_path: Path) -> None:
@@ -84,11 +91,11 @@ def test_a_plant_that_extends_itself_is_refused(tmp_path: Path, others: tuple[st
         ({"factors": {"friction.contact.moter": 2.0}}, "did you mean friction.contact.motor"),
         ({"factors": {"friction.contact": 2.0}}, "key 'factors.friction.contact': no number"),
         ({"factors": {"origin": 2.0}}, "key 'factors.origin': no number"),
-        ({"factors": {"kp": "two"}}, "expected a number"),
-        ({"factors": {"kp": True}}, "expected a number"),
+        ({"factors": {"kp": "two"}}, "expected a finite number"),
+        ({"factors": {"kp": True}}, "expected a finite number"),
         ({"factors": {"kp": {"HeadYow": 2.0}}}, "did you mean HeadYaw"),
-        ({"factors": {"kp": {"HeadYaw": None}}}, "expected a number"),
-        ({"factors": {"kp": -1.0}}, "greater than 0"),
+        ({"factors": {"kp": {"HeadYaw": None}}}, "expected a finite number"),
+        ({"factors": {"kp": -1.0}}, "must be above 0"),
         ({"factors": [2.0]}, "key 'factors': expected a mapping"),
         ({"joints": {"HeadYow": {"kp": 2.0}}}, "did you mean HeadYaw"),
         ({"joints": {"HeadYaw": {"kpp": 2.0}}}, "kpp"),
@@ -111,3 +118,42 @@ def test_a_variant_of_nothing_is_refused(tmp_path: Path) -> None:
         load_plant(variant(tmp_path, extends="nominel"), ROBOT)
     with pytest.raises(ConfigError, match=r"absent\.yaml"):
         load_plant(variant(tmp_path, extends="absent.yaml"), ROBOT)
+
+
+def test_the_parents_of_a_plant_are_what_it_extends_nearest_first(tmp_path: Path) -> None:
+    assert parent_plants("nominal", ROBOT) == ()
+    assert parent_plants("swaying-integral", ROBOT) == (
+        identity_of("integral"),
+        identity_of("nominal"),
+    )
+    save(tmp_path, {"name": "middle", "description": "", "extends": "worn"}, "middle.yaml")
+    path = save(tmp_path, {"name": "mine", "description": "", "extends": "middle.yaml"})
+    middle = RobotIdentity(name="middle", identity=identity_of("worn").identity)
+    assert parent_plants(path, ROBOT) == (middle, identity_of("worn"), identity_of("nominal"))
+
+
+def test_the_parents_of_a_draw_are_the_first_draw_and_what_it_extends(tmp_path: Path) -> None:
+    extended, first, fifth = (
+        identity_of("nominal"),
+        identity_of("drift", 0),
+        identity_of("drift", 5),
+    )
+    assert (first.name, fifth.name) == ("drift-0", "drift-5")
+    assert parent_plants("drift", ROBOT) == parent_plants("drift", ROBOT, draw=0) == (extended,)
+    assert parent_plants("drift", ROBOT, draw=5) == (first, extended)
+    path = save(tmp_path, {"name": "mine", "extends": "drift", "battery": {"resistance": 0.3}})
+    assert parent_plants(path, ROBOT, draw=5) == (identity_of(path), fifth, first, extended)
+
+
+def test_a_plant_that_is_none_without_what_extends_it_is_no_parent(tmp_path: Path) -> None:
+    tree = nominal()
+    heat = tree.pop("heat")
+    save(tmp_path, {**tree, "name": "part"}, "part.yaml")
+    path = save(tmp_path, {"name": "mine", "description": "", "extends": "part.yaml", "heat": heat})
+    assert load_plant(path, ROBOT).name == "mine"
+    assert parent_plants(path, ROBOT) == ()
+
+
+def identity_of(plant: str, draw: int | None = None) -> RobotIdentity:
+    made = load_plant(plant, ROBOT, draw=draw)
+    return RobotIdentity(name=made.name, identity=plant_hash(made, ROBOT))

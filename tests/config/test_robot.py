@@ -214,7 +214,7 @@ def broken_copy(tmp_path: Path, file: str, old: str, new: str) -> Path:
         ("postures.yaml", "LShoulderRoll: 0.1", "LShoulderRoll: 9.1", "outside"),
         ("postures.yaml", "LShoulderRoll: 0.1", "LSholderRoll: 0.1", "did you mean LShoulderRoll"),
         ("postures.yaml", "KneePitch: 0.0, ", "", "no entry for joint KneePitch"),
-        ("motors.yaml", "resistance: 3.683", "resistance: -3.683", "greater than 0"),
+        ("motors.yaml", "resistance: 3.683", "resistance: -3.683", "must be above 0"),
         ("motors.yaml", "resistance: 3.683", "resistence: 3.683", "did you mean resistance"),
         ("motors.yaml", 'HipRoll: {type: "4"', 'HipRoll: {type: "9"', "unknown motor type '9'"),
         ("sensors.yaml", "bits: 12", "bits: 12.5", "encoder.bits"),

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from pepper_driver.config import ConstraintSwitches, load_controller_settings, load_robot
 from pepper_driver.controller import Reference, RobotModel, WholeBodyController
-from pepper_driver.controller.constraints import Constraint, Rows, Stopping
+from pepper_driver.controller.constraints import BrakingLimits, Constraint, LinearInequality
 
 FloatArray = NDArray[np.float64]
 
@@ -63,7 +63,9 @@ class FixedRows(Constraint):
     needs_kinematics = False
 
     def __init__(self, matrix: FloatArray, bound: FloatArray) -> None:
-        self._rows = Rows(matrix, bound, tuple(f"row {i}" for i in range(len(bound))))
+        self._rows = LinearInequality(matrix, bound, tuple(f"row {i}" for i in range(len(bound))))
 
-    def rows(self, model: RobotModel, stopping: Stopping) -> Rows:
+    def compute_inequality(
+        self, model: RobotModel, braking_limits: BrakingLimits
+    ) -> LinearInequality:
         return self._rows

@@ -51,14 +51,13 @@ class Bench:
 
     def __init__(self, task: Task) -> None:
         self.task, self.model = task, RobotModel(ROBOT)
-        rows = np.zeros((4, task.rows))
-        self.rows = TaskRows(np.zeros((task.rows, self.model.nv)), *rows)
+        self.rows = TaskRows.empty(task.rows, self.model.nv)
         task.attach(self.model, self.rows)
 
     def at(self, state: State) -> Measured:
         self.model.set_state(state.q, state.v)
         self.model.update_kinematics()
-        self.task.measure(self.model)
+        self.task.compute(self.model, self.rows)
         return Measured(
             *(part.copy() for part in (self.rows.error, self.rows.jacobian, self.rows.bias))
         )

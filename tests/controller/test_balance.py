@@ -19,7 +19,7 @@ from controller_cases import (
 from scipy.optimize import linprog
 
 from pepper_driver.controller import BasePoseTask, RobotModel, WholeBodyController
-from pepper_driver.controller.constraints import Balance, Constraint, Stopping
+from pepper_driver.controller.constraints import Balance, BrakingLimits, Constraint
 
 MARGIN, MOVING = 0.03, 0.01
 WHEELS = np.array(
@@ -72,11 +72,11 @@ def random_state(random: np.random.Generator) -> RobotModel:
     return model
 
 
-def stopping_of(model: RobotModel) -> Stopping:
+def braking_limits_of(model: RobotModel) -> BrakingLimits:
     limit = np.r_[0.3, 0.3, 0.75, np.zeros(17)]
     limit[model.joint_columns] = ACCELERATION
-    stopping = Stopping(limit, DT)
-    return stopping
+    braking_limits = BrakingLimits(limit, DT)
+    return braking_limits
 
 
 def bare(*constraints: Constraint) -> WholeBodyController:
@@ -106,7 +106,7 @@ def test_rows_of_the_motion_are_exact() -> None:
     random, seen = np.random.default_rng(0), 0
     for _ in range(60):
         model = random_state(random)
-        rows = Balance(ROBOT).rows(model, stopping_of(model))
+        rows = Balance(ROBOT).compute_inequality(model, braking_limits_of(model))
         for row, bound, name in (
             zip(rows.matrix, rows.bound, rows.names, strict=True) if rows else ()
         ):
@@ -137,7 +137,7 @@ def test_at_rest_the_centre_of_mass_may_come_to_its_margin_and_no_further() -> N
         lean[0] = -knee
         model.set_state(model.configuration(lean), np.zeros(model.nv))
         model.update_kinematics()
-        rows = balance.rows(model, stopping_of(model))
+        rows = balance.compute_inequality(model, braking_limits_of(model))
         room = inside(FREE.centre_of_mass(model.q)).min() - MARGIN
         names = rows.names if rows is not None else ()
         resting = [i for i, name in enumerate(names) if name.startswith("balance at rest")]
@@ -164,7 +164,7 @@ def test_in_a_turn_the_zero_moment_point_counts_at_rest_too() -> None:
         point = FREE.zero_moment_point(model.q, v, np.zeros(model.nv))
         still, turning = inside(FREE.centre_of_mass(model.q))[2], inside(point)[2]
         if turning < MARGIN - 0.003 and still > MARGIN + 0.003:
-            rows = balance.rows(model, stopping_of(model))
+            rows = balance.compute_inequality(model, braking_limits_of(model))
             assert rows is not None
             named = dict(zip(rows.names, rows.bound, strict=True))
             assert named["balance at rest, WheelFL-WheelB"] <= 0.0
@@ -177,8 +177,8 @@ def test_rest_and_motion_never_exclude_each_other() -> None:
     random, seen = np.random.default_rng(8), 0
     for _ in range(200):
         model = random_state(random)
-        stopping = stopping_of(model)
-        rows = Balance(ROBOT).rows(model, stopping)
+        braking_limits = braking_limits_of(model)
+        rows = Balance(ROBOT).compute_inequality(model, braking_limits)
         if rows is None:
             continue
         for line in LINES:
@@ -187,7 +187,7 @@ def test_rest_and_motion_never_exclude_each_other() -> None:
                 continue
             seen += 1
             matrix, bound = rows.matrix[pair], rows.bound[pair]
-            box = [(-b, b) for b in stopping.acceleration[:3]] + [(-1e4, 1e4)] * 17
+            box = [(-b, b) for b in braking_limits.acceleration[:3]] + [(-1e4, 1e4)] * 17
             assert linprog(np.zeros(20), A_ub=matrix, b_ub=bound, bounds=box).status == 0
     assert seen > 30
 
@@ -203,16 +203,16 @@ def test_a_zero_moment_point_already_outside_leaves_rest_and_motion_something_to
         lean[[0, 2]] = knee, 0.5
         model.set_state(model.configuration(lean), v)
         model.update_kinematics()
-        stopping = stopping_of(model)
+        braking_limits = braking_limits_of(model)
         com = inside(FREE.centre_of_mass(model.q))[2]
         point = inside(FREE.zero_moment_point(model.q, v, np.zeros(model.nv)))[2]
-        rows = balance.rows(model, stopping)
+        rows = balance.compute_inequality(model, braking_limits)
         if com < MOVING + 1e-4 or point > MOVING - 0.02:
             continue
         assert rows is not None
         pair = [i for i, name in enumerate(rows.names) if name.endswith("FL-WheelB")]
         assert len(pair) == 2
-        base = [(-b - 1e-9, b + 1e-9) for b in 0.5 * stopping.acceleration[:3]]
+        base = [(-b - 1e-9, b + 1e-9) for b in 0.5 * braking_limits.acceleration[:3]]
         box = [*base, *[(0.0, 0.0)] * 17]
         matrix, bound = rows.matrix[pair], rows.bound[pair]
         assert linprog(np.zeros(20), A_ub=matrix, b_ub=bound, bounds=box).status == 0
@@ -228,7 +228,7 @@ def test_a_centre_of_mass_outside_is_not_kept_by_standing_still() -> None:
         model.set_state(model.configuration(posture), np.zeros(model.nv))
         model.update_kinematics()
         assert (inside(FREE.centre_of_mass(model.q)).min() > 0) == answer
-        assert balance.kept(model, stopping_of(model), np.zeros(model.nv)) == answer
+        assert balance.is_satisfied(model, braking_limits_of(model), np.zeros(model.nv)) == answer
 
 
 def test_what_is_kept_with_the_centre_of_mass_outside_breaks_no_row() -> None:
@@ -241,12 +241,12 @@ def test_what_is_kept_with_the_centre_of_mass_outside_breaks_no_row() -> None:
         v = model.v * 3
         model.set_state(model.q, v)
         model.update_kinematics()
-        stopping = stopping_of(model)
-        a = random.uniform(-1, 1, 20) * stopping.acceleration
-        if not balance.kept(model, stopping, a):
+        braking_limits = braking_limits_of(model)
+        a = random.uniform(-1, 1, 20) * braking_limits.acceleration
+        if not balance.is_satisfied(model, braking_limits, a):
             continue
         seen += 1
-        rows = balance.rows(model, stopping)
+        rows = balance.compute_inequality(model, braking_limits)
         assert rows is None or (rows.matrix @ a <= rows.bound + 1e-9).all()
     assert seen > 3
 
@@ -341,14 +341,14 @@ def test_what_is_said_to_be_kept_breaks_no_row_and_keeps_the_zero_moment_point_i
     random = np.random.default_rng(11)
     balance = Balance(ROBOT, MARGIN, MOVING)
     limit = np.concatenate([np.array([0.3, 0.3, 0.75]), ACCELERATION])
-    stopping = Stopping(limit, DT)
+    braking_limits = BrakingLimits(limit, DT)
     answers = []
     for _ in range(400):
         model = random_state(random)
         a = random.uniform(-1, 1, 20) * limit * random.choice([0.05, 0.3, 1.0])
-        rows = balance.rows(model, stopping)
+        rows = balance.compute_inequality(model, braking_limits)
         broken = rows is not None and bool((rows.matrix @ a > rows.bound + 1e-9).any())
-        answers.append(balance.kept(model, stopping, a))
+        answers.append(balance.is_satisfied(model, braking_limits, a))
         if answers[-1]:
             assert not broken
             assert inside(FREE.zero_moment_point(model.q, model.v, a)).min() > MOVING - 1e-9
@@ -372,7 +372,7 @@ def test_rows_made_when_needed_move_the_robot_as_rows_that_are_always_there(
         return np.array(places)
 
     when_needed = trail()
-    monkeypatch.setattr(Balance, "kept", lambda *_: False)
+    monkeypatch.setattr(Balance, "is_satisfied", lambda *_: False)
     np.testing.assert_allclose(when_needed, trail(), atol=1e-7)
-    monkeypatch.setattr(Balance, "rows", lambda *_: None)
+    monkeypatch.setattr(Balance, "compute_inequality", lambda *_: None)
     assert np.abs(when_needed - trail()).max() > 1e-3  # they did something

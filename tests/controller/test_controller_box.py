@@ -22,6 +22,7 @@ from hypothesis import strategies as st
 
 from pepper_driver.controller import RobotModel, Task
 from pepper_driver.controller.constraints import AccelerationBox
+from pepper_driver.controller.tasks.task import TaskRows
 
 MARGIN = SETTINGS.position_margin
 TINY = 1e-9
@@ -36,10 +37,10 @@ class Pull(Task):
         super().__init__(JOINTS, stiffness=0.0, weight=1000.0)
         self.acceleration = acceleration
 
-    def measure(self, model: RobotModel) -> None:
-        self._jacobian[np.arange(JOINTS), model.joint_columns] = 1.0
-        self._error[:] = 0.0
-        self._bias[:] = -self.acceleration
+    def compute(self, model: RobotModel, rows: TaskRows) -> None:
+        rows.jacobian[np.arange(JOINTS), model.joint_columns] = 1.0
+        rows.error[:] = 0.0
+        rows.bias[:] = -self.acceleration
 
 
 @pytest.mark.parametrize("side", [-1.0, 1.0])

@@ -17,6 +17,7 @@ from pepper_driver.controller import (
     Task,
     WholeBodyController,
 )
+from pepper_driver.controller.tasks.task import TaskRows
 
 STIFFNESS = SETTINGS.posture.stiffness
 OFFSET = np.where(np.arange(JOINTS) % 2, 0.15, -0.1)
@@ -29,10 +30,10 @@ class WristTask(Task):
         super().__init__(3, stiffness=20.0, weight=1000.0)
         self.target = target
 
-    def measure(self, model: RobotModel) -> None:
+    def compute(self, model: RobotModel, rows: TaskRows) -> None:
         own = model.point_jacobian("l_wrist", np.zeros(3), model.joint_position)
-        self._jacobian[:, model.joint_columns] = own
-        self._error[:] = self.target - model.link_pose("l_wrist", model.joint_position)[:3, 3]
+        rows.jacobian[:, model.joint_columns] = own
+        rows.error[:] = self.target - model.link_pose("l_wrist", model.joint_position)[:3, 3]
 
 
 class BrokenTask(Task):
@@ -43,9 +44,9 @@ class BrokenTask(Task):
     def __init__(self) -> None:
         super().__init__(1, stiffness=1.0, weight=1.0)
 
-    def measure(self, model: RobotModel) -> None:
-        self._jacobian[:] = np.nan
-        self._error[:] = np.nan
+    def compute(self, model: RobotModel, rows: TaskRows) -> None:
+        rows.jacobian[:] = np.nan
+        rows.error[:] = np.nan
 
 
 def motion(dt: float, damping: float | None = None) -> tuple[FloatArray, FloatArray]:

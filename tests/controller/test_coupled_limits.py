@@ -22,7 +22,7 @@ from hypothesis import strategies as st
 from pepper_driver.config import ConfigError, RobotConfig
 from pepper_driver.config.parts import CoupledLimit
 from pepper_driver.controller import RobotModel, WholeBodyController
-from pepper_driver.controller.constraints import AccelerationBox, CoupledLimits, Stopping
+from pepper_driver.controller.constraints import AccelerationBox, BrakingLimits, CoupledLimits
 from pepper_driver.controller.solvers.daqp_ import DaqpSolver
 
 BRAKE = 0.9 * ACCELERATION
@@ -78,7 +78,7 @@ def walk(random: np.random.Generator, velocity: Velocity) -> int:
     """150 cycles; how many of them had rows."""
     model = RobotModel(ROBOT)
     box = AccelerationBox(ROBOT, replace(SETTINGS, velocity=velocity), model, DT)
-    stopping = Stopping(box.acceleration_limit, DT)
+    braking_limits = BrakingLimits(box.acceleration_limit, DT)
     limits = CoupledLimits(ROBOT, MARGIN)
     solver = DaqpSolver()
     q, v = model.configuration(MIDDLE), np.zeros(20)
@@ -87,7 +87,7 @@ def walk(random: np.random.Generator, velocity: Velocity) -> int:
     for tick in range(150):
         model.set_state(q, v)
         box.update(q, v, np.zeros(20))
-        rows = limits.rows(model, stopping)
+        rows = limits.compute_inequality(model, braking_limits)
         if random.random() < 0.05:
             side = random.choice([-1.0, 1.0], 20) * random.choice([0.3, 1.0], 20)
         matrix, bound = np.zeros((0, 20)), np.zeros(0)
@@ -167,14 +167,14 @@ def test_started_outside_it_comes_back_slowly(posture: str) -> None:
 
 def test_far_from_the_limits_there_are_no_rows_and_near_one_only_its_own() -> None:
     model = RobotModel(ROBOT)
-    stopping = Stopping(np.full(20, 20.0), DT)
+    braking_limits = BrakingLimits(np.full(20, 20.0), DT)
     limits = CoupledLimits(ROBOT, MARGIN)
     model.set_state(model.configuration(MIDDLE), np.zeros(20))
-    assert limits.rows(model, stopping) is None
+    assert limits.compute_inequality(model, braking_limits) is None
     near = MIDDLE.copy()
     near[PITCH] = 0.44
     model.set_state(model.configuration(near), np.zeros(20))
-    rows = limits.rows(model, stopping)
+    rows = limits.compute_inequality(model, braking_limits)
     assert rows is not None
     assert set(rows.names) == {"HeadPitch by HeadYaw"}
     columns = np.flatnonzero(np.abs(rows.matrix).max(axis=0))

@@ -9,7 +9,7 @@ import pytest
 from controller_cases import MIDDLE, ROBOT, SETTINGS, FixedRows, FloatArray, controller
 
 from pepper_driver.controller import RobotModel, WholeBodyController
-from pepper_driver.controller.constraints import Constraint, Rows, Stopping
+from pepper_driver.controller.constraints import BrakingLimits, Constraint, LinearInequality
 from pepper_driver.controller.solvers.solver import Solution
 
 YAW, LEFT, RIGHT = (3 + ROBOT.joint_index(n) for n in ("HeadYaw", "LElbowYaw", "RElbowYaw"))
@@ -22,7 +22,7 @@ class Ranked(FixedRows):
         matrix = np.zeros((1, 20))
         matrix[0, column] = sign
         super().__init__(matrix, np.array([bound]))
-        self.rank = rank
+        self.priority = rank
 
 
 def solved(*constraints: Constraint) -> tuple[FloatArray, WholeBodyController]:
@@ -92,23 +92,25 @@ class Misshapen(Constraint):
     name = "mine"
     needs_kinematics = False
 
-    def __init__(self, rows: Rows) -> None:
+    def __init__(self, rows: LinearInequality) -> None:
         self._rows = rows
 
-    def rows(self, model: RobotModel, stopping: Stopping) -> Rows:
+    def compute_inequality(
+        self, model: RobotModel, braking_limits: BrakingLimits
+    ) -> LinearInequality:
         return self._rows
 
 
 @pytest.mark.parametrize(
     "rows",
     [
-        Rows(np.zeros((1, 17)), np.zeros(1), ("a",)),
-        Rows(np.zeros((2, 20)), np.zeros(1), ("a",)),
-        Rows(np.zeros((1, 20)), np.zeros(1), ()),
-        Rows(np.full((1, 20), np.nan), np.zeros(1), ("a",)),
+        LinearInequality(np.zeros((1, 17)), np.zeros(1), ("a",)),
+        LinearInequality(np.zeros((2, 20)), np.zeros(1), ("a",)),
+        LinearInequality(np.zeros((1, 20)), np.zeros(1), ()),
+        LinearInequality(np.full((1, 20), np.nan), np.zeros(1), ("a",)),
     ],
 )
-def test_rows_that_are_none_brake_the_robot_and_are_named(rows: Rows) -> None:
+def test_rows_that_are_none_brake_the_robot_and_are_named(rows: LinearInequality) -> None:
     control = controller()
     control.posture.target = ROBOT.upper
     for _ in range(40):
@@ -133,7 +135,9 @@ def test_constraints_that_agree_only_one_after_the_other_are_all_asked() -> None
         lazy = True
         asked = 0
 
-        def kept(self, model: RobotModel, stopping: Stopping, acceleration: FloatArray) -> bool:
+        def is_satisfied(
+            self, model: RobotModel, braking_limits: BrakingLimits, acceleration: FloatArray
+        ) -> bool:
             type(self).asked += 1
             rows = self._rows
             return bool((rows.matrix @ acceleration <= rows.bound + 1e-9).all())
@@ -142,7 +146,9 @@ def test_constraints_that_agree_only_one_after_the_other_are_all_asked() -> None
     matrix = np.zeros((1, 20))
     matrix[0, LEFT], matrix[0, RIGHT] = 1.0, 1.0
     couple = Lazy(0, LEFT, 1.0, 0.0)
-    couple._rows = Rows(matrix, np.zeros(1), ("both",))  # a_left + a_right <= 0: kept at rest
+    couple._rows = LinearInequality(
+        matrix, np.zeros(1), ("both",)
+    )  # a_left + a_right <= 0: kept at rest
     a, control = solved(push, couple)
     assert control.status.solver == "solved"
     assert a[LEFT] == pytest.approx(1.0, abs=1e-6)

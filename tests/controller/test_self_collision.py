@@ -16,7 +16,7 @@ from scipy.optimize import minimize
 from pepper_driver.config import load_self_collision
 from pepper_driver.controller import PositionTask, RobotModel, WholeBodyController
 from pepper_driver.controller.capsules import CapsuleDistances
-from pepper_driver.controller.constraints import SelfCollision, Stopping
+from pepper_driver.controller.constraints import BrakingLimits, SelfCollision
 from pepper_driver.controller.constraints.braking_path import BrakingPath
 
 SETTINGS = load_self_collision(ROBOT)
@@ -159,7 +159,7 @@ def test_accelerations_on_a_row_end_at_the_security_distance() -> None:
     random, ruler = np.random.default_rng(4), Ruler()
     constraint, model = SelfCollision(ROBOT), RobotModel(ROBOT)
     limit = limits(model)
-    stopping = Stopping(limit, DT)
+    braking_limits = BrakingLimits(limit, DT)
     seen = 0
     for _ in range(12000):
         if seen == 25:
@@ -170,7 +170,7 @@ def test_accelerations_on_a_row_end_at_the_security_distance() -> None:
         v = random.uniform(-1, 1, model.nv) * np.minimum(2.0, 0.15 * limit)
         model.set_state(q, v)
         model.update_kinematics()
-        rows = constraint.rows(model, stopping)
+        rows = constraint.compute_inequality(model, braking_limits)
         if rows is None:
             continue
         # The nearest acceleration that keeps all rows, one of them exactly.
@@ -181,19 +181,19 @@ def test_accelerations_on_a_row_end_at_the_security_distance() -> None:
         if (np.abs(a) > limit).any() or (rows.matrix @ a > rows.bound + 1e-9).any():
             continue
         seen += 1
-        postures = braked(q, v, a, stopping.brake)
+        postures = braked(q, v, a, braking_limits.brake)
         places = [ruler(postures[i]).min() for i in (1, 3, -1)]
         assert min(places) == pytest.approx(SECURITY, abs=2.5e-3)
     assert seen == 25
 
 
 def test_nothing_near_gives_no_rows() -> None:
-    model, stopping = RobotModel(ROBOT), Stopping(limits(RobotModel(ROBOT)), DT)
+    model, braking_limits = RobotModel(ROBOT), BrakingLimits(limits(RobotModel(ROBOT)), DT)
     apart = np.zeros(17)
     apart[[5, 6, 8, 11, 12, 14]] = 0.8, 0.8, -0.3, 0.8, -0.8, 0.3
     model.set_state(model.configuration(apart), np.zeros(model.nv))
     model.update_kinematics()
-    assert SelfCollision(ROBOT).rows(model, stopping) is None
+    assert SelfCollision(ROBOT).compute_inequality(model, braking_limits) is None
 
 
 # -- in the controller ------------------------------------------------------------------------------------------
@@ -277,7 +277,7 @@ def test_rows_that_matter_less_than_others_never_stop_the_controller() -> None:
     columns = control.model.joint_columns
     inwards[0, columns[ROBOT.joint_index("LElbowRoll")]] = 1.0
     push = FixedRows(inwards, np.array([-2.0]))
-    push.rank = 4
+    push.priority = 4
     control.add(push)
     fold = PositionTask("l_wrist", [0.05, 0, 0], stiffness=60.0)
     fold.target = [0.0, 0.0, 0.8]

@@ -11,25 +11,25 @@ from controller_cases import DT, ROBOT, FloatArray, random_posture
 from test_self_collision import SECURITY, SETTINGS, Ruler, braked, limits
 
 from pepper_driver.controller import RobotModel
-from pepper_driver.controller.constraints import SelfCollision, Stopping
+from pepper_driver.controller.constraints import BrakingLimits, SelfCollision
 from pepper_driver.controller.constraints.braking_path import BrakingPath
 
 
 def breakable(
-    ruler: Ruler, q: FloatArray, v: FloatArray, stopping: Stopping
+    ruler: Ruler, q: FloatArray, v: FloatArray, braking_limits: BrakingLimits
 ) -> tuple[Counter[str], float]:
     """Names of all rows that an acceleration could break, found from all pairs, and the least distance at any place."""
     found: Counter[str] = Counter()
     least = inf
     for cycles in (inf, 1.0, 3.0):
-        path = BrakingPath(stopping.brake, DT, cycles)
+        path = BrakingPath(braking_limits.brake, DT, cycles)
         path.update(v)
-        if cycles < inf and np.abs(v / stopping.brake).max() <= cycles * DT:
+        if cycles < inf and np.abs(v / braking_limits.brake).max() <= cycles * DT:
             continue  # at rest by then
         distances = ruler(ruler.model.integrate(q, path.way))
         every = list(range(len(distances)))
         gradient = ruler.capsules.wrenches(every) @ ruler.model.data.J * ruler.capsules.signs
-        nearer = np.abs(gradient * path.gain) @ stopping.acceleration
+        nearer = np.abs(gradient * path.gain) @ braking_limits.acceleration
         least = min(least, float(distances.min()))
         for pair in np.flatnonzero(distances - nearer < SECURITY):
             found[f"self-collision {ruler.capsules.names[pair]}"] += 1
@@ -39,7 +39,7 @@ def breakable(
 def test_there_is_a_row_for_every_pair_that_an_acceleration_could_bring_too_near() -> None:
     random, ruler, model = np.random.default_rng(0), Ruler(), RobotModel(ROBOT)
     constraint, limit = SelfCollision(ROBOT), limits(model)
-    stopping = Stopping(limit, DT)
+    braking_limits = BrakingLimits(limit, DT)
     rows_seen = states = 0
     for _ in range(4000):
         q = model.configuration(random_posture(random))
@@ -48,8 +48,8 @@ def test_there_is_a_row_for_every_pair_that_an_acceleration_could_bring_too_near
         v = random.uniform(-1, 1, model.nv) * np.minimum(2.0, 0.15 * limit)
         model.set_state(q, v)
         model.update_kinematics()
-        expected, least = breakable(ruler, q, v, stopping)
-        rows = constraint.rows(model, stopping)
+        expected, least = breakable(ruler, q, v, braking_limits)
+        rows = constraint.compute_inequality(model, braking_limits)
         assert Counter(() if rows is None else rows.names) == expected
         rows_seen += sum(expected.values())
         states += least > SECURITY and bool(expected)
@@ -61,7 +61,7 @@ def test_arms_that_brake_past_each_other_are_seen_though_they_end_far_apart() ->
     """After anything was near where it would come to rest, all of the way is looked at."""
     settings = replace(SETTINGS, interaction_distance=0.03)
     constraint, ruler, model = SelfCollision(ROBOT, settings), Ruler(), RobotModel(ROBOT)
-    stopping = Stopping(limits(model), DT)
+    braking_limits = BrakingLimits(limits(model), DT)
     meeting = np.zeros(17)
     meeting[:5] = -0.37, 0.26, -0.27, -0.62, -0.32
     meeting[5:11] = -0.5, 0.01, -0.34, -0.85, 1.37, 0.44
@@ -69,18 +69,18 @@ def test_arms_that_brake_past_each_other_are_seen_though_they_end_far_apart() ->
     v, still = np.zeros((2, model.nv))
     v[model.joint_columns[5:9]] = -2.0, 2.0, -2.0, -2.0
     v[model.joint_columns[11:15]] = 2.0, -2.0, -2.0, -2.0
-    path = BrakingPath(stopping.brake, DT, 3.0)
+    path = BrakingPath(braking_limits.brake, DT, 3.0)
     path.update(v)
     passing = model.configuration(meeting)
     q = model.integrate(passing, -path.way)
-    way = [ruler(posture).min() for posture in braked(q, v, still, stopping.brake)]
+    way = [ruler(posture).min() for posture in braked(q, v, still, braking_limits.brake)]
     assert ruler(q).min() > SECURITY
     assert min(way) < SECURITY
     assert way[-1] > settings.interaction_distance
 
     model.set_state(passing, still)
     model.update_kinematics()
-    assert not constraint.kept(model, stopping, still)
+    assert not constraint.is_satisfied(model, braking_limits, still)
     model.set_state(q, v)
     model.update_kinematics()
-    assert not constraint.kept(model, stopping, still)
+    assert not constraint.is_satisfied(model, braking_limits, still)

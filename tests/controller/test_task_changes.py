@@ -32,6 +32,7 @@ from pepper_driver.controller import (
     WholeBodyController,
 )
 from pepper_driver.controller.tasks.targets import Target
+from pepper_driver.controller.tasks.task import TaskRows
 
 PLACE = [0.3, 0.2, 0.9]
 TARGETS: list[tuple[Callable[[], Task], Target]] = [
@@ -285,7 +286,7 @@ class Probe(Task):
         self._one, self._other = one, other
         self.seen: list[tuple[float, ...]] = []
 
-    def measure(self, model: RobotModel) -> None:
+    def compute(self, model: RobotModel, rows: TaskRows) -> None:
         one, other = self._one, self._other
         values = float(one.target[0]), float(other.target[0]), one.weight, other.weight
         self.seen.append(values)

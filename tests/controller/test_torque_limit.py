@@ -22,15 +22,17 @@ from controller_cases import (
 )
 
 from pepper_driver.controller import RobotModel
-from pepper_driver.controller.constraints import Rows, Stopping, TorqueLimit
+from pepper_driver.controller.constraints import BrakingLimits, LinearInequality, TorqueLimit
 
 LIMITS = np.concatenate([BASE_ACCELERATION, ACCELERATION])
 
 
-def rows_at(limit: TorqueLimit, model: RobotModel, q: FloatArray, v: FloatArray) -> Rows | None:
+def rows_at(
+    limit: TorqueLimit, model: RobotModel, q: FloatArray, v: FloatArray
+) -> LinearInequality | None:
     model.set_state(q, v)
-    stopping = Stopping(LIMITS, DT)
-    return limit.rows(model, stopping)
+    braking_limits = BrakingLimits(LIMITS, DT)
+    return limit.compute_inequality(model, braking_limits)
 
 
 def test_limits_are_a_share_of_the_motors_torque_at_the_joint() -> None:
@@ -70,7 +72,7 @@ def test_rows_forbid_what_inverse_dynamics_finds_too_much_and_nothing_else() -> 
 
 
 def test_what_braking_takes_is_allowed_to_the_side_that_it_takes_it_and_no_more() -> None:
-    """Leaning far with weak motors: stopping is possible, pushing up harder is not, nor pushing down beyond."""
+    """Leaning far with weak motors: braking_limits is possible, pushing up harder is not, nor pushing down beyond."""
     model = RobotModel(ROBOT)
     limit = TorqueLimit(ROBOT, share=0.5, of="nominal")
     knee = ROBOT.joint_index("KneePitch")

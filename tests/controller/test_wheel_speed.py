@@ -18,7 +18,7 @@ from controller_cases import (
 )
 
 from pepper_driver.controller import RobotModel, WholeBodyController
-from pepper_driver.controller.constraints import Rows, Stopping, WheelSpeedLimit
+from pepper_driver.controller.constraints import BrakingLimits, LinearInequality, WheelSpeedLimit
 from pepper_driver.controller.wheels import desaturated
 
 LIMIT = ROBOT.wheels.speed_limit
@@ -70,13 +70,13 @@ def test_without_it_wheels_would_have_to_be_slowed() -> None:
     assert np.abs([wheel_speeds(twist) for twist in twists]).max() > 1.3 * LIMIT
 
 
-def rows_at(twist: FloatArray, limit: WheelSpeedLimit | None = None) -> Rows | None:
+def rows_at(twist: FloatArray, limit: WheelSpeedLimit | None = None) -> LinearInequality | None:
     model = RobotModel(ROBOT)
     v = np.zeros(20)
     v[:3] = twist
     model.set_state(model.q, v)
-    stopping = Stopping(np.concatenate([BASE_ACCELERATION, ACCELERATION]), DT)
-    return (limit or WheelSpeedLimit(ROBOT)).rows(model, stopping)
+    braking_limits = BrakingLimits(np.concatenate([BASE_ACCELERATION, ACCELERATION]), DT)
+    return (limit or WheelSpeedLimit(ROBOT)).compute_inequality(model, braking_limits)
 
 
 def test_rows_forbid_what_makes_a_wheel_too_fast_and_nothing_else() -> None:

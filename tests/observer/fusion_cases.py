@@ -10,7 +10,6 @@ import numpy as np
 from observer_cases import CYCLE, JOINTS, ROBOT, SETTINGS, FloatArray, models, tick
 
 from pepper_driver.controller.tick import Tick
-from pepper_driver.observer.alarms import limb_of
 from pepper_driver.observer.base import BaseModel
 from pepper_driver.observer.body import BASE_LINK, TRUNK_LINK
 from pepper_driver.observer.contact import Contact
@@ -317,7 +316,7 @@ def check_lives(events: list[Contact]) -> None:
     open_on: dict[str, int] = {}
     for event in events:
         life = lives.setdefault(event.id, [])
-        limb = limb_of(event.joint, ROBOT)
+        limb = event.limb
         if event.phase == "begin":
             assert life == []
             assert limb not in open_on
@@ -328,12 +327,13 @@ def check_lives(events: list[Contact]) -> None:
             assert event.detection_time == life[0].detection_time
             assert event.time >= life[-1].time
             # It moves from the trunk to a limb, never back, nor to another limb.
-            before = limb_of(life[-1].joint, ROBOT)
+            before = life[-1].limb
             assert open_on.pop(before) == event.id
             assert before in (limb, "trunk")
         if event.phase != "end":
             assert limb not in open_on
             open_on[limb] = event.id
+        assert event.limb == ROBOT.limb_of(event.joint)
         assert event.onset_time <= event.detection_time
         assert event.intensity >= 0
         if event.joint is None:

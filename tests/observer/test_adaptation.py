@@ -160,11 +160,15 @@ def test_follows_what_changes_slowly() -> None:
     assert target.share[0, 0] == pytest.approx(0.1, abs=0.04)
 
 
-def test_worn_is_more_friction_or_lag_than_identified() -> None:
+def test_worn_is_surely_more_friction_or_lag_than_identified() -> None:
+    """By two standard deviations of what is known: at first those of PRIOR."""
     target = adapt(4)
     assert not target.worn.any()
-    target.share[0, 0] = WORN + 0.01
-    target.share[1, 1] = WORN + 0.01
+    target.share[:2, :2] = WORN + 2.0 * PRIOR[:2] - 0.01
+    assert not target.worn.any()
+    target.share[:2] = 0.0
+    target.share[0, 0] = WORN + 2.0 * PRIOR[0] + 0.01
+    target.share[1, 1] = WORN + 2.0 * PRIOR[1] + 0.01
     target.share[2, 2:] = 10.0
     target.share[3, :2] = -1.0
     np.testing.assert_array_equal(target.worn, [True, True, False, False])

@@ -11,15 +11,17 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from observer_cases import CYCLE, JOINTS, ROBOT, SETTINGS
 
+from pepper_driver.config.robot import TRUNK
 from pepper_driver.observer.body import (
     BASE_LINK,
+    HOLD_BACK,
     RATIO_MEMORY,
+    REISOLATION_TIMES,
     RELATIVE_SHARE,
-    REVISIONS,
     TRUNK_LINK,
     BodyTracker,
 )
-from pepper_driver.observer.contact import Contact
+from pepper_driver.observer.contact import INTENSITY_STEP_DEG, TORQUE_STEP_STDS, Contact
 from pepper_driver.observer.events import SETTLING_TIME
 from pepper_driver.observer.interface import JointState
 from pepper_driver.observer.signal import Signal
@@ -27,10 +29,11 @@ from pepper_driver.observer.signal import Signal
 # Of each joint another, so that ratios and residuals are told apart.
 THRESHOLDS = np.linspace(0.01, 0.04, JOINTS)
 PERIOD = round(SETTINGS.update_period / CYCLE)
+HELD = round(HOLD_BACK / CYCLE)
 GAP = round(SETTINGS.merge_gap / CYCLE)
 QUIET = GAP + round(SETTLING_TIME / CYCLE) + 3
-FIRST, LAST = (math.ceil(span / CYCLE) for span in REVISIONS)
-BEFORE_LAST = math.floor(REVISIONS[-1] / CYCLE) - 1
+FIRST, LAST = (math.ceil(span / CYCLE) for span in REISOLATION_TIMES)
+BEFORE_LAST = math.floor(REISOLATION_TIMES[-1] / CYCLE) - 1
 
 
 class Player:
@@ -83,8 +86,7 @@ def test_a_touch_on_one_joint() -> None:
     events = player.play(2 * PERIOD, LElbowRoll=-2.0)
     assert not player.tracker.idle
     events += player.play(QUIET)
-    begin, end = events[0], events[-1]
-    assert {event.phase for event in events[1:-1]} == {"update"}
+    begin, end = events  # no update while nothing changes
     assert (begin.phase, begin.kind, begin.joint, begin.link) == (
         "begin",
         "contact",
@@ -139,7 +141,7 @@ def test_the_joint_is_named_anew_at_each_revision_and_not_between(revision: int)
 def test_after_the_last_revision_it_stays() -> None:
     player = Player()
     player.play(LAST + 1, LShoulderRoll=5.0)
-    events = player.play(3 * PERIOD, LShoulderRoll=5.0, LElbowRoll=4.0)
+    events = player.play(3 * PERIOD, LShoulderRoll=5.0, LElbowRoll=4.0) + player.play(QUIET)
     assert {event.joint for event in events} == {"LShoulderRoll"}
 
 
@@ -163,31 +165,90 @@ def test_a_joint_that_goes_blind_loses_the_contact() -> None:
 
 
 def test_what_the_legs_feel_is_on_the_trunk() -> None:
-    events = Player().play(1, HipRoll=2.0)
-    assert [(e.joint, e.link, e.direction) for e in events] == [(None, TRUNK_LINK, -1)]
+    events = Player().play(1 + HELD, HipRoll=2.0)
+    told = [(e.limb, e.joint, e.link, e.direction) for e in events]
+    assert told == [(TRUNK, None, TRUNK_LINK, -1)]
     assert events[0].torque is None
     hip = THRESHOLDS[ROBOT.joint_index("HipRoll")]
     assert events[0].intensity == pytest.approx(math.degrees(2.0 * hip))
     # With the wheels beside it, it is still the trunk.
-    [both] = Player().play(1, base=1.5, HipPitch=3.0)
+    [both] = Player().play(1 + HELD, base=1.5, HipPitch=3.0)
     assert (both.joint, both.link) == (None, TRUNK_LINK)
 
 
 def test_what_only_the_wheels_feel_is_on_the_base() -> None:
     player = Player()
-    [begin] = player.play(1, base=1.5)
+    [begin] = player.play(1 + HELD, base=1.5)
     assert (begin.joint, begin.link, begin.phase) == (None, BASE_LINK, "begin")
+    assert begin.intensity == 0.0  # wheels have no degrees
     [end] = player.play(QUIET)
     assert (end.id, end.link, end.phase) == (1, BASE_LINK, "end")
     assert Player().play(5, base=0.99) == []
     assert Player().play(5, base=math.nan) == []
 
 
-def test_a_push_on_an_arm_that_the_trunk_feels_first_moves_to_the_arm() -> None:
+@pytest.mark.parametrize("ticks", range(1, HELD + 1))
+@pytest.mark.parametrize("first", [{"base": 1.5}, {"HipRoll": 2.0}])
+def test_what_an_arm_feels_within_two_ticks_of_the_trunk_is_first_told_on_the_arm(
+    first: dict[str, float], ticks: int
+) -> None:
     player = Player()
+    assert player.play(ticks, **first) == []
+    assert not player.tracker.idle
+    [begin] = player.play(1, **first, LElbowRoll=-3.0)
+    assert (begin.id, begin.phase, begin.limb, begin.joint) == (
+        1,
+        "begin",
+        "left_arm",
+        "LElbowRoll",
+    )
+    assert begin.time == begin.detection_time == pytest.approx(ticks * CYCLE)
+    assert begin.onset_time == 0.0  # that of what came first
+    rest = player.play(PERIOD, LElbowRoll=-3.0) + player.play(QUIET)
+    assert {(event.id, event.limb) for event in rest} == {(1, "left_arm")}
+
+
+def test_a_contact_on_the_trunk_is_told_after_two_ticks_even_if_it_is_over_then() -> None:
+    player = Player()
+    assert player.play(HELD, HipRoll=2.0) == []
     [begin] = player.play(1, HipRoll=2.0)
+    assert (begin.id, begin.phase, begin.limb) == (1, "begin", TRUNK)
+    assert begin.time == begin.detection_time == pytest.approx(2 * CYCLE)
+    player = Player()
+    [begin, end] = player.play(1, base=1.5) + player.play(QUIET)
+    assert (begin.phase, end.phase) == ("begin", "end")
+    assert begin.time == end.time == pytest.approx(HOLD_BACK)
+
+
+@pytest.mark.parametrize("value", [math.nan, -2.0])
+def test_no_contact_is_lost_that_ends_before_it_is_told(value: float) -> None:
+    """The joint goes blind, or swings back."""
+    player = Player()
+    assert player.play(1, HipRoll=2.0) == []
+    events = player.play(1, HipRoll=value)
+    assert [(e.id, e.phase, e.kind) for e in events[:2]] == [
+        (1, "begin", "contact"),
+        (1, "end", "contact"),
+    ]
+    assert {event.time for event in events} == {CYCLE}
+    assert [event.kind for event in events[2:]] == ([] if math.isnan(value) else ["rebound"])
+
+
+def test_a_contact_on_a_limb_is_told_at_once() -> None:
+    [begin] = Player().play(1, LElbowRoll=2.0)
+    assert (begin.phase, begin.time) == ("begin", 0.0)
+
+
+def test_a_collision_of_the_trunk_is_told_as_one() -> None:
+    [begin] = Player().play(1 + HELD, HipRoll=1.5 * SETTINGS.collision_factor)
+    assert (begin.phase, begin.kind) == ("begin", "collision")
+
+
+def test_an_arm_that_feels_a_push_later_than_the_trunk_takes_its_contact_over() -> None:
+    player = Player()
+    [begin] = player.play(1 + HELD, HipRoll=2.0)
     assert begin.joint is None
-    player.play(BEFORE_LAST - 1, HipRoll=2.0)
+    player.play(BEFORE_LAST - 1 - HELD, HipRoll=2.0)
     events = player.play(1, HipRoll=2.0, LElbowRoll=-3.0)
     assert story(events) == [(1, "update", "LElbowRoll")]
     assert (events[0].link, events[0].direction) == ("LForeArm", 1)
@@ -217,7 +278,7 @@ def test_what_the_trunk_feels_of_a_push_on_an_arm_is_no_second_contact() -> None
     assert {event.id for event in events} == {1}
     assert {event.joint for event in events} == {"LElbowRoll"}
     # The next one on the trunk is its own again.
-    assert story(player.play(1, HipRoll=2.0)) == [(2, "begin", None)]
+    assert story(player.play(1 + HELD, HipRoll=2.0)) == [(2, "begin", None)]
 
 
 def test_two_limbs_at_once_have_two_contacts() -> None:
@@ -234,9 +295,49 @@ def test_two_limbs_at_once_have_two_contacts() -> None:
 
 def test_two_limbs_after_the_trunk_share_its_contact_with_nobody() -> None:
     player = Player()
-    player.play(2, HipRoll=2.0)
+    player.play(1 + HELD, HipRoll=2.0)
     events = player.play(1, HipRoll=2.0, LElbowRoll=3.0, RElbowRoll=3.0)
     assert sorted((e.id, e.phase) for e in events) == [(1, "update"), (2, "begin")]
+
+
+def test_updates_come_when_intensity_or_torque_have_changed() -> None:
+    threshold = float(THRESHOLDS[ROBOT.joint_index("LElbowRoll")])
+
+    def residual(degrees: float) -> float:
+        return math.radians(degrees) / threshold
+
+    def torque(size: float) -> float:  # of the player: 10 N m/rad
+        return size / (10.0 * threshold)
+
+    quiet = 2 * PERIOD
+    player = Player()
+    [begin] = player.play(1, LElbowRoll=residual(3.0))
+    assert player.play(quiet, LElbowRoll=residual(3.0)) == []
+    # The intensity is the largest so far: it only grows.
+    assert player.play(quiet, LElbowRoll=residual(3.0 + 0.95 * INTENSITY_STEP_DEG)) == []
+    [grown] = player.play(quiet, LElbowRoll=residual(3.0 + 1.05 * INTENSITY_STEP_DEG))
+    assert (grown.phase, grown.id) == ("update", begin.id)
+    assert grown.time == pytest.approx((2 * quiet + 1) * CYCLE)  # at once after so long
+    assert grown.torque is not None
+    # The torque of the player has a standard deviation of 0.1 N m.
+    step = 0.1 * TORQUE_STEP_STDS
+    assert player.play(quiet, LElbowRoll=torque(abs(grown.torque) - 0.95 * step)) == []
+    [less] = player.play(quiet, LElbowRoll=torque(abs(grown.torque) - 1.05 * step))
+    assert less.torque == pytest.approx(grown.torque + 1.05 * step)
+    assert less.intensity == grown.intensity
+
+
+def test_updates_of_a_contact_that_grows_are_a_period_apart() -> None:
+    player, events = Player(), []
+    for k in range(3 * PERIOD):
+        events += player.play(1, HipRoll=1.5 + 0.1 * k)
+    assert {event.kind for event in events} == {"contact", "collision"}
+    growing = [event for event in events if event.kind == "contact"]
+    apart = np.diff([event.time for event in growing])
+    assert len(apart) >= 1
+    assert apart.min() >= SETTINGS.update_period - 1e-6
+    [hard] = [e for e, before in zip(events[1:], events, strict=False) if e.kind != before.kind]
+    assert hard.time == pytest.approx(round((3.0 - 1.5) / 0.1 + 1) * CYCLE)  # at once
 
 
 def test_a_contact_that_gets_hard_is_a_collision() -> None:
@@ -268,7 +369,7 @@ def test_a_joint_that_swings_back_makes_a_rebound() -> None:
 
 def test_a_contact_that_moved_from_the_trunk_ends_no_earlier_than_it_moved() -> None:
     player = Player()
-    events = player.play(2, HipRoll=2.0) + player.play(3)
+    events = player.play(2 + HELD, HipRoll=2.0) + player.play(3)
     events += player.play(1, LElbowRoll=3.0) + player.play(QUIET)
     assert {event.id for event in events} == {1}
     times = [event.time for event in events]

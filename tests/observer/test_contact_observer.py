@@ -96,7 +96,7 @@ def test_a_touch_from_begin_to_end() -> None:
     ticks = [tick(k, error_of(ELBOW, -0.08 if k in pushed else 0.0)) for k in range(250)]
     observations, events = run(observer(), ticks)
     check_life(events)
-    assert [event.phase for event in events] == ["begin", *["update"] * 5, "end"]
+    assert [event.phase for event in events] == ["begin", "end"]
     begin, end = events[0], events[-1]
     assert (begin.joint, begin.link, begin.kind) == ("LElbowRoll", "LForeArm", "contact")
     assert begin.direction == 1

@@ -370,6 +370,95 @@ def test_before_anything_is_finite_the_hands_bear_nothing() -> None:
     np.testing.assert_array_equal(target.variance(), 0.0)
 
 
+# -- joints at rest -------------------------------------------------------------------------------------------------
+
+WRIST = ROBOT.joint_index("LWristYaw")
+WEAK = fusion_model(replace(TWIN, load_gain=1.6, friction=0.01, load_friction=0.0, breakaway=1.1))
+HELD = 1.1 * 0.01  # [rad] by the friction of the weak wrist
+TAUGHT = loaded({"LWristYaw": point(0.2, np.array([0.02, 0.01, 0.03]))})
+
+
+def weak_wrist() -> HandLoads:
+    """Hands of a robot whose shoulder has been taught a load that is not there."""
+    target = HandLoads(ROBOT, [WEAK if j == WRIST else MODEL for j in range(JOINTS)])
+    use = np.isin(np.arange(JOINTS), ARM[:3])
+    for _ in range(200):
+        known = target.step(MIDDLE, ZERO, ZERO)
+        target.update(GAIN * (added(TAUGHT, MIDDLE) - known), NOISE, use)
+    return target
+
+
+def borne(target: HandLoads) -> float:
+    """By the wrist, as the hands are estimated [rad]."""
+    for _ in range(2):
+        torque = target.step(MIDDLE, ZERO, ZERO)
+    return float(1.6 * torque[WRIST])
+
+
+def contradiction(angle: float) -> FloatArray:
+    """What friction cannot hold of the wrist, which stands at its target."""
+    beyond = np.zeros(JOINTS)
+    beyond[WRIST] = -angle + np.clip(angle, -HELD, HELD)
+    return beyond
+
+
+def at(joint: int) -> BoolArray:
+    return np.isin(np.arange(JOINTS), [joint])
+
+
+def test_a_wrist_at_rest_takes_back_what_its_friction_could_not_hold() -> None:
+    target = weak_wrist()
+    before, others = borne(target), target.held()
+    known = target.step(MIDDLE, ZERO, ZERO)
+    assert abs(before) > 2.0 * HELD
+    beyond = contradiction(before)
+    explained = target.reconcile(beyond, at(WRIST))
+    assert explained is not None
+    np.testing.assert_allclose(explained, beyond, rtol=1e-9)
+    assert borne(target) == pytest.approx(np.copysign(HELD, before), rel=1e-6)
+    # Nobody knows more than before, and the other hand is as it was.
+    assert target.held()["left_arm"].mass_std == others["left_arm"].mass_std
+    assert target.held()["right_arm"] == others["right_arm"]
+    # What the shoulder has been taught is still right for the shoulder, within what it knows.
+    shoulder = ARM[0]
+    changed = (target.step(MIDDLE, ZERO, ZERO) - known)[shoulder]
+    assert abs(GAIN * changed) < 0.2 * abs(beyond[WRIST])
+
+
+def test_what_says_nothing_against_the_load_changes_nothing() -> None:
+    target = weak_wrist()
+    angle, before = borne(target), target.held()
+    beyond = contradiction(angle)
+    nobody = np.zeros(JOINTS, dtype=np.bool_)
+    assert target.reconcile(beyond, nobody) is None
+    assert target.reconcile(np.zeros(JOINTS), at(WRIST)) is None
+    # A wrist that gives way further than the load explains: at its stop, or touched.
+    assert target.reconcile(-beyond, at(WRIST)) is None
+    # A joint whose friction hides more than the load leaves open: worn, perhaps.
+    strong = np.zeros(JOINTS)
+    for joint in ARM[:4]:
+        strong[joint] = -np.sign(target.step(MIDDLE, ZERO, ZERO)[joint]) * 0.05
+    rough = HandLoads(
+        ROBOT,
+        [fusion_model(replace(TWIN, friction=0.5)) if j != WRIST else WEAK for j in range(JOINTS)],
+    )
+    rough.step(MIDDLE, ZERO, ZERO)
+    rough.update(np.full(JOINTS, 0.05), NOISE, np.isin(np.arange(JOINTS), ARM[:3]))
+    there = rough.held()
+    assert rough.reconcile(strong, ~at(WRIST)) is None
+    assert rough.held() == there
+    assert target.held() == before
+
+
+def test_no_more_is_taken_back_than_the_load_is_thought_to_do() -> None:
+    target = weak_wrist()
+    angle = borne(target)
+    explained = target.reconcile(100.0 * contradiction(angle), at(WRIST))
+    assert explained is not None
+    assert explained[WRIST] == pytest.approx(-angle, rel=1e-9)
+    assert borne(target) == pytest.approx(0.0, abs=1e-9)
+
+
 def test_reset_empties_the_hands() -> None:
     target = hands()
     load = loaded({"LWristYaw": point(MASS, PLACE)})
@@ -388,9 +477,9 @@ def test_reset_empties_the_hands() -> None:
 MOVED = [ROBOT.joint_index(name) for name in ("LShoulderPitch", "LShoulderRoll", "LElbowRoll")]
 
 
-def waved(mass: float, seconds: float = 32.0) -> list[Tick]:
+def waved(mass: float, seconds: float = 32.0, size: float = 0.5) -> list[Tick]:
     """Ticks of a robot whose left arm waves with a load in its hand that its reference does not know of."""
-    motions = [swing(seconds, 0.5, rate, gravity=0.0) for rate in (1.3, 1.7, 2.3)]
+    motions = [swing(seconds, size, rate, gravity=0.0) for rate in (1.3, 1.7, 2.3)]
     n = len(motions[0])
     state = []
     for name in ("position", "velocity", "acceleration"):
@@ -479,6 +568,31 @@ def test_what_the_load_explains_is_gone_from_the_residual_at_once() -> None:
     # The spring of the twin pulls back within the tick.
     assert (change[first, used] < -0.6 * Jolted.explains).all()
     assert (change[first, used] > -1.0 * Jolted.explains).all()
+
+
+def test_the_wrist_of_an_arm_that_swings_in_one_place_does_not_pay_for_the_shoulder(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """An error of the shoulder's model is a load in the hand as well as any; the wrist stands still and says no."""
+    made = waved(0.0, 40.0, size=0.05)
+    for one in made:
+        one.measurement.position[MOVED[0]] -= 0.004
+        one.measurement.position[MOVED[1]] -= 0.004
+    of_joint: list[FusionModel | None] = [
+        fusion_model(weight=(1.0, 1.0)) if j in MOVED else None for j in range(JOINTS)
+    ]
+    of_joint[WRIST] = replace(WEAK, weight=(1.0, 1.0))
+    largest = []
+    for asked in (False, True):
+        with monkeypatch.context() as patch:
+            if not asked:
+                patch.setattr(HandLoads, "reconcile", lambda *_: None)
+            target = HandLoads(ROBOT, of_joint)
+            signal = FusionSignal(of_joint, CYCLE, window=1, adapt=True, hands=target)
+            rows = np.array([one.residual[WRIST] for one in play(signal, made)])
+        largest.append(float(np.abs(rows[len(rows) // 2 :]).max()))
+    assert largest[0] > 2.0 * HELD
+    assert largest[1] < 0.25 * largest[0]
 
 
 def test_an_empty_hand_is_found_empty() -> None:

@@ -96,7 +96,7 @@ def test_a_save_that_fails_leaves_the_old_file(
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr(os, step, no_space)
-    with pytest.raises(ModelFileError, match=r"cannot be written .No space left on device"):
+    with pytest.raises(ModelFileError, match=r"cannot be written .the disk is full"):
         replace(AFFINE_SET, identity="another").save(file)
     assert ModelSet.load(file) == AFFINE_SET
     assert os.listdir(file.parent) == [file.name]
@@ -146,7 +146,7 @@ MODEL_OF = ("models", "HeadYaw")
     [
         (set_in("format", value=1), "format 1 is not the format 2"),
         (set_in("format", value=None), "format null is not"),
-        (lambda data: data.pop("format"), "no model file"),
+        (lambda data: data.pop("format"), "not a model file"),
         (lambda data: data.pop("models"), "there are no models"),
         (set_in("models", value=[]), "there are no models"),
         (set_in("models", value={}), "there is no model"),
@@ -189,7 +189,7 @@ def test_what_is_wrong_is_said_in_one_line(
     text = str(caught.value)
     assert message in text
     assert text.startswith(f"{file}: ")
-    assert text.endswith("'pepper identify'")
+    assert "'pepper identify'" in text
     assert "\n" not in text
     assert len(text) < 600
 
@@ -374,7 +374,7 @@ def test_what_is_wrong_with_a_fusion_file_is_said_in_one_line(
     text = str(caught.value)
     assert message in text
     assert text.startswith(f"{fusion_file}: ")
-    assert text.endswith("'pepper identify'")
+    assert "'pepper identify'" in text
     assert "\n" not in text
     assert len(text) < 600
 

@@ -25,6 +25,7 @@ CONTACT = Contact(
     id=1,
     phase="begin",
     kind="contact",
+    limb="left_arm",
     joint="LShoulderRoll",
     link="LBicep",
     direction=1,

@@ -2,8 +2,14 @@
 
 import pytest
 
-from pepper_driver.config import load_plant, load_robot, load_scenario, plant_hash
-from pepper_driver.config.scenario_motion import Setpoints
+from pepper_driver.config import (
+    RobotIdentity,
+    load_experiment,
+    load_plant,
+    load_robot,
+    plant_hash,
+)
+from pepper_driver.config.steps import Setpoints
 from pepper_driver.observer import (
     MODEL_TYPES,
     ModelFileError,
@@ -15,7 +21,7 @@ from pepper_driver.observer import (
 
 ROBOT = load_robot()
 KINDS = list(MODEL_TYPES)
-DEMO = load_scenario("demo", ROBOT)
+DEMO = load_experiment("demo", ROBOT)
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -34,15 +40,17 @@ def test_shipped_models_are_of_the_shipped_plants(kind: ModelKind, plant: str) -
     )
     assert models.kind == kind
     assert models.joint_names == ROBOT.joint_names
-    assert isinstance(DEMO.motion, Setpoints)
-    assert set(DEMO.motion.joints) <= set(models.models)
-    assert load_shipped(kind, now).models == models.models
+    assert DEMO.random_step is not None
+    assert isinstance(DEMO.random_step.goals, Setpoints)
+    assert set(DEMO.random_step.goals.joints) <= set(models.models)
+    found = load_shipped(kind, [RobotIdentity(name=plant, identity=now)])
+    assert found.models == models.models
 
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_another_robot_has_no_shipped_models(kind: ModelKind) -> None:
-    with pytest.raises(ModelFileError, match="only for the plants integral, nominal"):
-        load_shipped(kind, "somebody else")
+    with pytest.raises(ModelFileError, match="for 'mine', only for the plants integral, nominal"):
+        load_shipped(kind, [RobotIdentity(name="mine", identity="somebody else")])
 
 
 def test_the_affine_models_of_the_nominal_plant_fit_what_they_must() -> None:

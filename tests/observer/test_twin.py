@@ -168,6 +168,26 @@ def test_sticks_exactly_up_to_breakaway(share: float, load: float, load_friction
     assert (way * np.diff(at) >= 0).all()
 
 
+@given(
+    st.floats(-0.05, 0.05),
+    st.floats(-6.0, 6.0),
+    st.sampled_from([{}, {"dead_band": 0.004}, {"load_friction": 0.2, "offset": 0.002}]),
+)
+def test_what_friction_cannot_hold_is_what_would_move_a_twin(
+    error: float, load: float, changes: dict[str, float]
+) -> None:
+    twin = replace(TWIN, **changes)
+    twins = Twins.of([twin], CYCLE)
+    borne = twin.load_gain * load + twin.offset
+    [beyond] = twins.beyond_friction(np.array([error]), np.array([borne]))
+    [at] = play(twin, np.array([error, error]), load, start=0.0)[-1:]
+    assert (beyond == 0.0) == (at == 0.0)
+    assert beyond * at >= 0.0
+    if beyond and not twin.dead_band:  # less error by so much, and friction can just hold it
+        [left] = twins.beyond_friction(np.array([error - beyond]), np.array([borne]))
+        assert abs(left) < 1e-12
+
+
 def test_friction_is_what_holds_it_and_opposes_motion() -> None:
     twins = Twins.of([TWIN], CYCLE)
     twins.start(np.zeros(1), np.zeros(1))

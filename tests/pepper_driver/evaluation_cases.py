@@ -39,6 +39,7 @@ CONTACT = Contact(
     id=1,
     phase="begin",
     kind="contact",
+    limb="left_arm",
     joint=JOINT,
     link="LBicep",
     direction=1,

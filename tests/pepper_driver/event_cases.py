@@ -1,13 +1,10 @@
 """Contacts, callbacks and a robot without physics that feels what a test wants."""
 
 import threading
-from collections.abc import Callable
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
-from pepper_driver.backends import Measurement
 from pepper_driver.backends.mock import Fault, MockBackend
 from pepper_driver.config import load_robot
 from pepper_driver.controller import Tick
@@ -24,6 +21,7 @@ def contact(number: int = 0, **changes: Any) -> Contact:
         "id": number,
         "phase": "begin",
         "kind": "contact",
+        "limb": ROBOT.limb_of(changes.get("joint", "LElbowRoll")),
         "joint": "LElbowRoll",
         "link": "LForeArm",
         "direction": 1,
@@ -88,15 +86,3 @@ def make_pepper(
     pepper = Pepper("mock", observer=observer, reflexes=reflexes, real_time=real_time)
     pepper.backend = MockBackend(faults=faults)
     return pepper
-
-
-def pressed(group: str, *numbers: int) -> Callable[[Measurement], Measurement]:
-    """A fault that presses sensors of a group: ``touch``, ``bumpers`` or ``buttons``."""
-
-    def change(measurement: Measurement) -> Measurement:
-        values = getattr(measurement, group).copy()
-        values[list(numbers)] = 1.0
-        changes: dict[str, Any] = {group: values}
-        return replace(measurement, **changes)
-
-    return change

@@ -9,42 +9,34 @@ import yaml
 
 from pepper_driver.backends import Backend, BackendInfo, Measurement
 from pepper_driver.backends.mock import MockBackend
-from pepper_driver.config import RobotConfig, Scenario, load_robot, load_scenario
+from pepper_driver.config import Experiment, RobotConfig, load_experiment, load_robot
 from pepper_driver.config.loading import package_file, read_yaml
-from pepper_driver.config.scenario_motion import Setpoints
-from pepper_driver.identification import sweeps_of
 
 ROBOT = load_robot()
-FULL = load_scenario("identify", ROBOT)
-BODY = load_scenario("calibration_motion", ROBOT)
+FULL = load_experiment("identify", ROBOT)
+BODY = load_experiment("calibration_motion", ROBOT)
 
 _SHORT = {"estimation_stiffness": [2.0, 4.0], "sweeps": 1, "setpoints": 2, "dwell": [0.6, 1.2]}
 
-SHORT = replace(
-    FULL,
-    settle=0.6,
-    motion=replace(
-        sweeps_of(FULL), estimation_stiffness=(2.0, 4.0), sweeps=1, setpoints=2, dwell=(0.6, 1.2)
-    ),
+SHORT = FULL.with_goals(
+    settle=0.6, estimation_stiffness=(2.0, 4.0), sweeps=1, setpoints=2, dwell=(0.6, 1.2)
 )
 
 
-def short_body() -> Scenario:
-    assert isinstance(BODY.motion, Setpoints)
-    return replace(BODY, settle=0.6, motion=replace(BODY.motion, count=1))
+def short_body() -> Experiment:
+    return BODY.with_goals(settle=0.6, count=1)
 
 
 def short_files(folder: Path) -> list[str]:
     """Options of ``pepper identify`` for short motions, with their files in ``folder``."""
     options = []
-    changes: dict[str, tuple[str, dict[str, Any]]] = {
-        "scenario": ("identify", _SHORT),
-        "calibration": ("calibration_motion", {"count": 1}),
+    changes: dict[str, tuple[str, str, dict[str, Any]]] = {
+        "scenario": ("identify", "sweeps", _SHORT),
+        "calibration": ("calibration_motion", "setpoints", {"count": 1}),
     }
-    for option, (name, motion) in changes.items():
-        data = read_yaml(package_file("scenarios", f"{name}.yaml"))
-        data["motion"] |= motion
-        data["settle"] = 0.6
+    for option, (name, kind, goals) in changes.items():
+        data = read_yaml(package_file("experiments", f"{name}.yaml"))
+        data["steps"][0][kind] |= goals | {"settle": 0.6}
         path = folder / f"{name}.yaml"
         path.write_text(yaml.safe_dump(data))
         options += [f"--{option}", str(path)]

@@ -1,4 +1,4 @@
-"""Who gets posture, base, motor stiffness and tasks: user, motion, reflexes of several priorities, and a pause."""
+"""Who gets posture, base, motor stiffness and tasks: user, experiment, reflexes of several priorities, and a pause."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pepper_driver.backends import Measurement
+from pepper_driver.backends.mock import MockBackend
 from pepper_driver.config.parts import FloatArray
 from pepper_driver.controller import (
     BaseVelocityTask,
@@ -21,8 +22,9 @@ from pepper_driver.controller import (
     Task,
     whole_body,
 )
+from pepper_driver.experiments.plan import plan_experiment
+from pepper_driver.experiments.player import Player
 from pepper_driver.loop import Loop
-from pepper_driver.motion import Player
 from pepper_driver.observer import Contact, Observation
 from pepper_driver.reflexes import (
     Assist,
@@ -36,9 +38,9 @@ from pepper_driver.reflexes import (
     Soften,
     StopBase,
 )
+from pepper_driver.testing import standing_measurement
 
-from fakes import quiet  # isort: skip
-from motion_cases import REACH, make_motion  # isort: skip
+from experiment_cases import REACH, make_experiment  # isort: skip
 from reflex_cases import ARM, ROBOT, ROLL, Stage, touch  # isort: skip
 
 PUSH = {"LShoulderRoll": 2.0}
@@ -148,7 +150,7 @@ def test_joints_of_one_reflex_move_while_another_has_the_rest() -> None:
 def test_nobody_holds_without_a_contact_and_observations_are_not_needed_without_reflexes() -> None:
     stage = Stage()
     stage.arbiter.move_to(turned(stage, YAW, 0.4), duration=0.5)
-    measurement = quiet()
+    measurement = standing_measurement()
     for _ in range(60):
         assert stage.arbiter.step(None, measurement) == []
         stage.controller.step()
@@ -280,17 +282,23 @@ def test_a_pause_of_no_tick_changes_nothing() -> None:
     np.testing.assert_array_equal(stage.run(0.5), other.run(0.5))
 
 
-# -- motions --------------------------------------------------------------------------------------------------------
+# -- steps ----------------------------------------------------------------------------------------------------------
 
 
 class Playing:
-    """A motion on the controller of a stage."""
+    """Steps on the controller of a stage."""
 
     def __init__(self, stage: Stage, *steps: dict[str, Any]) -> None:
-        latest = SimpleNamespace(tick=SimpleNamespace(measurement=quiet()))
-        loop = SimpleNamespace(arbiter=stage.arbiter, time=0.0, latest=latest)
+        tick = SimpleNamespace(measurement=standing_measurement())
+        latest = SimpleNamespace(tick=tick, observation=None, events=())
+        arbiter = stage.arbiter
+        loop = SimpleNamespace(
+            arbiter=arbiter, time=0.0, latest=latest, set_attentive=lambda value: None
+        )
         self._stage = stage
-        self.player = Player(make_motion(*steps), ROBOT, cast("Loop", loop))
+        backend = MockBackend(ROBOT)
+        plan = plan_experiment(make_experiment(*steps), ROBOT, backend)
+        self.player = Player(plan, ROBOT, cast("Loop", loop), backend, lambda event: None)
         self.player.begin()
         self.over = False
 
@@ -302,7 +310,7 @@ class Playing:
             self.over = self.over or self.player.advance()
 
 
-def test_a_motion_has_what_the_user_had_and_gives_it_back() -> None:
+def test_an_experiment_has_what_the_user_had_and_gives_it_back() -> None:
     stage = Stage()
     mine = LookAtTask("Head")
     stage.arbiter.add(mine)
@@ -310,17 +318,17 @@ def test_a_motion_has_what_the_user_had_and_gives_it_back() -> None:
     stage.arbiter.posture_stiffness = 30.0
     stage.arbiter.drive(np.array([0.1, 0.0, 0.0]))
     stage.run(0.5)
-    motion = Playing(
+    playing = Playing(
         stage, {"duration": 1.0, "position": REACH, "base_velocity": {"wz": 0.2}, "stiffness": 50.0}
     )
-    motion.run(0.5)
+    playing.run(0.5)
     assert mine in stage.controller.tasks
     assert len(stage.controller.tasks) == 4
     assert stage.controller.posture.stiffness == 50.0
     assert stage.controller.base_velocity.target.tolist() == [0.0, 0.0, 0.2]
-    motion.run(0.6)
-    assert motion.over
-    motion.player.end()
+    playing.run(0.6)
+    assert playing.over
+    playing.player.end()
     stage.step()
     assert list(stage.controller.tasks[2:]) == [mine]
     assert stage.controller.posture.stiffness == 30.0
@@ -328,19 +336,19 @@ def test_a_motion_has_what_the_user_had_and_gives_it_back() -> None:
 
 
 @pytest.mark.parametrize("holder", ["reflex", "pause"])
-def test_a_motion_waits_while_a_reflex_or_a_pause_holds(holder: str) -> None:
+def test_steps_wait_while_a_reflex_or_a_pause_holds(holder: str) -> None:
     stage = Stage(Hold(pause=0.0))
-    motion = Playing(stage, {"duration": 2.0, "joints": {"HeadYaw": 0.6}, "position": REACH})
-    motion.run(1.0)
+    playing = Playing(stage, {"duration": 2.0, "joints": {"HeadYaw": 0.6}, "position": REACH})
+    playing.run(1.0)
     begin = [touch()] if holder == "reflex" else []
     stage.arbiter.paused = holder == "pause"
-    motion.run(3.0, *begin)
-    assert not motion.over
+    playing.run(3.0, *begin)
+    assert not playing.over
     assert np.abs(stage.controller.velocity).max() < 1e-3
     assert len(stage.controller.tasks) == 3, "its task stands still"
     stage.arbiter.paused = False
-    motion.run(1.5, *([touch(phase="end")] if begin else []))
-    assert motion.over
+    playing.run(1.5, *([touch(phase="end")] if begin else []))
+    assert playing.over
     assert stage.controller.position[YAW] == pytest.approx(0.6, abs=0.02)
 
 
@@ -400,7 +408,7 @@ ACTIONS = st.one_of(
 
 @settings(max_examples=60)
 @given(st.lists(st.tuples(ACTIONS, st.integers(1, 4)), max_size=25))
-def test_the_controllers_tasks_are_the_users_the_motions_and_those_of_active_reflexes(
+def test_the_controllers_tasks_are_the_users_the_steps_and_those_of_active_reflexes(
     story: list[tuple[tuple[str, Any], int]],
 ) -> None:
     """After any sequence, in every tick, and no task twice."""
@@ -445,9 +453,9 @@ def test_the_controllers_tasks_are_the_users_the_motions_and_those_of_active_ref
             if player is not None and player.advance():
                 player.end()
                 player = None
-            motions = [] if player is None else [goal.task for goal in player._active]
+            goals = [] if player is None else [goal.task for goal in player._active]
             requested = [task for reflex in reflexes for task in reflex.requested]
-            wanted = [*stage.own_tasks, *added, *motions, *requested]
+            wanted = [*stage.own_tasks, *added, *goals, *requested]
             assert names(stage.controller.tasks) == names(wanted)
             assert {id(task) for task in stage.controller.tasks} == {id(task) for task in wanted}
             for reflex in reflexes:

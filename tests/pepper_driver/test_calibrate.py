@@ -359,7 +359,7 @@ def test_a_fit_writes_a_plant_that_loads(
     [
         (["--check", "--plant", "nominl"], "did you mean nominal"),
         (["--check", "--plant", "missing.yaml"], "missing.yaml"),
-        (["--law", "pid"], "unknown law 'pid'"),
+        (["--law", "pid"], "must be pd or integral, got 'pid'"),
         (["--plant", "random"], "drawn anew"),
         (["--law", "integral", "--plant", "nominal"], "no board has an integral part"),
         (["--out", "/dev/null/x.yaml"], "/dev/null/x.yaml"),

@@ -13,8 +13,9 @@ from hypothesis import strategies as st
 from pepper_driver.backends.mock import MockBackend
 from pepper_driver.callbacks.events import SensorEdges, SensorEvent, Touches
 from pepper_driver.observer import Contact
+from pepper_driver.testing import pressed
 
-from event_cases import ROBOT, contact, pressed  # isort: skip
+from event_cases import ROBOT, contact  # isort: skip
 
 
 def test_what_is_pressed_at_the_start_is_told_when_it_is_let_go() -> None:

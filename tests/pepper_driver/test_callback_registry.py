@@ -7,7 +7,7 @@ import threading
 import time
 from functools import partial
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, get_args
 
 import pytest
 
@@ -15,8 +15,10 @@ from pepper_driver import (
     Contact,
     FaultError,
     FaultEvent,
+    FollowHand,
     Hold,
     PepperError,
+    Reflex,
     ReflexEvent,
     RobotState,
     SensorEvent,
@@ -28,16 +30,51 @@ from pepper_driver.callbacks.callback_registry import CallbackRegistry
 from pepper_driver.callbacks.events import ReflexPhase
 from pepper_driver.callbacks.filters import SubscriptionError
 from pepper_driver.config import UnknownNameError
+from pepper_driver.config.errors import ArgumentError
 from pepper_driver.controller import Tick
 from pepper_driver.loop import TickRecord
 from pepper_driver.observer import Observation
 from pepper_driver.safety import Fault, FaultReason
 from pepper_driver.session import CALLBACK_TIME
+from pepper_driver.testing import aged, pressed
 
-from event_cases import LONG, ROBOT, Blocker, contact, make_pepper, pressed  # isort: skip
-from fakes import aged  # isort: skip
+from event_cases import LONG, ROBOT, Blocker, contact, make_pepper  # isort: skip
 
 CYCLE = ROBOT.cycle
+
+
+def test_without_parentheses_all_contacts_come_and_the_function_stays_what_it_is() -> None:
+    pepper = make_pepper({3: (contact(1),), 5: (contact(2, kind="rebound"),)})
+    ids: list[int] = []
+
+    @pepper.on_contact
+    def touched(event: Contact) -> None:
+        ids.append(event.id)
+
+    touched(contact(7))
+    with pepper:
+        pepper.run(10 * CYCLE)
+    assert ids == [7, 1]
+
+
+def test_a_limb_and_a_torque_choose_contacts() -> None:
+    """Both must hold; a contact that becomes so is told then."""
+    pepper = make_pepper(
+        {
+            3: (contact(1, torque=2.5), contact(2, limb="right_arm", torque=-9.0)),
+            5: (contact(1, phase="update", torque=-3.0),),
+            7: (contact(1, phase="update", torque=-4.0),),
+        }
+    )
+    heard: list[float | None] = []
+
+    @pepper.on_contact(limb=["left_arm", "head"], min_torque=3.0)
+    def touched(event: Contact) -> None:
+        heard.append(event.torque)
+
+    with pepper:
+        pepper.run(10 * CYCLE)
+    assert heard == [-3.0]
 
 
 def test_ticks_come_with_what_was_felt() -> None:
@@ -107,9 +144,7 @@ def test_a_callback_sees_a_tick_from_its_contacts_to_its_end() -> None:
     pepper.on_bumper()(seen.append)
     pepper.on_reflex(phase=None)(seen.append)
     pepper.on_contact(phase=None)(seen.append)
-    begin = ReflexEvent(
-        reflex="hold", phase="begin", time=0.0, contact_id=1, joints=("LShoulderRoll",)
-    )
+    begin = reflex_event("hold")
     with pepper:
         pepper.run(4 * CYCLE)
         tick = seen[-1]
@@ -132,20 +167,63 @@ def test_a_callback_sees_a_tick_from_its_contacts_to_its_end() -> None:
     assert pepper.contact_history == (contact(1), contact(2), contact(1, phase="end"))
 
 
-def test_reflexes_are_told_by_name_and_phase() -> None:
-    pepper = make_pepper(reflexes=(Hold(),))
-    seen: list[ReflexEvent] = []
-    pepper.on_reflex(name="hold")(seen.append)
-    phases: list[tuple[str, ReflexPhase]] = [("hold", "begin"), ("hold", "end"), ("other", "begin")]
-    events = [
-        ReflexEvent(reflex=reflex, phase=phase, time=1.0, contact_id=None, joints=())
-        for reflex, phase in phases
-    ]
+def reflex_event(name: str, phase: ReflexPhase = "begin") -> ReflexEvent:
+    return ReflexEvent(
+        reflex=name,
+        kind="some",
+        number=1,
+        phase=phase,
+        time=1.0,
+        contact_id=None,
+        joints=("LShoulderRoll",),
+        held_joints=(),
+    )
+
+
+def test_reflexes_are_told_by_kind_name_number_object_and_phase() -> None:
+    left, right = FollowHand(limb="left_arm"), FollowHand(limb="right_arm", name="right")
+    reflexes = (left, right, Hold(), Hold(limb="head"))
+    pepper = make_pepper(reflexes=reflexes)
+    seen: dict[str, list[ReflexEvent]] = {}
+    choices: dict[str, str | Reflex] = {
+        "kind": "follow_hand",
+        "name": "right",
+        "both": "hold",
+        "one": "hold 2",
+        "left": left,
+        "last": reflexes[3],
+    }
+    for key, choice in choices.items():
+        pepper.on_reflex(name=choice, phase=None)(seen.setdefault(key, []).append)
+    names = ["follow_hand", "right", "hold 1", "hold 2"]
+    begun: list[ReflexEvent] = []
+    pepper.on_reflex()(begun.append)
+    events = [reflex_event(name, phase) for name in names for phase in get_args(ReflexPhase)]
     with pepper:
         session = pepper._session
         assert session is not None
         session._publish(TickRecord(tick=session.loop.tick().tick, events=events))
-    assert seen == events[:1]
+    heard = {key: [event.reflex for event in events[::3]] for key, events in seen.items()}
+    assert heard == {
+        "kind": ["follow_hand", "right"],
+        "name": ["right"],
+        "both": ["hold 1", "hold 2"],
+        "one": ["hold 2"],
+        "left": ["follow_hand"],
+        "last": ["hold 2"],
+    }
+    assert [event.phase for event in seen["one"]] == list(get_args(ReflexPhase))
+    assert begun == [event for event in events if event.phase == "begin"]
+
+
+def test_a_reflex_that_the_robot_does_not_have_is_refused() -> None:
+    pepper = make_pepper(reflexes=(Hold(), Hold()))
+    with pytest.raises(UnknownNameError, match=r"unknown reflex 'hold 3' \(did you mean hold"):
+        pepper.on_reflex(name="hold 3")
+    with pytest.raises(SubscriptionError, match="a Hold, is none of this robot"):
+        pepper.on_reflex(name=Hold())
+    with pytest.raises(SubscriptionError, match="this robot has none"):
+        make_pepper().on_reflex(name="hold")
 
 
 def test_a_fault_in_a_tick_is_told_once() -> None:
@@ -171,7 +249,6 @@ def test_an_emergency_stop_is_told_before_anybody_ticks() -> None:
         faults.append(event)
         heard.set()
 
-    pepper.emergency_stop()  # not active: nobody to be stopped, and nobody is told
     for _ in range(2):  # a new run has faults of its own
         heard.clear()
         pepper.start()
@@ -269,9 +346,9 @@ def test_what_is_registered_late_hears_from_then_on() -> None:
         (lambda p: p.on_touch(sensor="Head"), UnknownNameError, "Head/Touch/Front"),
         (lambda p: p.on_bumper(bumper="Front"), UnknownNameError, "FrontLeft"),
         (lambda p: p.on_button(button="Chest"), UnknownNameError, "ChestBoard/Button"),
-        (lambda p: p.on_button(pressed="yes"), UnknownNameError, "pressed.*False, True"),
+        (lambda p: p.on_button(pressed="yes"), ArgumentError, "pressed must be True or False"),
         (lambda p: p.on_reflex(name="hold"), SubscriptionError, "reflexes="),
-        (lambda p: p.on_reflex(phase="update"), UnknownNameError, "begin"),
+        (lambda p: p.on_reflex(phase="start"), UnknownNameError, "begin"),
         (lambda p: p.on_cue(kind="sing"), UnknownNameError, "leds, say"),
         (lambda p: p.on_fault()(3), SubscriptionError, "got 3"),
         (lambda p: p.on_contact()(_coroutine), SubscriptionError, "async for contact in"),
@@ -300,7 +377,7 @@ def test_only_one_thread_runs_the_robot_and_no_tick_runs_ticks(
             "a motion began, and would have changed the tasks of the one that runs"
         )
 
-    monkeypatch.setattr("pepper_driver.motion.Player.begin", no_motion)
+    monkeypatch.setattr("pepper_driver.experiments.player.Player.begin", no_motion)
     pepper = make_pepper()
     inside, go = threading.Event(), threading.Event()
     errors: list[BaseException] = []

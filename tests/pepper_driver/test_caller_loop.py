@@ -23,9 +23,9 @@ from pepper_driver.controller import PositionTask
 from pepper_driver.log import read_log
 from pepper_driver.safety import RobotState
 from pepper_driver.session import MAX_CALLER_SILENCE, Session
+from pepper_driver.testing import aged
 
 # isort: off
-from fakes import aged
 from session_cases import ROBOT, VirtualTime, active, backend_of, in_thread, virtual_time
 # isort: on
 

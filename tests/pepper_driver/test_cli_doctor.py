@@ -10,8 +10,7 @@ from doctor_cases import Patient, models_for, use
 
 from pepper_driver.backends.mock import Fault
 from pepper_driver.cli.app import run
-
-from fakes import aged, drained, pressed  # isort: skip
+from pepper_driver.testing import aged, drained, pressed
 
 
 @pytest.fixture
@@ -44,7 +43,7 @@ def test_the_simulated_robot_is_well(tmp_path: Path, capsys: pytest.CaptureFixtu
 
 
 def test_a_robot_without_models_is_not_moved(capsys: pytest.CaptureFixture[str]) -> None:
-    assert run(["doctor", "mujoco://?plant=worn", "--yes"]) == 1
+    assert run(["doctor", "mock", "--yes"]) == 1
     captured = capsys.readouterr()
     rows = table(captured.out)
     assert rows["models"] == "FAILED"

@@ -154,6 +154,7 @@ def test_labelled_recordings(tmp_path: Path, capsys: pytest.CaptureFixture[str])
         ([], "give either --suite or --log; suites: "),
         (["--suite", "paper", "--log", "x.mcap"], "give either --suite or --log"),
         (["paper"], "paper: recordings come after --log"),
+        (["--log", "no.mcap"], "no.mcap: cannot be read (there is no such file)"),
         (["--suite", "paper", "--workers", "0"], "workers"),
     ],
 )
@@ -170,11 +171,3 @@ def test_wrong_input_is_one_line(
     assert told.count("\n") == 1
     assert words in told
     assert not list(tmp_path.iterdir())
-
-
-def test_a_log_that_is_none_is_a_failed_take(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    arguments = ["evaluate", "--mode", "paper", "--workers", "1"]
-    assert run([*arguments, "--log", str(tmp_path / "no.mcap")]) == 1
-    assert "no.mcap: cannot be read" in capsys.readouterr().out

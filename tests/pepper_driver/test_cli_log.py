@@ -118,6 +118,43 @@ def test_plot_draws_what_was_asked_for(
     assert "LShoulderRoll" not in drawn
 
 
+def test_each_command_says_what_a_damaged_log_misses(
+    log: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], caplog: pytest.LogCaptureFixture
+) -> None:
+    path, repaired = tmp_path / "damaged.mcap", tmp_path / "repaired.mcap"
+    data = bytearray(log.read_bytes())
+    data[len(data) // 2] ^= 1
+    path.write_bytes(data)
+    missing = read_log(path).missing
+    assert re.fullmatch(r"1 chunk is missing: \d+\.\d\d to \d+\.\d\d s", missing)
+    assert run(["log", "repair", str(path), str(repaired)]) == 0
+    assert capsys.readouterr().out == f"{repaired}: {missing}\n"
+    for command in (
+        ["log", "info", "LOG", "--json", str(tmp_path / "f.json")],
+        ["log", "export", "LOG", "--to", "npz"],
+        ["plot", "LOG"],
+        ["replay", "LOG"],
+    ):
+        for file in (path, repaired):
+            caplog.clear()
+            assert run([str(file) if word == "LOG" else word for word in command]) in (0, 1)
+            assert caplog.messages == [f"{file}: {missing}"], command
+    assert f"{repaired}: pepper, 1.0 s" in capsys.readouterr().out
+    figures = json.loads((tmp_path / "f.json").read_text())
+    assert figures["missing"] == missing
+    assert [gap["chunks"] for gap in figures["gaps"]] == [1]
+
+
+def test_plot_says_that_a_log_is_cut_short(
+    log: Path, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    path = tmp_path / "cut.mcap"
+    path.write_bytes(log.read_bytes()[:-5000])
+    assert run(["plot", str(path)]) == 0
+    assert len(caplog.messages) == 1
+    assert "cut short after" in caplog.text
+
+
 @pytest.mark.parametrize("language", ["sh", "python"])
 def test_the_page_on_logs_says_what_works(
     log: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, language: str
@@ -147,11 +184,14 @@ def test_the_page_on_logs_says_what_works(
         (["plot", "TEXT"], "is not an MCAP file"),
         (["plot", "EMPTY"], "the log holds no tick"),
         (["log", "info", "TEXT"], "is not an MCAP file"),
-        (["log", "info", "none.mcap"], "No such file"),
+        (["log", "info", "none.mcap"], "there is no such file"),
         (["log", "info", "LOG", "--json", "none/f.json"], "cannot be written"),
-        (["log", "export", "LOG", "--to", "xls"], "unknown format 'xls' (possible: csv, npz"),
+        (["log", "export", "LOG", "--to", "xls"], "'--to': must be parquet, csv or npz, got 'xls'"),
         (["log", "export", "LOG", "--to", "npz", "--out", "a.csv"], "must end in .npz"),
         (["log", "export", "LOG"], "--to"),
+        (["log", "repair", "TEXT", "new.mcap"], "is not an MCAP file"),
+        (["log", "repair", "LOG", "text"], "is there already; --force replaces it"),
+        (["log", "repair", "LOG", "LOG"], "is the log itself"),
         (["log", "exprot", "LOG"], "exprot"),
     ],
 )

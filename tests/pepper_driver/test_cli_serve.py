@@ -83,7 +83,7 @@ def test_it_starts_naoqi_anew_and_ends_with_the_robot() -> None:
         assert children(process.pid)[0] == robot
         os.kill(robot, signal.SIGKILL)
         _, err = process.communicate(timeout=60)
-        assert process.returncode == 2
+        assert process.returncode == 1
         assert err == "pepper: the stand-in's robot process ended by signal 9\n"
 
 

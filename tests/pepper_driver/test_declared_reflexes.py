@@ -3,12 +3,13 @@
 from typing import Any
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given, reject, settings
 from hypothesis import strategies as st
 from reflex_cases import touch
 
 from pepper_driver.config import ConfigError, load_robot
-from pepper_driver.reflexes import Comply, FollowHand, Retract
+from pepper_driver.config.contact_selector import SELECTOR_FIELDS
+from pepper_driver.reflexes import Comply, FollowHand, ReflexError, Retract
 from pepper_driver.reflexes.declared import make_reflexes, overlap
 
 from yaml_cases import ANYTHING  # isort: skip
@@ -17,16 +18,17 @@ ROBOT = load_robot()
 
 
 def make(*declared: dict[str, Any]) -> tuple[Any, ...]:
-    return make_reflexes(declared, ROBOT, "mine")
+    entries = {f"reactions.{number}": entry for number, entry in enumerate(declared)}
+    return make_reflexes(entries, ROBOT, "mine")
 
 
 def test_arguments_are_the_fields_of_the_reflex() -> None:
-    on = {"link": "LForeArm", "joint": "LElbowRoll", "kind": "collision", "min_intensity": 2}
+    on = {"link": "LForeArm", "joint": "LElbowRoll", "kind": "collision", "min_intensity_deg": 2}
     declared = {"on": on, "do": "retract", "distance": 0.3, "priority": 5, "then": "stay"}
     (reflex,) = make({**declared, "name": "away"})
     assert isinstance(reflex, Retract)
     assert (reflex.link, reflex.joint, reflex.kind) == ("LForeArm", "LElbowRoll", "collision")
-    assert (reflex.min_intensity, reflex.distance, reflex.priority) == (2, 0.3, 5)
+    assert (reflex.min_intensity_deg, reflex.distance, reflex.priority) == (2, 0.3, 5)
     assert (reflex.then, reflex.name) == ("stay", "away")
 
 
@@ -42,24 +44,37 @@ def test_every_kind_goes_by_its_name(kind: str) -> None:
 @pytest.mark.parametrize(
     ("declared", "where", "reason"),
     [
-        ({}, "reflexes.0.do", "is missing"),
-        ({"do": 3}, "reflexes.0.do", "is missing"),
-        ({"do": "retrat"}, "reflexes.0.do", "did you mean retract"),
-        ({"do": "hold", "on": "LForeArm"}, "reflexes.0.on", "a mapping"),
-        ({"do": "hold", "on": {"lnk": "LForeArm"}}, "reflexes.0.on.lnk", "did you mean link"),
-        ({"do": "hold", "on": {"link": "LForeAm"}}, "reflexes.0.on.link", "did you mean LForeArm"),
-        ({"do": "hold", "on": {"link": []}}, "reflexes.0.on.link", "unknown link"),
-        ({"do": "hold", "on": {"joint": "LElbow"}}, "reflexes.0.on.joint", "unknown joint"),
-        ({"do": "hold", "on": {"kind": "shove"}}, "reflexes.0.on.kind", "collision"),
-        ({"do": "hold", "distance": 0.3}, "reflexes.0.distance", "unknown key"),
-        ({"do": "hold", "link": "LForeArm"}, "reflexes.0.link", "unknown key"),
-        ({"do": "retract", "distanc": 0.3}, "reflexes.0.distanc", "did you mean distance"),
-        ({"do": "retract", "distance": 9}, "reflexes.0", "from 0.01 to 1.5, got 9"),
-        ({"do": "retract", "distance": "far"}, "reflexes.0", "got 'far'"),
-        ({"do": "retract", "then": "run"}, "reflexes.0", "'resume' or 'stay'"),
-        ({"do": "hold", "name": "a\nb"}, "reflexes.0.name", "up to 80 letters"),
-        ({"do": "hold", "contact": 1}, "reflexes.0.contact", "unknown key"),
-        ({"do": "hold", "a\nb": 1}, "reflexes.0.a b", "unknown key"),
+        ({}, "reactions.0.do", "is missing"),
+        ({"do": 3}, "reactions.0.do", "is missing"),
+        ({"do": "retrat"}, "reactions.0.do", "did you mean retract"),
+        ({"do": "hold", "on": "LForeArm"}, "reactions.0.on", "a mapping"),
+        ({"do": "hold", "on": {"lnk": "LForeArm"}}, "reactions.0.on.lnk", "did you mean link"),
+        ({"do": "hold", "on": {"link": "LForeAm"}}, "reactions.0.on.link", "did you mean LForeArm"),
+        ({"do": "hold", "on": {"link": []}}, "reactions.0.on.link", "at least one name"),
+        ({"do": "hold", "on": {"limb": "lef_arm"}}, "reactions.0.on.limb", "did you mean left_arm"),
+        (
+            {"do": "hold", "on": {"limb": ["head", "arm"]}},
+            "reactions.0.on.limb",
+            "unknown limb 'arm'",
+        ),
+        (
+            {"do": "hold", "on": {"limb": "head", "joint": "LElbowRoll"}},
+            "reactions.0.on",
+            "limb head and joint LElbowRoll",
+        ),
+        ({"do": "hold", "on": {"min_torque": -1}}, "reactions.0.on.min_torque", "got -1"),
+        ({"do": "hold", "on": {"min_torque": "2"}}, "reactions.0.on.min_torque", 'got "2"'),
+        ({"do": "hold", "on": {"joint": "LElbow"}}, "reactions.0.on.joint", "unknown joint"),
+        ({"do": "hold", "on": {"kind": "shove"}}, "reactions.0.on.kind", "collision"),
+        ({"do": "hold", "distance": 0.3}, "reactions.0.distance", "unknown key"),
+        ({"do": "hold", "link": "LForeArm"}, "reactions.0.link", "unknown key"),
+        ({"do": "retract", "distanc": 0.3}, "reactions.0.distanc", "did you mean distance"),
+        ({"do": "retract", "distance": 9}, "reactions.0", "from 0.01 to 1.5, got 9"),
+        ({"do": "retract", "distance": "far"}, "reactions.0", "got 'far'"),
+        ({"do": "retract", "then": "run"}, "reactions.0", "'resume' or 'stay'"),
+        ({"do": "hold", "name": "a\nb"}, "reactions.0.name", "up to 80 letters"),
+        ({"do": "hold", "contact": 1}, "reactions.0.contact", "unknown key"),
+        ({"do": "hold", "a\nb": 1}, r"reactions.0.a\nb", "unknown key"),
     ],
 )
 def test_a_wrong_one_is_refused(declared: dict[str, Any], where: str, reason: str) -> None:
@@ -94,7 +109,7 @@ def test_conflicts_are_refused_and_a_priority_cures_them(
     one: dict[str, Any], other: dict[str, Any]
 ) -> None:
     for pair in ((one, other), (other, one)):
-        with pytest.raises(ConfigError, match=r"key 'reflexes\.1'.*same priority.*both want"):
+        with pytest.raises(ConfigError, match=r"key 'reactions\.1'.*same priority.*both want"):
             make(*pair)
     make(one, {**other, "priority": 7})
 
@@ -115,13 +130,20 @@ def test_what_gets_along_is_taken(one: dict[str, Any], other: dict[str, Any]) ->
     assert len(make(one, other)) == 2
 
 
+def one_or_more(*names: str) -> st.SearchStrategy[str | list[str]]:
+    several = st.lists(st.sampled_from(names), min_size=1, max_size=3)
+    return st.sampled_from(names) | several
+
+
 ON = st.fixed_dictionaries(
     {},
     optional={
-        "link": st.sampled_from(["LForeArm", "RForeArm", "LBicep", "torso"]),
-        "joint": st.sampled_from(["LElbowRoll", "LShoulderRoll", "RShoulderRoll"]),
+        "limb": one_or_more("left_arm", "right_arm", "trunk"),
+        "link": one_or_more("LForeArm", "RForeArm", "LBicep", "torso"),
+        "joint": one_or_more("LElbowRoll", "LShoulderRoll", "RShoulderRoll"),
         "kind": st.sampled_from(["contact", "collision"]),
-        "min_intensity": st.floats(0.0, 5.0),
+        "min_intensity_deg": st.floats(0.0, 5.0),
+        "min_torque": st.floats(0.0, 3.0),
     },
 )
 
@@ -133,14 +155,24 @@ ON = st.fixed_dictionaries(
     st.sampled_from([("LForeArm", "LElbowRoll"), ("LBicep", "LShoulderRoll"), ("torso", None)]),
     st.sampled_from(["contact", "collision"]),
     st.floats(0.0, 6.0),
+    st.none() | st.floats(-4.0, 4.0),
 )
 def test_two_that_answer_one_contact_overlap(
-    one: dict[str, Any], other: dict[str, Any], place: tuple[str, str], kind: str, size: float
+    one: dict[str, Any],
+    other: dict[str, Any],
+    place: tuple[str, str],
+    kind: str,
+    size: float,
+    torque: float | None,
 ) -> None:
     reflexes = Comply(**one), FollowHand(**other)
+    contact = touch(link=place[0], joint=place[1], kind=kind, intensity=size, torque=torque)
     for reflex in reflexes:
-        reflex.prepare(ROBOT)
-    contact = touch(link=place[0], joint=place[1], kind=kind, intensity=size)
+        try:
+            reflex.prepare(ROBOT)
+        except ReflexError:
+            assert not reflex.is_for(contact)
+            reject()
     if all(reflex.is_for(contact) for reflex in reflexes):
         assert overlap(*reflexes, ROBOT)
     assert overlap(*reflexes, ROBOT) == overlap(reflexes[1], reflexes[0], ROBOT)
@@ -150,7 +182,7 @@ def test_two_that_answer_one_contact_overlap(
 @given(
     st.sampled_from(["hold", "retract", "follow_hand", "assist", "x"]),
     st.dictionaries(st.sampled_from(["on", "distance", "name", "then", "lead", "pause"]), ANYTHING),
-    st.dictionaries(st.sampled_from(["link", "joint", "kind", "min_intensity"]), ANYTHING),
+    st.dictionaries(st.sampled_from(SELECTOR_FIELDS), ANYTHING),
 )
 def test_anything_makes_a_reflex_or_one_line(
     kind: str, rest: dict[str, Any], on: dict[str, Any]

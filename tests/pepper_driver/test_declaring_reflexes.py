@@ -12,6 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pepper_driver.config import ConfigError, load_robot
+from pepper_driver.config.contact_selector import SELECTOR_FIELDS
 from pepper_driver.reflexes import (
     Assist,
     Comply,
@@ -38,8 +39,14 @@ def again(entry: dict[str, Any]) -> Reflex:
 @pytest.mark.parametrize("kind", ALL)
 @settings(max_examples=20)
 @given(
-    link=st.sampled_from([None, "LForeArm", "base_link"]),
-    joint=st.sampled_from([None, "HeadYaw"]),
+    on=st.sampled_from(
+        [
+            {},
+            {"limb": "left_arm"},
+            {"limb": ["head", "trunk"], "link": "base_link"},
+            {"link": ("LForeArm", "LBicep"), "joint": "LWristYaw", "min_torque": 0.5},
+        ]
+    ),
     touch=st.sampled_from([None, "contact", "collision"]),
     least=st.floats(0.0, 180.0),
     priority=st.integers(-1000, 1000),
@@ -49,8 +56,7 @@ def again(entry: dict[str, Any]) -> Reflex:
 )
 def test_it_comes_back_with_all_its_arguments(
     kind: type[Reflex],
-    link: str | None,
-    joint: str | None,
+    on: dict[str, Any],
     touch: Any,
     least: float,
     priority: int,
@@ -59,10 +65,9 @@ def test_it_comes_back_with_all_its_arguments(
     name: str,
 ) -> None:
     reflex = kind(
-        link=link,
-        joint=joint,
+        **on,
         kind=touch,
-        min_intensity=least,
+        min_intensity_deg=least,
         priority=priority,
         pause=pause,
         then=then,
@@ -70,8 +75,9 @@ def test_it_comes_back_with_all_its_arguments(
     )
     made = again(declare(reflex))
     assert type(made) is kind
+    assert made.selector == reflex.selector
     for field in fields(reflex):
-        if field.init:
+        if field.init and field.name not in SELECTOR_FIELDS:
             assert getattr(made, field.name) == getattr(reflex, field.name), field.name
 
 
@@ -86,9 +92,9 @@ def test_all_of_a_robot_come_back_in_their_order_with_their_names() -> None:
         [Hold(), Retract(), Hold(link="LForeArm"), Ignore(link="Head")], ROBOT
     )
     made = prepare_reflexes([again(declare(reflex)) for reflex in reflexes], ROBOT)
-    names = [reflex.name for reflex in reflexes]
-    assert names == ["ignore", "retract", "hold", "hold 2"]
-    assert [reflex.name for reflex in made] == names
+    names = [reflex.full_name for reflex in reflexes]
+    assert names == ["ignore", "retract", "hold 1", "hold 2"]
+    assert [reflex.full_name for reflex in made] == names
 
 
 def test_a_class_that_nobody_registered_is_told_from_one_of_the_same_name() -> None:

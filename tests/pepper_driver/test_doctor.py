@@ -23,13 +23,17 @@ from doctor_cases import (
 
 from pepper_driver.backends import DeviceError, Measurement, NotConnectedError
 from pepper_driver.backends.mock import Fault
-from pepper_driver.config import PepperError, load_controller_settings, load_safety_settings
+from pepper_driver.config import (
+    PepperError,
+    RobotIdentity,
+    load_controller_settings,
+    load_safety_settings,
+)
 from pepper_driver.doctor import Outcome, examine
 from pepper_driver.doctor.preparation import check_computer, check_models, check_settings
 from pepper_driver.observer import ModelSet
 from pepper_driver.observer.model_file import shipped
-
-from fakes import aged, displaced, drained, heated, pressed  # isort: skip
+from pepper_driver.testing import aged, displaced, drained, heated, pressed
 
 SAFETY = load_safety_settings()
 HEAD, ROLL = ROBOT.joint_index("HeadYaw"), ROBOT.joint_index("LShoulderRoll")
@@ -64,10 +68,10 @@ def test_a_robot_that_is_well_passes_and_was_never_moved(
         (held(HEAD, ROBOT.upper[HEAD] + 0.1), "limits", FAILED, "5.7 deg beyond"),
         (held(ROLL, ROBOT.lower[ROLL] - 0.1), "limits", FAILED, "LShoulderRoll"),
         (held(HEAD, ROBOT.upper[HEAD] + 0.005), "limits", OK, "0.3 deg beyond"),
-        (heated(HEAD, SAFETY.temperature_fault), "temperatures", FAILED, "HeadYaw"),
-        (heated(HEAD, SAFETY.temperature_warning), "temperatures", WARNING, "68"),
-        (heated(HEAD, SAFETY.temperature_warning - 1), "temperatures", OK, "67"),
-        (heated(HEAD, np.nan), "temperatures", WARNING, "not told: HeadYaw"),
+        (heated("HeadYaw", SAFETY.temperature_fault), "temperatures", FAILED, "HeadYaw"),
+        (heated("HeadYaw", SAFETY.temperature_warning), "temperatures", WARNING, "68"),
+        (heated("HeadYaw", SAFETY.temperature_warning - 1), "temperatures", OK, "67"),
+        (heated("HeadYaw", np.nan), "temperatures", WARNING, "not told: HeadYaw"),
         (field("temperature", np.full(17, np.nan)), "temperatures", UNKNOWN, "no motor"),
         (drained(SAFETY.battery_activate - 0.01), "battery", FAILED, "9%"),
         (drained(SAFETY.battery_warning - 0.01), "battery", WARNING, "19%"),
@@ -115,7 +119,7 @@ def test_each_sickness_is_found_with_what_to_do_and_nothing_moves(
         (shifted_clock(0.5), "clock", FAILED, "jumps by 0.512 s"),
         (shifted_clock(-0.5), "clock", FAILED, "goes back by 0.488 s"),
         (shifted_clock(0.005), "clock", OK, "off by 5.0 ms"),
-        (displaced(HEAD, 0.05), "joints", WARNING, "2.9 deg"),
+        (displaced("HeadYaw", 0.05), "joints", WARNING, "2.9 deg"),
         (aged(0.09), "samples", FAILED, "90 ms"),
         (aged(0.04), "samples", OK, "at most 40 ms"),
         (pressed("bumpers"), "bumpers", FAILED, "FrontLeft"),
@@ -211,19 +215,27 @@ def test_models_of_another_robot_are_a_failure(
     assert examination.models is None
 
 
-def test_a_plant_without_models_is_told_so() -> None:
-    result = named(examine("mujoco://?plant=worn"), "models")
+def test_a_robot_without_models_is_told_so() -> None:
+    result = named(examine("mock"), "models")
     assert result.outcome is FAILED
-    assert "no models come with the package" in result.found
+    assert "no models come with the package for 'mock'" in result.found
     assert "pepper identify" in result.cure
+
+
+def test_a_variant_has_the_models_of_the_plant_it_extends(caplog: pytest.LogCaptureFixture) -> None:
+    result = named(examine("mujoco://?plant=worn"), "models")
+    assert result.outcome is OK
+    assert "identified on 'nominal', of which it is a variant" in result.found
+    assert not caplog.records, "it is said once"
 
 
 def test_models_that_lack_a_joint_or_are_of_another_version_are_warned_of() -> None:
     whole = ModelSet.load(shipped("fusion")["nominal"])
-    assert check_models(whole, ROBOT).outcome is OK
-    old = check_models(replace(whole, version="0.0.1"), ROBOT)
+    own = [RobotIdentity(name="nominal", identity=whole.identity)]
+    assert check_models(whole, own, ROBOT).outcome is OK
+    old = check_models(replace(whole, version="0.0.1"), own, ROBOT)
     assert (old.outcome, "0.0.1" in old.found) == (WARNING, True)
-    partial = check_models(only(whole, set(ROBOT.joint_names) - {"LHand"}), ROBOT)
+    partial = check_models(only(whole, set(ROBOT.joint_names) - {"LHand"}), own, ROBOT)
     assert (partial.outcome, "LHand" in partial.cure) == (WARNING, True)
 
 

@@ -18,8 +18,7 @@ from pepper_driver.doctor.trial import make_pepper
 from pepper_driver.observer import ModelSet
 from pepper_driver.observer.model_file import shipped
 from pepper_driver.robot import Pepper
-
-from fakes import heated, pressed  # isort: skip
+from pepper_driver.testing import heated, pressed
 
 SETTINGS = load_doctor_settings()
 NOMINAL = ModelSet.load(shipped("fusion")["nominal"])
@@ -181,7 +180,7 @@ def test_only_joints_of_arms_and_head_are_told_to_move(monkeypatch: pytest.Monke
 
 @pytest.mark.parametrize(
     ("sickness", "tick", "word"),
-    [(pressed("buttons"), 500, "chest"), (heated(3, 90.0), None, "not ready to move")],
+    [(pressed("buttons"), 500, "chest"), (heated("HeadYaw", 90.0), None, "not ready to move")],
 )
 def test_a_robot_that_is_stopped_meanwhile_is_a_result(
     sickness: Fault, tick: int | None, word: str, monkeypatch: pytest.MonkeyPatch

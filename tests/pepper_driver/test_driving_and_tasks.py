@@ -93,7 +93,7 @@ def test_twists_that_are_none_are_refused_and_change_nothing(twist: Any) -> None
     with make_pepper() as pepper:
         pepper.drive(*TWIST)
         for hold in (True, False):
-            with pytest.raises(TargetError, match="twist"):
+            with pytest.raises(TargetError, match="drive takes"):
                 pepper.drive(*twist, hold=hold)
         assert requested(pepper, 60) == HALF * [TWIST] + (60 - HALF) * [STOP]
 

@@ -149,7 +149,7 @@ runpy.run_module("pepper_driver", run_name="__main__")
 def test_a_terminal_that_is_closed_ends_the_command(tmp_path: Path) -> None:
     """By SIGHUP; and whatever is printed from then on fails."""
     log = tmp_path / "run.mcap"
-    path = write(tmp_path, STAND, {"wait": {"seconds": 600.0}}, observer=None)
+    path = write(tmp_path, STAND, {"name": "wait", "hold": 600.0}, observer=None)
     command = ["run", str(path), "--log", str(log), "--real-time"]
     far, near = os.openpty()
     process = subprocess.Popen(

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from evaluation_cases import ROBOT, make_take
 
-from pepper_driver.config import UnknownNameError
+from pepper_driver.config import RobotIdentity, UnknownNameError, load_plant, plant_hash
 from pepper_driver.evaluation import contestants as module
 from pepper_driver.evaluation.contestants import (
     ORACLE,
@@ -20,6 +20,7 @@ from pepper_driver.evaluation.contestants import (
 from pepper_driver.evaluation.watching import watch
 from pepper_driver.observer import AffineTree, ModelFileError, ModelSet, shipped
 
+NOMINAL = RobotIdentity(name="nominal", identity=plant_hash(load_plant("nominal", ROBOT), ROBOT))
 PAPER = Contestants(modes=("paper-affine", "paper-cart"))
 
 
@@ -91,6 +92,26 @@ def test_a_file_of_another_robot_stands_in_for_suites_but_not_for_recordings(
     )
     with pytest.raises(ModelFileError, match="simulated robots only"):
         some.observer(ORACLE, recorded, ROBOT)
+
+
+def test_a_recording_of_a_variant_is_judged_with_the_nearest_models(tmp_path: Path) -> None:
+    """Its own before those of its parents, in a file before those shipped, whatever the order of the files."""
+    parents = (RobotIdentity(name="worn", identity="of worn"), NOMINAL)
+    take = replace(make_take(), plant=RECORDED, identity="of mine", parents=parents)
+    assert NOMINAL.identity in PAPER.observer("paper-affine", take, ROBOT).describe()
+    fusion = Contestants(modes=("fusion",)).observer("fusion", take, ROBOT)
+    assert NOMINAL.identity in fusion.describe()
+    models, files = ModelSet.load(shipped("affine")["nominal"]), []
+    for name in ("of mine", "of worn", "foreign"):
+        files.append(tmp_path / f"{name}.json")
+        replace(models, identity=name).save(files[-1])
+    some = contestants(["paper"], files, ROBOT)
+    assert "of mine" in some.observer("paper-affine", take, ROBOT).describe()
+    some = contestants(["paper"], files[1:], ROBOT)
+    assert "of worn" in some.observer("paper-affine", take, ROBOT).describe()
+    some = contestants(["paper"], files[2:], ROBOT)
+    with pytest.raises(ModelFileError, match="identified on another robot"):
+        some.observer("paper-affine", take, ROBOT)
 
 
 def test_the_oracle_does_not_know_which_robot_was_drawn(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -34,9 +34,25 @@ LINK = ROBOT.links[-1]
         ({"phase": "end"}, {"phase": "end"}, {"phase": "begin"}),
         ({"link": LINK}, {"link": LINK}, {"link": "elsewhere"}),
         ({"joint": "RHand"}, {"joint": "RHand"}, {"joint": None}),
+        ({"limb": "head"}, {"limb": "head"}, {"limb": "left_arm"}),
+        ({"limb": ["head", "trunk"]}, {"limb": "trunk"}, {"limb": "left_arm"}),
+        ({"link": [LINK, "Head"]}, {"link": "Head"}, {"link": "elsewhere"}),
         ({"kind": "collision"}, {"kind": "collision"}, {"kind": "contact"}),
-        ({"min_intensity": 2.5}, {"intensity": 2.5}, {"intensity": 2.4}),
-        ({"min_intensity": np.float32(2.5)}, {"intensity": 2.6}, {"intensity": float("nan")}),
+        ({"min_torque": 2.0}, {"torque": -2.0}, {"torque": 1.9}),
+        ({"min_torque": 2.0}, {"torque": 2.5}, {"torque": None}),
+        ({"min_torque": 2.0}, {"torque": 2.5}, {"torque": float("nan")}),
+        (  # all conditions, not any
+            {"limb": "head", "kind": "collision", "min_torque": 1.0},
+            {"limb": "head", "kind": "collision", "torque": 1.0},
+            {"limb": "head", "kind": "contact", "torque": 1.0},
+        ),
+        (
+            {"limb": "head", "min_torque": 1.0},
+            {"limb": "head", "torque": 1.0},
+            {"limb": "left_arm", "torque": 1.0},
+        ),
+        ({"min_intensity_deg": 2.5}, {"intensity": 2.5}, {"intensity": 2.4}),
+        ({"min_intensity_deg": np.float32(2.5)}, {"intensity": 2.6}, {"intensity": float("nan")}),
         (
             {"joint": "RHand", "kind": "rebound"},
             {"joint": "RHand", "kind": "rebound"},
@@ -56,7 +72,9 @@ def test_contacts(wanted: dict[str, Any], fits: dict[str, Any], fits_not: dict[s
         ({"link": LINK}, {"link": LINK}),
         ({"joint": "RHand"}, {"joint": "RHand"}),
         ({"kind": "collision"}, {"kind": "collision"}),
-        ({"min_intensity": 5.0}, {"intensity": 6.0}),
+        ({"min_intensity_deg": 5.0}, {"intensity": 6.0}),
+        ({"min_torque": 2.0}, {"torque": -2.5}),
+        ({"limb": "right_arm"}, {"limb": "right_arm"}),
     ],
 )
 def test_a_contact_is_told_once_it_is_as_described(
@@ -84,6 +102,7 @@ def test_a_contact_is_told_once_it_is_as_described(
 @pytest.mark.parametrize(
     ("wanted", "hint"),
     [
+        ({"limb": "left"}, "limb 'left' .*left_arm"),
         ({"joint": "LElbowRol"}, "joint 'LElbowRol' .*LElbowRoll"),
         ({"link": ROBOT.links[3] + "x"}, f"link .*did you mean .*{ROBOT.links[3]}"),
         ({"kind": "colision"}, "did you mean collision"),
@@ -97,9 +116,16 @@ def test_names_of_contacts_are_checked(wanted: dict[str, Any], hint: str) -> Non
 
 @pytest.mark.parametrize("intensity", [-0.1, float("nan"), None, "3", [1.0]])
 def test_intensities_are_checked(intensity: Any) -> None:
-    with pytest.raises(SubscriptionError, match="min_intensity") as caught:
-        contact_filter(ROBOT, min_intensity=intensity)
+    with pytest.raises(SubscriptionError, match="min_intensity_deg") as caught:
+        contact_filter(ROBOT, min_intensity_deg=intensity)
     assert isinstance(caught.value, PepperError)
+
+
+def test_what_no_contact_can_be_is_refused() -> None:
+    with pytest.raises(SubscriptionError, match="limb head and link LForeArm"):
+        contact_filter(ROBOT, limb="head", link="LForeArm")
+    with pytest.raises(SubscriptionError, match="did you mean limb"):
+        contact_filter(ROBOT, limbs="head")
 
 
 def after(number: int) -> TickEvent:

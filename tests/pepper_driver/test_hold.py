@@ -10,13 +10,13 @@ from pepper_driver.config import load_robot
 from pepper_driver.controller import WholeBodyController
 from pepper_driver.observer import Contact, Observation
 from pepper_driver.reflexes import Hold, ReflexError, ReflexRequests
+from pepper_driver.testing import standing_measurement
 
 from dataclasses import replace  # isort: skip
 
-from fakes import quiet  # isort: skip
 
 ROBOT = load_robot()
-BLANK = quiet()
+BLANK = standing_measurement()
 NAN: NDArray[np.float64] = np.full(17, np.nan)
 
 
@@ -29,6 +29,7 @@ def contact(
         id=number,
         phase=phase,
         kind=kind,
+        limb="left_arm",
         joint="LShoulderRoll",
         link="LBicep",
         direction=1,

@@ -13,7 +13,7 @@ from pepper_driver.observer import Contact, Observation, Observer
 from pepper_driver.reflexes import ReflexRequests
 
 # isort: off
-from motion_cases import ARM, PLACE, REACH, ROBOT, YAW, Trace, make_motion, wrist
+from experiment_cases import ARM, PLACE, REACH, ROBOT, YAW, Trace, make_experiment, wrist
 from test_hold import contact
 # isort: on
 
@@ -125,7 +125,7 @@ def test_a_held_motion_stops_the_base_too() -> None:
     step = {"duration": 3.0, "base_velocity": {"vx": 0.1}, "position": REACH}
     with make_pepper(Holder(1.5, 3.5)) as pepper:
         speeds = Speeds(pepper)
-        report = pepper.play(make_motion(step), on_tick=speeds)
+        report = pepper.play(make_experiment(step), on_tick=speeds)
         np.testing.assert_allclose(wrist(pepper), PLACE, atol=0.005)
         assert pepper.controller.model.v[0] > 0.08, "it rolls on"
     assert speeds.between(1.3, 1.5)[1] > 0.08
@@ -144,7 +144,7 @@ def test_a_motion_let_go_near_its_end_does_not_hurry() -> None:
     step = {"duration": 2.0, "joints": {"HeadYaw": 0.5}}
     with make_pepper(Holder(1.95, 3.0, away)) as pepper:
         speeds = Speeds(pepper)
-        report = pepper.play(make_motion(step), on_tick=speeds)
+        report = pepper.play(make_experiment(step), on_tick=speeds)
         assert pepper.controller.position[YAW] == pytest.approx(0.5, abs=0.01)
     # Of least jerk within a second: 15/8 of the mean speed.
     assert speeds.between(3.0, 9.0)[0] == pytest.approx(0.4 * 15 / 8, rel=0.1)
@@ -155,7 +155,7 @@ def test_the_clock_of_a_held_motion_stands() -> None:
     step = {"duration": 2.0, "joints": {"HeadYaw": 0.5}}
     with make_pepper(Holder(0.5, 6.0)) as pepper:
         yaw = Trace(lambda: pepper.controller.position[YAW])
-        report = pepper.play(make_motion(step, {"duration": 0.6}), on_tick=yaw)
+        report = pepper.play(make_experiment(step, {"duration": 0.6}), on_tick=yaw)
     assert [goal.name for goal in report.steps[0].goals] == ["posture"]
     assert report.steps[0].duration == pytest.approx(7.5, abs=0.03)
     assert report.steps[1].duration == pytest.approx(0.6)
@@ -166,15 +166,24 @@ def test_the_clock_of_a_held_motion_stands() -> None:
 
 def test_a_pause_goes_on_where_it_was() -> None:
     with make_pepper(Holder(0.5, 1.5)) as pepper:
-        report = pepper.play(make_motion({"hold": 1.0, "joints": {"HeadYaw": 0.2}}))
+        report = pepper.play(make_experiment({"hold": 1.0, "joints": {"HeadYaw": 0.2}}))
     assert report.steps[0].duration == pytest.approx(2.0, abs=0.03)
+
+
+def test_a_hold_after_a_way_goes_on_once_the_robot_is_there_again() -> None:
+    """It is held for half a second, two seconds into a hold of three, and gets back within one."""
+    step = {"duration": 1.0, "hold": 3.0, "joints": {"HeadYaw": 0.2}}
+    with make_pepper(Holder(3.0, 3.5, away)) as pepper:
+        report = pepper.play(make_experiment(step))
+        assert pepper.controller.position[YAW] == pytest.approx(0.2, abs=0.01)
+    assert report.steps[0].duration == pytest.approx(1.0 + 3.0 + 0.5 + 1.0, abs=0.03)
 
 
 def test_what_was_reached_and_led_away_again_is_to_be_reached_again() -> None:
     """It is there after 1.5 s, led away at 2 s, let go at 3 s; there again 1.5 s later, where it is to stay 1.5 s."""
     step = {"until": "reached", "timeout": 8.0, "hold": 1.5, "joints": {"HeadYaw": 0.5}}
     with make_pepper(Holder(2.0, 3.0, away)) as pepper:
-        report = pepper.play(make_motion(step | {"stiffness": 20.0}))
+        report = pepper.play(make_experiment(step | {"stiffness": 20.0}))
         assert pepper.controller.position[YAW] == pytest.approx(0.5, abs=0.01)
     assert report.reached
     assert report.steps[0].duration == pytest.approx(6.0, abs=0.4)
@@ -190,6 +199,6 @@ def test_a_base_that_was_held_keeps_what_the_motion_left_open() -> None:
     step = {"duration": 2.0, "until": "reached", "timeout": 6.0, "base": {"x": 0.3}}
     with make_pepper(Holder(1.0, 2.0, shove)) as pepper:
         aside = Trace(lambda: pepper.controller.base_pose[1])
-        assert pepper.play(make_motion(step)).reached
+        assert pepper.play(make_experiment(step)).reached
         assert pepper.controller.base_pose[1] == pytest.approx(0.0, abs=0.011)
         del aside

@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pepper_driver.config import ConfigError, UnknownNameError, load_scenario
-from pepper_driver.config.scenario_motion import Setpoints
+from pepper_driver.config import ConfigError, UnknownNameError, load_experiment
+from pepper_driver.experiments.segments import swept_range
 from pepper_driver.identification import (
     CALIBRATION_STIFFNESS,
     CLOSED_FORM,
@@ -23,13 +23,12 @@ from pepper_driver.identification import (
 )
 from pepper_driver.identification.runs import Run, perform
 from pepper_driver.observer import FittingError, Recording, nrmse_fit, predict_recording
-from pepper_driver.timeline import swept_range
 
 from identify_cases import BODY, FULL, ROBOT, SHORT, short_body  # isort: skip
 
 LEGS = ("KneePitch", "HipPitch", "HipRoll")
 # Half a run of it is enough to fit a model to.
-LONGER = replace(SHORT, motion=replace(sweeps_of(SHORT), dwell=(1.5, 2.0)))
+LONGER = SHORT.with_goals(dwell=(1.5, 2.0))
 
 
 @pytest.fixture(scope="module")
@@ -99,8 +98,10 @@ def test_the_range_of_a_joint_is_a_share_of_the_way_from_the_first_posture_to_it
 def test_a_range_of_an_unknown_joint_is_refused(tmp_path: Path) -> None:
     text = Path(FULL.source).read_text().replace("ranges: {KneePitch:", "ranges: {KneePith:")
     (tmp_path / "typo.yaml").write_text(text)
-    with pytest.raises(ConfigError, match=r"key 'motion\.ranges\.KneePith'.*KneePitch"):
-        load_scenario(tmp_path / "typo.yaml", ROBOT)
+    with pytest.raises(
+        ConfigError, match=r"key 'steps\.0\.sweeps\.ranges'.*did you mean KneePitch"
+    ):
+        load_experiment(tmp_path / "typo.yaml", ROBOT)
 
 
 def test_a_stiffer_task_moves_faster() -> None:
@@ -111,9 +112,7 @@ def test_a_stiffer_task_moves_faster() -> None:
 
 
 def test_the_whole_body_moves_for_the_calibration() -> None:
-    body = short_body()
-    assert isinstance(body.motion, Setpoints)
-    body = replace(body, motion=replace(body.motion, count=3))
+    body = short_body().with_goals(count=3)
     run = plan_runs(ROBOT, ["HeadYaw"], SHORT, calibration=body)[-2]
     recording = perform("mujoco", run)
     assert np.ptp(recording.sent_position, axis=0).min() > 0.01
@@ -169,11 +168,9 @@ def test_joints_that_cannot_be_are_refused_before_anything_moves(
     assert not (tmp_path / "new").exists()
 
 
-def test_another_kind_of_motion_identifies_nothing(tmp_path: Path) -> None:
-    demo = load_scenario("demo", ROBOT)
-    with pytest.raises(
-        ConfigError, match=r"demo\.yaml: key 'motion\.kind': .*sweeps, not setpoints"
-    ):
+def test_another_kind_of_goals_identifies_nothing(tmp_path: Path) -> None:
+    demo = load_experiment("demo", ROBOT)
+    with pytest.raises(ConfigError, match=r"demo\.yaml: key 'steps': .* a step with sweeps"):
         record_joints("mujoco", ["LShoulderRoll"], demo, tmp_path / "new")
     with pytest.raises(ConfigError, match=r"demo\.yaml: key 'contacts'"):
         plan_runs(ROBOT, ["LShoulderRoll"], SHORT, calibration=demo)

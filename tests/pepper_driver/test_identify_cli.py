@@ -62,6 +62,22 @@ def test_models_of_both_sides_are_written_and_recordings_kept(
     assert "what shared models cost" in capsys.readouterr().out
 
 
+def test_identify_says_beforehand_how_long_it_takes(
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr("pepper_driver.cli.console.LINE_INTERVAL", 0.001)
+    options = ["--joints", "HeadPitch", "--workers", "1", *short_files(tmp_path)]
+    assert run(["identify", "--out", str(tmp_path / "models.json"), *options]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[0].startswith("runs of ")
+    assert lines[0].endswith(" in robot time to record")
+    runs = [line for line in lines if line.startswith("recording in simulation: HeadPitch-")]
+    assert runs
+    assert all(" left" in line for line in runs)
+
+
 @pytest.mark.parametrize(
     ("options", "word"),
     [

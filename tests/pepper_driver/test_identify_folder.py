@@ -14,7 +14,6 @@ from pepper_driver.identification import (
     plan_runs,
     read_manifest,
     record_joints,
-    sweeps_of,
 )
 from pepper_driver.identification import driving as driving_module
 from pepper_driver.identification.runs import Run, perform
@@ -101,7 +100,7 @@ def test_a_deleted_run_is_made_again(whole: Path, tmp_path: Path) -> None:
     assert contents(folder) == contents(whole)
 
 
-SLOWER = replace(SHORT, motion=replace(sweeps_of(SHORT), sweeps=2))
+SLOWER = SHORT.with_goals(sweeps=2)
 
 
 @pytest.mark.parametrize(

@@ -13,7 +13,6 @@ from pepper_driver.identification import (
     fit_models,
     inspect_recordings,
     record_joints,
-    sweeps_of,
 )
 from pepper_driver.identification.sharing import part
 from pepper_driver.observer import Recording
@@ -22,15 +21,8 @@ from identify_cases import ROBOT, SHORT, short_body  # isort: skip
 
 JOINT = "LShoulderRoll"
 INDEX = ROBOT.joint_index(JOINT)
-SCENARIO = replace(
-    SHORT,
-    motion=replace(
-        sweeps_of(SHORT),
-        estimation_stiffness=(2.0, 3.0, 4.0, 5.0),
-        sweeps=3,
-        setpoints=2,
-        dwell=(1.0, 1.8),
-    ),
+SCENARIO = SHORT.with_goals(
+    estimation_stiffness=(2.0, 3.0, 4.0, 5.0), sweeps=3, setpoints=2, dwell=(1.0, 1.8)
 )
 Change = Callable[[Recording], Recording]
 

@@ -79,15 +79,15 @@ def test_the_key_stops_a_robot_that_moves(terminal: int) -> None:
     assert caught.value.fault.reason is FaultReason.EMERGENCY_STOP
 
 
-def test_pepper_move_in_a_terminal(tmp_path: Path) -> None:
+def test_pepper_run_in_a_terminal(tmp_path: Path) -> None:
     motion = tmp_path / "long.yaml"
     motion.write_text(
-        "schema: 1\nname: long\nrepeat: 1000\n"
-        "steps:\n  - {duration: 30.0, joints: {HeadYaw: 0.5}}\n  - {duration: 30.0, posture: Stand}\n"
+        "schema: 2\nname: long\nsteps:\n"
+        "  - repeat: {times: 50, steps: [{duration: 30.0, joints: {HeadYaw: 0.5}}, {duration: 30.0, posture: Stand}]}\n"
     )
     far, near = pty.openpty()
     process = subprocess.Popen(
-        [sys.executable, "-m", "pepper_driver", "move", str(motion)],
+        [sys.executable, "-m", "pepper_driver", "run", str(motion)],
         stdin=near,
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,

@@ -190,7 +190,7 @@ def test_a_failure_leaves_nothing_half_done(
     with pytest.raises(OutputError) as caught:
         export_log(log, tmp_path / "run.csv", "csv", force=True)
     where = tmp_path / "run.contacts.csv"
-    assert str(caught.value) == f"{where}: cannot be written (No space left on device)"
+    assert str(caught.value) == f"{where}: cannot be written (the disk is full)"
     assert sorted(tmp_path.iterdir()) == before
     assert (tmp_path / "run.csv").read_text() == "old"
 

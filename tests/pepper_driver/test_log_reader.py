@@ -1,4 +1,4 @@
-"""The reader: the same bits as appended, from files whole, cut short, killed and damaged."""
+"""The reader: the same bits as appended, from files whole, cut short and killed. Damaged ones: test_log_damage."""
 
 from __future__ import annotations
 
@@ -15,6 +15,8 @@ from hypothesis import strategies as st
 from mcap.writer import Writer
 from test_log_samples import ROBOT, Samples, flatten, flatten_sent, same_bits
 
+from pepper_driver.backends.log_file import LAYOUT_VERSION
+from pepper_driver.backends.log_records import with_checksum
 from pepper_driver.backends.simulated import TruthSample
 from pepper_driver.config import UnknownNameError
 from pepper_driver.log import LogData, LogError, LogWriter, read_log
@@ -88,6 +90,7 @@ def test_same_bits_come_back(tmp_path: Path) -> None:
     written = Written(tmp_path / "a.mcap", 100)
     read = read_log(written.path)
     assert read.complete
+    assert not read.missing
     assert read.metadata == {"seed": "0"}
     assert read.joint_names == ROBOT.joint_names
     assert read.chains == ROBOT.chains
@@ -164,6 +167,7 @@ def test_cut_anywhere_reads_up_to_the_cut(tmp_path: Path) -> None:
             continue
         header = False
         assert not read.complete
+        assert "cut short" in read.missing
         assert read.metadata == {"seed": "0"}
         assert len(read) >= rows
         # What is lost is one chunk, a third of a second.
@@ -182,12 +186,9 @@ def test_zeros_after_the_cut(tmp_path: Path) -> None:
     before = read_log(written.path)
     for position in range(end, end + 3):
         written.path.write_bytes(whole[:position] + bytes(5000))
-        read = attempt(written.path)
-        if isinstance(read, LogError):  # zeros inside a chunk: its checksum tells
-            assert "damaged at byte" in str(read)
-        else:
-            assert not read.complete
-            assert len(read) >= len(before)
+        read = read_log(written.path)
+        assert not read.complete
+        assert len(read) == len(before)
 
 
 def test_zeros_at_a_boundary(tmp_path: Path) -> None:
@@ -291,8 +292,8 @@ def message(path: Path) -> str:
 
 
 def test_missing_and_foreign_files(tmp_path: Path) -> None:
-    assert "No such file" in message(tmp_path / "none.mcap")
-    assert "Is a directory" in message(tmp_path)
+    assert "there is no such file" in message(tmp_path / "none.mcap")
+    assert "it is a folder" in message(tmp_path)
     path = tmp_path / "a.mcap"
     path.write_bytes(b"")
     assert "is empty" in message(path)
@@ -305,31 +306,11 @@ def test_missing_and_foreign_files(tmp_path: Path) -> None:
     assert "not a log of this package" in message(path)
 
 
-def test_later_layout_is_refused(tmp_path: Path) -> None:
+def test_another_layout_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("pepper_driver.log.schema.LAYOUT_VERSION", "9")
     written = Written(tmp_path / "a.mcap", 1)
-    old, new = (b"\x07\x00\x00\x00version\x01\x00\x00\x00" + digit for digit in (b"4", b"9"))
-    data = written.path.read_bytes()
-    assert data.count(old) == 1
-    written.path.write_bytes(data.replace(old, new))
-    assert "has layout 9, this version reads 4" in message(written.path)
-
-
-def test_flipped_bits_never_pass_for_data(tmp_path: Path) -> None:
-    written = Written(tmp_path / "a.mcap", 60)
-    whole = bytearray(written.path.read_bytes())
-    start = bytes(whole).index(b"zstd") + 12
-    random = np.random.default_rng(2)
-    refused = 0
-    for position in random.integers(start, len(whole), 60):
-        damaged = bytearray(whole)
-        damaged[position] ^= 1 << int(random.integers(8))
-        written.path.write_bytes(damaged)
-        read = attempt(written.path)
-        if isinstance(read, LogError):
-            refused += 1
-        else:
-            written.check(read)
-    assert refused > 40
+    monkeypatch.undo()
+    assert f"has layout 9, this version reads {LAYOUT_VERSION}" in message(written.path)
 
 
 def test_row_of_wrong_length_is_refused(tmp_path: Path) -> None:
@@ -340,7 +321,7 @@ def test_row_of_wrong_length_is_refused(tmp_path: Path) -> None:
         writer = Writer(stream)
         writer.start()
         writer.add_metadata("run", {})
-        writer.add_metadata("layout", layout_metadata(ROBOT))
+        writer.add_metadata("layout", with_checksum(layout_metadata(ROBOT)))
         channel = writer.register_channel("/tick", "cdr", writer.register_schema("x", "", b""))
         writer.add_message(channel, 0, b"\x00\x01\x00\x00" + bytes(8), 0)
         writer.finish()  # type: ignore[no-untyped-call]

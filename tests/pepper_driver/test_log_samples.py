@@ -120,6 +120,7 @@ class Samples:
             id=number,
             phase=("begin", "update", "end")[number % 3],
             kind=("contact", "collision", "rebound")[number % 3],
+            limb=ROBOT.limb_of(joint),
             joint=joint,
             link=ROBOT.links[0],
             direction=1 if known else -1,

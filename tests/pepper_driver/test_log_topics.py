@@ -26,10 +26,13 @@ from pepper_driver.loop import TickRecord
 TOPICS = (CONTACTS, LABELS, EVENTS)
 BEGUN = ReflexEvent(
     reflex="Hold",
+    kind="hold",
+    number=1,
     phase="begin",
     time=0.012,
     contact_id=3,
     joints=("LShoulderRoll", "LElbowRoll"),
+    held_joints=("LElbowRoll",),
 )
 REFLEX = LogEvent(
     time=0.012,
@@ -38,6 +41,7 @@ REFLEX = LogEvent(
     phase="begin",
     contact_id=3,
     joints=("LShoulderRoll", "LElbowRoll"),
+    held_joints=("LElbowRoll",),
 )
 FAULT = LogEvent(time=0.024, kind="fault", name="stale", text='the newest "sample" is old\n')
 BUMP = SensorEvent(kind="bumper", name="bumper.Left", pressed=True, time=0.036)

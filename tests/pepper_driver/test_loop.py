@@ -27,8 +27,9 @@ from pepper_driver.realtime import STAGES
 from pepper_driver.reflexes import Arbiter, Reflex, ReflexRequests, prepare_reflexes
 from pepper_driver.robot import Pepper
 from pepper_driver.safety import FaultError, FaultReason, RobotState, SafetyGate
+from pepper_driver.testing import aged, displaced
 
-from fakes import aged, displaced, slowed  # isort: skip
+from fakes import slowed  # isort: skip
 
 ROBOT = load_robot()
 Array = NDArray[np.float64]
@@ -267,7 +268,7 @@ def test_the_controller_does_not_run_ahead_of_a_robot_that_the_gate_slows() -> N
 
 
 @pytest.mark.parametrize(
-    ("fault", "word"), [(aged(0.15), "old"), (displaced(4, np.nan), "not a number")]
+    ("fault", "word"), [(aged(0.15), "old"), (displaced("HeadPitch", np.nan), "not a number")]
 )
 def test_a_fault_stops_the_robot_and_is_told(fault: Any, word: str) -> None:
     backend = MockBackend()

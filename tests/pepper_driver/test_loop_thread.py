@@ -20,9 +20,9 @@ from pepper_driver.log import read_log
 from pepper_driver.observer import Observation
 from pepper_driver.reflexes import ReflexRequests
 from pepper_driver.safety import RobotState
+from pepper_driver.testing import aged
 
 # isort: off
-from fakes import aged
 from session_cases import (
     ROBOT,
     Scripted,
@@ -115,14 +115,15 @@ def test_a_step_waits_for_the_next_tick(time: VirtualTime) -> None:
 
 
 class Slow(Scripted):
-    """Thinks in its fifth tick until it may go on."""
+    """Thinks in its fifth tick until it may go on, once it is awake."""
 
     def __init__(self) -> None:
         super().__init__()
+        self.awake = False
         self.inside, self.go = threading.Event(), threading.Event()
 
     def step(self, tick: Tick) -> Observation:
-        if tick.measurement.tick == 5:
+        if self.awake and tick.measurement.tick == 5:
             self.inside.set()
             assert self.go.wait(PATIENCE)
         return super().step(tick)
@@ -131,7 +132,9 @@ class Slow(Scripted):
 def test_a_step_that_begins_inside_a_tick_waits_for_the_one_after_it(time: VirtualTime) -> None:
     """That one was read before; a motion would miss its first tick, or be asked before it has begun."""
     observer = Slow()
-    with make_pepper(observer=observer) as pepper, time.flowing():
+    pepper = make_pepper(observer=observer)  # which tries it
+    observer.awake = True
+    with pepper, time.flowing():
         assert observer.inside.wait(PATIENCE)
         step = in_thread(pepper.step)
         assert wait_until(lambda: pepper._changes._waiting)

@@ -12,7 +12,8 @@ from test_log_writer import limit_disk
 from pepper_driver import Contact, FaultError, Hold, Pepper, PepperError, RobotState
 from pepper_driver.backends import BackendError
 from pepper_driver.config import UnknownNameError
-from pepper_driver.config.motion import SHORTEST
+from pepper_driver.config.errors import ArgumentError
+from pepper_driver.config.steps import MIN_DURATION
 from pepper_driver.controller import GainError, TargetError, Tick
 from pepper_driver.controller.tasks import task as tasks
 from pepper_driver.log import LogError, LogEvent, read_log
@@ -125,7 +126,7 @@ def test_a_full_disk_does_not_disturb_the_run(
     pepper.start()
     pepper.run(2.0)
     assert pepper.state is RobotState.ACTIVE
-    with pytest.raises(LogError, match="No space left on device"):
+    with pytest.raises(LogError, match="the disk is full"):
         pepper.stop()
     assert 0 < len(read_log(tmp_path / "run.mcap")) < 2.0 / 0.012
 
@@ -168,6 +169,22 @@ def test_an_interrupted_run_leaves_a_log_that_can_be_read(tmp_path: Path) -> Non
     assert len(log) == 50
 
 
+def test_a_stop_before_the_first_start_makes_it_fail(monkeypatch: pytest.MonkeyPatch) -> None:
+    pepper = Pepper("mujoco", observer=None)
+    activated: list[bool] = []
+    activate = pepper.backend.activate
+    monkeypatch.setattr(pepper.backend, "activate", lambda: activated.append(True) or activate())
+    pepper.emergency_stop("q was pressed")
+    with pytest.raises(FaultError, match="q was pressed"):
+        pepper.start()
+    assert not activated
+    with pepper:  # a new start
+        pepper.run(0.1)
+    pepper.emergency_stop("after a run")
+    with pepper:
+        pepper.run(0.1)
+
+
 def test_emergency_stop_holds_and_stays() -> None:
     with Pepper("mujoco", observer=None) as pepper:
         pepper.set_posture({"LShoulderRoll": 1.0})
@@ -206,7 +223,7 @@ def test_wrong_postures_are_refused_and_change_nothing() -> None:
             ({"LShoulderRoll": 5.0}, TargetError),
             ({"LShoulderRoll": float("nan")}, TargetError),
             ({"LShoulderRoll": "up"}, TargetError),
-            (None, TargetError),
+            (None, ArgumentError),
             (np.zeros(16), TargetError),
             (np.full(17, np.inf), TargetError),
         ]
@@ -231,7 +248,7 @@ def test_a_duration_that_is_taken_is_no_fault_later() -> None:
             pepper.set_posture({"HeadYaw": 0.1}, duration=duration)
             pepper.run(0.05)
         assert pepper.state is RobotState.ACTIVE
-    assert SHORTEST == tasks.MIN_DURATION
+    assert MIN_DURATION == tasks.MIN_DURATION
 
 
 @pytest.mark.parametrize("seconds", ["a", None, float("nan"), float("inf"), -0.1])

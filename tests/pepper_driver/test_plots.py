@@ -32,6 +32,7 @@ def contact(joint: str | None, onset: float, **changes: Any) -> Contact:
         "id": 1,
         "phase": "begin",
         "kind": "contact",
+        "limb": ROBOT.limb_of(joint),
         "joint": joint,
         "link": "somewhere",
         "direction": 1,
@@ -291,7 +292,7 @@ def test_errors(log: LogData, tmp_path: Path) -> None:
     with pytest.raises(UnknownNameError, match="possible: pdf, png, svg"):
         plot_contacts(log, tmp_path / "a")
     (tmp_path / "folder.png").mkdir()
-    with pytest.raises(PlotError, match="Is a directory") as caught:
+    with pytest.raises(PlotError, match="it is a folder") as caught:
         plot_contacts(log, tmp_path / "folder.png")
     assert "\n" not in str(caught.value)
     empty = replace(log, fields={name: array[:0] for name, array in log.fields.items()})

@@ -20,7 +20,7 @@ from waiting import wait_until
 
 from pepper_driver.backends.signals import describe_interrupt
 from pepper_driver.cli.app import run
-from pepper_driver.config import load_motion, load_robot, load_scenario
+from pepper_driver.config import load_experiment, load_robot
 from pepper_driver.keys import SpaceBar
 from pepper_driver.labelling import LabelError, pushes_of, recording_of
 from pepper_driver.log import Label, read_log
@@ -89,8 +89,8 @@ def test_a_recording_over_a_network_replays_to_the_bit(
 ) -> None:
     late = np.random.default_rng(1).choice([0, 0, 0, 1, 2, 4], 400)
     monkeypatch.setattr("pepper_driver.robot.make_backend", lambda uri, _: Jittery(uri, late))
-    path, motion = tmp_path / "run.mcap", load_motion("wave", ROBOT)
-    record_labelled("mujoco", path, "head", motion=motion)
+    path, wave = tmp_path / "run.mcap", load_experiment("wave", ROBOT)
+    record_labelled("mujoco", path, "head", experiment=wave)
     assert len(read_log(path).unanswered["step"]) > 20
     run = load_run(path)
     result = compare(run, replay(run, run.observer(), run.reflexes()))
@@ -99,38 +99,35 @@ def test_a_recording_over_a_network_replays_to_the_bit(
 
 
 def test_a_motion_is_repeated_until_the_time_is_over(tmp_path: Path) -> None:
-    text = "schema: 1\nname: short\nsteps: [{duration: 0.6, joints: {HeadYaw: 0.3}}]\n"
+    text = "schema: 2\nname: short\nsteps: [{duration: 0.6, joints: {HeadYaw: 0.3}}]\n"
     (tmp_path / "short.yaml").write_text(text)
-    motion = load_motion(tmp_path / "short.yaml", ROBOT)
+    short = load_experiment(tmp_path / "short.yaml", ROBOT)
     for seconds, ticks in ((None, 50), (1.0, 100), (1.3, 150)):
         path = tmp_path / "run.mcap"
-        record_labelled("mujoco", path, "head", motion=motion, seconds=seconds)
+        record_labelled("mujoco", path, "head", experiment=short, seconds=seconds)
         log = read_log(path)
         assert abs(len(log) - ticks) <= 3
         assert np.ptp(log["reference_position"][:, ROBOT.joint_index("HeadYaw")]) > 0.2
 
 
-def test_a_scenario_is_performed(tmp_path: Path) -> None:
-    (tmp_path / "nod.yaml").write_text(SCENARIO)
-    scenario = load_scenario(tmp_path / "nod.yaml", ROBOT)
-    done = record_labelled("mujoco", tmp_path / "run.mcap", "head", scenario=scenario)
+def test_random_goals_are_recorded_with_the_way_to_them(tmp_path: Path) -> None:
+    (tmp_path / "nod.yaml").write_text(NOD)
+    nod = load_experiment(tmp_path / "nod.yaml", ROBOT)
+    done = record_labelled("mujoco", tmp_path / "run.mcap", "head", experiment=nod, seed=1)
     log = read_log(tmp_path / "run.mcap")
     assert len(log) == 150, "the way to its first posture is logged, too"
     assert done.seconds == pytest.approx(150 * CYCLE)
     assert np.ptp(log["reference_position"][:, ROBOT.joint_index("HeadPitch")]) > 0.1
 
 
-SCENARIO = """
-version: 1
+NOD = """
+schema: 2
 name: nod
-description: ''
-posture: Stand
 stiffness: 20.0
-settle: 0.6
-motion:
-  kind: script
-  length: 1.2
-  steps: [{time: 0.0, joints: {HeadPitch: 0.2}}]
+steps:
+  - setpoints: {joints: [HeadPitch], range: 0.9, settle: 0.6, period: 0.6, count: 2}
+reactions:
+  - {say: Oh!, do: hold}                 # left out
 """
 
 
@@ -300,13 +297,13 @@ def test_the_command_in_a_terminal(tmp_path: Path) -> None:
     ("arguments", "word"),
     [
         ([], "--label"),
-        (["--label", "hed"], "did you mean head"),
+        (["--label", "hed"], "must be key, head,"),
         (["--label", "head", "--backend", "mujocco"], "did you mean mujoco"),
         (["--label", "head", "--seconds", "0"], "seconds must be"),
-        (["--label", "head", "--motion", "wav"], "did you mean wave"),
-        (["--label", "head", "--scenario", "dem"], "did you mean demo"),
-        (["--label", "head", "--scenario", "demo", "--motion", "wave"], "give it alone"),
-        (["--label", "head", "--scenario", "demo", "--seconds", "3"], "give it alone"),
+        (["--label", "head", "--play", "wav"], "did you mean wave"),
+        (["--label", "head", "--play", "dem"], "did you mean demo"),
+        (["--label", "head", "--play", "gone.yaml"], "gone.yaml: cannot be read"),
+        (["--label", "head", "--motion", "wave"], "No such option"),
         (["--label", "head", "--link", "Hed"], "did you mean Head"),
         (["--label", "head", "--joint", "HeadPich"], "did you mean HeadPitch"),
         (["--label", "head", "--out", "/dev/null/x.mcap"], "/dev/null/x.mcap"),

@@ -9,7 +9,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from fakes import quiet
 from test_log_samples import ROBOT, Samples
 
 from pepper_driver.backends import Measurement
@@ -22,6 +21,7 @@ from pepper_driver.log import Label, LogData, LogWriter, read_log
 from pepper_driver.log.label import LabelPhase
 from pepper_driver.loop import TickRecord
 from pepper_driver.observer import RecordingBuilder, RecordingError
+from pepper_driver.testing import standing_measurement
 
 TOUCH = list(ROBOT.sensors.touch)
 
@@ -30,7 +30,7 @@ def sample(time: float, *touched: str) -> Measurement:
     """A measurement in which these sensors are touched or pressed."""
     bumpers = np.array([float(name in touched) for name in ROBOT.sensors.bumpers])
     touch = np.array([float(name in touched) for name in TOUCH])
-    return replace(quiet(), time=time, touch=touch, bumpers=bumpers)
+    return replace(standing_measurement(), time=time, touch=touch, bumpers=bumpers)
 
 
 def phases(labeller: Labeller, *ticks: tuple[str, ...]) -> list[tuple[float, str]]:
@@ -174,7 +174,7 @@ def finite(tick: Tick, number: int) -> Tick:
         attitude=rng.normal(size=3),
     )
     measurement = replace(
-        quiet(),
+        standing_measurement(),
         time=0.012 * number,
         age=float(rng.uniform()),
         position=rng.normal(size=17),

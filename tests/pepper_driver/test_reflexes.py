@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import fields
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -148,8 +150,8 @@ def test_several_contacts_are_one_reaction() -> None:
         ({"joint": "LElbowRoll"}, False),
         ({"kind": "contact"}, True),
         ({"kind": "collision"}, False),
-        ({"min_intensity": 2.0}, True),
-        ({"min_intensity": 4.0}, False),
+        ({"min_intensity_deg": 2.0}, True),
+        ({"min_intensity_deg": 4.0}, False),
     ],
 )
 def test_it_is_for_the_contacts_it_is_told(choice: dict[str, Any], acts: bool) -> None:
@@ -387,8 +389,40 @@ def test_a_base_is_not_led_by_an_arm_that_another_reflex_has() -> None:
 
 
 def test_reflexes_of_one_kind_have_names_of_their_own() -> None:
-    stage = Stage(Hold(), Hold(), Hold(name="mine"))
-    assert [reflex.name for reflex in stage.reflexes] == ["hold", "hold 2", "mine"]
+    """Also when they are prepared again, and where a name that was given ends in a number."""
+    reflexes = Hold(), Hold(name="hold 1"), Hold(), Hold(name="mine"), Comply()
+    for _ in range(2):
+        stage = Stage(*reflexes)
+        names = [(reflex.full_name, reflex.number) for reflex in stage.reflexes]
+        assert names == [("comply", 1), ("hold 2", 2), ("hold 1", 1), ("hold 3", 3), ("mine", 1)]
+        assert [reflex.name for reflex in reflexes] == ["hold", "hold 1", "hold", "mine", "comply"]
+
+
+def test_the_page_has_the_defaults_of_every_reflex() -> None:
+    page = (Path(__file__).parents[2] / "docs" / "reflexes.md").read_text()
+    rows = re.findall(r"^\| `(\w+)` \|.*\| (\d+) \| `(\w+)` \|$", page, re.MULTILINE)
+    kinds = (Ignore, StopBase, Retract, Comply, Assist, FollowHand, Hold, Soften)
+    defaults = [(kind.__name__, str(kind().priority), kind().then) for kind in kinds]
+    assert rows == defaults
+
+
+def test_events_say_which_reflex_has_the_joints() -> None:
+    """Of two that want one arm, the log tells at any time who has it."""
+    arm = tuple(name for name in ROBOT.limbs["left_arm"] if name not in ROBOT.hands.joints)
+    stage = Stage(Retract(kind="collision"), FollowHand(), Retract(limb="head", kind="collision"))
+    stage.step(touch(1))
+    stage.step(touch(1, phase="update", kind="collision"))
+    stage.run(0.1)
+    stage.step(touch(1, phase="end"))
+    stage.run(2.0)
+    told = [(e.reflex, e.kind, e.number, e.phase, e.joints, e.held_joints) for e in stage.events]
+    assert told == [
+        ("follow_hand", "follow_hand", 1, "begin", arm, arm),
+        ("retract 1", "retract", 1, "begin", arm, arm),
+        ("follow_hand", "follow_hand", 1, "update", arm, ()),
+        ("follow_hand", "follow_hand", 1, "end", arm, ()),
+        ("retract 1", "retract", 1, "end", arm, arm),
+    ]
 
 
 # -- mistakes -------------------------------------------------------------------------------------------------------

@@ -14,7 +14,7 @@ from jitter_cases import Jittery
 from test_log_samples import same_bits
 
 from pepper_driver import Comply, FaultError, Hold, Pepper, Reflex, Retract, Soften, StopBase
-from pepper_driver.backends import Measurement, NotConnectedError
+from pepper_driver.backends import Measurement, NotConnectedError, make_backend
 from pepper_driver.backends.log_file import LogError
 from pepper_driver.backends.mock import Fault, MockBackend
 from pepper_driver.cli.app import run as pepper_command
@@ -23,7 +23,7 @@ from pepper_driver.config.loading import package_file
 from pepper_driver.controller import Tick
 from pepper_driver.log import LogWriter, read_log
 from pepper_driver.loop import TickRecord
-from pepper_driver.observer import Observation, Observer, load_shipped
+from pepper_driver.observer import Observation, Observer
 from pepper_driver.replay import Comparison, Replayed, compare, load_run, replay
 from pepper_driver.replay.run import VALUES
 from pepper_driver.selection import contact_observer
@@ -90,6 +90,27 @@ def test_contacts_and_reflexes_are_found_bit_for_bit(log: Path) -> None:
     figures = result.as_json()
     assert figures["contacts"]["both"] == figures["contacts"]["recorded"] >= 3
     assert figures["contacts"]["missed"] == figures["contacts"]["new"] == 0
+
+
+def test_a_variant_is_replayed_with_the_models_it_was_recorded_with(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    path = tmp_path / "a.mcap"
+    with Pepper("mujoco://?plant=drift&draw=5", log=path) as pepper:
+        pepper.set_posture({"LElbowRoll": -0.6})
+        pepper.run(1.0)
+        parents = pepper.backend.info.parents
+    assert [parent.name for parent in parents] == ["drift-0", "nominal"]
+    assert make_backend(f"replay://{path}").info.parents == parents
+    caplog.clear()
+    found, result = replayed(path)
+    assert result.identical, result.differences
+    assert np.isfinite(found.values["expected"][-1]).all()
+    (record,) = caplog.records
+    assert "uses the models of plant 'nominal'" in record.getMessage()
+    path = edited(path, tmp_path / "b.mcap", parents=None)
+    with pytest.raises(PepperError, match="no models come with the package for 'mujoco://"):
+        load_run(path).observer()
 
 
 def test_a_replay_can_be_repeated(log: Path) -> None:
@@ -230,7 +251,9 @@ def test_a_stopped_run_ends_as_then(tmp_path: Path) -> None:
     assert any("stopped" in note for note in result.notes)
     without = compare(run, replay(run, run.observer()))
     (difference,) = without.differences
-    assert re.fullmatch(r"stop of the robot: KeyError.*: recorded only", difference.text)
+    assert re.fullmatch(
+        r"stop of the robot: reflex .breaks. .*KeyError.*: recorded only", difference.text
+    )
 
 
 class Harmed(Jittery):
@@ -314,12 +337,12 @@ def test_a_stop_that_no_measurement_shows_is_told_and_is_no_difference(
 def test_another_setting_is_told(log: Path) -> None:
     run = load_run(log)
     settings = load_observer_settings()
-    models = load_shipped("fusion", run.backend.info.identity)
+    identities = run.backend.info.identities
     # as recorded
-    observer = contact_observer("fusion", ROBOT, models.identity, None, settings)
+    observer = contact_observer("fusion", ROBOT, identities, None, settings)
     assert compare(run, replay(run, observer, run.reflexes())).identical
     changed = replace(settings, update_period=0.13)
-    observer = contact_observer("fusion", ROBOT, models.identity, None, changed)
+    observer = contact_observer("fusion", ROBOT, identities, None, changed)
     result = compare(run, replay(run, observer, run.reflexes()))
     assert not result.identical
     first = result.differences[0]
@@ -468,7 +491,10 @@ def edited(path: Path, to: Path, **metadata: str | None) -> Path:
     ("metadata", "message"),
     [
         ({"observer_models_sha256": "00ff" * 16}, "felt with the models 00ff00ff00ff.*--models"),
-        ({"identity": "a body of its own"}, "no models come with the package.*--models"),
+        ({"identity": "its own", "parents": None}, "no models come with the package.*--models"),
+        ({"parents": "{"}, "no 'parents' that can be read"),
+        ({"parents": "[3]"}, "no 'parents' that can be read"),
+        ({"parents": '[{"name": "nominal"}]'}, "no 'parents' that can be read"),
         ({"observer_mode": None}, "--observer"),
         ({"observer_settings": "{"}, "observer_settings"),
         ({"observer_settings": '{"tree": 3}'}, "observer_settings"),

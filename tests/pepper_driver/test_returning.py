@@ -14,7 +14,7 @@ from pepper_driver.reflexes import ReflexRequests
 from pepper_driver.reflexes.requests import DOMINANT_WEIGHT
 
 # isort: off
-from motion_cases import ROBOT
+from experiment_cases import ROBOT
 from reflex_cases import touch
 from test_holding import Holder, Scripted, make_pepper
 # isort: on

@@ -9,8 +9,9 @@ from numpy.typing import NDArray
 from pepper_driver.backends import Command
 from pepper_driver.config import load_controller_settings, load_robot, load_safety_settings
 from pepper_driver.safety import FaultError, FaultReason, RobotState, SafetyGate, StateError
+from pepper_driver.testing import aged, displaced, standing_measurement
 
-from fakes import aged, displaced, quiet, reference  # isort: skip
+from fakes import reference  # isort: skip
 
 ROBOT = load_robot()
 SAFETY = load_safety_settings()
@@ -123,7 +124,7 @@ def test_a_reference_that_is_no_number_is_a_fault(part: int) -> None:
 @pytest.mark.parametrize("age", [SAFETY.stale_fault + 0.001, np.nan, np.inf])
 def test_a_silent_robot_is_a_fault(age: float) -> None:
     g = gate()
-    g.watch(aged(age)(quiet()), g.sent)
+    g.watch(aged(age)(standing_measurement()), g.sent)
     assert_fault(g, FaultReason.STALE_SAMPLE, "old")
 
 
@@ -162,14 +163,14 @@ def test_whole_numbers_are_numbers() -> None:
 
 def test_a_sensor_that_is_no_number_is_a_fault() -> None:
     g = gate()
-    g.watch(displaced(2, np.nan)(quiet()), g.sent)
+    g.watch(displaced("HipRoll", np.nan)(standing_measurement()), g.sent)
     assert_fault(g, FaultReason.SENSOR, ROBOT.joint_names[2])
 
 
 def test_a_joint_far_from_its_command_is_a_fault_after_a_while() -> None:
     g = gate()
-    far = displaced(6, SAFETY.divergence + 0.1)(quiet())
-    near = quiet()
+    far = displaced("LShoulderRoll", SAFETY.divergence + 0.1)(standing_measurement())
+    near = standing_measurement()
     ticks = round(SAFETY.divergence_time / ROBOT.cycle)
     for _ in range(ticks):
         g.watch(far, g.sent)
@@ -186,7 +187,7 @@ def test_a_joint_without_stiffness_may_be_moved_by_hand() -> None:
     g = gate()
     soft = Command(position=STAND, stiffness=np.zeros(17), wheel_speed=STILL)
     for _ in range(200):
-        g.watch(displaced(6, 1.0)(quiet()), soft)
+        g.watch(displaced("LShoulderRoll", 1.0)(standing_measurement()), soft)
     assert g.state is RobotState.ACTIVE
 
 

@@ -25,8 +25,7 @@ from pepper_driver.controller import WholeBodyController
 from pepper_driver.loop import Loop
 from pepper_driver.reflexes import Arbiter
 from pepper_driver.safety import FaultError, FaultReason, NotReadyError, RobotState, SafetyGate
-
-from fakes import aged, displaced, drained, heated, pressed, quiet  # isort: skip
+from pepper_driver.testing import aged, displaced, drained, heated, pressed, standing_measurement
 
 ROBOT = load_robot()
 SAFETY = load_safety_settings()
@@ -75,11 +74,16 @@ def drive(
     [
         (aged(0.101), FaultReason.STALE_SAMPLE, "101 ms old", 1),
         (aged(np.nan), FaultReason.STALE_SAMPLE, "old", 1),
-        (displaced(4, np.nan), FaultReason.SENSOR, ROBOT.joint_names[4], 1),
-        (displaced(4, np.inf), FaultReason.SENSOR, ROBOT.joint_names[4], 1),
+        (displaced("HeadPitch", np.nan), FaultReason.SENSOR, ROBOT.joint_names[4], 1),
+        (displaced("HeadPitch", np.inf), FaultReason.SENSOR, ROBOT.joint_names[4], 1),
         (pressed("buttons"), FaultReason.CHEST_BUTTON, "chest", 1),
-        (displaced(6, 0.7), FaultReason.DIVERGENCE, ROBOT.joint_names[6], 43),
-        (heated(9, 75.0), FaultReason.TEMPERATURE, f"{ROBOT.joint_names[9]} has 75 deg C", 127),
+        (displaced("LShoulderRoll", 0.7), FaultReason.DIVERGENCE, ROBOT.joint_names[6], 43),
+        (
+            heated("LWristYaw", 75.0),
+            FaultReason.TEMPERATURE,
+            f"{ROBOT.joint_names[9]} has 75 deg C",
+            127,
+        ),
         (drained(0.04), FaultReason.BATTERY, "4%", 127),
     ],
 )
@@ -101,11 +105,11 @@ def test_harm_stops_arm_and_wheels(harm: Any, reason: FaultReason, word: str, wi
     ("harm", "lasting"),
     [
         (aged(0.079), 100),
-        (displaced(6, 0.5), 100),
-        (displaced(6, 0.7), 20),
-        (heated(9, 75.0), 60),
-        (heated(9, 73.0), 200),
-        (heated(9, np.nan), 200),
+        (displaced("LShoulderRoll", 0.5), 100),
+        (displaced("LShoulderRoll", 0.7), 20),
+        (heated("LWristYaw", 75.0), 60),
+        (heated("LWristYaw", 73.0), 200),
+        (heated("LWristYaw", np.nan), 200),
         (drained(0.04), 60),
         (drained(0.06), 200),
         (drained(np.nan), 200),
@@ -193,7 +197,7 @@ def test_a_bumper_that_cannot_be_read_and_an_open_charging_flap_stop_the_base() 
 
 def test_the_chest_button_can_be_switched_off_and_must_be_read_otherwise() -> None:
     off = replace(SAFETY, chest_button=False)
-    measurement = pressed("buttons")(quiet())
+    measurement = pressed("buttons")(standing_measurement())
     gate = SafetyGate(ROBOT, off, CONTROLLER)
     gate.activate(measurement.position)
     gate.watch(measurement, gate.sent)
@@ -207,7 +211,7 @@ def test_the_chest_button_can_be_switched_off_and_must_be_read_otherwise() -> No
 
 def test_a_warning_comes_once_for_each_motor(caplog: pytest.LogCaptureFixture) -> None:
     def harm(measurement: Measurement) -> Measurement:
-        return drained(0.15)(heated(2, 70.0)(heated(9, 70.0)(measurement)))
+        return drained(0.15)(heated("HipRoll", 70.0)(heated("LWristYaw", 70.0)(measurement)))
 
     with caplog.at_level(logging.WARNING):
         drive(MockBackend(), harm, 400)
@@ -225,9 +229,12 @@ def test_a_warning_comes_once_for_each_motor(caplog: pytest.LogCaptureFixture) -
     ("harm", "word"),
     [
         (drained(0.09), "battery is at 9%: charge it to 10%"),
-        (heated(9, 74.0), f"{ROBOT.joint_names[9]} has 74 deg C: let it cool to below 68"),
+        (
+            heated("LWristYaw", 74.0),
+            f"{ROBOT.joint_names[9]} has 74 deg C: let it cool to below 68",
+        ),
         (pressed("buttons"), "chest button"),
-        (displaced(4, np.nan), f"{ROBOT.joint_names[4]} does not answer"),
+        (displaced("HeadPitch", np.nan), f"{ROBOT.joint_names[4]} does not answer"),
     ],
 )
 def test_a_robot_that_is_not_fit_is_not_activated(
@@ -244,12 +251,12 @@ def test_a_robot_that_is_not_fit_is_not_activated(
 
 def test_all_reasons_are_told_at_once() -> None:
     gate = SafetyGate(ROBOT, SAFETY, CONTROLLER)
-    measurement = drained(0.02)(heated(1, 90.0)(quiet()))
+    measurement = drained(0.02)(heated("HipPitch", 90.0)(standing_measurement()))
     with pytest.raises(NotReadyError) as caught:
         gate.check_ready(measurement)
     assert "battery is at 2%" in str(caught.value)
     assert f"{ROBOT.joint_names[1]} has 90 deg C" in str(caught.value)
-    gate.check_ready(drained(np.nan)(heated(1, np.nan)(measurement)))
+    gate.check_ready(drained(np.nan)(heated("HipPitch", np.nan)(measurement)))
 
 
 @pytest.mark.parametrize(

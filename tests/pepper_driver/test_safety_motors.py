@@ -10,8 +10,9 @@ from pepper_driver.backends import Command, Measurement
 from pepper_driver.config import load_controller_settings, load_robot, load_safety_settings
 from pepper_driver.config.parts import FloatArray
 from pepper_driver.safety import FaultReason, RobotState, SafetyGate
+from pepper_driver.testing import displaced, standing_measurement
 
-from fakes import displaced, quiet, reference  # isort: skip
+from fakes import reference  # isort: skip
 
 ROBOT = load_robot()
 SAFETY = load_safety_settings()
@@ -29,7 +30,7 @@ def gate() -> SafetyGate:
 
 
 def told(stiffness: FloatArray | None) -> Measurement:
-    return replace(quiet(), stiffness=stiffness)
+    return replace(standing_measurement(), stiffness=stiffness)
 
 
 def less(by: float, *joints: int) -> FloatArray:
@@ -113,10 +114,10 @@ def watched(
     """A gate that has seen ``joint`` stand far from its command, with currents that tremble, but where changed."""
     g = gate()
     random = np.random.default_rng(1)
-    far = displaced(joint, SAFETY.silent + 0.05)
+    far = displaced(ROBOT.joint_names[joint], SAFETY.silent + 0.05)
     for tick in range(ticks):
         current = np.float64(0.016) * random.integers(10, 14, 17)
-        measurement = far(replace(quiet(), current=current))
+        measurement = far(replace(standing_measurement(), current=current))
         g.watch(change(tick, measurement), g.sent)
     return g
 
@@ -212,7 +213,7 @@ def test_what_another_program_commands_stops_the_robot_and_is_named(
 def test_why_samples_stay_away_is_told() -> None:
     g = gate()
     missing = "no answer from RElbowYaw, whose board is off or unplugged"
-    g.watch(replace(quiet(), age=0.2, missing=missing), g.sent)
+    g.watch(replace(standing_measurement(), age=0.2, missing=missing), g.sent)
     assert g.fault is not None
     assert g.fault.reason is FaultReason.STALE_SAMPLE
     assert g.fault.text == f"the newest sample is 200 ms old: {missing}"

@@ -21,21 +21,22 @@ from pepper_driver.safety import (
     StateError,
 )
 from pepper_driver.safety.states import StateMachine
+from pepper_driver.testing import aged, displaced, drained, heated, pressed, standing_measurement
 
-from fakes import aged, displaced, drained, heated, pressed, quiet, reference  # isort: skip
+from fakes import reference  # isort: skip
 
 ROBOT = load_robot()
 SAFETY = load_safety_settings()
 CONTROLLER = load_controller_settings(ROBOT)
 STAND = ROBOT.posture("Stand")
-FINE = quiet()
+FINE = standing_measurement()
 
 HARM = {
     FaultReason.STALE_SAMPLE: aged(0.15),
-    FaultReason.SENSOR: displaced(3, np.nan),
+    FaultReason.SENSOR: displaced("HeadYaw", np.nan),
     FaultReason.CHEST_BUTTON: pressed("buttons"),
-    FaultReason.DIVERGENCE: displaced(3, 2.0),
-    FaultReason.TEMPERATURE: heated(3, 90.0),
+    FaultReason.DIVERGENCE: displaced("HeadYaw", 2.0),
+    FaultReason.TEMPERATURE: heated("HeadYaw", 90.0),
     FaultReason.BATTERY: drained(0.01),
 }
 LONG_ENOUGH = 200

@@ -22,7 +22,9 @@ def test_the_shipped_plant_stays_finite_and_calm() -> None:
     assert all(0.001 < energy < 10.0 for energy in result.largest_energy)
     assert shares == sorted(shares)
     assert len(shares) >= 4
-    start = make_backend("mujoco").plant.config.battery.charge
+    plant = make_backend("mujoco").plant.config
+    assert plant is not None
+    start = plant.battery.charge
     assert 0.99 * start < result.charge < start
 
 

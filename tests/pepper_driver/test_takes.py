@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from pepper_driver.config import load_robot
+from pepper_driver.config.contact_specs import Push
 from pepper_driver.config.evaluation import Run, load_evaluation
-from pepper_driver.config.scenario_contacts import Push
-from pepper_driver.config.scenario_motion import Script, Step
+from pepper_driver.config.steps import Step
 from pepper_driver.evaluation.takes import (
     REDRAWN,
     FailedTake,
@@ -43,11 +43,11 @@ def pushed_over() -> Run:
         link="torso",
         xyz=(0.0, 0.0, 0.2),
         force=(28.0, 0.0, 0.0),
-        start=0.5,
+        start=2.5,
         duration=2.4,
     )
-    motion = Script(kind="script", steps=(Step(time=0.0, posture="Stand"),), length=3.0)
-    scenario = replace(RUN.scenario, motion=motion, contacts=(push,), largest_tipping=1.0)
+    steps = (Step(posture="Stand", hold=5.0),)
+    scenario = replace(RUN.scenario, steps=steps, contacts=(push,), max_tipping=1.0)
     return replace(RUN, scenario=scenario, goals=None, plant="nominal")
 
 
@@ -169,7 +169,7 @@ def test_a_run_in_which_the_robot_fell_is_drawn_anew(
 
 def test_a_push_that_does_not_fit_gives_no_take() -> None:
     run = pushed_over()
-    run = replace(run, scenario=replace(run.scenario, largest_tipping=0.5))
+    run = replace(run, scenario=replace(run.scenario, max_tipping=0.5))
     with pytest.raises(TakeError, match="of what tips the robot over; at most 50%"):
         perform(run)
 

@@ -21,9 +21,9 @@ from pepper_driver.callbacks.filters import SubscriptionError
 from pepper_driver.callbacks.waiting import stream_contacts, wait_for_contact
 from pepper_driver.config import UnknownNameError
 from pepper_driver.safety import Fault, FaultReason
+from pepper_driver.testing import aged, pressed
 
-from event_cases import LONG, ROBOT, contact, make_pepper, pressed  # isort: skip
-from fakes import aged  # isort: skip
+from event_cases import LONG, ROBOT, contact, make_pepper  # isort: skip
 
 CYCLE = ROBOT.cycle
 
@@ -61,6 +61,20 @@ def test_it_runs_the_robot_up_to_the_contact() -> None:
         assert pepper.time == pytest.approx(5 * CYCLE)
         assert pepper.wait_for_contact(link="LForeArm") == contact(3)
         assert pepper.time == pytest.approx(8 * CYCLE)
+
+
+def test_it_waits_for_any_of_several_limbs_and_for_a_torque() -> None:
+    pepper = make_pepper(
+        {
+            3: (contact(1, joint="LElbowRoll", torque=1.0), contact(2, joint="RHand", torque=9.0)),
+            5: (contact(1, phase="update", torque=-2.0),),
+        }
+    )
+    with pepper:
+        picked = pepper.wait_for_contact(limb=["left_arm", "head"], min_torque=2.0, timeout=1.0)
+        assert picked == contact(1, phase="update", torque=-2.0)
+        with pytest.raises(SubscriptionError, match="limb head and link LForeArm"):
+            pepper.wait_for_contact(limb="head", link="LForeArm")
 
 
 def test_it_waits_no_longer_than_told_on_the_robots_clock() -> None:
@@ -288,7 +302,7 @@ def test_contacts_come_until_the_robot_is_closed() -> None:
     async def main() -> tuple[list[int], list[int]]:
         with pepper:
             every = asyncio.create_task(collect(pepper))
-            strong = asyncio.create_task(collect(pepper, min_intensity=25.0))
+            strong = asyncio.create_task(collect(pepper, min_intensity_deg=25.0))
             await started(pepper)
             await asyncio.sleep(0.01)
             await asyncio.to_thread(pepper.run, 20 * CYCLE)

@@ -5,7 +5,7 @@ import pytest
 
 from pepper_driver.controller import BasePoseTask, TargetError
 
-from motion_cases import YAW, make_pepper  # isort: skip
+from experiment_cases import YAW, make_pepper  # isort: skip
 
 
 def test_a_posture_can_be_set_with_a_duration() -> None:

@@ -6,6 +6,7 @@ import os
 import signal
 import time
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -110,6 +111,18 @@ def assert_let_go(box: BlackBox) -> None:
     )
     assert steps.min() > -0.15
     assert not box.wheel_stiffness[soft].any()
+
+
+def test_a_variant_behind_the_stand_in_is_known_as_one(wake_up: Callable[[StandIn], None]) -> None:
+    with StandIn("mujoco://?plant=drift&draw=5", consent=True) as robot:
+        wake_up(robot)
+        for mode, way in (("", ""), ("&mode=angles", "/angles")):
+            info = make_backend(f"naoqi://127.0.0.1:{robot.port}?wake=1{mode}").info
+            parents = make_backend("mujoco://?plant=drift&draw=5").info.parents
+            assert len(parents) == 2
+            assert info.parents == tuple(
+                replace(parent, identity=parent.identity + way) for parent in parents
+            )
 
 
 def recent(robot: StandIn, seconds: float) -> BlackBox:

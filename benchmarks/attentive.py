@@ -1,0 +1,335 @@
+"""What a standing robot feels, attentive or not, and what that costs: felt pushes, false contacts, heat and current.
+
+Pushes: the robot stands in POSTURE for 40 s, attentive or not (amplitude 0), then its hands are pushed in turn, at the
+origin of the wrist's link, for 1 s every 3.5 s, in random directions and in random order of the forces. A push is felt
+when a contact begins on that arm from its onset to 0.15 s after its end; direction and joint do not count. A contact on
+another limb, or longer than 0.8 s after a push, is false. Shares have 95 % intervals (Clopper-Pearson).
+
+Free: the robot stands for an hour and nothing touches it. Every contact is false.
+
+What is chosen is chosen on the development seeds; the figures in the documentation are of the test seeds. Each run that
+is over is in the JSON file: the same command goes on after Ctrl-C.
+Run: python benchmarks/attentive.py --seeds test --json attentive.json
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from collections.abc import Callable
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import Any, NoReturn
+
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+from scipy.stats import binomtest, chi2
+
+from pepper_driver import Pepper, PepperError
+from pepper_driver.config import load_controller_settings, load_observer_settings, load_robot
+from pepper_driver.config.plant import plant_names
+from pepper_driver.controller import Tick
+from pepper_driver.observer import ContactObserver, ModelSet, Push, score
+from pepper_driver.observer.model_file import shipped
+from pepper_driver.output import OutputError, check_writable, write_json
+from pepper_driver.workers import run_jobs
+
+ROOTS = {"development": 20261122, "test": 20261123}
+POSTURE = {
+    "LShoulderPitch": 0.9,
+    "LShoulderRoll": 0.25,
+    "LElbowYaw": -1.2,
+    "LElbowRoll": -1.0,
+    "RShoulderPitch": 0.9,
+    "RShoulderRoll": -0.25,
+    "RElbowYaw": 1.2,
+    "RElbowRoll": 1.0,
+}
+HANDS = {"l_wrist": "LShoulderRoll", "r_wrist": "RShoulderRoll"}  # a joint of the same limb
+PUSH_PLANTS = ("nominal", "integral")
+AMPLITUDES = (0.0, 1.5, 2.0)  # [deg]
+FORCES = (3.0, 5.0, 8.0, 12.0, 20.0)  # [N]
+EACH = 6  # pushes with each force in one run
+SETTLING, PERIOD, DURATION, RISE = 40.0, 3.5, 1.0, 0.05  # [s]
+ARM = slice(5, 9)  # of the left arm in the order of joints: from shoulder to elbow
+FILE_WIDTH = 240  # columns
+MAX_AMPLITUDE, MAX_MINUTES, MAX_RUNS = 5.0, 1440.0, 1000
+
+Result = dict[str, Any]
+
+
+def observer(plant: str) -> ContactObserver:
+    """With the models that ship for the plant it is a variant of."""
+    kind = "integral" if "integral" in plant else "nominal"
+    return ContactObserver(
+        load_robot(), ModelSet.load(shipped("fusion")[kind]), load_observer_settings()
+    )
+
+
+def make_pepper(plant: str, amplitude: float, seed: int) -> Pepper:
+    """Make a robot whose amplitude, unless it is 0, is that of an attentive one [deg]."""
+    robot = load_robot()
+    settings = load_controller_settings(robot)
+    attentive = replace(settings.attentive, amplitude_deg=amplitude)
+    pepper = Pepper(
+        f"mujoco://?plant={plant}&seed={seed}",
+        observer=observer(plant),
+        controller=replace(settings, attentive=attentive),
+        robot=robot,
+    )
+    pepper.attentive = amplitude > 0.0
+    return pepper
+
+
+def stand(pepper: Pepper) -> None:
+    """Go to POSTURE, and stand there until thresholds have settled."""
+    pepper.set_posture(POSTURE, duration=2.0)
+    pepper.run(SETTLING)
+
+
+def push(plant: str, amplitude: float, seed: int) -> Result:
+    """One run with pushes; the forces of those felt and missed [N], delays [s], and the other contacts."""
+    rng = np.random.default_rng(seed)
+    forces = rng.permutation(np.repeat(FORCES, EACH))
+    directions = rng.normal(size=(len(forces), 3))
+    directions /= np.linalg.norm(directions, axis=1)[:, None]
+    pushes = []
+    with make_pepper(plant, amplitude, seed % 2**31) as pepper:
+        stand(pepper)
+        before = len(pepper.contact_history)
+        for number, (force, direction) in enumerate(zip(forces, directions, strict=True)):
+            link = list(HANDS)[number % 2]
+            pepper.push(link, force * direction, [0.0, 0.0, 0.0], DURATION, rise=RISE)
+            onset = pepper.time
+            pushes.append(
+                Push(
+                    joint=HANDS[link],
+                    link=link,
+                    direction=1,
+                    force=float(force),
+                    torque=float("nan"),
+                    degrees=float("nan"),
+                    onset=onset,
+                    release=onset + DURATION,
+                    moving=False,
+                )
+            )
+            pepper.run(PERIOD)
+        fallen = pepper.backend.truth.fallen
+        outcome = score(pushes, pepper.contact_history, pepper.config)
+    return {
+        "felt": [[one.push.force, one.delay] for one in outcome.felt],
+        "missed": [one.force for one in outcome.missed],
+        "false": len(outcome.false),
+        "before": before,
+        "after_release": len(outcome.rebounds),
+        "on_trunk": len(outcome.on_trunk),
+        "fallen": bool(fallen),
+    }
+
+
+def stand_free(plant: str, amplitude: float, minutes: float, seed: int) -> Result:
+    """One run without touch: false contacts with joint and time, current and temperature of the arm's motors."""
+    with make_pepper(plant, amplitude, seed % 2**31) as pepper:
+        start = pepper.measurement.temperature[ARM]
+        pepper.set_posture(POSTURE, duration=2.0)
+        total, ticks = np.zeros(len(start)), 0
+
+        def note(tick: Tick, _: object) -> None:
+            nonlocal total, ticks
+            total = total + tick.measurement.current[ARM]
+            ticks += 1
+
+        pepper.run(60.0 * minutes, on_tick=note)
+        false = score([], pepper.contact_history, pepper.config).false
+        end, battery = pepper.measurement.temperature[ARM], pepper.measurement.battery
+        names = pepper.config.joint_names[ARM]
+    return {
+        "minutes": minutes,
+        "false": [[contact.joint or "trunk", round(contact.time, 2)] for contact in false],
+        "current": dict(zip(names, (total / ticks).tolist(), strict=True)),
+        "temperature_rise": dict(zip(names, (end - start).tolist(), strict=True)),
+        "battery": battery,
+    }
+
+
+def seeds(root: str, count: int, *place: int) -> list[int]:
+    """Return independent seeds of a root."""
+    sequence = np.random.SeedSequence([ROOTS[root], *place])
+    return [int(seed) for seed in sequence.generate_state(count, np.uint64)]
+
+
+def plan(options: argparse.Namespace) -> dict[str, Callable[[], Result]]:
+    """Return the runs by name. All amplitudes meet the same pushes."""
+    runs: dict[str, Callable[[], Result]] = {}
+    root = options.seeds
+    for plant in options.push_plants:
+        for number, seed in enumerate(seeds(root, options.runs, 0, *plant.encode())):
+            for amplitude in options.amplitudes:
+                name = f"{root} push {plant} {amplitude:g} deg {number}"
+                runs[name] = partial(push, plant, amplitude, seed)
+    if options.minutes:
+        # First the plants that must have no false contact; last, for heat and current, the same robots without it.
+        plants = sorted(options.plants, key=lambda plant: plant not in PUSH_PLANTS)
+        pairs = [(plant, options.amplitude) for plant in plants]
+        pairs += [(plant, 0.0) for plant in plants if plant in PUSH_PLANTS]
+        for plant, amplitude in pairs:
+            [seed] = seeds(root, 1, 1, *plant.encode())
+            name = f"{root} free {plant} {amplitude:g} deg {options.minutes:g} min"
+            runs[name] = partial(stand_free, plant, amplitude, options.minutes, seed)
+    return runs
+
+
+def perform(
+    runs: dict[str, Callable[[], Result]], path: Path | None, jobs: int, console: Console
+) -> dict[str, Result]:
+    """Return the results of all runs; those in the file are not repeated, and each one is written as it ends."""
+    done: dict[str, Result] = {}
+    if path is not None:
+        if path.is_file():
+            done = read_results(path)
+        check_writable(path)
+    missing = {name: run for name, run in runs.items() if name not in done}
+    named = (partial(_named, name, run) for name, run in missing.items())
+    for count, (name, result) in enumerate(run_jobs(named, workers=jobs, ordered=False), 1):
+        done[name] = result
+        console.print(f"{count} of {len(missing)}: {name}", highlight=False)
+        if path is not None:
+            write_json(path, {"simulated": True, "runs": done})
+    return {name: done[name] for name in runs}
+
+
+def read_results(path: Path) -> dict[str, Result]:
+    """Return the results in a file.
+
+    Raises:
+        OutputError: It is no file of this program.
+    """
+    try:
+        runs = json.loads(path.read_text(encoding="utf-8"))["runs"]
+        return {str(name): dict(result) for name, result in runs.items()}
+    except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
+        raise OutputError(
+            f"{path}: holds no results of this benchmark; give another file"
+        ) from error
+
+
+def _named(name: str, run: Callable[[], Result]) -> tuple[str, Result]:
+    return name, run()
+
+
+def share(felt: int, count: int) -> str:
+    """Return a share with its interval, for people."""
+    bounds = binomtest(felt, count).proportion_ci(0.95, "exact")
+    return f"{felt} of {count} [{bounds.low:.2f}-{bounds.high:.2f}]"
+
+
+def push_table(results: dict[str, Result], options: argparse.Namespace) -> Table:
+    """Return a row for each plant and amplitude."""
+    columns = ["plant", "amplitude", *(f"{force:g} N" for force in FORCES)]
+    columns += ["median delay", "false", "before the first push", "on the trunk", "after release"]
+    table = Table(*columns, title="Simulated: pushes on the hands of a standing robot, felt")
+    for plant in options.push_plants:
+        for amplitude in options.amplitudes:
+            begin = f"{options.seeds} push {plant} {amplitude:g} deg "
+            runs = [result for name, result in results.items() if name.startswith(begin)]
+            felt = [pair for run in runs for pair in run["felt"]]
+            missed = [force for run in runs for force in run["missed"]]
+            cells = []
+            for force in FORCES:
+                count = sum(pair[0] == force for pair in felt)
+                cells.append(share(count, count + missed.count(force)))
+            delay = f"{1e3 * np.median([pair[1] for pair in felt]):.0f} ms" if felt else "-"
+            sums = (
+                sum(run[key] for run in runs)
+                for key in ("false", "before", "on_trunk", "after_release")
+            )
+            table.add_row(plant, f"{amplitude:g} deg", *cells, delay, *map(str, sums))
+    return table
+
+
+def free_table(results: dict[str, Result]) -> Table:
+    """Return a row for each run without touch."""
+    table = Table(
+        "plant", "amplitude", "minutes", "false contacts", "on", "below, an hour",
+        "current, A", "warmer by, K", title="Simulated: nothing touches the standing robot",
+    )  # fmt: skip
+    for name, result in results.items():
+        if " free " not in name:
+            continue
+        _, _, plant, amplitude, *_ = name.split()
+        joints = sorted({joint for joint, _ in result["false"]})
+        count = len(result["false"])
+        upper = chi2.ppf(0.95, 2 * count + 2) / 2.0 / (result["minutes"] / 60.0)
+        table.add_row(
+            plant,
+            f"{amplitude} deg",
+            f"{result['minutes']:g}",
+            str(count),
+            ", ".join(joints),
+            f"{upper:.1f}",
+            " ".join(f"{value:.2f}" for value in result["current"].values()),
+            " ".join(f"{value:.0f}" for value in result["temperature_rise"].values()),
+        )
+    return table
+
+
+class Parser(argparse.ArgumentParser):
+    """Errors of one line."""
+
+    def error(self, message: str) -> NoReturn:
+        self.exit(2, f"{self.prog}: {message}\n")
+
+
+def arguments() -> argparse.Namespace:
+    """Return the options, checked."""
+    known = plant_names()
+    parser = Parser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--seeds", choices=tuple(ROOTS), default="development")
+    parser.add_argument("--push-plants", nargs="*", default=PUSH_PLANTS, choices=known)
+    parser.add_argument(
+        "--amplitudes", nargs="+", type=float, default=AMPLITUDES, help="[deg], 0 is off"
+    )
+    parser.add_argument("--runs", type=int, default=10, help=f"with {EACH} pushes a force, each")
+    parser.add_argument("--plants", nargs="*", default=known, choices=known, help="without touch")
+    parser.add_argument("--amplitude", type=float, default=2.0, help="without touch [deg]")
+    parser.add_argument("--minutes", type=float, default=60.0, help="without touch; 0 for none")
+    parser.add_argument("--jobs", type=int, default=1, help="processes; -1 for one per core")
+    parser.add_argument(
+        "--json", type=Path, help="results, and where a run that was broken off goes on"
+    )
+    given = parser.parse_args()
+    for amplitude in (*given.amplitudes, given.amplitude):
+        if not 0.0 <= amplitude <= MAX_AMPLITUDE:
+            parser.error(f"an amplitude is 0 to {MAX_AMPLITUDE:g} deg, got {amplitude:g}")
+    if not 0.0 <= given.minutes <= MAX_MINUTES:
+        parser.error(f"--minutes must be 0 to {MAX_MINUTES:g}, got {given.minutes:g}")
+    if not 1 <= given.runs <= MAX_RUNS:
+        parser.error(f"--runs must be 1 to {MAX_RUNS}, got {given.runs}")
+    if given.jobs < 1 and given.jobs != -1:
+        parser.error(f"--jobs must be 1 or more, or -1, got {given.jobs}")
+    return given
+
+
+def main() -> int:
+    """Measure, print tables, and return the exit code."""
+    given = arguments()
+    try:
+        results = perform(plan(given), given.json, given.jobs, Console(stderr=True))
+    except PepperError as error:
+        print(f"attentive.py: {error}", file=sys.stderr)
+        return 2
+    # A file has no width that cells would have to be folded for.
+    console = Console(highlight=False, width=None if sys.stdout.isatty() else FILE_WIDTH)
+    if given.push_plants:
+        console.print(push_table(results, given))
+    if given.minutes and given.plants:
+        console.print(free_table(results))
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,109 @@
+"""Dither: a small oscillation of some joints, on top of any posture, that keeps friction from hiding a touch.
+
+A joint that stands still hides a torque as large as twice its friction: its encoder, command and current are the same
+with and without it. A joint that oscillates by more than friction and backlash hold slides twice a period, and its
+friction then has a known sign.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import pi, radians
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pepper_driver.config import RobotConfig
+from pepper_driver.config.settings import AttentiveSettings
+
+FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
+
+
+@dataclass(frozen=True, slots=True)
+class Superposition:
+    """Motion on top of another one in one cycle, arrays (17,).
+
+    Attributes:
+        position: At the start of the cycle [rad].
+        velocity: At the start of the cycle [rad/s].
+        acceleration: Mean of the cycle [rad/s2].
+    """
+
+    position: FloatArray
+    velocity: FloatArray
+    acceleration: FloatArray
+
+
+class Dither:
+    """Joint j oscillates as A e_j(t) sin(2 pi f t + phase_j), with e_j from 0 to 1 and back along a minimum-jerk curve.
+
+    It depends on the number of cycles alone. From rest to rest, t begins at 0.
+
+    Args:
+        robot: Its description.
+        settings: Joints, amplitude, frequency, fade time.
+        dt: Cycle [s].
+
+    Attributes:
+        enabled: True to fade in and go on, False to fade out.
+        position: (17,) share of the controller's joint positions that is the oscillation [rad].
+        velocity: (17,) the same of its velocities [rad/s].
+
+    Raises:
+        UnknownNameError: No such joint.
+    """
+
+    def __init__(self, robot: RobotConfig, settings: AttentiveSettings, dt: float) -> None:
+        count = len(settings.joints)
+        phase = np.zeros(len(robot.joint_names))
+        amplitude = np.zeros_like(phase)
+        for number, name in enumerate(settings.joints):
+            joint = robot.joint_index(name)
+            phase[joint] = 2.0 * pi * number / count
+            amplitude[joint] = radians(settings.amplitude_deg)
+        self._phase, self._amplitude, self._dt = phase, amplitude, dt
+        self._rate = 2.0 * pi * settings.frequency
+        self._fade_rate = 1.0 / settings.fade_time
+        self.reset()
+
+    def reset(self) -> None:
+        """Stand still at once."""
+        self.enabled = False
+        self._cycle = 0
+        self._suspended: BoolArray | None = None
+        self._level = np.zeros_like(self._phase)  # 0..1, how far each joint has faded in
+        self.position, self.velocity = np.zeros((2, len(self._phase)))
+
+    @property
+    def active(self) -> bool:
+        """True while it fades in, goes on or fades out."""
+        return self.enabled or self._cycle > 0
+
+    def suspend(self, joints: BoolArray) -> None:
+        """Keep joints, a mask (17,), from oscillating in the next cycle; they stop at once, and fade in again later."""
+        self._suspended = joints
+        self._level = np.where(joints, 0.0, self._level)
+        self.position = np.where(joints, 0.0, self.position)
+        self.velocity = np.where(joints, 0.0, self.velocity)
+
+    def step(self) -> Superposition:
+        """Go on by one cycle."""
+        position, velocity, dt = self.position, self.velocity, self._dt
+        change = self._fade_rate * dt
+        level = np.clip(self._level + (change if self.enabled else -change), 0.0, 1.0)
+        if self._suspended is not None:
+            level[self._suspended] = 0.0
+            self._suspended = None
+        fading = (level - self._level) / dt
+        self._level = level
+        self._cycle += 1
+        envelope = level**3 * (10.0 - 15.0 * level + 6.0 * level**2)
+        slope = 30.0 * (level * (1.0 - level)) ** 2 * fading
+        angle = self._rate * dt * self._cycle + self._phase
+        sine, cosine = np.sin(angle), np.cos(angle)
+        self.position = self._amplitude * envelope * sine
+        self.velocity = self._amplitude * (slope * sine + envelope * self._rate * cosine)
+        if not self.enabled and not np.count_nonzero(level):
+            self._cycle = 0
+        return Superposition(position, velocity, (self.velocity - velocity) / dt)

@@ -1,0 +1,300 @@
+"""Pushes of known size on a simulated robot, in newtons and in equivalent degrees: never into saturation by mistake."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from pepper_driver.backends import SimulatedPlant
+from pepper_driver.config import PepperError, RobotConfig
+from pepper_driver.config.contact_specs import STRONGEST_HAND
+from pepper_driver.config.parts import FloatArray
+from pepper_driver.controller import RobotModel
+from pepper_driver.experiments.footing import Footing
+
+SHORTEST_LEVER = 1e-3
+"""[m] A force with less to turn a joint by does nothing to it."""
+
+DOWNWARDS = (0.5, 1.0)
+"""Of a push that would tip the robot: how much it may press downwards as well, as a share of its size."""
+
+HELD_BY_FRICTION = 0.5
+"""Share of a joint's dry friction that a torque must pass to be more than nothing to it."""
+
+
+class PushTooStrongError(PepperError, ValueError):
+    """No push of the wanted size fits under what the motor boards can hold, or under what the robot can stand."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Bounds:
+    """What a push may ask of the robot.
+
+    Attributes:
+        load: Share of each board's holding torque that push and gravity together may take.
+        tipping: Share of the moment that would lift a wheel; heeded on a base that rolls.
+        saturating: The push may take more than ``load`` of the boards, and more than they can hold.
+        force: Of the hand, at most [N].
+        max_distal_ratio: Torque on a joint further out in the chain than the one that is meant, in equivalent degrees,
+            as a share of those on that one; infinite for any. A torque that friction holds is always allowed.
+    """
+
+    load: float
+    tipping: float
+    saturating: bool = False
+    force: float = STRONGEST_HAND
+    max_distal_ratio: float = np.inf
+
+
+@dataclass(frozen=True, kw_only=True)
+class PlannedPush:
+    """A force on a link that puts a known torque on a joint.
+
+    Attributes:
+        joint: The joint; None for a push on trunk or base.
+        link: Where the force acts.
+        point: (3,) where, in the link's frame [m].
+        force: (3,) [N].
+        frame: Axes of the force. In those of the ``link`` the torque on the joint stays the same as the link turns.
+        torques: (17,) largest torque on each joint, signed [N m].
+        torque: That on the joint; of a push on trunk or base, on the leg joint with the most degrees.
+        degrees: Its size divided by the joint's proportional stiffness [deg].
+        load: Largest share of a board's holding torque that this and other pushes take together with gravity.
+        tipping: Share of the moment that would lift a wheel from the floor; 0 on a fixed base.
+    """
+
+    joint: str | None
+    link: str
+    point: FloatArray
+    force: FloatArray
+    frame: Literal["world", "link"]
+    torques: FloatArray
+    torque: float
+    degrees: float
+    load: float
+    tipping: float
+
+    @property
+    def newtons(self) -> float:
+        """Size of the force [N]."""
+        return float(np.linalg.norm(self.force))
+
+
+def plan_push(
+    model: RobotModel,
+    robot: RobotConfig,
+    plant: SimulatedPlant,
+    *,
+    joint: str,
+    link: str,
+    point: FloatArray,
+    degrees: float,
+    direction: int,
+    posture: FloatArray,
+    bounds: Bounds,
+    beside: Sequence[PlannedPush] = (),
+) -> PlannedPush:
+    """The smallest force at a point that puts ``degrees`` equivalent degrees on a joint.
+
+    Equivalent degrees of a push: peak external torque on the joint divided by its proportional stiffness
+    K = kp N Kt / R. The force points the way the joint would carry the point. With a bound on what joints further out
+    may feel, other forces with this torque are tried too.
+
+    Args:
+        model: Of the controller.
+        robot: Its description.
+        plant: Of the simulation: only it knows its stiffness.
+        joint: The joint.
+        link: The link it carries.
+        point: (3,) in the link's frame [m].
+        degrees: Wanted size [deg].
+        direction: Wanted sign of the torque on the joint.
+        posture: (17,) where the robot will be, for the load on the other joints [rad].
+        bounds: What the push may ask of the robot.
+        beside: Pushes that act at the same time.
+
+    Raises:
+        PushTooStrongError: Another joint, or this one, would saturate, or the robot would tip.
+    """
+    index = robot.joint_index(joint)
+    torque = direction * np.radians(degrees) * float(plant.stiffness[index])
+    rotation_link_to_world = model.link_pose(link, posture)[:3, :3]
+    gravity = float(model.gravity_torque(posture)[index])
+    refused: PushTooStrongError | None = None
+    for force in _forces(model, robot, joint, link, point, torque, posture, bounds):
+        try:
+            return weigh_push(
+                model,
+                robot,
+                plant,
+                joint=joint,
+                link=link,
+                point=point,
+                force=rotation_link_to_world.T @ force,
+                frame="link",
+                posture=posture,
+                bounds=bounds,
+                beside=beside,
+            )
+        except PushTooStrongError as error:
+            refused = refused or error
+            own = (abs(torque) + abs(gravity)) / plant.torque_limit[index]
+            if own > bounds.load and not bounds.saturating:
+                break  # whatever the direction
+    assert refused is not None
+    raise refused
+
+
+def _forces(
+    model: RobotModel,
+    robot: RobotConfig,
+    joint: str,
+    link: str,
+    point: FloatArray,
+    torque: float,
+    posture: FloatArray,
+    bounds: Bounds,
+) -> Iterator[FloatArray]:
+    """(3,) forces in the world that put ``torque`` on a joint: the smallest, then some that may fit where it does not.
+
+    Those leave the joints further out alone, or press the robot down on its wheels as well.
+    """
+    index = robot.joint_index(joint)
+    way = _way(model, index, joint, link, point, posture)
+    smallest = way * (torque / float(way @ way))
+    yield smallest
+    outer = _outer(robot, joint)
+    if not np.isfinite(bounds.max_distal_ratio):
+        return
+    jacobian = model.point_jacobian(link, point, posture)[:, outer]
+    alone = way - jacobian @ np.linalg.lstsq(jacobian, way, rcond=None)[0] if outer else way
+    candidates = [smallest]
+    if outer and float(np.linalg.norm(alone)) >= SHORTEST_LEVER:
+        for share in (0.4, 0.2, 0.0):
+            along = alone + share * (way - alone)
+            candidates.append(along * (torque / float(along @ way)))
+    yield from candidates[1:]
+    along = way / np.linalg.norm(way)
+    down = np.array([0.0, 0.0, -1.0])
+    down -= along * float(along @ down)
+    for share in DOWNWARDS:
+        yield from (force + share * float(np.linalg.norm(force)) * down for force in candidates)
+
+
+def weigh_push(
+    model: RobotModel,
+    robot: RobotConfig,
+    plant: SimulatedPlant,
+    *,
+    joint: str | None,
+    link: str,
+    point: FloatArray,
+    force: FloatArray,
+    frame: Literal["world", "link"],
+    posture: FloatArray,
+    bounds: Bounds,
+    beside: Sequence[PlannedPush] = (),
+) -> PlannedPush:
+    """What a force (3,) [N] on a point means for a joint, for the boards and for the stand of the robot.
+
+    The base stands where it started: the axes of the world are those of base_link. ``joint`` is None for a push on
+    trunk or base. The rest is as in :func:`plan_push`.
+
+    Raises:
+        PushTooStrongError: A board would saturate, the robot would tip, or the joint cannot feel the force.
+    """
+    jacobian = model.point_jacobian(link, point, posture)
+    pose = model.link_pose(link, posture)
+    in_world = pose[:3, :3] @ force if frame == "link" else force
+    torques: FloatArray = jacobian.T @ in_world
+    degrees = np.degrees(np.abs(torques) / plant.stiffness)
+    if joint is None:
+        index = int(degrees.argmax())
+    else:
+        index = robot.joint_index(joint)
+        _way(model, index, joint, link, point, posture)
+    # Sizes are added up, whatever their directions: pushes come and go at different times.
+    together = np.abs(torques) + sum(np.abs(push.torques) for push in beside)
+    loads = (together + np.abs(model.gravity_torque(posture))) / plant.torque_limit
+    worst = int(loads.argmax())
+    tipping = 0.0
+    if plant.rolling:
+        where = pose[:3, :3] @ point + pose[:3, 3]
+        tipping = Footing.of(robot).share(posture, where, in_world)
+    planned = PlannedPush(
+        joint=joint,
+        link=link,
+        point=point,
+        force=force,
+        frame=frame,
+        torques=torques,
+        torque=float(torques[index]),
+        degrees=float(degrees[index]),
+        load=float(loads[worst]),
+        tipping=tipping,
+    )
+    _check(planned, bounds, robot.joint_names[worst], tipping + sum(p.tipping for p in beside))
+    if joint is not None:
+        _check_outer(planned, joint, degrees, robot, plant, bounds)
+    return planned
+
+
+def _way(
+    model: RobotModel, index: int, joint: str, link: str, point: FloatArray, posture: FloatArray
+) -> FloatArray:
+    """(3,) where a joint carries a point, per radian [m]."""
+    way = model.point_jacobian(link, point, posture)[:, index]
+    if float(np.linalg.norm(way)) < SHORTEST_LEVER:
+        raise PushTooStrongError(f"a force at this point of {link} does not turn {joint}")
+    return way
+
+
+def _outer(robot: RobotConfig, joint: str) -> list[int]:
+    """The joints further out in the chain of a joint."""
+    chain = robot.chain_of(joint)
+    return [robot.joint_index(name) for name in chain[chain.index(joint) + 1 :]]
+
+
+def _check(planned: PlannedPush, bounds: Bounds, worst: str, tipping: float) -> None:
+    size = (
+        f"{planned.newtons:.1f} N on {planned.link}, {planned.degrees:.1f} equivalent degrees"
+        f"{f' on {planned.joint}' if planned.joint else ''},"
+    )
+    if planned.load > bounds.load and not bounds.saturating:
+        raise PushTooStrongError(
+            f"{size} would load {worst} to {planned.load:.0%} of its limit; at most {bounds.load:.0%}, or set "
+            "'saturating'"
+        )
+    if tipping > bounds.tipping:
+        raise PushTooStrongError(
+            f"{size} would come to {tipping:.0%} of what tips the robot over; at most {bounds.tipping:.0%}"
+        )
+    if planned.newtons > STRONGEST_HAND:
+        raise PushTooStrongError(f"{size} is more than any hand does, {STRONGEST_HAND:g} N")
+    if planned.newtons > bounds.force:
+        raise PushTooStrongError(f"{size} is more than the hand may do, {bounds.force:g} N")
+
+
+def _check_outer(
+    planned: PlannedPush,
+    joint: str,
+    degrees: FloatArray,
+    robot: RobotConfig,
+    plant: SimulatedPlant,
+    bounds: Bounds,
+) -> None:
+    """Refuse a push that a joint further out would feel too."""
+    if not np.isfinite(bounds.max_distal_ratio):
+        return
+    for index in _outer(robot, joint):
+        name = robot.joint_names[index]
+        held = HELD_BY_FRICTION * float(plant.friction[index])
+        share = float(degrees[index]) / planned.degrees
+        if abs(planned.torques[index]) > held and share > bounds.max_distal_ratio:
+            raise PushTooStrongError(
+                f"{planned.newtons:.1f} N on {planned.link} put {share:.0%} of the degrees of {joint} on {name} too; "
+                f"at most {bounds.max_distal_ratio:.0%}"
+            )

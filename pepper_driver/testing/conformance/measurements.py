@@ -1,0 +1,172 @@
+"""Samples: their contents, the time from one to the next, and that they stay as they were."""
+
+from __future__ import annotations
+
+import copy
+import time
+from dataclasses import fields
+
+import numpy as np
+import pytest
+
+from pepper_driver.backends import Backend, Imu, Measurement
+from pepper_driver.backends.interface import LONGEST_WAY
+from pepper_driver.testing.conformance.driving import (
+    LATEST,
+    ROBOT,
+    BackendSuite,
+    bits,
+    command,
+    cycles,
+    hold,
+    run,
+    until,
+    watch,
+)
+
+SENSORS = ROBOT.sensors
+SHAPES = {
+    "position": 17,
+    "current": 17,
+    "wheel_speed": 3,
+    "touch": len(SENSORS.touch),
+    "bumpers": len(SENSORS.bumpers),
+    "buttons": len(SENSORS.buttons),
+    "temperature": 17,
+}
+
+
+def check(measurement: Measurement) -> None:
+    for name, size in SHAPES.items():
+        array = getattr(measurement, name)
+        assert isinstance(array, np.ndarray), name
+        assert (array.shape, array.dtype) == ((size,), np.float64), name
+        assert np.isfinite(array).all(), name
+    for field in fields(Imu):
+        array = getattr(measurement.imu, field.name)
+        assert (array.shape, array.dtype) == ((3,), np.float64), field.name
+        assert np.isfinite(array).all(), field.name
+    assert (measurement.position > ROBOT.lower - 0.1).all()
+    assert (measurement.position < ROBOT.upper + 0.1).all()
+    assert (measurement.current >= 0).all(), "the sensor loses the sign"
+    for name in ("touch", "bumpers", "buttons"):
+        assert set(getattr(measurement, name)) <= {0.0, 1.0}, name
+    assert (measurement.temperature > -20).all()
+    assert (measurement.temperature < 120).all()
+    assert 0.0 <= measurement.battery <= 1.0
+    assert measurement.charging_flap in (0.0, 1.0) or np.isnan(measurement.charging_flap)
+    assert measurement.age >= 0.0
+    assert isinstance(measurement.tick, int)
+    assert measurement.answers is None or measurement.answers >= 0
+    assert measurement.withheld >= 0
+    if measurement.stiffness is not None:
+        known = measurement.stiffness[~np.isnan(measurement.stiffness)]
+        assert measurement.stiffness.shape == (17,)
+        assert ((known >= 0.0) & (known <= 1.0)).all()
+    assert len(measurement.missing.splitlines()) <= 1
+
+
+Course = list[tuple[Measurement, Measurement]]
+
+
+class MeasurementTests(BackendSuite):
+    """Samples: their contents, the time from one to the next, and that they stay as they were."""
+
+    @pytest.fixture
+    def course(self) -> Course:
+        """A short life of a robot: each sample, and a copy of it as it was then."""
+        kept: Course = []
+
+        def keep(*samples: Measurement) -> None:
+            kept.extend((sample, copy.deepcopy(sample)) for sample in samples)
+
+        with self.make_backend() as backend:
+            keep(backend.open())
+            for measurement in cycles(backend, hold(kept[0][0]), 10):
+                keep(measurement)
+            start = backend.activate()
+            keep(start)
+            target = hold(start).position
+            target[ROBOT.joint_index("HeadYaw")] += 0.05
+            for measurement in cycles(backend, command(target, wheel_speed=np.full(3, 0.5)), 30):
+                keep(measurement)
+            backend.deactivate()
+            for measurement in cycles(backend, hold(kept[-1][0]), 10):
+                keep(measurement)
+        return kept
+
+    def test_all_is_there_in_its_shape(self, course: Course) -> None:
+        for measurement, _ in course:
+            check(measurement)
+        assert np.abs(course[0][0].imu.acceleration - [0, 0, 9.81]).max() < 1.0, "it stands"
+        delays = {m.answers for m, _ in course[-20:-10]}
+        assert delays == {None} or all(d is not None and d < LONGEST_WAY for d in delays)
+
+    def test_ticks_and_time_only_go_on(self, course: Course) -> None:
+        ticks = np.array([m.tick for m, _ in course])
+        times = np.array([m.time for m, _ in course])
+        assert (np.diff(ticks) >= 0).all()
+        np.testing.assert_allclose(np.diff(times), np.diff(ticks) * ROBOT.cycle, atol=1e-9)
+        withheld = [m.withheld for m, _ in course[:-10]]
+        assert withheld == sorted(withheld)
+
+    def test_a_measurement_is_never_changed_afterwards(self, course: Course) -> None:
+        """The log and callbacks read it on threads of their own, later."""
+        assert not np.array_equal(course[-11][0].position, course[5][0].position)
+        for later, then in course:
+            assert bits(later) == bits(then)
+
+    def test_each_read_is_a_cycle_or_returns_at_once(self, backend: Backend) -> None:
+        """A simulation lets a cycle pass in each read; a robot does not wait for its own."""
+        first = backend.open()
+        if not backend.real_time:
+            ticks = [m.tick for m in [first, *run(backend, hold(first), 0.3)]]
+            assert (np.diff(ticks) == 1).all()
+            return
+        took, samples = [], []
+        wanted = hold(backend.activate())
+        for _ in range(50):
+            before = time.perf_counter()
+            samples += list(cycles(backend, wanted, 1))
+            took.append(time.perf_counter() - before)
+        calls = []
+        for _ in range(50):  # without a pause: samples repeat
+            before = time.perf_counter()
+            samples.append(backend.exchange(wanted))
+            calls.append(time.perf_counter() - before)
+        assert np.median(calls) < 0.5 * backend.info.cycle, "it waits for nothing"
+        passed = samples[49].tick - samples[0].tick
+        assert 25 < passed < 50 * (np.mean(took) / backend.info.cycle + 0.5), (
+            "it keeps its own time"
+        )
+        assert samples[-1].tick - samples[49].tick < 25 + sum(calls) / backend.info.cycle
+
+    def test_a_robot_waited_for_goes_on(self, backend: Backend) -> None:
+        """A loop may miss many ticks; the first sample after that is old or new, but the calls work."""
+        first = backend.open()
+        wanted = hold(backend.activate())
+        before = run(backend, wanted, 0.1)[-1]
+        time.sleep(0.3)
+        after = until(
+            backend, wanted, lambda sample: sample.tick > before.tick and sample.age < 0.2
+        )
+        assert after.tick > before.tick > first.tick
+        assert after.age < 0.2
+        check(after)
+
+    def test_arrays_of_a_command_are_the_callers(self, backend: Backend) -> None:
+        """A program may fill the same arrays anew for each cycle."""
+        backend.open()
+        measurement = backend.activate()
+        wanted = hold(measurement)
+        for _ in range(10):
+            backend.write(wanted)
+            position = wanted.position.copy()
+            for array in (wanted.position, wanted.stiffness, wanted.wheel_speed):
+                array[:] = np.nan
+            (last,) = watch(backend, backend.info.cycle)
+            wanted.position[:], wanted.stiffness[:], wanted.wheel_speed[:] = position, 1.0, 0.0
+        check(last)
+        backend.deactivate()
+        check(run(backend, hold(last), 0.1)[-1])
+        assert last.age < LATEST

@@ -1,1 +1,0 @@
-"""What every backend must do, whatever is behind it: ``docs/architecture.md`` says how to run it on one of your own."""

@@ -1,0 +1,1 @@
+"""A package, so that its tests import the helper modules of the folder above."""
