@@ -1,4 +1,4 @@
-"""The frozen evaluation: suites of experiments, the scenarios they perform, and hashes that show when one was changed.
+"""The frozen evaluation: suites, the experiments they perform, and hashes that show when one was changed.
 
 ``python -m pepper_driver.config.evaluation`` freezes the suites anew after a change that is meant. Models that were
 fitted before then were not evaluated on what they had never seen: say so, or fit them again.
@@ -30,7 +30,7 @@ from pepper_driver.config.plant import plant_names
 from pepper_driver.config.robot import RobotConfig, load_robot
 from pepper_driver.config.steps import Count, Holds, Setpoints, Sweeps
 
-FOLDER = "evaluation_scenarios"
+FOLDER = "evaluation_experiments"
 
 _MARK = 0xE7A1
 _FILE = "evaluation.yaml"
@@ -43,17 +43,17 @@ class SuiteEntry:
 
     Attributes:
         name: As it is called in results. With ``joints`` each of them is an experiment, and called like that.
-        scenario: By name, of ``evaluation_scenarios``.
+        experiment: By name, of ``evaluation_experiments``.
         plants: Names of plants.
         draws: How many robots of each plant are drawn at random; 0 for the plant itself.
         task_stiffness: Of the posture task [1/s2]; one take each.
         repetitions: Takes that differ by nothing but their seed.
-        goals: In place of the scenario's own number of goals.
+        goals: In place of the experiment's own number of goals.
         joints: Of sweeps: these, one after the other.
     """
 
     name: str
-    scenario: str
+    experiment: str
     plants: Annotated[tuple[str, ...], Field(min_length=1)]
     draws: Annotated[int, Field(ge=0, le=10_000)] = 0
     task_stiffness: Annotated[tuple[Positive, ...], Field(min_length=1)]
@@ -64,10 +64,10 @@ class SuiteEntry:
 
 @dataclass(frozen=True, kw_only=True, config=STRICT)
 class Frozen:
-    """SHA-256 of the file without this part, and of each scenario."""
+    """SHA-256 of the file without this part, and of each experiment."""
 
     suites: str
-    scenarios: dict[str, str]
+    experiments: dict[str, str]
 
 
 @dataclass(frozen=True, kw_only=True, config=STRICT)
@@ -85,19 +85,19 @@ class Run:
     """One take that is to be performed.
 
     Attributes:
-        suite, experiment: Where it belongs.
-        scenario: What is performed, with the task stiffness and the joint of this run.
+        suite, entry: Where it belongs.
+        experiment: What is performed, with the task stiffness and the joint of this run.
         plant: Name of the plant.
         draw: Which robot of a plant that is drawn at random; None for the plant itself.
         task_stiffness: Of the posture task [1/s2].
-        goals: How many; None for the scenario's own number.
+        goals: How many; None for the experiment's own number.
         seed: Of all that is random: the root of the file, suite, experiment, a mark that no seed of identification
             carries, and a number within the experiment.
     """
 
     suite: str
-    experiment: str
-    scenario: Experiment
+    entry: str
+    experiment: Experiment
     plant: str
     draw: int | None
     task_stiffness: float
@@ -106,19 +106,21 @@ class Run:
 
     @property
     def performed(self) -> Experiment:
-        """The scenario with the number of goals of this run."""
-        return self.scenario if self.goals is None else self.scenario.with_goals(count=self.goals)
+        """The experiment with the number of goals of this run."""
+        return (
+            self.experiment if self.goals is None else self.experiment.with_goals(count=self.goals)
+        )
 
     @property
     def label(self) -> str:
         """For people."""
         robot = self.plant if self.draw is None else f"{self.plant} {self.draw}"
-        return f"{self.suite}, {self.experiment} on {robot} at {self.task_stiffness:g}/s2, seed {self.seed[-1]}"
+        return f"{self.suite}, {self.entry} on {robot} at {self.task_stiffness:g}/s2, seed {self.seed[-1]}"
 
     @property
     def seconds(self) -> float:
         """Simulated time expected [s]."""
-        goals = _goals(self.scenario)
+        goals = _goals(self.experiment)
         if isinstance(goals, Sweeps):
             return goals.settle + goals.number * sum(goals.dwell) / 2
         return goals.settle + goals.period * (goals.count if self.goals is None else self.goals)
@@ -126,18 +128,18 @@ class Run:
 
 @dataclass(frozen=True, kw_only=True)
 class Evaluation:
-    """All suites, with their scenarios by name.
+    """All suites, with their experiments by name.
 
     Attributes:
         root: Of all seeds.
         suites: Experiments by name of the suite.
-        scenarios: By name.
-        digest: Of the file and, through it, of all scenarios; for results.
+        experiments: By name.
+        digest: Of the file and, through it, of all experiments; for results.
     """
 
     root: int
     suites: dict[str, tuple[SuiteEntry, ...]]
-    scenarios: dict[str, Experiment]
+    experiments: dict[str, Experiment]
     digest: str
 
     @cached_property
@@ -161,28 +163,28 @@ class Evaluation:
             raise UnknownNameError("suite", suite, (*self.names, "all"))
         if not 0 < share <= 1:
             raise ConfigError(f"the share of a suite lies between 0 and 1, got {share:g}")
-        runs = [run for experiment in self.suites[suite] for run in self._runs(suite, experiment)]
+        runs = [run for entry in self.suites[suite] for run in self._runs(suite, entry)]
         if share == 1.0:
             return tuple(runs)
-        whole = [run for run in runs if isinstance(_goals(run.scenario), Sweeps)]
+        whole = [run for run in runs if isinstance(_goals(run.experiment), Sweeps)]
         kept = {id(run) for run in whole[:: max(1, round(1 / share))]}
         shorter = ((run, _shorter(run, share)) for run in runs)
         return tuple(s if s is not None else run for run, s in shorter if s or id(run) in kept)
 
-    def _runs(self, suite: str, experiment: SuiteEntry) -> Iterator[Run]:
-        scenario = self.scenarios[experiment.scenario]
-        for name in experiment.joints or (experiment.name,):
-            performed = scenario.with_goals(joints=(name,)) if experiment.joints else scenario
-            for number, (draw, stiffness, _) in enumerate(_each(experiment)):
-                for plant in experiment.plants:
+    def _runs(self, suite: str, entry: SuiteEntry) -> Iterator[Run]:
+        experiment = self.experiments[entry.experiment]
+        for name in entry.joints or (entry.name,):
+            performed = experiment.with_goals(joints=(name,)) if entry.joints else experiment
+            for number, (draw, stiffness, _) in enumerate(_each(entry)):
+                for plant in entry.plants:
                     yield Run(
                         suite=suite,
-                        experiment=name,
-                        scenario=replace(performed, stiffness=stiffness),
+                        entry=name,
+                        experiment=replace(performed, stiffness=stiffness),
                         plant=plant,
                         draw=draw,
                         task_stiffness=stiffness,
-                        goals=experiment.goals,
+                        goals=entry.goals,
                         # The same motion on all plants, as far as pushes allow: results differ by the robot.
                         seed=(
                             self.root,
@@ -194,21 +196,21 @@ class Evaluation:
                     )
 
 
-def _each(experiment: SuiteEntry) -> Iterator[tuple[int | None, float, int]]:
+def _each(entry: SuiteEntry) -> Iterator[tuple[int | None, float, int]]:
     """Draw, task stiffness and repetition of each take on one plant."""
-    for draw in range(experiment.draws) if experiment.draws else (None,):
-        for stiffness in experiment.task_stiffness:
-            for repetition in range(experiment.repetitions):
+    for draw in range(entry.draws) if entry.draws else (None,):
+        for stiffness in entry.task_stiffness:
+            for repetition in range(entry.repetitions):
                 yield draw, stiffness, repetition
 
 
 def _shorter(run: Run, share: float) -> Run | None:
     """A run with fewer goals after the free motion it begins with; None where the motion has none."""
-    motion = _goals(run.scenario)
+    motion = _goals(run.experiment)
     if isinstance(motion, Sweeps):
         return None
     goals = motion.count if run.goals is None else run.goals
-    random = (c.after for c in run.scenario.contacts if isinstance(c, RandomTouch))
+    random = (c.after for c in run.experiment.contacts if isinstance(c, RandomTouch))
     # These stay: else nothing would be touched.
     free = ceil(max(random, default=0.0) / motion.period - 1e-6)
     return replace(run, goals=min(goals, free + max(1, round((goals - free) * share))))
@@ -216,10 +218,10 @@ def _shorter(run: Run, share: float) -> Run | None:
 
 @with_lines
 def load_evaluation(robot: RobotConfig, path: Path | str | None = None) -> Evaluation:
-    """The suites, by default those of the package; scenarios lie in the folder beside the file.
+    """The suites, by default those of the package; experiments lie in the folder beside the file.
 
     Raises:
-        ConfigError: The file or a scenario is wrong, or was changed since it was frozen.
+        ConfigError: The file or an experiment is wrong, or was changed since it was frozen.
     """
     path = own_or_shipped(path, _FILE)
     file = parse(_File, read_yaml(path), str(path))
@@ -229,34 +231,32 @@ def load_evaluation(robot: RobotConfig, path: Path | str | None = None) -> Evalu
             f"{path}: changed since it was frozen: {', '.join(changed)}; undo the change, or freeze it anew with "
             f"'{_CURE}' and fit all models again"
         )
-    scenarios = {
-        name: load_experiment(_scenario_path(path, name), robot) for name in _scenario_names(file)
-    }
-    for suite, experiments in file.suites.items():
-        for number, experiment in enumerate(experiments):
-            _check(experiment, scenarios, robot, f"{path}: key 'suites.{suite}.{number}")
+    experiments = {name: load_experiment(_path_of(path, name), robot) for name in _names_in(file)}
+    for suite, entries in file.suites.items():
+        for number, entry in enumerate(entries):
+            _check(entry, experiments, robot, f"{path}: key 'suites.{suite}.{number}")
     return Evaluation(
         root=file.root,
         suites=dict(file.suites),
-        scenarios=scenarios,
+        experiments=experiments,
         digest=hashlib.sha256(
-            json.dumps([file.frozen.suites, file.frozen.scenarios], sort_keys=True).encode()
+            json.dumps([file.frozen.suites, file.frozen.experiments], sort_keys=True).encode()
         ).hexdigest()[:16],
     )
 
 
 def freeze(path: Path | str | None = None) -> None:
-    """Write the hashes of the suites and of their scenarios into the file.
+    """Write the hashes of the suites and of their experiments into the file.
 
     Raises:
         ConfigError: The file cannot be read or written, or has no suites.
     """
     path = own_or_shipped(path, _FILE)
     data = read_yaml(path)
-    data["frozen"] = {"suites": "", "scenarios": {}}
+    data["frozen"] = {"suites": "", "experiments": {}}
     file = parse(_File, data, str(path))
-    lines = ["frozen:", f"  suites: {_suites_hash(path)}", "  scenarios:"]
-    lines += [f"    {name}: {_hash(_scenario_path(path, name))}" for name in _scenario_names(file)]
+    lines = ["frozen:", f"  suites: {_suites_hash(path)}", "  experiments:"]
+    lines += [f"    {name}: {_hash(_path_of(path, name))}" for name in _names_in(file)]
     try:
         path.write_text(_unfrozen(path) + "\n".join(lines) + "\n", encoding="utf-8")
     except OSError as error:
@@ -264,43 +264,43 @@ def freeze(path: Path | str | None = None) -> None:
 
 
 def _check(
-    experiment: SuiteEntry, scenarios: dict[str, Experiment], robot: RobotConfig, where: str
+    entry: SuiteEntry, experiments: dict[str, Experiment], robot: RobotConfig, where: str
 ) -> None:
-    goals = _goals(scenarios[experiment.scenario])
-    for plant in experiment.plants:
+    goals = _goals(experiments[entry.experiment])
+    for plant in entry.plants:
         if plant not in plant_names():
             raise ConfigError(f"{where}.plants': {UnknownNameError('plant', plant, plant_names())}")
-    for joint in experiment.joints:
+    for joint in entry.joints:
         robot.joint_index(joint)
-    if experiment.joints and not isinstance(goals, Sweeps):
+    if entry.joints and not isinstance(goals, Sweeps):
         raise ConfigError(f"{where}.joints': only sweeps take joints")
-    if experiment.goals is not None and isinstance(goals, Sweeps):
+    if entry.goals is not None and isinstance(goals, Sweeps):
         raise ConfigError(f"{where}.goals': sweeps have a number of goals of their own")
 
 
-def _goals(scenario: Experiment) -> Setpoints | Holds | Sweeps:
-    """The random goals of a scenario."""
-    step = scenario.random_step
+def _goals(experiment: Experiment) -> Setpoints | Holds | Sweeps:
+    """The random goals of an experiment."""
+    step = experiment.random_step
     if step is None:
-        raise scenario.error("steps", "a suite performs random goals, and no step has any")
+        raise experiment.error("steps", "a suite performs random goals, and no step has any")
     return step.goals
 
 
-def _scenario_names(file: _File) -> tuple[str, ...]:
-    return tuple(sorted({e.scenario for suite in file.suites.values() for e in suite}))
+def _names_in(file: _File) -> tuple[str, ...]:
+    return tuple(sorted({e.experiment for suite in file.suites.values() for e in suite}))
 
 
-def _scenario_path(path: Path, name: str) -> Path:
+def _path_of(path: Path, name: str) -> Path:
     return path.parent / FOLDER / f"{name}.yaml"
 
 
 def _changed(path: Path, file: _File) -> list[str]:
     """Names of what is not as it was frozen."""
-    frozen = file.frozen.scenarios
+    frozen = file.frozen.experiments
     names = [path.name] if _suites_hash(path) != file.frozen.suites else []
-    for name in _scenario_names(file):
-        scenario = _scenario_path(path, name)
-        if frozen.get(name) != _hash(scenario):
+    for name in _names_in(file):
+        experiment = _path_of(path, name)
+        if frozen.get(name) != _hash(experiment):
             names.append(f"{FOLDER}/{name}.yaml")
     return names
 

@@ -41,7 +41,7 @@ class DemoResult:
     """
 
     uri: str
-    scenario: str
+    experiment: str
     complete: bool
     pushes: tuple[Push, ...]
     contacts: tuple[Contact, ...]
@@ -54,7 +54,7 @@ class DemoResult:
         score = self.score
         return {
             "uri": self.uri,
-            "scenario": self.scenario,
+            "experiment": self.experiment,
             "complete": self.complete,
             "summary": self.summary,
             "felt": [
@@ -136,7 +136,7 @@ def run_demo(
         on_progress: Told the share done, 0..1.
 
     Raises:
-        PepperError: The folder cannot be written, or the scenario, the robot or the models refuse; nothing has moved.
+        PepperError: The folder cannot be written, or the experiment, the robot or the models refuse; nothing has moved.
     """
     robot = load_robot()
     chosen = _shortened(demo_experiment(experiment, robot), seconds)
@@ -175,7 +175,7 @@ def run_demo(
             tell(contact, tuple(pushes))
         result = DemoResult(
             uri=uri,
-            scenario=chosen.name,
+            experiment=chosen.name,
             complete=complete,
             pushes=tuple(performed),
             contacts=pepper.contact_history,

@@ -43,7 +43,7 @@ from pepper_driver.identification import (
 )
 from pepper_driver.observer import ModelKind
 
-BACKEND, SCENARIO, CALIBRATION = "mujoco", "identify", "calibration_motion"
+BACKEND, EXPERIMENT, CALIBRATION = "mujoco", "identify", "calibration_motion"
 NO_CALIBRATION = "none"
 
 
@@ -56,7 +56,7 @@ def identify(
         str | None,
         typer.Option(
             metavar="A,B",
-            help="Joints to identify, with commas between; by default those of the scenario.",
+            help="Joints to identify, with commas between; by default those of the experiment.",
         ),
     ] = None,
     kind: Annotated[
@@ -95,14 +95,14 @@ def identify(
         int | None,
         typer.Option(
             metavar="N",
-            help="Seed of the random motion; by default that of the scenario.",
+            help="Seed of the random motion; by default that of the experiment.",
             min=0,
         ),
     ] = None,
-    scenario: Annotated[
+    experiment: Annotated[
         str | None,
         typer.Option(
-            metavar="NAME_OR_FILE", help=f"The motion, of kind sweeps; {SCENARIO} by default."
+            metavar="NAME_OR_FILE", help=f"The motion, of kind sweeps; {EXPERIMENT} by default."
         ),
     ] = None,
     calibration: Annotated[
@@ -121,11 +121,15 @@ def identify(
     folder = out.with_name(f"{out.stem}-recordings") if recordings is None else recordings
     if fit_only:
         _refuse_with_fit_only(
-            backend=backend, joints=joints, seed=seed, scenario=scenario, calibration=calibration
+            backend=backend,
+            joints=joints,
+            seed=seed,
+            experiment=experiment,
+            calibration=calibration,
         )
     else:
         robot = load_robot()
-        chosen = load_experiment(scenario or SCENARIO, robot)
+        chosen = load_experiment(experiment or EXPERIMENT, robot)
         named = None if joints is None else [name.strip() for name in joints.split(",")]
         full, tested = chosen_joints(robot, chosen, named, mirror=mirror, share=share_types)
         body = calibration or CALIBRATION
@@ -154,19 +158,19 @@ def identify_with_progress(
     console: Console,
     backend: str,
     joints: Sequence[str],
-    scenario: Experiment,
+    experiment: Experiment,
     kind: ModelKind,
     *,
     seed: int | None,
 ) -> Identification:
-    """Identify under a progress bar and keep no recordings; ``seed`` None is the scenario's."""
+    """Identify under a progress bar and keep no recordings; ``seed`` None is the experiment's."""
     with _progress(console) as (progress, _):
         return identify_joints(
             backend,
             joints,
-            scenario,
+            experiment,
             kind,
-            seed=scenario.seed if seed is None else seed,
+            seed=experiment.seed if seed is None else seed,
             progress=progress,
         )
 

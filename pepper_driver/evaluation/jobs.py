@@ -94,8 +94,8 @@ def suite_of(run: Run, robot: RobotConfig) -> str:
 def _pictured(run: Run, robot: RobotConfig) -> str | None:
     """The joint that a picture shows of a run; the pictures are the paper's."""
     if suite_of(run, robot) == "paper":
-        return EXPERIMENT_JOINTS.get(run.experiment)
-    swept = run.experiment == FIT_JOINT and run.task_stiffness > FASTEST_ESTIMATION
+        return EXPERIMENT_JOINTS.get(run.entry)
+    swept = run.entry == FIT_JOINT and run.task_stiffness > FASTEST_ESTIMATION
     return FIT_JOINT if suite_of(run, robot) == "fit" and swept else None
 
 

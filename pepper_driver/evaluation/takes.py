@@ -282,7 +282,7 @@ def _performed(run: Run, pepper: Pepper) -> Take:
     contact_torque = np.array(torque)
     return Take(
         suite=run.suite,
-        experiment=run.experiment,
+        experiment=run.entry,
         plant=run.plant,
         draw=run.draw,
         identity=pepper.backend.info.identity,
@@ -326,20 +326,20 @@ def _noise(run: Run) -> int:
 
 def _key(run: Run, identity: str) -> str:
     """Name of the folder of a run: it changes with all that makes the take."""
-    scenario = asdict(run.scenario)
+    experiment = asdict(run.experiment)
     for key in ("source", "description"):
-        del scenario[key]
+        del experiment[key]
     content = {
         "format": FORMAT,
         "version": version("pepper-driver"),
         "source": _source_hash(),
-        "scenario": scenario,
-        "labels": [run.suite, run.experiment, run.plant, run.draw, run.goals],
+        "experiment": experiment,
+        "labels": [run.suite, run.entry, run.plant, run.draw, run.goals],
         "identity": identity,
         "seed": run.seed,
     }
     digest = hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()[:16]
-    return f"{run.suite}-{run.experiment}-{run.plant}-{digest}"
+    return f"{run.suite}-{run.entry}-{run.plant}-{digest}"
 
 
 def _source_hash() -> str:

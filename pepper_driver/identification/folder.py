@@ -34,8 +34,8 @@ _COMPARED = {
     "joint_names": "of a robot with the joints",
     "identity": "of the robot",
     "backend": "with the backend",
-    "scenario": "with the motion",
-    "scenario_hash": "with the content of the motion file",
+    "experiment": "with the motion",
+    "experiment_hash": "with the content of the motion file",
     "calibration": "with the calibration motion",
     "calibration_hash": "with the content of the calibration file",
     "seed": "with the seed",
@@ -71,7 +71,7 @@ class Manifest:
         backend: URI of the robot that was driven.
         identity: Hash of the simulated robot, or the body id of a real one.
         simulated: Whether it was a simulated one.
-        scenario, scenario_hash: The motion, by name and content.
+        experiment, experiment_hash: The motion, by name and content.
         calibration, calibration_hash: That of the whole body; None where there is none.
         seed: Root of all that is random.
         joints: With estimation runs and a test run.
@@ -86,8 +86,8 @@ class Manifest:
     backend: str
     identity: str
     simulated: bool
-    scenario: str
-    scenario_hash: str
+    experiment: str
+    experiment_hash: str
     calibration: str | None
     calibration_hash: str | None
     seed: int
@@ -101,7 +101,7 @@ def make_manifest(
     robot: RobotConfig,
     backend: Backend,
     runs: Sequence[Run],
-    scenario: Experiment,
+    experiment: Experiment,
     calibration: Experiment | None,
     seed: int,
 ) -> Manifest:
@@ -115,10 +115,10 @@ def make_manifest(
         backend=backend.uri,
         identity=backend.info.identity,
         simulated=not backend.real_time,
-        scenario=scenario.name,
-        scenario_hash=scenario_hash(scenario),
+        experiment=experiment.name,
+        experiment_hash=experiment_hash(experiment),
         calibration=None if calibration is None else calibration.name,
-        calibration_hash=None if calibration is None else scenario_hash(calibration),
+        calibration_hash=None if calibration is None else experiment_hash(calibration),
         seed=seed,
         joints=tuple(joint for joint in swept if joint in estimated),
         tested=tuple(joint for joint in swept if joint not in estimated),
@@ -142,9 +142,9 @@ def make_manifest(
     )
 
 
-def scenario_hash(scenario: Experiment) -> str:
-    """Hash of what a scenario makes the robot do: not of its description, nor of where the file lies."""
-    content = {k: v for k, v in asdict(scenario).items() if k not in ("source", "description")}
+def experiment_hash(experiment: Experiment) -> str:
+    """Hash of what an experiment makes the robot do: not of its description, nor of where the file lies."""
+    content = {k: v for k, v in asdict(experiment).items() if k not in ("source", "description")}
     return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()[:16]
 
 

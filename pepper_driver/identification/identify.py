@@ -74,7 +74,7 @@ class Identification:
 
 def chosen_joints(
     robot: RobotConfig,
-    scenario: Experiment,
+    experiment: Experiment,
     joints: Sequence[str] | None,
     *,
     mirror: bool,
@@ -84,12 +84,12 @@ def chosen_joints(
 
     Args:
         robot: Its description.
-        scenario: An experiment with sweeps.
-        joints: Those asked for; None for the scenario's, and without ``mirror`` also those of the other side.
+        experiment: An experiment with sweeps.
+        joints: Those asked for; None for the experiment's, and without ``mirror`` also those of the other side.
         mirror: Whether the other side's models come from a mirror.
         share: Whether of each motor type only the first joint is identified.
     """
-    names = tuple(sweeps_of(scenario).joints if joints is None else joints)
+    names = tuple(sweeps_of(experiment).joints if joints is None else joints)
     if joints is None and not mirror:
         both = (*names, *(mirror_joint(name, robot) for name in names))
         names = tuple(dict.fromkeys(both))
@@ -106,7 +106,7 @@ def chosen_joints(
 def record_joints(
     uri: str,
     joints: Sequence[str],
-    scenario: Experiment,
+    experiment: Experiment,
     folder: Path,
     *,
     tested: Sequence[str] = (),
@@ -121,7 +121,7 @@ def record_joints(
     Args:
         uri: The backend. A seed in it makes other noise, not other motion.
         joints: Names of the joints to identify.
-        scenario: An experiment with sweeps; its joints are those given here.
+        experiment: An experiment with sweeps; its joints are those given here.
         folder: For the recordings; made if need be.
         tested: Joints with a test run only.
         calibration: Free motion of the whole body; None for none.
@@ -135,12 +135,12 @@ def record_joints(
             refuses.
     """
     robot = load_robot()
-    runs = plan_runs(robot, joints, scenario, tested=tested, calibration=calibration, seed=seed)
-    uri = experiment_uri(uri, scenario)
-    _check_plant(scenario, calibration)
+    runs = plan_runs(robot, joints, experiment, tested=tested, calibration=calibration, seed=seed)
+    uri = experiment_uri(uri, experiment)
+    _check_plant(experiment, calibration)
     backend = make_backend(uri, robot)
     with lock_folder(folder):
-        open_folder(folder, make_manifest(robot, backend, runs, scenario, calibration, seed))
+        open_folder(folder, make_manifest(robot, backend, runs, experiment, calibration, seed))
         record_missing(
             uri,
             runs,
@@ -155,15 +155,15 @@ def record_joints(
     return load_recordings(folder, robot)
 
 
-def _check_plant(scenario: Experiment, calibration: Experiment | None) -> None:
+def _check_plant(experiment: Experiment, calibration: Experiment | None) -> None:
     """One robot for all runs."""
     if calibration is None:
         return
     for key in ("plant", "world"):
         wanted = getattr(calibration, key)
-        if wanted is not None and wanted != getattr(scenario, key):
+        if wanted is not None and wanted != getattr(experiment, key):
             raise ConfigError(
-                f"{calibration.source}: key '{key}': the plant and world of all runs are those of '{scenario.name}'; "
+                f"{calibration.source}: key '{key}': the plant and world of all runs are those of '{experiment.name}'; "
                 "leave it out"
             )
 
@@ -234,7 +234,7 @@ def _command(manifest: Manifest, kind: ModelKind, *, mirror: bool, share: bool) 
     """The command that makes these models again."""
     options = [
         f"--backend {manifest.backend}",
-        f"--scenario {manifest.scenario}",
+        f"--experiment {manifest.experiment}",
         f"--joints {','.join((*manifest.joints, *manifest.tested))}",
         f"--kind {kind}",
         f"--seed {manifest.seed}",
@@ -249,7 +249,7 @@ def _command(manifest: Manifest, kind: ModelKind, *, mirror: bool, share: bool) 
 def identify_joints(
     uri: str,
     joints: Sequence[str],
-    scenario: Experiment,
+    experiment: Experiment,
     kind: ModelKind,
     *,
     seed: int = 0,
@@ -263,5 +263,7 @@ def identify_joints(
     """
     with TemporaryDirectory() as name:
         folder = Path(name)
-        record_joints(uri, joints, scenario, folder, seed=seed, workers=workers, progress=progress)
+        record_joints(
+            uri, joints, experiment, folder, seed=seed, workers=workers, progress=progress
+        )
         return fit_folder(folder, kind, mirror=False)

@@ -40,7 +40,7 @@ def rehearse(run: Run) -> None:
             joint = robot.joint_names[int(np.argmax(tick.changed))]
             raise RehearsalError(f"the safety gate would alter the command of {joint}")
 
-    plan = plan_experiment(run.scenario, robot, pepper.backend, seed=run.seed)
+    plan = plan_experiment(run.experiment, robot, pepper.backend, seed=run.seed)
     try:
         with pepper:
             pepper.play(plan, on_tick=watch, skip_settling=True)

@@ -31,7 +31,7 @@ class Run:
         name: Of its file.
         joint: The joint to excite; None where the whole body moves.
         role: What it is for.
-        scenario: With the joint of this run.
+        experiment: With the joint of this run.
         stiffness: Of the posture task [1/s2].
         seed: Of the random motion, and of a simulated robot's noise.
         seconds: How long it takes, from the first posture on [s].
@@ -41,7 +41,7 @@ class Run:
     name: str
     joint: str | None
     role: Role
-    scenario: Experiment
+    experiment: Experiment
     stiffness: float
     seed: tuple[int, ...]
     seconds: float
@@ -51,7 +51,7 @@ class Run:
 def plan_runs(
     robot: RobotConfig,
     joints: Sequence[str],
-    scenario: Experiment,
+    experiment: Experiment,
     *,
     tested: Sequence[str] = (),
     calibration: Experiment | None = None,
@@ -64,7 +64,7 @@ def plan_runs(
     Args:
         robot: Its description.
         joints: To identify: estimation runs and a test run each.
-        scenario: An experiment with sweeps; its joints are those given here.
+        experiment: An experiment with sweeps; its joints are those given here.
         tested: Joints with a test run only, after the others.
         calibration: Free motion of the whole body; None for none.
         seed: Root of the random motion and noise.
@@ -80,18 +80,18 @@ def plan_runs(
         robot.joint_index(name)
     if len(set(named)) != len(named):
         raise ConfigError(f"a joint is given twice: {', '.join(named)}")
-    sweeps = sweeps_of(scenario)
-    if scenario.stiffness is None:
-        raise scenario.error(
+    sweeps = sweeps_of(experiment)
+    if experiment.stiffness is None:
+        raise experiment.error(
             "stiffness", "missing: that of the posture task in the test run [1/s2]"
         )
     runs = []
     for name in named:
         stiffnesses = () if name in tested else sweeps.estimation_stiffness
-        swept = scenario.with_goals(joints=(name,))
+        swept = experiment.with_goals(joints=(name,))
         # The test run has the same seed with or without estimation runs.
         numbers = [*range(len(stiffnesses)), len(sweeps.estimation_stiffness)]
-        for number, stiffness in zip(numbers, (*stiffnesses, scenario.stiffness), strict=True):
+        for number, stiffness in zip(numbers, (*stiffnesses, experiment.stiffness), strict=True):
             test = number == numbers[-1]
             runs.append(
                 _run(
@@ -109,13 +109,13 @@ def plan_runs(
     return tuple(runs)
 
 
-def _calibration_runs(robot: RobotConfig, scenario: Experiment, seed: int) -> list[Run]:
-    if scenario.contacts:
-        raise scenario.error("contacts", "thresholds are chosen on free motion; leave them out")
+def _calibration_runs(robot: RobotConfig, experiment: Experiment, seed: int) -> list[Run]:
+    if experiment.contacts:
+        raise experiment.error("contacts", "thresholds are chosen on free motion; leave them out")
     return [
         _run(
             robot,
-            scenario,
+            experiment,
             stiffness=stiffness,
             name=run_name("calibration", number + 1),
             joint=None,
@@ -128,7 +128,7 @@ def _calibration_runs(robot: RobotConfig, scenario: Experiment, seed: int) -> li
 
 def _run(
     robot: RobotConfig,
-    scenario: Experiment,
+    experiment: Experiment,
     *,
     stiffness: float,
     name: str,
@@ -136,14 +136,14 @@ def _run(
     role: Role,
     seed: tuple[int, ...],
 ) -> Run:
-    scenario = replace(scenario, stiffness=stiffness)
-    plan = plan_experiment(scenario, robot, MockBackend(robot), seed=seed)
+    experiment = replace(experiment, stiffness=stiffness)
+    plan = plan_experiment(experiment, robot, MockBackend(robot), seed=seed)
     ticks = sum(segment.ticks for segment in plan.segments)
     return Run(
         name=name,
         joint=joint,
         role=role,
-        scenario=scenario,
+        experiment=experiment,
         stiffness=stiffness,
         seed=seed,
         seconds=ticks * robot.cycle,
@@ -151,15 +151,15 @@ def _run(
     )
 
 
-def sweeps_of(scenario: Experiment) -> Sweeps:
+def sweeps_of(experiment: Experiment) -> Sweeps:
     """The sweeps of an experiment that can identify.
 
     Raises:
         ConfigError: It has none.
     """
-    step = scenario.random_step
+    step = experiment.random_step
     if step is None or not isinstance(step.goals, Sweeps):
-        raise scenario.error("steps", "identification takes a step with sweeps")
+        raise experiment.error("steps", "identification takes a step with sweeps")
     return step.goals
 
 
@@ -177,7 +177,7 @@ def perform(uri: str, run: Run, *, on_progress: Callable[[float], None] | None =
     robot = load_robot()
     builder = RecordingBuilder(robot)
     pepper = Pepper(uri, observer=None, robot=robot)
-    plan = plan_experiment(run.scenario, robot, pepper.backend, seed=run.seed)
+    plan = plan_experiment(run.experiment, robot, pepper.backend, seed=run.seed)
     with pepper:
         pepper.play(
             plan,

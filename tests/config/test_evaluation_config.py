@@ -34,16 +34,16 @@ def copy(tmp_path: Path) -> Path:
 
 def test_the_suites_are_as_they_were_frozen(evaluation: Evaluation) -> None:
     assert list(evaluation.names) == SUITES
-    assert set(evaluation.scenarios) == {
+    assert set(evaluation.experiments) == {
         path.stem for path in package_file(FOLDER).glob("*.yaml")
-    }, "a scenario that no suite uses is not frozen"
+    }, "an experiment that no suite uses is not frozen"
 
 
 @pytest.mark.parametrize("name", ["free", "collision", "paper-RERoll"])
-def test_a_changed_scenario_is_refused_until_it_is_frozen_anew(copy: Path, name: str) -> None:
+def test_a_changed_experiment_is_refused_until_it_is_frozen_anew(copy: Path, name: str) -> None:
     before = load_evaluation(ROBOT, copy).digest
-    scenario = copy.parent / FOLDER / f"{name}.yaml"
-    scenario.write_text(scenario.read_text().replace("[s] between set-points", "[s] between"))
+    experiment = copy.parent / FOLDER / f"{name}.yaml"
+    experiment.write_text(experiment.read_text().replace("[s] between set-points", "[s] between"))
     with pytest.raises(
         ConfigError, match=rf"changed since it was frozen: \w+/{name}\.yaml; .*freeze"
     ):
@@ -81,7 +81,7 @@ def frozen_anew(path: Path) -> Evaluation:
     ("old", "new", "reason"),
     [
         ("plants: [drift]", "plants: [drifft]", "did you mean drift"),
-        ("scenario: free, plants", "scenario: fre, plants", "fre.yaml: cannot be read"),
+        ("experiment: free, plants", "experiment: fre, plants", "fre.yaml: cannot be read"),
         ("goals: 10}", "gools: 10}", "unknown key"),
         ("root: 20261121", "root: 0", "must be 1 or more"),
     ],
@@ -112,7 +112,7 @@ def test_no_two_takes_share_a_seed_and_none_has_one_of_identification(
 
 def goals_of(run: Run) -> Setpoints | Sweeps:
     """The random goals of a run."""
-    step = run.scenario.random_step
+    step = run.experiment.random_step
     assert step is not None
     assert isinstance(step.goals, Setpoints | Sweeps)
     return step.goals
@@ -124,7 +124,7 @@ def count_of(run: Run) -> int:
     assert isinstance(motion, Setpoints)
     goals = motion.count if run.goals is None else run.goals
     count = 0
-    for contact in run.scenario.contacts:
+    for contact in run.experiment.contacts:
         assert isinstance(contact, RandomPushes | RandomForces)
         count += sum(n * motion.period >= contact.after - 1e-6 for n in range(goals)) * len(
             contact.times
@@ -135,11 +135,11 @@ def count_of(run: Run) -> int:
 def test_table_1_has_the_contacts_of_the_paper(evaluation: Evaluation) -> None:
     rows = {}
     for run in evaluation.runs("paper"):
-        (contact,) = run.scenario.contacts
+        (contact,) = run.experiment.contacts
         assert isinstance(goals_of(run), Setpoints)
         assert isinstance(contact, RandomPushes)
         assert contact.degrees == (2.5, 12.0)
-        key = (run.experiment, run.plant)
+        key = (run.entry, run.plant)
         rows[key] = (contact.joints, run.task_stiffness, count_of(run))
     for plant in ("swaying", "swaying-integral"):
         assert rows[("LSRoll", plant)] == (("LShoulderRoll",), 8.0, 20)
@@ -157,7 +157,7 @@ def test_the_free_suite_is_three_hours_of_the_whole_body_on_twenty_robots(
         assert isinstance(motion, Setpoints)
         assert set(motion.joints) | set(motion.secondary_joints) == set(ROBOT.joint_names)
         assert motion.base is not None
-        assert not run.scenario.contacts
+        assert not run.experiment.contacts
     assert {run.draw for run in runs} == set(range(20))
     assert {run.task_stiffness for run in runs} == {8.0, 12.0}
     assert sum(run.seconds - goals_of(run).settle for run in runs) == pytest.approx(3 * 3600)
@@ -168,10 +168,10 @@ def test_the_collision_suite_has_six_hundred_pushes_on_the_nominal_plant(
 ) -> None:
     count = 0
     for run in evaluation.runs("collision"):
-        (contact,) = run.scenario.contacts
+        (contact,) = run.experiment.contacts
         assert isinstance(contact, RandomPushes)
         assert isinstance(goals_of(run), Setpoints)
-        if run.experiment == "collision":
+        if run.entry == "collision":
             assert run.plant == "nominal"
             assert contact.degrees == (1.0, 12.0)
             assert len(contact.joints) == 12
@@ -182,14 +182,14 @@ def test_the_collision_suite_has_six_hundred_pushes_on_the_nominal_plant(
 def test_the_whole_body_suite_has_pairs_and_pushes_on_trunk_and_base(
     evaluation: Evaluation,
 ) -> None:
-    runs = {run.experiment: run for run in evaluation.runs("whole-body")}
-    left, right = runs["pairs"].scenario.contacts
+    runs = {run.entry: run for run in evaluation.runs("whole-body")}
+    left, right = runs["pairs"].experiment.contacts
     assert isinstance(left, RandomPushes)
     assert isinstance(right, RandomPushes)
     assert left.times == right.times
     hands = [{p.link for points in c.points.values() for p in points} for c in (left, right)]
     assert not hands[0] & hands[1]
-    (force,) = runs["trunk"].scenario.contacts
+    (force,) = runs["trunk"].experiment.contacts
     assert isinstance(force, RandomForces)
     assert {"torso", "Hip", "Pelvis", "Tibia"} == {point.link for point in force.points}
     motion = goals_of(runs["driving"])
@@ -200,13 +200,13 @@ def test_the_whole_body_suite_has_pairs_and_pushes_on_trunk_and_base(
 def test_the_fit_suite_moves_every_joint_at_the_stiffness_of_estimation_and_test(
     evaluation: Evaluation,
 ) -> None:
-    done = {(run.experiment, run.task_stiffness) for run in evaluation.runs("fit")}
+    done = {(run.entry, run.task_stiffness) for run in evaluation.runs("fit")}
     assert done == {(name, k) for name in ROBOT.joint_names for k in (2.0, 3.0, 4.0, 5.0, 9.0)}
     for run in evaluation.runs("fit"):
         motion = goals_of(run)
         assert isinstance(motion, Sweeps)
-        assert motion.joints == (run.experiment,)
-        assert run.scenario.stiffness == run.task_stiffness
+        assert motion.joints == (run.entry,)
+        assert run.experiment.stiffness == run.task_stiffness
 
 
 def test_a_share_of_a_suite_is_shorter(evaluation: Evaluation) -> None:
@@ -215,7 +215,7 @@ def test_a_share_of_a_suite_is_shorter(evaluation: Evaluation) -> None:
         assert 0.05 < sum(r.seconds for r in part) / sum(r.seconds for r in whole) < 0.5
         assert {r.seed for r in part} <= {r.seed for r in whole}
         assert all(run.goals is None or run.goals >= 1 for run in part)
-        assert all(count_of(run) > 0 for run in part if run.scenario.contacts)
+        assert all(count_of(run) > 0 for run in part if run.experiment.contacts)
     assert len(evaluation.runs("free", share=0.1)) == len(evaluation.runs("free"))
     for share in (0.0, -1.0, 1.1, float("nan")):
         with pytest.raises(ConfigError, match="share of a suite"):

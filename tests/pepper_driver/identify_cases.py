@@ -31,7 +31,7 @@ def short_files(folder: Path) -> list[str]:
     """Options of ``pepper identify`` for short motions, with their files in ``folder``."""
     options = []
     changes: dict[str, tuple[str, str, dict[str, Any]]] = {
-        "scenario": ("identify", "sweeps", _SHORT),
+        "experiment": ("identify", "sweeps", _SHORT),
         "calibration": ("calibration_motion", "setpoints", {"count": 1}),
     }
     for option, (name, kind, goals) in changes.items():

@@ -152,7 +152,7 @@ CASES: list[tuple[str, str]] = [
         "option '--workers': must be 1000 or less, got '1000000'",
     ),
     ("identify --out x.json --seed -1", "option '--seed': must be 0 or more, got '-1'"),
-    ("identify --out x.json --scenario none", "unknown experiment 'none'"),
+    ("identify --out x.json --experiment none", "unknown experiment 'none'"),
     ("identify --out x.json --calibration dmo", "unknown experiment 'dmo' (did you mean demo?"),
     (
         "identify --out x.json --calibration none.yaml",
@@ -433,7 +433,7 @@ def test_each_option_says_what_it_takes(command: str, parameter: Any) -> None:
         and not parameter.required
         and not parameter.multiple
     ):
-        left_out = ("json_file", "log", "out", "plot", "report", "soak", "scenario", "link")
+        left_out = ("json_file", "log", "out", "plot", "report", "soak", "experiment", "link")
         optional = {*left_out, "network", "suite"}
         assert "default" in parameter.help or parameter.name in optional, "what happens without it?"
 

@@ -67,7 +67,7 @@ def test_demo_without_the_plot_extra_says_so(
         (["identify", "--out", "x.json", "--joints", "HeadYaw,HeadYaw"], "twice"),
         (["identify", "--out", "x.json", "--kind", "oak"], "affine"),
         (["identify", "--out", "/dev/null/x.json"], "/dev/null/x.json"),
-        (["identify", "--out", "x.json", "--scenario", "demo"], "sweeps"),
+        (["identify", "--out", "x.json", "--experiment", "demo"], "sweeps"),
         (["demo", "--experiment", "dmo"], "did you mean demo"),
         (["demo", "--experiment", "identify"], "a demonstration needs some"),
         (["demo", "--experiment", "reach_and_push", "--seconds", "8"], "leave out seconds"),

@@ -224,7 +224,7 @@ def test_a_push_that_saturates_its_board_is_marked(tmp_path: Path) -> None:
 def test_a_script_of_ones_own_is_shown(tmp_path: Path) -> None:
     result = run_demo(tmp_path / "out", experiment=own_script(tmp_path, seed=3, plant="nominal"))
     assert result.uri == "mujoco://?seed=3&plant=nominal"
-    assert result.scenario == "mine"
+    assert result.experiment == "mine"
     assert result.simulated_seconds == pytest.approx(7.0, abs=0.02)
     assert [push.joint for push in result.pushes] == ["LShoulderRoll", "RElbowRoll"]
     summary = json.loads((tmp_path / "out" / CONTACTS_NAME).read_text())["summary"]

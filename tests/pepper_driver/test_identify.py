@@ -46,8 +46,8 @@ def recordings(folder: Path) -> IdentificationRecordings:
 
 
 def one_run(joint: str, stiffness: float = 9.0) -> Run:
-    scenario = replace(SHORT, stiffness=stiffness)
-    return plan_runs(ROBOT, [joint], scenario, seed=1)[-1]
+    experiment = replace(SHORT, stiffness=stiffness)
+    return plan_runs(ROBOT, [joint], experiment, seed=1)[-1]
 
 
 def swept(run: Recording, joint: str) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
@@ -127,10 +127,10 @@ def test_the_plan_is_that_of_the_paper_and_four_runs_of_the_whole_body() -> None
     assert len(runs) == 11 * 8 + 4
     assert len({run.seed for run in runs}) == len({run.name for run in runs}) == len(runs)
     knee = [run for run in runs if run.joint == "KneePitch"]
-    assert [run.scenario.stiffness for run in knee] == [2.0, 2.5, 3.0, 3.5, 4.0, 4.5, 5.0, 9.0]
+    assert [run.experiment.stiffness for run in knee] == [2.0, 2.5, 3.0, 3.5, 4.0, 4.5, 5.0, 9.0]
     assert [run.role for run in knee] == ["estimation"] * 7 + ["test"]
     assert {run.joint for run in runs if run.watched} == {*LEGS, None}
-    assert tuple(run.scenario.stiffness for run in runs[-4:]) == CALIBRATION_STIFFNESS
+    assert tuple(run.experiment.stiffness for run in runs[-4:]) == CALIBRATION_STIFFNESS
     assert all(50 < run.seconds < 130 for run in runs)
 
 
@@ -176,7 +176,7 @@ def test_another_kind_of_goals_identifies_nothing(tmp_path: Path) -> None:
         plan_runs(ROBOT, ["LShoulderRoll"], SHORT, calibration=demo)
 
 
-def test_the_plant_of_the_scenario_is_the_one_identified(tmp_path: Path) -> None:
+def test_the_plant_of_the_experiment_is_the_one_identified(tmp_path: Path) -> None:
     with pytest.raises(UnknownNameError, match="unknown plant 'worm'"):
         record_joints("mujoco", ["RElbowRoll"], replace(SHORT, plant="worm"), tmp_path / "new")
     body = replace(short_body(), plant="worn")

@@ -111,8 +111,8 @@ SLOWER = SHORT.with_goals(sweeps=2)
         ({"joints": [JOINT, "HeadYaw"]}, f"of the joints {JOINT}, not {JOINT}, HeadYaw"),
         ({"tested": ["HeadYaw"]}, "for a test only of the joints none, not HeadYaw"),
         ({"calibration": None}, "with the calibration motion calibration_motion, not none"),
-        ({"scenario": SLOWER}, "content of the motion file"),
-        ({"scenario": replace(SHORT, name="other")}, "with the motion identify, not other"),
+        ({"experiment": SLOWER}, "content of the motion file"),
+        ({"experiment": replace(SHORT, name="other")}, "with the motion identify, not other"),
         ({"uri": "mujoco://?plant=worn"}, "of the robot "),
         ({"uri": "mujoco://?seed=3"}, r"with the backend mujoco, not mujoco://\?seed=3"),
     ],
@@ -124,7 +124,7 @@ def test_recordings_of_something_else_are_refused(
     given: dict[str, object] = {
         "uri": "mujoco",
         "joints": [JOINT],
-        "scenario": SHORT,
+        "experiment": SHORT,
         "calibration": short_body(),
         **changes,
     }

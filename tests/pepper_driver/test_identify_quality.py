@@ -21,7 +21,7 @@ from identify_cases import ROBOT, SHORT, short_body  # isort: skip
 
 JOINT = "LShoulderRoll"
 INDEX = ROBOT.joint_index(JOINT)
-SCENARIO = SHORT.with_goals(
+EXPERIMENT = SHORT.with_goals(
     estimation_stiffness=(2.0, 3.0, 4.0, 5.0), sweeps=3, setpoints=2, dwell=(1.0, 1.8)
 )
 Change = Callable[[Recording], Recording]
@@ -30,7 +30,7 @@ Change = Callable[[Recording], Recording]
 @pytest.fixture(scope="module")
 def good(tmp_path_factory: pytest.TempPathFactory) -> IdentificationRecordings:
     folder = tmp_path_factory.mktemp("good") / "recordings"
-    return record_joints("mujoco", [JOINT], SCENARIO, folder, calibration=short_body(), workers=1)
+    return record_joints("mujoco", [JOINT], EXPERIMENT, folder, calibration=short_body(), workers=1)
 
 
 def findings(recordings: IdentificationRecordings) -> tuple[Finding, ...]:

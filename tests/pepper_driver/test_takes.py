@@ -25,8 +25,8 @@ ROBOT = load_robot()
 EVALUATION = load_evaluation(ROBOT)
 LSROLL = EVALUATION.runs("paper")[1]
 # Pushed from the first goal on, for the tests' sake.
-AT_ONCE = tuple(replace(c, after=0.0) for c in LSROLL.scenario.contacts)  # type: ignore[arg-type]
-RUN = replace(LSROLL, goals=1, scenario=replace(LSROLL.scenario, contacts=AT_ONCE))
+AT_ONCE = tuple(replace(c, after=0.0) for c in LSROLL.experiment.contacts)  # type: ignore[arg-type]
+RUN = replace(LSROLL, goals=1, experiment=replace(LSROLL.experiment, contacts=AT_ONCE))
 FREE = replace(EVALUATION.runs("free")[3], goals=1)
 
 
@@ -47,8 +47,8 @@ def pushed_over() -> Run:
         duration=2.4,
     )
     steps = (Step(posture="Stand", hold=5.0),)
-    scenario = replace(RUN.scenario, steps=steps, contacts=(push,), max_tipping=1.0)
-    return replace(RUN, scenario=scenario, goals=None, plant="nominal")
+    experiment = replace(RUN.experiment, steps=steps, contacts=(push,), max_tipping=1.0)
+    return replace(RUN, experiment=experiment, goals=None, plant="nominal")
 
 
 def same(one: Take, other: Take) -> bool:
@@ -124,12 +124,12 @@ def test_what_makes_a_take_different_has_a_place_of_its_own(tmp_path: Path) -> N
         FREE,
         replace(FREE, draw=5),
         replace(FREE, goals=2),
-        replace(FREE, scenario=replace(FREE.scenario, stiffness=3.0)),
+        replace(FREE, experiment=replace(FREE.experiment, stiffness=3.0)),
     ]
     for run in runs:
         perform(run, tmp_path)
     assert len(list(tmp_path.iterdir())) == len(runs)
-    perform(replace(FREE, scenario=replace(FREE.scenario, source="elsewhere")), tmp_path)
+    perform(replace(FREE, experiment=replace(FREE.experiment, source="elsewhere")), tmp_path)
     assert len(list(tmp_path.iterdir())) == len(runs)
 
 
@@ -169,7 +169,7 @@ def test_a_run_in_which_the_robot_fell_is_drawn_anew(
 
 def test_a_push_that_does_not_fit_gives_no_take() -> None:
     run = pushed_over()
-    run = replace(run, scenario=replace(run.scenario, max_tipping=0.5))
+    run = replace(run, experiment=replace(run.experiment, max_tipping=0.5))
     with pytest.raises(TakeError, match="of what tips the robot over; at most 50%"):
         perform(run)
 

@@ -96,7 +96,7 @@ def suites() -> dict[str, Run]:
     evaluation = load_evaluation(ROBOT)
     runs = [run for suite in evaluation.names for run in evaluation.runs(suite)]
     return {
-        f"{run.suite}/{run.experiment}/{run.plant}/{run.draw}/{run.task_stiffness:g}/{run.seed[-1]}": run
+        f"{run.suite}/{run.entry}/{run.plant}/{run.draw}/{run.task_stiffness:g}/{run.seed[-1]}": run
         for run in runs
     }
 
@@ -104,29 +104,29 @@ def suites() -> dict[str, Run]:
 def test_all_takes_are_known() -> None:
     recorded = {name for name in WHOLE if not name.startswith("identify/")}
     assert recorded == set(suites())
-    shown = {suites()[name].scenario.name for name in FIRST_GOALS}
-    assert {*shown, "sweeps"} == {run.scenario.name for run in suites().values()}
+    shown = {suites()[name].experiment.name for name in FIRST_GOALS}
+    assert {*shown, "sweeps"} == {run.experiment.name for run in suites().values()}
 
 
 def test_identification() -> None:
     sweeps, body = load_experiment("identify", ROBOT), load_experiment("calibration_motion", ROBOT)
     runs = plan_runs(ROBOT, sweeps_of(sweeps).joints, sweeps, calibration=body)
-    planned = {f"identify/{run.name}": digest(run.scenario, "mujoco", run.seed) for run in runs}
+    planned = {f"identify/{run.name}": digest(run.experiment, "mujoco", run.seed) for run in runs}
     assert planned == {name: text for name, text in WHOLE.items() if name.startswith("identify/")}
 
 
 def test_sweeps_of_the_suites() -> None:
     mirrored = {name: run for name, run in suites().items() if run.suite == "mirror"}
-    swept = {name: run for name, run in mirrored.items() if run.scenario.name == "sweeps"}
+    swept = {name: run for name, run in mirrored.items() if run.experiment.name == "sweeps"}
     assert len(swept) == 12
     planned = {name: digest(run.performed, take_uri(run), run.seed) for name, run in swept.items()}
     assert planned == {name: WHOLE[name] for name in swept}
 
 
 @pytest.mark.parametrize("name", FIRST_GOALS)
-def test_the_first_goals_of_each_scenario(name: str) -> None:
+def test_the_first_goals_of_each_experiment(name: str) -> None:
     run, recorded = suites()[name], FIRST_GOALS[name]
-    experiment = run.scenario.with_goals(count=recorded["goals"])
+    experiment = run.experiment.with_goals(count=recorded["goals"])
     assert digest(experiment, take_uri(run), run.seed) == recorded["digest"]
 
 
