@@ -6,14 +6,13 @@ from collections.abc import Iterable
 from math import isfinite
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from pepper_driver.backends.interface import Command, CommandError
 from pepper_driver.config.arguments import is_number, real_array
+from pepper_driver.config.arrays import FloatArray
 from pepper_driver.config.contact_specs import FARTHEST_PULL, SOFTEST_HAND, STIFFEST_HAND
 from pepper_driver.config.errors import check_name, shown
-
-FloatArray = NDArray[np.float64]
 
 MAX_PUSH_FORCE = 10_000.0
 """[N] Far beyond anything a robot survives; more would only break the simulation."""

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 from pepper_driver.backends.extras import Extras
 from pepper_driver.backends.simulated import SimulatedPlant, Truth
 from pepper_driver.config import PepperError, RobotIdentity
-from pepper_driver.config.parts import FloatArray
+from pepper_driver.config.arrays import FloatArray
 
 LONGEST_WAY = 50
 """[commands] From a command to the sample that answers it, at most: by then the safety gate has stopped the robot."""

@@ -23,7 +23,7 @@ from pepper_driver.backends.interface import (
 from pepper_driver.backends.selection import BackendUri
 from pepper_driver.backends.serial import Serial, serial
 from pepper_driver.config import ConfigError, RobotConfig, load_robot
-from pepper_driver.config.parts import FloatArray
+from pepper_driver.config.arrays import FloatArray
 
 Fault = Callable[[Measurement], Measurement]
 """Returns a measurement as a faulty robot would have taken it."""

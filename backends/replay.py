@@ -9,7 +9,6 @@ from dataclasses import fields, replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pepper_driver.backends.command_differences import SENT_FIELDS, CommandDifferences
 from pepper_driver.backends.commands import checked_command
@@ -35,8 +34,7 @@ from pepper_driver.backends.log_file import (
 from pepper_driver.backends.selection import BackendUri
 from pepper_driver.backends.serial import Serial, serial
 from pepper_driver.config import ConfigError, RobotConfig, RobotIdentity
-
-FloatArray = NDArray[np.float64]
+from pepper_driver.config.arrays import FloatArray, IntArray
 
 NOT_LOGGED = ("missing", "commanded_by_others")
 """Parts of a measurement that are in no row: why the robot was stopped says them."""
@@ -229,7 +227,7 @@ def parents_in(path: Path, metadata: Mapping[str, str]) -> tuple[RobotIdentity, 
         raise LogError(f"{path}: its metadata has no 'parents' that can be read") from error
 
 
-def _answered(table: dict[str, Column], delay: int) -> NDArray[np.int64]:
+def _answered(table: dict[str, Column], delay: int) -> IntArray:
     """Of each row the step whose command it answers; -1 where it is before the first, or too old to be known."""
     answers = np.where(table["answers"] < 0, delay, table["answers"])
     step = np.where(answers > max(LONGEST_WAY, delay), -1, table["step"] - answers)

@@ -7,10 +7,9 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pepper_driver.config import PlantConfig
-from pepper_driver.config.parts import FloatArray
+from pepper_driver.config.arrays import BoolArray, FloatArray
 
 ContactKind = Literal["push", "hand", "object"]
 
@@ -68,8 +67,8 @@ class TruthSample:
     base: FloatArray
     tilt: FloatArray
     wheel_load: FloatArray
-    in_gap: NDArray[np.bool_]
-    saturated: NDArray[np.bool_]
+    in_gap: BoolArray
+    saturated: BoolArray
 
 
 class Truth(ABC):
@@ -119,13 +118,13 @@ class Truth(ABC):
         """Kinetic energy of all links, rotors and wheels, with the objects of the world [J]."""
 
     @property
-    def in_gap(self) -> NDArray[np.bool_]:
+    def in_gap(self) -> BoolArray:
         """(17,) True where the joint was inside its backlash at the end of the last cycle."""
         return np.zeros(len(self.position), dtype=np.bool_)
 
     @property
     @abstractmethod
-    def saturated(self) -> NDArray[np.bool_]:
+    def saturated(self) -> BoolArray:
         """(17,) True where the board was at its current or voltage limit at any time of the last cycle.
 
         At stiffness 0 the limit is no current: a motor that is off is at it.

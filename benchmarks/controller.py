@@ -24,12 +24,12 @@ from time import perf_counter
 from typing import Any, NoReturn, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 from rich.console import Console
 from rich.progress import track
 from rich.table import Table
 
 from pepper_driver.config import PepperError, RobotConfig, load_controller_settings, load_robot
+from pepper_driver.config.arrays import FloatArray
 from pepper_driver.controller import (
     BaseVelocityTask,
     ComTask,
@@ -38,8 +38,6 @@ from pepper_driver.controller import (
     WholeBodyController,
 )
 from pepper_driver.output import check_writable, write_json
-
-FloatArray = NDArray[np.float64]
 
 WRISTS = ("l_wrist", "r_wrist")
 ARM = ("ShoulderPitch", "ShoulderRoll", "ElbowYaw", "ElbowRoll", "WristYaw")

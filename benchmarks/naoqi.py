@@ -32,7 +32,6 @@ from typing import Any, NoReturn
 from unittest.mock import patch
 
 import numpy as np
-from numpy.typing import NDArray
 from rich.console import Console
 from rich.table import Table
 
@@ -50,6 +49,7 @@ from pepper_driver.config import (
     load_robot,
     load_safety_settings,
 )
+from pepper_driver.config.arrays import FloatArray
 from pepper_driver.controller import Tick
 from pepper_driver.observer import Observation
 from pepper_driver.output import check_writable, write_json
@@ -61,8 +61,6 @@ from pepper_driver.realtime import (
     realtime_thread,
 )
 from pepper_driver.tick_bench import compute
-
-FloatArray = NDArray[np.float64]
 
 ROBOT = "mujoco://?seed={seed}"
 SWING, WAY, REST = 0.3, 1.5, 0.3  # [rad] around the starting posture, [s] there, [s] of rest

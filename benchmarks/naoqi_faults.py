@@ -29,7 +29,7 @@ from pepper_driver.backends.naoqi.library import Proxy, load_qi
 from pepper_driver.backends.naoqi_server.black_box import BlackBox
 from pepper_driver.backends.naoqi_server.launch import StandIn
 from pepper_driver.config import PepperError, load_doctor_settings, load_robot
-from pepper_driver.config.parts import FloatArray
+from pepper_driver.config.arrays import FloatArray
 
 LOSSES: Mapping[str, str | None] = {
     "program killed": None,

@@ -15,17 +15,15 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from rich.console import Console
 from rich.progress import track
 from rich.table import Table
 
 from pepper_driver import Pepper
 from pepper_driver.config import PepperError, load_controller_settings, load_robot
+from pepper_driver.config.arrays import FloatArray
 from pepper_driver.controller import PositionTask, RobotModel
 from pepper_driver.workers import run_jobs
-
-FloatArray = NDArray[np.float64]
 
 PLANTS = ("nominal", "integral", "worn", "cold", "payload", "soft-hip")
 HANDS = {"l_wrist": "L", "r_wrist": "R"}

@@ -20,7 +20,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from rich.console import Console
 from rich.progress import track
 from rich.table import Table
@@ -28,13 +27,12 @@ from rich.table import Table
 from pepper_driver import Comply, Pepper, Reflex, Retract
 from pepper_driver.backends import Truth
 from pepper_driver.config import load_observer_settings, load_robot
+from pepper_driver.config.arrays import BoolArray, FloatArray
 from pepper_driver.controller import RobotModel, Tick
 from pepper_driver.observer import ContactObserver, ModelSet
 from pepper_driver.observer.model_file import shipped
 from pepper_driver.reflexes.reflex import Then
 from pepper_driver.workers import run_jobs
-
-FloatArray = NDArray[np.float64]
 
 PLANTS = ("nominal", "integral", "worn", "cold", "payload", "soft-hip", "jitter")
 POSTURE = {"LShoulderPitch": 0.6, "LShoulderRoll": 0.3, "LElbowYaw": -1.0, "LElbowRoll": -0.2}
@@ -89,7 +87,7 @@ def ready(
         yield pepper
 
 
-def reversals(time: FloatArray, joints: FloatArray, release: float, led: NDArray[np.bool_]) -> int:
+def reversals(time: FloatArray, joints: FloatArray, release: float, led: BoolArray) -> int:
     """How often the velocity of a joint that gave way changes its sign after the release: the worst joint."""
     speed = np.gradient(joints, time, axis=0)[time >= release]
     counts = [0]

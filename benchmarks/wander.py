@@ -17,11 +17,11 @@ from typing import Any
 
 import numpy as np
 import pinocchio as pin
-from numpy.typing import NDArray
 from rich.console import Console
 from rich.table import Table
 
 from pepper_driver.config import RobotConfig, load_robot, load_self_collision
+from pepper_driver.config.arrays import FloatArray
 from pepper_driver.controller import RobotModel, WholeBodyController
 from pepper_driver.controller.capsules import CapsuleDistances
 from pepper_driver.controller.constraints import (
@@ -32,8 +32,6 @@ from pepper_driver.controller.constraints import (
     WheelSpeedLimit,
 )
 from pepper_driver.controller.tasks import BasePoseTask, FrameTask, PositionTask
-
-FloatArray = NDArray[np.float64]
 
 PALM = (0.05, 0.0, 0.0)  # [m] in the wrist link
 NEAR = np.array([[-0.4, -0.45, 0.2], [0.6, 0.45, 1.3]])  # [m] around base_link, inside the body too

@@ -13,8 +13,8 @@ from types import NoneType, UnionType
 from typing import Any, ParamSpec, TypeGuard, TypeVar, Union, get_args, get_origin, get_type_hints
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pepper_driver.config.arrays import FloatArray
 from pepper_driver.config.errors import ArgumentError, shown, suggestion, with_article
 
 P = ParamSpec("P")
@@ -43,7 +43,7 @@ def is_number(value: object) -> TypeGuard[float]:
     return True
 
 
-def real_array(value: object) -> NDArray[np.float64] | None:
+def real_array(value: object) -> FloatArray | None:
     """Return a new array of real numbers, or None for anything else: truth values, texts, objects, complex numbers."""
     if isinstance(value, np.ndarray):
         array = value

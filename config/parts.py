@@ -6,10 +6,10 @@ from functools import cached_property
 from typing import Annotated
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field
 from pydantic.dataclasses import dataclass
 
+from pepper_driver.config.arrays import FloatArray
 from pepper_driver.config.loading import STRICT
 
 STIFFEST = 3000.0
@@ -19,8 +19,6 @@ Positive = Annotated[float, Field(gt=0)]
 TaskStiffness = Annotated[float, Field(gt=0, le=STIFFEST)]
 NotNegative = Annotated[float, Field(ge=0)]
 Vector3 = tuple[float, float, float]
-FloatArray = NDArray[np.float64]
-IndexArray = NDArray[np.intp]
 
 
 @dataclass(frozen=True, kw_only=True, config=STRICT)

@@ -16,10 +16,10 @@ import numpy as np
 from pydantic.dataclasses import dataclass
 
 from pepper_driver.config.arguments import checked_arguments
+from pepper_driver.config.arrays import FloatArray
 from pepper_driver.config.errors import ConfigError, suggestion
 from pepper_driver.config.lines import with_lines
 from pepper_driver.config.loading import STRICT, named_file, parse, shipped_names
-from pepper_driver.config.parts import FloatArray
 from pepper_driver.config.plant_parts import (
     Actuator,
     Battery,

@@ -10,11 +10,12 @@ import numpy as np
 from pydantic import Field
 from pydantic.dataclasses import dataclass
 
+from pepper_driver.config.arrays import FloatArray
 from pepper_driver.config.errors import ConfigError
 from pepper_driver.config.experiment import load_experiment
 from pepper_driver.config.lines import with_lines
 from pepper_driver.config.loading import STRICT, load, own_or_shipped, package_file
-from pepper_driver.config.parts import FloatArray, NotNegative, Positive
+from pepper_driver.config.parts import NotNegative, Positive
 from pepper_driver.config.robot import RobotConfig
 from pepper_driver.config.steps import Holds
 

@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike
 from pydantic.dataclasses import dataclass
 
 from pepper_driver.config.arguments import checked_arguments
+from pepper_driver.config.arrays import FloatArray
 from pepper_driver.config.errors import (
     ArgumentError,
     ConfigError,
@@ -27,7 +28,6 @@ from pepper_driver.config.lines import with_lines
 from pepper_driver.config.loading import STRICT, load, own_or_shipped, read_yaml
 from pepper_driver.config.mistakes import as_written
 from pepper_driver.config.parts import (
-    FloatArray,
     Hands,
     Limits,
     Motors,

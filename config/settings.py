@@ -10,9 +10,10 @@ from pydantic import Field
 from pydantic.dataclasses import dataclass
 
 from pepper_driver.config.arguments import checked_arguments
+from pepper_driver.config.arrays import FloatArray
 from pepper_driver.config.lines import with_lines
 from pepper_driver.config.loading import STRICT, load, own_or_shipped
-from pepper_driver.config.parts import FloatArray, NotNegative, Positive
+from pepper_driver.config.parts import NotNegative, Positive
 from pepper_driver.config.robot import RobotConfig, check_joint_keys
 
 Share = Annotated[float, Field(ge=0, le=1)]

@@ -8,12 +8,10 @@ from typing import Any
 import coal
 import numpy as np
 import pinocchio as pin
-from numpy.typing import NDArray
 
 from pepper_driver.config import Capsule, SelfCollisionSettings
+from pepper_driver.config.arrays import FloatArray
 from pepper_driver.controller.model import RobotModel
-
-FloatArray = NDArray[np.float64]
 
 
 class CapsuleDistances:

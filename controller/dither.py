@@ -11,13 +11,10 @@ from dataclasses import dataclass
 from math import pi, radians
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pepper_driver.config import RobotConfig
+from pepper_driver.config.arrays import BoolArray, FloatArray
 from pepper_driver.config.settings import AttentiveSettings
-
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, slots=True)

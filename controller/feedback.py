@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pepper_driver.backends.interface import Measurement
+from pepper_driver.config.arrays import FloatArray
 from pepper_driver.controller.model import RobotModel
 from pepper_driver.controller.wheels import Odometry
-
-FloatArray = NDArray[np.float64]
 
 
 class Feedback:

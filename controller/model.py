@@ -8,13 +8,12 @@ from typing import Any
 
 import numpy as np
 import pinocchio as pin
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from pepper_driver.config import RobotConfig
 from pepper_driver.config.arguments import checked_arguments, real_array
+from pepper_driver.config.arrays import FloatArray, IndexArray
 from pepper_driver.config.errors import ArgumentError, check_name, shown
-
-FloatArray = NDArray[np.float64]
 
 WORLD_AXES = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
 
@@ -317,7 +316,7 @@ class RobotModel:
         return velocity
 
 
-def _selection(columns: list[int]) -> slice | NDArray[np.intp]:
+def _selection(columns: list[int]) -> slice | IndexArray:
     """A slice, which costs no copy, where the columns follow one another."""
     if columns == list(range(columns[0], columns[0] + len(columns))):
         return slice(columns[0], columns[0] + len(columns))

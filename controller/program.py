@@ -9,6 +9,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from pepper_driver.config.arrays import BoolArray, FloatArray
 from pepper_driver.controller.constraints.constraint import LinearInequality, stack
 from pepper_driver.controller.model import RobotModel
 from pepper_driver.controller.solvers import Solver
@@ -17,8 +18,6 @@ from pepper_driver.controller.solvers.solver import NO_BOUNDS, NO_ROWS
 from pepper_driver.controller.tasks import Task
 from pepper_driver.controller.tasks.gains import Gains
 from pepper_driver.controller.tasks.task import TaskRows
-
-FloatArray = NDArray[np.float64]
 
 LEAST_COST = 1e-4
 """Of the largest diagonal entry of the cost: an acceleration that tasks care less for is regularised as this one."""
@@ -204,7 +203,7 @@ class Program:
         return None
 
     def _soft(
-        self, lower: FloatArray, upper: FloatArray, rows: LinearInequality, soft: NDArray[np.bool_]
+        self, lower: FloatArray, upper: FloatArray, rows: LinearInequality, soft: BoolArray
     ) -> tuple[FloatArray | None, FloatArray]:
         """The solution where the ``soft`` rows may be broken by a slack, and by how much each of them is, or would be.
 

@@ -8,9 +8,10 @@ import numpy as np
 
 from pepper_driver.backends.interface import Measurement
 from pepper_driver.config import ControllerSettings, RobotConfig
+from pepper_driver.config.arrays import FloatArray
 from pepper_driver.controller.model import BASE
 from pepper_driver.controller.reference import Reference
-from pepper_driver.controller.whole_body import FloatArray, WholeBodyController
+from pepper_driver.controller.whole_body import WholeBodyController
 
 
 class RecordedController(WholeBodyController):

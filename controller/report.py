@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pepper_driver.config.arrays import FloatArray
 from pepper_driver.controller.program import Outcome
 
 NOTICEABLE = 0.01
@@ -49,8 +49,8 @@ class TaskReport:
     """
 
     name: str
-    error: NDArray[np.float64]
-    missed: NDArray[np.float64]
+    error: FloatArray
+    missed: FloatArray
     cost: float
     share: float
 

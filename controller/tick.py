@@ -4,10 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
-from numpy.typing import NDArray
-
 from pepper_driver.backends.interface import Command, Measurement
+from pepper_driver.config.arrays import BoolArray
 from pepper_driver.controller.reference import Reference
 
 
@@ -23,7 +21,7 @@ class Sent:
 
     command: Command
     reference: Reference
-    changed: NDArray[np.bool_]
+    changed: BoolArray
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -40,4 +38,4 @@ class Tick:
     measurement: Measurement
     reference: Reference
     sent: Command
-    changed: NDArray[np.bool_]
+    changed: BoolArray

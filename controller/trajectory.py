@@ -6,11 +6,10 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import make_interp_spline
 from scipy.spatial.transform import Rotation
 
-FloatArray = NDArray[np.float64]
+from pepper_driver.config.arrays import FloatArray
 
 Motion = Callable[[FloatArray], tuple[FloatArray, FloatArray]]
 """From (n,) times [s] to (n, ...) targets as a task keeps them and (n, rows) velocities."""

@@ -5,11 +5,9 @@ from __future__ import annotations
 from math import cos, sin
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pepper_driver.config import RobotConfig
-
-FloatArray = NDArray[np.float64]
+from pepper_driver.config.arrays import FloatArray
 
 
 def desaturated(wheel_speed: FloatArray, limit: float) -> FloatArray:

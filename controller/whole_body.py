@@ -7,11 +7,12 @@ from collections.abc import Sequence
 from math import sqrt
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from pepper_driver.backends.interface import Measurement
 from pepper_driver.config import ControllerSettings, RobotConfig, load_controller_settings
 from pepper_driver.config.arguments import checked_arguments, is_number
+from pepper_driver.config.arrays import FloatArray
 from pepper_driver.config.errors import shown
 from pepper_driver.controller.changes import Changes
 from pepper_driver.controller.constraints import (
@@ -37,8 +38,6 @@ from pepper_driver.controller.solvers import make_solver
 from pepper_driver.controller.tasks import BaseVelocityTask, PostureTask, Task
 from pepper_driver.controller.tasks.targets import finite_vector
 from pepper_driver.controller.wheels import Odometry
-
-FloatArray = NDArray[np.float64]
 
 STANDING = 400.0
 """[1/s2] Of the base that is held: it brakes as fast as its acceleration limits allow."""

@@ -3,12 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pepper_driver.config.arrays import BoolArray, FloatArray
 from pepper_driver.observer.twin import TwinParameters
-
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
 
 PRIOR = np.array([0.25, 0.25, 0.1, 1.0])
 """Standard deviation before anything is known, as shares of the identified values; the offset in OFFSET_UNIT."""

@@ -12,17 +12,16 @@ from dataclasses import dataclass
 from typing import Annotated, ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import ConfigDict, Field
 
 from pepper_driver.config import PepperError, RobotConfig
+from pepper_driver.config.arrays import FloatArray
 from pepper_driver.config.loading import STRICT
 from pepper_driver.controller.tick import Tick
 from pepper_driver.observer.median import RunningMedian
 from pepper_driver.observer.recording import Recording
 from pepper_driver.observer.strays import START, Strays
 
-FloatArray = NDArray[np.float64]
 Triple = tuple[float, float, float]
 
 TAPS = 25

@@ -6,8 +6,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pepper_driver.config.arrays import FloatArray
 from pepper_driver.observer.fusion import FusionSignal
 from pepper_driver.observer.fusion_model import FusionModel
 from pepper_driver.observer.fusion_threshold import SPEED_MEMORY
@@ -18,8 +18,6 @@ from pepper_driver.observer.recording import Recording
 from pepper_driver.observer.tree import LEAF, CartTree
 from pepper_driver.observer.tree_fitting import fit_cart
 from pepper_driver.observer.twin_fitting import START_UP
-
-FloatArray = NDArray[np.float64]
 
 MARGIN = 1.5
 """Over the largest residual of the calibration."""

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pepper_driver.config import ObserverSettings, RobotConfig
+from pepper_driver.config.arrays import BoolArray, FloatArray
 from pepper_driver.controller.tick import Tick
 from pepper_driver.observer.base import BaseSignal
 from pepper_driver.observer.body import BodyTracker
@@ -30,9 +31,6 @@ from pepper_driver.observer.prediction import predict_recording
 from pepper_driver.observer.recording import Recording
 from pepper_driver.observer.signal import ResidualSignal, Signal
 from pepper_driver.observer.tree import AffineTree, CartTree
-
-BoolArray = NDArray[np.bool_]
-FloatArray = NDArray[np.float64]
 
 ONSET_LOOKBACK = 0.5
 """[s] before the median window; a touch that grows more slowly is dated too late."""

@@ -7,17 +7,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pepper_driver.config.arrays import BoolArray, FloatArray
 from pepper_driver.observer.adaptation import OFFSET_UNIT
 from pepper_driver.observer.forest import Forest
 from pepper_driver.observer.fusion_model import FusionModel
 from pepper_driver.observer.fusion_threshold import RESTING
 from pepper_driver.observer.tree import FEATURES
 from pepper_driver.observer.twin import PARAMETERS, Twins
-
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
 
 LATEST = 3
 """Ticks by which a sample may be late and still be compared with what was expected for its time."""

@@ -5,14 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pepper_driver.config import PepperError, UnknownNameError
+from pepper_driver.config.arrays import FloatArray
 from pepper_driver.observer.recording import Recording
 from pepper_driver.observer.tree import Tree, TreeKind
 from pepper_driver.observer.tree_fitting import AffineGrowth, fit_cart
-
-FloatArray = NDArray[np.float64]
 
 MIN_SAMPLES = 500
 """Six seconds: fewer samples cannot show a joint in motion and at rest."""

@@ -5,11 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pepper_driver.config.arrays import FloatArray
 from pepper_driver.observer.tree import FEATURES, LEAF, AffineTree, CartTree, Tree
 
-FloatArray = NDArray[np.float64]
 Box = tuple[int, list[float], list[float]]
 
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pepper_driver.config.arrays import BoolArray, FloatArray
 from pepper_driver.controller.tick import Tick
 from pepper_driver.observer.adaptation import LEARN_PERIOD, Adaptation
 from pepper_driver.observer.base import BaseSignal
@@ -19,9 +19,6 @@ from pepper_driver.observer.momentum import ErrorDerivatives, MomentumChannel
 from pepper_driver.observer.signal import FULL_STIFFNESS, Signal
 from pepper_driver.observer.strays import PAUSE
 from pepper_driver.observer.torque import TorqueEstimate
-
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
 
 ABSURD = 1e4
 """[rad], [rad/s], [rad/s2], [N m] or [A]: no robot is, does, wants or measures so much."""

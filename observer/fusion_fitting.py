@@ -7,9 +7,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from joblib import Parallel, delayed
-from numpy.typing import NDArray
 
 from pepper_driver.config import RobotConfig
+from pepper_driver.config.arrays import BoolArray, FloatArray
 from pepper_driver.observer.base import BaseModel, fit_base
 from pepper_driver.observer.bound_fitting import fit_bounds
 from pepper_driver.observer.expectation import MOVING
@@ -21,9 +21,6 @@ from pepper_driver.observer.tree import LEAF, CartTree
 from pepper_driver.observer.tree_fitting import AffineGrowth
 from pepper_driver.observer.twin import TwinParameters, Twins
 from pepper_driver.observer.twin_fitting import START_UP, fit_twin
-
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
 
 REMAINDER_LEAVES = 8
 REMAINDER_SHRINKAGE = 1000.0

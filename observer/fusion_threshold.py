@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pepper_driver.config.arrays import BoolArray, FloatArray
 from pepper_driver.observer.forest import Forest
 from pepper_driver.observer.fusion_model import FusionModel
 from pepper_driver.observer.median import RecentLargest
 from pepper_driver.observer.strays import START, Strays
 from pepper_driver.observer.tree import FEATURES
-
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
 
 RESTING = 0.05
 """[rad/s] Desired; a joint that shall move no faster can be held by its friction."""

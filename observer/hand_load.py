@@ -12,15 +12,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pepper_driver.config import RobotConfig
+from pepper_driver.config.arrays import BoolArray, FloatArray
 from pepper_driver.controller.model import RobotModel
 from pepper_driver.observer.adaptation import LEARN_PERIOD
 from pepper_driver.observer.fusion_model import FusionModel
-
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
 
 PRIOR = np.array([0.3, 0.03, 0.03, 0.03])
 """Standard deviation of mass [kg] and first moment [kg m] before anything is known."""

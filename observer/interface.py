@@ -9,10 +9,9 @@ from enum import IntEnum
 import numpy as np
 from numpy.typing import NDArray
 
+from pepper_driver.config.arrays import FloatArray
 from pepper_driver.controller.tick import Tick
 from pepper_driver.observer.contact import Contact
-
-FloatArray = NDArray[np.float64]
 
 
 class JointState(IntEnum):

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
+from pepper_driver.config.arrays import BoolArray, FloatArray
 
 
 class RunningMedian:
@@ -41,7 +40,7 @@ class RunningMedian:
             median = (sorted_half[middle - 1] + sorted_half[middle]) / 2
         return median
 
-    def clear(self, where: NDArray[np.bool_]) -> None:
+    def clear(self, where: BoolArray) -> None:
         """Take the samples so far of the signals ``where`` (width,) as zeros."""
         self._ring[:, where] = 0.0
 

@@ -16,13 +16,11 @@ from dataclasses import astuple, dataclass
 from typing import ClassVar, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import ConfigDict
 
 from pepper_driver.config import PepperError
+from pepper_driver.config.arrays import BoolArray, FloatArray
 from pepper_driver.config.loading import STRICT
-
-FloatArray = NDArray[np.float64]
 
 MotorTorque = Literal["current", "voltage"]
 
@@ -84,7 +82,7 @@ class ErrorDerivatives:
         self._velocity = self._velocity + self._gain * (velocity - self._velocity)
         return velocity, acceleration
 
-    def put(self, where: NDArray[np.bool_], error: FloatArray) -> None:
+    def put(self, where: BoolArray, error: FloatArray) -> None:
         """Start anew from ``error`` [rad], for the joints of ``where``."""
         if self._error is not None:
             self._error = np.where(where, error, self._error)
@@ -103,9 +101,7 @@ class MomentumChannel:
         integrates: (n,) joints whose boards have an integral part: what these have summed up tells of the sign too.
     """
 
-    def __init__(
-        self, models: list[MomentumParameters | None], integrates: NDArray[np.bool_]
-    ) -> None:
+    def __init__(self, models: list[MomentumParameters | None], integrates: BoolArray) -> None:
         def each(name: str) -> FloatArray:
             return np.array([np.nan if m is None else getattr(m, name) for m in models])
 

@@ -3,17 +3,14 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pepper_driver.config.arrays import FloatArray
 from pepper_driver.controller.tick import Tick
 from pepper_driver.observer.fusion_model import FusionModel
 from pepper_driver.observer.median import RunningMedian
 from pepper_driver.observer.momentum import ErrorDerivatives
 from pepper_driver.observer.recording import STALE_AGE
 from pepper_driver.observer.signal import FULL_STIFFNESS, Signal, Unchanging
-
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
 
 SIGN_VELOCITY = 0.03
 """[rad/s] Below which the sign of the friction is smoothed."""

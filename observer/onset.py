@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
+from pepper_driver.config.arrays import FloatArray
 
 ONSET_LEVEL = 1.0 / 3.0
 """Share of the threshold below which the residual counts as not yet touched."""

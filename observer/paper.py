@@ -5,16 +5,13 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pepper_driver.config.arrays import FloatArray
 from pepper_driver.controller.tick import Tick
 from pepper_driver.observer.median import RunningMedian
 from pepper_driver.observer.recording import STALE_AGE
 from pepper_driver.observer.signal import FULL_STIFFNESS, Signal, Unchanging
 from pepper_driver.observer.tree import Tree
-
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
 
 
 class PaperSignal(Unchanging):

@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pepper_driver.config.arrays import FloatArray
 from pepper_driver.observer.fusion_model import FusionModel
 from pepper_driver.observer.recording import Recording
 from pepper_driver.observer.tree import Tree
 from pepper_driver.observer.twin import Twins
-
-FloatArray = NDArray[np.float64]
 
 JointModel = Tree | FusionModel
 

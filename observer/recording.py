@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from pepper_driver.backends.interface import Command, Imu, Measurement
 from pepper_driver.config import RobotConfig
+from pepper_driver.config.arrays import BoolArray, FloatArray
 from pepper_driver.controller.reference import Reference
 from pepper_driver.controller.tick import Tick
 from pepper_driver.observer.recording_file import RecordingError, read_arrays, write_arrays
@@ -20,7 +21,6 @@ from pepper_driver.observer.recording_mirror import mirrored_columns
 
 __all__ = ["STALE_AGE", "Recording", "RecordingBuilder", "RecordingError"]
 
-FloatArray = NDArray[np.float64]
 
 STALE_AGE = 0.03
 """[s] An encoder sample older than this says nothing about the command it is paired with."""
@@ -90,7 +90,7 @@ class Recording:
     age: FloatArray
     sent_position: FloatArray
     stiffness: FloatArray
-    changed: NDArray[np.bool_]
+    changed: BoolArray
     position: FloatArray
     current: FloatArray
     reference_position: FloatArray
@@ -161,7 +161,7 @@ class Recording:
         error: FloatArray = self.sent_position[:, joint_index] - self.position[:, joint_index]
         return error
 
-    def usable(self, joint_index: int) -> NDArray[np.bool_]:
+    def usable(self, joint_index: int) -> BoolArray:
         """(n,) where the tracking error answers the reference: command not altered, sample not stale."""
         return ~self.changed[:, joint_index] & (self.age <= STALE_AGE)
 

@@ -6,13 +6,10 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pepper_driver.config.arrays import BoolArray, FloatArray
 from pepper_driver.controller.tick import Tick
 from pepper_driver.observer.hand_load import HandLoad
-
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
 
 FULL_STIFFNESS = 0.99
 """Models are identified on stiff joints: one with less follows its commands in another way."""

@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
+from pepper_driver.config.arrays import BoolArray, FloatArray
 
 BLOCK = 42
 """Samples in motion, half a second, of which the largest residual is kept."""

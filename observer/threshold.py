@@ -5,12 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pepper_driver.config.arrays import FloatArray
 from pepper_driver.observer.prediction import JointModel, predict_recording
 from pepper_driver.observer.recording import Recording
-
-FloatArray = NDArray[np.float64]
 
 MARGIN = 1.25
 """Over the largest residual of the recordings: the next motion may be a little worse than all of them."""

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
+from pepper_driver.config.arrays import FloatArray
 
 FRICTION_SHARE = 0.5
 """Of the friction that a push has turned round: gears hold some of it back."""

@@ -11,14 +11,12 @@ from functools import cached_property
 from typing import ClassVar, Literal, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import ConfigDict
 
 from pepper_driver.config import PepperError
+from pepper_driver.config.arrays import FloatArray, IntArray
 from pepper_driver.config.loading import STRICT
 
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 Triple = tuple[float, float, float]
 Coefficients = tuple[float, float, float, float]
 

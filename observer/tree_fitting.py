@@ -6,12 +6,9 @@ import heapq
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pepper_driver.config.arrays import FloatArray, IntArray
 from pepper_driver.observer.tree import LEAF, AffineTree, CartTree, Coefficients, Triple
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 CART_MIN_SAMPLES_LEAF = 50
 """0.6 s of samples. Smaller leaves fit the estimation runs better and faster runs no better."""

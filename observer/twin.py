@@ -17,14 +17,11 @@ from dataclasses import astuple, dataclass, fields
 from typing import ClassVar, Self
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import ConfigDict
 
 from pepper_driver.config import PepperError
+from pepper_driver.config.arrays import BoolArray, FloatArray
 from pepper_driver.config.loading import STRICT
-
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
 
 
 class TwinError(PepperError, ValueError):

@@ -6,13 +6,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pepper_driver.config.arrays import FloatArray
 from pepper_driver.observer.recording import Recording
 from pepper_driver.observer.twin import PARAMETERS, TwinParameters, Twins
-
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
 
 START_UP = 0.6
 """[s] at the start of a run that do not count: the twin does not know where in its friction the joint rests."""

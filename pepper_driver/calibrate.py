@@ -22,7 +22,7 @@ from pepper_driver.config import (
     RobotConfig,
     TrackingTable,
 )
-from pepper_driver.config.parts import FloatArray
+from pepper_driver.config.arrays import FloatArray
 
 Law = Literal["pd", "integral"]
 Progress = Callable[[float], None]

@@ -9,7 +9,7 @@ import numpy as np
 from scipy.optimize import lsq_linear
 
 from pepper_driver.config import TrackingTable
-from pepper_driver.config.parts import FloatArray
+from pepper_driver.config.arrays import FloatArray
 from pepper_driver.drive_values import DriveValues
 
 STIFFNESSES = np.geomspace(40.0, 250.0, 49)

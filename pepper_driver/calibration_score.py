@@ -10,7 +10,7 @@ import numpy as np
 from pepper_driver.backends.mujoco_.testbench import opposite
 from pepper_driver.calibrate import Measured, residual, statistics
 from pepper_driver.config import Calibration, HoldStatistics, RobotConfig, TrackingTable
-from pepper_driver.config.parts import FloatArray
+from pepper_driver.config.arrays import FloatArray
 
 HOLD_SCATTER, RESIDUAL_SCATTER, CURRENT_SCATTER = 0.1, 0.02, 0.2
 """Relative standard deviations: of a quantile of 160 holds by its goals, of a table by what the fit leaves open

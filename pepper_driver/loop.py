@@ -15,7 +15,7 @@ from pepper_driver.backends.interface import LONGEST_WAY
 from pepper_driver.backends.simulated import TruthSample
 from pepper_driver.callbacks.events import ReflexEvent, SensorEdges, SensorEvent
 from pepper_driver.config import RobotConfig
-from pepper_driver.config.parts import FloatArray
+from pepper_driver.config.arrays import FloatArray
 from pepper_driver.controller import Reference, Sent, Tick, WholeBodyController
 from pepper_driver.log import Label, LogEvent, LogWriter
 from pepper_driver.log.event import EventPhase

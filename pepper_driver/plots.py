@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from pepper_driver.config import MissingExtraError, PepperError, UnknownNameError
 from pepper_driver.config.arguments import as_path, checked_arguments
+from pepper_driver.config.arrays import BoolArray, FloatArray
 from pepper_driver.config.errors import reason
 from pepper_driver.log import LogData, LogError
 from pepper_driver.palette import BLACK, GREEN, ORANGE, RED
@@ -145,7 +146,7 @@ def contact_figure(
     return figure
 
 
-def _rows(log: LogData, start: float | None, stop: float | None) -> NDArray[np.bool_]:
+def _rows(log: LogData, start: float | None, stop: float | None) -> BoolArray:
     """(n,) which ticks to draw."""
     if len(log) == 0:
         raise LogError("the log holds no tick to plot")
@@ -156,7 +157,7 @@ def _rows(log: LogData, start: float | None, stop: float | None) -> NDArray[np.b
         raise LogError(
             f"from {first:g} s to {last:g} s is no stretch of time: give the earlier first"
         )
-    rows: NDArray[np.bool_] = (time >= first) & (time <= last)
+    rows: BoolArray = (time >= first) & (time <= last)
     if not rows.any():
         raise LogError(
             f"the log holds no tick there: it goes from {np.nanmin(time):.2f} s to {np.nanmax(time):.2f} s"
@@ -174,16 +175,14 @@ def _choose(log: LogData) -> list[str]:
     return sorted(best, key=log.joint_names.index)
 
 
-def _draw_joint(
-    log: LogData, rows: NDArray[np.bool_], joint: str, panels: NDArray[np.object_]
-) -> None:
+def _draw_joint(log: LogData, rows: BoolArray, joint: str, panels: NDArray[np.object_]) -> None:
     index = log.joint_names.index(joint)
     scale, unit = (
         (100.0, "% of aperture") if joint in log.hand_joints else (float(np.rad2deg(1.0)), "deg")
     )
     time = log["time"][rows]
 
-    def of(name: str) -> NDArray[np.float64]:
+    def of(name: str) -> FloatArray:
         return np.asarray(log[name][rows, index] * scale, dtype=np.float64)
 
     top: Axes
@@ -235,7 +234,7 @@ def _draw_joint(
         mark_faults(log, axes)
 
 
-def _limits(time: NDArray[np.float64]) -> tuple[float, float]:
+def _limits(time: FloatArray) -> tuple[float, float]:
     """Of the axis of time [s]; as wide as a tick where there is but one."""
     first, last = float(np.nanmin(time)), float(np.nanmax(time))
     return first, max(last, first + 0.012)

@@ -18,9 +18,9 @@ import numpy as np
 from pepper_driver.backends import Backend, Command, Measurement
 from pepper_driver.backends.mock import MockBackend
 from pepper_driver.config import PepperError, RobotConfig
+from pepper_driver.config.arrays import FloatArray
 from pepper_driver.config.contact_selector import Kind
 from pepper_driver.config.errors import shown
-from pepper_driver.config.parts import FloatArray
 from pepper_driver.config.plugins import PluginInterfaceError
 from pepper_driver.config.robot import LEGS
 from pepper_driver.controller import (

@@ -34,8 +34,8 @@ from pepper_driver.config import (
     load_safety_settings,
 )
 from pepper_driver.config.arguments import as_path, checked_arguments, is_number
+from pepper_driver.config.arrays import FloatArray
 from pepper_driver.config.errors import ArgumentError, shown
-from pepper_driver.config.parts import FloatArray
 from pepper_driver.config.steps import MAX_STEP_TIME, MIN_DURATION
 from pepper_driver.controller import GainError, TargetError, Tick, WholeBodyController
 from pepper_driver.controller.changes import Changes

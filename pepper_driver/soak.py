@@ -11,7 +11,7 @@ import numpy as np
 
 from pepper_driver.backends import Backend, Command, Measurement, make_backend
 from pepper_driver.config import RobotConfig, load_robot
-from pepper_driver.config.parts import FloatArray
+from pepper_driver.config.arrays import FloatArray
 
 PERIOD = 4.0
 """[s] between two goals; in each period the robot is pushed once or held once."""

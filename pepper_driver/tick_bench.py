@@ -9,7 +9,7 @@ from time import perf_counter
 
 import numpy as np
 
-from pepper_driver.config.parts import FloatArray
+from pepper_driver.config.arrays import FloatArray
 from pepper_driver.controller import ComTask, PositionTask
 from pepper_driver.realtime import Statistics
 from pepper_driver.reflexes import Hold

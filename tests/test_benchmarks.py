@@ -18,6 +18,8 @@ import pytest
 from numpy.typing import NDArray
 from stand_ins import patient_driver
 
+from pepper_driver.config.arrays import BoolArray, FloatArray
+
 CONTROLLER = Path(__file__).parents[1] / "benchmarks" / "controller.py"
 PEERS = all(importlib.util.find_spec(name) for name in ("pink", "mink"))
 
@@ -445,7 +447,7 @@ def test_ticks_that_differ_are_exit_code_1(
 
 @dataclass(frozen=True, kw_only=True)
 class OldSample:
-    position: NDArray[np.float64]
+    position: FloatArray
     answers: int | None = None
 
 
@@ -454,12 +456,12 @@ class OldTick:
     sample: OldSample
     time: float
     missing: str
-    changed: NDArray[np.bool_] | None
+    changed: BoolArray | None
 
 
 @dataclass(frozen=True, kw_only=True)
 class NewSample:
-    encoders: NDArray[np.float64]
+    encoders: FloatArray
     late: bool = False
 
 
@@ -468,7 +470,7 @@ class NewTick:
     sample: NewSample
     time: float
     missing: str
-    changed: NDArray[np.bool_] | None
+    changed: BoolArray | None
 
 
 def test_inputs_of_the_observer_are_rebuilt_with_other_classes(

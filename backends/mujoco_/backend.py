@@ -40,7 +40,7 @@ from pepper_driver.config import (
     parent_plants,
     plant_hash,
 )
-from pepper_driver.config.parts import FloatArray
+from pepper_driver.config.arrays import FloatArray
 
 RAMP_TIME = 1.0
 """[s] in which activation raises the stiffness from 0 to 1, and deactivation lowers it."""

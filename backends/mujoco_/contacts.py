@@ -16,7 +16,7 @@ from pepper_driver.backends.mujoco_.tally import Tally
 from pepper_driver.backends.mujoco_.touch import TouchSensors
 from pepper_driver.backends.simulated import TrueContact
 from pepper_driver.config import RobotConfig, World
-from pepper_driver.config.parts import FloatArray
+from pepper_driver.config.arrays import FloatArray
 
 
 class Contacts(Resumable):

@@ -10,7 +10,7 @@ import numpy as np
 from pepper_driver.backends.mujoco_.model import PlantModel
 from pepper_driver.backends.mujoco_.slots import Slots
 from pepper_driver.config import PlantConfig, RobotConfig
-from pepper_driver.config.parts import FloatArray
+from pepper_driver.config.arrays import FloatArray
 
 
 class Friction:

@@ -12,8 +12,8 @@ from pepper_driver.backends.commands import check_grab
 from pepper_driver.backends.mujoco_.hands import Hand
 from pepper_driver.backends.mujoco_.model import PlantModel
 from pepper_driver.backends.pushes import ScheduledPush, schedule_push
+from pepper_driver.config.arrays import FloatArray
 from pepper_driver.config.errors import check_name
-from pepper_driver.config.parts import FloatArray
 
 
 def planned_push(

@@ -13,7 +13,7 @@ from pepper_driver.backends.interface import CommandError
 from pepper_driver.backends.mujoco_.model import PlantModel
 from pepper_driver.backends.mujoco_.resumable import Resumable
 from pepper_driver.backends.mujoco_.tally import Point, Tally
-from pepper_driver.config.parts import FloatArray
+from pepper_driver.config.arrays import FloatArray
 
 HAND_MASS = 0.4
 """[kg] of an adult's hand. The damping is critical for it, 2 sqrt(K m): 40 N s/m at 1000 N/m."""

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
 from pepper_driver.backends.mujoco_.drives import (
     add_drive,
@@ -18,7 +17,7 @@ from pepper_driver.backends.mujoco_.drives import (
 from pepper_driver.backends.mujoco_.objects import add_objects
 from pepper_driver.backends.mujoco_.rolling import add_rolling_base, add_wheel_drives
 from pepper_driver.config import ConfigError, PlantConfig, RobotConfig, World
-from pepper_driver.config.parts import FloatArray, IndexArray
+from pepper_driver.config.arrays import BoolArray, FloatArray, IndexArray
 from pepper_driver.config.plant_parts import Body
 
 ROBOT, OBJECT, FLOOR = 1, 2, 4
@@ -63,7 +62,7 @@ class PlantModel:
         """Whether the simulation has met values that are not finite, or huge."""
         return any(data.warning[kind].number for kind in _DIVERGENCE)
 
-    def in_gap(self, data: mujoco.MjData) -> NDArray[np.bool_]:
+    def in_gap(self, data: mujoco.MjData) -> BoolArray:
         """(17,) whether the teeth of each gear are apart: |q - theta| <= half_gap."""
         phi = data.qpos[self.link_qpos] - data.qpos[self.motor_qpos]
         return np.asarray(np.abs(phi) <= self.half_gap, dtype=np.bool_)

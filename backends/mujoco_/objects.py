@@ -9,7 +9,7 @@ import mujoco
 import numpy as np
 
 from pepper_driver.config import ConfigError, PlantConfig, World
-from pepper_driver.config.parts import FloatArray
+from pepper_driver.config.arrays import FloatArray
 from pepper_driver.config.world import WorldObject
 
 DEPTH = 0.001

@@ -10,7 +10,7 @@ from pepper_driver.backends.mujoco_.model import PlantModel
 from pepper_driver.backends.mujoco_.resumable import Resumable
 from pepper_driver.backends.mujoco_.tally import Tally
 from pepper_driver.backends.pushes import ScheduledPush
-from pepper_driver.config.parts import FloatArray
+from pepper_driver.config.arrays import FloatArray
 
 
 class Pushes(Resumable):

@@ -12,7 +12,7 @@ from pepper_driver.backends.mujoco_.resumable import Resumable
 from pepper_driver.backends.mujoco_.sensors import CurrentSensors, Encoders
 from pepper_driver.backends.mujoco_.simulation import Simulation
 from pepper_driver.config import PlantConfig, RobotConfig
-from pepper_driver.config.parts import FloatArray
+from pepper_driver.config.arrays import FloatArray
 
 
 class Readings(Resumable):

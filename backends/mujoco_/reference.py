@@ -11,7 +11,7 @@ from pepper_driver.backends.mujoco_.board import MotorBoards
 from pepper_driver.backends.mujoco_.friction import Friction
 from pepper_driver.backends.mujoco_.model import build_model
 from pepper_driver.config import PlantConfig, RobotConfig
-from pepper_driver.config.parts import FloatArray
+from pepper_driver.config.arrays import FloatArray
 
 SPEED_SHARE = 0.15
 """Peak speed of the motion, as a share of each joint's limit."""

@@ -17,7 +17,7 @@ import numpy as np
 from pepper_driver.backends.mujoco_.drives import harden_friction
 from pepper_driver.backends.mujoco_.resumable import Resumable
 from pepper_driver.config import PlantConfig, RobotConfig
-from pepper_driver.config.parts import FloatArray
+from pepper_driver.config.arrays import FloatArray
 
 FALLEN = 1.2
 """[rad] of tilt at which the base comes to lie: the robot has fallen over."""

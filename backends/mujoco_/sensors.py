@@ -8,7 +8,7 @@ import numpy as np
 
 from pepper_driver.backends.mujoco_.resumable import Resumable
 from pepper_driver.config import PlantConfig, RobotConfig
-from pepper_driver.config.parts import FloatArray
+from pepper_driver.config.arrays import FloatArray
 
 
 class Encoders(Resumable):

@@ -16,7 +16,7 @@ from pepper_driver.backends.mujoco_.rolling import Wheels
 from pepper_driver.backends.mujoco_.slots import Slots
 from pepper_driver.backends.mujoco_.supply import Supply, Warmth
 from pepper_driver.config import PlantConfig, RobotConfig, World
-from pepper_driver.config.parts import FloatArray
+from pepper_driver.config.arrays import FloatArray
 
 
 class Simulation(Resumable):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from pepper_driver.config.parts import FloatArray, IndexArray
+from pepper_driver.config.arrays import FloatArray, IndexArray
 
 
 class Slots:

@@ -9,7 +9,7 @@ import numpy as np
 
 from pepper_driver.backends.mujoco_.resumable import Resumable
 from pepper_driver.config import PlantConfig, RobotConfig
-from pepper_driver.config.parts import FloatArray
+from pepper_driver.config.arrays import FloatArray
 
 COLDEST_FRICTION, WARMEST_FRICTION = 4.0, 0.25
 """Friction by temperature is linear around the reference; far from it, it stays within these factors."""

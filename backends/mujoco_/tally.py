@@ -11,7 +11,7 @@ from pepper_driver.backends.mujoco_.model import PlantModel
 from pepper_driver.backends.mujoco_.resumable import Resumable
 from pepper_driver.backends.mujoco_.touch import TouchSensors
 from pepper_driver.backends.simulated import ContactKind, TrueContact
-from pepper_driver.config.parts import FloatArray
+from pepper_driver.config.arrays import FloatArray
 
 Point = tuple[float, float, float]
 

@@ -17,7 +17,7 @@ from pepper_driver.backends.interface import Command
 from pepper_driver.backends.mujoco_.backend import MujocoBackend
 from pepper_driver.backends.mujoco_.simulation import Simulation
 from pepper_driver.config import PlantConfig, RampProtocol, RobotConfig
-from pepper_driver.config.parts import FloatArray
+from pepper_driver.config.arrays import FloatArray
 from pepper_driver.config.steps import Holds
 
 Progress = Callable[[int, int], None]

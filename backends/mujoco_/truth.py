@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
 from pepper_driver.backends.mujoco_.rolling import FALLEN
 from pepper_driver.backends.mujoco_.simulation import Simulation
 from pepper_driver.backends.simulated import TrueContact, Truth
+from pepper_driver.config.arrays import BoolArray, FloatArray
 from pepper_driver.config.errors import check_name
-from pepper_driver.config.parts import FloatArray
 
 LYING = 0.05
 """[rad] Before the tilt at which the base lies, where it still rocks."""
@@ -77,12 +76,12 @@ class MujocoTruth(Truth):
         return base
 
     @property
-    def in_gap(self) -> NDArray[np.bool_]:
+    def in_gap(self) -> BoolArray:
         """(17,) whether the joint is inside its backlash."""
         return self._simulation.model.in_gap(self._simulation.data)
 
     @property
-    def saturated(self) -> NDArray[np.bool_]:
+    def saturated(self) -> BoolArray:
         """(17,) whether the board met its current or voltage limit in the last cycle."""
         return self._simulation.boards.saturated.copy()
 

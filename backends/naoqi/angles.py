@@ -24,7 +24,7 @@ from pepper_driver.backends.naoqi.keys import SensorKeys
 from pepper_driver.backends.naoqi.preflight import Preflight
 from pepper_driver.backends.signals import check_signals
 from pepper_driver.config import NaoqiSettings, RobotConfig
-from pepper_driver.config.parts import FloatArray
+from pepper_driver.config.arrays import FloatArray
 
 logger = logging.getLogger("pepper_driver")
 

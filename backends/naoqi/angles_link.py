@@ -11,8 +11,8 @@ from pepper_driver.backends.naoqi.call import Call
 from pepper_driver.backends.naoqi.connection import Connection
 from pepper_driver.backends.naoqi.keys import VALUES, SensorKeys, Values
 from pepper_driver.config import RobotConfig
+from pepper_driver.config.arrays import FloatArray
 from pepper_driver.config.naoqi import AnglesSettings
-from pepper_driver.config.parts import FloatArray
 
 SENSORS = 5
 """Questions for the angles to one for the stiffness and for all other sensors, which some robots refresh twice a

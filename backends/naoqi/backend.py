@@ -23,7 +23,7 @@ from pepper_driver.config import (
     load_naoqi_settings,
     suggestion,
 )
-from pepper_driver.config.parts import FloatArray
+from pepper_driver.config.arrays import FloatArray
 
 MODES = ("dcm", "angles")
 SWITCHES = ("wake", "force")

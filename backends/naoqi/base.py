@@ -33,8 +33,8 @@ from pepper_driver.backends.naoqi.secret import Secret, find_secret
 from pepper_driver.backends.naoqi.stand_in import SERVICE, Handled, simulated_parents
 from pepper_driver.backends.serial import Serial, serial
 from pepper_driver.config import NaoqiSettings, RobotConfig
+from pepper_driver.config.arrays import FloatArray
 from pepper_driver.config.naoqi import TakeOverSettings
-from pepper_driver.config.parts import FloatArray
 
 logger = logging.getLogger("pepper_driver")
 

@@ -20,8 +20,8 @@ from pepper_driver.backends.naoqi.preflight import UnfitError
 from pepper_driver.backends.naoqi.restoration import Restoration
 from pepper_driver.backends.naoqi.switches import Switch, chosen
 from pepper_driver.config import NaoqiSettings, RobotConfig
+from pepper_driver.config.arrays import FloatArray
 from pepper_driver.config.naoqi import TakeOverSettings
-from pepper_driver.config.parts import FloatArray
 
 logger = logging.getLogger("pepper_driver")
 

@@ -16,8 +16,8 @@ from pepper_driver.backends.naoqi.call import Call
 from pepper_driver.backends.naoqi.connection import Connection, MissingServiceError
 from pepper_driver.backends.naoqi.history import CommandHistory
 from pepper_driver.config import RobotConfig
+from pepper_driver.config.arrays import FloatArray
 from pepper_driver.config.naoqi import ForeignCommandSettings
-from pepper_driver.config.parts import FloatArray
 
 MEASURED_TICKS = 6
 """In which a joint without stiffness was where ALMotion says that it lies: both look at different moments."""

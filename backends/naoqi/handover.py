@@ -13,7 +13,7 @@ from pepper_driver.backends.naoqi.keys import Alias
 from pepper_driver.backends.naoqi.link import Link
 from pepper_driver.backends.signals import check_signals
 from pepper_driver.config import NaoqiSettings, PepperError, RobotConfig
-from pepper_driver.config.parts import FloatArray
+from pepper_driver.config.arrays import FloatArray
 
 logger = logging.getLogger("pepper_driver")
 

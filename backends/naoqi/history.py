@@ -8,7 +8,7 @@ from math import inf
 
 import numpy as np
 
-from pepper_driver.config.parts import FloatArray
+from pepper_driver.config.arrays import FloatArray
 
 KEPT = 128
 """Commands remembered: more than a second of them."""

@@ -10,7 +10,7 @@ import numpy as np
 
 from pepper_driver.backends.interface import Imu
 from pepper_driver.config import RobotConfig
-from pepper_driver.config.parts import FloatArray
+from pepper_driver.config.arrays import FloatArray
 
 MAY_LACK = ("temperature", "battery", "charging_flap")
 """Without which a sample is good all the same: who watches them knows what to do about it."""

@@ -22,7 +22,7 @@ from pepper_driver.backends.naoqi.reader import Reader
 from pepper_driver.backends.naoqi.watchdog import PAUSE, sample_age
 from pepper_driver.backends.naoqi.writer import Writer
 from pepper_driver.config import NaoqiSettings, RobotConfig
-from pepper_driver.config.parts import FloatArray
+from pepper_driver.config.arrays import FloatArray
 
 TICK_PHASE = 0.6
 """[cycles] after a cycle of the robot at which ticks begin, where samples come in time: the next cycle is far."""

@@ -10,8 +10,8 @@ from pepper_driver.backends.naoqi.cycles import CommandScheduler, Cycles
 from pepper_driver.backends.naoqi.history import CommandHistory, SentCommand
 from pepper_driver.backends.naoqi.keys import Alias
 from pepper_driver.backends.naoqi.writer import Writer
+from pepper_driver.config.arrays import FloatArray
 from pepper_driver.config.naoqi import WheelTimes
-from pepper_driver.config.parts import FloatArray
 
 PRECEDENCE = {Alias.POSITION: 1.5}
 """[ticks] by which some commands go before others that have waited longer. So wheels come every third tick at the

@@ -18,7 +18,7 @@ import numpy as np
 from pepper_driver.backends.naoqi.clock import shown
 from pepper_driver.backends.naoqi.keys import Alias
 from pepper_driver.backends.naoqi.library import Future, Proxy, one_line
-from pepper_driver.config.parts import FloatArray
+from pepper_driver.config.arrays import FloatArray
 
 logger = logging.getLogger("pepper_driver")
 

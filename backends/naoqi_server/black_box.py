@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pepper_driver.config import RobotConfig
-from pepper_driver.config.parts import FloatArray
+from pepper_driver.config.arrays import FloatArray, IntArray
 
 CYCLES = 10_000
 """Kept: two minutes."""
@@ -56,11 +56,11 @@ class BlackBox:
         wheel_stiffness: (n, 3) and as their stiffness.
     """
 
-    cycle: NDArray[np.int64]
+    cycle: IntArray
     date: NDArray[np.int32]
     begin: FloatArray
     end: FloatArray
-    orders: NDArray[np.int64]
+    orders: IntArray
     wheel_order: FloatArray
     position: FloatArray
     wheel_speed: FloatArray

@@ -6,14 +6,13 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pepper_driver.backends.interface import Command, Measurement
 from pepper_driver.backends.mujoco_.backend import MujocoBackend
 from pepper_driver.backends.naoqi_server.keys import table_keys
 from pepper_driver.config import RobotConfig
+from pepper_driver.config.arrays import FloatArray, IndexArray
 from pepper_driver.config.naoqi_devices import NaoqiDevices
-from pepper_driver.config.parts import FloatArray
 
 HOT, VERY_HOT = 68.0, 74.0
 """[deg C] Where ``Temperature/Sensor/Status`` becomes 1 and 2: levels of public ROS drivers of Pepper."""
@@ -47,7 +46,7 @@ class Body:
         self._wheel_command = place(names.wheel_speed_command, wheel=wheels)
         self._wheel_stiffness = place(names.wheel_stiffness_command, wheel=wheels)
         self._temperature_status = place("{joint}/Temperature/Sensor/Status", joint=joints)
-        self._sensors: Mapping[str, NDArray[np.intp]] = {
+        self._sensors: Mapping[str, IndexArray] = {
             "position": place(names.position, joint=joints),
             "current": place(names.current, joint=joints),
             "temperature": place(names.temperature, joint=joints),
@@ -146,7 +145,7 @@ class Body:
             values[self._wheel_stiffness],
         )
 
-    def _places(self, pattern: str, **names: tuple[str, ...]) -> NDArray[np.intp]:
+    def _places(self, pattern: str, **names: tuple[str, ...]) -> IndexArray:
         ((slot, choices),) = names.items()
         prefix = self._robot.naoqi.prefix
         return np.array([self.keys[prefix + pattern.format(**{slot: n})] for n in choices])

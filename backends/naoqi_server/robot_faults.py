@@ -10,7 +10,7 @@ import numpy as np
 
 from pepper_driver.backends.naoqi_server.faults import Value, make_fault
 from pepper_driver.config import RobotConfig, UnknownNameError
-from pepper_driver.config.parts import FloatArray
+from pepper_driver.config.arrays import FloatArray
 
 
 class RobotFault:

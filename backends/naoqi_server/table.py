@@ -16,7 +16,7 @@ from pepper_driver.backends.interface import BackendError
 from pepper_driver.backends.naoqi_server.black_box import CYCLES, BlackBox, row_type
 from pepper_driver.backends.naoqi_server.clock import DcmClock
 from pepper_driver.config import RobotConfig
-from pepper_driver.config.parts import FloatArray
+from pepper_driver.config.arrays import FloatArray
 
 _INFO = 8192
 """Bytes for what the robot says of itself."""

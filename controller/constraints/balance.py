@@ -29,16 +29,14 @@ from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
-from numpy.typing import NDArray
 
 from pepper_driver.config import RobotConfig
 from pepper_driver.config.arguments import checked_arguments, is_number
+from pepper_driver.config.arrays import FloatArray
 from pepper_driver.controller.constraints.braking_limits import BrakingLimits
 from pepper_driver.controller.constraints.constraint import Constraint, LinearInequality
 from pepper_driver.controller.errors import LimitError
 from pepper_driver.controller.model import BASE, RobotModel
-
-FloatArray = NDArray[np.float64]
 
 GRAVITY = 9.81
 """[m/s2]"""

@@ -8,14 +8,12 @@ more than jerk.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pepper_driver.config import ControllerSettings, RobotConfig
+from pepper_driver.config.arrays import FloatArray
 from pepper_driver.controller.constraints.braking import BrakingDistance
 from pepper_driver.controller.constraints.damper import VelocityDamper
 from pepper_driver.controller.model import BASE, RobotModel
-
-FloatArray = NDArray[np.float64]
 
 TOLERANCE = 1e-9
 """By how much a bound may be missed and still count as kept."""

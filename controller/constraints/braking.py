@@ -19,9 +19,8 @@ Pepper's run past their limits at 12 ms.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
+from pepper_driver.config.arrays import FloatArray
 
 BRAKE_SHARE = 0.9
 """Of the acceleration limit: what the braking distance is reckoned with."""

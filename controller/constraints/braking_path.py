@@ -14,9 +14,8 @@ milliradian; margins are wider.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
+from pepper_driver.config.arrays import FloatArray
 
 
 class BrakingPath:

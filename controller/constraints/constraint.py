@@ -7,12 +7,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pepper_driver.config.arrays import FloatArray
 from pepper_driver.controller.constraints.braking_limits import BrakingLimits
 from pepper_driver.controller.model import RobotModel
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)

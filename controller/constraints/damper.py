@@ -12,9 +12,8 @@ no more than the velocity limit, else a joint thrown over its limit comes back f
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
+from pepper_driver.config.arrays import FloatArray
 
 INTERACTION_SHARE, SECURITY_SHARE = 0.1, 0.01
 """Of a joint's range: where damping begins, and where the velocity towards the limit is to be zero."""

@@ -18,18 +18,16 @@ from math import inf
 
 import numpy as np
 import pinocchio as pin
-from numpy.typing import NDArray
 
 from pepper_driver.config import RobotConfig, SelfCollisionSettings, load_self_collision
 from pepper_driver.config.arguments import checked_arguments
+from pepper_driver.config.arrays import FloatArray
 from pepper_driver.controller.capsules import CapsuleDistances
 from pepper_driver.controller.constraints.braking import BRAKE_SHARE
 from pepper_driver.controller.constraints.braking_limits import BrakingLimits
 from pepper_driver.controller.constraints.braking_path import BrakingPath
 from pepper_driver.controller.constraints.constraint import Constraint, LinearInequality, stack
 from pepper_driver.controller.model import RobotModel
-
-FloatArray = NDArray[np.float64]
 
 CYCLES = (1.0, 3.0)
 """After how many cycles of braking distances are kept, beside at rest."""

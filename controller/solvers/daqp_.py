@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import daqp
 import numpy as np
-from numpy.typing import NDArray
 
+from pepper_driver.config.arrays import FloatArray
 from pepper_driver.controller.solvers.solver import (
     NO_BOUNDS,
     NO_ROWS,
@@ -17,8 +17,6 @@ from pepper_driver.controller.solvers.solver import (
     Solution,
     checked,
 )
-
-FloatArray = NDArray[np.float64]
 
 SOLVED = 1
 INFEASIBLE = -1

@@ -9,9 +9,9 @@ from __future__ import annotations
 
 import numpy as np
 import osqp
-from numpy.typing import NDArray
 from scipy import sparse
 
+from pepper_driver.config.arrays import FloatArray
 from pepper_driver.controller.solvers.solver import (
     NO_BOUNDS,
     NO_ROWS,
@@ -19,8 +19,6 @@ from pepper_driver.controller.solvers.solver import (
     Solution,
     checked,
 )
-
-FloatArray = NDArray[np.float64]
 
 ACCURACY = 1e-10
 

@@ -6,11 +6,9 @@ import warnings
 
 import numpy as np
 import qpsolvers
-from numpy.typing import NDArray
 
+from pepper_driver.config.arrays import FloatArray
 from pepper_driver.controller.solvers.solver import NO_BOUNDS, NO_ROWS, Solution, checked
-
-FloatArray = NDArray[np.float64]
 
 
 class QpsolversSolver:

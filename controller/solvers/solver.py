@@ -5,9 +5,8 @@ from __future__ import annotations
 from typing import Literal, NamedTuple, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
+from pepper_driver.config.arrays import FloatArray
 
 Status = Literal["solved", "infeasible", "failed"]
 

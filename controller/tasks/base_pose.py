@@ -5,15 +5,14 @@ from __future__ import annotations
 from math import atan2, pi
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from pepper_driver.config.arguments import checked_arguments
+from pepper_driver.config.arrays import FloatArray
 from pepper_driver.controller.model import BASE, RobotModel
 from pepper_driver.controller.tasks.targets import Target, finite_vector
 from pepper_driver.controller.tasks.task import Task, TaskRows
 from pepper_driver.controller.trajectory import Trajectory, vector_trajectory
-
-FloatArray = NDArray[np.float64]
 
 
 @checked_arguments

@@ -5,16 +5,14 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from pepper_driver.config.arguments import checked_arguments
+from pepper_driver.config.arrays import FloatArray
 from pepper_driver.controller.model import BASE, RobotModel
 from pepper_driver.controller.tasks.lag import LagTask
 from pepper_driver.controller.tasks.targets import finite_vector
 from pepper_driver.controller.tasks.task import TaskRows
-
-FloatArray = NDArray[np.float64]
-
 
 RELAXED_BASE_RATIO = 0.01
 """Of the weight, for a base at rest that gives way to a task: then it weighs as much as the posture does."""

@@ -5,17 +5,16 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from pepper_driver.config import RobotConfig, load_robot
 from pepper_driver.config.arguments import checked_arguments, real_array
+from pepper_driver.config.arrays import FloatArray
 from pepper_driver.controller.errors import GainError
 from pepper_driver.controller.model import RobotModel
 from pepper_driver.controller.tasks.posture import PostureTask
 from pepper_driver.controller.tasks.targets import finite_vector
 from pepper_driver.controller.tasks.task import TaskRows
-
-FloatArray = NDArray[np.float64]
 
 HOLD = 0.1
 """[s] How long a torque acts that is not renewed: a reflex that stops must not leave the robot drifting."""

@@ -6,10 +6,11 @@ from collections.abc import Sequence
 
 import numpy as np
 import pinocchio as pin
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from pepper_driver.config import RobotConfig, load_robot
 from pepper_driver.config.arguments import checked_arguments
+from pepper_driver.config.arrays import FloatArray
 from pepper_driver.controller.errors import TargetError
 from pepper_driver.controller.model import RobotModel
 from pepper_driver.controller.tasks.frame_motion import FrameMotion
@@ -27,8 +28,6 @@ from pepper_driver.controller.trajectory import (
     spline,
     vector_trajectory,
 )
-
-FloatArray = NDArray[np.float64]
 
 
 class _FrameTask(Task):

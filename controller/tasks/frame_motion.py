@@ -4,11 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pinocchio as pin
-from numpy.typing import NDArray
 
+from pepper_driver.config.arrays import FloatArray
 from pepper_driver.controller.model import BodyFrame, RobotModel
-
-FloatArray = NDArray[np.float64]
 
 OWN_AXES = pin.ReferenceFrame.LOCAL
 

@@ -6,14 +6,13 @@ from dataclasses import dataclass
 from math import sqrt
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from pepper_driver.config.arguments import is_number, real_array
+from pepper_driver.config.arrays import FloatArray
 from pepper_driver.config.parts import STIFFEST
 from pepper_driver.controller.changes import Change, Changes
 from pepper_driver.controller.errors import GainError
-
-FloatArray = NDArray[np.float64]
 
 MAX_DAMPING = 120.0
 """[1/s] Beyond about 1.4 times this, a cycle of 12 ms is too long for the law, as with stiffness beyond STIFFEST."""

@@ -7,16 +7,14 @@ from numbers import Real
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pepper_driver.config import RobotConfig, load_robot
 from pepper_driver.config.arguments import checked_arguments
+from pepper_driver.config.arrays import FloatArray
 from pepper_driver.config.errors import check_name
 from pepper_driver.controller.errors import TargetError
 from pepper_driver.controller.tasks.posture import PostureTask
 from pepper_driver.controller.tasks.targets import Target, finite_vector
-
-FloatArray = NDArray[np.float64]
 
 
 @checked_arguments

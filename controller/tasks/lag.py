@@ -5,13 +5,12 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from pepper_driver.config.arguments import checked_arguments
+from pepper_driver.config.arrays import FloatArray
 from pepper_driver.controller.model import RobotModel
 from pepper_driver.controller.tasks.task import Task, TaskRows
-
-FloatArray = NDArray[np.float64]
 
 
 class LagTask(Task):

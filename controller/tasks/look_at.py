@@ -7,18 +7,17 @@ from math import atan2, hypot
 
 import numpy as np
 import pinocchio as pin
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from pepper_driver.config import RobotConfig, load_robot
 from pepper_driver.config.arguments import checked_arguments
+from pepper_driver.config.arrays import FloatArray
 from pepper_driver.controller.errors import TargetError
 from pepper_driver.controller.model import BodyFrame, RobotModel
 from pepper_driver.controller.tasks.frame_motion import OWN_AXES, cross
 from pepper_driver.controller.tasks.targets import Target, check_link, finite_vector
 from pepper_driver.controller.tasks.task import Task, TaskRows
 from pepper_driver.controller.trajectory import Trajectory, vector_trajectory
-
-FloatArray = NDArray[np.float64]
 
 NEAREST = 0.05
 """[m] A target nearer to the eye than this has no direction to speak of: the line of sight stops turning."""

@@ -4,17 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from pepper_driver.config import RobotConfig, load_robot
 from pepper_driver.config.arguments import checked_arguments
+from pepper_driver.config.arrays import FloatArray
 from pepper_driver.controller.model import RobotModel
 from pepper_driver.controller.tasks.lag import LagTask
 from pepper_driver.controller.tasks.targets import finite_vector
 from pepper_driver.controller.tasks.task import TaskRows
-
-FloatArray = NDArray[np.float64]
 
 
 @checked_arguments

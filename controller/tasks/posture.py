@@ -5,18 +5,17 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from pepper_driver.config import RobotConfig, UnknownNameError, load_robot
 from pepper_driver.config.arguments import checked_arguments
+from pepper_driver.config.arrays import FloatArray, IndexArray
 from pepper_driver.controller.dither import Superposition
 from pepper_driver.controller.errors import TargetError
 from pepper_driver.controller.model import RobotModel
 from pepper_driver.controller.tasks.targets import Target, checked_joints, finite_vector
 from pepper_driver.controller.tasks.task import Task, TaskRows
 from pepper_driver.controller.trajectory import Trajectory, vector_trajectory
-
-FloatArray = NDArray[np.float64]
 
 TOLERANCE = 1e-6
 """[rad] A target may lie this far beyond a limit: what rounding does to a limit itself."""
@@ -59,7 +58,7 @@ class PostureTask(Task):
         label = "posture" if joints is None else f"posture {', '.join(self.joints)}"
         super().__init__(len(indices), stiffness=stiffness, weight=weight, name=name or label)
         self.robot = robot
-        self._indices: slice | NDArray[np.intp] = slice(None) if joints is None else indices
+        self._indices: slice | IndexArray = slice(None) if joints is None else indices
         self._lower, self._upper = robot.lower[indices], robot.upper[indices]
         self._target = (self._lower + self._upper) / 2
         self._superposed: Superposition | None = None

@@ -5,16 +5,15 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
 from pepper_driver.config import RobotConfig, UnknownNameError
 from pepper_driver.config.arguments import as_tuple, is_number, real_array
+from pepper_driver.config.arrays import FloatArray
 from pepper_driver.config.errors import shown
 from pepper_driver.config.task_specs import UNIT
 from pepper_driver.controller.errors import TargetError
-
-FloatArray = NDArray[np.float64]
 
 Target = ArrayLike | Mapping[str, float]
 """What users may give as a target; joints by name where a task has joints."""

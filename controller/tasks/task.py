@@ -14,18 +14,17 @@ from typing import Any
 from weakref import ReferenceType
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from pepper_driver.config import RobotConfig, suggestion
 from pepper_driver.config.arguments import checked_arguments, real_array
+from pepper_driver.config.arrays import FloatArray
 from pepper_driver.config.errors import ArgumentError, shown
 from pepper_driver.controller.errors import ShapeError, TargetError
 from pepper_driver.controller.model import BASE, RobotModel
 from pepper_driver.controller.tasks.gains import GainsMixin
 from pepper_driver.controller.tasks.targets import Target, checked_joints, finite_vector
 from pepper_driver.controller.trajectory import Trajectory
-
-FloatArray = NDArray[np.float64]
 
 MIN_DURATION = 1e-3
 """[s] Of a motion from target to target: less than any cycle."""

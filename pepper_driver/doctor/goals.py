@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from pepper_driver.config import DoctorSettings, PepperError, RobotConfig, load_self_collision
-from pepper_driver.config.parts import FloatArray
+from pepper_driver.config.arrays import FloatArray
 from pepper_driver.controller import RobotModel
 from pepper_driver.controller.capsules import CapsuleDistances
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from pepper_driver.backends import Backend, DeviceError, Measurement
 from pepper_driver.config import RobotConfig
-from pepper_driver.config.parts import FloatArray
+from pepper_driver.config.arrays import FloatArray
 from pepper_driver.realtime import Pacer, RealTimePacer, realtime_process, realtime_thread
 
 

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from pepper_driver.config import DoctorSettings, ObserverSettings, RobotConfig
-from pepper_driver.config.parts import FloatArray
+from pepper_driver.config.arrays import FloatArray
 from pepper_driver.controller import Tick
 from pepper_driver.observer import ContactObserver, ModelSet, Observation
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from pepper_driver.backends import Command, make_backend
 from pepper_driver.config import RobotConfig, load_observer_settings
-from pepper_driver.config.parts import FloatArray
+from pepper_driver.config.arrays import FloatArray
 from pepper_driver.controller import Tick
 from pepper_driver.observer import (
     CartTree,

@@ -6,10 +6,9 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pepper_driver.config import RobotConfig
-from pepper_driver.config.parts import FloatArray
+from pepper_driver.config.arrays import BoolArray, FloatArray, IntArray
 from pepper_driver.config.robot import TRUNK
 from pepper_driver.evaluation.takes import Take
 from pepper_driver.evaluation.watching import Watched
@@ -112,7 +111,7 @@ class TakeScore:
     fast: bool
     threshold: FloatArray = field(repr=False)
     torque: TorqueSums
-    seen: NDArray[np.int64] = field(repr=False)
+    seen: IntArray = field(repr=False)
     ticks: int
     stiffness_constant: FloatArray = field(repr=False)
     step_us: FloatArray = field(repr=False)
@@ -208,14 +207,14 @@ def _passes_1deg(take: Take, push: Push, robot: RobotConfig) -> float | None:
     return float(take.recording.time[above[0]]) if len(above) else None
 
 
-def _during(take: Take, push: Push) -> NDArray[np.bool_]:
+def _during(take: Take, push: Push) -> BoolArray:
     """(n,) rows while the force acts."""
     time = take.recording.time
-    during: NDArray[np.bool_] = (time >= push.onset) & (time <= push.release)
+    during: BoolArray = (time >= push.onset) & (time <= push.release)
     return during
 
 
-def _untouched(take: Take) -> NDArray[np.bool_]:
+def _untouched(take: Take) -> BoolArray:
     """(n,) rows while no push acts, nor the joint swings back from one."""
     time = take.recording.time
     free = np.ones(len(time), dtype=np.bool_)

@@ -15,7 +15,6 @@ from typing import Any, Self
 from urllib.parse import urlencode
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pepper_driver.backends import BackendError
 from pepper_driver.config import (
@@ -26,10 +25,10 @@ from pepper_driver.config import (
     load_robot,
     load_safety_settings,
 )
+from pepper_driver.config.arrays import BoolArray, FloatArray
 from pepper_driver.config.errors import reason
 from pepper_driver.config.evaluation import Run
 from pepper_driver.config.loading import package_file
-from pepper_driver.config.parts import FloatArray
 from pepper_driver.controller import Tick
 from pepper_driver.experiments.plan import plan_experiment
 from pepper_driver.observer import Observation, Push, Recording, RecordingBuilder
@@ -104,7 +103,7 @@ class Take:
     recording: Recording
     pushes: tuple[Push, ...]
     contact_torque: FloatArray
-    saturated: NDArray[np.bool_]
+    saturated: BoolArray
     stiffness_constant: FloatArray
 
     def save(self, folder: Path) -> None:
@@ -254,7 +253,7 @@ def _performed(run: Run, pepper: Pepper) -> Take:
     robot, truth = pepper.config, pepper.backend.truth
     builder = RecordingBuilder(robot)
     torque: list[FloatArray] = []
-    saturated: list[NDArray[np.bool_]] = []
+    saturated: list[BoolArray] = []
     tilt = 0.0
 
     def on_tick(tick: Tick, _: Observation | None) -> None:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pepper_driver.config.parts import FloatArray
+from pepper_driver.config.arrays import FloatArray
 from pepper_driver.evaluation.takes import Take
 from pepper_driver.evaluation.watching import Watched
 from pepper_driver.observer import Contact, Push

@@ -9,6 +9,7 @@ import numpy as np
 
 from pepper_driver.backends import Backend, SimulatedPlant
 from pepper_driver.config import ConfigError, RobotConfig
+from pepper_driver.config.arrays import FloatArray
 from pepper_driver.config.contact_specs import (
     AnyContact,
     Grab,
@@ -18,7 +19,6 @@ from pepper_driver.config.contact_specs import (
     StatedContact,
 )
 from pepper_driver.config.experiment import Experiment
-from pepper_driver.config.parts import FloatArray
 from pepper_driver.controller import RobotModel
 from pepper_driver.experiments.push_planning import (
     Bounds,

@@ -8,8 +8,8 @@ from pathlib import Path
 
 from pepper_driver.config import Experiment, RobotConfig, load_experiment, load_robot
 from pepper_driver.config.arguments import checked_arguments
+from pepper_driver.config.arrays import FloatArray
 from pepper_driver.config.experiment import ObserverChoice, check_experiment
-from pepper_driver.config.parts import FloatArray
 from pepper_driver.experiments.plan import Plan, experiment_uri, plan_experiment
 from pepper_driver.experiments.player import OnStep
 from pepper_driver.experiments.reports import ExperimentReport

@@ -7,7 +7,7 @@ from functools import cached_property
 import numpy as np
 
 from pepper_driver.config import RobotConfig, load_self_collision
-from pepper_driver.config.parts import FloatArray
+from pepper_driver.config.arrays import FloatArray
 from pepper_driver.config.robot import POSTURE_TOLERANCE
 from pepper_driver.controller import RobotModel
 from pepper_driver.controller.capsules import CapsuleDistances

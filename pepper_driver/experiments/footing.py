@@ -9,7 +9,8 @@ import numpy as np
 import pinocchio as pin
 
 from pepper_driver.config import RobotConfig
-from pepper_driver.config.parts import FloatArray, Wheels
+from pepper_driver.config.arrays import FloatArray
+from pepper_driver.config.parts import Wheels
 
 WHEEL_LINK = "Tibia"
 """The link that ``wheels.yaml`` gives the wheels' positions in."""

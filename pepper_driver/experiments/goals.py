@@ -6,11 +6,10 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pepper_driver.backends import Measurement
 from pepper_driver.config import RobotConfig
-from pepper_driver.config.parts import FloatArray
+from pepper_driver.config.arrays import BoolArray, FloatArray
 from pepper_driver.config.task_specs import (
     LOOKING_LINK,
     AnyTask,
@@ -65,7 +64,7 @@ class Goal:
         self.task, self._twin = _make_task(spec, robot), _make_task(spec, robot)
         self._metres, self._radians = _units(spec)
         self._wanted: FloatArray = np.zeros(0)  # known once it begins
-        self.joints: NDArray[np.bool_] = np.zeros(len(robot.joint_names), dtype=np.bool_)
+        self.joints: BoolArray = np.zeros(len(robot.joint_names), dtype=np.bool_)
         if isinstance(spec, TaskSpec):
             moving = expand(spec, robot) or robot.joint_names
             self.joints[[robot.joint_index(name) for name in moving]] = True
@@ -112,7 +111,7 @@ class PostureGoal:
     """Joints of a step: (17,) ``target`` [rad], and which of them the step ``named``."""
 
     target: FloatArray
-    named: NDArray[np.bool_]
+    named: BoolArray
 
     def miss(self, position: FloatArray) -> Miss:
         """Return the distance of (17,) joints [rad] from it: the largest of those that the step named."""

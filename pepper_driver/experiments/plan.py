@@ -7,15 +7,14 @@ from dataclasses import dataclass, field, replace
 from urllib.parse import urlencode
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pepper_driver.backends import Backend
 from pepper_driver.backends.selection import parse_uri
 from pepper_driver.config import Experiment, RobotConfig, UnknownNameError
+from pepper_driver.config.arrays import BoolArray, FloatArray
 from pepper_driver.config.contact_specs import Grab, RandomForces, RandomPushes, StatedContact
 from pepper_driver.config.experiment import check_experiment
 from pepper_driver.config.lines import with_lines
-from pepper_driver.config.parts import FloatArray
 from pepper_driver.config.settings import load_controller_settings
 from pepper_driver.config.steps import (
     AnyStep,
@@ -101,7 +100,7 @@ class _State:
     """What is known before a step: the segment before it, and the joints (17,) that tasks have moved."""
 
     last: Segment
-    led: NDArray[np.bool_]
+    led: BoolArray
 
 
 class _Planner:

@@ -7,13 +7,12 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pepper_driver.backends import Backend
 from pepper_driver.callbacks.events import CueEvent, ProgramEvent, ReflexEvent, StepEvent
 from pepper_driver.config import RobotConfig
+from pepper_driver.config.arrays import BoolArray, FloatArray
 from pepper_driver.config.experiment import Reaction
-from pepper_driver.config.parts import FloatArray
 from pepper_driver.config.steps import AnyStep, BranchStep, Cues, RandomStep, RepeatStep, Step
 from pepper_driver.experiments.contact_schedule import ContactSchedule
 from pepper_driver.experiments.goals import Goal, Measured, PostureGoal
@@ -477,7 +476,7 @@ class Player:
 
     # -- rest ---------------------------------------------------------------------------------------------------------
 
-    def _stay(self, joints: NDArray[np.bool_]) -> None:
+    def _stay(self, joints: BoolArray) -> None:
         """Want those joints, a mask (17,), where they come to rest without turning round."""
         rest = self._controller.rest(self._arbiter.posture_stiffness, dither=False)
         self._arbiter.move_to(np.where(joints, rest, self._arbiter.target))

@@ -10,8 +10,8 @@ import numpy as np
 
 from pepper_driver.backends import SimulatedPlant
 from pepper_driver.config import PepperError, RobotConfig
+from pepper_driver.config.arrays import FloatArray
 from pepper_driver.config.contact_specs import STRONGEST_HAND
-from pepper_driver.config.parts import FloatArray
 from pepper_driver.controller import RobotModel
 from pepper_driver.experiments.footing import Footing
 

@@ -8,8 +8,8 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from pepper_driver.config import RobotConfig
+from pepper_driver.config.arrays import FloatArray
 from pepper_driver.config.contact_specs import Grab
-from pepper_driver.config.parts import FloatArray
 from pepper_driver.config.steps import BaseMotion, Holds, Setpoints, Step, Sweeps
 from pepper_driver.config.task_specs import BaseVelocitySpec
 from pepper_driver.experiments.push_planning import PlannedPush

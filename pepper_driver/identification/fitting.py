@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from pepper_driver.config import PlantConfig, RobotConfig, load_observer_settings
-from pepper_driver.config.parts import FloatArray
+from pepper_driver.config.arrays import FloatArray
 from pepper_driver.identification.recordings import (
     IdentificationRecordings,
     JointRecordings,

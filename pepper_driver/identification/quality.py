@@ -9,7 +9,7 @@ from typing import Literal
 import numpy as np
 
 from pepper_driver.config import load_observer_settings
-from pepper_driver.config.parts import FloatArray
+from pepper_driver.config.arrays import FloatArray
 from pepper_driver.identification.recordings import (
     IdentificationRecordings,
     JointRecordings,

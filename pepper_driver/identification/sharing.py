@@ -8,7 +8,7 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 
 from pepper_driver.config import RobotConfig
-from pepper_driver.config.parts import FloatArray
+from pepper_driver.config.arrays import FloatArray
 from pepper_driver.identification.fitting import Fit, fit_one, mean_fit, model_sources, predictor
 from pepper_driver.identification.recordings import IdentificationRecordings, JointRecordings
 from pepper_driver.observer import FittingError, ModelKind, Recording, nrmse_fit

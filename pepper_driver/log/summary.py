@@ -8,9 +8,9 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pepper_driver.backends.log_file import Gap
+from pepper_driver.config.arrays import FloatArray
 from pepper_driver.log.reader import LogData
 
 
@@ -125,7 +125,7 @@ def summarise(log: LogData) -> LogSummary:
     )
 
 
-def _spread(seconds: NDArray[np.float64]) -> Spread | None:
+def _spread(seconds: FloatArray) -> Spread | None:
     known = 1e3 * seconds[np.isfinite(seconds)]
     if not len(known):
         return None

@@ -12,15 +12,15 @@ from pepper_driver.backends import Measurement
 from pepper_driver.callbacks.events import ReflexEvent
 from pepper_driver.config import RobotConfig
 from pepper_driver.config.arguments import as_tuple, checked_arguments
+from pepper_driver.config.arrays import BoolArray, FloatArray
 from pepper_driver.config.errors import shown
-from pepper_driver.config.parts import FloatArray
 from pepper_driver.controller import WholeBodyController
 from pepper_driver.controller.constraints import Constraint
 from pepper_driver.controller.tasks import Task
 from pepper_driver.observer import Observation
 from pepper_driver.reflexes.ignore import Ignore
 from pepper_driver.reflexes.reflex import Reflex, ReflexError, kind_of
-from pepper_driver.reflexes.requests import BRAKING_STIFFNESS, BoolArray, ReflexRequests
+from pepper_driver.reflexes.requests import BRAKING_STIFFNESS, ReflexRequests
 
 MAX_RETURN_SPEED = 0.6
 """[rad/s] Of joints that a reflex has led away and that go back to the user's posture."""

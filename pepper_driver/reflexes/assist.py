@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pepper_driver.config.arguments import checked_arguments
-from pepper_driver.config.parts import FloatArray
+from pepper_driver.config.arrays import FloatArray
 from pepper_driver.observer import Contact, Observation
 from pepper_driver.reflexes.comply import Comply
 from pepper_driver.reflexes.reflex import Then

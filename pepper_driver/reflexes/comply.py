@@ -9,7 +9,7 @@ import numpy as np
 
 from pepper_driver.backends import Measurement
 from pepper_driver.config.arguments import checked_arguments
-from pepper_driver.config.parts import FloatArray
+from pepper_driver.config.arrays import FloatArray
 from pepper_driver.controller.tasks import ComplianceTask
 from pepper_driver.controller.tasks.gains import MAX_DAMPING
 from pepper_driver.observer import Contact, JointState, Observation

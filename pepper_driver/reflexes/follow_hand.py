@@ -10,7 +10,7 @@ import numpy as np
 from pepper_driver.backends import Measurement
 from pepper_driver.config import RobotConfig
 from pepper_driver.config.arguments import checked_arguments
-from pepper_driver.config.parts import FloatArray
+from pepper_driver.config.arrays import FloatArray
 from pepper_driver.config.robot import TRUNK
 from pepper_driver.controller.model import RobotModel
 from pepper_driver.controller.tasks import BaseVelocityTask

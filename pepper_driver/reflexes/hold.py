@@ -8,7 +8,7 @@ import numpy as np
 
 from pepper_driver.backends import Measurement
 from pepper_driver.config.arguments import checked_arguments
-from pepper_driver.config.parts import FloatArray
+from pepper_driver.config.arrays import FloatArray
 from pepper_driver.observer import Contact, Observation
 from pepper_driver.reflexes.reflex import Reflex
 from pepper_driver.reflexes.requests import ReflexRequests

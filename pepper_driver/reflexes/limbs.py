@@ -5,14 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pepper_driver.config import PepperError, RobotConfig, UnknownNameError
+from pepper_driver.config.arrays import BoolArray
 from pepper_driver.config.errors import shown
 from pepper_driver.config.robot import TRUNK
 from pepper_driver.observer import Contact
-
-BoolArray = NDArray[np.bool_]
 
 JointSelection = str | Sequence[str] | BoolArray
 """Joints: a name of a joint or a chain, some names, or a mask (17,) of bool."""

@@ -8,12 +8,12 @@ from dataclasses import dataclass, field
 from typing import Literal, get_args
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pepper_driver.backends import Measurement
 from pepper_driver.callbacks.filters import meets
 from pepper_driver.config import PepperError, RobotConfig
 from pepper_driver.config.arguments import is_number
+from pepper_driver.config.arrays import BoolArray
 from pepper_driver.config.contact_selector import (
     SELECTOR_FIELDS,
     ContactSelector,
@@ -24,7 +24,6 @@ from pepper_driver.config.errors import shown
 from pepper_driver.observer import Contact, Observation
 from pepper_driver.reflexes.requests import ReflexRequests
 
-BoolArray = NDArray[np.bool_]
 Then = Literal["resume", "stay"]
 Part = Literal["joints", "base", "contacts"]
 

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from pepper_driver.backends.command_differences import CommandDifferences
 from pepper_driver.config.arguments import checked_arguments
+from pepper_driver.config.arrays import IntArray
 from pepper_driver.log import LogEvent
 from pepper_driver.log.contacts import CONTACTS
 from pepper_driver.log.event import EVENTS
@@ -176,7 +177,7 @@ def _first_in_values(run: RecordedRun, found: Replayed) -> Difference | None:
     return first
 
 
-def _bits(values: NDArray[Any]) -> NDArray[np.int64]:
+def _bits(values: NDArray[Any]) -> IntArray:
     """The bits of floats, all that are not a number alike."""
     if values.dtype != np.float64:
         return values.astype(np.int64)

@@ -9,7 +9,7 @@ import numpy as np
 
 from pepper_driver.backends import Measurement
 from pepper_driver.config import RobotConfig, SafetySettings
-from pepper_driver.config.parts import FloatArray
+from pepper_driver.config.arrays import FloatArray
 from pepper_driver.controller import desaturated
 
 logger = logging.getLogger("pepper_driver")

@@ -5,11 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pepper_driver.backends import Command, Measurement
 from pepper_driver.config import ControllerSettings, PepperError, RobotConfig, SafetySettings
-from pepper_driver.config.parts import FloatArray
+from pepper_driver.config.arrays import BoolArray, FloatArray
 from pepper_driver.controller import Reference
 from pepper_driver.safety.base import BaseGuard
 from pepper_driver.safety.limits import JointLimits
@@ -35,7 +34,7 @@ class Gated:
     """
 
     command: Command
-    changed: NDArray[np.bool_]
+    changed: BoolArray
     joints_changed: bool
     wheels_changed: bool
 
@@ -218,7 +217,7 @@ class SafetyGate:
         self.stop(FaultReason.COMMAND, f"asked for a {what} that is not a number")
         return False
 
-    def _held(self, changed: NDArray[np.bool_]) -> Gated:
+    def _held(self, changed: BoolArray) -> Gated:
         command = self.hold()
         return Gated(
             command=command,
@@ -232,6 +231,6 @@ def _is_vector(values: FloatArray, n: int) -> bool:
     return type(values) is np.ndarray and values.dtype is FLOAT and values.shape == (n,)
 
 
-def _constant(values: NDArray[np.bool_]) -> NDArray[np.bool_]:
+def _constant(values: BoolArray) -> BoolArray:
     values.setflags(write=False)
     return values

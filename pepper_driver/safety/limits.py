@@ -16,9 +16,8 @@ therefore always has a successor inside them, whatever is asked for.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-from pepper_driver.config.parts import FloatArray
+from pepper_driver.config.arrays import BoolArray, FloatArray
 
 ROUNDING = 1e-9
 """[rad] A reference may lie this far beyond a limit: what rounding does."""
@@ -90,7 +89,7 @@ class JointLimits:
         self._step, self._last_step = self._last_step, step
         return True
 
-    def clamp(self, wanted: FloatArray) -> NDArray[np.bool_]:
+    def clamp(self, wanted: FloatArray) -> BoolArray:
         """Go as near to (n,) finite positions [rad] as the limits allow; returns (n,) where that is not there."""
         before, last = self.position, self._last_step
         wanted_step = wanted - before
@@ -100,9 +99,7 @@ class JointLimits:
         # Position counts most: it is the last to be asked.
         np.minimum(high, _reach(self._upper - before, change), out=high)
         np.maximum(low, -_reach(before - self._lower, change), out=low)
-        changed: NDArray[np.bool_] = (wanted_step > high + ROUNDING) | (
-            wanted_step < low - ROUNDING
-        )
+        changed: BoolArray = (wanted_step > high + ROUNDING) | (wanted_step < low - ROUNDING)
         changed |= (wanted < self._lower - ROUNDING) | (wanted > self._upper + ROUNDING)
         sent = np.where(changed, before + np.minimum(np.maximum(wanted_step, low), high), wanted)
         self.position = np.clip(sent, self._lower, self._upper)

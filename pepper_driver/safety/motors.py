@@ -5,11 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pepper_driver.backends import Command, Measurement
 from pepper_driver.config import RobotConfig, SafetySettings
-from pepper_driver.config.parts import FloatArray
+from pepper_driver.config.arrays import BoolArray, FloatArray
 from pepper_driver.safety.states import Fault, FaultReason
 
 FULL_STIFFNESS = 0.5
@@ -109,7 +108,7 @@ class MotorWatch:
         )
         return Fault(reason=FaultReason.SILENT_JOINT, text=text)
 
-    def _listed(self, joints: NDArray[np.bool_]) -> str:
+    def _listed(self, joints: BoolArray) -> str:
         names = [self._names[index] for index in np.flatnonzero(joints).tolist()]
         return "all joints" if len(names) == len(self._names) else _list(names)
 

@@ -11,7 +11,7 @@ import numpy as np
 from pepper_driver.backends.mock import MockBackend
 from pepper_driver.callbacks.events import ReflexEvent
 from pepper_driver.config import RobotConfig, load_robot
-from pepper_driver.config.parts import FloatArray
+from pepper_driver.config.arrays import FloatArray
 from pepper_driver.controller import WholeBodyController
 from pepper_driver.observer import Contact, JointState, Observation
 from pepper_driver.observer.contact import Phase

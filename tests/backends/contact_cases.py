@@ -7,14 +7,11 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pepper_driver.backends import Command, Measurement
 from pepper_driver.backends.mujoco_ import MujocoBackend
 from pepper_driver.config import PlantConfig, World, load_plant, load_robot
 from pepper_driver.config.loading import parse
-
-Array = NDArray[np.float64]
 
 ROBOT = load_robot()
 PLANT = load_plant("nominal", ROBOT)

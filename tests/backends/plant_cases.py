@@ -8,12 +8,12 @@ from typing import Any
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
 from pepper_driver.backends.mujoco_.friction import Friction as DriveFriction
 from pepper_driver.backends.mujoco_.model import build_model
 from pepper_driver.backends.mujoco_.simulation import Simulation
 from pepper_driver.config import PlantConfig, load_plant, load_robot
+from pepper_driver.config.arrays import FloatArray
 from pepper_driver.config.plant_parts import (
     Battery,
     Body,
@@ -22,8 +22,6 @@ from pepper_driver.config.plant_parts import (
     TouchingFriction,
     Transport,
 )
-
-Array = NDArray[np.float64]
 
 ROBOT = load_robot()
 N = len(ROBOT.joint_names)
@@ -161,12 +159,12 @@ class Bench:
             mujoco.mj_step(self.model.mj, self.data)
 
     @property
-    def angles(self) -> Array:
+    def angles(self) -> FloatArray:
         """(2,) of link and motor [rad]."""
         return np.array(self.data.qpos[[self._link_qpos, self._motor_qpos]])
 
     @property
-    def speeds(self) -> Array:
+    def speeds(self) -> FloatArray:
         """(2,) of link and motor [rad/s]."""
         return np.array(self.data.qvel[[self.link, self.motor]])
 
@@ -178,7 +176,7 @@ class Bench:
         return float(full[dof, dof])
 
 
-def standing(plant: PlantConfig, posture: Array = STAND, *, settle: int = 0) -> Simulation:
+def standing(plant: PlantConfig, posture: FloatArray = STAND, *, settle: int = 0) -> Simulation:
     """A simulation in ``posture``, after ``settle`` cycles of holding it."""
     simulation = Simulation(ROBOT, plant)
     simulation.reset(posture)
@@ -189,9 +187,9 @@ def standing(plant: PlantConfig, posture: Array = STAND, *, settle: int = 0) -> 
 def hold(
     simulation: Simulation,
     cycles: int,
-    posture: Array = STAND,
+    posture: FloatArray = STAND,
     *,
-    wheels: Array | None = None,
+    wheels: FloatArray | None = None,
     powered: bool = True,
 ) -> None:
     """Some cycles of full stiffness."""
@@ -200,7 +198,7 @@ def hold(
         simulation.cycle(posture, ONE, speed, np.full(3, float(powered)))
 
 
-def push(simulation: Simulation, link: str, force: Array, point: Array) -> None:
+def push(simulation: Simulation, link: str, force: FloatArray, point: FloatArray) -> None:
     """Let a constant force (3,) [N] act at a point (3,) of a link, both in world axes, from now on."""
     data = simulation.data
     data.qfrc_applied[:] = 0.0
@@ -218,7 +216,7 @@ BASE = slice(0, 6)
 """Base in ``qpos`` of a rolling plant: x, y, z [m], yaw, pitch, roll [rad]."""
 
 
-def twist(simulation: Simulation) -> Array:
+def twist(simulation: Simulation) -> FloatArray:
     """(3,) forward, left [m/s] and turning speed [rad/s] of the base, in its own axes."""
     yaw = simulation.data.qpos[3]
     x, y, _, turn = simulation.data.qvel[:4]
@@ -226,7 +224,7 @@ def twist(simulation: Simulation) -> Array:
     return np.array([cos * x + sin * y, cos * y - sin * x, turn])
 
 
-def balance(simulation: Simulation) -> tuple[float, Array]:
+def balance(simulation: Simulation) -> tuple[float, FloatArray]:
     """Weight of the whole robot [N] and its centre of mass (3,) [m]."""
     mj, data = simulation.model.mj, simulation.data
     mujoco.mj_forward(mj, data)
@@ -234,9 +232,9 @@ def balance(simulation: Simulation) -> tuple[float, Array]:
     return float(mj.body_subtreemass[base] * 9.81), np.array(data.subtree_com[base])
 
 
-def wheel_loads(weight: float, com: Array, force: Array, height: float) -> Array:
+def wheel_loads(weight: float, com: FloatArray, force: FloatArray, height: float) -> FloatArray:
     """(3,) what the floor carries at each wheel [N], the robot at the origin under a horizontal force at a height."""
     at = np.array(ROBOT.wheels.positions)[:, :2]
     moment = weight * com[:2] + force[:2] * height
-    solved: Array = np.linalg.solve(np.vstack([np.ones(3), at.T]), np.array([weight, *moment]))
+    solved: FloatArray = np.linalg.solve(np.vstack([np.ones(3), at.T]), np.array([weight, *moment]))
     return solved

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pepper_driver.backends.naoqi_server.motion.base import DriveLimits, Move, wrapped_angle
-from pepper_driver.config.parts import FloatArray
+from pepper_driver.config.arrays import FloatArray
 
 LIMITS = DriveLimits.of(SETTINGS, {})
 

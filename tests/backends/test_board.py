@@ -7,10 +7,11 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from plant_cases import ROBOT, ZERO, Array, N, plain
+from plant_cases import ROBOT, ZERO, N, plain
 
 from pepper_driver.backends.mujoco_.board import MotorBoards
 from pepper_driver.config import PlantConfig
+from pepper_driver.config.arrays import FloatArray
 
 PLANT = plain()
 VOLTAGE = PLANT.board.voltage
@@ -43,14 +44,16 @@ def begin(
     boards.begin_cycle(np.full(N, stiffness), supply)
 
 
-def update(boards: MotorBoards, target: float | Array, speed: float = 0.0, count: int = 1) -> Array:
+def update(
+    boards: MotorBoards, target: float | FloatArray, speed: float = 0.0, count: int = 1
+) -> FloatArray:
     """Voltages after ``count`` updates with the joints at 0."""
     for _ in range(count):
         voltage = boards.update(np.full(N, target), ZERO, np.full(N, speed))
     return voltage.copy()
 
 
-def small(plant: PlantConfig = PLANT) -> Array:
+def small(plant: PlantConfig = PLANT) -> FloatArray:
     """(17,) errors [rad] that ask for a quarter of what the current limit leaves."""
     bound = np.minimum(LIMIT * RESISTANCE, VOLTAGE)
     return np.asarray(bound / 4 / plant.per_joint("kp", ROBOT))

@@ -4,13 +4,14 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-from contact_cases import CYCLE, FIXED, ROBOT, ROLLING, STEP, Array, Robot, world
+from contact_cases import CYCLE, FIXED, ROBOT, ROLLING, STEP, Robot, world
 from scipy.spatial.transform import Rotation
 
 from pepper_driver.backends.interface import Measurement
 from pepper_driver.backends.mujoco_ import MujocoBackend
 from pepper_driver.backends.simulated import TrueContact
 from pepper_driver.config import UnknownNameError, load_plant, load_world
+from pepper_driver.config.arrays import FloatArray
 from pepper_driver.controller.model import RobotModel
 
 
@@ -19,7 +20,9 @@ def only(robot: MujocoBackend) -> TrueContact:
     return contact
 
 
-def expected_torque(robot: MujocoBackend, link: str, point: Array, force: Array) -> Array:
+def expected_torque(
+    robot: MujocoBackend, link: str, point: FloatArray, force: FloatArray
+) -> FloatArray:
     """(17,) J^T f by Pinocchio; the base stands at the origin."""
     jacobian = RobotModel(ROBOT).point_jacobian(link, point, robot.truth.position)
     return np.asarray(jacobian.T @ force)

@@ -5,22 +5,11 @@ from dataclasses import replace
 import mujoco
 import numpy as np
 import pytest
-from plant_cases import (
-    INDEX,
-    JOINT,
-    ONE,
-    ROBOT,
-    STAND,
-    Array,
-    Bench,
-    friction,
-    plain,
-    standing,
-    stepping,
-)
+from plant_cases import INDEX, JOINT, ONE, ROBOT, STAND, Bench, friction, plain, standing, stepping
 from scipy.integrate import solve_ivp
 
 from pepper_driver.config import PlantConfig, load_robot
+from pepper_driver.config.arrays import FloatArray
 
 MOTOR, RATIO = ROBOT.motors.of(JOINT), ROBOT.motors.joints[JOINT].ratio
 TORQUE_CONSTANT = MOTOR.torque_constant * RATIO  # [N m/A] at the joint
@@ -34,7 +23,9 @@ def swing(time: float) -> float:
     return float(2.5 * np.sin(2 * np.pi * 0.9 * time) + 2.0 * np.sin(2 * np.pi * 2.3 * time))
 
 
-def simulate(bench: Bench, seconds: float, *, ungated: float | None = None) -> tuple[Array, Array]:
+def simulate(
+    bench: Bench, seconds: float, *, ungated: float | None = None
+) -> tuple[FloatArray, FloatArray]:
     """(n, 2) link and motor angle, (n,) in gap, under ``swing`` held for each step.
 
     ``ungated`` is a damping of the teeth that acts in the gap too: what the plant must not do.
@@ -54,13 +45,13 @@ def simulate(bench: Bench, seconds: float, *, ungated: float | None = None) -> t
     return angles, gap
 
 
-def reference(plant: PlantConfig, inertia: float, seconds: float) -> Array:
+def reference(plant: PlantConfig, inertia: float, seconds: float) -> FloatArray:
     """(n, 2) the two-body equations by scipy: link and motor angle at the end of each step."""
     a, h = plant.actuator(JOINT), plant.physics.timestep
     rough = a.friction.contact
     reflected = RATIO**2 * MOTOR.rotor_inertia + 1e-9
 
-    def rates(time: float, y: Array, voltage: float) -> list[float]:
+    def rates(time: float, y: FloatArray, voltage: float) -> list[float]:
         q, theta, dq, dtheta = y
         phi, dphi = q - theta, dq - dtheta
         tooth = 0.0
@@ -186,7 +177,7 @@ def test_motor_torque_is_that_of_the_current_the_board_reckons(
     simulation = standing(replace(plant, heat=heat))
     speeds, update = [], simulation.boards.update
 
-    def spy(target: Array, position: Array, velocity: Array) -> Array:
+    def spy(target: FloatArray, position: FloatArray, velocity: FloatArray) -> FloatArray:
         speeds.append(velocity.copy())
         return update(target, position, velocity)
 

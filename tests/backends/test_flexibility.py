@@ -6,11 +6,12 @@ from dataclasses import replace
 import mujoco
 import numpy as np
 import pytest
-from plant_cases import ROBOT, STAND, Array, Bench, friction, hold, plain, push, standing
+from plant_cases import ROBOT, STAND, Bench, friction, hold, plain, push, standing
 
 from pepper_driver.backends.mujoco_.model import build_model
 from pepper_driver.backends.mujoco_.simulation import Simulation
 from pepper_driver.config import ConfigError, PlantConfig
+from pepper_driver.config.arrays import FloatArray
 from pepper_driver.config.plant_parts import Flexibility
 
 ROLL = ROBOT.joint_index("HipRoll")
@@ -30,7 +31,7 @@ def spring(simulation: Simulation) -> float:
     return float(simulation.data.joint("flexibility_0").qpos[0])
 
 
-def pushed(plant: PlantConfig, force: Array, height: float) -> Simulation:
+def pushed(plant: PlantConfig, force: FloatArray, height: float) -> Simulation:
     """Without gravity, at rest under a force on the torso at a height over the hip."""
     simulation = standing(plant)
     simulation.model.mj.opt.gravity[:] = 0.0

@@ -3,13 +3,14 @@
 import mujoco
 import numpy as np
 import pytest
-from contact_cases import CYCLE, FIXED, ROBOT, ROLLING, STEP, Array, Robot
+from contact_cases import CYCLE, FIXED, ROBOT, ROLLING, STEP, Robot
 
 from pepper_driver.backends import Backend, CapabilityError, NotConnectedError
 from pepper_driver.backends.mujoco_ import MujocoBackend
 from pepper_driver.backends.mujoco_.hands import HAND_MASS, first_overlap
 from pepper_driver.backends.simulated import TrueContact
 from pepper_driver.config import UnknownNameError
+from pepper_driver.config.arrays import FloatArray
 from pepper_driver.controller.model import RobotModel
 
 
@@ -18,7 +19,7 @@ def the_contact(robot: Robot) -> TrueContact:
     return contact
 
 
-def place(robot: Robot, link: str, point: Array) -> Array:
+def place(robot: Robot, link: str, point: FloatArray) -> FloatArray:
     """(3,) where a point of a link is in the world [m]."""
     pose = RobotModel(ROBOT).link_pose(link, robot.truth.position)
     return np.asarray((pose @ [*point, 1.0])[:3])

@@ -5,11 +5,12 @@ from dataclasses import replace
 import mujoco
 import numpy as np
 import pytest
-from plant_cases import ROBOT, STAND, Array, hold, plain, rolling, standing, twist
+from plant_cases import ROBOT, STAND, hold, plain, rolling, standing, twist
 
 from pepper_driver.backends.mujoco_.inertial import InertialUnit
 from pepper_driver.backends.mujoco_.simulation import Simulation
 from pepper_driver.config import PlantConfig, RobotConfig
+from pepper_driver.config.arrays import FloatArray
 from pepper_driver.config.parts import Frame
 
 ROWS = ROBOT.wheels.matrix
@@ -31,7 +32,7 @@ def mounted(xyz: tuple[float, float, float], rpy: tuple[float, float, float]) ->
     return replace(ROBOT, sensors=replace(ROBOT.sensors, imu=frame))
 
 
-def matrix(rpy: Array) -> Array:
+def matrix(rpy: FloatArray) -> FloatArray:
     """(3, 3) rotation of roll, pitch, yaw as a URDF means them."""
     (cr, cp, cy), (sr, sp, sy) = np.cos(rpy), np.sin(rpy)
     about_x = np.array([[1, 0, 0], [0, cr, -sr], [0, sr, cr]])

@@ -14,7 +14,7 @@ from pepper_driver.backends import Command, Measurement, NotConnectedError, make
 from pepper_driver.backends.interface import DEAD_MAN_CYCLES
 from pepper_driver.backends.mock import Fault, MockBackend
 from pepper_driver.config import ConfigError, PepperError, UnknownNameError, load_robot
-from pepper_driver.config.parts import FloatArray
+from pepper_driver.config.arrays import FloatArray
 
 ROBOT = load_robot()
 STAND = ROBOT.posture("Stand")

@@ -6,7 +6,6 @@ from pathlib import Path
 import numpy as np
 import pinocchio
 import pytest
-from numpy.typing import NDArray
 
 from pepper_driver.backends import (
     BackendError,
@@ -18,24 +17,24 @@ from pepper_driver.backends import (
 from pepper_driver.backends.interface import DEAD_MAN_CYCLES, Backend
 from pepper_driver.backends.mujoco_ import MujocoBackend
 from pepper_driver.config import UnknownNameError, load_plant, load_robot
+from pepper_driver.config.arrays import FloatArray
 
 ROBOT = load_robot()
 ROLL = ROBOT.joint_index("LShoulderRoll")
-Array = NDArray[np.float64]
 
 
-def command(position: Array, stiffness: float = 1.0) -> Command:
+def command(position: FloatArray, stiffness: float = 1.0) -> Command:
     return Command(position=position, stiffness=np.full(17, stiffness), wheel_speed=np.zeros(3))
 
 
-def active(seed: int = 0) -> tuple[MujocoBackend, Array]:
+def active(seed: int = 0) -> tuple[MujocoBackend, FloatArray]:
     backend = MujocoBackend(ROBOT, load_plant("nominal", ROBOT), seed=seed)
     hold = np.clip(backend.open().position, ROBOT.lower, ROBOT.upper)
     backend.activate()
     return backend, hold
 
 
-def wave(hold: Array, time: float) -> Array:
+def wave(hold: FloatArray, time: float) -> FloatArray:
     position = hold.copy()
     position[ROLL] += 0.3 * (1 - np.cos(2 * np.pi * 0.4 * time))
     return position
@@ -177,7 +176,7 @@ def test_wheels_follow_their_command() -> None:
     np.testing.assert_allclose(m.wheel_speed, [1.0, -2.0, ROBOT.wheels.speed_limit], rtol=1e-3)
 
 
-def step_often(backend: MujocoBackend, hold: Array) -> None:
+def step_often(backend: MujocoBackend, hold: FloatArray) -> None:
     for _ in range(20):
         backend.exchange(command(hold))
 
@@ -282,7 +281,7 @@ def test_wheels_without_stiffness_do_not_turn_and_a_snapshot_knows() -> None:
     np.testing.assert_array_equal(backend.wheel_stiffness, np.zeros(3))
 
 
-def turning(hold: Array, speed: float = 1.0) -> Command:
+def turning(hold: FloatArray, speed: float = 1.0) -> Command:
     return replace(command(wave(hold, 0.6)), wheel_speed=np.full(3, speed))
 
 

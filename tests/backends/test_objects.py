@@ -5,12 +5,13 @@ from typing import Any
 import mujoco
 import numpy as np
 import pytest
-from contact_cases import CYCLE, FIXED, ROBOT, ROLLING, Array, Robot, world
+from contact_cases import CYCLE, FIXED, ROBOT, ROLLING, Robot, world
 
 from pepper_driver.backends import Command
 from pepper_driver.backends.mujoco_.model import PlantModel
 from pepper_driver.backends.mujoco_.simulation import Simulation
 from pepper_driver.config import load_world
+from pepper_driver.config.arrays import FloatArray
 from pepper_driver.controller.model import RobotModel
 
 STAND = ROBOT.posture("Stand")
@@ -115,7 +116,7 @@ def test_the_arm_meets_the_edge_of_the_table() -> None:
     np.testing.assert_allclose(contact.torque, jacobian.T @ contact.force, atol=0.02)
 
 
-def contact_rows(model: PlantModel, data: mujoco.MjData) -> Array:
+def contact_rows(model: PlantModel, data: mujoco.MjData) -> FloatArray:
     """(nv,) efc_J^T efc_force of the rows of all contacts that are no floor's."""
     mj, torque = model.mj, np.zeros(model.mj.nv)
     full = np.array(data.efc_J).reshape(data.nefc, mj.nv)
@@ -145,7 +146,7 @@ def test_the_torque_is_that_of_the_contact_rows(base: Any, monkeypatch: pytest.M
     )
     simulation = Simulation(ROBOT, base, things)
     simulation.reset(STAND)
-    torques: list[Array] = []
+    torques: list[FloatArray] = []
     step = simulation.contacts.step
 
     def spy() -> None:

@@ -7,10 +7,11 @@ import mujoco
 import numpy as np
 import pinocchio as pin
 import pytest
-from plant_cases import INDEX, ONE, ROBOT, STAND, Array, hold, plain, standing
+from plant_cases import INDEX, ONE, ROBOT, STAND, hold, plain, standing
 
 from pepper_driver.backends.mujoco_.model import build_model
 from pepper_driver.config import PlantConfig, load_plant
+from pepper_driver.config.arrays import FloatArray
 from pepper_driver.config.plant_parts import Body, Payload
 from pepper_driver.controller import RobotModel
 
@@ -97,7 +98,7 @@ def test_a_payload_weighs_on_the_joints_at_its_place(link: str) -> None:
     )
 
 
-def _weights(plant: PlantConfig, postures: Array) -> Array:
+def _weights(plant: PlantConfig, postures: FloatArray) -> FloatArray:
     """(n, 17) torques that hold the links against gravity [N m]."""
     model = build_model(ROBOT, plant)
     data = mujoco.MjData(model.mj)

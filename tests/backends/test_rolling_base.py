@@ -7,7 +7,6 @@ from plant_cases import (
     BASE,
     ROBOT,
     STAND,
-    Array,
     balance,
     hold,
     push,
@@ -18,6 +17,7 @@ from plant_cases import (
 )
 
 from pepper_driver.backends.mujoco_.simulation import Simulation
+from pepper_driver.config.arrays import FloatArray
 
 ROWS = ROBOT.wheels.matrix
 RADIUS = ROBOT.wheels.radius
@@ -26,22 +26,22 @@ LOW = 0.1
 DIRECTIONS = np.radians([0, 45, 90, 180, 250])
 
 
-def slip(simulation: Simulation) -> Array:
+def slip(simulation: Simulation) -> FloatArray:
     """(3,) speed of the wheels' rims over the floor [m/s]."""
     return np.asarray(RADIUS * (simulation.wheels.speed - ROWS @ twist(simulation)))
 
 
-def towards(angle: float) -> Array:
+def towards(angle: float) -> FloatArray:
     return np.array([np.cos(angle), np.sin(angle), 0.0])
 
 
-def push_low(simulation: Simulation, force: Array) -> None:
+def push_low(simulation: Simulation, force: FloatArray) -> None:
     """At the centre of mass, as seen from above."""
     _, com = balance(simulation)
     push(simulation, "Tibia", force, np.array([com[0], com[1], LOW]))
 
 
-def grip_limit(simulation: Simulation, direction: Array, friction: float) -> float:
+def grip_limit(simulation: Simulation, direction: FloatArray, friction: float) -> float:
     """[N] of a push at LOW at which the first blocked wheel slides: three wheels, three unknown forces, one answer."""
     weight, com = balance(simulation)
     arm = com[0] * direction[1] - com[1] * direction[0]

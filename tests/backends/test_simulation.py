@@ -5,15 +5,16 @@ from typing import Any
 
 import numpy as np
 import pytest
-from plant_cases import INDEX, ONE, ROBOT, STAND, Array, N, hold, plain, rolling, standing
+from plant_cases import INDEX, ONE, ROBOT, STAND, N, hold, plain, rolling, standing
 
 from pepper_driver.backends.mujoco_.simulation import Simulation
 from pepper_driver.config import PlantConfig, load_plant, plant_names
+from pepper_driver.config.arrays import FloatArray
 
 CYCLE = ROBOT.cycle
 
 
-def target_at(time: float) -> Array:
+def target_at(time: float) -> FloatArray:
     """(17,) a motion of all joints, within their ranges."""
     middle = (ROBOT.lower + ROBOT.upper) / 2
     swing = 0.3 * (1 - np.cos(2 * np.pi * np.linspace(0.4, 0.9, N) * time))
@@ -159,7 +160,7 @@ def test_the_board_interpolates_the_command_over_the_cycle(monkeypatch: pytest.M
     step = 0.5 * plain().physics.timestep  # of 0.5 rad/s
     position, targets, update = STAND.copy(), [], simulation.boards.update
 
-    def spy(target: Array, *rest: Array) -> Array:
+    def spy(target: FloatArray, *rest: FloatArray) -> FloatArray:
         targets.append(float(target[INDEX]))
         return update(target, *rest)
 

@@ -5,23 +5,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-from plant_cases import (
-    INDEX,
-    JOINT,
-    ONE,
-    ROBOT,
-    STAND,
-    STUCK,
-    Array,
-    N,
-    friction,
-    hold,
-    plain,
-    standing,
-)
+from plant_cases import INDEX, JOINT, ONE, ROBOT, STAND, STUCK, N, friction, hold, plain, standing
 
 from pepper_driver.backends.mujoco_.supply import COLDEST_FRICTION, WARMEST_FRICTION, Supply
 from pepper_driver.config import PlantConfig
+from pepper_driver.config.arrays import FloatArray
 from pepper_driver.config.plant_parts import Battery
 
 CYCLE = ROBOT.cycle
@@ -36,7 +24,7 @@ def with_battery(plant: PlantConfig, **changes: float) -> PlantConfig:
     return replace(plant, battery=replace(plant.battery, **changes))
 
 
-def rise_of(plant: PlantConfig) -> Array:
+def rise_of(plant: PlantConfig) -> FloatArray:
     return np.array([plant.heat.rise[ROBOT.motors.joints[n].type] for n in ROBOT.joint_names])
 
 

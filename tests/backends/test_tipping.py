@@ -2,38 +2,29 @@
 
 import numpy as np
 import pytest
-from plant_cases import (
-    BASE,
-    ROBOT,
-    Array,
-    balance,
-    hold,
-    push,
-    rolling,
-    standing,
-    wheel_loads,
-)
+from plant_cases import BASE, ROBOT, balance, hold, push, rolling, standing, wheel_loads
 
 from pepper_driver.backends.mujoco_.simulation import Simulation
+from pepper_driver.config.arrays import FloatArray
 
 DIRECTIONS = (0, 30, 90, 120, 150, 210, 240, 270, 330)
 FALLEN = 0.5
 """[rad] of tilt from which nothing comes back."""
 
 
-def towards(degrees: float) -> Array:
+def towards(degrees: float) -> FloatArray:
     angle = np.radians(degrees)
     return np.array([np.cos(angle), np.sin(angle), 0.0])
 
 
-def shoulder(simulation: Simulation) -> Array:
+def shoulder(simulation: Simulation) -> FloatArray:
     """(3,) the point of the torso at shoulder height above the centre of mass [m]."""
     _, com = balance(simulation)
     height = simulation.data.xpos[simulation.model.bodies["LShoulder"]][2]
     return np.array([com[0], com[1], height])
 
 
-def tipping_force(weight: float, com: Array, direction: Array, height: float) -> float:
+def tipping_force(weight: float, com: FloatArray, direction: FloatArray, height: float) -> float:
     """M g d / h, d from the centre of mass to the edge of the triangle of wheels, along the push."""
     at = np.array(ROBOT.wheels.positions)[:, :2]
     forces = []

@@ -4,9 +4,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-from contact_cases import FIXED, ROBOT, ROLLING, Array, Robot, world
+from contact_cases import FIXED, ROBOT, ROLLING, Robot, world
 
 from pepper_driver.backends import Command
+from pepper_driver.config.arrays import FloatArray
 from pepper_driver.config.parts import TouchSensor
 from pepper_driver.controller.model import RobotModel
 
@@ -28,7 +29,7 @@ def pressed(robot: Robot, seconds: float = 0.3) -> set[str]:
     return {name for name, value in answers(robot, seconds).items() if value}
 
 
-def press(robot: Robot, sensor: TouchSensor, force: float, offset: Array) -> None:
+def press(robot: Robot, sensor: TouchSensor, force: float, offset: FloatArray) -> None:
     """A push on the sensor's link, ``offset`` (3,) [m] beside its frame."""
     direction = np.array([1.0, 0.0, 0.0])
     robot.push(sensor.parent, force * direction, np.array(sensor.xyz) + offset, 1.0)

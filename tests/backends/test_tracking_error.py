@@ -7,22 +7,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from plant_cases import (
-    ONE,
-    ROBOT,
-    STAND,
-    Array,
-    Bench,
-    friction,
-    hold,
-    plain,
-    push,
-    standing,
-    with_drive,
-)
+from plant_cases import ONE, ROBOT, STAND, Bench, friction, hold, plain, push, standing, with_drive
 
 from pepper_driver.backends.mujoco_.simulation import Simulation
 from pepper_driver.config import PlantConfig
+from pepper_driver.config.arrays import FloatArray
 from pepper_driver.observer.closed_form import MotorParameters, expected_error, external_torque
 
 CYCLE = ROBOT.cycle
@@ -104,7 +93,7 @@ def test_without_friction_torque_over_stiffness_is_exact(joint: str) -> None:
     np.testing.assert_allclose(found, torque, rtol=0.01, atol=count * parameters.stiffness)
 
 
-def swing(joint: str, plant: PlantConfig, seconds: float) -> tuple[Array, Array]:
+def swing(joint: str, plant: PlantConfig, seconds: float) -> tuple[FloatArray, FloatArray]:
     """(n,) true tracking error and (n, 3) desired velocity, acceleration, load of one joint without gravity."""
     others = [name for name in ROBOT.joint_names if name != joint]
     stuck = with_drive(plant, others, friction=friction(1e4, 1e4))

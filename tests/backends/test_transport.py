@@ -5,12 +5,13 @@ from typing import Any
 
 import numpy as np
 import pytest
-from plant_cases import ROBOT, Array, N, plain
+from plant_cases import ROBOT, N, plain
 
 from pepper_driver.backends import Command
 from pepper_driver.backends.mujoco_ import MujocoBackend
 from pepper_driver.backends.mujoco_.sensors import CommandLine, CurrentSensors, Encoders
 from pepper_driver.config import PlantConfig
+from pepper_driver.config.arrays import FloatArray
 
 COUNT = ROBOT.sensors.encoder.step
 TICKS = 120
@@ -21,7 +22,9 @@ def transported(**changes: Any) -> PlantConfig:
     return replace(plant, transport=replace(plant.transport, **changes))
 
 
-def run(plant: PlantConfig, start: int = 20, seed: int = 0) -> tuple[Array, Array, Array]:
+def run(
+    plant: PlantConfig, start: int = 20, seed: int = 0
+) -> tuple[FloatArray, FloatArray, FloatArray]:
     """(n, 17) true and measured positions, (n,) age [s], of a motion of all joints that begins at tick ``start``."""
     backend = MujocoBackend(ROBOT, plant, seed=seed)
     hold = np.clip(backend.open().position, ROBOT.lower, ROBOT.upper)
@@ -41,7 +44,7 @@ def run(plant: PlantConfig, start: int = 20, seed: int = 0) -> tuple[Array, Arra
     return np.array(true), np.array(measured), np.array(age)
 
 
-def counted(position: Array) -> Array:
+def counted(position: FloatArray) -> FloatArray:
     return np.asarray(np.rint(position / COUNT) * COUNT)
 
 

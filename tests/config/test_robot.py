@@ -9,7 +9,6 @@ import numpy as np
 import pinocchio
 import pytest
 import yaml
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from pepper_driver.config import (
@@ -20,6 +19,7 @@ from pepper_driver.config import (
     load_robot,
     plant_hash,
 )
+from pepper_driver.config.arrays import FloatArray
 from pepper_driver.config.loading import package_file
 
 FACTS: dict[str, Any] = yaml.safe_load(
@@ -32,7 +32,7 @@ def robot() -> RobotConfig:
     return load_robot()
 
 
-def transforms(angles: dict[str, float]) -> dict[str, NDArray[np.float64]]:
+def transforms(angles: dict[str, float]) -> dict[str, FloatArray]:
     """Link poses in base_link, (4, 4) each, by the documented joint origins and axes alone."""
     poses = {"base_link": np.eye(4)}
     for name, joint in FACTS["joints"].items():  # listed from the base outwards
@@ -260,7 +260,7 @@ def test_a_mirror_shows_the_other_hand(robot: RobotConfig) -> None:
     model = pinocchio.buildModelFromUrdf(str(robot.urdf))
     data = model.createData()
 
-    def poses(posture: NDArray[np.float64]) -> list[NDArray[np.float64]]:
+    def poses(posture: FloatArray) -> list[FloatArray]:
         q = pinocchio.neutral(model)
         for name, angle in zip(robot.joint_names, posture, strict=True):
             q[model.joints[model.getJointId(name)].idx_q] = angle

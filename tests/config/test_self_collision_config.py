@@ -11,7 +11,6 @@ import numpy as np
 import pinocchio as pin
 import pytest
 import yaml
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from pepper_driver.config import (
@@ -21,9 +20,8 @@ from pepper_driver.config import (
     load_robot,
     load_self_collision,
 )
+from pepper_driver.config.arrays import FloatArray
 from pepper_driver.config.loading import package_file
-
-FloatArray = NDArray[np.float64]
 
 ROBOT = load_robot()
 SETTINGS = load_self_collision(ROBOT)

@@ -5,13 +5,11 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pepper_driver.config import ConstraintSwitches, load_controller_settings, load_robot
+from pepper_driver.config.arrays import FloatArray
 from pepper_driver.controller import Reference, RobotModel, WholeBodyController
 from pepper_driver.controller.constraints import BrakingLimits, Constraint, LinearInequality
-
-FloatArray = NDArray[np.float64]
 
 ROBOT = load_robot()
 STANDARD = load_controller_settings(ROBOT)

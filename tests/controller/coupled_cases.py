@@ -6,9 +6,10 @@ from dataclasses import replace
 from typing import Literal
 
 import numpy as np
-from controller_cases import ROBOT, SETTINGS, FloatArray
+from controller_cases import ROBOT, SETTINGS
 
 from pepper_driver.config import RobotConfig
+from pepper_driver.config.arrays import FloatArray
 from pepper_driver.controller import WholeBodyController
 from pepper_driver.controller.constraints import CoupledLimits
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from controller_cases import FloatArray
 from scipy.optimize import nnls
 
+from pepper_driver.config.arrays import FloatArray
 from pepper_driver.controller.solvers import Solver, make_solver
 from pepper_driver.controller.solvers.qpsolvers_ import QpsolversSolver
 

@@ -7,9 +7,10 @@ from typing import Any, NamedTuple
 import numpy as np
 import pinocchio as pin
 import pytest
-from controller_cases import JOINTS, ROBOT, FloatArray, random_posture
+from controller_cases import JOINTS, ROBOT, random_posture
 from scipy.spatial.transform import Rotation
 
+from pepper_driver.config.arrays import FloatArray
 from pepper_driver.controller import RobotModel, TargetError, Task
 from pepper_driver.controller.tasks.task import TaskRows
 

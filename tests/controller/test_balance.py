@@ -7,17 +7,10 @@ from itertools import product
 import numpy as np
 import pinocchio as pin
 import pytest
-from controller_cases import (
-    ACCELERATION,
-    DT,
-    ROBOT,
-    SETTINGS,
-    FixedRows,
-    FloatArray,
-    random_posture,
-)
+from controller_cases import ACCELERATION, DT, ROBOT, SETTINGS, FixedRows, random_posture
 from scipy.optimize import linprog
 
+from pepper_driver.config.arrays import FloatArray
 from pepper_driver.controller import BasePoseTask, RobotModel, WholeBodyController
 from pepper_driver.controller.constraints import Balance, BrakingLimits, Constraint
 

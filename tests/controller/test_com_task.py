@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from controller_cases import MIDDLE, FloatArray, controller
+from controller_cases import MIDDLE, controller
 from task_cases import STEP, Bench, State, centre_of_mass, later, link_pose, random_state
 
 from pepper_driver.config import UnknownNameError
+from pepper_driver.config.arrays import FloatArray
 from pepper_driver.controller import ComTask, TargetError
 
 

@@ -6,9 +6,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-from controller_cases import DT, MIDDLE, ROBOT, FloatArray, controller
+from controller_cases import DT, MIDDLE, ROBOT, controller
 
 from pepper_driver.config import UnknownNameError
+from pepper_driver.config.arrays import FloatArray
 from pepper_driver.controller import ComplianceTask, GainError, TargetError, WholeBodyController
 
 JOINT = "LElbowYaw"

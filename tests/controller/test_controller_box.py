@@ -6,20 +6,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from controller_cases import (
-    ACCELERATION,
-    DT,
-    JOINTS,
-    MIDDLE,
-    ROBOT,
-    SETTINGS,
-    VELOCITY,
-    FloatArray,
-    controller,
-)
+from controller_cases import ACCELERATION, DT, JOINTS, MIDDLE, ROBOT, SETTINGS, VELOCITY, controller
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from pepper_driver.config.arrays import FloatArray
 from pepper_driver.controller import RobotModel, Task
 from pepper_driver.controller.constraints import AccelerationBox
 from pepper_driver.controller.tasks.task import TaskRows

@@ -16,13 +16,13 @@ from controller_cases import (
     ROBOT,
     SETTINGS,
     VELOCITY,
-    FloatArray,
     controller,
     random_posture,
 )
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from pepper_driver.config.arrays import FloatArray
 from pepper_driver.controller import Reference, RobotModel, WholeBodyController
 from pepper_driver.controller.constraints import AccelerationBox
 

@@ -7,9 +7,10 @@ from typing import Any
 import mujoco
 import numpy as np
 import pytest
-from controller_cases import DT, JOINTS, MIDDLE, ROBOT, FloatArray, random_posture
+from controller_cases import DT, JOINTS, MIDDLE, ROBOT, random_posture
 
 from pepper_driver.config import UnknownNameError
+from pepper_driver.config.arrays import FloatArray
 from pepper_driver.controller import RobotModel
 
 MODEL = RobotModel(ROBOT)

@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import qpsolvers
-from controller_cases import FloatArray
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import Bounds, LinearConstraint, minimize
 from solver_cases import ACCURACY, SOLVERS, Problem, good_problem, optimality_gap, random_problem
 
 from pepper_driver.config import UnknownNameError
+from pepper_driver.config.arrays import FloatArray
 from pepper_driver.controller.solvers import make_solver
 from pepper_driver.controller.solvers.qpsolvers_ import QpsolversSolver
 

@@ -7,9 +7,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from controller_cases import MIDDLE, ROBOT, SETTINGS, FloatArray, random_posture
+from controller_cases import MIDDLE, ROBOT, SETTINGS, random_posture
 from solver_cases import Problem, optimality_gap, random_problem
 
+from pepper_driver.config.arrays import FloatArray
 from pepper_driver.controller import ComTask, FrameTask, Reference, RobotModel, WholeBodyController
 from pepper_driver.controller.solvers import Solution, Solver, make_solver
 from pepper_driver.controller.solvers.solver import NO_BOUNDS, NO_ROWS

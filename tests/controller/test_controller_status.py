@@ -12,10 +12,10 @@ from controller_cases import (
     ROBOT,
     VELOCITY,
     FixedRows,
-    FloatArray,
     controller,
 )
 
+from pepper_driver.config.arrays import FloatArray
 from pepper_driver.controller import TargetError, WholeBodyController
 
 

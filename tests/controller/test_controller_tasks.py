@@ -6,8 +6,9 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-from controller_cases import DT, JOINTS, MIDDLE, ROBOT, SETTINGS, FixedRows, FloatArray, controller
+from controller_cases import DT, JOINTS, MIDDLE, ROBOT, SETTINGS, FixedRows, controller
 
+from pepper_driver.config.arrays import FloatArray
 from pepper_driver.controller import (
     BaseVelocityTask,
     GainError,

@@ -17,12 +17,12 @@ from controller_cases import (
     SETTINGS,
     VELOCITY,
     FixedRows,
-    FloatArray,
     controller,
     wander,
 )
 
 from pepper_driver.config import UnknownNameError
+from pepper_driver.config.arrays import FloatArray
 from pepper_driver.controller import Reference, RobotModel, TargetError, WholeBodyController
 
 TEN_SECONDS = round(10 / DT)

@@ -6,20 +6,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from controller_cases import (
-    ACCELERATION,
-    DT,
-    JOINTS,
-    MIDDLE,
-    ROBOT,
-    SETTINGS,
-    FloatArray,
-)
+from controller_cases import ACCELERATION, DT, JOINTS, MIDDLE, ROBOT, SETTINGS
 from coupled_cases import DIGITS, MARGIN, PITCH, YAW, Velocity, coupled, room
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pepper_driver.config import ConfigError, RobotConfig
+from pepper_driver.config.arrays import FloatArray
 from pepper_driver.config.parts import CoupledLimit
 from pepper_driver.controller import RobotModel, WholeBodyController
 from pepper_driver.controller.constraints import AccelerationBox, BrakingLimits, CoupledLimits

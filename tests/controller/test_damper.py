@@ -7,11 +7,12 @@ from typing import Literal
 
 import numpy as np
 import pytest
-from controller_cases import DT, JOINTS, MIDDLE, ROBOT, SETTINGS, FloatArray, random_posture
+from controller_cases import DT, JOINTS, MIDDLE, ROBOT, SETTINGS, random_posture
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pepper_driver.config import ControllerSettings
+from pepper_driver.config.arrays import FloatArray
 from pepper_driver.controller import RobotModel
 from pepper_driver.controller.constraints import AccelerationBox
 

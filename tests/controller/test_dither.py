@@ -6,9 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from controller_cases import DT, ROBOT, STANDARD, FloatArray
+from controller_cases import DT, ROBOT, STANDARD
 
 from pepper_driver.config import UnknownNameError, load_self_collision
+from pepper_driver.config.arrays import FloatArray
 from pepper_driver.controller import PostureTask, Reference, WholeBodyController
 from pepper_driver.controller.capsules import CapsuleDistances
 from pepper_driver.controller.dither import Dither

@@ -18,9 +18,9 @@ from controller_cases import (
     ROBOT,
     SETTINGS,
     VELOCITY,
-    FloatArray,
 )
 
+from pepper_driver.config.arrays import FloatArray
 from pepper_driver.controller import WholeBodyController
 from pepper_driver.controller.constraints import CoupledLimits, TorqueLimit, WheelSpeedLimit
 

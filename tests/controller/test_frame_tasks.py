@@ -7,11 +7,12 @@ from typing import Any
 
 import numpy as np
 import pytest
-from controller_cases import DT, MIDDLE, ROBOT, FloatArray, controller
+from controller_cases import DT, MIDDLE, ROBOT, controller
 from scipy.spatial.transform import Rotation
 from task_cases import STEP, Bench, State, later, link_pose, random_state, refused, seen, turn
 
 from pepper_driver.config import UnknownNameError
+from pepper_driver.config.arrays import FloatArray
 from pepper_driver.controller import FrameTask, OrientationTask, PositionTask, TargetError
 
 POINT = np.array([0.03, -0.05, 0.08])

@@ -6,8 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from controller_cases import MIDDLE, ROBOT, SETTINGS, FixedRows, FloatArray, controller
+from controller_cases import MIDDLE, ROBOT, SETTINGS, FixedRows, controller
 
+from pepper_driver.config.arrays import FloatArray
 from pepper_driver.controller import RobotModel, WholeBodyController
 from pepper_driver.controller.constraints import BrakingLimits, Constraint, LinearInequality
 from pepper_driver.controller.solvers.solver import Solution

@@ -6,11 +6,12 @@ from typing import Any
 
 import numpy as np
 import pytest
-from controller_cases import DT, MIDDLE, ROBOT, FloatArray, controller
+from controller_cases import DT, MIDDLE, ROBOT, controller
 from scipy.spatial.transform import Rotation
 from task_cases import STEP, Bench, State, later, link_pose, random_state, refused, turn
 
 from pepper_driver.config import UnknownNameError
+from pepper_driver.config.arrays import FloatArray
 from pepper_driver.controller import LookAtTask, TargetError, WholeBodyController
 
 AXIS = np.array([0.8, -0.1, 0.3])

@@ -10,10 +10,11 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 import pytest
-from controller_cases import ACCELERATION, DT, ROBOT, FixedRows, FloatArray, random_posture
+from controller_cases import ACCELERATION, DT, ROBOT, FixedRows, random_posture
 from scipy.optimize import minimize
 
 from pepper_driver.config import load_self_collision
+from pepper_driver.config.arrays import FloatArray
 from pepper_driver.controller import PositionTask, RobotModel, WholeBodyController
 from pepper_driver.controller.capsules import CapsuleDistances
 from pepper_driver.controller.constraints import BrakingLimits, SelfCollision

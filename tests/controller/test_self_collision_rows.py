@@ -7,9 +7,10 @@ from dataclasses import replace
 from math import inf
 
 import numpy as np
-from controller_cases import DT, ROBOT, FloatArray, random_posture
+from controller_cases import DT, ROBOT, random_posture
 from test_self_collision import SECURITY, SETTINGS, Ruler, braked, limits
 
+from pepper_driver.config.arrays import FloatArray
 from pepper_driver.controller import RobotModel
 from pepper_driver.controller.constraints import BrakingLimits, SelfCollision
 from pepper_driver.controller.constraints.braking_path import BrakingPath

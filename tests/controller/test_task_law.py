@@ -7,9 +7,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-from controller_cases import DT, MIDDLE, ROBOT, SETTINGS, FloatArray
+from controller_cases import DT, MIDDLE, ROBOT, SETTINGS
 from task_cases import MODEL, State, centre_of_mass, link_pose
 
+from pepper_driver.config.arrays import FloatArray
 from pepper_driver.controller import (
     BasePoseTask,
     ComTask,

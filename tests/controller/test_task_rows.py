@@ -6,8 +6,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-from controller_cases import JOINTS, ROBOT, FloatArray, controller
+from controller_cases import JOINTS, ROBOT, controller
 
+from pepper_driver.config.arrays import FloatArray
 from pepper_driver.controller import RobotModel, ShapeError, Task, TaskRows, WholeBodyController
 
 GOAL = np.array([0.25, 0.20, 0.90])

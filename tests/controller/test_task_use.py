@@ -6,17 +6,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-from controller_cases import (
-    ACCELERATION,
-    DT,
-    MIDDLE,
-    ROBOT,
-    SETTINGS,
-    VELOCITY,
-    FloatArray,
-    controller,
-)
+from controller_cases import ACCELERATION, DT, MIDDLE, ROBOT, SETTINGS, VELOCITY, controller
 
+from pepper_driver.config.arrays import FloatArray
 from pepper_driver.controller import (
     BasePoseTask,
     ComTask,

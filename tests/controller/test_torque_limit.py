@@ -16,11 +16,11 @@ from controller_cases import (
     ROBOT,
     SETTINGS,
     VELOCITY,
-    FloatArray,
     controller,
     random_posture,
 )
 
+from pepper_driver.config.arrays import FloatArray
 from pepper_driver.controller import RobotModel
 from pepper_driver.controller.constraints import BrakingLimits, LinearInequality, TorqueLimit
 

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from controller_cases import DT, FloatArray
+from controller_cases import DT
 from scipy.spatial.transform import Rotation
 
+from pepper_driver.config.arrays import FloatArray
 from pepper_driver.controller.trajectory import (
     Trajectory,
     rotation_spline,

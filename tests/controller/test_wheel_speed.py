@@ -13,10 +13,10 @@ from controller_cases import (
     DT,
     ROBOT,
     SETTINGS,
-    FloatArray,
     controller,
 )
 
+from pepper_driver.config.arrays import FloatArray
 from pepper_driver.controller import RobotModel, WholeBodyController
 from pepper_driver.controller.constraints import BrakingLimits, LinearInequality, WheelSpeedLimit
 from pepper_driver.controller.wheels import desaturated

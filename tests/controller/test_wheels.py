@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from controller_cases import DT, ROBOT, FloatArray
+from controller_cases import DT, ROBOT
 from hypothesis import given
 from hypothesis import strategies as st
 
+from pepper_driver.config.arrays import FloatArray
 from pepper_driver.controller import Odometry, desaturated
 
 LIMIT = ROBOT.wheels.speed_limit

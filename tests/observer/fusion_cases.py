@@ -7,8 +7,9 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from observer_cases import CYCLE, JOINTS, ROBOT, SETTINGS, FloatArray, models, tick
+from observer_cases import CYCLE, JOINTS, ROBOT, SETTINGS, models, tick
 
+from pepper_driver.config.arrays import FloatArray
 from pepper_driver.controller.tick import Tick
 from pepper_driver.observer.base import BaseModel
 from pepper_driver.observer.body import BASE_LINK, TRUNK_LINK

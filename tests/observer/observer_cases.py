@@ -7,10 +7,10 @@ from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pepper_driver.backends.interface import Command, Imu, Measurement
 from pepper_driver.config import ObserverSettings, load_robot
+from pepper_driver.config.arrays import BoolArray, FloatArray
 from pepper_driver.controller.reference import Reference
 from pepper_driver.controller.tick import Tick
 from pepper_driver.observer.contact import Contact
@@ -18,8 +18,6 @@ from pepper_driver.observer.model_file import ModelKind, ModelSet
 from pepper_driver.observer.prediction import JointModel
 from pepper_driver.observer.recording import Recording
 from pepper_driver.observer.tree import AffineTree, CartTree
-
-FloatArray = NDArray[np.float64]
 
 ROBOT = load_robot()
 CYCLE = ROBOT.cycle
@@ -186,7 +184,7 @@ def recording(
     features: FloatArray,
     error: FloatArray,
     *,
-    changed: NDArray[np.bool_] | None = None,
+    changed: BoolArray | None = None,
     age: FloatArray | None = None,
 ) -> Recording:
     """A run in which every joint had these features and this tracking error."""

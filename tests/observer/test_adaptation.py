@@ -9,8 +9,9 @@ import pytest
 from fusion_cases import TWIN
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from observer_cases import CYCLE, FloatArray
+from observer_cases import CYCLE
 
+from pepper_driver.config.arrays import FloatArray
 from pepper_driver.observer import adaptation
 from pepper_driver.observer.adaptation import (
     NOISE,

@@ -8,9 +8,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-from observer_cases import CYCLE, JOINTS, ROBOT, FloatArray, tick
+from observer_cases import CYCLE, JOINTS, ROBOT, tick
 
 from pepper_driver.config import PepperError
+from pepper_driver.config.arrays import FloatArray
 from pepper_driver.controller.tick import Tick
 from pepper_driver.observer.base import (
     HOLD,

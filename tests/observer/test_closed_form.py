@@ -4,10 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from observer_cases import CYCLE, FloatArray, motion
+from observer_cases import CYCLE, motion
 from scipy.integrate import solve_ivp
 from scipy.signal import lsim
 
+from pepper_driver.config.arrays import FloatArray
 from pepper_driver.observer.closed_form import MotorParameters, expected_error, external_torque
 
 MOTOR = MotorParameters(

@@ -20,7 +20,6 @@ from observer_cases import (
     SETTINGS,
     SILENT,
     THRESHOLD,
-    FloatArray,
     check_life,
     free_error,
     free_run,
@@ -29,6 +28,7 @@ from observer_cases import (
     tick,
 )
 
+from pepper_driver.config.arrays import FloatArray
 from pepper_driver.controller.tick import Tick
 from pepper_driver.observer.contact import Contact
 from pepper_driver.observer.contact_observer import ContactObserver

@@ -2,9 +2,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from observer_cases import ROBOT, FloatArray, free_error, free_run, motion, recording
+from observer_cases import ROBOT, free_error, free_run, motion, recording
 
 from pepper_driver.config import PepperError, UnknownNameError
+from pepper_driver.config.arrays import FloatArray
 from pepper_driver.observer.fitting import (
     LEAVES,
     SHRINKAGES,

@@ -11,8 +11,9 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from observer_cases import AFFINE, SILENT, FloatArray
+from observer_cases import AFFINE, SILENT
 
+from pepper_driver.config.arrays import FloatArray
 from pepper_driver.observer.forest import Forest
 from pepper_driver.observer.tree import FEATURES, LEAF, AffineTree, CartTree, Tree
 from pepper_driver.observer.tree_fitting import fit_affine, fit_cart

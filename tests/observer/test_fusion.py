@@ -32,8 +32,9 @@ from fusion_cases import (
 )
 from hypothesis import Phase, given, settings
 from hypothesis import strategies as st
-from observer_cases import CYCLE, JOINTS, ROBOT, SETTINGS, FloatArray, tick
+from observer_cases import CYCLE, JOINTS, ROBOT, SETTINGS, tick
 
+from pepper_driver.config.arrays import FloatArray
 from pepper_driver.controller.tick import Tick
 from pepper_driver.observer.contact import Contact
 from pepper_driver.observer.contact_observer import ContactObserver

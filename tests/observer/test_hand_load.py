@@ -19,8 +19,9 @@ from fusion_cases import (
     quantised,
     swing,
 )
-from observer_cases import CYCLE, JOINTS, ROBOT, SETTINGS, FloatArray, tick
+from observer_cases import CYCLE, JOINTS, ROBOT, SETTINGS, tick
 
+from pepper_driver.config.arrays import BoolArray, FloatArray
 from pepper_driver.controller.model import RobotModel
 from pepper_driver.controller.reference import Reference
 from pepper_driver.controller.tick import Tick
@@ -28,13 +29,7 @@ from pepper_driver.observer import hand_load
 from pepper_driver.observer.adaptation import LEARN_PERIOD
 from pepper_driver.observer.fusion import FusionSignal
 from pepper_driver.observer.fusion_model import FusionModel
-from pepper_driver.observer.hand_load import (
-    FRICTION_DOUBT,
-    LEAST_NOISE,
-    PRIOR,
-    BoolArray,
-    HandLoads,
-)
+from pepper_driver.observer.hand_load import FRICTION_DOUBT, LEAST_NOISE, PRIOR, HandLoads
 
 WRISTS = {"left_arm": "LWristYaw", "right_arm": "RWristYaw"}
 ARM = [ROBOT.joint_index(name) for name in ROBOT.chains["left_arm"][:5]]

@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
-from observer_cases import CYCLE, FloatArray
+from observer_cases import CYCLE
 
 from pepper_driver.config import PepperError
+from pepper_driver.config.arrays import FloatArray
 from pepper_driver.observer.momentum import (
     SMOOTHING,
     ErrorDerivatives,

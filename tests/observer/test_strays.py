@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from observer_cases import FloatArray
 
+from pepper_driver.config.arrays import BoolArray, FloatArray
 from pepper_driver.observer.strays import (
     BLOCK,
     BLOCKS,
@@ -21,7 +21,6 @@ from pepper_driver.observer.strays import (
     RANK,
     START,
     TOUCHED_LATELY,
-    BoolArray,
     Strays,
 )
 

@@ -2,9 +2,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from observer_cases import FloatArray, free_error, motion
+from observer_cases import free_error, motion
 from sklearn.tree import DecisionTreeRegressor
 
+from pepper_driver.config.arrays import FloatArray
 from pepper_driver.observer.tree_fitting import AffineGrowth, fit_affine, fit_cart
 
 

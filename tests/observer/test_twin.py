@@ -9,10 +9,11 @@ import pytest
 from fusion_cases import TWIN, Motion, drive, swing
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from observer_cases import CYCLE, FloatArray
+from observer_cases import CYCLE
 from scipy.integrate import solve_ivp
 
 from pepper_driver.config import PepperError
+from pepper_driver.config.arrays import FloatArray
 from pepper_driver.observer.twin import PARAMETERS, TwinError, TwinParameters, Twins
 
 SMOOTH = replace(TWIN, friction=0.0, load_friction=0.0, breakaway=1.0)

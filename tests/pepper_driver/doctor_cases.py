@@ -11,7 +11,7 @@ import pytest
 from pepper_driver.backends import Backend, DeviceError, Measurement
 from pepper_driver.backends.mock import Fault, MockBackend
 from pepper_driver.config import RobotConfig, load_robot
-from pepper_driver.config.parts import FloatArray
+from pepper_driver.config.arrays import FloatArray
 from pepper_driver.doctor import Examination, Result, examine
 from pepper_driver.observer import ModelSet
 from pepper_driver.observer.model_file import shipped

@@ -7,14 +7,12 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pepper_driver.config import load_robot
+from pepper_driver.config.arrays import FloatArray
 from pepper_driver.controller import Tick
 from pepper_driver.evaluation.takes import Take
 from pepper_driver.observer import Contact, JointState, Observation, Observer, Push, Recording
-
-FloatArray = NDArray[np.float64]
 
 ROBOT = load_robot()
 CYCLE = ROBOT.cycle

@@ -17,8 +17,8 @@ from pepper_driver import Pepper
 from pepper_driver.backends.mock import MockBackend
 from pepper_driver.callbacks.events import CueEvent, StepEvent
 from pepper_driver.config import Experiment, load_experiment, load_robot
+from pepper_driver.config.arrays import FloatArray
 from pepper_driver.config.loading import parse
-from pepper_driver.config.parts import FloatArray
 from pepper_driver.controller import Tick
 from pepper_driver.experiments.experiment import ExperimentRun
 from pepper_driver.experiments.reports import ExperimentReport

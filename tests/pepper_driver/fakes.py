@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from pepper_driver.config import ControllerSettings
-from pepper_driver.config.parts import FloatArray
+from pepper_driver.config.arrays import FloatArray
 from pepper_driver.controller import Reference
 
 

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from pepper_driver.backends import Measurement
 from pepper_driver.backends.mock import MockBackend
-from pepper_driver.config.parts import FloatArray
+from pepper_driver.config.arrays import FloatArray
 from pepper_driver.controller import (
     BaseVelocityTask,
     LookAtTask,

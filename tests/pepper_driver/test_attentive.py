@@ -11,7 +11,7 @@ import pytest
 
 from pepper_driver import Comply, FaultError, FollowHand, Hold, Pepper, Retract, RobotState
 from pepper_driver.backends.mock import MockBackend
-from pepper_driver.config.parts import FloatArray
+from pepper_driver.config.arrays import FloatArray
 from pepper_driver.controller import Tick
 from pepper_driver.controller.dither import Dither
 from pepper_driver.log import read_log

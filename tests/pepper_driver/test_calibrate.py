@@ -30,6 +30,7 @@ from pepper_driver.config import (
     load_robot,
     plant_hash,
 )
+from pepper_driver.config.arrays import FloatArray
 from pepper_driver.drive_values import (
     DriveValues,
     drag,
@@ -212,7 +213,7 @@ def test_a_fit_never_does_worse_than_its_start(monkeypatch: pytest.MonkeyPatch) 
     assert told[-1] == pytest.approx(1.0)
 
 
-def shares(joint: str) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def shares(joint: str) -> tuple[FloatArray, FloatArray]:
     """Loads [N m] of made-up holds, and the shares of friction they stick at."""
     rng = np.random.default_rng(list(TRUE).index(joint))
     size = 0.006 if joint == "RWristYaw" else 1.5 * TRUE[joint].friction

@@ -18,7 +18,7 @@ from pepper_driver.backends import BackendError, Command
 from pepper_driver.backends.mock import MockBackend
 from pepper_driver.callbacks.events import FaultEvent
 from pepper_driver.config import load_controller_settings
-from pepper_driver.config.parts import FloatArray
+from pepper_driver.config.arrays import FloatArray
 from pepper_driver.controller import PositionTask
 from pepper_driver.log import read_log
 from pepper_driver.safety import RobotState

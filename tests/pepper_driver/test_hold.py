@@ -4,9 +4,9 @@ from typing import Literal
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from pepper_driver.config import load_robot
+from pepper_driver.config.arrays import FloatArray
 from pepper_driver.controller import WholeBodyController
 from pepper_driver.observer import Contact, Observation
 from pepper_driver.reflexes import Hold, ReflexError, ReflexRequests
@@ -17,7 +17,7 @@ from dataclasses import replace  # isort: skip
 
 ROBOT = load_robot()
 BLANK = standing_measurement()
-NAN: NDArray[np.float64] = np.full(17, np.nan)
+NAN: FloatArray = np.full(17, np.nan)
 
 
 def contact(

@@ -7,7 +7,7 @@ import pytest
 
 from pepper_driver import Hold, Pepper, Reflex
 from pepper_driver.backends import Measurement
-from pepper_driver.config.parts import FloatArray
+from pepper_driver.config.arrays import FloatArray
 from pepper_driver.controller import PositionTask, Tick
 from pepper_driver.observer import Contact, Observation, Observer
 from pepper_driver.reflexes import ReflexRequests

@@ -5,18 +5,17 @@ from __future__ import annotations
 from dataclasses import fields
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pepper_driver.backends.interface import Command, Imu, Measurement
 from pepper_driver.backends.replay import NOT_LOGGED
 from pepper_driver.backends.simulated import TruthSample
 from pepper_driver.config import load_robot
+from pepper_driver.config.arrays import BoolArray, FloatArray
 from pepper_driver.controller.reference import Reference
 from pepper_driver.controller.tick import Sent, Tick
 from pepper_driver.observer.contact import Contact
 from pepper_driver.observer.interface import Observation
 
-FloatArray = NDArray[np.float64]
 ROBOT = load_robot()
 N = len(ROBOT.joint_names)
 SPECIAL = (np.nan, np.inf, -np.inf, -0.0, 5e-324, 1.7976931348623157e308)
@@ -35,7 +34,7 @@ class Samples:
         values[self.random.random(size) < 0.1] = self.random.choice(SPECIAL)
         return values
 
-    def flags(self, size: int) -> NDArray[np.bool_]:
+    def flags(self, size: int) -> BoolArray:
         """(size,) random truth values."""
         return self.random.random(size) < 0.5
 

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 
 from pepper_driver.backends import Truth
 from pepper_driver.backends.interface import LONGEST_WAY
@@ -20,6 +19,7 @@ from pepper_driver.config import (
     load_robot,
     load_safety_settings,
 )
+from pepper_driver.config.arrays import FloatArray
 from pepper_driver.controller import Reference, Tick, WholeBodyController
 from pepper_driver.loop import Loop, TickRecord
 from pepper_driver.observer import Contact, Observation, Observer
@@ -32,7 +32,6 @@ from pepper_driver.testing import aged, displaced
 from fakes import slowed  # isort: skip
 
 ROBOT = load_robot()
-Array = NDArray[np.float64]
 
 
 def make_loop(
@@ -124,7 +123,7 @@ def test_the_reference_in_a_tick_is_the_one_its_command_was_made_from() -> None:
 
 def test_transport_is_no_error_of_a_closed_loop() -> None:
     """The fake follows exactly, three ticks late: told which command was answered, feedback changes nothing."""
-    trails: list[Array] = []
+    trails: list[FloatArray] = []
     feedback: Literal["none", "joints"]
     for feedback in ("none", "joints"):
         backend = MockBackend(delay=3)
@@ -195,7 +194,7 @@ def test_a_reflex_acts_in_the_tick_it_is_called_in() -> None:
 class Creep(Reflex):
     """Moves its own posture on, in place."""
 
-    wanted: Array | None = None
+    wanted: FloatArray | None = None
 
     def step(self, observation: Observation, measurement: Any, requests: ReflexRequests) -> None:
         if self.wanted is None:

@@ -15,12 +15,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 from jitter_cases import Jittery
-from numpy.typing import NDArray
 from waiting import wait_until
 
 from pepper_driver.backends.signals import describe_interrupt
 from pepper_driver.cli.app import run
 from pepper_driver.config import load_experiment, load_robot
+from pepper_driver.config.arrays import FloatArray
 from pepper_driver.keys import SpaceBar
 from pepper_driver.labelling import LabelError, pushes_of, recording_of
 from pepper_driver.log import Label, read_log
@@ -32,7 +32,7 @@ ROBOT = load_robot()
 CYCLE = ROBOT.cycle
 
 
-def pusher(pepper: Pepper, name: str, force: NDArray[np.float64], *delays: float) -> None:
+def pusher(pepper: Pepper, name: str, force: FloatArray, *delays: float) -> None:
     """Push the place of a sensor for 0.5 s, after each of these times [s]."""
     sensors = ROBOT.sensors
     sensor = {**sensors.touch, **sensors.bumpers}[name]

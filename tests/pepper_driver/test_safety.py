@@ -4,7 +4,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from pepper_driver.backends import Command
 from pepper_driver.config import load_controller_settings, load_robot, load_safety_settings
@@ -20,8 +19,6 @@ STAND = ROBOT.posture("Stand")
 ONES, STILL = np.ones(17), np.zeros(3)
 SMALL = 0.0004
 """[rad] A step that no joint's acceleration forbids, from rest."""
-
-Array = NDArray[np.float64]
 
 
 def gate() -> SafetyGate:

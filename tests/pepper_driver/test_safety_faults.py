@@ -19,8 +19,8 @@ from pepper_driver.config import (
     load_robot,
     load_safety_settings,
 )
+from pepper_driver.config.arrays import FloatArray
 from pepper_driver.config.loading import package_file
-from pepper_driver.config.parts import FloatArray
 from pepper_driver.controller import WholeBodyController
 from pepper_driver.loop import Loop
 from pepper_driver.reflexes import Arbiter

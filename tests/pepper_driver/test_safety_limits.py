@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 
 from pepper_driver.config import load_controller_settings, load_robot, load_safety_settings
+from pepper_driver.config.arrays import FloatArray
 from pepper_driver.controller import WholeBodyController
 from pepper_driver.safety import RobotState, SafetyGate
 from pepper_driver.safety.limits import JointLimits
@@ -26,14 +26,13 @@ ACCELERATION = SAFETY.acceleration_margin * CONTROLLER.joint_acceleration(ROBOT)
 CLOSE = 1e-7
 """[rad] Sum of the roundings in one command."""
 
-Array = NDArray[np.float64]
 
 anything = st.floats(allow_nan=True, allow_infinity=True)
 anywhere = st.floats(-4.0, 4.0)
 nearby = st.floats(-0.1, 0.1)
 
 
-def vectors(values: st.SearchStrategy[float], size: int) -> st.SearchStrategy[Array]:
+def vectors(values: st.SearchStrategy[float], size: int) -> st.SearchStrategy[FloatArray]:
     return st.lists(values, min_size=size, max_size=size).map(np.array)
 
 
@@ -58,11 +57,11 @@ def references(draw: st.DrawFn) -> list[tuple[Any, Any, Any, float]]:
     return ticks
 
 
-def way_to_rest(step: Array) -> Array:
+def way_to_rest(step: FloatArray) -> FloatArray:
     """(17,) how far joints still go after (17,) steps when each step from now on is smaller by what braking allows."""
     size, change = np.abs(step), ACCELERATION * CYCLE**2
     n = np.floor(size / change)
-    way: Array = n * size - change * n * (n + 1) / 2
+    way: FloatArray = n * size - change * n * (n + 1) / 2
     return way
 
 
@@ -119,7 +118,7 @@ def a_joint(room: float = 1.0) -> JointLimits:
     return JointLimits(np.zeros(1), np.full(1, room), np.full(1, 2.0), np.full(1, 10.0), 0.01)
 
 
-def run_into(limits: JointLimits, goal: float, ticks: int) -> Array:
+def run_into(limits: JointLimits, goal: float, ticks: int) -> FloatArray:
     way = []
     for _ in range(ticks):
         wanted = np.full(1, goal)

@@ -8,7 +8,7 @@ import pytest
 
 from pepper_driver.backends import Command, Measurement
 from pepper_driver.config import load_controller_settings, load_robot, load_safety_settings
-from pepper_driver.config.parts import FloatArray
+from pepper_driver.config.arrays import FloatArray
 from pepper_driver.safety import FaultReason, RobotState, SafetyGate
 from pepper_driver.testing import displaced, standing_measurement
 

@@ -14,7 +14,7 @@ import pytest
 from pepper_driver.backends import BackendError, Command, Measurement
 from pepper_driver.backends.mock import MockBackend
 from pepper_driver.callbacks.dispatcher import Dispatcher
-from pepper_driver.config.parts import FloatArray
+from pepper_driver.config.arrays import FloatArray
 from pepper_driver.controller import Tick
 from pepper_driver.log import LogWriter, read_log
 from pepper_driver.observer import Observation

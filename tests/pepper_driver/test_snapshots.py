@@ -16,8 +16,8 @@ from pepper_driver import Pepper
 from pepper_driver.backends import BackendError, Measurement
 from pepper_driver.backends.mock import MockBackend
 from pepper_driver.config import UnknownNameError
+from pepper_driver.config.arrays import FloatArray
 from pepper_driver.config.loading import package_file
-from pepper_driver.config.parts import FloatArray
 from pepper_driver.controller import TargetError
 from pepper_driver.observer import Contact
 from pepper_driver.safety import RobotState

@@ -12,7 +12,7 @@ from stand_ins import PATIENT, patient_driver
 from pepper_driver import Contact, CueEvent, ExperimentRun, Observation, ReflexEvent
 from pepper_driver.backends.naoqi_server.launch import StandIn
 from pepper_driver.config import Experiment, load_experiment, load_robot
-from pepper_driver.config.parts import FloatArray
+from pepper_driver.config.arrays import FloatArray
 from pepper_driver.config.steps import RepeatStep
 from pepper_driver.controller import Tick
 

@@ -11,7 +11,7 @@ import qi
 
 from pepper_driver.backends.naoqi_server.context import Context
 from pepper_driver.backends.naoqi_server.motion.body import CallError, number
-from pepper_driver.config.parts import FloatArray
+from pepper_driver.config.arrays import FloatArray
 
 SIZES = {
     0: (160, 120),

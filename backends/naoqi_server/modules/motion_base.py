@@ -10,7 +10,7 @@ from pepper_driver.backends.naoqi_server.modules.motion_calls import MotionCalls
 from pepper_driver.backends.naoqi_server.motion.base import DriveLimits, wrapped_angle
 from pepper_driver.backends.naoqi_server.motion.body import ARMS, CallError, number
 from pepper_driver.config import suggestion
-from pepper_driver.config.parts import FloatArray
+from pepper_driver.config.arrays import FloatArray
 
 POLL = 0.02
 """[s] From one look whether it stands to the next."""

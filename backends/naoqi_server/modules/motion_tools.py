@@ -6,7 +6,7 @@ from pepper_driver.backends.naoqi_server.context import Context
 from pepper_driver.backends.naoqi_server.modules.motion_calls import MotionCalls
 from pepper_driver.backends.naoqi_server.motion.kinematics import Kinematics, position6
 from pepper_driver.backends.naoqi_server.motion.tasks import Task
-from pepper_driver.config.parts import FloatArray
+from pepper_driver.config.arrays import FloatArray
 
 TOLD = 5
 """Cycles from one update of the velocities and torques in ALMemory to the next."""

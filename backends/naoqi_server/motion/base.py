@@ -10,7 +10,7 @@ from threading import Event
 import numpy as np
 
 from pepper_driver.config import NaoqiServices, RobotConfig
-from pepper_driver.config.parts import FloatArray
+from pepper_driver.config.arrays import FloatArray
 
 STANDING = 1e-6
 """[m/s], [rad/s] A twist this small is none."""

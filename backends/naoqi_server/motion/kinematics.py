@@ -11,7 +11,7 @@ import numpy as np
 
 from pepper_driver.backends.naoqi_server.motion.body import CallError
 from pepper_driver.config import NaoqiServices, RobotConfig, suggestion
-from pepper_driver.config.parts import FloatArray
+from pepper_driver.config.arrays import FloatArray
 
 TORSO, WORLD, ROBOT = 0, 1, 2
 """FRAME_TORSO, FRAME_WORLD, FRAME_ROBOT."""

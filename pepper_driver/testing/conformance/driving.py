@@ -11,7 +11,7 @@ import pytest
 
 from pepper_driver.backends import Backend, Command, Imu, Measurement
 from pepper_driver.config import load_robot
-from pepper_driver.config.parts import FloatArray
+from pepper_driver.config.arrays import FloatArray
 
 ROBOT = load_robot()
 LATEST = 20.0

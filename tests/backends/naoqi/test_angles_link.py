@@ -14,7 +14,7 @@ from pepper_driver.backends.naoqi.angles_link import AnglesLink
 from pepper_driver.backends.naoqi.connection import Connection, connect
 from pepper_driver.backends.naoqi.keys import SensorKeys
 from pepper_driver.config import load_naoqi_settings
-from pepper_driver.config.parts import FloatArray
+from pepper_driver.config.arrays import FloatArray
 
 pytestmark = pytest.mark.usefixtures("qi")
 

@@ -34,7 +34,7 @@ from pepper_driver.config import (
     load_naoqi_settings,
     load_robot,
 )
-from pepper_driver.config.parts import FloatArray
+from pepper_driver.config.arrays import FloatArray
 from pepper_driver.observer import Contact
 from pepper_driver.realtime import (
     RealTimePacer,

@@ -23,7 +23,7 @@ from virtual_robot import (
 from pepper_driver.backends.naoqi.history import CommandHistory, SentCommand
 from pepper_driver.backends.naoqi.keys import Alias, actuator_keys
 from pepper_driver.backends.naoqi_server.dcm import UpdateType
-from pepper_driver.config.parts import FloatArray
+from pepper_driver.config.arrays import FloatArray
 
 STAND = ROBOT.posture("Stand")
 ONES, STILL = np.ones(17), np.zeros(3)

@@ -28,7 +28,7 @@ from pepper_driver.backends.naoqi.connection import Connection
 from pepper_driver.backends.naoqi.keys import SensorKeys
 from pepper_driver.backends.naoqi.lead import SlowLinkError
 from pepper_driver.config import load_safety_settings
-from pepper_driver.config.parts import FloatArray
+from pepper_driver.config.arrays import FloatArray
 
 TIMING = SETTINGS.timing
 SAFETY = load_safety_settings()

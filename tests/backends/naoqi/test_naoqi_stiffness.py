@@ -20,7 +20,7 @@ from pepper_driver.config import (
     load_controller_settings,
     load_safety_settings,
 )
-from pepper_driver.config.parts import FloatArray
+from pepper_driver.config.arrays import FloatArray
 from pepper_driver.controller import Reference
 from pepper_driver.realtime import RealTimePacer, realtime_process, realtime_thread
 from pepper_driver.safety import FaultReason, RobotState, SafetyGate

@@ -23,8 +23,8 @@ from pepper_driver.backends.naoqi_server.launch import StandIn
 from pepper_driver.backends.naoqi_server.tls import Login
 from pepper_driver.cli.app import run
 from pepper_driver.config import PepperError, load_naoqi_settings, load_robot
+from pepper_driver.config.arrays import FloatArray
 from pepper_driver.config.loading import package_file
-from pepper_driver.config.parts import FloatArray
 
 pytestmark = pytest.mark.usefixtures("qi")
 

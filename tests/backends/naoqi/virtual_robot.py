@@ -21,7 +21,7 @@ from pepper_driver.backends.naoqi.keys import Alias, SensorKeys, actuator_keys
 from pepper_driver.backends.naoqi.link import Link
 from pepper_driver.backends.naoqi_server.dcm import Dcm, UpdateType
 from pepper_driver.config import NaoqiSettings, load_naoqi_settings, load_robot
-from pepper_driver.config.parts import FloatArray
+from pepper_driver.config.arrays import FloatArray
 from pepper_driver.realtime import RealTimePacer
 
 ROBOT = load_robot()

@@ -9,8 +9,8 @@ from experiment_cases import CYCLE, ROBOT, listen, make_experiment, with_played
 from push_cases import PUSHED_ARMS, limit_degrees, make_pepper
 
 from pepper_driver.config import ConfigError, Experiment, load_experiment
+from pepper_driver.config.arrays import FloatArray
 from pepper_driver.config.contact_specs import PushPoint, RandomForces, RandomPushes
-from pepper_driver.config.parts import FloatArray
 from pepper_driver.config.steps import Setpoints
 from pepper_driver.controller import RobotModel
 from pepper_driver.experiments import plan as plan_module

@@ -11,8 +11,8 @@ from push_cases import PUSHED_ARMS, limit_degrees, make_pepper
 from pepper_driver import Pepper
 from pepper_driver.callbacks.events import PushEvent
 from pepper_driver.config import Experiment, load_experiment
+from pepper_driver.config.arrays import FloatArray
 from pepper_driver.config.contact_specs import JointPush, Push, RandomPushes
-from pepper_driver.config.parts import FloatArray
 from pepper_driver.config.steps import Step
 from pepper_driver.controller import Tick
 from pepper_driver.experiments.contact_schedule import ContactSchedule

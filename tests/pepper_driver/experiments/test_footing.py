@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from pepper_driver.config import load_robot
-from pepper_driver.config.parts import FloatArray
+from pepper_driver.config.arrays import FloatArray
 from pepper_driver.experiments.footing import Footing
 
 ROBOT = load_robot()

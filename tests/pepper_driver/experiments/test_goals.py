@@ -21,7 +21,7 @@ from experiment_cases import (
 from pepper_driver import Pepper
 from pepper_driver.backends import Measurement
 from pepper_driver.backends.mock import MockBackend
-from pepper_driver.config.parts import FloatArray
+from pepper_driver.config.arrays import FloatArray
 from pepper_driver.controller import Tick
 from pepper_driver.experiments.reports import StepReport
 from pepper_driver.observer import Observation

@@ -22,7 +22,7 @@ from test_holding import Holder
 
 from pepper_driver import FaultError, Pepper
 from pepper_driver.config import ConfigError, UnknownNameError
-from pepper_driver.config.parts import FloatArray
+from pepper_driver.config.arrays import FloatArray
 from pepper_driver.config.task_specs import AnyTask
 from pepper_driver.controller import PositionTask, TargetError, Tick, WholeBodyController
 from pepper_driver.experiments import goals

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from push_cases import ROBOT, limit_degrees, make_pepper
 
-from pepper_driver.config.parts import FloatArray
+from pepper_driver.config.arrays import FloatArray
 from pepper_driver.controller import RobotModel
 from pepper_driver.experiments.push_planning import (
     Bounds,

@@ -23,7 +23,7 @@ from experiment_cases import (
 
 from pepper_driver import FaultError, Hold, Pepper
 from pepper_driver.config import Experiment
-from pepper_driver.config.parts import FloatArray
+from pepper_driver.config.arrays import FloatArray
 from pepper_driver.controller import TargetError
 from pepper_driver.experiments import goals
 from pepper_driver.experiments.player import Player
