@@ -30,6 +30,7 @@ from rich.table import Table
 
 from pepper_driver.config import PepperError, RobotConfig, load_controller_settings, load_robot
 from pepper_driver.config.arrays import FloatArray
+from pepper_driver.config.files import check_writable, write_json
 from pepper_driver.controller import (
     BaseVelocityTask,
     ComTask,
@@ -37,7 +38,6 @@ from pepper_driver.controller import (
     RobotModel,
     WholeBodyController,
 )
-from pepper_driver.output import check_writable, write_json
 
 WRISTS = ("l_wrist", "r_wrist")
 ARM = ("ShoulderPitch", "ShoulderRoll", "ElbowYaw", "ElbowRoll", "WristYaw")

@@ -50,9 +50,9 @@ from pepper_driver.config import (
     load_safety_settings,
 )
 from pepper_driver.config.arrays import FloatArray
+from pepper_driver.config.files import check_writable, write_json
 from pepper_driver.controller import Tick
 from pepper_driver.observer import Observation
-from pepper_driver.output import check_writable, write_json
 from pepper_driver.realtime import (
     Quantiles,
     RealTimePacer,

@@ -31,7 +31,7 @@ from rich.console import Console
 from rich.table import Table
 
 from pepper_driver.config import MissingExtraError, PepperError, suggestion
-from pepper_driver.output import check_writable, write_json
+from pepper_driver.config.files import check_writable, write_json
 
 Played = Mapping[str, Any]
 """Result of a program in one world, as parity_side.py writes it."""

@@ -26,7 +26,7 @@ from pepper_driver.backends.naoqi.library import load_qi
 from pepper_driver.backends.naoqi_server.clock import wrapped
 from pepper_driver.backends.naoqi_server.launch import StandIn
 from pepper_driver.config import PepperError, load_robot
-from pepper_driver.output import check_writable, write_json
+from pepper_driver.config.files import check_writable, write_json
 
 CYCLE = 0.012
 KEYS = 80

@@ -7,7 +7,6 @@ fitted before then were not evaluated on what they had never seen: say so, or fi
 from __future__ import annotations
 
 import hashlib
-import json
 import sys
 from collections.abc import Iterator
 from dataclasses import replace
@@ -23,6 +22,7 @@ from pydantic.dataclasses import dataclass
 from pepper_driver.config.contact_specs import RandomTouch
 from pepper_driver.config.errors import ConfigError, UnknownNameError, reason
 from pepper_driver.config.experiment import Experiment, load_experiment
+from pepper_driver.config.files import content_hash
 from pepper_driver.config.lines import with_lines
 from pepper_driver.config.loading import STRICT, own_or_shipped, parse, read_yaml
 from pepper_driver.config.parts import Positive
@@ -239,9 +239,7 @@ def load_evaluation(robot: RobotConfig, path: Path | str | None = None) -> Evalu
         root=file.root,
         suites=dict(file.suites),
         experiments=experiments,
-        digest=hashlib.sha256(
-            json.dumps([file.frozen.suites, file.frozen.experiments], sort_keys=True).encode()
-        ).hexdigest()[:16],
+        digest=content_hash([file.frozen.suites, file.frozen.experiments]),
     )
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import json
 from collections.abc import Iterable
 from contextlib import suppress
 from dataclasses import asdict
@@ -18,6 +17,7 @@ from pydantic.dataclasses import dataclass
 from pepper_driver.config.arguments import checked_arguments
 from pepper_driver.config.arrays import FloatArray
 from pepper_driver.config.errors import ConfigError, suggestion
+from pepper_driver.config.files import content_hash
 from pepper_driver.config.lines import with_lines
 from pepper_driver.config.loading import STRICT, named_file, parse, shipped_names
 from pepper_driver.config.plant_parts import (
@@ -240,4 +240,4 @@ def plant_hash(plant: PlantConfig, robot: RobotConfig) -> str:
         "hands": asdict(robot.hands),
         "urdf": hashlib.sha256(robot.urdf.read_bytes()).hexdigest(),
     }
-    return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()[:16]
+    return content_hash(content)

@@ -12,6 +12,7 @@ from math import pi, radians
 
 import numpy as np
 
+from pepper_driver.backends.motion_profile import minimum_jerk, minimum_jerk_slope
 from pepper_driver.config import RobotConfig
 from pepper_driver.config.arrays import BoolArray, FloatArray
 from pepper_driver.config.settings import AttentiveSettings
@@ -95,8 +96,7 @@ class Dither:
         fading = (level - self._level) / dt
         self._level = level
         self._cycle += 1
-        envelope = level**3 * (10.0 - 15.0 * level + 6.0 * level**2)
-        slope = 30.0 * (level * (1.0 - level)) ** 2 * fading
+        envelope, slope = minimum_jerk(level), minimum_jerk_slope(level) * fading
         angle = self._rate * dt * self._cycle + self._phase
         sine, cosine = np.sin(angle), np.cos(angle)
         self.position = self._amplitude * envelope * sine

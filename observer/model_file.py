@@ -5,7 +5,6 @@ from __future__ import annotations
 import hashlib
 import json
 import math
-import os
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, fields
 from importlib.resources import files
@@ -17,6 +16,7 @@ from pydantic.dataclasses import dataclass as validated_dataclass
 from pepper_driver.config import ConfigError, PepperError, RobotConfig, RobotIdentity
 from pepper_driver.config.arguments import as_path
 from pepper_driver.config.errors import reason
+from pepper_driver.config.files import replacing
 from pepper_driver.config.loading import STRICT, parse
 from pepper_driver.config.parts import Positive
 from pepper_driver.observer.base import BaseModel
@@ -140,23 +140,10 @@ class ModelSet:
         """Write the file; at no time is there half a file at ``path``. Equal sets give equal bytes.
 
         Raises:
-            ModelFileError: The place cannot be written to.
+            OutputError: The place cannot be written to.
         """
-        text = self._text()
-        temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
-        try:
-            try:
-                with temporary.open("w", encoding="utf-8") as file:
-                    file.write(text)
-                    file.flush()
-                    os.fsync(file.fileno())
-                os.replace(temporary, path)
-            finally:
-                temporary.unlink(missing_ok=True)
-        except OSError as error:
-            raise ModelFileError(
-                f"{path}: cannot be written ({reason(error)}); choose another place"
-            ) from error
+        with replacing(path) as partial:
+            partial.write_text(self._text(), encoding="utf-8")
 
     def sha256(self) -> str:
         """Of the file that :meth:`save` writes, in hexadecimal digits."""

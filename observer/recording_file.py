@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
@@ -12,6 +11,7 @@ from numpy.typing import NDArray
 
 from pepper_driver.config import PepperError
 from pepper_driver.config.errors import reason
+from pepper_driver.config.files import replacing
 
 FORMAT = 1
 
@@ -28,24 +28,10 @@ def write_arrays(path: Path, arrays: Mapping[str, NDArray[Any]]) -> None:
     """Write the arrays; at no time is there half a file at ``path``.
 
     Raises:
-        RecordingError: The place cannot be written to.
+        OutputError: The place cannot be written to.
     """
-    temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
-    try:
-        try:
-            with temporary.open("wb") as file:
-                np.savez_compressed(
-                    file, allow_pickle=False, **{_FORMAT_NAME: np.array(FORMAT)}, **arrays
-                )
-                file.flush()
-                os.fsync(file.fileno())
-            os.replace(temporary, path)
-        finally:
-            temporary.unlink(missing_ok=True)
-    except (OSError, ValueError) as error:
-        raise RecordingError(
-            f"{path}: cannot be written ({reason(error)}); choose another place"
-        ) from error
+    with replacing(path) as partial, partial.open("wb") as file:
+        np.savez_compressed(file, allow_pickle=False, **{_FORMAT_NAME: np.array(FORMAT)}, **arrays)
 
 
 def read_arrays(path: Path, names: Iterable[str]) -> dict[str, NDArray[Any]]:

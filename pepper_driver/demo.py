@@ -19,10 +19,10 @@ from pepper_driver.config import (
     load_robot,
 )
 from pepper_driver.config.experiment import DAY
+from pepper_driver.config.files import check_writable, make_folder, write_json
 from pepper_driver.config.steps import Setpoints
 from pepper_driver.experiments.plan import experiment_uri, plan_experiment
 from pepper_driver.observer import Contact, Push, Score, score
-from pepper_driver.output import check_writable, make_folder, write_json
 from pepper_driver.realtime import Statistics
 from pepper_driver.reflexes import Hold
 from pepper_driver.robot import Pepper

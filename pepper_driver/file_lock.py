@@ -15,7 +15,7 @@ from typing import Self
 
 from pepper_driver.backends.passwords import without_secrets
 from pepper_driver.config.errors import reason
-from pepper_driver.output import OutputError, make_folder
+from pepper_driver.config.files import OutputError, make_folder
 
 if sys.platform == "win32":
     import msvcrt

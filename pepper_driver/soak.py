@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from pepper_driver.backends import Backend, Command, Measurement, make_backend
+from pepper_driver.backends.motion_profile import minimum_jerk
 from pepper_driver.config import RobotConfig, load_robot
 from pepper_driver.config.arrays import FloatArray
 
@@ -86,8 +87,7 @@ def run_soak(
                 wheels = robot.wheels.matrix @ rng.uniform(-0.1, 0.1, 3)
                 _touch(backend, rng)
                 tell(tick / ticks)
-            share = (tick % period + 1) / period
-            smooth = share**3 * (10 - 15 * share + 6 * share**2)
+            smooth = minimum_jerk((tick % period + 1) / period)
             measurement = backend.exchange(
                 Command(
                     position=start + smooth * (goal - start),

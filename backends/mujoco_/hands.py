@@ -10,6 +10,7 @@ import mujoco
 import numpy as np
 
 from pepper_driver.backends.interface import CommandError
+from pepper_driver.backends.motion_profile import minimum_jerk, minimum_jerk_slope
 from pepper_driver.backends.mujoco_.model import PlantModel
 from pepper_driver.backends.mujoco_.resumable import Resumable
 from pepper_driver.backends.mujoco_.tally import Point, Tally
@@ -166,8 +167,7 @@ class Hands(Resumable):
             way, rate = 1.0, 0.0
             if since < hand.rise:
                 t = since / hand.rise
-                way = t * t * t * (10.0 - 15.0 * t + 6.0 * t * t)
-                rate = 30.0 * t * t * (1.0 - t) * (1.0 - t) / hand.rise
+                way, rate = minimum_jerk(t), minimum_jerk_slope(t) / hand.rise
             fx = stiffness * (ax + wx * way - px) + damping * (wx * rate - vx)
             fy = stiffness * (ay + wy * way - py) + damping * (wy * rate - vy)
             fz = stiffness * (az + wz * way - pz) + damping * (wz * rate - vz)

@@ -14,6 +14,7 @@ import numpy as np
 from joblib import Parallel, delayed
 
 from pepper_driver.backends.interface import Command
+from pepper_driver.backends.motion_profile import minimum_jerk
 from pepper_driver.backends.mujoco_.backend import MujocoBackend
 from pepper_driver.backends.mujoco_.simulation import Simulation
 from pepper_driver.config import PlantConfig, RampProtocol, RobotConfig
@@ -155,7 +156,7 @@ def ramp_command(
     start = (lower + upper) / 2 - velocity * ramp * robot.cycle / 2
     towards = np.sign(velocity) if protocol.onwards else -np.sign(velocity)
     origin = np.clip(start - towards * protocol.arrival, lower, upper)
-    arrival = origin + (start - origin) * minimum_jerk(round(protocol.arrival_time / robot.cycle))
+    arrival = origin + (start - origin) * _ramp(round(protocol.arrival_time / robot.cycle))
     wait = np.full(round(protocol.wait / robot.cycle), start)
     return np.concatenate(
         [[origin], arrival, wait, start + velocity * robot.cycle * np.arange(1, ramp + 1)]
@@ -211,7 +212,7 @@ def _hold_part(
     columns = np.array([robot.joint_index(name) for name in holds.joints])
     lower, upper = robot.lower[columns], robot.upper[columns]
     reach = holds.range * (upper - lower) / 2
-    move = minimum_jerk(round(holds.move / robot.cycle))
+    move = _ramp(round(holds.move / robot.cycle))
     wait, mean = (max(1, round(time / robot.cycle)) for time in (holds.hold, CURRENT_TIME))
     ones, still = np.ones(len(robot.joint_names)), np.zeros(3)
     backend = MujocoBackend(robot, plant, seed=int(rng.integers(2**31)))
@@ -270,10 +271,9 @@ def real_time_factor(
     return ticks * robot.cycle / float(np.median(times))
 
 
-def minimum_jerk(ticks: int) -> FloatArray:
-    """(ticks,) share of a move done after each tick; at least one."""
-    s = np.arange(1, max(ticks, 1) + 1) / max(ticks, 1)
-    return np.asarray(s**3 * (10.0 - 15.0 * s + 6.0 * s * s))
+def _ramp(ticks: int) -> FloatArray:
+    """Return (ticks,) the fraction of a move that is done after each tick; at least one."""
+    return minimum_jerk(np.arange(1, max(ticks, 1) + 1) / max(ticks, 1))
 
 
 def opposite(joint: str) -> str:

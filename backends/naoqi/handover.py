@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterator
 import numpy as np
 
 from pepper_driver.backends.interface import BackendError, Measurement
+from pepper_driver.backends.motion_profile import PEAK_SPEED_RATIO, minimum_jerk
 from pepper_driver.backends.naoqi.keys import Alias
 from pepper_driver.backends.naoqi.link import Link
 from pepper_driver.backends.signals import check_signals
@@ -188,11 +189,9 @@ def _lead_back(
     farthest = float(np.abs(way).max())
     if farthest <= ARRIVED:
         return True
-    # The peak of a minimum-jerk way is 1.875 of its mean speed.
-    ticks = round(1.875 * farthest / speed / robot.cycle)
+    ticks = round(PEAK_SPEED_RATIO * farthest / speed / robot.cycle)
     for number in range(1, ticks + 1):
-        s = number / ticks
-        measurement = tick(start + way * s**3 * (10.0 - 15.0 * s + 6.0 * s**2), stiffness)
+        measurement = tick(start + way * minimum_jerk(number / ticks), stiffness)
         if measurement is None:
             return False
         if not measurement.age <= STALE or measurement.buttons.any():

@@ -32,9 +32,8 @@ from pepper_driver.config import (
     load_robot,
     plant_names,
 )
-from pepper_driver.config.errors import reason
+from pepper_driver.config.files import write_text
 from pepper_driver.drive_values import plant_text
-from pepper_driver.output import OutputError
 from pepper_driver.plots import check_picture
 
 LABELS = {
@@ -106,7 +105,7 @@ def calibrate(
         tested = replace(fitted.plant, name=out.stem if out else f"{start.name}, fitted")
         _print_fit(console, fitted)
         if out is not None:
-            _write(out, _text(name, start, fitted, out))
+            write_text(out, _text(name, start, fitted, out))
             console.print(f"plant: {out}")
     with make_progress(console) as progress:
         bar = progress.add_task("measuring", total=1.0)
@@ -143,16 +142,6 @@ def _fit(
             workers=workers,
             progress=lambda share: progress.update(bar, completed=share),
         )
-
-
-def _write(path: Path, text: str) -> None:
-    """Write the plant file whole or not at all."""
-    partial = path.with_name(path.name + ".part")
-    try:
-        partial.write_text(text, encoding="utf-8")
-        partial.replace(path)
-    except OSError as error:
-        raise OutputError(f"{path}: cannot be written ({reason(error)})") from error
 
 
 def _text(name: str, start: PlantConfig, fitted: Fitted, out: Path) -> str:

@@ -20,7 +20,7 @@ from rich.progress import (
     TimeRemainingColumn,
 )
 
-from pepper_driver.output import check_writable, write_json
+from pepper_driver.config.files import check_writable, write_json
 from pepper_driver.realtime import Statistics
 
 LINE_INTERVAL = 2.0

@@ -12,8 +12,8 @@ import typer
 
 from pepper_driver.cli.console import make_console
 from pepper_driver.config.errors import reason
+from pepper_driver.config.files import OutputError, make_folder
 from pepper_driver.config.loading import read_yaml
-from pepper_driver.output import OutputError, make_folder
 
 SUFFIXES = (".py", ".yaml", ".md", ".toml")
 

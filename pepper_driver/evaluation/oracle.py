@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from pepper_driver.backends import Command, make_backend
+from pepper_driver.backends.motion_profile import minimum_jerk
 from pepper_driver.config import RobotConfig, load_observer_settings
 from pepper_driver.config.arrays import FloatArray
 from pepper_driver.controller import Tick
@@ -54,8 +55,7 @@ def untouched_error(recording: Recording, uri: str, robot: RobotConfig) -> Float
         backend.open()
         start = np.clip(backend.activate().position, robot.lower, robot.upper)
         first = recording.sent_position[0]
-        ramp = np.linspace(0.0, 1.0, round(APPROACH / robot.cycle))
-        way = ramp**3 * (10.0 - 15.0 * ramp + 6.0 * ramp**2)
+        way = minimum_jerk(np.linspace(0.0, 1.0, round(APPROACH / robot.cycle)))
         for share in (*way, *[1.0] * round(REST / robot.cycle)):
             backend.exchange(
                 Command(

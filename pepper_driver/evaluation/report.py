@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from pepper_driver.config import RobotConfig
+from pepper_driver.config.files import write_text
 from pepper_driver.evaluation.figures import write_figures
 from pepper_driver.evaluation.markdown import number, table
 from pepper_driver.evaluation.report_sections import (
@@ -18,7 +19,6 @@ from pepper_driver.evaluation.report_sections import (
     variants,
 )
 from pepper_driver.evaluation.results import Evaluation
-from pepper_driver.output import write_text
 
 _ABOUT = {
     "fusion": "the default observer: stick-slip twin, small tree, momentum channel, adaptive threshold",

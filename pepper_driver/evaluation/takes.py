@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import os
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
@@ -26,13 +25,12 @@ from pepper_driver.config import (
     load_safety_settings,
 )
 from pepper_driver.config.arrays import BoolArray, FloatArray
-from pepper_driver.config.errors import reason
 from pepper_driver.config.evaluation import Run
+from pepper_driver.config.files import content_hash, make_folder, replacing, write_json
 from pepper_driver.config.loading import package_file
 from pepper_driver.controller import Tick
 from pepper_driver.experiments.plan import plan_experiment
 from pepper_driver.observer import Observation, Push, Recording, RecordingBuilder
-from pepper_driver.output import make_folder, write_json
 from pepper_driver.robot import Pepper
 from pepper_driver.safety import FaultError
 from pepper_driver.workers import run_jobs
@@ -114,21 +112,14 @@ class Take:
         """
         make_folder(folder)
         self.recording.save(folder / _RECORDING)
-        partial = folder / f".{_TRUTH}.{os.getpid()}.part"
-        try:
-            with partial.open("wb") as file:
-                np.savez_compressed(
-                    file,
-                    allow_pickle=False,
-                    contact_torque=self.contact_torque,
-                    saturated=self.saturated,
-                    stiffness_constant=self.stiffness_constant,
-                )
-            os.replace(partial, folder / _TRUTH)
-        except OSError as error:
-            raise TakeError(f"{folder}: cannot be written ({reason(error)})") from error
-        finally:
-            partial.unlink(missing_ok=True)
+        with replacing(folder / _TRUTH) as partial, partial.open("wb") as file:
+            np.savez_compressed(
+                file,
+                allow_pickle=False,
+                contact_torque=self.contact_torque,
+                saturated=self.saturated,
+                stiffness_constant=self.stiffness_constant,
+            )
         labels = {key: getattr(self, key) for key in _labels()}
         write_json(folder / _LABELS, {**labels, "pushes": [_as_json(push) for push in self.pushes]})
 
@@ -337,8 +328,7 @@ def _key(run: Run, identity: str) -> str:
         "identity": identity,
         "seed": run.seed,
     }
-    digest = hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()[:16]
-    return f"{run.suite}-{run.entry}-{run.plant}-{digest}"
+    return f"{run.suite}-{run.entry}-{run.plant}-{content_hash(content)}"
 
 
 def _source_hash() -> str:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 import platform
 from collections.abc import Sequence
@@ -17,11 +16,11 @@ from pydantic.dataclasses import dataclass
 from pepper_driver.backends import Backend
 from pepper_driver.config import ConfigError, Experiment, PepperError, RobotConfig
 from pepper_driver.config.errors import reason
+from pepper_driver.config.files import content_hash, make_folder, write_json
 from pepper_driver.config.loading import STRICT, parse
 from pepper_driver.identification.recordings import IdentificationRecordings, JointRecordings
 from pepper_driver.identification.runs import Role, Run
 from pepper_driver.observer import Recording
-from pepper_driver.output import make_folder, write_json
 
 FORMAT: Literal[1] = 1
 MANIFEST = "manifest.json"
@@ -145,7 +144,7 @@ def make_manifest(
 def experiment_hash(experiment: Experiment) -> str:
     """Hash of what an experiment makes the robot do: not of its description, nor of where the file lies."""
     content = {k: v for k, v in asdict(experiment).items() if k not in ("source", "description")}
-    return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()[:16]
+    return content_hash(content)
 
 
 def recording_path(folder: Path, name: str) -> Path:

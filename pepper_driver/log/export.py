@@ -14,10 +14,10 @@ from numpy.typing import NDArray
 
 from pepper_driver.config import MissingExtraError, UnknownNameError
 from pepper_driver.config.arguments import as_path, checked_arguments
+from pepper_driver.config.files import OutputError, make_folder, replacing
 from pepper_driver.log.json_topic import JsonTopic
 from pepper_driver.log.reader import LogData
 from pepper_driver.log.tables import Column, Table, item_tables, tick_table, truth_table
-from pepper_driver.output import OutputError, make_folder, replacing
 
 Format = Literal["parquet", "csv", "npz"]
 FORMATS: tuple[Format, ...] = get_args(Format)

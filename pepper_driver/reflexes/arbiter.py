@@ -9,6 +9,7 @@ from itertools import count
 import numpy as np
 
 from pepper_driver.backends import Measurement
+from pepper_driver.backends.motion_profile import PEAK_SPEED_RATIO
 from pepper_driver.callbacks.events import ReflexEvent
 from pepper_driver.config import RobotConfig
 from pepper_driver.config.arguments import as_tuple, checked_arguments
@@ -27,9 +28,6 @@ MAX_RETURN_SPEED = 0.6
 
 MIN_RETURN_TIME = 0.8
 """[s] For small ways, so that nothing jerks."""
-
-PEAK_SPEED_RATIO = 1.875
-"""Largest speed of a motion of least jerk over its mean."""
 
 
 @checked_arguments

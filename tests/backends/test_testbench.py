@@ -8,7 +8,6 @@ from plant_cases import ROBOT, N, plain
 
 from pepper_driver.backends.mujoco_.testbench import (
     hold_errors,
-    minimum_jerk,
     opposite,
     ramp_command,
     ramp_errors,
@@ -106,11 +105,6 @@ def test_the_speed_of_the_simulation_is_a_factor() -> None:
     assert 0.2 < real_time_factor(ROBOT, rolling, seconds=0.12, repeats=2) < 1000
 
 
-def test_a_minimum_jerk_move_ends_where_it_shall() -> None:
-    share = minimum_jerk(10)
-    assert share[-1] == 1.0
-    assert share[4] == pytest.approx(0.5)
-    assert (np.diff(share) > 0).all()
-    assert minimum_jerk(0).tolist() == [1.0]
+def test_the_opposite_joint() -> None:
     assert opposite("LWristYaw") == "RWristYaw"
     assert len(ROBOT.joint_names) == N

@@ -18,6 +18,7 @@ from hypothesis import strategies as st
 from observer_cases import AFFINE, CYCLE, ROBOT, SILENT, free_run, models
 
 from pepper_driver.config import PepperError
+from pepper_driver.config.files import OutputError
 from pepper_driver.observer.base import TAPS, BaseModel
 from pepper_driver.observer.fitting import fit_joint
 from pepper_driver.observer.fusion_model import FusionModel
@@ -96,17 +97,17 @@ def test_a_save_that_fails_leaves_the_old_file(
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr(os, step, no_space)
-    with pytest.raises(ModelFileError, match=r"cannot be written .the disk is full"):
+    with pytest.raises(OutputError, match=r"cannot be written .the disk is full"):
         replace(AFFINE_SET, identity="another").save(file)
     assert ModelSet.load(file) == AFFINE_SET
     assert os.listdir(file.parent) == [file.name]
 
 
 def test_places_that_cannot_be_used_are_named(tmp_path: Path) -> None:
-    with pytest.raises(ModelFileError, match="cannot be written"):
+    with pytest.raises(OutputError, match="cannot be written"):
         AFFINE_SET.save(tmp_path / "no" / "such" / "folder.json")
     (tmp_path / "folder").mkdir()
-    with pytest.raises(ModelFileError, match="cannot be written"):
+    with pytest.raises(OutputError, match="cannot be written"):
         AFFINE_SET.save(tmp_path / "folder")
     assert os.listdir(tmp_path) == ["folder"]
     for path in (tmp_path / "missing.json", tmp_path / "folder"):

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from observer_cases import JOINTS, ROBOT, random_ticks
 
+from pepper_driver.config.files import OutputError
 from pepper_driver.observer.recording import Recording, RecordingBuilder, RecordingError
 
 
@@ -143,14 +144,14 @@ def test_a_failed_save_leaves_what_was_there(
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr("os.fsync", full)
-    with pytest.raises(RecordingError, match="the disk is full"):
+    with pytest.raises(OutputError, match="the disk is full"):
         replace(run, age=run.age + 1.0).save(path)
     assert path.read_bytes() == before
     assert [entry.name for entry in tmp_path.iterdir()] == ["run.npz"]
 
 
 def test_places_that_cannot_be_used_are_refused(run: Recording, tmp_path: Path) -> None:
-    with pytest.raises(RecordingError, match="cannot be written"):
+    with pytest.raises(OutputError, match="cannot be written"):
         run.save(tmp_path / "missing" / "run.npz")
     with pytest.raises(RecordingError, match="cannot be read"):
         Recording.load(tmp_path / "missing.npz")

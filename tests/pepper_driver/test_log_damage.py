@@ -20,9 +20,9 @@ from test_log_samples import same_bits
 
 from pepper_driver.backends.log_file import Gap
 from pepper_driver.config import PepperError
+from pepper_driver.config.files import OutputError
 from pepper_driver.log import LogData, LogError, read_log
 from pepper_driver.log.repair import repair_log
-from pepper_driver.output import OutputError
 
 TICKS = 120
 ANYTHING = settings(

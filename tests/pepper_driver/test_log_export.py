@@ -13,10 +13,10 @@ import pytest
 from test_log_samples import ROBOT, Samples, same_bits
 
 from pepper_driver.config import MissingExtraError, UnknownNameError
+from pepper_driver.config.files import OutputError
 from pepper_driver.log import Label, LogData, LogEvent, LogWriter, export, read_log
 from pepper_driver.log.export import export_log
 from pepper_driver.loop import TickRecord
-from pepper_driver.output import OutputError
 
 RUN = {"backend": "mujoco", "ümläut": "ß\n2"}
 TICKS = 20

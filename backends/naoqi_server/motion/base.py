@@ -9,6 +9,7 @@ from threading import Event
 
 import numpy as np
 
+from pepper_driver.backends.motion_profile import PEAK_SPEED_RATIO, minimum_jerk, minimum_jerk_slope
 from pepper_driver.config import NaoqiServices, RobotConfig
 from pepper_driver.config.arrays import FloatArray
 
@@ -45,10 +46,10 @@ class DriveLimits:
     def duration(self, length: float, angle: float) -> float:
         """[s] of a minimum-jerk motion over a length [m] and an angle [rad] that keeps all limits."""
         longest: float = max(
-            1.875 * length / self.speed,
+            PEAK_SPEED_RATIO * length / self.speed,
             (5.774 * length / self.acceleration) ** 0.5,
             (60.0 * length / self.jerk) ** (1 / 3),
-            1.875 * angle / self.turn,
+            PEAK_SPEED_RATIO * angle / self.turn,
             (5.774 * angle / self.turn_acceleration) ** 0.5,
             (60.0 * angle / self.turn_jerk) ** (1 / 3),
         )
@@ -86,9 +87,8 @@ class Move:
         """(3,) pose and (3,) its rate in the world now: minimum jerk."""
         way = self.goal - self.start
         s = min(self.elapsed / self.duration, 1.0) if self.duration > 0 else 1.0
-        share = s**3 * (10 - 15 * s + 6 * s * s)
-        rate = 30 * s * s * (1 - s) ** 2 / self.duration if s < 1.0 else 0.0
-        return self.start + share * way, rate * way
+        rate = minimum_jerk_slope(s) / self.duration if s < 1.0 else 0.0
+        return self.start + minimum_jerk(s) * way, rate * way
 
 
 class Base:

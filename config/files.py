@@ -1,8 +1,9 @@
-"""Writing results: whole or not at all, with errors for people."""
+"""Files: written whole or not at all, with errors for people; hashes of what they hold."""
 
 from __future__ import annotations
 
 import errno
+import hashlib
 import json
 import os
 from collections.abc import Iterator, Mapping
@@ -10,8 +11,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
-from pepper_driver.config import PepperError
-from pepper_driver.config.errors import reason
+from pepper_driver.config.errors import PepperError, reason
 
 
 class OutputError(PepperError, OSError):
@@ -64,6 +64,11 @@ def write_text(path: Path, text: str) -> None:
         partial.write_text(text, encoding="utf-8")
 
 
+def content_hash(content: object) -> str:
+    """Return 16 hexadecimal digits of the SHA-256 of what JSON can hold, whatever the order of its keys."""
+    return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()[:16]
+
+
 @contextmanager
 def replacing(path: Path, *, keep: bool = True) -> Iterator[Path]:
     """A file to write beside ``path``, which takes its place when the block ends well, and is gone when it does not.
@@ -81,6 +86,8 @@ def replacing(path: Path, *, keep: bool = True) -> Iterator[Path]:
             raise IsADirectoryError(errno.EISDIR, "it is a folder")
         yield partial
         if keep:
+            with partial.open("rb") as written:
+                os.fsync(written.fileno())  # a power cut leaves the old file or the new one
             os.replace(partial, path)
     except OutputError:  # of another file written meanwhile
         raise
