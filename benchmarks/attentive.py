@@ -32,10 +32,10 @@ from pepper_driver import Pepper, PepperError
 from pepper_driver.config import load_controller_settings, load_observer_settings, load_robot
 from pepper_driver.config.files import OutputError, check_writable, write_json
 from pepper_driver.config.plant import plant_names
+from pepper_driver.config.workers import run_jobs
 from pepper_driver.controller import Tick
 from pepper_driver.observer import ContactObserver, ModelSet, Push, score
 from pepper_driver.observer.model_file import shipped
-from pepper_driver.workers import run_jobs
 
 ROOTS = {"development": 20261122, "test": 20261123}
 POSTURE = {

@@ -42,6 +42,7 @@ from pepper_driver.backends.naoqi.backend import NaoqiBackend
 from pepper_driver.backends.naoqi.watchdog import NORMAL_AGE
 from pepper_driver.backends.naoqi_server.black_box import BlackBox
 from pepper_driver.backends.naoqi_server.launch import StandIn
+from pepper_driver.bench.ticks import compute
 from pepper_driver.config import (
     PepperError,
     RobotConfig,
@@ -60,7 +61,6 @@ from pepper_driver.realtime import (
     realtime_process,
     realtime_thread,
 )
-from pepper_driver.tick_bench import compute
 
 ROBOT = "mujoco://?seed={seed}"
 SWING, WAY, REST = 0.3, 1.5, 0.3  # [rad] around the starting posture, [s] there, [s] of rest

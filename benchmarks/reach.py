@@ -22,8 +22,8 @@ from rich.table import Table
 from pepper_driver import Pepper
 from pepper_driver.config import PepperError, load_controller_settings, load_robot
 from pepper_driver.config.arrays import FloatArray
+from pepper_driver.config.workers import run_jobs
 from pepper_driver.controller import PositionTask, RobotModel
-from pepper_driver.workers import run_jobs
 
 PLANTS = ("nominal", "integral", "worn", "cold", "payload", "soft-hip")
 HANDS = {"l_wrist": "L", "r_wrist": "R"}

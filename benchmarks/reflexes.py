@@ -28,11 +28,11 @@ from pepper_driver import Comply, Pepper, Reflex, Retract
 from pepper_driver.backends import Truth
 from pepper_driver.config import load_observer_settings, load_robot
 from pepper_driver.config.arrays import BoolArray, FloatArray
+from pepper_driver.config.workers import run_jobs
 from pepper_driver.controller import RobotModel, Tick
 from pepper_driver.observer import ContactObserver, ModelSet
 from pepper_driver.observer.model_file import shipped
 from pepper_driver.reflexes.reflex import Then
-from pepper_driver.workers import run_jobs
 
 PLANTS = ("nominal", "integral", "worn", "cold", "payload", "soft-hip", "jitter")
 POSTURE = {"LShoulderPitch": 0.6, "LShoulderRoll": 0.3, "LElbowYaw": -1.0, "LElbowRoll": -0.2}

@@ -20,10 +20,10 @@ from pepper_driver.controller import Reference, Sent, Tick, WholeBodyController
 from pepper_driver.log import Label, LogEvent, LogWriter
 from pepper_driver.log.event import EventPhase
 from pepper_driver.observer import Observation, Observer
-from pepper_driver.plugin_check import describe_failure
 from pepper_driver.realtime import StageTimes
 from pepper_driver.reflexes import Arbiter
 from pepper_driver.safety import FaultError, FaultReason, SafetyGate
+from pepper_driver.safety.plugins import describe_failure
 
 Labelling = Callable[[Measurement], Sequence[Label]]
 """Makes the labels of a tick, inside it: must be quick."""

@@ -52,12 +52,12 @@ from pepper_driver.extras import RobotExtras
 from pepper_driver.log import LogError, LogWriter, run_metadata
 from pepper_driver.loop import Labelling, Loop
 from pepper_driver.observer import Contact, Observation, Observer
-from pepper_driver.plugin_check import dry_run_observer, dry_run_part, dry_run_reflexes
+from pepper_driver.observers import check_observer, make_observer
 from pepper_driver.realtime import Pacer, RealTimePacer, Statistics
 from pepper_driver.reflexes import Arbiter, Reflex, prepare_reflexes
 from pepper_driver.reflexes.declared import declare
 from pepper_driver.safety import FaultReason, RobotState
-from pepper_driver.selection import check_observer, make_observer
+from pepper_driver.safety.plugins import dry_run_observer, dry_run_part, dry_run_reflexes
 from pepper_driver.session import OnTick, Session
 
 logger = logging.getLogger("pepper_driver")

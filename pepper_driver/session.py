@@ -31,10 +31,10 @@ from pepper_driver.controller.tasks import Task
 from pepper_driver.log import LogEvent, LogWriter
 from pepper_driver.loop import Labelling, Loop, TickRecord
 from pepper_driver.observer import Contact, Observation, Observer
-from pepper_driver.plugin_check import describe_failure
 from pepper_driver.realtime import COLLECTION_PERIOD, Pacer, realtime_process, realtime_thread
 from pepper_driver.reflexes import Arbiter, Reflex
 from pepper_driver.safety import FaultError, FaultReason, SafetyGate
+from pepper_driver.safety.plugins import describe_failure
 
 logger = logging.getLogger("pepper_driver")
 

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 from pepper_driver.backends.interface import BackendError
 from pepper_driver.backends.naoqi.address import Address
-from pepper_driver.backends.passwords import PASSWORD_VARIABLE
+from pepper_driver.config.passwords import PASSWORD_VARIABLE
 
 KEYRING = "pepper-driver"
 """Name of the service under which a keyring holds passwords, by ``user@host``."""

@@ -10,8 +10,9 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
-from pepper_driver.bench import run_bench
-from pepper_driver.callback_bench import run_callback_bench
+from pepper_driver.bench.callbacks import run_callback_bench
+from pepper_driver.bench.soak import run_soak
+from pepper_driver.bench.ticks import run_bench, run_tick_bench
 from pepper_driver.cli.console import (
     JsonOption,
     check_outputs,
@@ -21,8 +22,6 @@ from pepper_driver.cli.console import (
 )
 from pepper_driver.config import ConfigError
 from pepper_driver.realtime import Statistics
-from pepper_driver.soak import run_soak
-from pepper_driver.tick_bench import run_tick_bench
 
 
 def bench(

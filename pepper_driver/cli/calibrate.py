@@ -10,9 +10,10 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
-from pepper_driver.calibrate import CalibrationReport, Figure, Law, check
-from pepper_driver.calibration_fit import Fitted, fit_integral, fit_pd
-from pepper_driver.calibration_plot import plot_calibration
+from pepper_driver.calibration.calibrate import CalibrationReport, Figure, Law, check
+from pepper_driver.calibration.drive import plant_text
+from pepper_driver.calibration.fit import Fitted, fit_integral, fit_pd
+from pepper_driver.calibration.plot import plot_calibration
 from pepper_driver.cli.console import (
     JsonOption,
     WorkersOption,
@@ -33,8 +34,7 @@ from pepper_driver.config import (
     plant_names,
 )
 from pepper_driver.config.files import write_text
-from pepper_driver.drive_values import plant_text
-from pepper_driver.plots import check_picture
+from pepper_driver.log.plots import check_picture
 
 LABELS = {
     "residual": "residual deg",

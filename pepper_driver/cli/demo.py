@@ -25,7 +25,8 @@ from pepper_driver.cli.console import (
 from pepper_driver.cli.identify import identify_with_progress
 from pepper_driver.cli.identify_report import print_fits
 from pepper_driver.config import MissingExtraError, load_experiment, load_robot
-from pepper_driver.demo import (
+from pepper_driver.config.file_lock import lock_folder
+from pepper_driver.experiments.demo import (
     CONTACTS_NAME,
     FIGURE_NAME,
     LOG_NAME,
@@ -34,10 +35,9 @@ from pepper_driver.demo import (
     run_demo,
 )
 from pepper_driver.experiments.plan import experiment_uri
-from pepper_driver.file_lock import lock_folder
 from pepper_driver.log import read_log
+from pepper_driver.log.plots import plot_contacts
 from pepper_driver.observer import RELEASE_GRACE, Contact, Push
-from pepper_driver.plots import plot_contacts
 
 
 def demo(

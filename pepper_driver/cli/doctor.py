@@ -12,7 +12,6 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
-from pepper_driver.backends.passwords import without_secrets
 from pepper_driver.cli.console import (
     JsonOption,
     check_outputs,
@@ -21,6 +20,7 @@ from pepper_driver.cli.console import (
     save_json,
 )
 from pepper_driver.config import ConfigError, load_doctor_settings, load_robot
+from pepper_driver.config.passwords import without_secrets
 from pepper_driver.doctor import (
     Examination,
     JointFit,
@@ -33,8 +33,8 @@ from pepper_driver.doctor import (
 )
 from pepper_driver.doctor.result import unknown
 from pepper_driver.doctor.trial import make_pepper
-from pepper_driver.keys import StopKey
 from pepper_driver.observer import ModelSet
+from pepper_driver.recording.terminal_keys import StopKey
 
 
 def doctor(

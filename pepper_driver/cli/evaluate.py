@@ -21,6 +21,7 @@ from pepper_driver.cli.console import (
 )
 from pepper_driver.config import ConfigError, load_robot
 from pepper_driver.config.evaluation import load_evaluation
+from pepper_driver.config.file_lock import lock_file, lock_folder
 from pepper_driver.config.files import make_folder
 from pepper_driver.evaluation.contestants import DEFAULTS, contestants
 from pepper_driver.evaluation.evaluate import evaluate
@@ -31,7 +32,6 @@ from pepper_driver.evaluation.metrics import RECALL_BINS, Metrics
 from pepper_driver.evaluation.report import write_report
 from pepper_driver.evaluation.results import Evaluation
 from pepper_driver.evaluation.takes import DEFAULT_CACHE
-from pepper_driver.file_lock import lock_file, lock_folder
 from pepper_driver.log import read_log
 
 ALL = "all"

@@ -10,7 +10,7 @@ import typer
 from pepper_driver.cli.console import finite, make_console
 from pepper_driver.cli.log import LogArgument
 from pepper_driver.log import read_log
-from pepper_driver.plots import check_picture, plot_contacts
+from pepper_driver.log.plots import check_picture, plot_contacts
 
 
 def plot(

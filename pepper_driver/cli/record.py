@@ -9,10 +9,10 @@ import typer
 
 from pepper_driver.cli.console import check_outputs, make_console, show_line
 from pepper_driver.config import load_experiment, load_robot
-from pepper_driver.file_lock import lock_file
-from pepper_driver.labeller import LabelSource
+from pepper_driver.config.file_lock import lock_file
 from pepper_driver.log import Label
-from pepper_driver.record import record_labelled
+from pepper_driver.recording.labels import LabelSource
+from pepper_driver.recording.record import record_labelled
 
 DEFAULT_SECONDS = 60.0
 """[s] for which a robot that plays nothing holds its posture."""

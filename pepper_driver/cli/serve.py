@@ -15,9 +15,9 @@ from rich.table import Table
 from pepper_driver.backends.naoqi_server.faults import FAULTS, parse_fault
 from pepper_driver.backends.naoqi_server.launch import StandIn
 from pepper_driver.backends.naoqi_server.tls import Login
-from pepper_driver.backends.passwords import PASSWORD_VARIABLE
 from pepper_driver.cli.console import make_console
 from pepper_driver.config import network_names
+from pepper_driver.config.passwords import PASSWORD_VARIABLE
 
 USER = "nao"
 PASSWORD = "nao"

@@ -37,7 +37,7 @@ from pepper_driver.doctor.surroundings import (
     check_touch,
 )
 from pepper_driver.observer import ModelFileError, ModelSet
-from pepper_driver.selection import find_models
+from pepper_driver.observers import find_models
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -14,8 +14,8 @@ from pepper_driver.config import ControllerSettings, RobotConfig, RobotIdentity,
 from pepper_driver.doctor.body import named
 from pepper_driver.doctor.result import Result, rated
 from pepper_driver.observer import ModelSet
+from pepper_driver.observers import source_of
 from pepper_driver.realtime import priority_obstacle
-from pepper_driver.selection import source_of
 
 
 def check_settings(safety: SafetySettings, controller: ControllerSettings) -> Result:

@@ -28,7 +28,7 @@ from pepper_driver.observer import (
     TreeKind,
 )
 from pepper_driver.observer.model_file import ModelKind
-from pepper_driver.selection import find_models, make_observer
+from pepper_driver.observers import find_models, make_observer
 
 ORACLE = "oracle"
 TREES: dict[str, TreeKind] = {f"paper-{kind}": kind for kind in TREE_TYPES}

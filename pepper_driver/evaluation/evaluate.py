@@ -11,6 +11,7 @@ from functools import partial
 from importlib.metadata import version
 
 from pepper_driver.config import PepperError, RobotConfig, load_robot
+from pepper_driver.config.workers import run_jobs
 from pepper_driver.evaluation.contestants import ORACLE, Contestants
 from pepper_driver.evaluation.jobs import LOG_SUITE, Job
 from pepper_driver.evaluation.metrics import Metrics
@@ -19,7 +20,6 @@ from pepper_driver.evaluation.summary import summarise, with_gap_closed
 from pepper_driver.evaluation.take_score import TakeScore, score_take
 from pepper_driver.evaluation.trace import Trace, trace_of
 from pepper_driver.evaluation.watching import watch
-from pepper_driver.workers import run_jobs
 
 Progress = Callable[[int, int], None]
 """Called with (takes done, takes in all)."""

@@ -17,8 +17,7 @@ from pepper_driver.evaluation.jobs import EXPERIMENT_JOINTS, FIT_JOINT
 from pepper_driver.evaluation.metrics import RECALL_BINS
 from pepper_driver.evaluation.results import Evaluation
 from pepper_driver.evaluation.trace import Trace
-from pepper_driver.palette import BLACK, BLUE, GREEN, GREY, ORANGE, RED, SHADE
-from pepper_driver.plots import PlotError
+from pepper_driver.log.plots import BLACK, BLUE, GREEN, GREY, ORANGE, RED, SHADE, PlotError
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -15,8 +15,8 @@ from pepper_driver.config.evaluation import Evaluation, Run
 from pepper_driver.evaluation.contestants import RECORDED, reference_plant
 from pepper_driver.evaluation.take_score import FASTEST_ESTIMATION
 from pepper_driver.evaluation.takes import Take, perform
-from pepper_driver.labelling import pushes_of, recording_of
 from pepper_driver.log import read_log
+from pepper_driver.recording.labels import pushes_of, recording_of
 
 LOG_SUITE = "log"
 INTEGRAL = "-integral"

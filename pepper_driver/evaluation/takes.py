@@ -28,12 +28,12 @@ from pepper_driver.config.arrays import BoolArray, FloatArray
 from pepper_driver.config.evaluation import Run
 from pepper_driver.config.files import content_hash, make_folder, replacing, write_json
 from pepper_driver.config.loading import package_file
+from pepper_driver.config.workers import run_jobs
 from pepper_driver.controller import Tick
 from pepper_driver.experiments.plan import plan_experiment
 from pepper_driver.observer import Observation, Push, Recording, RecordingBuilder
 from pepper_driver.robot import Pepper
 from pepper_driver.safety import FaultError
-from pepper_driver.workers import run_jobs
 
 DEFAULT_CACHE = Path("runs/evaluation/takes")
 

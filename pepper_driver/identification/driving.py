@@ -7,10 +7,10 @@ from functools import partial
 from pathlib import Path
 
 from pepper_driver.config import ConfigError, RobotConfig, load_controller_settings
+from pepper_driver.config.workers import run_jobs
 from pepper_driver.identification.folder import finished, recording_path
 from pepper_driver.identification.rehearsal import rehearse
 from pepper_driver.identification.runs import Run, perform, seeded_uri
-from pepper_driver.workers import run_jobs
 
 Progress = Callable[[str, float, float], None]
 """Called with (what is under way, seconds of runs done, seconds in all)."""

@@ -13,8 +13,8 @@ import numpy as np
 
 from pepper_driver.backends import make_backend
 from pepper_driver.config import ConfigError, Experiment, RobotConfig, load_robot
+from pepper_driver.config.file_lock import lock_folder
 from pepper_driver.experiments.plan import experiment_uri
-from pepper_driver.file_lock import lock_folder
 from pepper_driver.identification.driving import Confirm, Progress, record_missing
 from pepper_driver.identification.fitting import (
     CLOSED_FORM,

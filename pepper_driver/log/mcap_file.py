@@ -22,8 +22,8 @@ from pepper_driver.backends.log_file import (
 )
 from pepper_driver.backends.log_records import Message, with_checksum
 from pepper_driver.config.errors import reason
+from pepper_driver.config.file_lock import FileLock, lock_file
 from pepper_driver.config.files import OutputError
-from pepper_driver.file_lock import FileLock, lock_file
 from pepper_driver.log.json_topic import JsonTopic
 from pepper_driver.log.schema import JSON_TOPICS, message_definition
 

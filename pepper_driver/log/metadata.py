@@ -14,9 +14,9 @@ from importlib.metadata import PackageNotFoundError, version
 import numpy as np
 
 from pepper_driver.backends import Backend
-from pepper_driver.backends.passwords import without_secrets
 from pepper_driver.backends.selection import parse_uri
 from pepper_driver.config import ControllerSettings, RobotConfig, SafetySettings
+from pepper_driver.config.passwords import without_secrets
 from pepper_driver.observer import Observer
 
 LIBRARIES = ("numpy", "mujoco", "pin", "daqp", "mcap")

@@ -27,9 +27,9 @@ from pepper_driver.controller import Reference, Sent, Tick
 from pepper_driver.log import LogData
 from pepper_driver.log.reader import usual_layout
 from pepper_driver.observer import ContactObserver, ModelFileError, Observer
+from pepper_driver.observers import contact_observer, make_observer
 from pepper_driver.reflexes import Reflex
 from pepper_driver.reflexes.declared import REFLEX_GROUP, make_reflex
-from pepper_driver.selection import contact_observer, make_observer
 
 T = TypeVar("T")
 

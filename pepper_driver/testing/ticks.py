@@ -10,8 +10,8 @@ from pepper_driver.backends.mock import Fault, MockBackend
 from pepper_driver.config import RobotConfig, load_robot
 from pepper_driver.controller import Tick
 from pepper_driver.observer import Observation, Observer
-from pepper_driver.plugin_check import check_observation, still_tick
 from pepper_driver.replay import load_run
+from pepper_driver.safety.plugins import check_observation, still_tick
 
 
 def standing_measurement() -> Measurement:

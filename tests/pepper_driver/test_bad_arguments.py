@@ -56,9 +56,9 @@ from pepper_driver.controller.constraints import (
 )
 from pepper_driver.log import read_log
 from pepper_driver.log.export import export_log
+from pepper_driver.log.plots import plot_contacts
 from pepper_driver.observer import ModelSet
-from pepper_driver.plots import plot_contacts
-from pepper_driver.record import record_labelled
+from pepper_driver.recording.record import record_labelled
 from pepper_driver.reflexes import prepare_reflexes
 from pepper_driver.replay import load_run
 

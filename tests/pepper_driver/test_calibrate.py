@@ -11,12 +11,33 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from pepper_driver import calibrate, calibration_fit
 from pepper_driver.backends.mujoco_.testbench import HoldEnds
-from pepper_driver.calibrate import CalibrationReport, Figure, Measured, residual, statistics
-from pepper_driver.calibration_fit import fit_pd, start_values
-from pepper_driver.calibration_model import closed_form_fit, predict_holds, ramp_error
-from pepper_driver.calibration_score import score, targets
+from pepper_driver.calibration import calibrate
+from pepper_driver.calibration import fit as calibration_fit
+from pepper_driver.calibration.calibrate import (
+    CalibrationReport,
+    Figure,
+    Measured,
+    residual,
+    statistics,
+)
+from pepper_driver.calibration.drive import (
+    DriveValues,
+    drag,
+    plant_text,
+    score,
+    targets,
+    torque_constant,
+    values_of,
+    with_values,
+)
+from pepper_driver.calibration.fit import (
+    closed_form_fit,
+    fit_pd,
+    predict_holds,
+    ramp_error,
+    start_values,
+)
 from pepper_driver.cli import calibrate as command
 from pepper_driver.cli.app import run
 from pepper_driver.config import (
@@ -31,14 +52,6 @@ from pepper_driver.config import (
     plant_hash,
 )
 from pepper_driver.config.arrays import FloatArray
-from pepper_driver.drive_values import (
-    DriveValues,
-    drag,
-    plant_text,
-    torque_constant,
-    values_of,
-    with_values,
-)
 
 ROBOT = load_robot()
 NOMINAL = load_plant("nominal", ROBOT)

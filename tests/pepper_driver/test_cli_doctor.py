@@ -17,7 +17,9 @@ from pepper_driver.testing import aged, drained, pressed
 def terminal(monkeypatch: pytest.MonkeyPatch) -> None:
     """Somebody could answer; keys are not read all the same."""
     monkeypatch.setattr(sys.stdin, "isatty", lambda: True)
-    monkeypatch.setattr("pepper_driver.keys.StopKey.__enter__", lambda self: self)
+    monkeypatch.setattr(
+        "pepper_driver.recording.terminal_keys.StopKey.__enter__", lambda self: self
+    )
 
 
 def table(text: str) -> dict[str, str]:

@@ -11,13 +11,13 @@ import pytest
 import yaml
 from event_cases import Scripted, contact
 
-from pepper_driver import demo
 from pepper_driver.cli.demo import describe_contact
 from pepper_driver.config import PepperError, load_experiment, load_robot
 from pepper_driver.config.contact_specs import RandomPushes
 from pepper_driver.config.loading import package_file, read_yaml
 from pepper_driver.config.steps import RandomStep, Setpoints
-from pepper_driver.demo import CONTACTS_NAME, FIGURE_NAME, LOG_NAME, run_demo
+from pepper_driver.experiments import demo
+from pepper_driver.experiments.demo import CONTACTS_NAME, FIGURE_NAME, LOG_NAME, run_demo
 from pepper_driver.log import read_log
 from pepper_driver.observer import Contact, Observer, Push
 from pepper_driver.observer.contact import Phase

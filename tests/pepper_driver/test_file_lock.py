@@ -14,13 +14,13 @@ import pytest
 from test_log_samples import ROBOT
 
 from pepper_driver.cli.app import run
-from pepper_driver.file_lock import FOLDER_LOCK, InUseError, lock_file, lock_folder
+from pepper_driver.config.file_lock import FOLDER_LOCK, InUseError, lock_file, lock_folder
 from pepper_driver.log import LogWriter
 
 HOLD = """
 import sys
 from pathlib import Path
-from pepper_driver.file_lock import lock_folder
+from pepper_driver.config.file_lock import lock_folder
 sys.argv = ["/usr/bin/pepper", "demo", "--out", "my runs", "naoqi://nao:secret@robot"]
 lock = lock_folder(Path({folder!r}))
 print("locked", flush=True)

@@ -15,7 +15,7 @@ import pytest
 from waiting import wait_until
 
 from pepper_driver import FaultError, FaultReason, Pepper
-from pepper_driver.keys import StopKey
+from pepper_driver.recording.terminal_keys import StopKey
 
 
 @pytest.fixture

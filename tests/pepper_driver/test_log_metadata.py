@@ -16,7 +16,6 @@ from hypothesis import strategies as st
 
 from pepper_driver import Pepper
 from pepper_driver.backends.mock import MockBackend
-from pepper_driver.backends.passwords import without_secrets
 from pepper_driver.config import (
     ControllerSettings,
     load_controller_settings,
@@ -24,6 +23,7 @@ from pepper_driver.config import (
     load_robot,
     load_safety_settings,
 )
+from pepper_driver.config.passwords import without_secrets
 from pepper_driver.log import read_log, run_metadata
 from pepper_driver.observer import shipped
 

@@ -13,7 +13,7 @@ from pepper_driver.backends.mock import MockBackend
 from pepper_driver.config import PepperError, RobotIdentity, load_robot, plant_names
 from pepper_driver.config.loading import package_file, read_yaml
 from pepper_driver.observer import ModelFileError, ModelSet, load_shipped, shipped
-from pepper_driver.selection import find_models, make_observer
+from pepper_driver.observers import find_models, make_observer
 
 ROBOT = load_robot()
 OWN = ("integral", "nominal")

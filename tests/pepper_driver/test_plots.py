@@ -17,9 +17,8 @@ from matplotlib.patches import Rectangle
 from pepper_driver.config import MissingExtraError, UnknownNameError, load_robot
 from pepper_driver.log import LogData, LogError, LogEvent
 from pepper_driver.log.event import EventPhase
+from pepper_driver.log.plots import BAR, PlotError, contact_figure, plot_contacts
 from pepper_driver.observer.contact import Contact
-from pepper_driver.plot_marks import BAR
-from pepper_driver.plots import PlotError, contact_figure, plot_contacts
 
 ROBOT = load_robot()
 N = len(ROBOT.joint_names)

@@ -28,13 +28,13 @@ from pepper_driver.controller import (
     TaskRows,
     Tick,
 )
-from pepper_driver.plugin_check import (
+from pepper_driver.reflexes import ReflexRequests
+from pepper_driver.safety.plugins import (
     describe_failure,
     dry_run_observer,
     dry_run_part,
     dry_run_reflexes,
 )
-from pepper_driver.reflexes import ReflexRequests
 
 ROBOT = load_robot()
 

@@ -21,10 +21,10 @@ from pepper_driver.backends.signals import describe_interrupt
 from pepper_driver.cli.app import run
 from pepper_driver.config import load_experiment, load_robot
 from pepper_driver.config.arrays import FloatArray
-from pepper_driver.keys import SpaceBar
-from pepper_driver.labelling import LabelError, pushes_of, recording_of
 from pepper_driver.log import Label, read_log
-from pepper_driver.record import record_labelled
+from pepper_driver.recording.labels import LabelError, pushes_of, recording_of
+from pepper_driver.recording.record import record_labelled
+from pepper_driver.recording.terminal_keys import NoTerminalError, SpaceBar
 from pepper_driver.replay import compare, load_run, replay
 from pepper_driver.robot import Pepper
 
@@ -234,7 +234,7 @@ def test_keys_need_a_terminal(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -
     with (tmp_path / "empty").open("w+") as file:
         for stdin in (file, None):
             monkeypatch.setattr(sys, "stdin", stdin)
-            with pytest.raises(LabelError, match="need a terminal"):
+            with pytest.raises(NoTerminalError, match="need a terminal"):
                 record_labelled("mujoco", tmp_path / "run.mcap", "key", seconds=1.0)
     assert not (tmp_path / "run.mcap").exists()
 

@@ -14,13 +14,18 @@ from test_log_samples import ROBOT, Samples
 from pepper_driver.backends import Measurement
 from pepper_driver.config import UnknownNameError
 from pepper_driver.controller import Tick
-from pepper_driver.keys import SpaceBar
-from pepper_driver.labeller import Labeller, make_labeller
-from pepper_driver.labelling import LabelError, pushes_of, recording_of
 from pepper_driver.log import Label, LogData, LogWriter, read_log
 from pepper_driver.log.label import LabelPhase
 from pepper_driver.loop import TickRecord
 from pepper_driver.observer import RecordingBuilder, RecordingError
+from pepper_driver.recording.labels import (
+    LabelError,
+    Labeller,
+    make_labeller,
+    pushes_of,
+    recording_of,
+)
+from pepper_driver.recording.terminal_keys import SpaceBar
 from pepper_driver.testing import standing_measurement
 
 TOUCH = list(ROBOT.sensors.touch)

@@ -24,9 +24,9 @@ from pepper_driver.controller import Tick
 from pepper_driver.log import LogWriter, read_log
 from pepper_driver.loop import TickRecord
 from pepper_driver.observer import Observation, Observer
+from pepper_driver.observers import contact_observer
 from pepper_driver.replay import Comparison, Replayed, compare, load_run, replay
 from pepper_driver.replay.run import VALUES
-from pepper_driver.selection import contact_observer
 
 ROBOT = load_robot()
 URI = "mujoco://?seed=3&plant=integral"

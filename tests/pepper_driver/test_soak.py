@@ -8,8 +8,8 @@ from typer.testing import CliRunner
 
 from pepper_driver.backends import make_backend
 from pepper_driver.backends.mujoco_.truth import MujocoTruth
+from pepper_driver.bench.soak import PERIOD, run_soak
 from pepper_driver.cli.app import app
-from pepper_driver.soak import PERIOD, run_soak
 
 
 def test_the_shipped_plant_stays_finite_and_calm() -> None:

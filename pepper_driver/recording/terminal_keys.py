@@ -12,12 +12,16 @@ from contextlib import suppress
 from types import TracebackType
 from typing import Any, Self
 
-from pepper_driver.labelling import LabelError
+from pepper_driver.config.errors import PepperError
 
 PATIENCE = 0.1
 """[s] between two looks at whether to stop."""
 
 _REFUSAL = "labels by key need a terminal to press keys in: start it in one, or give another --label, such as head"
+
+
+class NoTerminalError(PepperError, RuntimeError):
+    """Keys are needed, and standard input is not a terminal."""
 
 
 class Keys(ABC):
@@ -45,7 +49,9 @@ class Keys(ABC):
         self._settings: list[Any] = termios.tcgetattr(self._file)
         tty.setcbreak(self._file)
         self.listening = True
-        self._thread = threading.Thread(target=self._run, name="pepper_driver.keys", daemon=True)
+        self._thread = threading.Thread(
+            target=self._run, name="pepper_driver.recording.terminal_keys", daemon=True
+        )
         self._thread.start()
         return self
 
@@ -87,7 +93,7 @@ class SpaceBar(Keys):
     """A switch that each press of the space bar turns.
 
     Raises:
-        LabelError: On entering: standard input is not a terminal.
+        NoTerminalError: On entering: standard input is not a terminal.
     """
 
     def __init__(self) -> None:
@@ -106,7 +112,7 @@ class SpaceBar(Keys):
     def __enter__(self) -> Self:
         super().__enter__()
         if not self.listening:
-            raise LabelError(_REFUSAL)
+            raise NoTerminalError(_REFUSAL)
         return self
 
     def _take(self, data: bytes) -> None:

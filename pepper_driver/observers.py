@@ -23,7 +23,7 @@ from pepper_driver.observer import (
     Observer,
     load_shipped,
 )
-from pepper_driver.plugin_check import dry_run_observer
+from pepper_driver.safety.plugins import dry_run_observer
 
 logger = logging.getLogger("pepper_driver")
 
@@ -31,9 +31,9 @@ OBSERVER_GROUP = "pepper_driver.observers"
 """Entry-point group for observers: ``name = "module:factory"``, factory(robot, identities, models) -> Observer."""
 
 _OBSERVERS = {
-    "fusion": "pepper_driver.selection:fusion_observer",
-    "momentum": "pepper_driver.selection:momentum_observer",
-    "paper": "pepper_driver.selection:paper_observer",
+    "fusion": "pepper_driver.observers:fusion_observer",
+    "momentum": "pepper_driver.observers:momentum_observer",
+    "paper": "pepper_driver.observers:paper_observer",
 }
 
 

@@ -1,4 +1,4 @@
-"""Time of the stages of a tick, and speed of the simulation."""
+"""Time of each stage of a tick, of whole ticks in real time, and speed of the simulation."""
 
 from __future__ import annotations
 
@@ -15,6 +15,8 @@ import numpy as np
 
 from pepper_driver.backends import Command, make_backend
 from pepper_driver.config import load_experiment
+from pepper_driver.config.arrays import FloatArray
+from pepper_driver.controller import ComTask, PositionTask
 from pepper_driver.observer import shipped
 from pepper_driver.realtime import Statistics
 from pepper_driver.reflexes import Hold
@@ -127,3 +129,76 @@ def _one_core() -> Iterator[None]:
         yield
     finally:
         os.sched_setaffinity(0, before)
+
+
+TARGET_TIME = 2.4
+"""[s] from one pair of targets of the hands to the next."""
+
+REACH = 0.05
+"""[m] Targets of a hand lie around its place in the posture, this far along each axis at most."""
+
+WRISTS = ("l_wrist", "r_wrist")
+
+# The arms bent before the body: straight ones could not reach their targets.
+POSTURE = {
+    "LShoulderPitch": 0.9,
+    "LShoulderRoll": 0.3,
+    "LElbowYaw": -0.8,
+    "LElbowRoll": -0.9,
+    "RShoulderPitch": 0.9,
+    "RShoulderRoll": -0.3,
+    "RElbowYaw": 0.8,
+    "RElbowRoll": 0.9,
+}
+
+
+def run_tick_bench(
+    seconds: float = 20.0,
+    *,
+    busy: bool = False,
+    on_progress: Callable[[float], None] | None = None,
+) -> Statistics:
+    """Time ticks of a simulated robot in real time: controller of five tasks, observer, reflex, gate and log.
+
+    Between two ticks the processor sleeps and caches grow cold, as they do with a robot: a tick takes longer than when
+    ticks follow one another.
+
+    Args:
+        seconds: How long [s].
+        busy: Compute in Python all the time in the main thread, beside the loop thread, in place of waiting.
+        on_progress: Told the share done, 0..1.
+    """
+    tell = on_progress or (lambda share: None)
+    rng = np.random.default_rng(0)
+    with TemporaryDirectory() as folder:
+        log = Path(folder) / "bench.mcap"
+        with Pepper("mujoco", log=log, reflexes=[Hold()], real_time=True) as pepper:
+            pepper.set_posture(POSTURE, duration=1.5)
+            pepper.run(2.0)
+            wrists, homes = _five_tasks(pepper)
+            pepper.clear_statistics()
+            for number in range(rounds := max(1, round(seconds / TARGET_TIME))):
+                for wrist, home in zip(wrists, homes, strict=True):
+                    wrist.target = home + rng.uniform(-REACH, REACH, 3)
+                if busy:
+                    compute(TARGET_TIME)
+                else:
+                    pepper.run(TARGET_TIME)
+                tell((number + 1) / rounds)
+            return pepper.statistics
+
+
+def compute(seconds: float) -> None:
+    """Compute in Python for a time [s], as user code may, and never let go of the interpreter."""
+    end = perf_counter() + seconds
+    while perf_counter() < end:
+        sum(range(1000))
+
+
+def _five_tasks(pepper: Pepper) -> tuple[list[PositionTask], list[FloatArray]]:
+    """Both hands and the centre of mass, beside the posture and the base; and where the hands are."""
+    controller = pepper.controller
+    wrists = [PositionTask(link, base=True, robot=pepper.config) for link in WRISTS]
+    for task in (*wrists, ComTask(base=True, robot=pepper.config)):
+        pepper.add(task)
+    return wrists, [controller.model.link_pose(link, controller.position)[:3, 3] for link in WRISTS]

@@ -13,9 +13,9 @@ from textwrap import shorten
 from types import TracebackType
 from typing import Self
 
-from pepper_driver.backends.passwords import without_secrets
 from pepper_driver.config.errors import reason
 from pepper_driver.config.files import OutputError, make_folder
+from pepper_driver.config.passwords import without_secrets
 
 if sys.platform == "win32":
     import msvcrt

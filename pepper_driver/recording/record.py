@@ -15,11 +15,10 @@ from pepper_driver.config.arguments import as_path, checked_arguments, is_number
 from pepper_driver.config.errors import shown
 from pepper_driver.controller import Tick
 from pepper_driver.experiments.plan import experiment_uri, plan_experiment
-from pepper_driver.keys import SpaceBar
-from pepper_driver.labeller import make_labeller
-from pepper_driver.labelling import LabelError
 from pepper_driver.log import Label
 from pepper_driver.observer import Observation
+from pepper_driver.recording.labels import LabelError, make_labeller
+from pepper_driver.recording.terminal_keys import SpaceBar
 from pepper_driver.robot import Pepper
 
 
@@ -61,7 +60,7 @@ def record_labelled(
     Args:
         uri: The robot. A simulated one runs in real time where the labels come from a key.
         out: The log; an existing file is replaced once the robot is there.
-        source: Where the labels come from, see :func:`pepper_driver.labeller.make_labeller`.
+        source: Where the labels come from, see :func:`pepper_driver.recording.labels.make_labeller`.
         experiment: Played again and again until ``seconds`` are over, or once; its reactions are left out.
         seconds: Time for which it holds its posture, or plays at least [s].
         seed: Of the experiment's random goals; None for its own.

@@ -7,10 +7,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from pepper_driver.calibrate import CalibrationReport, residual
+from pepper_driver.calibration.calibrate import CalibrationReport, residual
 from pepper_driver.config.errors import reason
-from pepper_driver.palette import BLUE, GREEN, ORANGE, RED
-from pepper_driver.plots import PlotError, check_picture
+from pepper_driver.log.plots import BLUE, GREEN, ORANGE, RED, PlotError, check_picture
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -1,0 +1,1 @@
+"""Benchmarks of ticks, callbacks and long runs."""

@@ -1,0 +1,1 @@
+"""Recordings in which a person marks each touch."""

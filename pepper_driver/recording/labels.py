@@ -1,0 +1,223 @@
+"""Labels of touches: made during a run from a key, a touch sensor or a bumper; read from a log for scoring."""
+
+from __future__ import annotations
+
+import logging
+import math
+from collections.abc import Callable
+from typing import Literal, get_args
+
+import numpy as np
+
+from pepper_driver.backends import Measurement
+from pepper_driver.config import PepperError, RobotConfig, UnknownNameError
+from pepper_driver.config.arguments import checked_arguments
+from pepper_driver.config.robot import TRUNK
+from pepper_driver.log import Label, LogData
+from pepper_driver.log.label import LabelPhase
+from pepper_driver.observer import Push, Recording, RecordingError
+from pepper_driver.recording.terminal_keys import SpaceBar
+
+logger = logging.getLogger("pepper_driver")
+
+_COLUMNS = {
+    "time": "time",
+    "age": "age",
+    "sent_position": "sent_position",
+    "stiffness": "sent_stiffness",
+    "changed": "changed",
+    "position": "position",
+    "current": "current",
+    "reference_position": "reference_position",
+    "velocity": "reference_velocity",
+    "acceleration": "reference_acceleration",
+    "load_torque": "reference_load_torque",
+    "base_twist": "reference_base_twist",
+    "sent_wheel_speed": "sent_wheel_speed",
+    "wheel_speed": "wheel_speed",
+    "linear_acceleration": "imu_acceleration",
+    "angular_velocity": "imu_angular_velocity",
+    "attitude": "imu_attitude",
+}
+"""Field of the log behind each column of a recording."""
+
+
+class LabelError(PepperError, ValueError):
+    """Touches cannot be labelled this way, or a log does not say what was touched when."""
+
+
+@checked_arguments
+def recording_of(log: LogData, robot: RobotConfig) -> Recording:
+    """The recording that a log holds; ticks that repeat a cycle of the robot are left out.
+
+    Raises:
+        RecordingError: Another robot, fewer than two ticks, a value that is not finite.
+    """
+    if log.joint_names != robot.joint_names:
+        raise RecordingError(
+            f"this log is of a robot with other joints, or another order of them, than '{robot.name}'"
+        )
+    goes_on = np.diff(log["time"], prepend=-np.inf) != 0
+    columns = {name: log[source][goes_on] for name, source in _COLUMNS.items()}
+    return Recording(joint_names=log.joint_names, **columns)
+
+
+@checked_arguments
+def pushes_of(
+    log: LogData, *, link: str | None = None, joint: str | None = None
+) -> tuple[Push, ...]:
+    """The touches that a log's labels tell of. Size and direction are not known: NaN and 0.
+
+    A touch that was not released counts until the end of the log, a release without an onset not at all; both are
+    warned of.
+
+    Args:
+        log: Of ``pepper record``.
+        link: What was touched, for labels that do not say so.
+        joint: The last joint that moves it; None on trunk and base.
+
+    Raises:
+        LabelError: There is no label of a touch, or nobody said which link was touched.
+    """
+    spans, open_label = [], None
+    for label in log.labels:
+        if (label.phase == "onset") == (open_label is None):
+            if open_label is not None:
+                spans.append((open_label, label.time))
+            open_label = label if label.phase == "onset" else None
+        else:
+            what = "onset inside a touch" if open_label is not None else "release without an onset"
+            logger.warning("label at %.3f s: %s, left out", label.time, what)
+    if open_label is not None:
+        end = float(log["time"][-1]) if len(log) else open_label.time
+        logger.warning(
+            "label at %.3f s: the touch was not released, it counts until the end of the log",
+            open_label.time,
+        )
+        spans.append((open_label, end))
+    if not spans:
+        raise LabelError("this log has no labelled touch; make one with 'pepper record --label'")
+    return tuple(_push(onset, release, link, joint) for onset, release in spans)
+
+
+def _push(onset: Label, release: float, link: str | None, joint: str | None) -> Push:
+    if onset.link is not None:
+        link, joint = onset.link, onset.joint
+    if link is None:
+        raise LabelError(
+            f"the label at {onset.time:.3f} s does not say what was touched; record with --link"
+        )
+    return Push(
+        joint=joint,
+        link=link,
+        direction=0,
+        force=math.nan,
+        torque=math.nan,
+        degrees=math.nan,
+        onset=onset.time,
+        release=release,
+        moving=False,
+    )
+
+
+LabelSource = Literal["key", "head", "hand-left", "hand-right", "bumper"]
+
+_TOUCH = {"head": "Head/", "hand-left": "LHand/", "hand-right": "RHand/"}
+"""Beginning of the names of the touch sensors that count."""
+
+Pressed = Callable[[Measurement], bool]
+
+
+class Labeller:
+    """Makes labels of the edges of something that is pressed or not.
+
+    A sensor that is pressed already in the first tick began at an unknown time: it is left out until it is let go.
+
+    Args:
+        source: What is pressed.
+        pressed: Whether it is, given a measurement.
+        link: What is touched then; None where nobody knows.
+        joint: The last joint of its chain that moves the link; None on trunk and base.
+    """
+
+    def __init__(
+        self, source: LabelSource, pressed: Pressed, link: str | None, joint: str | None
+    ) -> None:
+        self._source, self._pressed = source, pressed
+        self._link, self._joint = link, joint
+        self._ready = source == "key"
+        self._touched = False
+
+    @property
+    def touched(self) -> bool:
+        """Whether the last label was an onset."""
+        return self._touched
+
+    def step(self, measurement: Measurement) -> tuple[Label, ...]:
+        """The label of this tick, if there is one."""
+        pressed = self._pressed(measurement)
+        self._ready = self._ready or not pressed
+        if not self._ready or pressed == self._touched:
+            return ()
+        self._touched = pressed
+        return (self._label(float(measurement.time), "onset" if pressed else "release"),)
+
+    def _label(self, time: float, phase: LabelPhase) -> Label:
+        return Label(
+            time=time, phase=phase, source=self._source, link=self._link, joint=self._joint
+        )
+
+
+def make_labeller(
+    source: str,
+    robot: RobotConfig,
+    space_bar: SpaceBar,
+    *,
+    link: str | None = None,
+    joint: str | None = None,
+) -> Labeller:
+    """A labeller of a source.
+
+    Args:
+        source: One of ``LabelSource``.
+        robot: Its description.
+        space_bar: What the source ``key`` is.
+        link: What is touched; by default the link of the sensor, and nobody knows for a key.
+        joint: The last joint that moves the link; by default the one that carries it.
+
+    Raises:
+        UnknownNameError: No such source, link or joint.
+        LabelError: The robot has no such sensor.
+    """
+    name = next((name for name in get_args(LabelSource) if name == source), None)
+    if name is None:
+        raise UnknownNameError("label", source, get_args(LabelSource))
+    if name == "key":
+        return Labeller(name, lambda _: space_bar.on, *_place(robot, link, joint))
+    sensors = robot.sensors.bumpers if name == "bumper" else robot.sensors.touch
+    beginning = _TOUCH.get(name, "")
+    places = [k for k, sensor in enumerate(sensors) if sensor.startswith(beginning)]
+    if not places:
+        raise LabelError(f"'{robot.name}' has no sensor for the label '{name}'")
+    if link is None and joint is None:
+        link = list(sensors.values())[places[0]].parent
+
+    def pressed(measurement: Measurement) -> bool:
+        values = measurement.bumpers if name == "bumper" else measurement.touch
+        return bool(values[places].any())
+
+    return Labeller(name, pressed, *_place(robot, link, joint))
+
+
+def _place(
+    robot: RobotConfig, link: str | None, joint: str | None
+) -> tuple[str | None, str | None]:
+    """Link and joint of a touch, of which one or both may be given; no joint on trunk and base."""
+    if link is not None and link not in robot.links:
+        raise UnknownNameError("link", link, robot.links)
+    if joint is not None:
+        child = robot.joints[robot.joint_index(joint)].child
+        link = child if link is None else link
+    elif link is not None:
+        joint = next((j.name for j in robot.joints if j.child == link), None)
+    return link, None if robot.limb_of(joint) == TRUNK else joint
