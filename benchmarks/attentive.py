@@ -35,7 +35,7 @@ from pepper_driver.config.plant import plant_names
 from pepper_driver.config.workers import run_jobs
 from pepper_driver.controller import Tick
 from pepper_driver.observer import ContactObserver, ModelSet, Push, score
-from pepper_driver.observer.model_file import shipped
+from pepper_driver.observer.models.model_file import shipped
 
 ROOTS = {"development": 20261122, "test": 20261123}
 POSTURE = {

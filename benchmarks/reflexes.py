@@ -31,7 +31,7 @@ from pepper_driver.config.arrays import BoolArray, FloatArray
 from pepper_driver.config.workers import run_jobs
 from pepper_driver.controller import RobotModel, Tick
 from pepper_driver.observer import ContactObserver, ModelSet
-from pepper_driver.observer.model_file import shipped
+from pepper_driver.observer.models.model_file import shipped
 from pepper_driver.reflexes.reflex import Then
 
 PLANTS = ("nominal", "integral", "worn", "cold", "payload", "soft-hip", "jitter")

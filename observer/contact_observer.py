@@ -15,22 +15,27 @@ from numpy.typing import NDArray
 from pepper_driver.config import ObserverSettings, RobotConfig
 from pepper_driver.config.arrays import BoolArray, FloatArray
 from pepper_driver.controller.tick import Tick
-from pepper_driver.observer.base import BaseSignal
-from pepper_driver.observer.body import BodyTracker
-from pepper_driver.observer.contact import Contact
-from pepper_driver.observer.fusion import FusionSignal
-from pepper_driver.observer.fusion_model import FusionModel
-from pepper_driver.observer.hand_load import HandLoad, HandLoads
-from pepper_driver.observer.interface import JointState, Observation, Observer
-from pepper_driver.observer.isolation import ChainTrackers
-from pepper_driver.observer.model_file import ModelSet
-from pepper_driver.observer.momentum_signal import MomentumSignal
-from pepper_driver.observer.onset import ResidualHistory
-from pepper_driver.observer.paper import PaperSignal
-from pepper_driver.observer.prediction import predict_recording
+from pepper_driver.observer.detection.body_isolation import BodyTracker
+from pepper_driver.observer.detection.chain_isolation import ChainTrackers
+from pepper_driver.observer.detection.excursions import ResidualHistory
+from pepper_driver.observer.interface import (
+    Contact,
+    HandLoad,
+    JointState,
+    Observation,
+    Observer,
+    ResidualSignal,
+    Signal,
+)
+from pepper_driver.observer.models.fusion_model import FusionModel
+from pepper_driver.observer.models.model_file import ModelSet, predict_recording
+from pepper_driver.observer.models.tree import AffineTree, CartTree
 from pepper_driver.observer.recording import Recording
-from pepper_driver.observer.signal import ResidualSignal, Signal
-from pepper_driver.observer.tree import AffineTree, CartTree
+from pepper_driver.observer.residuals.adaptation import HandLoads
+from pepper_driver.observer.residuals.fusion import FusionSignal
+from pepper_driver.observer.residuals.mobile_base import BaseSignal
+from pepper_driver.observer.residuals.momentum import MomentumSignal
+from pepper_driver.observer.residuals.paper import PaperSignal
 
 ONSET_LOOKBACK = 0.5
 """[s] before the median window; a touch that grows more slowly is dated too late."""

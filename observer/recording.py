@@ -1,8 +1,8 @@
-"""What one run of the robot leaves behind: commands, references and measurements of all joints."""
+"""Recording: the arrays of one run, as a file, and as its mirror image."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, fields, replace
 from operator import attrgetter
 from pathlib import Path
@@ -12,12 +12,106 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pepper_driver.backends.interface import Command, Imu, Measurement
-from pepper_driver.config import RobotConfig
+from pepper_driver.config import PepperError, RobotConfig
 from pepper_driver.config.arrays import BoolArray, FloatArray
+from pepper_driver.config.errors import reason
+from pepper_driver.config.files import replacing
 from pepper_driver.controller.reference import Reference
 from pepper_driver.controller.tick import Tick
-from pepper_driver.observer.recording_file import RecordingError, read_arrays, write_arrays
-from pepper_driver.observer.recording_mirror import mirrored_columns
+
+FORMAT = 1
+
+_FORMAT_NAME = "recording_format"
+_CURE = "record the run again"
+_LONGEST_REASON = 300
+
+
+class RecordingError(PepperError, ValueError):
+    """A recording is too short, of the wrong shape, not finite, of another robot, or its file is damaged."""
+
+
+def write_arrays(path: Path, arrays: Mapping[str, NDArray[Any]]) -> None:
+    """Write the arrays; at no time is there half a file at ``path``.
+
+    Raises:
+        OutputError: The place cannot be written to.
+    """
+    with replacing(path) as partial, partial.open("wb") as file:
+        np.savez_compressed(file, allow_pickle=False, **{_FORMAT_NAME: np.array(FORMAT)}, **arrays)
+
+
+def read_arrays(path: Path, names: Iterable[str]) -> dict[str, NDArray[Any]]:
+    """Read the arrays ``names``; a file without one of them, or with others, is refused.
+
+    Raises:
+        RecordingError: In one line: file, reason, cure.
+    """
+    expected = {_FORMAT_NAME, *names}
+    try:
+        with path.open("rb") as stream:
+            file = np.load(stream, allow_pickle=False)
+            if not isinstance(file, np.lib.npyio.NpzFile):
+                raise RecordingError("a single array")
+            found = set(file.files)
+            if _FORMAT_NAME not in found:
+                raise RecordingError("arrays of something else")
+            version = file[_FORMAT_NAME]
+            if version.shape != () or version != FORMAT:
+                raise RecordingError(
+                    f"of format {str(version)[:20]}, not the format {FORMAT} of this version"
+                )
+            if missing := sorted(expected - found):
+                raise RecordingError(f"without {', '.join(missing)}")
+            if extra := sorted(found - expected):
+                raise RecordingError(f"with unknown {', '.join(extra)}")
+            return {name: file[name] for name in names}
+    except RecordingError as error:
+        raise RecordingError(f"{path}: is no recording, it is {error}; {_CURE}") from None
+    except OSError as error:
+        raise RecordingError(f"{path}: cannot be read ({reason(error)}); {_CURE}") from error
+    except Exception as error:  # whatever the decoders make of damaged bytes
+        text = " ".join(reason(error).split())[:_LONGEST_REASON]
+        raise RecordingError(f"{path}: damaged: {text}; {_CURE}") from error
+
+
+# The reflection turns the sign of y of a vector, and of all but y of an axis of rotation.
+_TWIST_SIGNS = np.array([1.0, -1.0, -1.0])
+_VECTOR_SIGNS = np.array([1.0, -1.0, 1.0])
+_AXIS_SIGNS = np.array([-1.0, 1.0, -1.0])
+
+_UNSIGNED = ("stiffness", "changed", "current")
+_SIGNS = {
+    "base_twist": _TWIST_SIGNS,
+    "linear_acceleration": _VECTOR_SIGNS,
+    "angular_velocity": _AXIS_SIGNS,
+    "attitude": _AXIS_SIGNS,
+}
+_WHEELS = ("sent_wheel_speed", "wheel_speed")
+
+
+def mirrored_columns(
+    columns: Mapping[str, NDArray[Any]], per_joint: Iterable[str], robot: RobotConfig
+) -> dict[str, NDArray[Any]]:
+    """What a mirror changes of the columns of a :class:`pepper_driver.observer.recording.Recording`.
+
+    Args:
+        columns: By name.
+        per_joint: Names of those with a value for each joint.
+        robot: Gives the partners and signs of the joints, and the places of the wheels.
+    """
+    partner = [index for index, _ in robot.mirror]
+    signs = np.array([sign for _, sign in robot.mirror])
+    changed = {}
+    for name in per_joint:
+        swapped = columns[name][:, partner]
+        changed[name] = swapped if name in _UNSIGNED else swapped * signs
+    for name, factors in _SIGNS.items():
+        changed[name] = columns[name] * factors
+    reflection = (robot.wheels.matrix * _TWIST_SIGNS) @ robot.wheels.inverse
+    for name in _WHEELS:
+        changed[name] = columns[name] @ reflection.T
+    return changed
+
 
 __all__ = ["STALE_AGE", "Recording", "RecordingBuilder", "RecordingError"]
 

@@ -10,7 +10,7 @@ from pepper_driver.callbacks.events import TickEvent
 from pepper_driver.config import PepperError, RobotConfig, UnknownNameError
 from pepper_driver.config.contact_selector import ContactSelector, Kind, SelectorError
 from pepper_driver.config.errors import shown
-from pepper_driver.observer.contact import Contact, Phase
+from pepper_driver.observer.interface import Contact, Phase
 
 MAX_COUNT = 1_000_000
 """Of ticks and events."""

@@ -28,7 +28,7 @@ from pepper_driver.config.steps import AnyStep, BranchStep, PlayStep, RepeatStep
 from pepper_driver.experiments.experiment import ExperimentRun
 from pepper_driver.experiments.reports import ExperimentReport, StepReport
 from pepper_driver.observer import Contact, score
-from pepper_driver.observer.alarms import alarms_of
+from pepper_driver.observer.scoring import alarms_of
 from pepper_driver.recording.terminal_keys import StopKey
 
 Event = StepEvent | CueEvent | PushEvent | Contact | ReflexEvent

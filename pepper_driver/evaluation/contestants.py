@@ -27,7 +27,7 @@ from pepper_driver.observer import (
     Observer,
     TreeKind,
 )
-from pepper_driver.observer.model_file import ModelKind
+from pepper_driver.observer.models.model_file import ModelKind
 from pepper_driver.observers import find_models, make_observer
 
 ORACLE = "oracle"

@@ -13,8 +13,7 @@ from pepper_driver.config.robot import TRUNK
 from pepper_driver.evaluation.takes import Take
 from pepper_driver.evaluation.watching import Watched
 from pepper_driver.observer import FittingError, JointState, Push, nrmse_fit, score
-from pepper_driver.observer.alarms import Alarm, alarms_of
-from pepper_driver.observer.scoring import REBOUND_TIME, Felt
+from pepper_driver.observer.scoring import REBOUND_TIME, Alarm, Felt, alarms_of
 
 Group = Literal["plain", "trunk", "saturated", "axis", "hand"]
 

@@ -16,8 +16,8 @@ from pepper_driver.identification.recordings import (
     run_name,
 )
 from pepper_driver.observer import JointModel, Recording
+from pepper_driver.observer.fitting.bounds import free_residual
 from pepper_driver.observer.recording import STALE_AGE
-from pepper_driver.observer.threshold import free_residual
 
 Kind = Literal["excitation", "contact", "current", "gaps", "stale", "changed"]
 

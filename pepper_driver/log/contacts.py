@@ -6,7 +6,7 @@ from typing import get_args
 
 from pepper_driver.config.contact_selector import Kind
 from pepper_driver.log.json_topic import JsonTopic
-from pepper_driver.observer.contact import Contact, Phase
+from pepper_driver.observer.interface import Contact, Phase
 
 CONTACTS = JsonTopic(
     "/contact",

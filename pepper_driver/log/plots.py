@@ -1,4 +1,9 @@
-"""Figures of a log: positions, tracking errors and residuals of joints, with contacts, pushes and reflexes."""
+"""Figures of a log: positions, tracking errors and residuals of joints, with contacts, pushes and reflexes.
+
+The red is the paper's; dashes tell it from the other line of its panel.
+
+The limits of the panel are set before; what lies outside them in time is left out, in the legend too.
+"""
 
 from __future__ import annotations
 

@@ -25,7 +25,7 @@ from pepper_driver.log.event import EVENTS, LogEvent
 from pepper_driver.log.json_topic import JsonTopic
 from pepper_driver.log.label import LABELS, Label
 from pepper_driver.log.schema import TRUTH_TOPIC, layout_metadata
-from pepper_driver.observer.contact import Contact
+from pepper_driver.observer.interface import Contact
 
 T = TypeVar("T")
 

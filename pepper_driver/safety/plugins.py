@@ -36,7 +36,7 @@ from pepper_driver.controller import (
 )
 from pepper_driver.controller.tasks.targets import finite_vector
 from pepper_driver.observer import Contact, JointState, Observation, Observer
-from pepper_driver.observer.body import BASE_LINK, TRUNK_LINK
+from pepper_driver.observer.detection.body_isolation import BASE_LINK, TRUNK_LINK
 from pepper_driver.reflexes import Reflex, ReflexRequests
 
 logger = logging.getLogger("pepper_driver")

@@ -14,7 +14,7 @@ from pepper_driver.config import RobotConfig, load_robot
 from pepper_driver.config.arrays import FloatArray
 from pepper_driver.controller import WholeBodyController
 from pepper_driver.observer import Contact, JointState, Observation
-from pepper_driver.observer.contact import Phase
+from pepper_driver.observer.interface import Phase
 from pepper_driver.reflexes import Arbiter, Reflex, prepare_reflexes
 
 TORQUE_STD = 0.2

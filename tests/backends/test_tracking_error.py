@@ -12,7 +12,11 @@ from plant_cases import ONE, ROBOT, STAND, Bench, friction, hold, plain, push, s
 from pepper_driver.backends.mujoco_.simulation import Simulation
 from pepper_driver.config import PlantConfig
 from pepper_driver.config.arrays import FloatArray
-from pepper_driver.observer.closed_form import MotorParameters, expected_error, external_torque
+from pepper_driver.observer.models.closed_form import (
+    MotorParameters,
+    expected_error,
+    external_torque,
+)
 
 CYCLE = ROBOT.cycle
 ROLL = ROBOT.joint_index("LShoulderRoll")

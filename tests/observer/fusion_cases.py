@@ -11,19 +11,16 @@ from observer_cases import CYCLE, JOINTS, ROBOT, SETTINGS, models, tick
 
 from pepper_driver.config.arrays import FloatArray
 from pepper_driver.controller.tick import Tick
-from pepper_driver.observer.base import BaseModel
-from pepper_driver.observer.body import BASE_LINK, TRUNK_LINK
-from pepper_driver.observer.contact import Contact
 from pepper_driver.observer.contact_observer import ContactObserver
-from pepper_driver.observer.fusion import FusionSignal
-from pepper_driver.observer.fusion_model import FusionModel
-from pepper_driver.observer.hand_load import HandLoads
-from pepper_driver.observer.model_file import ModelSet
-from pepper_driver.observer.momentum import MomentumParameters
+from pepper_driver.observer.detection.body_isolation import BASE_LINK, TRUNK_LINK
+from pepper_driver.observer.interface import Contact, Signal
+from pepper_driver.observer.models.fusion_model import BaseModel, FusionModel, MomentumParameters
+from pepper_driver.observer.models.model_file import ModelSet
+from pepper_driver.observer.models.stick_slip import TwinParameters
+from pepper_driver.observer.models.tree import AffineTree, CartTree
 from pepper_driver.observer.recording import Recording
-from pepper_driver.observer.signal import Signal
-from pepper_driver.observer.tree import AffineTree, CartTree
-from pepper_driver.observer.twin import TwinParameters
+from pepper_driver.observer.residuals.adaptation import HandLoads
+from pepper_driver.observer.residuals.fusion import FusionSignal
 
 ELBOW = ROBOT.joint_index("LElbowRoll")
 BOUND = 0.02

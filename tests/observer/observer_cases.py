@@ -13,11 +13,10 @@ from pepper_driver.config import ObserverSettings, load_robot
 from pepper_driver.config.arrays import BoolArray, FloatArray
 from pepper_driver.controller.reference import Reference
 from pepper_driver.controller.tick import Tick
-from pepper_driver.observer.contact import Contact
-from pepper_driver.observer.model_file import ModelKind, ModelSet
-from pepper_driver.observer.prediction import JointModel
+from pepper_driver.observer.interface import Contact
+from pepper_driver.observer.models.model_file import JointModel, ModelKind, ModelSet
+from pepper_driver.observer.models.tree import AffineTree, CartTree
 from pepper_driver.observer.recording import Recording
-from pepper_driver.observer.tree import AffineTree, CartTree
 
 ROBOT = load_robot()
 CYCLE = ROBOT.cycle

@@ -12,11 +12,11 @@ from hypothesis import strategies as st
 from observer_cases import CYCLE
 
 from pepper_driver.config.arrays import FloatArray
-from pepper_driver.observer import adaptation
-from pepper_driver.observer.adaptation import (
+from pepper_driver.observer.residuals import adaptation
+from pepper_driver.observer.residuals.adaptation import (
     NOISE,
     OFFSET_UNIT,
-    PRIOR,
+    PRIOR_STD,
     WORN,
     Adaptation,
 )
@@ -65,7 +65,7 @@ def test_without_wandering_it_is_ridge_regression(monkeypatch: pytest.MonkeyPatc
         left = residual[k] - (effects[k] * target.share).sum(axis=1)
         target.update(left, effects[k], 0.0, np.ones(2, dtype=np.bool_))
         for joint in range(2):
-            batch = ridge(effects[: k + 1, joint], residual[: k + 1, joint], PRIOR)
+            batch = ridge(effects[: k + 1, joint], residual[: k + 1, joint], PRIOR_STD)
             np.testing.assert_allclose(target.share[joint], batch, rtol=1e-6, atol=1e-9)
     # And that of many samples is the truth.
     np.testing.assert_allclose(target.share, true, atol=0.15)
@@ -80,7 +80,7 @@ def test_variance_is_that_of_ridge_regression(monkeypatch: pytest.MonkeyPatch) -
     asked = samples(1, 3)[0]
     for joint in range(2):
         precision = effects[:, joint].T @ effects[:, joint] / (NOISE * SPREAD) ** 2
-        covariance = np.linalg.inv(precision + np.diag(PRIOR**-2.0))
+        covariance = np.linalg.inv(precision + np.diag(PRIOR_STD**-2.0))
         expected = asked[joint] @ covariance @ asked[joint]
         assert target.variance(asked)[joint] == pytest.approx(expected, rel=1e-6)
 
@@ -99,7 +99,7 @@ def test_what_else_is_not_known_counts_as_noise(monkeypatch: pytest.MonkeyPatch)
     asked = samples(1, 15)[0]
     for joint in range(2):
         rows = effects[:, joint] / ((NOISE * SPREAD) ** 2 + other[:, joint])[:, None]
-        covariance = np.linalg.inv(rows.T @ effects[:, joint] + np.diag(PRIOR**-2.0))
+        covariance = np.linalg.inv(rows.T @ effects[:, joint] + np.diag(PRIOR_STD**-2.0))
         batch = covariance @ rows.T @ residual[:, joint]
         np.testing.assert_allclose(target.share[joint], batch, rtol=1e-6, atol=1e-9)
         expected = asked[joint] @ covariance @ asked[joint]
@@ -108,7 +108,7 @@ def test_what_else_is_not_known_counts_as_noise(monkeypatch: pytest.MonkeyPatch)
 
 def test_before_anything_is_seen_it_is_that_of_the_prior() -> None:
     asked = samples(1, 4)[0]
-    expected = ((asked * PRIOR) ** 2).sum(axis=1)
+    expected = ((asked * PRIOR_STD) ** 2).sum(axis=1)
     np.testing.assert_allclose(adapt().variance(asked), expected)
 
 
@@ -148,7 +148,7 @@ def test_variance_never_exceeds_the_prior(seed: int, n: int, size: float) -> Non
         for unit in units:
             assert (target.variance(unit) <= prior.variance(unit) * (1 + 1e-9)).all()
     assert np.isfinite(target.share).all()
-    assert (np.abs(target.share) <= 3 * PRIOR + 1e-12).all()
+    assert (np.abs(target.share) <= 3 * PRIOR_STD + 1e-12).all()
 
 
 def test_follows_what_changes_slowly() -> None:
@@ -162,14 +162,14 @@ def test_follows_what_changes_slowly() -> None:
 
 
 def test_worn_is_surely_more_friction_or_lag_than_identified() -> None:
-    """By two standard deviations of what is known: at first those of PRIOR."""
+    """By two standard deviations of what is known: at first those of PRIOR_STD."""
     target = adapt(4)
     assert not target.worn.any()
-    target.share[:2, :2] = WORN + 2.0 * PRIOR[:2] - 0.01
+    target.share[:2, :2] = WORN + 2.0 * PRIOR_STD[:2] - 0.01
     assert not target.worn.any()
     target.share[:2] = 0.0
-    target.share[0, 0] = WORN + 2.0 * PRIOR[0] + 0.01
-    target.share[1, 1] = WORN + 2.0 * PRIOR[1] + 0.01
+    target.share[0, 0] = WORN + 2.0 * PRIOR_STD[0] + 0.01
+    target.share[1, 1] = WORN + 2.0 * PRIOR_STD[1] + 0.01
     target.share[2, 2:] = 10.0
     target.share[3, :2] = -1.0
     np.testing.assert_array_equal(target.worn, [True, True, False, False])

@@ -13,19 +13,17 @@ from observer_cases import CYCLE, JOINTS, ROBOT, tick
 from pepper_driver.config import PepperError
 from pepper_driver.config.arrays import FloatArray
 from pepper_driver.controller.tick import Tick
-from pepper_driver.observer.base import (
-    HOLD,
-    MARGIN,
-    ROWS,
-    STANDING,
-    TAPS,
-    BaseModel,
-    BaseModelError,
-    BaseSignal,
-    fit_base,
+from pepper_driver.observer.detection.threshold import (
+    BLOCK,
+    FIRST_BLOCKS,
+    FIRST_MOTION,
+    PAUSE,
+    START,
 )
+from pepper_driver.observer.fitting.mobile_base import BASE_BOUND_FACTOR, fit_base
+from pepper_driver.observer.models.fusion_model import TAPS, BaseModel, BaseModelError
 from pepper_driver.observer.recording import Recording, RecordingBuilder
-from pepper_driver.observer.strays import BLOCK, FIRST_BLOCKS, FIRST_MOTION, PAUSE, START
+from pepper_driver.observer.residuals.mobile_base import HOLD, ROWS, STANDING, BaseSignal
 
 WINDOW = 5
 LEGS = [ROBOT.joint_index(name) for name in ROBOT.chains["legs"]]
@@ -207,7 +205,7 @@ def test_bounds_hold_on_motion_like_that_of_the_calibration(model: BaseModel) ->
     for seed in (1, 2):
         made = drive(30.0, seed, stand=5.0)
         seen = residuals(settled(model, made), made)
-        assert np.nanmax(np.abs(seen[:, 1])) <= 1.0 / MARGIN + 1e-6
+        assert np.nanmax(np.abs(seen[:, 1])) <= 1.0 / BASE_BOUND_FACTOR + 1e-6
     made = drive(20.0, 77, stand=5.0)
     seen = residuals(settled(model, made), made)
     assert np.nanmax(np.abs(seen[:, 1])) < 1.0

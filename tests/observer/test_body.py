@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from observer_cases import CYCLE, JOINTS, ROBOT, SETTINGS
 
 from pepper_driver.config.robot import TRUNK
-from pepper_driver.observer.body import (
+from pepper_driver.observer.detection.body_isolation import (
     BASE_LINK,
     HOLD_BACK,
     RATIO_MEMORY,
@@ -21,10 +21,14 @@ from pepper_driver.observer.body import (
     TRUNK_LINK,
     BodyTracker,
 )
-from pepper_driver.observer.contact import INTENSITY_STEP_DEG, TORQUE_STEP_STDS, Contact
-from pepper_driver.observer.events import SETTLING_TIME
-from pepper_driver.observer.interface import JointState
-from pepper_driver.observer.signal import Signal
+from pepper_driver.observer.detection.excursions import SETTLING_TIME
+from pepper_driver.observer.interface import (
+    INTENSITY_STEP_DEG,
+    TORQUE_STEP_STDS,
+    Contact,
+    JointState,
+    Signal,
+)
 
 # Of each joint another, so that ratios and residuals are told apart.
 THRESHOLDS = np.linspace(0.01, 0.04, JOINTS)

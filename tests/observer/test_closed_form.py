@@ -9,7 +9,11 @@ from scipy.integrate import solve_ivp
 from scipy.signal import lsim
 
 from pepper_driver.config.arrays import FloatArray
-from pepper_driver.observer.closed_form import MotorParameters, expected_error, external_torque
+from pepper_driver.observer.models.closed_form import (
+    MotorParameters,
+    expected_error,
+    external_torque,
+)
 
 MOTOR = MotorParameters(
     resistance=7.0,

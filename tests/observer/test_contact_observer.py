@@ -30,11 +30,10 @@ from observer_cases import (
 
 from pepper_driver.config.arrays import FloatArray
 from pepper_driver.controller.tick import Tick
-from pepper_driver.observer.contact import Contact
 from pepper_driver.observer.contact_observer import ContactObserver
-from pepper_driver.observer.fitting import fit_joint
-from pepper_driver.observer.interface import JointState, Observation
-from pepper_driver.observer.model_file import ModelFileError
+from pepper_driver.observer.fitting.tree import fit_joint
+from pepper_driver.observer.interface import Contact, JointState, Observation
+from pepper_driver.observer.models.model_file import ModelFileError
 
 ELBOW = ROBOT.joint_index("LElbowRoll")
 HEAD = ROBOT.joint_index("HeadYaw")

@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from observer_cases import CYCLE, SETTINGS, THRESHOLD
 
-from pepper_driver.observer.events import (
+from pepper_driver.observer.detection.excursions import (
     SETTLING_FACTOR,
     SETTLING_TIME,
     STUCK_LONGEST,

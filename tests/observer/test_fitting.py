@@ -6,15 +6,16 @@ from observer_cases import ROBOT, free_error, free_run, motion, recording
 
 from pepper_driver.config import PepperError, UnknownNameError
 from pepper_driver.config.arrays import FloatArray
-from pepper_driver.observer.fitting import (
+from pepper_driver.observer.fitting.tree import (
     LEAVES,
     SHRINKAGES,
     FittingError,
+    fit_affine,
+    fit_cart,
     fit_joint,
     nrmse_fit,
 )
-from pepper_driver.observer.tree import AffineTree, CartTree, Tree
-from pepper_driver.observer.tree_fitting import fit_affine, fit_cart
+from pepper_driver.observer.models.tree import AffineTree, CartTree, Tree
 
 JOINT = "LShoulderRoll"
 INDEX = ROBOT.joint_index(JOINT)

@@ -14,9 +14,8 @@ from hypothesis import strategies as st
 from observer_cases import AFFINE, SILENT
 
 from pepper_driver.config.arrays import FloatArray
-from pepper_driver.observer.forest import Forest
-from pepper_driver.observer.tree import FEATURES, LEAF, AffineTree, CartTree, Tree
-from pepper_driver.observer.tree_fitting import fit_affine, fit_cart
+from pepper_driver.observer.fitting.tree import fit_affine, fit_cart
+from pepper_driver.observer.models.tree import FEATURES, LEAF, AffineTree, CartTree, Forest, Tree
 
 Random = np.random.Generator
 

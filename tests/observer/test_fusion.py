@@ -36,20 +36,18 @@ from observer_cases import CYCLE, JOINTS, ROBOT, SETTINGS, tick
 
 from pepper_driver.config.arrays import FloatArray
 from pepper_driver.controller.tick import Tick
-from pepper_driver.observer.contact import Contact
 from pepper_driver.observer.contact_observer import ContactObserver
-from pepper_driver.observer.events import SETTLING_FACTOR
-from pepper_driver.observer.expectation import LATEST
-from pepper_driver.observer.fusion_threshold import (
+from pepper_driver.observer.detection.excursions import SETTLING_FACTOR
+from pepper_driver.observer.detection.threshold import (
     CHANGED_FACTOR,
     SPEED_MEMORY,
+    START,
     THRESHOLD_MEMORY,
     FusionThreshold,
 )
-from pepper_driver.observer.interface import JointState, Observation
-from pepper_driver.observer.signal import FULL_STIFFNESS
-from pepper_driver.observer.strays import START
-from pepper_driver.observer.tree import CartTree
+from pepper_driver.observer.interface import FULL_STIFFNESS, Contact, JointState, Observation
+from pepper_driver.observer.models.tree import CartTree
+from pepper_driver.observer.residuals.prediction import LATEST
 
 WINDOW = SETTINGS.fusion_window
 STIFFNESS = TWIN.stiffness

@@ -21,10 +21,9 @@ from fusion_cases import (
 from observer_cases import CYCLE, JOINTS, ROBOT
 
 from pepper_driver.controller.tick import Tick
-from pepper_driver.observer.base import TAPS, BaseModel
-from pepper_driver.observer.contact import Contact
 from pepper_driver.observer.contact_observer import ContactObserver
-from pepper_driver.observer.interface import JointState
+from pepper_driver.observer.interface import Contact, JointState
+from pepper_driver.observer.models.fusion_model import TAPS, BaseModel
 
 MATRIX = np.asarray(ROBOT.wheels.matrix)
 STILL_BASE = BaseModel(

@@ -19,15 +19,21 @@ from fusion_cases import (
 )
 from observer_cases import CYCLE, JOINTS, ROBOT, SETTINGS, models
 
-from pepper_driver.observer.bound_fitting import FLATNESS, FLOOR, GETTING_USED, MARGIN, fit_bounds
 from pepper_driver.observer.contact_observer import ContactObserver
-from pepper_driver.observer.fusion import FusionSignal
-from pepper_driver.observer.fusion_fitting import fit_fusion, fit_joint_fusion
-from pepper_driver.observer.fusion_model import FusionModel
+from pepper_driver.observer.fitting.bounds import (
+    BOUND_FACTOR,
+    FLATNESS,
+    FLOOR,
+    GETTING_USED,
+    fit_bounds,
+)
+from pepper_driver.observer.fitting.fusion import fit_fusion, fit_joint_fusion
+from pepper_driver.observer.fitting.stick_slip import START_UP
 from pepper_driver.observer.interface import JointState
-from pepper_driver.observer.prediction import predict_recording
+from pepper_driver.observer.models.fusion_model import FusionModel
+from pepper_driver.observer.models.model_file import predict_recording
 from pepper_driver.observer.recording import Recording
-from pepper_driver.observer.twin_fitting import START_UP
+from pepper_driver.observer.residuals.fusion import FusionSignal
 
 JOINT, OTHER = "LElbowRoll", "RElbowRoll"
 WINDOW = SETTINGS.fusion_window
@@ -113,7 +119,7 @@ def residuals(model: FusionModel, run: Recording) -> list[float]:
 def test_thresholds_keep_their_margin_on_the_calibration(bounded: FusionModel) -> None:
     largest = max(max(residuals(fusion_model(), run)) for run in calibration())
     assert largest > FLOOR
-    assert bounded.largest_bound == pytest.approx(MARGIN * largest, rel=1e-9)
+    assert bounded.largest_bound == pytest.approx(BOUND_FACTOR * largest, rel=1e-9)
     leaves = [v for v, f in zip(bounded.bound.value, bounded.bound.feature, strict=True) if f < 0]
     assert min(leaves) >= min(FLOOR, FLATNESS * bounded.largest_bound)
     for run in calibration():
@@ -122,7 +128,7 @@ def test_thresholds_keep_their_margin_on_the_calibration(bounded: FusionModel) -
         held = np.array([speed[max(0, k + 1 - memory) : k + 1].max() for k in range(len(run))])
         bound = bounded.bound.predict(np.column_stack((speed, size, held)))
         sizes = np.array(residuals(fusion_model(), run))
-        assert (bound[-len(sizes) :] >= MARGIN * sizes - 1e-12).all()
+        assert (bound[-len(sizes) :] >= BOUND_FACTOR * sizes - 1e-12).all()
 
 
 def test_a_quiet_joint_gets_the_least_threshold() -> None:

@@ -6,8 +6,8 @@ import pytest
 from fusion_cases import BOUND, MODEL, constant_tree, fusion_model
 
 from pepper_driver.config import PepperError
-from pepper_driver.observer.fusion_model import FusionModelError
-from pepper_driver.observer.tree import CartTree
+from pepper_driver.observer.models.fusion_model import FusionModelError
+from pepper_driver.observer.models.tree import CartTree
 
 
 @pytest.mark.parametrize(

@@ -25,11 +25,16 @@ from pepper_driver.config.arrays import BoolArray, FloatArray
 from pepper_driver.controller.model import RobotModel
 from pepper_driver.controller.reference import Reference
 from pepper_driver.controller.tick import Tick
-from pepper_driver.observer import hand_load
-from pepper_driver.observer.adaptation import LEARN_PERIOD
-from pepper_driver.observer.fusion import FusionSignal
-from pepper_driver.observer.fusion_model import FusionModel
-from pepper_driver.observer.hand_load import FRICTION_DOUBT, LEAST_NOISE, PRIOR, HandLoads
+from pepper_driver.observer.models.fusion_model import FusionModel
+from pepper_driver.observer.residuals import adaptation as hand_load
+from pepper_driver.observer.residuals.adaptation import (
+    FRICTION_DOUBT,
+    LEARN_PERIOD,
+    LEAST_NOISE,
+    LOAD_PRIOR_STD,
+    HandLoads,
+)
+from pepper_driver.observer.residuals.fusion import FusionSignal
 
 WRISTS = {"left_arm": "LWristYaw", "right_arm": "RWristYaw"}
 ARM = [ROBOT.joint_index(name) for name in ROBOT.chains["left_arm"][:5]]
@@ -200,7 +205,7 @@ def test_finds_the_load_of_an_arm_that_moves(arm: str, joint: str) -> None:
     target = hands()
     assert target.held().keys() == WRISTS.keys()
     assert target.held()[arm].mass == 0.0
-    assert target.held()[arm].mass_std == pytest.approx(PRIOR[0])
+    assert target.held()[arm].mass_std == pytest.approx(LOAD_PRIOR_STD[0])
     load = loaded({joint: point(MASS, PLACE)})
     moving = ARM if arm == "left_arm" else OTHER_ARM[:5]
     rng = np.random.default_rng(1)
@@ -218,7 +223,7 @@ def test_finds_the_load_of_an_arm_that_moves(arm: str, joint: str) -> None:
     # It knows how well it knows, and better and better at first.
     assert abs(held[arm].mass - MASS) < 3.0 * held[arm].mass_std
     assert (np.diff(deviations[:30]) < 0.0).all()
-    assert held[arm].mass_std < 0.2 * PRIOR[0]
+    assert held[arm].mass_std < 0.2 * LOAD_PRIOR_STD[0]
     # The other hand is as empty as it is.
     [other] = held.keys() - {arm}
     assert abs(held[other].mass) < 0.05
@@ -226,7 +231,7 @@ def test_finds_the_load_of_an_arm_that_moves(arm: str, joint: str) -> None:
 
 def test_without_wandering_it_is_ridge_regression(monkeypatch: pytest.MonkeyPatch) -> None:
     """All samples at once, each with its noise, and the prior as penalty."""
-    monkeypatch.setattr(hand_load, "WANDER", np.zeros(4))
+    monkeypatch.setattr(hand_load, "LOAD_PROCESS_NOISE", np.zeros(4))
     monkeypatch.setattr(hand_load, "LOAD_DOUBT", 0.0)
     gains = np.linspace(0.005, 0.02, JOINTS)
     gains[3] = 0.0
@@ -237,7 +242,7 @@ def test_without_wandering_it_is_ridge_regression(monkeypatch: pytest.MonkeyPatc
     floor = LEAST_NOISE + (FRICTION_DOUBT * TWIN.friction) ** 2
     rng = np.random.default_rng(2)
     carriers = [PLAIN.joint_id(wrist) for wrist in WRISTS.values()]
-    precision, pull = np.diag(np.tile(PRIOR, 2) ** -2.0), np.zeros(8)
+    precision, pull = np.diag(np.tile(LOAD_PRIOR_STD, 2) ** -2.0), np.zeros(8)
     variance = np.zeros(JOINTS)
     for _ in range(40):
         q, v, a = rng.uniform(-1.0, 1.0, (3, JOINTS))
@@ -264,19 +269,19 @@ def test_without_wandering_it_is_ridge_regression(monkeypatch: pytest.MonkeyPatc
 
 
 def test_it_knows_less_with_time_but_never_less_than_at_the_start(rng: np.random.Generator) -> None:
-    """By WANDER in a minute, from which nothing has been learned."""
+    """By LOAD_PROCESS_NOISE in a minute, from which nothing has been learned."""
     target = hands()
     nobody = np.zeros(JOINTS, dtype=np.bool_)
     target.step(MIDDLE, ZERO, ZERO)
     target.update(rng.normal(size=JOINTS), NOISE, nobody)
-    assert target.held()["left_arm"].mass_std == pytest.approx(PRIOR[0], rel=1e-9)
+    assert target.held()["left_arm"].mass_std == pytest.approx(LOAD_PRIOR_STD[0], rel=1e-9)
     for _ in range(100):
         target.update(np.zeros(JOINTS), NOISE, EVERYTHING)
     before = target.held()["left_arm"].mass_std
-    assert before < 0.9 * PRIOR[0]
+    assert before < 0.9 * LOAD_PRIOR_STD[0]
     for _ in range(round(60.0 / CYCLE / LEARN_PERIOD)):
         target.update(rng.normal(size=JOINTS), NOISE, nobody)
-    expected = np.hypot(before, hand_load.WANDER[0])
+    expected = np.hypot(before, hand_load.LOAD_PROCESS_NOISE[0])
     assert target.held()["left_arm"].mass_std == pytest.approx(expected, rel=1e-2)
 
 

@@ -8,10 +8,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from observer_cases import CYCLE, JOINTS, ROBOT, SETTINGS, THRESHOLD, check_life
 
-from pepper_driver.observer.contact import INTENSITY_STEP_DEG, Contact
-from pepper_driver.observer.events import Excursion
-from pepper_driver.observer.interface import JointState
-from pepper_driver.observer.isolation import ChainTracker, last_in_chain
+from pepper_driver.observer.detection.chain_isolation import ChainTracker, last_in_chain
+from pepper_driver.observer.detection.excursions import Excursion
+from pepper_driver.observer.interface import INTENSITY_STEP_DEG, Contact, JointState
 
 CHAIN = ROBOT.chains["left_arm"]
 PERIOD = round(SETTINGS.update_period / CYCLE)

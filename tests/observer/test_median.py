@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from observer_cases import CYCLE
 from scipy.ndimage import median_filter
 
-from pepper_driver.observer.median import RecentLargest, RunningMedian
+from pepper_driver.observer.running_filters import RecentLargest, RunningMedian
 
 
 @given(st.integers(1, 12), st.integers(1, 40), st.integers(0, 2**32 - 1))

@@ -19,12 +19,16 @@ from observer_cases import AFFINE, CYCLE, ROBOT, SILENT, free_run, models
 
 from pepper_driver.config import PepperError
 from pepper_driver.config.files import OutputError
-from pepper_driver.observer.base import TAPS, BaseModel
-from pepper_driver.observer.fitting import fit_joint
-from pepper_driver.observer.fusion_model import FusionModel
-from pepper_driver.observer.model_file import MODEL_TYPES, ModelFileError, ModelSet, shipped
-from pepper_driver.observer.prediction import predict_recording
-from pepper_driver.observer.tree import TREE_TYPES, AffineTree
+from pepper_driver.observer.fitting.tree import fit_joint
+from pepper_driver.observer.models.fusion_model import TAPS, BaseModel, FusionModel
+from pepper_driver.observer.models.model_file import (
+    MODEL_TYPES,
+    ModelFileError,
+    ModelSet,
+    predict_recording,
+    shipped,
+)
+from pepper_driver.observer.models.tree import TREE_TYPES, AffineTree
 
 AFFINE_SET = models({"HeadYaw": AFFINE, "LHand": AFFINE}, kind="affine")
 

@@ -13,13 +13,8 @@ from observer_cases import CYCLE
 
 from pepper_driver.config import PepperError
 from pepper_driver.config.arrays import FloatArray
-from pepper_driver.observer.momentum import (
-    SMOOTHING,
-    ErrorDerivatives,
-    MomentumChannel,
-    MomentumError,
-    MomentumParameters,
-)
+from pepper_driver.observer.models.fusion_model import MomentumError, MomentumParameters
+from pepper_driver.observer.residuals.momentum import SMOOTHING, ErrorDerivatives, MomentumChannel
 
 CURRENT = MomentumParameters(
     source="current", torque_per_ampere=0.05, inertia=5e-4, lag=0.01, offset=0.002

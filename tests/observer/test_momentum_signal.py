@@ -6,8 +6,8 @@ from fusion_cases import ELBOW, TWIN, drive, fusion_model, push_profile, swing, 
 from observer_cases import CYCLE, JOINTS, ROBOT, SETTINGS
 
 from pepper_driver.observer.contact_observer import ContactObserver
-from pepper_driver.observer.model_file import ModelSet
-from pepper_driver.observer.momentum_signal import MomentumSignal
+from pepper_driver.observer.models.model_file import ModelSet
+from pepper_driver.observer.residuals.momentum import MomentumSignal
 
 
 def signal(threshold: float = 0.02) -> MomentumSignal:

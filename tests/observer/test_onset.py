@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from observer_cases import CYCLE
 
-from pepper_driver.observer.onset import ResidualHistory
+from pepper_driver.observer.detection.excursions import ResidualHistory
 
 THRESHOLD = 0.03
 

@@ -6,8 +6,8 @@ import numpy as np
 from fusion_cases import ELBOW, MODEL, TWIN, drive, fusion_model, quantised, recording_of, swing
 from observer_cases import AFFINE, SILENT, free_run
 
-from pepper_driver.observer.prediction import predict_recording
-from pepper_driver.observer.tree import AffineTree
+from pepper_driver.observer.models.model_file import predict_recording
+from pepper_driver.observer.models.tree import AffineTree
 
 JOINT = "LElbowRoll"
 

@@ -6,7 +6,7 @@ import pytest
 
 from pepper_driver.config import load_robot
 from pepper_driver.observer import Contact, Push, score
-from pepper_driver.observer.alarms import alarms_of
+from pepper_driver.observer.scoring import alarms_of
 
 ROBOT = load_robot()
 

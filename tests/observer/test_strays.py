@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pepper_driver.config.arrays import BoolArray, FloatArray
-from pepper_driver.observer.strays import (
+from pepper_driver.observer.detection.threshold import (
     BLOCK,
     BLOCKS,
     FEW_MARGIN,

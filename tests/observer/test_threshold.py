@@ -8,7 +8,7 @@ import pytest
 from observer_cases import ROBOT, SETTINGS, SILENT, models, recording
 
 from pepper_driver.observer import ContactObserver
-from pepper_driver.observer.threshold import MARGIN, free_residual, free_threshold
+from pepper_driver.observer.fitting.bounds import THRESHOLD_FACTOR, free_residual, free_threshold
 
 JOINT, WINDOW, N = "LShoulderRoll", 11, 200
 STILL = np.zeros((N, 3))
@@ -21,8 +21,8 @@ def test_the_threshold_is_the_largest_filtered_residual_with_a_margin() -> None:
     error[120:124] = 0.5  # shorter: it does not
     quiet = recording(STILL, np.full(N, 0.001))
     runs = [quiet, recording(STILL, error)]
-    assert free_threshold(JOINT, runs, SILENT, WINDOW) == pytest.approx(MARGIN * 0.02)
-    assert free_threshold(JOINT, [quiet], SILENT, WINDOW) == pytest.approx(MARGIN * 0.001)
+    assert free_threshold(JOINT, runs, SILENT, WINDOW) == pytest.approx(THRESHOLD_FACTOR * 0.02)
+    assert free_threshold(JOINT, [quiet], SILENT, WINDOW) == pytest.approx(THRESHOLD_FACTOR * 0.001)
 
 
 def test_samples_that_say_nothing_do_not_count() -> None:
@@ -30,7 +30,7 @@ def test_samples_that_say_nothing_do_not_count() -> None:
     error[50:80], changed[50:80] = 0.3, True
     error[120:150], age[120:150] = 0.4, 1.0
     run = recording(STILL, error, changed=changed, age=age)
-    assert free_threshold(JOINT, [run], SILENT, WINDOW) == pytest.approx(MARGIN * 0.01)
+    assert free_threshold(JOINT, [run], SILENT, WINDOW) == pytest.approx(THRESHOLD_FACTOR * 0.01)
 
 
 def test_a_recording_without_a_whole_window_is_refused() -> None:

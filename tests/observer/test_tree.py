@@ -11,8 +11,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from observer_cases import AFFINE, SILENT
 
-from pepper_driver.observer.tree import AffineTree, CartTree, TreeError
-from pepper_driver.observer.tree_fitting import fit_affine
+from pepper_driver.observer.fitting.tree import fit_affine
+from pepper_driver.observer.models.tree import AffineTree, CartTree, TreeError
 
 CART = CartTree(
     feature=(0, 1, -1, -1, -1),

@@ -6,7 +6,7 @@ from observer_cases import free_error, motion
 from sklearn.tree import DecisionTreeRegressor
 
 from pepper_driver.config.arrays import FloatArray
-from pepper_driver.observer.tree_fitting import AffineGrowth, fit_affine, fit_cart
+from pepper_driver.observer.fitting.tree import AffineGrowth, fit_affine, fit_cart
 
 
 def boxes(n: int, seed: int) -> tuple[FloatArray, FloatArray]:

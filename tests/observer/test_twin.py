@@ -14,7 +14,7 @@ from scipy.integrate import solve_ivp
 
 from pepper_driver.config import PepperError
 from pepper_driver.config.arrays import FloatArray
-from pepper_driver.observer.twin import PARAMETERS, TwinError, TwinParameters, Twins
+from pepper_driver.observer.models.stick_slip import PARAMETERS, TwinError, TwinParameters, Twins
 
 SMOOTH = replace(TWIN, friction=0.0, load_friction=0.0, breakaway=1.0)
 

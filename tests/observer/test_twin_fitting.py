@@ -9,9 +9,9 @@ import pytest
 from fusion_cases import ELBOW, TORQUE_CONSTANT, TWIN, drive, recording_of, swing
 from observer_cases import CYCLE
 
+from pepper_driver.observer.fitting.stick_slip import START_UP, fit_twin
+from pepper_driver.observer.models.stick_slip import TwinParameters
 from pepper_driver.observer.recording import Recording
-from pepper_driver.observer.twin import TwinParameters
-from pepper_driver.observer.twin_fitting import START_UP, fit_twin
 
 JOINT = "LElbowRoll"
 TRUE = replace(

@@ -14,7 +14,7 @@ from pepper_driver.config import RobotConfig, load_robot
 from pepper_driver.config.arrays import FloatArray
 from pepper_driver.doctor import Examination, Result, examine
 from pepper_driver.observer import ModelSet
-from pepper_driver.observer.model_file import shipped
+from pepper_driver.observer.models.model_file import shipped
 from pepper_driver.realtime import Pacer
 
 ROBOT = load_robot()

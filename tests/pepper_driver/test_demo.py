@@ -20,7 +20,7 @@ from pepper_driver.experiments import demo
 from pepper_driver.experiments.demo import CONTACTS_NAME, FIGURE_NAME, LOG_NAME, run_demo
 from pepper_driver.log import read_log
 from pepper_driver.observer import Contact, Observer, Push
-from pepper_driver.observer.contact import Phase
+from pepper_driver.observer.interface import Phase
 from pepper_driver.robot import Pepper
 
 ROBOT = load_robot()

@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 
 from pepper_driver.callbacks.dispatcher import QUEUE, Dispatcher, EventSink, Subscription
 from pepper_driver.callbacks.events import EndEvent, FaultEvent, SensorEvent
-from pepper_driver.observer.contact import Contact
+from pepper_driver.observer.interface import Contact
 from pepper_driver.safety import Fault, FaultReason
 
 from event_cases import LONG, Blocker, contact  # isort: skip

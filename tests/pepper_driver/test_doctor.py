@@ -32,7 +32,7 @@ from pepper_driver.config import (
 from pepper_driver.doctor import Outcome, examine
 from pepper_driver.doctor.preparation import check_computer, check_models, check_settings
 from pepper_driver.observer import ModelSet
-from pepper_driver.observer.model_file import shipped
+from pepper_driver.observer.models.model_file import shipped
 from pepper_driver.testing import aged, displaced, drained, heated, pressed
 
 SAFETY = load_safety_settings()

@@ -16,7 +16,7 @@ from pepper_driver.doctor import Outcome, Trial, Verdict, try_motion
 from pepper_driver.doctor.goals import NoRoomError, moving_joints, plan_goals
 from pepper_driver.doctor.trial import make_pepper
 from pepper_driver.observer import ModelSet
-from pepper_driver.observer.model_file import shipped
+from pepper_driver.observer.models.model_file import shipped
 from pepper_driver.robot import Pepper
 from pepper_driver.testing import heated, pressed
 

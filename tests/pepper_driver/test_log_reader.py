@@ -22,7 +22,7 @@ from pepper_driver.config import UnknownNameError
 from pepper_driver.log import LogData, LogError, LogWriter, read_log
 from pepper_driver.log.schema import layout_metadata, tick_fields
 from pepper_driver.loop import TickRecord
-from pepper_driver.observer.contact import Contact
+from pepper_driver.observer.interface import Contact
 
 TRUTH_FIELDS = tuple(field.name for field in fields(TruthSample))
 

@@ -13,8 +13,7 @@ from pepper_driver.config import load_robot
 from pepper_driver.config.arrays import BoolArray, FloatArray
 from pepper_driver.controller.reference import Reference
 from pepper_driver.controller.tick import Sent, Tick
-from pepper_driver.observer.contact import Contact
-from pepper_driver.observer.interface import Observation
+from pepper_driver.observer.interface import Contact, Observation
 
 ROBOT = load_robot()
 N = len(ROBOT.joint_names)

@@ -24,8 +24,7 @@ from pepper_driver.config.errors import printable
 from pepper_driver.log import LogError, LogWriter, mcap_file, read_log
 from pepper_driver.log.rows import unobserved
 from pepper_driver.loop import TickRecord
-from pepper_driver.observer.contact import Contact
-from pepper_driver.observer.interface import JointState
+from pepper_driver.observer.interface import Contact, JointState
 
 RUN = {"backend": "mujoco://?seed=3", "seed": "3", "ümläut": "ß\n2"}
 ROS_TYPES = {"float64": (8, "d"), "int64": (8, "q"), "bool": (1, "?"), "int8": (1, "b")}

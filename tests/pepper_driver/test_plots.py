@@ -18,7 +18,7 @@ from pepper_driver.config import MissingExtraError, UnknownNameError, load_robot
 from pepper_driver.log import LogData, LogError, LogEvent
 from pepper_driver.log.event import EventPhase
 from pepper_driver.log.plots import BAR, PlotError, contact_figure, plot_contacts
-from pepper_driver.observer.contact import Contact
+from pepper_driver.observer.interface import Contact
 
 ROBOT = load_robot()
 N = len(ROBOT.joint_names)

@@ -8,10 +8,10 @@ import numpy as np
 
 from pepper_driver.config.arrays import FloatArray
 from pepper_driver.controller.tick import Tick
-from pepper_driver.observer.median import RunningMedian
+from pepper_driver.observer.interface import FULL_STIFFNESS, Signal, Unchanging
+from pepper_driver.observer.models.tree import Tree
 from pepper_driver.observer.recording import STALE_AGE
-from pepper_driver.observer.signal import FULL_STIFFNESS, Signal, Unchanging
-from pepper_driver.observer.tree import Tree
+from pepper_driver.observer.running_filters import RunningMedian
 
 
 class PaperSignal(Unchanging):

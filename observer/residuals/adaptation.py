@@ -1,4 +1,4 @@
-"""What the hands hold, of which nobody has told the robot: its mass and where that is, from what all joints bear.
+"""Adaptation in a session: constants of each joint, and what the hands hold.
 
 A body in a hand adds to the load torque of every joint between it and the wheels, in proportion to its mass m and its
 first moment m c: tau = Y (m, m c_x, m c_y, m c_z), with Y from inverse dynamics of the desired motion. One estimate an
@@ -9,20 +9,121 @@ shoulder learns from the elbow. Inertia about the wrist, m c^2, is left out.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
 from pepper_driver.config import RobotConfig
 from pepper_driver.config.arrays import BoolArray, FloatArray
 from pepper_driver.controller.model import RobotModel
-from pepper_driver.observer.adaptation import LEARN_PERIOD
-from pepper_driver.observer.fusion_model import FusionModel
+from pepper_driver.observer.interface import HandLoad
+from pepper_driver.observer.models.fusion_model import FusionModel
+from pepper_driver.observer.models.stick_slip import TwinParameters
 
-PRIOR = np.array([0.3, 0.03, 0.03, 0.03])
+PRIOR_STD = np.array([0.25, 0.25, 0.1, 1.0])
+"""Standard deviation before anything is known, as shares of the identified values; the offset in OFFSET_UNIT."""
+
+LEARN_PERIOD = 10
+"""Ticks between two updates."""
+
+PROCESS_NOISE = np.array([0.04, 0.02, 0.02, 0.1])
+"""By how much each may change in a minute."""
+
+OFFSET_UNIT = np.radians(0.1)
+NOISE = 3.0
+"""Times the spread of the free residual: its errors last for many samples, and count once."""
+
+WORN = 0.4
+"""Friction or lag beyond this share of what was identified: the joint is worn, and should be identified anew."""
+
+
+class Adaptation:
+    """Recursive least squares with forgetting (a Kalman filter on a random walk), four numbers a joint.
+
+    Args:
+        models: Of the joints; None where there is none.
+        spread: (n,) standard deviation of the residual in free motion [rad].
+        cycle: Period of the ticks [s].
+
+    Attributes:
+        share: (n, 4) deviation from the identified values, in the units of PRIOR_STD.
+    """
+
+    def __init__(
+        self,
+        models: list[TwinParameters | None],
+        spread: FloatArray,
+        cycle: float,
+    ) -> None:
+        self._prior = np.tile(PRIOR_STD, (len(models), 1))
+        self._lag = np.array([np.nan if m is None else m.lag for m in models])
+        self._noise = (NOISE * spread) ** 2
+        self._wander = np.diag(PROCESS_NOISE**2 * LEARN_PERIOD * cycle / 60.0)
+        self._count = len(models)
+        self.reset()
+
+    def reset(self) -> None:
+        """Back to the identified values."""
+        self.share = np.zeros((self._count, 4))
+        self._covariance = self._prior[:, :, None] ** 2 * np.eye(4)
+
+    def effects(self, friction: FloatArray, velocity: FloatArray, load: FloatArray) -> FloatArray:
+        """(n, 4) what a full share of each would add to the tracking error [rad].
+
+        Args:
+            friction: (n,) on the twins [rad].
+            velocity: (n,) of the twins [rad/s].
+            load: (n,) g tau_ld [rad].
+        """
+        effects = np.empty((len(load), 4))
+        effects[:, 0] = friction
+        np.multiply(self._lag, velocity, out=effects[:, 1])
+        effects[:, 2] = load
+        effects[:, 3] = OFFSET_UNIT
+        return effects
+
+    def variance(self, effects: FloatArray) -> FloatArray:
+        """(n,) of the expected tracking error, for not knowing the shares better [rad2]."""
+        seen = (self._covariance @ effects[:, :, None])[:, :, 0]
+        variance: FloatArray = (seen * effects).sum(axis=1)
+        return variance
+
+    def update(
+        self, residual: FloatArray, effects: FloatArray, other: FloatArray | float, free: BoolArray
+    ) -> None:
+        """Learn from the last tick.
+
+        Args:
+            residual: (n,) [rad].
+            effects: (n, 4) of each quantity.
+            other: (n,) variance of the residual for what else is not known [rad2].
+            free: (n,) joints that nothing touches.
+        """
+        effects = np.where(free[:, None], effects, 0.0)
+        seen = np.einsum("nij,nj->ni", self._covariance, effects)
+        scale = self._noise + other + np.einsum("ni,ni->n", effects, seen)
+        free = free & np.isfinite(scale)
+        gain = np.where(free[:, None], seen / scale[:, None], 0.0)
+        self.share += gain * np.where(free, residual, 0.0)[:, None]
+        np.clip(self.share, -3.0 * self._prior, 3.0 * self._prior, out=self.share)
+        self._covariance -= gain[:, :, None] * seen[:, None, :]
+        self._covariance += self._wander
+        # No quantity gets less certain than at the start.
+        known = np.einsum("nii->ni", self._covariance)
+        shrink = np.sqrt(np.minimum(1.0, self._prior**2 / np.maximum(known, 1e-12)))
+        self._covariance *= shrink[:, :, None] * shrink[:, None, :]
+
+    @property
+    def worn(self) -> BoolArray:
+        """(n,) where friction or lag has surely grown beyond WORN: by two standard deviations of what is known."""
+        spread = np.sqrt(np.maximum(np.einsum("nii->ni", self._covariance)[:, :2], 0.0))
+        grown: BoolArray = (self.share[:, :2] - 2.0 * spread > WORN).any(axis=1)
+        return grown
+
+
+LOAD_PRIOR_STD = np.array([0.3, 0.03, 0.03, 0.03])
 """Standard deviation of mass [kg] and first moment [kg m] before anything is known."""
 
-WANDER = np.array([0.02, 0.002, 0.002, 0.002])
+LOAD_PROCESS_NOISE = np.array([0.02, 0.002, 0.002, 0.002])
 """By how much each may change in a minute, as long as no contact is felt."""
 
 LARGEST_EFFECT = 200.0
@@ -42,21 +143,6 @@ LOAD_DOUBT = 0.15
 
 UNDER_WAY = 20
 """Ticks for which a joint must have moved: before, nobody knows what its friction holds."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class HandLoad:
-    """What one hand holds.
-
-    Attributes:
-        mass: [kg]; below 0 where the robot's own masses are less than its description says.
-        mass_std: Standard deviation of it [kg].
-        first_moment: (3,) m c in the axes of the link that carries the hand [kg m].
-    """
-
-    mass: float
-    mass_std: float
-    first_moment: tuple[float, float, float]
 
 
 class HandLoads:
@@ -84,8 +170,8 @@ class HandLoads:
         breakaway = np.array([1.0 if m is None else m.twin.breakaway for m in models])
         self._held = (breakaway * friction) ** 2
         arms = len(self._wrists)
-        self._prior = np.tile(PRIOR, arms) ** 2
-        self._wander = np.tile(WANDER, arms) ** 2 * LEARN_PERIOD * robot.cycle / 60.0
+        self._prior = np.tile(LOAD_PRIOR_STD, arms) ** 2
+        self._wander = np.tile(LOAD_PROCESS_NOISE, arms) ** 2 * LEARN_PERIOD * robot.cycle / 60.0
         self.reset()
 
     def reset(self) -> None:

@@ -10,15 +10,20 @@ from itertools import count
 from pepper_driver.config import ObserverSettings, RobotConfig
 from pepper_driver.config.contact_selector import Kind
 from pepper_driver.config.robot import TRUNK
-from pepper_driver.observer.contact import (
+from pepper_driver.observer.detection.excursions import (
+    TIME_TOLERANCE,
+    Excursion,
+    JointMonitor,
+    Onset,
+)
+from pepper_driver.observer.interface import (
     INTENSITY_STEP_DEG,
     TORQUE_STEP_STDS,
     Contact,
+    JointState,
     Phase,
+    Signal,
 )
-from pepper_driver.observer.events import TIME_TOLERANCE, Excursion, JointMonitor, Onset
-from pepper_driver.observer.interface import JointState
-from pepper_driver.observer.signal import Signal
 
 RELATIVE_SHARE = 0.35
 """Of the chain's largest ratio of residual and threshold: joints that stay below it are only shaken by the contact."""

@@ -10,17 +10,17 @@ from joblib import Parallel, delayed
 
 from pepper_driver.config import RobotConfig
 from pepper_driver.config.arrays import BoolArray, FloatArray
-from pepper_driver.observer.base import BaseModel, fit_base
-from pepper_driver.observer.bound_fitting import fit_bounds
-from pepper_driver.observer.expectation import MOVING
-from pepper_driver.observer.fusion_model import FusionModel
-from pepper_driver.observer.hand_load import HandLoads
-from pepper_driver.observer.momentum import ErrorDerivatives, MomentumParameters
+from pepper_driver.observer.fitting.bounds import fit_bounds
+from pepper_driver.observer.fitting.mobile_base import fit_base
+from pepper_driver.observer.fitting.stick_slip import START_UP, fit_twin
+from pepper_driver.observer.fitting.tree import AffineGrowth
+from pepper_driver.observer.models.fusion_model import BaseModel, FusionModel, MomentumParameters
+from pepper_driver.observer.models.stick_slip import TwinParameters, Twins
+from pepper_driver.observer.models.tree import LEAF, CartTree
 from pepper_driver.observer.recording import Recording
-from pepper_driver.observer.tree import LEAF, CartTree
-from pepper_driver.observer.tree_fitting import AffineGrowth
-from pepper_driver.observer.twin import TwinParameters, Twins
-from pepper_driver.observer.twin_fitting import START_UP, fit_twin
+from pepper_driver.observer.residuals.adaptation import HandLoads
+from pepper_driver.observer.residuals.momentum import ErrorDerivatives
+from pepper_driver.observer.residuals.prediction import MOVING
 
 REMAINDER_LEAVES = 8
 REMAINDER_SHRINKAGE = 1000.0

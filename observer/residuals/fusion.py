@@ -1,4 +1,4 @@
-"""The residual of mode ``fusion``: twin and momentum channel together."""
+"""Residuals of mode ``fusion``: stick-slip model, tree, momentum and base together, with the torque of the contact."""
 
 from __future__ import annotations
 
@@ -8,17 +8,80 @@ import numpy as np
 
 from pepper_driver.config.arrays import BoolArray, FloatArray
 from pepper_driver.controller.tick import Tick
-from pepper_driver.observer.adaptation import LEARN_PERIOD, Adaptation
-from pepper_driver.observer.base import BaseSignal
-from pepper_driver.observer.expectation import LATEST, Expectation, Expected
-from pepper_driver.observer.fusion_model import FusionModel
-from pepper_driver.observer.fusion_threshold import RESTING, FusionThreshold
-from pepper_driver.observer.hand_load import UNDER_WAY, HandLoad, HandLoads
-from pepper_driver.observer.median import RunningMedian
-from pepper_driver.observer.momentum import ErrorDerivatives, MomentumChannel
-from pepper_driver.observer.signal import FULL_STIFFNESS, Signal
-from pepper_driver.observer.strays import PAUSE
-from pepper_driver.observer.torque import TorqueEstimate
+from pepper_driver.observer.detection.threshold import PAUSE, RESTING, FusionThreshold
+from pepper_driver.observer.interface import FULL_STIFFNESS, HandLoad, Signal
+from pepper_driver.observer.models.fusion_model import FusionModel
+from pepper_driver.observer.residuals.adaptation import (
+    LEARN_PERIOD,
+    UNDER_WAY,
+    Adaptation,
+    HandLoads,
+)
+from pepper_driver.observer.residuals.mobile_base import BaseSignal
+from pepper_driver.observer.residuals.momentum import ErrorDerivatives, MomentumChannel
+from pepper_driver.observer.residuals.prediction import LATEST, Expectation, Expected
+from pepper_driver.observer.running_filters import RunningMedian
+
+FRICTION_SHARE = 0.5
+"""Of the friction that a push has turned round: gears hold some of it back."""
+
+DAHL = 0.003
+"""[rad] of motion within which friction turns round."""
+
+TOUCHED = 0.5
+"""Share of its threshold beyond which a residual counts as touched."""
+
+
+class TorqueEstimate:
+    """External torque tau_ext = -K r, and some of the friction that it has turned round.
+
+    Whoever pushes a joint also turns its friction round, which then helps to hold against the push. It turns with the
+    motion that the residual shows (Dahl's model).
+
+    Args:
+        stiffness: (n,) K [N m/rad], NaN for joints without a model.
+        friction: (n,) F / K [rad].
+        spread: (n,) standard deviation of the residual in free motion [rad].
+    """
+
+    def __init__(self, stiffness: FloatArray, friction: FloatArray, spread: FloatArray) -> None:
+        self._stiffness, self._friction, self._spread = stiffness, friction, spread
+        self._push, self._certain = -stiffness, stiffness * spread
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget the past."""
+        self._slip = np.zeros(len(self._friction))
+        self._last = np.zeros(len(self._friction))
+
+    def step(
+        self, residual: FloatArray, friction: FloatArray, threshold: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """Take in one tick.
+
+        Args:
+            residual: (n,) [rad].
+            friction: (n,) on the joints if nothing touched them, over K [rad].
+            threshold: (n,) of a contact [rad].
+
+        Returns:
+            (n,) external torque and its standard deviation [N m].
+        """
+        size = self._friction
+        last, self._last = self._last, residual.copy()
+        touched = np.abs(residual) > TOUCHED * threshold
+        if not np.count_nonzero(touched):
+            self._slip = friction
+            return self._push * residual, self._certain.copy()
+        motion = last - residual  # of the joint, away from where it would be
+        slip = np.clip(self._slip + motion * (size / DAHL), -size, size)
+        self._slip = np.where(touched, slip, friction)
+        turned = np.where(touched, FRICTION_SHARE * (self._slip - friction), 0.0)
+        unsure = np.where(touched, FRICTION_SHARE * size, 0.0)
+        return self._stiffness * (turned - residual), self._stiffness * np.hypot(
+            self._spread, unsure
+        )
+
 
 ABSURD = 1e4
 """[rad], [rad/s], [rad/s2], [N m] or [A]: no robot is, does, wants or measures so much."""

@@ -1,4 +1,4 @@
-"""Chooses the thresholds of mode ``fusion`` on recordings of free motion of the whole body."""
+"""Thresholds from free motion."""
 
 from __future__ import annotations
 
@@ -8,18 +8,55 @@ from dataclasses import replace
 import numpy as np
 
 from pepper_driver.config.arrays import FloatArray
-from pepper_driver.observer.fusion import FusionSignal
-from pepper_driver.observer.fusion_model import FusionModel
-from pepper_driver.observer.fusion_threshold import SPEED_MEMORY
-from pepper_driver.observer.hand_load import HandLoads
-from pepper_driver.observer.median import RecentLargest
-from pepper_driver.observer.momentum_signal import MomentumSignal
+from pepper_driver.observer.detection.threshold import SPEED_MEMORY
+from pepper_driver.observer.fitting.stick_slip import START_UP
+from pepper_driver.observer.fitting.tree import fit_cart
+from pepper_driver.observer.models.fusion_model import FusionModel
+from pepper_driver.observer.models.model_file import JointModel, predict_recording
+from pepper_driver.observer.models.tree import LEAF, CartTree
 from pepper_driver.observer.recording import Recording
-from pepper_driver.observer.tree import LEAF, CartTree
-from pepper_driver.observer.tree_fitting import fit_cart
-from pepper_driver.observer.twin_fitting import START_UP
+from pepper_driver.observer.residuals.adaptation import HandLoads
+from pepper_driver.observer.residuals.fusion import FusionSignal
+from pepper_driver.observer.residuals.momentum import MomentumSignal
+from pepper_driver.observer.running_filters import RecentLargest
 
-MARGIN = 1.5
+THRESHOLD_FACTOR = 1.25
+"""Over the largest residual of the recordings: the next motion may be a little worse than all of them."""
+
+
+def free_residual(joint: str, recording: Recording, model: JointModel, window: int) -> FloatArray:
+    """The residual of free motion as the observer would see it: Eq. 13, running median of ``window`` samples [rad].
+
+    Only windows without a sample that is stale or whose command the safety gate altered.
+    """
+    index = recording.joint_names.index(joint)
+    residual = recording.tracking_error(index) - predict_recording(model, joint, recording)
+    residual = np.where(recording.usable(index), residual, np.nan)
+    if len(residual) < window:
+        return np.empty(0)
+    windows = np.lib.stride_tricks.sliding_window_view(residual, window)
+    median: FloatArray = np.median(windows[np.isfinite(windows).all(axis=1)], axis=1)
+    return median
+
+
+def free_threshold(
+    joint: str, recordings: Sequence[Recording], model: JointModel, window: int
+) -> float:
+    """THRESHOLD_FACTOR times the largest residual of a joint in recordings of free motion [rad].
+
+    Recordings that the model was not fitted to, faster than those it was, make it an honest bound; recordings in which
+    somebody touched the robot make it a useless one.
+
+    Raises:
+        ValueError: The recordings hold no whole window of usable samples.
+    """
+    largest = [np.abs(free_residual(joint, r, model, window)).max(initial=0.0) for r in recordings]
+    if not max(largest, default=0.0) > 0.0:
+        raise ValueError(f"{joint}: no recording holds {window} usable samples in a row")
+    return THRESHOLD_FACTOR * float(max(largest))
+
+
+BOUND_FACTOR = 1.5
 """Over the largest residual of the calibration."""
 
 FLOOR = np.radians(0.6)
@@ -46,7 +83,7 @@ def fit_bounds(
     window: int,
     hands: HandLoads | None = None,
 ) -> dict[str, FusionModel]:
-    """The models with thresholds: MARGIN times the largest residual of calibration runs, by phase of the motion.
+    """The models with thresholds: BOUND_FACTOR times the largest residual of calibration runs, by phase of the motion.
 
     The residual is that of use: with adaptation, filter, and all joints moving at once. The runs must be free motion
     that no model was fitted to.
@@ -86,7 +123,7 @@ def fit_bounds(
             result[name] = replace(
                 models[name],
                 bound=_bound(phases_seen, sizes),
-                momentum_bound=float(MARGIN * strays[index]) or models[name].momentum_bound,
+                momentum_bound=float(BOUND_FACTOR * strays[index]) or models[name].momentum_bound,
             )
     return result
 
@@ -97,7 +134,7 @@ def _bound(phase: FloatArray, residual: FloatArray) -> CartTree:
     leaf = tree.leaf_of(phase)
     highest = residual.max()
     value = [
-        max(FLOOR, MARGIN * max(residual[leaf == node].max(), FLATNESS * highest))
+        max(FLOOR, BOUND_FACTOR * max(residual[leaf == node].max(), FLATNESS * highest))
         if feature == LEAF
         else 0.0
         for node, feature in enumerate(tree.feature)

@@ -7,72 +7,29 @@ throws about: a finite impulse response from what was sent, and from the load on
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Annotated, ClassVar
 
 import numpy as np
-from pydantic import ConfigDict, Field
 
-from pepper_driver.config import PepperError, RobotConfig
+from pepper_driver.config import RobotConfig
 from pepper_driver.config.arrays import FloatArray
-from pepper_driver.config.loading import STRICT
 from pepper_driver.controller.tick import Tick
-from pepper_driver.observer.median import RunningMedian
-from pepper_driver.observer.recording import Recording
-from pepper_driver.observer.strays import START, Strays
-
-Triple = tuple[float, float, float]
-
-TAPS = 25
-"""Ticks of the impulse response: 0.3 s, by which the wheels have settled."""
+from pepper_driver.observer.detection.threshold import START, Strays
+from pepper_driver.observer.models.fusion_model import TAPS, BaseModel
+from pepper_driver.observer.running_filters import RunningMedian
 
 ROWS = 10 * TAPS
 """Of the memory of inputs: it is moved once in nine responses."""
 
-RIDGE = 1e-3  # of the mean square of the inputs
 
 STANDING = 0.005
 """[m/s], [rad/s] A base that has been sent no faster for the length of the response stands."""
 
-MARGIN = 2.6
-"""Over the largest residual of the calibration."""
 
 SAME_AXIS = 0.5
 """Share of the largest residual at which the axis that told before goes on to tell."""
 
 HOLD = 0.3
 """[s] After the response to a drive, for which its bound stays."""
-
-
-class BaseModelError(PepperError, ValueError):
-    """Values that make no model."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class BaseModel:
-    """Of the base's twist: vx [m/s], vy [m/s], wz [rad/s].
-
-    Attributes:
-        coefficients: One row of three per input: first those of this tick, then of the one before, and so on.
-        standing: Bounds of the residual while the base is told to stand.
-        driving: While it is told to drive.
-    """
-
-    __pydantic_config__: ClassVar[ConfigDict] = STRICT
-
-    coefficients: Annotated[tuple[Triple, ...], Field(min_length=1)]
-    standing: Triple
-    driving: Triple
-
-    def __post_init__(self) -> None:
-        if len(self.coefficients) % TAPS:
-            raise BaseModelError(f"'coefficients' must be a multiple of {TAPS} rows")
-        values = [*self.standing, *self.driving]
-        if not (np.isfinite(self.coefficients).all() and np.isfinite(values).all()):
-            raise BaseModelError("a value is not finite")
-        if min(values) <= 0.0:
-            raise BaseModelError("a bound must be above 0")
 
 
 class BaseSignal:
@@ -175,56 +132,5 @@ class BaseSignal:
         return inputs
 
 
-def fit_base(robot: RobotConfig, recordings: Sequence[Recording], *, window: int) -> BaseModel:
-    """Identify the response on every other recording, and bounds that hold on all of them.
-
-    Args:
-        robot: Its description.
-        recordings: Two or more of free whole-body motion, the base moving.
-        window: Samples of the median.
-    """
-    fitted = [_regression(robot, recording) for recording in recordings[::2]]
-    rows, targets = zip(*fitted, strict=True)
-    x, y = np.concatenate(rows), np.concatenate(targets)
-    gram = x.T @ x
-    gram += RIDGE * np.mean(np.diag(gram)) * np.eye(len(gram))
-    coefficients = np.linalg.solve(gram, x.T @ y)
-    largest = {True: np.full(3, 1e-6), False: np.full(3, 1e-6)}
-    for recording in recordings:
-        known, twist = _regression(robot, recording)
-        error = known @ coefficients - twist
-        median = np.median(np.lib.stride_tricks.sliding_window_view(error, window, axis=0), axis=-1)
-        sent = np.abs(known.reshape(len(known), TAPS, -1)[:, :, :3]).max(axis=(1, 2))
-        stands = sent[window - 1 :] < STANDING
-        for case in (True, False):
-            seen = np.abs(median[stands == case])
-            if len(seen):
-                largest[case] = np.maximum(largest[case], seen.max(axis=0))
-    driving = np.maximum(largest[False], largest[True])
-    return BaseModel(
-        coefficients=tuple((float(a), float(b), float(c)) for a, b, c in coefficients),
-        standing=_triple(MARGIN * largest[True]),
-        driving=_triple(MARGIN * driving),
-    )
-
-
-def _regression(robot: RobotConfig, recording: Recording) -> tuple[FloatArray, FloatArray]:
-    """(n, inputs) known of each tick with TAPS - 1 before it; (n, 3) measured twist."""
-    inverse = np.asarray(robot.wheels.inverse)
-    sent = recording.sent_wheel_speed @ inverse.T
-    load = recording.load_torque[:, _legs(robot)]
-    inputs = np.hstack((sent, load))
-    windows = np.lib.stride_tricks.sliding_window_view(inputs, TAPS, axis=0)[:, :, ::-1]
-    known = windows.transpose(0, 2, 1).copy()
-    known[:, :, 3:] -= known[:, -1:, 3:]
-    twist = recording.wheel_speed[TAPS - 1 :] @ inverse.T
-    return known.reshape(len(known), -1), twist
-
-
 def _legs(robot: RobotConfig) -> list[int]:
     return [robot.joint_index(name) for name in robot.chains["legs"]]
-
-
-def _triple(values: FloatArray) -> Triple:
-    a, b, c = map(float, values)
-    return a, b, c

@@ -8,10 +8,13 @@ from itertools import count
 
 from pepper_driver.config import ObserverSettings, RobotConfig
 from pepper_driver.config.contact_selector import Kind
-from pepper_driver.observer.contact import INTENSITY_STEP_DEG, Contact, Phase
-from pepper_driver.observer.events import TIME_TOLERANCE, Excursion, JointMonitor, Onset
-from pepper_driver.observer.interface import JointState
-from pepper_driver.observer.signal import Signal
+from pepper_driver.observer.detection.excursions import (
+    TIME_TOLERANCE,
+    Excursion,
+    JointMonitor,
+    Onset,
+)
+from pepper_driver.observer.interface import INTENSITY_STEP_DEG, Contact, JointState, Phase, Signal
 
 
 def last_in_chain(excursions: Sequence[Excursion]) -> Excursion:

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from pepper_driver.config.arrays import FloatArray
+from pepper_driver.observer.models.stick_slip import PARAMETERS, TwinParameters, Twins
 from pepper_driver.observer.recording import Recording
-from pepper_driver.observer.twin import PARAMETERS, TwinParameters, Twins
 
 START_UP = 0.6
 """[s] at the start of a run that do not count: the twin does not know where in its friction the joint rests."""

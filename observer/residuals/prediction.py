@@ -9,12 +9,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from pepper_driver.config.arrays import BoolArray, FloatArray
-from pepper_driver.observer.adaptation import OFFSET_UNIT
-from pepper_driver.observer.forest import Forest
-from pepper_driver.observer.fusion_model import FusionModel
-from pepper_driver.observer.fusion_threshold import RESTING
-from pepper_driver.observer.tree import FEATURES
-from pepper_driver.observer.twin import PARAMETERS, Twins
+from pepper_driver.observer.detection.threshold import RESTING
+from pepper_driver.observer.models.fusion_model import FusionModel
+from pepper_driver.observer.models.stick_slip import PARAMETERS, Twins
+from pepper_driver.observer.models.tree import FEATURES, Forest
+from pepper_driver.observer.residuals.adaptation import OFFSET_UNIT
 
 LATEST = 3
 """Ticks by which a sample may be late and still be compared with what was expected for its time."""

@@ -1,4 +1,4 @@
-"""Expected-error models of a robot as a file: JSON, so that reading one can never run code."""
+"""Models of all joints in one file of JSON, and the prediction of a recording with them."""
 
 from __future__ import annotations
 
@@ -11,18 +11,20 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any, Literal, NoReturn, Self
 
+import numpy as np
 from pydantic.dataclasses import dataclass as validated_dataclass
 
 from pepper_driver.config import ConfigError, PepperError, RobotConfig, RobotIdentity
 from pepper_driver.config.arguments import as_path
+from pepper_driver.config.arrays import FloatArray
 from pepper_driver.config.errors import reason
 from pepper_driver.config.files import replacing
 from pepper_driver.config.loading import STRICT, parse
 from pepper_driver.config.parts import Positive
-from pepper_driver.observer.base import BaseModel
-from pepper_driver.observer.fusion_model import FusionModel
-from pepper_driver.observer.prediction import JointModel
-from pepper_driver.observer.tree import AffineTree, CartTree
+from pepper_driver.observer.models.fusion_model import BaseModel, FusionModel
+from pepper_driver.observer.models.stick_slip import Twins
+from pepper_driver.observer.models.tree import AffineTree, CartTree, Tree
+from pepper_driver.observer.recording import Recording
 
 FORMAT = 2
 
@@ -280,3 +282,26 @@ def _damaged(path: Path, error: Exception) -> ModelFileError:
     if len(text) > _LONGEST_REASON:
         text = f"{text[:_LONGEST_REASON]}..."
     return ModelFileError(f"{path}: damaged: {text}; {_CURE}")
+
+
+JointModel = Tree | FusionModel
+
+
+def predict_recording(model: JointModel, joint: str, recording: Recording) -> FloatArray:
+    """(n,) expected tracking error of a joint over a run [rad], with no look at what was measured.
+
+    Of a fusion model, twin and remainder; only where the joint starts is taken from the recording.
+    """
+    index = recording.joint_names.index(joint)
+    features = recording.features(index)
+    if not isinstance(model, FusionModel):
+        return model.predict(features)
+    twins = Twins.of([model.twin], recording.cycle)
+    sent = recording.sent_position[:, [index]]
+    twins.start(recording.position[0, [index]], sent[0])
+    at = [
+        twins.step(target, load)[0]
+        for target, load in zip(sent, recording.load_torque[:, [index]], strict=True)
+    ]
+    error: FloatArray = sent[:, 0] - np.array(at) + model.remainder.predict(features)
+    return error

@@ -1,0 +1,1 @@
+"""Fits of models and thresholds to recordings of free motion."""

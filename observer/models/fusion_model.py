@@ -1,0 +1,135 @@
+"""What mode ``fusion`` knows of one joint in free motion."""
+
+from __future__ import annotations
+
+from dataclasses import astuple, dataclass
+from typing import Annotated, ClassVar, Literal
+
+import numpy as np
+from pydantic import ConfigDict, Field
+
+from pepper_driver.config import PepperError
+from pepper_driver.config.loading import STRICT
+from pepper_driver.observer.models.stick_slip import TwinParameters
+from pepper_driver.observer.models.tree import AffineTree, CartTree
+
+Triple = tuple[float, float, float]
+
+
+TAPS = 25
+"""Ticks of the impulse response: 0.3 s, by which the wheels have settled."""
+
+
+class BaseModelError(PepperError, ValueError):
+    """Values that make no model."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class BaseModel:
+    """Of the base's twist: vx [m/s], vy [m/s], wz [rad/s].
+
+    Attributes:
+        coefficients: One row of three per input: first those of this tick, then of the one before, and so on.
+        standing: Bounds of the residual while the base is told to stand.
+        driving: While it is told to drive.
+    """
+
+    __pydantic_config__: ClassVar[ConfigDict] = STRICT
+
+    coefficients: Annotated[tuple[Triple, ...], Field(min_length=1)]
+    standing: Triple
+    driving: Triple
+
+    def __post_init__(self) -> None:
+        if len(self.coefficients) % TAPS:
+            raise BaseModelError(f"'coefficients' must be a multiple of {TAPS} rows")
+        values = [*self.standing, *self.driving]
+        if not (np.isfinite(self.coefficients).all() and np.isfinite(values).all()):
+            raise BaseModelError("a value is not finite")
+        if min(values) <= 0.0:
+            raise BaseModelError("a bound must be above 0")
+
+
+MotorTorque = Literal["current", "voltage"]
+
+
+class MomentumError(PepperError, ValueError):
+    """Parameters that make no momentum channel."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class MomentumParameters:
+    """One joint's constants.
+
+    Attributes:
+        source: Where the motor's torque comes from.
+        torque_per_ampere: Motor torque / K per current [rad/A]; 0 where the source is the voltage.
+        inertia: J / K [s2].
+        lag: d / K [s]; back-EMF and viscous friction for the voltage, viscous friction for the current.
+        offset: [rad]
+    """
+
+    __pydantic_config__: ClassVar[ConfigDict] = STRICT
+
+    source: MotorTorque
+    torque_per_ampere: float
+    inertia: float
+    lag: float
+    offset: float
+
+    def __post_init__(self) -> None:
+        if not np.isfinite(astuple(self)[1:]).all():
+            raise MomentumError("a parameter is not finite")
+        if self.source == "current" and self.torque_per_ampere <= 0.0:
+            raise MomentumError("'torque_per_ampere' of a current must be above 0")
+
+
+Pair = tuple[float, float]
+
+
+class FusionModelError(PepperError, ValueError):
+    """Values that make no model."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class FusionModel:
+    """Models of one joint.
+
+    Attributes:
+        twin: Its stick-slip twin.
+        remainder: What the twin leaves of the tracking error, as a tree on the desired motion (Eq. 12).
+        momentum: Its momentum channel.
+        weight: Of the twin beside the momentum channel, 0..1, at rest and in motion: by inverse covariance.
+        spread: Standard deviation of the fused residual in free motion, at rest and in motion [rad].
+        bound: Threshold of a contact, margin included, as a tree on desired speed [rad/s], size of the desired
+            acceleration [rad/s2], and largest desired speed of the last half second [rad/s].
+        momentum_bound: Threshold of the baseline ``momentum``: the largest residual of the calibration [rad].
+    """
+
+    __pydantic_config__: ClassVar[ConfigDict] = STRICT
+
+    twin: TwinParameters
+    remainder: AffineTree
+    momentum: MomentumParameters
+    weight: Pair
+    spread: Pair
+    bound: CartTree
+    momentum_bound: float
+
+    def __post_init__(self) -> None:
+        if not np.isfinite((*self.weight, *self.spread)).all():
+            raise FusionModelError("a value is not finite")
+        if not all(0.0 <= weight <= 1.0 for weight in self.weight):
+            raise FusionModelError(f"'weight' must lie within 0 and 1, got {self.weight}")
+        if not all(spread > 0.0 for spread in self.spread):
+            raise FusionModelError(f"'spread' must be above 0, got {self.spread}")
+        if not self.momentum_bound > 0.0:
+            raise FusionModelError("'momentum_bound' must be above 0")
+        leaves = [v for v, f in zip(self.bound.value, self.bound.feature, strict=True) if f < 0]
+        if min(leaves) <= 0.0:
+            raise FusionModelError("'bound' must be above 0 everywhere")
+
+    @property
+    def largest_bound(self) -> float:
+        """Highest threshold of a contact [rad]."""
+        return max(self.bound.value)

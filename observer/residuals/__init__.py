@@ -1,0 +1,1 @@
+"""Residuals: tracking errors beyond those of a free motion, by method."""
