@@ -23,7 +23,7 @@ from rich.table import Table
 from pepper_driver.config import RobotConfig, load_robot, load_self_collision
 from pepper_driver.config.arrays import FloatArray
 from pepper_driver.controller import RobotModel, WholeBodyController
-from pepper_driver.controller.capsules import CapsuleDistances
+from pepper_driver.controller.collision import CapsuleDistances
 from pepper_driver.controller.constraints import (
     Balance,
     Constraint,

@@ -14,7 +14,7 @@ from pepper_driver.controller.errors import (
     TaskCountError,
 )
 from pepper_driver.controller.model import LoadTorque, RobotModel
-from pepper_driver.controller.reference import Reference
+from pepper_driver.controller.odometry import Odometry, desaturated
 from pepper_driver.controller.report import ControllerStatus, TaskReport
 from pepper_driver.controller.tasks import (
     BasePoseTask,
@@ -31,8 +31,7 @@ from pepper_driver.controller.tasks import (
     Task,
     TaskRows,
 )
-from pepper_driver.controller.tick import Sent, Tick
-from pepper_driver.controller.wheels import Odometry, desaturated
+from pepper_driver.controller.tick import Reference, Sent, Tick
 from pepper_driver.controller.whole_body import WholeBodyController
 
 __all__ = [

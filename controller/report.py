@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pepper_driver.config.arrays import FloatArray
-from pepper_driver.controller.program import Outcome
+from pepper_driver.controller.qp import Outcome
 
 NOTICEABLE = 0.01
 """[m/s2], [rad/s2] What a task may miss without being mentioned."""

@@ -29,15 +29,14 @@ from pepper_driver.controller.errors import (
     RobotMismatchError,
     TaskCountError,
 )
-from pepper_driver.controller.feedback import Feedback
 from pepper_driver.controller.model import BASE, LoadTorque, RobotModel
-from pepper_driver.controller.program import Answer, Outcome, Program
-from pepper_driver.controller.reference import Reference
+from pepper_driver.controller.odometry import Feedback, Odometry
+from pepper_driver.controller.qp import Answer, Outcome, Program
 from pepper_driver.controller.report import ControllerStatus, TaskReport, explain
 from pepper_driver.controller.solvers import make_solver
 from pepper_driver.controller.tasks import BaseVelocityTask, PostureTask, Task
 from pepper_driver.controller.tasks.targets import finite_vector
-from pepper_driver.controller.wheels import Odometry
+from pepper_driver.controller.tick import Reference
 
 STANDING = 400.0
 """[1/s2] Of the base that is held: it brakes as fast as its acceleration limits allow."""

@@ -16,8 +16,7 @@ from pepper_driver.config import PepperError, RobotConfig
 from pepper_driver.config.arrays import BoolArray, FloatArray
 from pepper_driver.config.errors import reason
 from pepper_driver.config.files import replacing
-from pepper_driver.controller.reference import Reference
-from pepper_driver.controller.tick import Tick
+from pepper_driver.controller.tick import Reference, Tick
 
 FORMAT = 1
 

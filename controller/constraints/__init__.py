@@ -1,14 +1,16 @@
 """What the robot must not do: bounds on accelerations, and rows of inequalities."""
 
+from pepper_driver.config import ControllerSettings, RobotConfig
 from pepper_driver.controller.constraints.balance import Balance
 from pepper_driver.controller.constraints.box import AccelerationBox
-from pepper_driver.controller.constraints.braking_limits import BrakingLimits
-from pepper_driver.controller.constraints.constraint import Constraint, LinearInequality
+from pepper_driver.controller.constraints.constraint import (
+    BrakingLimits,
+    Constraint,
+    LinearInequality,
+)
 from pepper_driver.controller.constraints.coupled import CoupledLimits
-from pepper_driver.controller.constraints.selection import standard_constraints
+from pepper_driver.controller.constraints.motor_limits import TorqueLimit, WheelSpeedLimit
 from pepper_driver.controller.constraints.self_collision import SelfCollision
-from pepper_driver.controller.constraints.torque import TorqueLimit
-from pepper_driver.controller.constraints.wheel_speed import WheelSpeedLimit
 
 __all__ = [
     "AccelerationBox",
@@ -22,3 +24,17 @@ __all__ = [
     "WheelSpeedLimit",
     "standard_constraints",
 ]
+
+
+def standard_constraints(robot: RobotConfig, settings: ControllerSettings) -> list[Constraint]:
+    """New objects of those that the settings switch on."""
+    switches, constraints = settings.constraints, list[Constraint]()
+    if switches.coupled_limits:
+        constraints.append(CoupledLimits(robot, settings.position_margin))
+    if switches.wheel_speed:
+        constraints.append(WheelSpeedLimit(robot))
+    if switches.self_collision:
+        constraints.append(SelfCollision(robot))
+    if switches.balance:
+        constraints.append(Balance(robot))
+    return constraints

@@ -33,8 +33,11 @@ import pinocchio as pin
 from pepper_driver.config import RobotConfig
 from pepper_driver.config.arguments import checked_arguments, is_number
 from pepper_driver.config.arrays import FloatArray
-from pepper_driver.controller.constraints.braking_limits import BrakingLimits
-from pepper_driver.controller.constraints.constraint import Constraint, LinearInequality
+from pepper_driver.controller.constraints.constraint import (
+    BrakingLimits,
+    Constraint,
+    LinearInequality,
+)
 from pepper_driver.controller.errors import LimitError
 from pepper_driver.controller.model import BASE, RobotModel
 

@@ -11,8 +11,7 @@ import numpy as np
 
 from pepper_driver.config import ControllerSettings, RobotConfig
 from pepper_driver.config.arrays import FloatArray
-from pepper_driver.controller.constraints.braking import BrakingDistance
-from pepper_driver.controller.constraints.damper import VelocityDamper
+from pepper_driver.controller.constraints.braking import BrakingDistance, VelocityDamper
 from pepper_driver.controller.model import BASE, RobotModel
 
 TOLERANCE = 1e-9

@@ -31,8 +31,11 @@ import numpy as np
 from pepper_driver.config import ConfigError, RobotConfig
 from pepper_driver.config.arguments import checked_arguments, is_number
 from pepper_driver.controller.constraints.braking import BRAKE_SHARE
-from pepper_driver.controller.constraints.braking_limits import BrakingLimits
-from pepper_driver.controller.constraints.constraint import Constraint, LinearInequality
+from pepper_driver.controller.constraints.constraint import (
+    BrakingLimits,
+    Constraint,
+    LinearInequality,
+)
 from pepper_driver.controller.errors import LimitError
 from pepper_driver.controller.model import RobotModel
 

@@ -22,11 +22,14 @@ import pinocchio as pin
 from pepper_driver.config import RobotConfig, SelfCollisionSettings, load_self_collision
 from pepper_driver.config.arguments import checked_arguments
 from pepper_driver.config.arrays import FloatArray
-from pepper_driver.controller.capsules import CapsuleDistances
-from pepper_driver.controller.constraints.braking import BRAKE_SHARE
-from pepper_driver.controller.constraints.braking_limits import BrakingLimits
-from pepper_driver.controller.constraints.braking_path import BrakingPath
-from pepper_driver.controller.constraints.constraint import Constraint, LinearInequality, stack
+from pepper_driver.controller.collision import CapsuleDistances
+from pepper_driver.controller.constraints.braking import BRAKE_SHARE, BrakingPath
+from pepper_driver.controller.constraints.constraint import (
+    BrakingLimits,
+    Constraint,
+    LinearInequality,
+    stack,
+)
 from pepper_driver.controller.model import RobotModel
 
 CYCLES = (1.0, 3.0)

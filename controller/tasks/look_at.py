@@ -14,7 +14,7 @@ from pepper_driver.config.arguments import checked_arguments
 from pepper_driver.config.arrays import FloatArray
 from pepper_driver.controller.errors import TargetError
 from pepper_driver.controller.model import BodyFrame, RobotModel
-from pepper_driver.controller.tasks.frame_motion import OWN_AXES, cross
+from pepper_driver.controller.tasks.frame import OWN_AXES, cross
 from pepper_driver.controller.tasks.targets import Target, check_link, finite_vector
 from pepper_driver.controller.tasks.task import Task, TaskRows
 from pepper_driver.controller.trajectory import Trajectory, vector_trajectory

@@ -7,7 +7,7 @@ import numpy as np
 from pepper_driver.config import DoctorSettings, PepperError, RobotConfig, load_self_collision
 from pepper_driver.config.arrays import FloatArray
 from pepper_driver.controller import RobotModel
-from pepper_driver.controller.capsules import CapsuleDistances
+from pepper_driver.controller.collision import CapsuleDistances
 
 SEED = 1
 """Of the goals: each motion is the same, so that they can be compared over months."""

@@ -10,7 +10,7 @@ from pepper_driver.config import RobotConfig, load_self_collision
 from pepper_driver.config.arrays import FloatArray
 from pepper_driver.config.robot import POSTURE_TOLERANCE
 from pepper_driver.controller import RobotModel
-from pepper_driver.controller.capsules import CapsuleDistances
+from pepper_driver.controller.collision import CapsuleDistances
 
 
 class PostureCheck:

@@ -12,8 +12,7 @@ from pepper_driver.backends.interface import Command
 from pepper_driver.backends.log_file import CDR_HEADER, Field, row_type
 from pepper_driver.backends.simulated import TruthSample
 from pepper_driver.config import RobotConfig
-from pepper_driver.controller.reference import Reference
-from pepper_driver.controller.tick import Sent, Tick
+from pepper_driver.controller.tick import Reference, Sent, Tick
 from pepper_driver.log.schema import tick_fields, truth_fields, unanswered_fields
 from pepper_driver.observer.interface import JointState, Observation
 

@@ -11,7 +11,7 @@ from pepper_driver.backends import Measurement
 from pepper_driver.config.arguments import checked_arguments
 from pepper_driver.config.arrays import FloatArray
 from pepper_driver.controller.tasks import ComplianceTask
-from pepper_driver.controller.tasks.gains import MAX_DAMPING
+from pepper_driver.controller.tasks.task import MAX_DAMPING
 from pepper_driver.observer import Contact, JointState, Observation
 from pepper_driver.reflexes.limbs import limb_joints
 from pepper_driver.reflexes.reflex import Part, Reflex

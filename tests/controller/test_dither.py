@@ -11,7 +11,7 @@ from controller_cases import DT, ROBOT, STANDARD
 from pepper_driver.config import UnknownNameError, load_self_collision
 from pepper_driver.config.arrays import FloatArray
 from pepper_driver.controller import PostureTask, Reference, WholeBodyController
-from pepper_driver.controller.capsules import CapsuleDistances
+from pepper_driver.controller.collision import CapsuleDistances
 from pepper_driver.controller.dither import Dither
 
 SETTINGS = STANDARD.attentive

@@ -7,7 +7,7 @@ from controller_cases import ROBOT
 
 from pepper_driver.config import load_controller_settings
 from pepper_driver.controller import Reference, WholeBodyController
-from pepper_driver.controller.recorded import RecordedController
+from pepper_driver.replay.playback import RecordedController
 
 SETTINGS = load_controller_settings(ROBOT)
 

@@ -16,9 +16,9 @@ from scipy.optimize import minimize
 from pepper_driver.config import load_self_collision
 from pepper_driver.config.arrays import FloatArray
 from pepper_driver.controller import PositionTask, RobotModel, WholeBodyController
-from pepper_driver.controller.capsules import CapsuleDistances
+from pepper_driver.controller.collision import CapsuleDistances
 from pepper_driver.controller.constraints import BrakingLimits, SelfCollision
-from pepper_driver.controller.constraints.braking_path import BrakingPath
+from pepper_driver.controller.constraints.braking import BrakingPath
 
 SETTINGS = load_self_collision(ROBOT)
 SECURITY = SETTINGS.security_distance

@@ -13,7 +13,7 @@ from test_self_collision import SECURITY, SETTINGS, Ruler, braked, limits
 from pepper_driver.config.arrays import FloatArray
 from pepper_driver.controller import RobotModel
 from pepper_driver.controller.constraints import BrakingLimits, SelfCollision
-from pepper_driver.controller.constraints.braking_path import BrakingPath
+from pepper_driver.controller.constraints.braking import BrakingPath
 
 
 def breakable(

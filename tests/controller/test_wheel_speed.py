@@ -19,7 +19,7 @@ from controller_cases import (
 from pepper_driver.config.arrays import FloatArray
 from pepper_driver.controller import RobotModel, WholeBodyController
 from pepper_driver.controller.constraints import BrakingLimits, LinearInequality, WheelSpeedLimit
-from pepper_driver.controller.wheels import desaturated
+from pepper_driver.controller.odometry import desaturated
 
 LIMIT = ROBOT.wheels.speed_limit
 TINY = 1e-9

@@ -11,8 +11,7 @@ import numpy as np
 from pepper_driver.backends.interface import Command, Imu, Measurement
 from pepper_driver.config import ObserverSettings, load_robot
 from pepper_driver.config.arrays import BoolArray, FloatArray
-from pepper_driver.controller.reference import Reference
-from pepper_driver.controller.tick import Tick
+from pepper_driver.controller.tick import Reference, Tick
 from pepper_driver.observer.interface import Contact
 from pepper_driver.observer.models.model_file import JointModel, ModelKind, ModelSet
 from pepper_driver.observer.models.tree import AffineTree, CartTree

@@ -23,8 +23,7 @@ from observer_cases import CYCLE, JOINTS, ROBOT, SETTINGS, tick
 
 from pepper_driver.config.arrays import BoolArray, FloatArray
 from pepper_driver.controller.model import RobotModel
-from pepper_driver.controller.reference import Reference
-from pepper_driver.controller.tick import Tick
+from pepper_driver.controller.tick import Reference, Tick
 from pepper_driver.observer.models.fusion_model import FusionModel
 from pepper_driver.observer.residuals import adaptation as hand_load
 from pepper_driver.observer.residuals.adaptation import (

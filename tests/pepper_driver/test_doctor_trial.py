@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from pepper_driver.backends.mock import Fault
 from pepper_driver.config import load_doctor_settings, load_self_collision
 from pepper_driver.controller import RobotModel
-from pepper_driver.controller.capsules import CapsuleDistances
+from pepper_driver.controller.collision import CapsuleDistances
 from pepper_driver.doctor import Outcome, Trial, Verdict, try_motion
 from pepper_driver.doctor.goals import NoRoomError, moving_joints, plan_goals
 from pepper_driver.doctor.trial import make_pepper

@@ -11,8 +11,7 @@ from pepper_driver.backends.replay import NOT_LOGGED
 from pepper_driver.backends.simulated import TruthSample
 from pepper_driver.config import load_robot
 from pepper_driver.config.arrays import BoolArray, FloatArray
-from pepper_driver.controller.reference import Reference
-from pepper_driver.controller.tick import Sent, Tick
+from pepper_driver.controller.tick import Reference, Sent, Tick
 from pepper_driver.observer.interface import Contact, Observation
 
 ROBOT = load_robot()

@@ -10,7 +10,7 @@ from pepper_driver.backends.interface import Measurement
 from pepper_driver.config import ControllerSettings, RobotConfig
 from pepper_driver.config.arrays import FloatArray
 from pepper_driver.controller.model import BASE
-from pepper_driver.controller.reference import Reference
+from pepper_driver.controller.tick import Reference
 from pepper_driver.controller.whole_body import WholeBodyController
 
 

@@ -16,8 +16,7 @@ from pepper_driver.controller.solvers import Solver
 from pepper_driver.controller.solvers.daqp_ import DaqpSolver
 from pepper_driver.controller.solvers.solver import NO_BOUNDS, NO_ROWS
 from pepper_driver.controller.tasks import Task
-from pepper_driver.controller.tasks.gains import Gains
-from pepper_driver.controller.tasks.task import TaskRows
+from pepper_driver.controller.tasks.task import Gains, TaskRows
 
 LEAST_COST = 1e-4
 """Of the largest diagonal entry of the cost: an acceleration that tasks care less for is regularised as this one."""

@@ -1,0 +1,162 @@
+"""Tasks that approach a velocity with a first-order lag: of the base, and the momentum of the robot."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from pepper_driver.config import RobotConfig, load_robot
+from pepper_driver.config.arguments import checked_arguments
+from pepper_driver.config.arrays import FloatArray
+from pepper_driver.controller.model import BASE, RobotModel
+from pepper_driver.controller.tasks.targets import finite_vector
+from pepper_driver.controller.tasks.task import Task, TaskRows
+
+
+class LagTask(Task):
+    """A rate goes to a target: a* = damping (target - rate). The target is the task's reference velocity."""
+
+    def attach(self, model: RobotModel, rows: TaskRows) -> None:
+        """There is no error of position: only the rate matters, and the target is its reference."""
+        super().attach(model, rows)
+        rows.error[:] = 0.0
+
+    def _update_gains(self) -> None:
+        super()._update_gains()
+        self.gains = replace(self.gains, stiffness=0.0)
+
+    @property
+    def error(self) -> FloatArray:
+        """(rows,) target minus rate in the last cycle; NaN before the first."""
+        error: FloatArray = self.reference_velocity - self._rate
+        return error
+
+    @checked_arguments
+    def reached(self, tolerance: ArrayLike) -> bool:
+        """Whether every row that has weight is within a tolerance of its target.
+
+        Args:
+            tolerance: One number or (rows,), in the unit of the task.
+
+        Raises:
+            TargetError: Not a number above 0, or not as many.
+        """
+        near = np.abs(self.error) <= self._tolerance(tolerance)
+        return bool(near[self._dim_weight > 0].all())
+
+
+RELAXED_BASE_RATIO = 0.01
+"""Of the weight, for a base at rest that gives way to a task: then it weighs as much as the posture does."""
+
+
+@checked_arguments
+class BaseVelocityTask(LagTask):
+    """The base reaches a twist as a first-order lag: a* = damping (target - twist).
+
+    The controller has one of its own, which it relaxes while a task in use moves the base: then it has a hundredth of
+    its weight, except while its target is a motion.
+
+    Args:
+        stiffness: [1/s2]; the rate is the damping that follows from it.
+        weight: In the cost.
+        name: For reports.
+    """
+
+    needs_kinematics = False
+    _relaxed = False
+
+    def __init__(
+        self, *, stiffness: float = 3.0, weight: float = 1e3, name: str = "base velocity"
+    ) -> None:
+        super().__init__(BASE, stiffness=stiffness, weight=weight, name=name)
+
+    @property
+    def target(self) -> FloatArray:
+        """(3,) vx [m/s], vy [m/s], wz [rad/s] of base_link in its own axes; setting it checks it.
+
+        Raises:
+            TargetError: Not three finite numbers; the old target stays.
+        """
+        return self.reference_velocity
+
+    @target.setter
+    def target(self, value: ArrayLike) -> None:
+        self.reference_velocity = finite_vector("a base twist (vx, vy, wz)", value, BASE)
+
+    def relax(self, relaxed: bool) -> None:
+        """Give way to tasks that move the base, or no longer; called by the controller when it lays out its tasks."""
+        if relaxed is not self._relaxed:
+            self._relaxed = relaxed
+            self._update_gains()
+
+    def _update_gains(self) -> None:
+        super()._update_gains()
+        if self._relaxed and self._reference_velocity is None:
+            self.gains = replace(self.gains, weight=RELAXED_BASE_RATIO * self.gains.weight)
+
+    def _update_driven(self) -> None:
+        super()._update_driven()
+        if self._relaxed:  # the target may have begun or ceased to be a motion
+            self._update_gains()
+
+    def attach(self, model: RobotModel, rows: TaskRows) -> None:
+        """One row for each of vx, vy, wz."""
+        super().attach(model, rows)
+        rows.jacobian[:, :BASE] = np.eye(BASE)
+
+    def compute(self, model: RobotModel, rows: TaskRows) -> None:
+        """What there is to know is the rate, and that is the model's velocity."""
+
+
+@checked_arguments
+class MomentumTask(LagTask):
+    r"""The centroidal momentum h goes to a target as a first-order lag: A qdd + dA/dt qd = damping (target - h).
+
+    Rows are linear [kg m/s], then angular [kg m2/s] momentum, in the world's axes. The use it is mostly put to is to
+    let the arms and the torso balance each other's swing: ``task.dim_weight = (0, 0, 0, 1, 1, 1)``. All six rows at
+    zero hold the centre of mass still as well. A large weight freezes the robot.
+
+    Args:
+        joints: What may move for it, by default all joints.
+        base: True to let the base move for it too.
+        stiffness: [1/s2]; the rate is the damping that follows from it.
+        weight: In the cost, by default below that of a posture: momentum is then what other tasks leave free.
+        name: For reports.
+        robot: Description of the robot, by default the shipped Pepper's.
+
+    Raises:
+        UnknownNameError: No such joint.
+    """
+
+    def __init__(
+        self,
+        *,
+        joints: Sequence[str] | None = None,
+        base: bool = False,
+        stiffness: float = 5.0,
+        weight: float = 1.0,
+        name: str = "momentum",
+        robot: RobotConfig | None = None,
+    ) -> None:
+        super().__init__(6, stiffness=stiffness, weight=weight, name=name)
+        self.select(load_robot() if robot is None else robot, joints, base=base)
+
+    @property
+    def target(self) -> FloatArray:
+        """(6,) linear [kg m/s], then angular [kg m2/s] momentum, zero at first; setting it checks it.
+
+        Raises:
+            TargetError: Not six finite numbers; the old target stays.
+        """
+        return self.reference_velocity
+
+    @target.setter
+    def target(self, value: ArrayLike) -> None:
+        self.reference_velocity = finite_vector("a momentum (linear, angular)", value, self.rows)
+
+    def compute(self, model: RobotModel, rows: TaskRows) -> None:
+        """The rate is the momentum: it is linear in the velocities."""
+        rows.jacobian[:], _, rows.bias[:] = model.centroidal_momentum()
