@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import copy
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 
@@ -155,3 +156,18 @@ class Truth(ABC):
             in_gap=self.in_gap,
             saturated=self.saturated,
         )
+
+
+class Resumable:
+    """Something whose state is the attributes named in ``STATE``; everything else follows from its construction."""
+
+    STATE: ClassVar[tuple[str, ...]] = ()
+
+    def save(self) -> dict[str, Any]:
+        """A copy of the state."""
+        return {name: copy.deepcopy(getattr(self, name)) for name in self.STATE}
+
+    def restore(self, saved: dict[str, Any]) -> None:
+        """Take on a state that :meth:`save` gave."""
+        for name in self.STATE:
+            setattr(self, name, copy.deepcopy(saved[name]))

@@ -1,11 +1,15 @@
-"""The simulated Pepper as a backend."""
+"""The simulated Pepper as a backend, with MuJoCo's window."""
 
 from __future__ import annotations
 
 import copy
+import os
+import sys
+import warnings
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 
+import mujoco
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -19,16 +23,12 @@ from pepper_driver.backends.interface import (
     Measurement,
     NotConnectedError,
 )
-from pepper_driver.backends.mujoco_.handling import planned_hand, planned_push
-from pepper_driver.backends.mujoco_.readings import Readings
-from pepper_driver.backends.mujoco_.resumable import Resumable
+from pepper_driver.backends.mujoco_.pushes import planned_hand, planned_push
 from pepper_driver.backends.mujoco_.sensors import CommandLine
-from pepper_driver.backends.mujoco_.simulation import Simulation
-from pepper_driver.backends.mujoco_.truth import MujocoTruth
-from pepper_driver.backends.mujoco_.window import Window, check_display
+from pepper_driver.backends.mujoco_.simulation import MujocoTruth, Readings, Simulation
 from pepper_driver.backends.selection import BackendUri
 from pepper_driver.backends.serial import Serial, serial
-from pepper_driver.backends.simulated import SimulatedPlant, Truth
+from pepper_driver.backends.simulated import Resumable, SimulatedPlant, Truth
 from pepper_driver.config import (
     ConfigError,
     PlantConfig,
@@ -41,6 +41,48 @@ from pepper_driver.config import (
     plant_hash,
 )
 from pepper_driver.config.arrays import FloatArray
+
+
+def check_display() -> None:
+    """Raise a BackendError where no window can open."""
+    if sys.platform == "linux" and not (
+        os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
+    ):
+        raise BackendError("no window: this machine has no display (DISPLAY is not set)")
+    if sys.platform == "darwin" and "mjpython" not in os.path.basename(sys.executable):
+        raise BackendError("no window: on macOS run with 'mjpython' in place of 'python'")
+
+
+class Window:
+    """Shows the state of the simulation; closing it by hand does not stop the robot."""
+
+    def __init__(self, model: mujoco.MjModel, data: mujoco.MjData) -> None:
+        check_display()
+        import glfw  # these need GL: only now
+        from mujoco import viewer
+
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # the failure is told below
+            if not glfw.init():  # MuJoCo would end the process
+                raise BackendError("no window: the display cannot be opened")
+        try:
+            self._viewer = viewer.launch_passive(
+                model, data, show_left_ui=False, show_right_ui=False
+            )
+        except Exception as error:  # GLFW and GL raise errors of their own
+            raise BackendError(f"no window: {error}") from error
+        self._viewer.cam.distance, self._viewer.cam.azimuth = 3.0, 150.0
+        self._viewer.cam.lookat[:] = 0.0, 0.0, 0.7
+
+    def refresh(self) -> None:
+        """Show the state as it is now."""
+        if self._viewer.is_running():
+            self._viewer.sync()
+
+    def close(self) -> None:
+        """Close the window."""
+        self._viewer.close()
+
 
 RAMP_TIME = 1.0
 """[s] in which activation raises the stiffness from 0 to 1, and deactivation lowers it."""

@@ -1,22 +1,114 @@
-"""The plant in motion: one cycle of physics with boards, friction, wheels, supply and contacts."""
+"""One cycle of the simulated robot, its snapshots, and the truth behind its measurements."""
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, ClassVar
 
 import mujoco
 import numpy as np
 
-from pepper_driver.backends.mujoco_.board import MotorBoards
+from pepper_driver.backends.interface import Imu, Measurement
 from pepper_driver.backends.mujoco_.contacts import Contacts
-from pepper_driver.backends.mujoco_.friction import Friction
-from pepper_driver.backends.mujoco_.model import build_model
-from pepper_driver.backends.mujoco_.resumable import Resumable
-from pepper_driver.backends.mujoco_.rolling import Wheels
-from pepper_driver.backends.mujoco_.slots import Slots
-from pepper_driver.backends.mujoco_.supply import Supply, Warmth
+from pepper_driver.backends.mujoco_.motors import Friction, MotorBoards, Supply, Warmth
+from pepper_driver.backends.mujoco_.plant_model import FALLEN, Slots, build_model
+from pepper_driver.backends.mujoco_.sensors import CurrentSensors, Encoders, InertialUnit
+from pepper_driver.backends.mujoco_.wheels import Wheels
+from pepper_driver.backends.simulated import Resumable, TrueContact, Truth
 from pepper_driver.config import PlantConfig, RobotConfig, World
-from pepper_driver.config.arrays import FloatArray
+from pepper_driver.config.arrays import BoolArray, FloatArray
+from pepper_driver.config.errors import check_name
+
+LYING = 0.05
+"""[rad] Before the tilt at which the base lies, where it still rocks."""
+
+
+class MujocoTruth(Truth):
+    """Ground truth of the simulated robot."""
+
+    def __init__(self, simulation: Simulation) -> None:
+        self._simulation = simulation
+        mj, names = simulation.model.mj, ("base_x", "base_y", "base_yaw", "base_pitch", "base_roll")
+        self._places = None
+        if simulation.wheels.rolling:
+            self._places = np.array([mj.joint(name).qposadr[0] for name in names])
+
+    @property
+    def contact_torque(self) -> FloatArray:
+        """(17,) J^T f, mean over the last cycle [N m]."""
+        return self._simulation.contacts.torque.copy()
+
+    @property
+    def peak_torque(self) -> FloatArray:
+        """(17,) largest |J^T f| in a step of the last cycle [N m]."""
+        return self._simulation.contacts.peak_torque.copy()
+
+    @property
+    def contacts(self) -> tuple[TrueContact, ...]:
+        """What touched the robot in the last cycle."""
+        return self._simulation.contacts.acted
+
+    @property
+    def base(self) -> FloatArray:
+        """(3,) x, y [m], yaw [rad] of base_link."""
+        return self._base()[:3]
+
+    @property
+    def tilt(self) -> FloatArray:
+        """(2,) pitch and roll of the base [rad]."""
+        return self._base()[3:]
+
+    @property
+    def fallen(self) -> bool:
+        """Whether the base has come to lie."""
+        return bool(np.abs(self.tilt).max() > FALLEN - LYING)
+
+    @property
+    def wheel_load(self) -> FloatArray:
+        """(3,) force of the floor on each wheel [N]."""
+        return self._simulation.wheels.load.copy()
+
+    @property
+    def kinetic_energy(self) -> float:
+        """Of all links, rotors and wheels, with the objects of the world [J]."""
+        mj, data = self._simulation.model.mj, self._simulation.data
+        momentum = np.empty(mj.nv)
+        mujoco.mj_mulM(mj, data, momentum, data.qvel)
+        return 0.5 * float(momentum @ data.qvel)
+
+    def _base(self) -> FloatArray:
+        """(5,) x, y, yaw, pitch, roll."""
+        if self._places is None:
+            return np.zeros(5)
+        base: FloatArray = self._simulation.data.qpos[self._places]  # an index array copies
+        return base
+
+    @property
+    def in_gap(self) -> BoolArray:
+        """(17,) whether the joint is inside its backlash."""
+        return self._simulation.model.in_gap(self._simulation.data)
+
+    @property
+    def saturated(self) -> BoolArray:
+        """(17,) whether the board met its current or voltage limit in the last cycle."""
+        return self._simulation.boards.saturated.copy()
+
+    @property
+    def position(self) -> FloatArray:
+        """(17,) link-side joint positions [rad]."""
+        return self._simulation.position
+
+    def link_pose(self, link: str) -> FloatArray:
+        """(4, 4) transform of a link in the world."""
+        model = self._simulation.model
+        check_name("link", link, model.bodies)
+        # In a place of its own: the simulation goes on from what its last step left behind.
+        scratch = mujoco.MjData(model.mj)
+        scratch.qpos[:] = self._simulation.data.qpos
+        mujoco.mj_kinematics(model.mj, scratch)
+        pose = np.eye(4)
+        pose[:3, :3] = scratch.xmat[model.bodies[link]].reshape(3, 3)
+        pose[:3, 3] = scratch.xpos[model.bodies[link]]
+        return pose
 
 
 class Simulation(Resumable):
@@ -166,3 +258,73 @@ class Simulation(Resumable):
         self._friction.warm(warmth.grease)
         self.boards.warm(warmth.copper, warmth.magnet)
         self._warmth = warmth
+
+
+class Readings(Resumable):
+    """Encoders, current sensors, inertial unit and the rest, as one :class:`Measurement`.
+
+    Attributes:
+        position: (17,) joint positions last read [rad].
+    """
+
+    STATE: ClassVar[tuple[str, ...]] = ("position", "_tick")
+
+    def __init__(self, robot: RobotConfig, plant: PlantConfig, simulation: Simulation) -> None:
+        self._robot, self._plant, self._simulation = robot, plant, simulation
+        self._imu = InertialUnit(robot, simulation.model.mj, simulation.data)
+        self.begin(0)
+
+    def begin(self, seed: int) -> Measurement:
+        """The first measurement of a robot at rest, with noise of this seed to come."""
+        # One stream for each kind of sensor: a change in one leaves the noise of the others as it was.
+        streams = np.random.SeedSequence(seed).spawn(2)
+        rngs = [np.random.Generator(np.random.PCG64(stream)) for stream in streams]
+        self._encoders = Encoders(self._robot, self._plant, rngs[0])
+        self._current_sensors = CurrentSensors(self._robot, self._plant, rngs[1])
+        self._tick = 0
+        start = self._simulation.position
+        return self._measurement(
+            self._encoders.reset(start), self._current_sensors.reset(), self._imu.reset()
+        )
+
+    def read(self) -> Measurement:
+        """The measurement one cycle later."""
+        self._tick += 1
+        simulation = self._simulation
+        return self._measurement(
+            self._encoders.read(simulation.position),
+            self._current_sensors.read(simulation.current),
+            self._imu.read(),
+        )
+
+    def save(self) -> dict[str, Any]:
+        """State of the sensors and their noise."""
+        return {"self": super().save(), **{n: part.save() for n, part in self._parts().items()}}
+
+    def restore(self, saved: dict[str, Any]) -> None:
+        """Go back to a state that :meth:`save` gave."""
+        super().restore(saved["self"])
+        for name, part in self._parts().items():
+            part.restore(saved[name])
+
+    def _parts(self) -> dict[str, Resumable]:
+        return {"encoders": self._encoders, "currents": self._current_sensors, "imu": self._imu}
+
+    def _measurement(self, position: FloatArray, current: FloatArray, imu: Imu) -> Measurement:
+        self.position = position
+        supply, feeling = self._simulation.supply, self._simulation.contacts.touch
+        return Measurement(
+            time=self._tick * self._robot.cycle,
+            tick=self._tick,
+            position=position,
+            current=current,
+            wheel_speed=self._simulation.wheels.speed,
+            imu=imu,
+            touch=feeling.touch,
+            bumpers=feeling.bumpers,
+            buttons=feeling.buttons,
+            temperature=np.rint(supply.temperature),
+            battery=supply.charge,
+            age=self._encoders.age * self._robot.cycle,
+            charging_flap=0.0,
+        )

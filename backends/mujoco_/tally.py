@@ -7,10 +7,9 @@ from collections.abc import Hashable
 import mujoco
 import numpy as np
 
-from pepper_driver.backends.mujoco_.model import PlantModel
-from pepper_driver.backends.mujoco_.resumable import Resumable
-from pepper_driver.backends.mujoco_.touch import TouchSensors
-from pepper_driver.backends.simulated import ContactKind, TrueContact
+from pepper_driver.backends.mujoco_.plant_model import PlantModel
+from pepper_driver.backends.mujoco_.sensors import TouchSensors
+from pepper_driver.backends.simulated import ContactKind, Resumable, TrueContact
 from pepper_driver.config.arrays import FloatArray
 
 Point = tuple[float, float, float]

@@ -10,7 +10,7 @@ from pepper_driver.config import RobotConfig
 from pepper_driver.config.arrays import FloatArray
 from pepper_driver.observer.models.fusion_model import TAPS, BaseModel, Triple
 from pepper_driver.observer.recording import Recording
-from pepper_driver.observer.residuals.mobile_base import STANDING, _legs
+from pepper_driver.observer.residuals.mobile_base import STANDING, leg_indices
 
 RIDGE = 1e-3  # of the mean square of the inputs
 
@@ -56,7 +56,7 @@ def _regression(robot: RobotConfig, recording: Recording) -> tuple[FloatArray, F
     """(n, inputs) known of each tick with TAPS - 1 before it; (n, 3) measured twist."""
     inverse = np.asarray(robot.wheels.inverse)
     sent = recording.sent_wheel_speed @ inverse.T
-    load = recording.load_torque[:, _legs(robot)]
+    load = recording.load_torque[:, leg_indices(robot)]
     inputs = np.hstack((sent, load))
     windows = np.lib.stride_tricks.sliding_window_view(inputs, TAPS, axis=0)[:, :, ::-1]
     known = windows.transpose(0, 2, 1).copy()

@@ -49,7 +49,7 @@ class BaseSignal:
         self._response = response.reshape(-1, 3)
         self._inputs_per_tick = response.shape[1]
         self._standing, self._driving = np.array(model.standing), np.array(model.driving)
-        self._legs = _legs(robot)
+        self._legs = leg_indices(robot)
         self._inverse = np.asarray(robot.wheels.inverse)
         self._window, self._still = window, TAPS + round(HOLD / robot.cycle)
         self._adapt = adapt
@@ -132,5 +132,6 @@ class BaseSignal:
         return inputs
 
 
-def _legs(robot: RobotConfig) -> list[int]:
+def leg_indices(robot: RobotConfig) -> list[int]:
+    """Return the places of the leg joints in the order of joints."""
     return [robot.joint_index(name) for name in robot.chains["legs"]]

@@ -8,10 +8,10 @@ from typing import Any, Literal
 
 import numpy as np
 
-from pepper_driver.backends.mujoco_.reference import integration_error
-from pepper_driver.backends.mujoco_.testbench import (
+from pepper_driver.calibration.testbench import (
     HoldEnds,
     hold_errors,
+    integration_error,
     ramp_errors,
     real_time_factor,
 )

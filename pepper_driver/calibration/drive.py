@@ -9,8 +9,8 @@ from math import inf, log
 
 import numpy as np
 
-from pepper_driver.backends.mujoco_.testbench import opposite
 from pepper_driver.calibration.calibrate import Measured, residual, statistics
+from pepper_driver.calibration.testbench import opposite
 from pepper_driver.config import (
     Calibration,
     HoldStatistics,

@@ -9,8 +9,8 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from pepper_driver.backends.mujoco_.friction import Friction as DriveFriction
-from pepper_driver.backends.mujoco_.model import build_model
+from pepper_driver.backends.mujoco_.motors import Friction as DriveFriction
+from pepper_driver.backends.mujoco_.plant_model import build_model
 from pepper_driver.backends.mujoco_.simulation import Simulation
 from pepper_driver.config import PlantConfig, load_plant, load_robot
 from pepper_driver.config.arrays import FloatArray

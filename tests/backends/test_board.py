@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from plant_cases import ROBOT, ZERO, N, plain
 
-from pepper_driver.backends.mujoco_.board import MotorBoards
+from pepper_driver.backends.mujoco_.motors import MotorBoards
 from pepper_driver.config import PlantConfig
 from pepper_driver.config.arrays import FloatArray
 

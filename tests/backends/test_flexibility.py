@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from plant_cases import ROBOT, STAND, Bench, friction, hold, plain, push, standing
 
-from pepper_driver.backends.mujoco_.model import build_model
+from pepper_driver.backends.mujoco_.plant_model import build_model
 from pepper_driver.backends.mujoco_.simulation import Simulation
 from pepper_driver.config import ConfigError, PlantConfig
 from pepper_driver.config.arrays import FloatArray

@@ -7,7 +7,7 @@ from contact_cases import CYCLE, FIXED, ROBOT, ROLLING, STEP, Robot
 
 from pepper_driver.backends import Backend, CapabilityError, NotConnectedError
 from pepper_driver.backends.mujoco_ import MujocoBackend
-from pepper_driver.backends.mujoco_.hands import HAND_MASS, first_overlap
+from pepper_driver.backends.mujoco_.pushes import HAND_MASS, first_overlap
 from pepper_driver.backends.simulated import TrueContact
 from pepper_driver.config import UnknownNameError
 from pepper_driver.config.arrays import FloatArray

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from plant_cases import ROBOT, STAND, hold, plain, rolling, standing, twist
 
-from pepper_driver.backends.mujoco_.inertial import InertialUnit
+from pepper_driver.backends.mujoco_.sensors import InertialUnit
 from pepper_driver.backends.mujoco_.simulation import Simulation
 from pepper_driver.config import PlantConfig, RobotConfig
 from pepper_driver.config.arrays import FloatArray

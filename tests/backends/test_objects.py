@@ -8,7 +8,7 @@ import pytest
 from contact_cases import CYCLE, FIXED, ROBOT, ROLLING, Robot, world
 
 from pepper_driver.backends import Command
-from pepper_driver.backends.mujoco_.model import PlantModel
+from pepper_driver.backends.mujoco_.plant_model import PlantModel
 from pepper_driver.backends.mujoco_.simulation import Simulation
 from pepper_driver.config import load_world
 from pepper_driver.config.arrays import FloatArray

@@ -9,7 +9,7 @@ import pinocchio as pin
 import pytest
 from plant_cases import INDEX, ONE, ROBOT, STAND, hold, plain, standing
 
-from pepper_driver.backends.mujoco_.model import build_model
+from pepper_driver.backends.mujoco_.plant_model import build_model
 from pepper_driver.config import PlantConfig, load_plant
 from pepper_driver.config.arrays import FloatArray
 from pepper_driver.config.plant_parts import Body, Payload

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from plant_cases import ROBOT, plain, stepping
 
-import pepper_driver.backends.mujoco_.reference as reference
-from pepper_driver.backends.mujoco_.friction import Friction
+import pepper_driver.calibration.testbench as reference
+from pepper_driver.backends.mujoco_.motors import Friction
 from pepper_driver.config import load_plant
 
 PLANT = load_plant("nominal", ROBOT)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from plant_cases import INDEX, JOINT, ONE, ROBOT, STAND, STUCK, N, friction, hold, plain, standing
 
-from pepper_driver.backends.mujoco_.supply import COLDEST_FRICTION, WARMEST_FRICTION, Supply
+from pepper_driver.backends.mujoco_.motors import COLDEST_FRICTION, WARMEST_FRICTION, Supply
 from pepper_driver.config import PlantConfig
 from pepper_driver.config.arrays import FloatArray
 from pepper_driver.config.plant_parts import Battery

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from plant_cases import ROBOT, N, plain
 
-from pepper_driver.backends.mujoco_.testbench import (
+from pepper_driver.calibration.testbench import (
     hold_errors,
     opposite,
     ramp_command,

@@ -21,7 +21,7 @@ from plant_files import (
     variant,
 )
 
-from pepper_driver.backends.mujoco_.model import build_model
+from pepper_driver.backends.mujoco_.plant_model import build_model
 from pepper_driver.config import ConfigError, PlantConfig, load_plant, load_robot, plant_hash
 from pepper_driver.config.errors import UnknownNameError
 from pepper_driver.config.loading import package_file, parse, read_yaml

@@ -15,7 +15,7 @@ from plant_files import (
     variant,
 )
 
-from pepper_driver.backends.mujoco_.model import build_model
+from pepper_driver.backends.mujoco_.plant_model import build_model
 from pepper_driver.config import ConfigError, load_plant, plant_hash
 
 DRAWN = {

@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from pepper_driver.backends.mujoco_.testbench import HoldEnds
 from pepper_driver.calibration import calibrate
 from pepper_driver.calibration import fit as calibration_fit
 from pepper_driver.calibration.calibrate import (
@@ -38,6 +37,7 @@ from pepper_driver.calibration.fit import (
     ramp_error,
     start_values,
 )
+from pepper_driver.calibration.testbench import HoldEnds
 from pepper_driver.cli import calibrate as command
 from pepper_driver.cli.app import run
 from pepper_driver.config import (

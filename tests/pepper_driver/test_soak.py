@@ -7,7 +7,7 @@ import pytest
 from typer.testing import CliRunner
 
 from pepper_driver.backends import make_backend
-from pepper_driver.backends.mujoco_.truth import MujocoTruth
+from pepper_driver.backends.mujoco_.simulation import MujocoTruth
 from pepper_driver.bench.soak import PERIOD, run_soak
 from pepper_driver.cli.app import app
 

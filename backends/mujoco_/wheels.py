@@ -14,69 +14,10 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from pepper_driver.backends.mujoco_.drives import harden_friction
-from pepper_driver.backends.mujoco_.resumable import Resumable
+from pepper_driver.backends.mujoco_.plant_model import grip
+from pepper_driver.backends.simulated import Resumable
 from pepper_driver.config import PlantConfig, RobotConfig
 from pepper_driver.config.arrays import FloatArray
-
-FALLEN = 1.2
-"""[rad] of tilt at which the base comes to lie: the robot has fallen over."""
-
-_SLIDES = {"base_x": (1, 0, 0), "base_y": (0, 1, 0), "base_z": (0, 0, 1)}
-_HINGES = {"base_yaw": (0, 0, 1), "base_pitch": (0, 1, 0), "base_roll": (1, 0, 0)}
-_ROLLED = ("base_x", "base_y", "base_yaw")
-
-
-def grip(wheel: str) -> str:
-    """Name of the tendon between a wheel and the floor."""
-    return f"grip_{wheel}"
-
-
-def add_wheel_drives(spec: mujoco.MjSpec, robot: RobotConfig, plant: PlantConfig) -> None:
-    """A motor under speed control for each wheel: torque = gain (ctrl - speed), within the torque limit."""
-    drive, motor = plant.wheels, robot.motors.types[robot.wheels.motor_type]
-    for name in robot.wheels.names:
-        joint = spec.joint(name)
-        joint.actfrclimited = 0
-        joint.armature = robot.wheels.ratio**2 * motor.rotor_inertia
-        joint.frictionloss = drive.friction
-        harden_friction(joint, plant)
-        actuator = spec.add_actuator(name=name, trntype=mujoco.mjtTrn.mjTRN_JOINT, target=name)
-        actuator.gaintype = mujoco.mjtGain.mjGAIN_FIXED
-        actuator.biastype = mujoco.mjtBias.mjBIAS_AFFINE
-        actuator.gainprm[0], actuator.biasprm[2] = drive.gain, -drive.gain
-        actuator.forcerange = [-drive.torque_limit, drive.torque_limit]
-        actuator.forcelimited = 1
-
-
-def add_rolling_base(
-    spec: mujoco.MjSpec, robot: RobotConfig, plant: PlantConfig, *, floor_bit: int
-) -> None:
-    """Free the base, and put its wheels on a floor."""
-    base = spec.body("base_link")
-    for name, axis in _SLIDES.items():
-        base.add_joint(name=name, type=mujoco.mjtJoint.mjJNT_SLIDE, axis=axis)
-    for name, axis in _HINGES.items():
-        hinge = base.add_joint(name=name, type=mujoco.mjtJoint.mjJNT_HINGE, axis=axis)
-        if name != "base_yaw":
-            hinge.limited, hinge.range = 1, [-FALLEN, FALLEN]
-    spec.worldbody.add_geom(
-        name="floor",
-        type=mujoco.mjtGeom.mjGEOM_PLANE,
-        size=[10, 10, 0.1],
-        rgba=[0.8, 0.8, 0.8, 1],
-        contype=floor_bit,
-        conaffinity=0,
-        condim=1,
-    )
-    for name in robot.wheels.names:
-        tyre = spec.joint(name).parent.geoms[0]
-        tyre.conaffinity |= floor_bit
-        tyre.condim = 1
-        tendon = spec.add_tendon(name=grip(name))
-        for joint in (name, *_ROLLED):
-            tendon.wrap_joint(joint, 1.0)
-        harden_friction(tendon, plant)
 
 
 class Wheels(Resumable):
