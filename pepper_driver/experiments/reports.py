@@ -72,7 +72,7 @@ class StepReport:
         goals = "; ".join(
             f"{goal.name} off by {goal.commanded}, measured {goal.measured}" for goal in self.goals
         )
-        return f"step {self.number} {self.name}: {self.duration:.2f} s{word}" + (
+        return f"step {self.name or self.number}: {self.duration:.2f} s{word}" + (
             f": {goals}" if goals else ""
         )
 

@@ -175,13 +175,13 @@ def test_what_steps_with_tasks_reached_is_printed(
     told = [line.split(" s  ")[1] for line in lines_of(capsys) if " s  " in line]
     assert [text.split(":")[0] for text in told] == [
         "step look",
-        "step 0 look",
+        "step look",
         "step far",
-        "step 1 far",
+        "step far",
         "step back",
     ]
-    assert told[1].startswith("step 0 look: 0.60 s: posture off by ")
-    assert told[3].startswith("step 1 far: 0.36 s, NOT reached: position l_wrist off by ")
+    assert told[1].startswith("step look: 0.60 s: posture off by ")
+    assert told[3].startswith("step far: 0.36 s, NOT reached: position l_wrist off by ")
     content = json.loads(figures.read_text())
     assert [step["reached"] for step in content["steps"]] == [None, False, None]
     assert read_log(log).complete
