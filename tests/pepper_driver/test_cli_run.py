@@ -199,7 +199,7 @@ def test_a_run_that_stops_early_has_code_1(
     fake(monkeypatch)
     path = write(tmp_path, STAND, listen(on_timeout="stop"), TURN)
     assert run(["run", str(path)]) == 1
-    assert "mine: stopped: nobody came in 'listen'" in capsys.readouterr().out
+    assert "mine: stopped: wait 'listen' timed out" in capsys.readouterr().out
     far = {"position": {"link": "l_wrist", "target": [3, 0, 1], "joints": ["left_arm"]}}
     path = write(tmp_path, STAND, {**far, "until": "reached", "timeout": 0.3})
     assert run(["run", str(path)]) == 1

@@ -119,7 +119,7 @@ def test_a_wait_in_vain(monkeypatch: pytest.MonkeyPatch, tmp_path: Path, on_time
     assert report.stopped_by == ("listen" if on_timeout == "stop" else "")
     assert len(cues) == (on_timeout == "continue")
     assert len(report.steps) == (4 if on_timeout == "continue" else 2)
-    assert ("nobody came in 'listen'" in str(report)) == (on_timeout == "stop")
+    assert ("wait 'listen' timed out" in str(report)) == (on_timeout == "stop")
 
 
 def test_each_wait_listens_anew(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
