@@ -409,6 +409,12 @@ def test_without_a_command_the_help_is_shown(capsys: pytest.CaptureFixture[str])
         assert captured.err == ""
 
 
+def test_no_command_offers_shell_completion(capsys: pytest.CaptureFixture[str]) -> None:
+    for words in (["--help"], ["log", "--help"], ["log", "info", "--help"], ["run", "--help"]):
+        assert run(words) == 0
+        assert "completion" not in capsys.readouterr().out
+
+
 # -- help -------------------------------------------------------------------------------------------------------------
 
 

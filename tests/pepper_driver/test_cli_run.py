@@ -14,12 +14,13 @@ import pytest
 from event_cases import contact
 from experiment_cases import EXAMPLES, STAND, TURN, fake, listen, write
 
+from pepper_driver.callbacks.events import PushEvent
 from pepper_driver.cli.app import run
 from pepper_driver.cli.run import event_text
 from pepper_driver.config import load_experiment, load_robot
 from pepper_driver.config.loading import shipped_names
 from pepper_driver.log import read_log
-from pepper_driver.observer import shipped
+from pepper_driver.observer import Push, shipped
 
 PUSH: dict[str, Any] = {
     "kind": "push",
@@ -164,6 +165,24 @@ def test_what_happens_is_printed_as_it_happens(
     assert content["completed"] is True
     assert content["waits"] == [{"step": "listen", "heard": True}]
     assert read_log(log).complete
+
+
+def test_a_push_is_told_with_the_time_at_which_it_begins() -> None:
+    push = Push(
+        joint="LElbowRoll",
+        link="LForeArm",
+        direction=1,
+        force=20.0,
+        torque=2.0,
+        degrees=2.0,
+        onset=4.3,
+        release=5.1,
+        moving=False,
+    )
+    told = PushEvent(link="LForeArm", text="pushed with 20.0 N", time=4.0, push=push)
+    assert event_text(told) == "push  LForeArm: from 4.30 s pushed with 20.0 N"
+    spared = PushEvent(link="LForeArm", text="left out: it is held", time=4.0, push=None)
+    assert event_text(spared) == "push  LForeArm: left out: it is held"
 
 
 def test_what_steps_with_tasks_reached_is_printed(
