@@ -56,11 +56,6 @@ WAYS = {
     "up": (0.0, 0.0, 1.0),
     "down": (0.0, 0.0, -1.0),
 }
-AXES = {
-    "sideways": ("outwards", "inwards"),
-    "forward, back": ("forward", "back"),
-    "up, down": ("up", "down"),
-}
 DURATION = 1.0  # [s]
 BEGIN, END = 3.0, 2.0  # [s] at rest at the beginning, and of the last step, without pushes
 APART = 4.0  # [s] between the onsets of two pushes, at least; a step takes as long
@@ -304,17 +299,17 @@ def force_table(pushes: dict[str, list[Result]]) -> Table:
 
 
 def way_table(pushes: dict[str, list[Result]]) -> Table:
-    """Return a row for each plant and pair of opposite directions."""
+    """Return a row for each plant and direction."""
     table = Table(
         "plant",
         "direction",
         *(f"{force:g} N" for force in FORCES),
         title="Told / retracted of all; median (5-95 %) of the largest torque told, N m",
     )
-    for plant, (axis, ways) in product(pushes, AXES.items()):
+    for plant, way in product(pushes, WAYS):
         cells = []
         for force in FORCES:
-            rows = [r for r in pushes[plant] if r["force"] == force and r["way"] in ways]
+            rows = [r for r in pushes[plant] if r["force"] == force and r["way"] == way]
             told, _, retracted = (sum(r[key] is not None for r in rows) for key in TIMES)
             torques = [r["torque"] for r in rows if r["torque"] is not None]
             spread = ""
@@ -322,7 +317,7 @@ def way_table(pushes: dict[str, list[Result]]) -> Table:
                 low, middle, high = np.percentile(torques, (5, 50, 95))
                 spread = f"; {middle:.1f} ({low:.1f}-{high:.1f})"
             cells.append(f"{told} / {retracted} of {len(rows)}{spread}")
-        table.add_row(plant, axis, *cells)
+        table.add_row(plant, way, *cells)
     return table
 
 

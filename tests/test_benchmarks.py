@@ -674,14 +674,14 @@ def test_pushes_on_the_moving_arm_are_counted_by_plant_force_and_direction(
     status, out, err = scripted(TOUCH, monkeypatch, capsys, *options)
     assert (status, err) == (0, "")
     rows = [[cell.strip() for cell in line.split("│")[1:-1]] for line in out.splitlines()]
-    by_force = {row[1]: row[2:] for row in rows if row and len(row) == 11}
+    by_force = {row[1]: row[2:] for row in rows if len(row) == 11}
     half, all_, none = "2 of 4 [0.07-0.93]", "2 of 2 [0.16-1.00]", "0 of 2 [0.00-0.84]"
     assert by_force["12 N"] == [half, half, half, "0 of 4 [0.00-0.60]", "120", "100", "3", "0", "0"]
     assert by_force["20 N"] == [all_, all_, none, all_, "120", "5", "3", "0", "2"]
-    sideways, _, vertical = (row[2:] for row in rows if row and len(row) == 8)
-    assert sideways[2] == "2 / 0 of 2; 4.0 (4.0-4.0)"
-    assert sideways[4] == "2 / 2 of 2; 6.0 (6.0-6.0)"
-    assert vertical[2] == "0 / 0 of 2"
+    by_way = {row[1]: row[2:] for row in rows if len(row) == 8}
+    assert by_way["inwards"][2] == "2 / 0 of 2; 4.0 (4.0-4.0)"
+    assert by_way["inwards"][4] == "2 / 2 of 2; 6.0 (6.0-6.0)"
+    assert by_way["up"][2] == "0 / 0 of 2"
     [last] = (row for row in rows if len(row) == 9)
     # One event in four minutes, by Poisson: below 4.74 in them.
     assert last == ["nominal", "4.0", "2", "4", "6", "94.4", "8", "2", "0.6"]
