@@ -15,24 +15,19 @@ Run: python benchmarks/attentive.py --seeds test --json attentive.json
 from __future__ import annotations
 
 import argparse
-import json
 import sys
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
-from pathlib import Path
-from typing import Any, NoReturn
 
 import numpy as np
 from rich.console import Console
 from rich.table import Table
-from scipy.stats import binomtest, chi2
+from seeded_runs import FILE_WIDTH, Parser, Result, perform, rate_bound, seeds, share
 
 from pepper_driver import Pepper, PepperError
 from pepper_driver.config import load_controller_settings, load_observer_settings, load_robot
-from pepper_driver.config.files import OutputError, check_writable, write_json
 from pepper_driver.config.plant import plant_names
-from pepper_driver.config.workers import run_jobs
 from pepper_driver.controller import Tick
 from pepper_driver.observer import ContactObserver, ModelSet, Push, score
 from pepper_driver.observer.models.model_file import shipped
@@ -55,10 +50,7 @@ FORCES = (3.0, 5.0, 8.0, 12.0, 20.0)  # [N]
 EACH = 6  # pushes with each force in one run
 SETTLING, PERIOD, DURATION, RISE = 40.0, 3.5, 1.0, 0.05  # [s]
 ARM = slice(5, 9)  # of the left arm in the order of joints: from shoulder to elbow
-FILE_WIDTH = 240  # columns
-MAX_AMPLITUDE, MAX_MINUTES, MAX_RUNS = 5.0, 1440.0, 1000
-
-Result = dict[str, Any]
+MAX_AMPLITUDE, MAX_MINUTES = 5.0, 1440.0
 
 
 def observer(plant: str) -> ContactObserver:
@@ -156,18 +148,12 @@ def stand_free(plant: str, amplitude: float, minutes: float, seed: int) -> Resul
     }
 
 
-def seeds(root: str, count: int, *place: int) -> list[int]:
-    """Return independent seeds of a root."""
-    sequence = np.random.SeedSequence([ROOTS[root], *place])
-    return [int(seed) for seed in sequence.generate_state(count, np.uint64)]
-
-
 def plan(options: argparse.Namespace) -> dict[str, Callable[[], Result]]:
     """Return the runs by name. All amplitudes meet the same pushes."""
     runs: dict[str, Callable[[], Result]] = {}
     root = options.seeds
     for plant in options.push_plants:
-        for number, seed in enumerate(seeds(root, options.runs, 0, *plant.encode())):
+        for number, seed in enumerate(seeds(ROOTS[root], options.runs, 0, *plant.encode())):
             for amplitude in options.amplitudes:
                 name = f"{root} push {plant} {amplitude:g} deg {number}"
                 runs[name] = partial(push, plant, amplitude, seed)
@@ -177,54 +163,10 @@ def plan(options: argparse.Namespace) -> dict[str, Callable[[], Result]]:
         pairs = [(plant, options.amplitude) for plant in plants]
         pairs += [(plant, 0.0) for plant in plants if plant in PUSH_PLANTS]
         for plant, amplitude in pairs:
-            [seed] = seeds(root, 1, 1, *plant.encode())
+            [seed] = seeds(ROOTS[root], 1, 1, *plant.encode())
             name = f"{root} free {plant} {amplitude:g} deg {options.minutes:g} min"
             runs[name] = partial(stand_free, plant, amplitude, options.minutes, seed)
     return runs
-
-
-def perform(
-    runs: dict[str, Callable[[], Result]], path: Path | None, jobs: int, console: Console
-) -> dict[str, Result]:
-    """Return the results of all runs; those in the file are not repeated, and each one is written as it ends."""
-    done: dict[str, Result] = {}
-    if path is not None:
-        if path.is_file():
-            done = read_results(path)
-        check_writable(path)
-    missing = {name: run for name, run in runs.items() if name not in done}
-    named = (partial(_named, name, run) for name, run in missing.items())
-    for count, (name, result) in enumerate(run_jobs(named, workers=jobs, ordered=False), 1):
-        done[name] = result
-        console.print(f"{count} of {len(missing)}: {name}", highlight=False)
-        if path is not None:
-            write_json(path, {"simulated": True, "runs": done})
-    return {name: done[name] for name in runs}
-
-
-def read_results(path: Path) -> dict[str, Result]:
-    """Return the results in a file.
-
-    Raises:
-        OutputError: It is no file of this program.
-    """
-    try:
-        runs = json.loads(path.read_text(encoding="utf-8"))["runs"]
-        return {str(name): dict(result) for name, result in runs.items()}
-    except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
-        raise OutputError(
-            f"{path}: holds no results of this benchmark; give another file"
-        ) from error
-
-
-def _named(name: str, run: Callable[[], Result]) -> tuple[str, Result]:
-    return name, run()
-
-
-def share(felt: int, count: int) -> str:
-    """Return a share with its interval, for people."""
-    bounds = binomtest(felt, count).proportion_ci(0.95, "exact")
-    return f"{felt} of {count} [{bounds.low:.2f}-{bounds.high:.2f}]"
 
 
 def push_table(results: dict[str, Result], options: argparse.Namespace) -> Table:
@@ -263,54 +205,38 @@ def free_table(results: dict[str, Result]) -> Table:
         _, _, plant, amplitude, *_ = name.split()
         joints = sorted({joint for joint, _ in result["false"]})
         count = len(result["false"])
-        upper = chi2.ppf(0.95, 2 * count + 2) / 2.0 / (result["minutes"] / 60.0)
         table.add_row(
             plant,
             f"{amplitude} deg",
             f"{result['minutes']:g}",
             str(count),
             ", ".join(joints),
-            f"{upper:.1f}",
+            f"{rate_bound(count, result['minutes'] / 60.0):.1f}",
             " ".join(f"{value:.2f}" for value in result["current"].values()),
             " ".join(f"{value:.0f}" for value in result["temperature_rise"].values()),
         )
     return table
 
 
-class Parser(argparse.ArgumentParser):
-    """Errors of one line."""
-
-    def error(self, message: str) -> NoReturn:
-        self.exit(2, f"{self.prog}: {message}\n")
-
-
 def arguments() -> argparse.Namespace:
     """Return the options, checked."""
     known = plant_names()
     parser = Parser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--seeds", choices=tuple(ROOTS), default="development")
+    parser.add_run_options(roots=ROOTS, runs=10, runs_help=f"with {EACH} pushes a force, each")
     parser.add_argument("--push-plants", nargs="*", default=PUSH_PLANTS, choices=known)
     parser.add_argument(
         "--amplitudes", nargs="+", type=float, default=AMPLITUDES, help="[deg], 0 is off"
     )
-    parser.add_argument("--runs", type=int, default=10, help=f"with {EACH} pushes a force, each")
     parser.add_argument("--plants", nargs="*", default=known, choices=known, help="without touch")
     parser.add_argument("--amplitude", type=float, default=2.0, help="without touch [deg]")
     parser.add_argument("--minutes", type=float, default=60.0, help="without touch; 0 for none")
-    parser.add_argument("--jobs", type=int, default=1, help="processes; -1 for one per core")
-    parser.add_argument(
-        "--json", type=Path, help="results, and where a run that was broken off goes on"
-    )
     given = parser.parse_args()
     for amplitude in (*given.amplitudes, given.amplitude):
         if not 0.0 <= amplitude <= MAX_AMPLITUDE:
             parser.error(f"an amplitude is 0 to {MAX_AMPLITUDE:g} deg, got {amplitude:g}")
     if not 0.0 <= given.minutes <= MAX_MINUTES:
         parser.error(f"--minutes must be 0 to {MAX_MINUTES:g}, got {given.minutes:g}")
-    if not 1 <= given.runs <= MAX_RUNS:
-        parser.error(f"--runs must be 1 to {MAX_RUNS}, got {given.runs}")
-    if given.jobs < 1 and given.jobs != -1:
-        parser.error(f"--jobs must be 1 or more, or -1, got {given.jobs}")
+    parser.check_run_options(given)
     return given
 
 

@@ -10,7 +10,18 @@ from functools import cache, wraps
 from numbers import Real
 from pathlib import Path
 from types import NoneType, UnionType
-from typing import Any, ParamSpec, TypeGuard, TypeVar, Union, get_args, get_origin, get_type_hints
+from typing import (
+    Any,
+    ParamSpec,
+    TypeGuard,
+    TypeVar,
+    Union,
+    Unpack,
+    get_args,
+    get_origin,
+    get_type_hints,
+    is_typeddict,
+)
 
 import numpy as np
 
@@ -109,12 +120,8 @@ def checked_arguments(target: C) -> C:
 
 def _checked(function: Callable[P, T], name: str, annotated: object) -> Callable[P, T]:
     @cache
-    def selectable() -> set[str] | None:
-        """Names of all arguments, where some are ``**kwargs: Unpack[...]``."""
-        parameters = inspect.signature(function).parameters.values()
-        known = set(_names(function, inspect.signature(function)))
-        named = (p.kind is p.VAR_KEYWORD and "Unpack" in str(p.annotation) for p in parameters)
-        return known if any(named) else None
+    def named() -> tuple[list[str], bool]:
+        return _names(function)
 
     @cache
     def checks() -> list[ParameterCheck]:  # only now: a module may need others first
@@ -131,7 +138,8 @@ def _checked(function: Callable[P, T], name: str, annotated: object) -> Callable
                 continue
             if not any([fits(value) for fits in possible]):
                 raise ArgumentError(f"{name}: {argument} must be {kind}, got {shown(value)}")
-        if (known := selectable()) is not None and not kwargs.keys() <= known:
+        known, is_free = named()
+        if not is_free and any(given not in known for given in kwargs):
             raise ArgumentError(f"{name}: {_misfit(function, args, kwargs)}")
         try:
             return function(*args, **kwargs)
@@ -147,13 +155,12 @@ def _misfit(
     function: Callable[..., object], args: tuple[Any, ...], kwargs: Mapping[str, Any]
 ) -> str | None:
     """Return why a call does not fit a signature, for people; None where it does."""
-    signature = inspect.signature(function)
-    known = _names(function, signature)
+    known, is_free = _names(function)
     for given in kwargs:
-        if given not in known:
+        if given not in known and not is_free:
             return f"unknown argument {given!r}{suggestion(given, known)}"
     try:
-        signature.bind(*args, **kwargs)
+        inspect.signature(function).bind(*args, **kwargs)
     except TypeError as error:
         text = str(error)
         if text == "too many positional arguments":
@@ -162,16 +169,19 @@ def _misfit(
     return None
 
 
-def _names(function: Callable[..., object], signature: inspect.Signature) -> list[str]:
-    """Return the names of arguments, those of ``**kwargs: Unpack[...]`` too."""
-    names = []
-    for name, parameter in signature.parameters.items():
+def _names(function: Callable[..., object]) -> tuple[list[str], bool]:
+    """Return the names of arguments, those of ``**kwargs: Unpack[...]`` too; True where others are taken as well."""
+    names: list[str] = []
+    is_free = False
+    for name, parameter in inspect.signature(function).parameters.items():
         if parameter.kind is parameter.VAR_KEYWORD:
-            for unpacked in get_args(get_type_hints(function).get(name)):
-                names += unpacked.__annotations__
+            hint = get_type_hints(function, include_extras=True).get(name)
+            unpacked = get_args(hint)[0] if get_origin(hint) is Unpack else None
+            is_free = not is_typeddict(unpacked)
+            names += [] if is_free else get_type_hints(unpacked)
         elif name not in ("self", "cls"):
             names.append(name)
-    return names
+    return names, is_free
 
 
 # -- what annotations rule out --------------------------------------------------------------------------------------

@@ -22,6 +22,7 @@ from pepper_driver.config.lines import with_lines
 from pepper_driver.config.loading import (
     STRICT,
     by_kind,
+    named_file,
     package_file,
     parse,
     parse_part,
@@ -264,7 +265,9 @@ def find_experiment(name: str | Path, beside: str = "") -> Path:
         if str(name) in shipped_names(folder):
             return package_file(folder, f"{name}.yaml")
     names = [name for folder in FOLDERS for name in shipped_names(folder)]
-    raise UnknownNameError("experiment", str(name), [*names, "FILE.yaml"])
+    own = f"{name}.yaml"
+    names.append(own if (Path(beside).parent / own).is_file() else "FILE.yaml")
+    raise UnknownNameError("experiment", str(name), names)
 
 
 @checked_arguments
@@ -350,6 +353,12 @@ def check_experiment(experiment: Experiment, robot: RobotConfig) -> None:
         )
     if count > MAX_STEPS:
         raise experiment.error("steps", f"{count} with all repetitions; at most {MAX_STEPS}")
+    for kind, name in (("plant", experiment.plant), ("world", experiment.world)):
+        try:
+            if name is not None:
+                named_file(kind, name, f"{kind}s")
+        except UnknownNameError as error:
+            raise experiment.error(kind, str(error)) from error
     for key, part in experiment.playing():
         if not part.steps:
             raise experiment.error(key, f"the steps of '{part.play}' were not loaded")

@@ -73,11 +73,12 @@ def check_observer(name: str, models: Path | None) -> None:
 
     Raises:
         UnknownNameError: No observer of this name.
-        ModelFileError: There is no such file of models.
+        ModelFileError: There is no such file.
     """
     load_plugin("observer", OBSERVER_GROUP, name, _OBSERVERS)
     if models is not None and not models.is_file():
-        raise ModelFileError(f"{models}: there is no such file of models")
+        what = "it is a folder" if models.is_dir() else "there is no such file"
+        raise ModelFileError(f"{models}: cannot be read ({what})")
 
 
 def contact_observer(

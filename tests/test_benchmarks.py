@@ -539,13 +539,17 @@ def test_wrong_options_of_the_comparison_are_one_line(
 ATTENTIVE = Path(__file__).parents[1] / "benchmarks" / "attentive.py"
 
 
-def attentive(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], *arguments: str
+TOUCH = ATTENTIVE.with_name("touch_the_arm.py")
+
+
+def scripted(
+    path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], *given: str
 ) -> tuple[object, str, str]:
-    """Exit status, standard output and error of the script, in this process."""
-    monkeypatch.setattr(sys, "argv", [str(ATTENTIVE), *arguments])
+    """Exit status, standard output and error of a script, in this process."""
+    monkeypatch.setattr(sys, "argv", [str(path), *given])
+    monkeypatch.syspath_prepend(path.parent)
     with pytest.raises(SystemExit) as ended:
-        runpy.run_path(str(ATTENTIVE), run_name="__main__")
+        runpy.run_path(str(path), run_name="__main__")
     return ended.value.code, *capsys.readouterr()
 
 
@@ -564,7 +568,7 @@ def test_runs_without_touch_are_made_once_and_shown_again(
         "--json",
         str(path),
     ]
-    status, out, err = attentive(monkeypatch, capsys, *options)
+    status, out, err = scripted(ATTENTIVE, monkeypatch, capsys, *options)
     assert (status, err.count("\n")) == (0, 3)
     assert "1 of 3" in err
     runs = json.loads(path.read_text())["runs"]
@@ -579,7 +583,7 @@ def test_runs_without_touch_are_made_once_and_shown_again(
         assert result["false"] == []
         assert set(result["current"]) == set(result["temperature_rise"])
         assert max(result["current"].values()) > 0.0
-    status, again, err = attentive(monkeypatch, capsys, *options)
+    status, again, err = scripted(ATTENTIVE, monkeypatch, capsys, *options)
     assert (status, again, err) == (0, out, "")
     assert out.count("│ 0.05 ") == 3
 
@@ -593,8 +597,8 @@ def test_pushes_are_counted_by_plant_amplitude_and_force(
     names = [f"test push nominal 2 deg {number}" for number in range(2)]
     path.write_text(json.dumps({"runs": dict.fromkeys(names, run | counts)}))
     options = ["--seeds", "test", "--push-plants", "nominal", "--amplitudes", "2", "--runs", "2"]
-    status, out, err = attentive(
-        monkeypatch, capsys, *options, "--minutes", "0", "--json", str(path)
+    status, out, err = scripted(
+        ATTENTIVE, monkeypatch, capsys, *options, "--minutes", "0", "--json", str(path)
     )
     assert (status, err) == (0, "")
     row = next(line for line in out.splitlines() if "nominal" in line)
@@ -624,6 +628,85 @@ def test_wrong_options_of_the_attentive_robot_are_one_line(
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    status, out, err = attentive(monkeypatch, capsys, *arguments)
+    status, out, err = scripted(ATTENTIVE, monkeypatch, capsys, *arguments)
+    assert (status, out, err.count("\n")) == (2, "", 1)
+    assert word in err
+
+
+def test_pushes_on_the_moving_arm_are_measured(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """One round of the experiment: what is measured is tested, not how much."""
+    monkeypatch.syspath_prepend(TOUCH.parent)
+    module = benchmark(TOUCH, monkeypatch)
+    short, path = tmp_path / "short.yaml", tmp_path / "touch.json"
+    short.write_text(module.FILE.read_text().replace("times: 10", "times: 1"))
+    monkeypatch.setattr(module, "FILE", short)
+    options = ["--plants", "integral", "--runs", "1", "--min-torque", "4", "--json", str(path)]
+    monkeypatch.setattr(sys, "argv", [str(TOUCH), *options])
+    assert module.main() == 0
+    [(name, run)] = json.loads(path.read_text())["runs"].items()
+    assert name == "development integral 4 N m 0"
+    assert run["untouched"] == {
+        "seconds": pytest.approx(17.0, abs=0.1),
+        "sentences": 0,
+    } | dict.fromkeys(("reflexes", "contacts"), 0)
+    assert run["pushes"]
+    for push in run["pushes"]:
+        assert push["force"] in module.FORCES
+        assert push["way"] in module.WAYS
+        assert module.BEGIN <= push["onset"] < 15.0
+        assert np.isfinite([push["moved"], push["gave_way"]]).all()
+
+
+def test_pushes_on_the_moving_arm_are_counted_by_plant_force_and_direction(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "touch.json"
+    push = {"force": 12.0, "way": "inwards", "told": 0.12, "follow_hand": 0.1, "retract": None}
+    push |= {"torque": 4.0, "moved": 0.2, "gave_way": 0.003, "saturated": False, "felt_on": 0.2}
+    strong = push | {"felt_on": 60.0, "force": 20.0, "retract": 0.2, "torque": 6.0, "moved": 0.005}
+    missed = push | {"way": "up", "told": None, "follow_hand": None, "torque": None, "moved": 0.0}
+    untouched = {"seconds": 120.0, "sentences": 1, "reflexes": 2, "contacts": 3}
+    run = {"pushes": [push, strong, missed], "left_out": [[25.0, "forward"]], "tilt": 0.01}
+    run |= {"other_sentences": 4, "untouched": untouched}
+    names = [f"test nominal 5 N m {number}" for number in range(2)]
+    path.write_text(json.dumps({"runs": dict.fromkeys(names, run)}))
+    options = ["--seeds", "test", "--plants", "nominal", "--runs", "2", "--json", str(path)]
+    status, out, err = scripted(TOUCH, monkeypatch, capsys, *options)
+    assert (status, err) == (0, "")
+    rows = [[cell.strip() for cell in line.split("│")[1:-1]] for line in out.splitlines()]
+    by_force = {row[1]: row[2:] for row in rows if len(row) == 11}
+    half, all_, none = "2 of 4 [0.07-0.93]", "2 of 2 [0.16-1.00]", "0 of 2 [0.00-0.84]"
+    assert by_force["12 N"] == [half, half, half, "0 of 4 [0.00-0.60]", "120", "100", "3", "0", "0"]
+    assert by_force["20 N"] == [all_, all_, none, all_, "120", "5", "3", "0", "2"]
+    by_way = {row[1]: row[2:] for row in rows if len(row) == 8}
+    assert by_way["inwards"][2] == "2 / 0 of 2; 4.0 (4.0-4.0)"
+    assert by_way["inwards"][4] == "2 / 2 of 2; 6.0 (6.0-6.0)"
+    assert by_way["up"][2] == "0 / 0 of 2"
+    [last] = (row for row in rows if len(row) == 9)
+    # One event in four minutes, by Poisson: below 4.74 in them.
+    assert last == ["nominal", "4.0", "2", "4", "6", "94.4", "8", "2", "0.6"]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "word"),
+    [
+        (["--plants", "cold"], "cold"),
+        (["--runs", "0"], "--runs"),
+        (["--min-torque", "-1"], "--min-torque"),
+        (["--min-torque", "nan"], "--min-torque"),
+        (["--jobs", "0"], "--jobs"),
+        (["--seeds", "mine"], "--seeds"),
+        (["--json", str(TOUCH)], "holds no results"),
+    ],
+)
+def test_wrong_options_of_the_touched_arm_are_one_line(
+    arguments: list[str],
+    word: str,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    status, out, err = scripted(TOUCH, monkeypatch, capsys, *arguments)
     assert (status, out, err.count("\n")) == (2, "", 1)
     assert word in err

@@ -67,7 +67,7 @@ def finite_vector(what: str, value: Target, size: int, *, names: Sequence[str] =
     """
     vector = real_array(value)
     if vector is None:
-        raise TargetError(f"{what} takes {_numbers(size)}, got {_no_number(value, size, names)}")
+        raise TargetError(_no_number(what, value, size, names))
     if vector.shape != (size,):
         got = f"shape {vector.shape}" if vector.ndim else shown(value)
         raise TargetError(f"{what} takes {_numbers(size)}, got {got}")
@@ -149,10 +149,12 @@ def _numbers(size: int) -> str:
     return "one number" if size == 1 else f"{size} numbers"
 
 
-def _no_number(value: object, size: int, names: Sequence[str]) -> str:
-    """Return what is no vector of numbers for a message; of a list of the right size, the first that is no number."""
+def _no_number(what: str, value: object, size: int, names: Sequence[str]) -> str:
+    """Return why a value is no vector of numbers; of a list of the right size, the first that is no number."""
     if isinstance(value, list | tuple) and len(value) == size:
         for index, number in enumerate(value):
             if not is_number(number):
-                return f"{shown(number)} for {names[index] if names else f'number {index}'}"
-    return shown(value)
+                place = names[index] if names else f"number {index}"
+                some = "numbers" if size > 1 else "one number"
+                return f"{what} takes {some}, got {shown(number)} for {place}"
+    return f"{what} takes {_numbers(size)}, got {shown(value)}"

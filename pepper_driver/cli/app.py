@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import math
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
+from difflib import get_close_matches
 from functools import cache
 from importlib import import_module
 from importlib.metadata import version
@@ -140,7 +141,17 @@ COMMANDS = {
 """In the order of the help. Each is imported when it is called: all of them take a second."""
 
 
-class _Commands(TyperGroup):
+class CommandGroup(TyperGroup):
+    """Commands; a wrong name is refused as that of an option is."""
+
+    def resolve_command(self, ctx: Any, args: list[str]) -> Any:  # noqa: ANN401 typer's own click
+        """Return name, command and its arguments."""
+        if args[0] not in self.commands:
+            raise typer.TyperException(_unknown("command", args[0], self.commands))
+        return super().resolve_command(ctx, args)
+
+
+class _Commands(CommandGroup):
     """Commands that are imported once they are called; help and errors know them before."""
 
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:  # noqa: ANN401 typer's own click
@@ -263,6 +274,9 @@ def _refuse_empty(arguments: Sequence[str]) -> None:
 
 def _describe(error: typer.TyperException) -> str:
     """Return a wrong option in one line: which, what it must be, what it was."""
+    if hasattr(error, "possibilities"):  # typer does not export its error of an unknown option
+        unknown: Any = error
+        return _unknown("option", unknown.option_name, _options_of(unknown.ctx))
     if not isinstance(error, typer.BadParameter) or not error.message:
         return error.format_message()
     parameter = error.param
@@ -275,7 +289,23 @@ def _describe(error: typer.TyperException) -> str:
         return f"{hint}: {error.message}"
     problem = error.__cause__.errors()[0]
     choices = parameter.type_descriptor.choices
-    return f"{hint}: {_wanted(problem, choices)}, got {problem['input']!r}"
+    meant = "".join(f" ({text})" for text in _nearest(str(problem["input"]), choices or ()))
+    return f"{hint}: {_wanted(problem, choices)}, got {problem['input']!r}{meant}"
+
+
+def _unknown(kind: str, name: str, choices: Iterable[str]) -> str:
+    """Return that there is no such command or option."""
+    return f"unknown {kind} '{name}' ({'; '.join([*_nearest(name, choices), '--help lists all'])})"
+
+
+def _options_of(context: Any) -> list[str]:  # noqa: ANN401 typer's own click
+    """Return the options of the command of a context."""
+    return [
+        option
+        for parameter in context.command.get_params(context)
+        for option in (*parameter.opts, *parameter.secondary_opts)
+        if option.startswith("--")
+    ]
 
 
 def _wanted(problem: ErrorDetails, choices: Sequence[str] | None) -> str:
@@ -288,6 +318,11 @@ def _wanted(problem: ErrorDetails, choices: Sequence[str] | None) -> str:
         if not math.isfinite(float(problem["input"])):
             return "must be a finite number"
     return requirement(problem)
+
+
+def _nearest(name: str, choices: Iterable[str]) -> list[str]:
+    """Return a question for the choice that was meant most likely, if any."""
+    return [f"did you mean {close}?" for close in get_close_matches(name, list(choices), n=1)]
 
 
 def _interrupt(error: BaseException | None) -> KeyboardInterrupt | None:

@@ -12,6 +12,7 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
+from pepper_driver.backends.selection import make_backend
 from pepper_driver.cli.console import (
     JsonOption,
     check_outputs,
@@ -52,6 +53,7 @@ def doctor(
     """Check a robot before it moves, then with a small motion whether its models fit; code 1 if a check failed."""
     console = make_console()
     check_outputs(json_file)
+    make_backend(uri)  # a wrong one is refused before anybody is asked
     asks = not (yes or no_motion)
     if asks and not sys.stdin.isatty():
         raise ConfigError(

@@ -80,7 +80,7 @@ def evaluate_command(
         typer.Option(metavar="FILE", help="Score a recording of 'pepper record --label' instead."),
     ] = None,
     more_logs: Annotated[
-        list[Path] | None, typer.Argument(metavar="FILE...", help="More recordings, after --log.")
+        list[Path] | None, typer.Argument(metavar="FILE", help="More recordings, after --log.")
     ] = None,
 ) -> int:
     """Step observers over seeded simulated runs and score what they feel, or over labelled recordings."""

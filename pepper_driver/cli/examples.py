@@ -31,8 +31,10 @@ def examples_command(
         count = copy_examples(folder, out)
         console.print(f"{count} files in {out}; {out / 'README.md'} says what they show")
         return
-    for name, summary in summaries(folder):
-        console.print(f"{name:32s} {summary}")
+    listed = list(summaries(folder))
+    width = max(len(name) for name, _ in listed)
+    for name, summary in listed:
+        console.print(f"{name:{width}s}  {summary}")
     console.print("pepper examples DIR copies them into a folder.")
 
 

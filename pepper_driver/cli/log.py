@@ -9,6 +9,7 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
+from pepper_driver.cli.app import CommandGroup
 from pepper_driver.cli.console import JsonOption, check_outputs, make_console, save_json
 from pepper_driver.log import read_log
 from pepper_driver.log.export import Format, export_log
@@ -17,7 +18,12 @@ from pepper_driver.log.summary import LogSummary, summarise
 
 LogArgument = Annotated[Path, typer.Argument(metavar="LOG", help="MCAP log of a run.")]
 
-app = typer.Typer(help="Say what a log holds, export it, or repair it.", no_args_is_help=True)
+app = typer.Typer(
+    cls=CommandGroup,
+    help="Say what a log holds, export it, or repair it.",
+    add_completion=False,
+    no_args_is_help=True,
+)
 
 SHOWN = (
     "start",

@@ -169,7 +169,8 @@ def event_text(event: Event) -> str | None:
     if isinstance(event, CueEvent):
         return str(event)
     if isinstance(event, PushEvent):
-        return f"push  {event.link}: {event.text}"
+        start = "" if event.push is None else f"from {event.push.onset:.2f} s "
+        return f"push  {event.link}: {start}{event.text}"
     if isinstance(event, ReflexEvent):
         held = f", has {len(event.held_joints)} joints" if event.held_joints else ""
         return f"reflex {event.reflex}: {event.phase}{held}"

@@ -19,7 +19,7 @@ class Verdict(Enum):
     """What the residual of a joint says of its model."""
 
     FITS = "fits"
-    WORN = "worn or laden"
+    WORN = "worn or carrying"
     MISFIT = "does not fit"
     STUCK = "does not follow"
     NO_MODEL = "no model"

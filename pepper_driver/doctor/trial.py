@@ -150,7 +150,7 @@ def _judge_models(fits: tuple[JointFit, ...], settings: DoctorSettings) -> Resul
         parts.append(f"do not fit: {named(names, misfit)}")
         cures.append(f"see that nothing touches the robot; if nothing does, {identify}")
     if any(worn):
-        parts.append(f"worn or laden: {named(names, worn)}")
+        parts.append(f"worn or carrying: {named(names, worn)}")
         cures.append(
             f"empty the hands (a load looks the same) and try again; if it stays, {identify}: until then "
             "light touches of these joints are not felt"

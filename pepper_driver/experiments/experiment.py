@@ -6,13 +6,21 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from pepper_driver.config import Experiment, RobotConfig, load_experiment, load_robot
+from pepper_driver.config import (
+    Experiment,
+    RobotConfig,
+    UnknownNameError,
+    load_experiment,
+    load_robot,
+)
 from pepper_driver.config.arguments import checked_arguments
 from pepper_driver.config.arrays import FloatArray
 from pepper_driver.config.experiment import ObserverChoice, check_experiment
+from pepper_driver.config.lines import with_lines
 from pepper_driver.experiments.plan import Plan, experiment_uri, plan_experiment
 from pepper_driver.experiments.player import OnStep
 from pepper_driver.experiments.reports import ExperimentReport
+from pepper_driver.observers import check_observer
 from pepper_driver.reflexes.declared import make_reflexes
 from pepper_driver.robot import Pepper
 from pepper_driver.session import OnTick
@@ -69,6 +77,7 @@ class ExperimentRun:
         if attentive is not None:
             experiment = replace(experiment, attentive=attentive)
         self.experiment, self._seed = experiment, seed
+        _check_observer(experiment)
         observer = experiment.observer
         if models is not None and observer is None:
             observer = ObserverChoice()
@@ -135,6 +144,16 @@ class ExperimentRun:
         return plan_experiment(
             self.experiment, pepper.config, pepper.backend, seed=self._seed, start=start
         )
+
+
+@with_lines
+def _check_observer(experiment: Experiment) -> None:
+    """Refuse an observer that nobody registered; the message names the line of the file."""
+    if experiment.observer is not None:
+        try:
+            check_observer(experiment.observer.mode, None)
+        except UnknownNameError as error:
+            raise experiment.error("observer.mode", str(error)) from error
 
 
 def _about(experiment: Experiment) -> dict[str, str]:

@@ -1,16 +1,18 @@
-"""Postures that a robot can take: within limits that depend on another joint, and with room between its links."""
+"""Postures that a robot can take in time, within limits that depend on another joint, with room between its links."""
 
 from __future__ import annotations
 
+import math
 from functools import cached_property
 
 import numpy as np
 
 from pepper_driver.config import RobotConfig, load_self_collision
-from pepper_driver.config.arrays import FloatArray
+from pepper_driver.config.arrays import BoolArray, FloatArray
 from pepper_driver.config.robot import POSTURE_TOLERANCE
 from pepper_driver.controller import RobotModel
 from pepper_driver.controller.collision import CapsuleDistances
+from pepper_driver.experiments.segments import Segment
 
 
 class PostureCheck:
@@ -65,3 +67,26 @@ class PostureCheck:
         near = f"come within {1e3 * distance:.0f} mm of one another"
         how = near if distance > 0 else "run into one another"
         return f"{first} and {second} would {how}; they must stay {1e3 * least:.0f} mm apart"
+
+
+def too_fast(segment: Segment, before: Segment, led: BoolArray, robot: RobotConfig) -> str:
+    """Describe the joint that cannot get to the posture of a segment within its ``duration``; empty where all can.
+
+    Joints that tasks have moved (``led``, (17,)), and those that were still on the way to a step as fast as stiffness
+    allows, may be anywhere.
+    """
+    duration = segment.step.duration
+    if duration is None or (before.step.duration is None and not before.at_rest(segment.start)):
+        return ""
+    way = np.abs(segment.posture - before.posture)
+    speeds = np.where(led | np.isnan(way), 0.0, way) / duration
+    over = speeds / [joint.velocity for joint in robot.joints]
+    if over.max() <= 1.0:
+        return ""
+    joint = robot.joints[int(over.argmax())]
+    unit = "" if joint.name in robot.hands.joints else " rad"
+    least = math.ceil(100.0 * duration * float(over.max())) / 100.0
+    return (
+        f"{joint.name} would go {speeds[int(over.argmax())] * duration:.3g}{unit} in {duration:g} s, and makes"
+        f" {joint.velocity:.3g}{unit}/s at most; give {least:g} s or more"
+    )

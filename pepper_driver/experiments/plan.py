@@ -26,7 +26,7 @@ from pepper_driver.config.steps import (
     Wait,
 )
 from pepper_driver.experiments.contact_planning import ContactPlanner
-from pepper_driver.experiments.feasibility import PostureCheck
+from pepper_driver.experiments.feasibility import PostureCheck, too_fast
 from pepper_driver.experiments.goals import Goal
 from pepper_driver.experiments.segments import (
     PlannedContact,
@@ -191,6 +191,8 @@ class _Planner:
 
     def _segment(self, step: Step, key: str, state: _State) -> None:
         segment = self._after(step, key, state.last)
+        if problem := too_fast(segment, state.last, state.led, self._robot):
+            raise self._experiment.error(f"{key}.duration", problem)
         if step.posture is not None:
             state.led[:] = False
         state.led[[self._robot.joint_index(name) for name in (*step.joints, *step.hands)]] = False
@@ -245,6 +247,8 @@ class _Planner:
             state.last = (
                 planner.with_random(draw, contacts, first.end(robot), rng) if planner else draw()
             )
+            if problem := too_fast(state.last, segments[-1], state.led, robot):
+                raise self._experiment.error(f"{key}.holds.move", problem)
             segments.append(state.last)
         return segments
 

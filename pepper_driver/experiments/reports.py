@@ -72,7 +72,7 @@ class StepReport:
         goals = "; ".join(
             f"{goal.name} off by {goal.commanded}, measured {goal.measured}" for goal in self.goals
         )
-        return f"step {self.number} {self.name}: {self.duration:.2f} s{word}" + (
+        return f"step {self.name or self.number}: {self.duration:.2f} s{word}" + (
             f": {goals}" if goals else ""
         )
 
@@ -109,7 +109,7 @@ class ExperimentReport:
     Attributes:
         name: Of the experiment.
         seconds: Time it took, on the robot's clock.
-        stopped_by: Name of the wait at which it stopped, since nobody came; empty if it went through.
+        stopped_by: Name of the wait that timed out and stopped it; empty if it went through.
         steps: What each step reached, in the order they were played.
         waits: For touches.
         contacts: All contact events.
@@ -148,7 +148,7 @@ class ExperimentReport:
         return dict(Counter(event.reflex for event in self.reflexes))
 
     def __str__(self) -> str:
-        end = f"stopped: nobody came in '{self.stopped_by}'" if self.stopped_by else "completed"
+        end = f"stopped: wait '{self.stopped_by}' timed out" if self.stopped_by else "completed"
         if not self.stopped_by and not self.reached:
             end = "completed, though not every step reached its targets"
         parts = [f"{self.name}: {end} after {self.seconds:.1f} s, {len(self.steps)} steps"]

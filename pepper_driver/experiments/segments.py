@@ -108,6 +108,10 @@ class Segment:
         """Return its longest end [s]."""
         return self.start + self.ticks * robot.cycle
 
+    def at_rest(self, time: float) -> bool:
+        """Return True where all joints have come to rest by then [s]."""
+        return bool(self.arrival.max() <= time)
+
     def shifted(self, end: float, robot: RobotConfig, *, is_timed: bool) -> Segment:
         """Return it as it is when it ends at another time [s]."""
         start = end - self.ticks * robot.cycle

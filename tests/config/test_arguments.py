@@ -10,6 +10,7 @@ from fractions import Fraction
 from math import inf, nan
 from pathlib import Path
 from typing import Any, TypedDict, Unpack
+from typing import Unpack as Each
 
 import numpy as np
 import pytest
@@ -137,6 +138,52 @@ def test_calls_that_do_not_fit_are_one_line(
     with pytest.raises(ArgumentError) as caught:
         sample(*arguments, **keywords)
     assert message in str(caught.value)
+
+
+@checked_arguments
+def free(count: int, **others: Any) -> int:
+    """A function that takes any name."""
+    if count < 0:
+        raise TypeError("of the function itself")
+    return len(others)
+
+
+@checked_arguments
+def typed(count: int, **others: int | str) -> int:
+    """A function that takes any name, with values of some types."""
+    return free(count, **others)
+
+
+def test_plain_keywords_are_free() -> None:
+    assert free(1, link="Head", lnk="Head") == typed(1, link="Head", lnk=3) == 2
+    with pytest.raises(TypeError, match="of the function itself") as caught:
+        free(-1, lnk="Head")
+    assert not isinstance(caught.value, PepperError)
+    with pytest.raises(ArgumentError, match="typed: missing a required argument: 'count'"):
+        typed(lnk=3)  # type: ignore[call-arg]
+
+
+class Wider(Selector):
+    limb: str
+
+
+@checked_arguments
+def renamed(**selector: Each[Wider]) -> int:
+    """A function whose ``Unpack`` was imported under another name."""
+    return len(selector)
+
+
+@checked_arguments
+def misleading(**Unpack: Any) -> int:
+    """A function that has the word, and takes any name."""
+    return len(Unpack)
+
+
+def test_unpacked_keywords_are_known_by_their_type() -> None:
+    assert renamed(link="Head", limb="head") == 2
+    with pytest.raises(ArgumentError, match=r"unknown argument 'lmb' \(did you mean limb\?"):
+        renamed(lmb="head")  # type: ignore[call-arg]
+    assert misleading(lmb="head") == 1
 
 
 def test_a_type_error_of_the_function_stays_what_it_is() -> None:

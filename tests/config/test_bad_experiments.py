@@ -108,6 +108,8 @@ BAD = [
     ("seed: 3", "seed: 1.5", 4, "seed", f"{WHOLE}1.5"),
     ("seed: 3", "seed: true", 4, "seed", f"{WHOLE}true"),
     ("plant: integral", "plant: true", 5, "plant", f"{TEXT}true"),
+    ("plant: integral", "plant: integrl", 5, "plant", "unknown plant 'integrl' (did you mean integral"),
+    ("plant: integral", "world: tabel", 5, "world", "unknown world 'tabel' (did you mean table"),
     ("plant: integral", "plants: integral", 5, "plants", "(did you mean plant?"),
     ("observer: {mode: fusion}", "observer: fusion", 6, "observer", f'{MAPPING}"fusion"'),
     ("mode: fusion", "mode: 3", 6, "observer.mode", f"{TEXT}3"),

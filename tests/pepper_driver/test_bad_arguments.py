@@ -123,7 +123,10 @@ CONSTRUCTOR: list[Case] = [
     (make(models=b"x", observer="fusion"), "Pepper: models must be a path or a text, got b'x'"),
     (make(models="", observer="fusion"), "models must be the path of a file, got ''"),
     (make(models="a\0b", observer="fusion"), "models must be the path of a file, got 'a\\x00b'"),
-    (make(models="none.json", observer="fusion"), "none.json: there is no such file of models"),
+    (
+        make(models="none.json", observer="fusion"),
+        "none.json: cannot be read (there is no such file)",
+    ),
     (make(models="none.json"), "models are for an observer that is given by its name"),
     (make(log=3), "Pepper: log must be a path or a text, got 3"),
     (make(log=True), "Pepper: log must be a path or a text, got True"),
@@ -236,15 +239,15 @@ MOTION: list[Case] = [
     (lambda p: p.run(1.0, print), "run: too many arguments without a name"),
     (
         lambda p: p.set_posture({"HeadYaw": "0.1"}),
-        "a posture takes 17 numbers, got '0.1' for HeadYaw",
+        "a posture takes numbers, got '0.1' for HeadYaw",
     ),
     (
         lambda p: p.set_posture({"HeadYaw": True}),
-        "a posture takes 17 numbers, got True for HeadYaw",
+        "a posture takes numbers, got True for HeadYaw",
     ),
     (
         lambda p: p.set_posture({"HeadYaw": None}),
-        "a posture takes 17 numbers, got None for HeadYaw",
+        "a posture takes numbers, got None for HeadYaw",
     ),
     (
         lambda p: p.set_posture({"HeadYaw": nan}),
@@ -252,7 +255,7 @@ MOTION: list[Case] = [
     ),
     (
         lambda p: p.set_posture({"HeadYaw": [0.1]}),
-        "a posture takes 17 numbers, got [0.1] for HeadYaw",
+        "a posture takes numbers, got [0.1] for HeadYaw",
     ),
     (
         lambda p: p.set_posture({"HeadYaw": 9}),
@@ -277,10 +280,10 @@ MOTION: list[Case] = [
         "a posture is its name, a mapping from joints to angles [rad], or all 17 angles, got None",
     ),
     (lambda p: p.set_posture([0.0] * 16), "a posture takes 17 numbers, got shape (16,)"),
-    (lambda p: p.set_posture(["0"] * 17), "a posture takes 17 numbers, got '0' for KneePitch"),
+    (lambda p: p.set_posture(["0"] * 17), "a posture takes numbers, got '0' for KneePitch"),
     (
         lambda p: p.set_posture([True] + [0.0] * 16),
-        "a posture takes 17 numbers, got True for KneePitch",
+        "a posture takes numbers, got True for KneePitch",
     ),
     (lambda p: p.set_posture([inf] * 17), "a posture takes finite numbers, got inf for KneePitch"),
     (lambda p: p.set_posture(np.zeros((17, 1))), "a posture takes 17 numbers, got shape (17, 1)"),
@@ -333,11 +336,11 @@ MOTION: list[Case] = [
         "duration must be a time from 0.001 to 3600 s, got 1000000000.0",
     ),
     (lambda p: p.set_posture("Stand", speed=2), "set_posture: unknown argument 'speed'"),
-    (lambda p: p.drive("0.1", 0, 0), "drive takes 3 numbers, got '0.1' for vx"),
-    (lambda p: p.drive(True, 0, 0), "drive takes 3 numbers, got True for vx"),
+    (lambda p: p.drive("0.1", 0, 0), "drive takes numbers, got '0.1' for vx"),
+    (lambda p: p.drive(True, 0, 0), "drive takes numbers, got True for vx"),
     (lambda p: p.drive(0, nan, 0), "drive takes finite numbers, got nan for vy"),
     (lambda p: p.drive(0, 0, 1e9), "drive: wz is 10 at most, got 1e+09"),
-    (lambda p: p.drive([0.1], 0, 0), "drive takes 3 numbers, got [0.1] for vx"),
+    (lambda p: p.drive([0.1], 0, 0), "drive takes numbers, got [0.1] for vx"),
     (lambda p: p.drive(0.1, 0), "drive: missing a required argument: 'wz'"),
     (lambda p: p.drive(0, 0, 0, hold="no"), "drive: hold must be True or False, got 'no'"),
     (
@@ -741,11 +744,11 @@ TASKS: list[Case] = [
     ),
     (
         change(wrist, "target", [True] * 3),
-        "the target of position l_wrist takes 3 numbers, got True for number 0",
+        "the target of position l_wrist takes numbers, got True for number 0",
     ),
     (
         change(wrist, "target", ["0"] * 3),
-        "the target of position l_wrist takes 3 numbers, got '0' for number 0",
+        "the target of position l_wrist takes numbers, got '0' for number 0",
     ),
     (change(wrist, "target", None), "the target of position l_wrist takes 3 numbers, got None"),
     (

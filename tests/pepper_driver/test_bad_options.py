@@ -28,6 +28,7 @@ def prepare(folder: Path) -> None:
     (folder / "empty.yaml").write_bytes(b"")
     (folder / "old.yaml").write_text(OLD)
     (folder / "latin.yaml").write_bytes(b"name: caf\xe9\n")
+    (folder / "good.yaml").write_text(OLD.replace("schema: 1", "schema: 2"))
     (folder / "list.yaml").write_text("- 1\n")
     with LogWriter(folder / "run.mcap", load_robot(), {}):
         pass
@@ -46,14 +47,23 @@ def message_of(words: str) -> str:
 
 
 CASES: list[tuple[str, str]] = [
-    ("dmo", "No such command 'dmo'. Did you mean 'demo'?"),
-    ("--hlp", "No such option: --hlp (Possible options: --help)"),
-    ("-v", "No such option: -v"),
-    ("help", "No such command 'help'."),
+    ("dmo", "unknown command 'dmo' (did you mean demo?; --help lists all)"),
+    ("--hlp", "unknown option '--hlp' (did you mean --help?; --help lists all)"),
+    ("-v", "unknown option '-v' (--help lists all)"),
+    ("help", "unknown command 'help' (--help lists all)"),
     ("''", "an argument: must not be empty"),
-    ("log inf run.mcap", "No such command 'inf'. Did you mean 'info'?"),
+    ("log inf run.mcap", "unknown command 'inf' (did you mean info?"),
     ("demo demo", "Got unexpected extra argument(s) (demo)"),
-    ("demo --sed 3", "No such option: --sed (Possible options: --seconds, --seed)"),
+    ("demo --sed 3", "unknown option '--sed' (did you mean --seed?"),
+    ("log info run.mcap --jsno x", "unknown option '--jsno' (did you mean --json?; --help lists"),
+    ("identify --no-miror", "unknown option '--no-miror' (did you mean --no-mirror?; --help lists"),
+    (
+        "identify --out x --kind fusoin",
+        "cart, affine or fusion, got 'fusoin' (did you mean fusion?)",
+    ),
+    ("record --out x --label keys", "hand-right or bumper, got 'keys' (did you mean key?)"),
+    ("log export run.mcap --to parqet", "npz, got 'parqet' (did you mean parquet?)"),
+    ("run good", "unknown experiment 'good' (did you mean good.yaml?"),
     ("demo --seed", "Option '--seed' requires an argument."),
     ("demo --seed x", "option '--seed': must be a whole number, got 'x'"),
     ("demo --seed -1", "option '--seed': must be 0 or more, got '-1'"),
@@ -81,8 +91,8 @@ CASES: list[tuple[str, str]] = [
     ("demo --experiment none.yaml", "none.yaml: cannot be read (there is no such file)"),
     ("demo --experiment folder.yaml", "folder.yaml: cannot be read (it is a folder)"),
     ("demo --experiment latin.yaml", "latin.yaml: cannot be read (not UTF-8 text, at byte 9)"),
-    ("demo --models none.json", "none.json: there is no such file of models"),
-    ("demo --models folder", "folder: there is no such file of models"),
+    ("demo --models none.json", "none.json: cannot be read (there is no such file)"),
+    ("demo --models folder", "folder: cannot be read (it is a folder)"),
     ("demo --models text", "text: not a model file; 'pepper identify' writes model files"),
     ("demo --models empty", "empty: not a model file; 'pepper identify' writes model files"),
     ("demo --models binary", "binary: not a model file; 'pepper identify' writes model files"),
@@ -100,7 +110,7 @@ CASES: list[tuple[str, str]] = [
     ),
     ("run wave --seed -1", "option '--seed': must be 0 or more, got '-1'"),
     ("run wave --seed x", "option '--seed': must be a whole number, got 'x'"),
-    ("run wave --models none.json", "none.json: there is no such file of models"),
+    ("run wave --models none.json", "none.json: cannot be read (there is no such file)"),
     ("run wave --models text", "text: not a model file; 'pepper identify' writes model files"),
     ("run wave --no-contacts=1", "Option '--no-contacts' does not take a value."),
     ("run wave --attentive=1", "Option '--attentive' does not take a value."),
@@ -197,7 +207,7 @@ CASES: list[tuple[str, str]] = [
     ("record --out folder --label head --seconds 1", "folder: cannot be written (it is a folder)"),
     ("record --out x.mcap --label head --play wav", "unknown experiment 'wav' (did you mean wave?"),
     ("record --out x.mcap --label head --play none.yaml", "none.yaml: cannot be read (there is no"),
-    ("record --out x.mcap --label head --motion wave", "No such option: --motion"),
+    ("record --out x.mcap --label head --motion wave", "unknown option '--motion'"),
     (
         "record --out x.mcap --label head --play wave --seed -1",
         "option '--seed': must be 0 or more",
@@ -293,6 +303,7 @@ CASES: list[tuple[str, str]] = [
     ("calibrate --workers 0", "option '--workers': must be 1 or more, got '0'"),
     ("calibrate --workers -1", "option '--workers': must be 1 or more, got '-1'"),
     ("doctor", "there is no terminal to ask on before the robot moves: give --yes, or --no-motion"),
+    ("doctor mujco", "unknown backend 'mujco' (did you mean mujoco?"),
     ("doctor mujoco naoqi --no-motion", "Got unexpected extra argument(s) (naoqi)"),
     ("doctor nosuch --no-motion", "unknown backend 'nosuch' (did you mean naoqis?"),
     ("doctor 'mujoco://?plant=x' --no-motion", "unknown plant 'x'"),
@@ -396,6 +407,12 @@ def test_without_a_command_the_help_is_shown(capsys: pytest.CaptureFixture[str])
         captured = capsys.readouterr()
         assert "Usage: pepper" in captured.out
         assert captured.err == ""
+
+
+def test_no_command_offers_shell_completion(capsys: pytest.CaptureFixture[str]) -> None:
+    for words in (["--help"], ["log", "--help"], ["log", "info", "--help"], ["run", "--help"]):
+        assert run(words) == 0
+        assert "completion" not in capsys.readouterr().out
 
 
 # -- help -------------------------------------------------------------------------------------------------------------

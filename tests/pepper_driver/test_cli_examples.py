@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import pytest
@@ -18,6 +19,15 @@ def test_each_example_is_listed_with_what_it_shows(capsys: pytest.CaptureFixture
     names = [name for name, _ in lines]
     assert {path.name for path in EXAMPLES.glob("*.py")} <= set(names)
     assert {"experiments/retract.yaml", "plugins/reflex"} <= set(names)
+
+
+def test_what_examples_show_begins_in_one_column(capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(["examples"]) == 0
+    *lines, _ = capsys.readouterr().out.splitlines()
+    assert (
+        len({len(name) + len(gap) for name, gap in re.findall(r"(?m)^(\S+)( +)", "\n".join(lines))})
+        == 1
+    )
 
 
 def test_copies_run_and_replace_nothing(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

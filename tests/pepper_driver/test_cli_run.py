@@ -14,12 +14,13 @@ import pytest
 from event_cases import contact
 from experiment_cases import EXAMPLES, STAND, TURN, fake, listen, write
 
+from pepper_driver.callbacks.events import PushEvent
 from pepper_driver.cli.app import run
 from pepper_driver.cli.run import event_text
 from pepper_driver.config import load_experiment, load_robot
 from pepper_driver.config.loading import shipped_names
 from pepper_driver.log import read_log
-from pepper_driver.observer import shipped
+from pepper_driver.observer import Push, shipped
 
 PUSH: dict[str, Any] = {
     "kind": "push",
@@ -166,6 +167,24 @@ def test_what_happens_is_printed_as_it_happens(
     assert read_log(log).complete
 
 
+def test_a_push_is_told_with_the_time_at_which_it_begins() -> None:
+    push = Push(
+        joint="LElbowRoll",
+        link="LForeArm",
+        direction=1,
+        force=20.0,
+        torque=2.0,
+        degrees=2.0,
+        onset=4.3,
+        release=5.1,
+        moving=False,
+    )
+    told = PushEvent(link="LForeArm", text="pushed with 20.0 N", time=4.0, push=push)
+    assert event_text(told) == "push  LForeArm: from 4.30 s pushed with 20.0 N"
+    spared = PushEvent(link="LForeArm", text="left out: it is held", time=4.0, push=None)
+    assert event_text(spared) == "push  LForeArm: left out: it is held"
+
+
 def test_what_steps_with_tasks_reached_is_printed(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -175,13 +194,13 @@ def test_what_steps_with_tasks_reached_is_printed(
     told = [line.split(" s  ")[1] for line in lines_of(capsys) if " s  " in line]
     assert [text.split(":")[0] for text in told] == [
         "step look",
-        "step 0 look",
+        "step look",
         "step far",
-        "step 1 far",
+        "step far",
         "step back",
     ]
-    assert told[1].startswith("step 0 look: 0.60 s: posture off by ")
-    assert told[3].startswith("step 1 far: 0.36 s, NOT reached: position l_wrist off by ")
+    assert told[1].startswith("step look: 0.60 s: posture off by ")
+    assert told[3].startswith("step far: 0.36 s, NOT reached: position l_wrist off by ")
     content = json.loads(figures.read_text())
     assert [step["reached"] for step in content["steps"]] == [None, False, None]
     assert read_log(log).complete
@@ -199,7 +218,7 @@ def test_a_run_that_stops_early_has_code_1(
     fake(monkeypatch)
     path = write(tmp_path, STAND, listen(on_timeout="stop"), TURN)
     assert run(["run", str(path)]) == 1
-    assert "mine: stopped: nobody came in 'listen'" in capsys.readouterr().out
+    assert "mine: stopped: wait 'listen' timed out" in capsys.readouterr().out
     far = {"position": {"link": "l_wrist", "target": [3, 0, 1], "joints": ["left_arm"]}}
     path = write(tmp_path, STAND, {**far, "until": "reached", "timeout": 0.3})
     assert run(["run", str(path)]) == 1

@@ -303,7 +303,7 @@ def test_the_command_in_a_terminal(tmp_path: Path) -> None:
         (["--label", "head", "--play", "wav"], "did you mean wave"),
         (["--label", "head", "--play", "dem"], "did you mean demo"),
         (["--label", "head", "--play", "gone.yaml"], "gone.yaml: cannot be read"),
-        (["--label", "head", "--motion", "wave"], "No such option"),
+        (["--label", "head", "--motion", "wave"], "unknown option '--motion'"),
         (["--label", "head", "--link", "Hed"], "did you mean Head"),
         (["--label", "head", "--joint", "HeadPich"], "did you mean HeadPitch"),
         (["--label", "head", "--out", "/dev/null/x.mcap"], "/dev/null/x.mcap"),

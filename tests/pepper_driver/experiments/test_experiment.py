@@ -119,7 +119,7 @@ def test_a_wait_in_vain(monkeypatch: pytest.MonkeyPatch, tmp_path: Path, on_time
     assert report.stopped_by == ("listen" if on_timeout == "stop" else "")
     assert len(cues) == (on_timeout == "continue")
     assert len(report.steps) == (4 if on_timeout == "continue" else 2)
-    assert ("nobody came in 'listen'" in str(report)) == (on_timeout == "stop")
+    assert ("wait 'listen' timed out" in str(report)) == (on_timeout == "stop")
 
 
 def test_each_wait_listens_anew(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
@@ -213,7 +213,13 @@ WRONG: list[tuple[list[Any], dict[str, Any], str, str]] = [
     ([{"posture": "Crouch", "hold": 1.0}], {}, "steps.0.posture", "limits while HeadYaw is at 0"),
     ([STAND], {"reactions": ON_NOTHING}, "reactions.0.on.link", "did you mean LForeArm"),
     ([STAND], {"reactions": TWO}, "reactions.1", "same priority, 20"),
-    ([STAND], {"observer": {"mode": "fusoin"}}, "", "did you mean fusion"),
+    ([STAND], {"observer": {"mode": "fusoin"}}, "observer.mode", "did you mean fusion"),
+    (
+        [STAND, {"joints": {"HeadYaw": 2}, "duration": 0.1}],
+        {},
+        "steps.1.duration",
+        "give 0.28 s or",
+    ),
     ([STAND], {"observer": {"models": "gone.json"}}, "", "gone.json"),
     ([STAND, PAUSE], {"contacts": [PUSH | {"degrees": 30.0}]}, "contacts.0", "would load"),
     ([STAND, PAUSE], {"contacts": [PUSH, STRONG]}, "contacts.1", "would"),

@@ -38,6 +38,46 @@ def plan(
     plan_experiment(experiment, ROBOT, MockBackend(ROBOT), start=start)
 
 
+# -- in time ----------------------------------------------------------------------------------------------------------
+
+FAST: dict[str, Any] = {"joints": {"HeadYaw": 2.0}, "duration": 0.1}
+HOLDS: dict[str, Any] = {"joints": ["HeadYaw"], "range": 0.9, "move": 0.02, "hold": 1.0, "count": 9}
+
+
+@pytest.mark.parametrize(
+    ("steps", "key"),
+    [
+        ([STAND, FAST], "steps.1.duration"),
+        ([STAND, {"repeat": {"times": 2, "steps": [FAST]}}], "steps.1.repeat.steps.0.duration"),
+        ([STAND, {"joints": {"HeadYaw": -1.0}, "hold": 4.0}, FAST], "steps.2.duration"),
+        ([STAND, {"hands": {"LHand": 0.0}, "duration": 0.01}], "steps.1.duration"),
+        ([{"holds": HOLDS}], "steps.0.holds.move"),
+    ],
+)
+def test_a_way_that_no_motor_makes_in_time(steps: list[dict[str, Any]], key: str) -> None:
+    with pytest.raises(
+        ConfigError, match=rf"key '{key}': \w+ would go .* at most; give .* or more"
+    ):
+        plan(*steps)
+
+
+def test_the_time_that_it_says_is_enough() -> None:
+    with pytest.raises(
+        ConfigError, match=r"HeadYaw would go 2.01 rad in 0.1 s, and makes 7\.\d+ rad/s"
+    ):
+        plan(STAND, FAST)
+    plan(STAND, FAST | {"duration": 0.28})
+
+
+def test_where_nobody_knows_how_far_it_is_nothing_is_refused() -> None:
+    aside = {"joints": {"HeadYaw": 1.9}, "hold": 0.2}
+    plan(FAST)
+    plan(STAND, aside, {"joints": {"HeadYaw": -0.1}, "duration": 0.1})  # it never was so far aside
+    plan(FAST, start=posture(HeadYaw=1.9))
+    with pytest.raises(ConfigError, match=r"steps\.0\.duration"):
+        plan(FAST, start=posture())
+
+
 # -- one posture ------------------------------------------------------------------------------------------------------
 
 
@@ -159,7 +199,7 @@ def test_where_the_robot_stands_counts_too() -> None:
     plan(ELBOW)
     with pytest.raises(ConfigError, match=r"'steps\.0\.joints': .*torso"):
         plan(ELBOW, start=posture(**PART))
-    plan(STAND, ELBOW, start=posture(**PART))
+    plan(STAND | {"duration": 1.0}, ELBOW, start=posture(**PART))
 
 
 def test_joints_that_a_task_moves_are_not_known() -> None:

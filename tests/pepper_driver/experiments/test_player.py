@@ -231,7 +231,7 @@ def test_the_report_can_be_read_and_written() -> None:
         report = pepper.play("reach", on_step=lambda step: lines.append(str(step)))
     assert lines == [str(step) for step in report.steps]
     assert str(report) == f"reach: completed after {report.seconds:.1f} s, 3 steps"
-    assert lines[0].startswith("step 0 forward: ")
+    assert lines[0].startswith("step forward: ")
     assert "position l_gripper off by" in lines[0]
     assert " mm, measured " in lines[0]
     content = json.loads(json.dumps(report.as_json(), allow_nan=False))
