@@ -127,7 +127,7 @@ class Run:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Evaluation:
+class EvaluationSuites:
     """All suites, with their experiments by name.
 
     Attributes:
@@ -217,7 +217,7 @@ def _shorter(run: Run, share: float) -> Run | None:
 
 
 @with_lines
-def load_evaluation(robot: RobotConfig, path: Path | str | None = None) -> Evaluation:
+def load_evaluation(robot: RobotConfig, path: Path | str | None = None) -> EvaluationSuites:
     """The suites, by default those of the package; experiments lie in the folder beside the file.
 
     Raises:
@@ -235,7 +235,7 @@ def load_evaluation(robot: RobotConfig, path: Path | str | None = None) -> Evalu
     for suite, entries in file.suites.items():
         for number, entry in enumerate(entries):
             _check(entry, experiments, robot, f"{path}: key 'suites.{suite}.{number}")
-    return Evaluation(
+    return EvaluationSuites(
         root=file.root,
         suites=dict(file.suites),
         experiments=experiments,

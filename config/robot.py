@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import xml.etree.ElementTree as ElementTree
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass as plain_dataclass
 from functools import cached_property, lru_cache
 from pathlib import Path
@@ -14,10 +14,11 @@ from numpy.typing import ArrayLike
 from pydantic.dataclasses import dataclass
 
 from pepper_driver.config.arguments import checked_arguments
-from pepper_driver.config.arrays import FloatArray
+from pepper_driver.config.arrays import BoolArray, FloatArray
 from pepper_driver.config.errors import (
     ArgumentError,
     ConfigError,
+    PepperError,
     UnknownNameError,
     check_name,
     reason,
@@ -353,3 +354,46 @@ def load_robot(path: Path | str | None = None) -> RobotConfig:
         naoqi=load(NaoqiNames, folder / top.naoqi),
         postures=_load_postures(folder / top.postures, joints),
     )
+
+
+JointSelection = str | Sequence[str] | BoolArray
+"""Joints: a name of a joint or a chain, some names, or a mask (17,) of bool."""
+
+
+class JointSelectionError(PepperError, ValueError):
+    """Neither names of joints nor a mask of them."""
+
+
+def joint_mask(joints: JointSelection, robot: RobotConfig) -> BoolArray:
+    """(17,) joints by name, as a mask; a mask as it is.
+
+    Args:
+        joints: ``"LElbowRoll"``, ``"left_arm"``, ``["head", "LHand"]`` or a mask (17,) of bool.
+        robot: Its description.
+
+    Raises:
+        UnknownNameError: No such joint or chain.
+        JointSelectionError: A mask of another shape or type, or neither names nor a mask.
+    """
+    count = len(robot.joint_names)
+    if isinstance(joints, np.ndarray):
+        if joints.shape == (count,) and joints.dtype == np.bool_:
+            return joints
+        raise JointSelectionError(
+            f"a mask of joints is an array ({count},) of bool, got {joints.shape} of {joints.dtype}"
+        )
+    names = (joints,) if isinstance(joints, str) else joints
+    if not isinstance(names, Iterable) or not all(isinstance(name, str) for name in names):
+        raise JointSelectionError(
+            f"joints are given by names, such as 'LElbowRoll' or ['left_arm', 'head'], or by a mask ({count},) of bool,"
+            f" got {shown(joints)}"
+        )
+    mask = np.zeros(count, dtype=np.bool_)
+    for name in names:
+        members = robot.chains.get(name, (name,))
+        for member in members:
+            if member not in robot.joint_names:
+                known = (*robot.chains, *robot.joint_names)
+                raise UnknownNameError("joint or chain", name, known)
+            mask[robot.joint_index(member)] = True
+    return mask

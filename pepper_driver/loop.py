@@ -18,7 +18,7 @@ from pepper_driver.config import RobotConfig
 from pepper_driver.config.arrays import FloatArray
 from pepper_driver.controller import Reference, Sent, Tick, WholeBodyController
 from pepper_driver.log import Label, LogEvent, LogWriter
-from pepper_driver.log.event import EventPhase
+from pepper_driver.log.topics import EventPhase
 from pepper_driver.observer import Observation, Observer
 from pepper_driver.realtime import StageTimes
 from pepper_driver.reflexes import Arbiter

@@ -21,7 +21,7 @@ from pepper_driver.cli.app import load_command
 from pepper_driver.config import load_experiment, load_robot
 from pepper_driver.log import Label, read_log
 from pepper_driver.log.export import export_log
-from pepper_driver.log.label import LabelPhase
+from pepper_driver.log.topics import LabelPhase
 
 ROOT = Path(__file__).parents[1]
 EXAMPLES = sorted((ROOT / "examples").glob("*.py"))

@@ -22,8 +22,7 @@ from pepper_driver.cli.console import (
     show_line,
     show_timing,
 )
-from pepper_driver.cli.identify import identify_with_progress
-from pepper_driver.cli.identify_report import print_fits
+from pepper_driver.cli.identify import identify_with_progress, print_fits
 from pepper_driver.config import MissingExtraError, load_experiment, load_robot
 from pepper_driver.config.file_lock import lock_folder
 from pepper_driver.experiments.demo import (

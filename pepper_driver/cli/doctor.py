@@ -32,8 +32,8 @@ from pepper_driver.doctor import (
     examine,
     try_motion,
 )
-from pepper_driver.doctor.result import unknown
-from pepper_driver.doctor.trial import make_pepper
+from pepper_driver.doctor.checks import unknown
+from pepper_driver.doctor.motion_test import make_pepper
 from pepper_driver.observer import ModelSet
 from pepper_driver.recording.terminal_keys import StopKey
 

@@ -23,14 +23,12 @@ from pepper_driver.config import ConfigError, load_robot
 from pepper_driver.config.evaluation import load_evaluation
 from pepper_driver.config.file_lock import lock_file, lock_folder
 from pepper_driver.config.files import make_folder
-from pepper_driver.evaluation.contestants import DEFAULTS, contestants
-from pepper_driver.evaluation.evaluate import evaluate
+from pepper_driver.evaluation.evaluate import QUICK, evaluate, log_jobs, suite_jobs
 from pepper_driver.evaluation.figures import check_plotting
-from pepper_driver.evaluation.jobs import QUICK, log_jobs, suite_jobs
-from pepper_driver.evaluation.markdown import number
 from pepper_driver.evaluation.metrics import RECALL_BINS, Metrics
-from pepper_driver.evaluation.report import write_report
-from pepper_driver.evaluation.results import Evaluation
+from pepper_driver.evaluation.observers_under_test import DEFAULTS, contestants
+from pepper_driver.evaluation.report import number, write_report
+from pepper_driver.evaluation.results import EvaluationResult
 from pepper_driver.evaluation.takes import DEFAULT_CACHE
 from pepper_driver.log import read_log
 
@@ -139,7 +137,7 @@ def _names(text: str) -> tuple[str, ...]:
     return tuple(dict.fromkeys(name.strip() for name in text.split(",")))
 
 
-def _print(console: Console, result: Evaluation) -> None:
+def _print(console: Console, result: EvaluationResult) -> None:
     """A table for each suite, with a column for each observer; what is missing below."""
     where = "in simulation" if result.simulated else "in recordings"
     for suite in result.suites:

@@ -1,4 +1,4 @@
-"""``pepper log``: what a log is about, and its contents for other tools."""
+"""``pepper log`` and ``pepper plot``: what a log holds, in figures, tables and pictures."""
 
 from __future__ import annotations
 
@@ -10,11 +10,55 @@ from rich.console import Console
 from rich.table import Table
 
 from pepper_driver.cli.app import CommandGroup
-from pepper_driver.cli.console import JsonOption, check_outputs, make_console, save_json
+from pepper_driver.cli.console import JsonOption, check_outputs, finite, make_console, save_json
 from pepper_driver.log import read_log
 from pepper_driver.log.export import Format, export_log
+from pepper_driver.log.plots import check_picture, plot_contacts
 from pepper_driver.log.repair import repair_log
 from pepper_driver.log.summary import LogSummary, summarise
+
+
+def plot(
+    log: LogArgument,
+    joints: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--joint",
+            metavar="JOINT",
+            help="Joint to show, may be given again; by default those with most contacts.",
+        ),
+    ] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE", help="PNG, SVG or PDF by its ending; by default LOG's name with .png."
+        ),
+    ] = None,
+    start: Annotated[
+        float | None,
+        typer.Option(
+            "--from",
+            metavar="SECONDS",
+            help="Begin, on the clock of the robot; by default the first tick.",
+            callback=finite,
+        ),
+    ] = None,
+    stop: Annotated[
+        float | None,
+        typer.Option(
+            "--to",
+            metavar="SECONDS",
+            help="End, on the clock of the robot; by default the last tick.",
+            callback=finite,
+        ),
+    ] = None,
+) -> None:
+    """Draw trajectories, tracking errors with their prediction, residuals with thresholds, contacts and reflexes."""
+    out = out or log.with_suffix(".png")
+    check_picture(out)
+    plot_contacts(read_log(log), out, joints, start=start, stop=stop)
+    make_console().print(f"figure: {out}")
+
 
 LogArgument = Annotated[Path, typer.Argument(metavar="LOG", help="MCAP log of a run.")]
 

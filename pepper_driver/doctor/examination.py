@@ -1,7 +1,8 @@
-"""All that can be seen of a robot without moving it."""
+"""Examination of a robot that does not move: a look at its measurements, then every check."""
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,27 +18,76 @@ from pepper_driver.config import (
     load_robot,
     load_safety_settings,
 )
-from pepper_driver.doctor.body import (
-    check_diagnosis,
-    check_joints,
-    check_limits,
-    check_temperatures,
-    check_wheels,
-)
-from pepper_driver.doctor.clock import check_clock, check_samples
-from pepper_driver.doctor.look import Look, look
-from pepper_driver.doctor.preparation import check_computer, check_models, check_settings
-from pepper_driver.doctor.result import Outcome, Result, failed, rated
-from pepper_driver.doctor.surroundings import (
+from pepper_driver.doctor.checks import (
+    Look,
+    Outcome,
+    Result,
     check_battery,
     check_bumpers,
     check_buttons,
+    check_clock,
+    check_computer,
+    check_diagnosis,
     check_flap,
     check_imu,
+    check_joints,
+    check_limits,
+    check_models,
+    check_samples,
+    check_settings,
+    check_temperatures,
     check_touch,
+    check_wheels,
+    failed,
+    rated,
 )
 from pepper_driver.observer import ModelFileError, ModelSet
 from pepper_driver.observers import find_models
+from pepper_driver.realtime import Pacer, RealTimePacer, realtime_process, realtime_thread
+
+
+def look(
+    backend: Backend,
+    robot: RobotConfig,
+    seconds: float,
+    on_progress: Callable[[float], None] | None = None,
+) -> Look:
+    """Open a robot and watch it; it is closed again, and was never active: nothing is sent to it.
+
+    Args:
+        backend: Closed.
+        robot: Its description.
+        seconds: How long [s].
+        on_progress: Told the share of the time that is over, 0..1.
+
+    Raises:
+        PepperError: The robot refuses, or is lost.
+    """
+    pacer = Pacer()
+    if backend.real_time:
+        pacer = RealTimePacer(robot.cycle, backend)
+    tell = on_progress or (lambda share: None)
+    ticks = round(seconds / robot.cycle)
+    missed = 0
+    try:
+        samples = [backend.open()]
+        diagnosis = backend.diagnosis()  # before the clock runs: it may take long
+        with realtime_process(), realtime_thread():
+            samples.append(backend.read())
+            began = time.perf_counter()
+            for tick in range(ticks):
+                missed += pacer.wait()
+                samples.append(backend.read())
+                tell((tick + 1) / ticks)
+            wall = time.perf_counter() - began
+    finally:
+        backend.close()
+    return Look(
+        samples=tuple(samples[1:]),  # the first may be from long before
+        missed=missed,
+        wall=wall if backend.real_time else None,
+        diagnosis=diagnosis,
+    )
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -13,10 +13,10 @@ import numpy as np
 from pepper_driver.config import MissingExtraError, RobotConfig
 from pepper_driver.config.errors import reason
 from pepper_driver.config.robot import TRUNK
-from pepper_driver.evaluation.jobs import EXPERIMENT_JOINTS, FIT_JOINT
+from pepper_driver.evaluation.evaluate import EXPERIMENT_JOINTS, FIT_JOINT
 from pepper_driver.evaluation.metrics import RECALL_BINS
-from pepper_driver.evaluation.results import Evaluation
-from pepper_driver.evaluation.trace import Trace
+from pepper_driver.evaluation.results import EvaluationResult
+from pepper_driver.evaluation.take_score import Trace
 from pepper_driver.log.plots import BLACK, BLUE, GREEN, GREY, ORANGE, RED, SHADE, PlotError
 
 if TYPE_CHECKING:
@@ -44,7 +44,7 @@ def check_plotting() -> None:
         raise MissingExtraError("the pictures of a report", "plot")
 
 
-def write_figures(evaluation: Evaluation, folder: Path, robot: RobotConfig) -> dict[str, str]:
+def write_figures(evaluation: EvaluationResult, folder: Path, robot: RobotConfig) -> dict[str, str]:
     """Draw what the evaluation has data for.
 
     Args:
@@ -165,7 +165,7 @@ def contact_figure(experiments: Mapping[str, Sequence[Trace]], robot: RobotConfi
     return figure
 
 
-def recall_figure(evaluation: Evaluation) -> Figure:
+def recall_figure(evaluation: EvaluationResult) -> Figure:
     """Bars of recall by size of push, a colour for each observer."""
     from matplotlib.figure import Figure
 
@@ -198,7 +198,7 @@ def _size(name: str) -> str:
     return f"{name.removesuffix('-')} and more" if name.endswith("-") else name.replace("-", " to ")
 
 
-def _recalls(evaluation: Evaluation, mode: str) -> dict[str, float]:
+def _recalls(evaluation: EvaluationResult, mode: str) -> dict[str, float]:
     metrics = evaluation.modes[mode].get("collision")
     recalls = metrics.recall if metrics is not None else {}
     return {name: value for name, value in recalls.items() if value is not None}

@@ -1,10 +1,17 @@
-"""The figures of an observer over many takes: those of the paper, and those it leaves out."""
+"""Metrics of many takes."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import asdict, dataclass
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
 from typing import Any
+
+import numpy as np
+from scipy.special import gammaincinv
+
+from pepper_driver.config import RobotConfig
+from pepper_driver.evaluation.take_score import ISOLATION_TIMES, PushScore, TakeScore, TorqueSums
 
 PAPER_SUITE = "paper"
 RECALL_BINS = {"1-1.5": (1.0, 1.5), "1.5-2": (1.5, 2.0), "2-3": (2.0, 3.0), "3-": (3.0, math.inf)}
@@ -158,3 +165,188 @@ class Metrics:
     def as_json(self) -> dict[str, Any]:
         """Keys are the names of the attributes."""
         return asdict(self)
+
+
+def upper_bound(count: int, hours: float) -> float:
+    """Largest rate [1/h] that ``count`` events in ``hours`` do not refute: exact Poisson, one-sided, CONFIDENCE."""
+    return float(gammaincinv(count + 1, CONFIDENCE)) / hours
+
+
+def summarise(scores: Sequence[TakeScore], robot: RobotConfig) -> Metrics:
+    """The figures of one observer over takes, at least one."""
+    pushes = [push for score in scores for push in score.pushes]
+    plain = _group(pushes, "plain")
+    felt = [push for push in plain if push.felt]
+    apart = {name: _group(pushes, name) for name in ("saturated", "axis", "trunk", "hand")}
+    by_size = {
+        name: [push for push in plain if low <= push.degrees < high]
+        for name, (low, high) in RECALL_BINS.items()
+    }
+    isolated = [push.isolation for push in felt if push.degrees >= ISOLATION_DEGREES]
+    isolated += [push.isolation for push in apart["trunk"] if push.felt]
+    return Metrics(
+        fit=_fit(scores),
+        fit_gap_closed={},
+        table1=_table1(scores),
+        counts=_counts(scores),
+        free_motion=_false_alarms([s for s in scores if s.free]),
+        with_pushes=_false_alarms([s for s in scores if not s.free]),
+        recall={name: _recall(group) for name, group in by_size.items()},
+        recall_overall=_recall(plain),
+        recall_saturated=_recall(apart["saturated"]),
+        recall_axis=_recall(apart["axis"]),
+        recall_trunk=_recall(apart["trunk"]),
+        recall_hands=_recall(apart["hand"]),
+        recall_count={
+            **{name: len(group) for name, group in by_size.items()},
+            "overall": len(plain),
+            "saturated": len(apart["saturated"]),
+            "axis": len(apart["axis"]),
+            "trunk": len(apart["trunk"]),
+            "hands": len(apart["hand"]),
+        },
+        delay_ms=_delay([push for push in felt if push.degrees >= DELAY_DEGREES]),
+        direction=_share(push.direction for push in felt if push.direction is not None),
+        isolation={
+            f"{1e3 * after:.0f}": _share(answers[n] for answers in isolated)
+            for n, after in enumerate(ISOLATION_TIMES)
+        },
+        torque=_torque(sum((s.torque for s in scores), TorqueSums())),
+        rebound=_rebound(scores),
+        latency_us=_latency(scores),
+        coverage=_coverage(scores),
+        **_thresholds(scores, robot),
+    )
+
+
+def with_gap_closed(metrics: Metrics, affine: Metrics | None, oracle: Metrics | None) -> Metrics:
+    """The figures, with the share of the way from the affine tree to the oracle that each test fit has gone."""
+    closed = {}
+    for joint, fit in metrics.fit.items():
+        low = affine.fit[joint].test if affine and joint in affine.fit else None
+        high = oracle.fit[joint].test if oracle and joint in oracle.fit else None
+        if fit.test is not None and low is not None and high is not None and high > low:
+            closed[joint] = (fit.test - low) / (high - low)
+    return replace(metrics, fit_gap_closed=closed)
+
+
+def _group(pushes: Sequence[PushScore], group: str) -> list[PushScore]:
+    return [push for push in pushes if push.group == group]
+
+
+def _share(answers: Iterable[bool]) -> float | None:
+    answers = list(answers)
+    return sum(answers) / len(answers) if answers else None
+
+
+def _recall(pushes: Sequence[PushScore]) -> float | None:
+    return _share(push.felt for push in pushes)
+
+
+def _counts(scores: Sequence[TakeScore]) -> Counts:
+    felt = [push.felt for score in scores for push in score.pushes]
+    return Counts(fp=sum(s.false for s in scores), fn=felt.count(False), tp=felt.count(True))
+
+
+def _table1(scores: Sequence[TakeScore]) -> dict[str, Counts]:
+    rows: dict[str, list[TakeScore]] = {}
+    for score in scores:
+        if score.suite == PAPER_SUITE:
+            rows.setdefault(score.experiment, []).append(score)
+    if not rows:
+        return {}
+    table = {experiment: _counts(group) for experiment, group in rows.items()}
+    return {**table, "total": _counts([score for group in rows.values() for score in group])}
+
+
+def _fit(scores: Sequence[TakeScore]) -> dict[str, Fit]:
+    runs: dict[str, dict[bool, list[float]]] = {}
+    for score in scores:
+        for joint, fit in score.fit.items():
+            runs.setdefault(joint, {False: [], True: []})[score.fast].append(fit)
+    return {
+        joint: Fit(
+            estimation=float(np.mean(by_speed[False])) if by_speed[False] else None,
+            test=float(np.mean(by_speed[True])) if by_speed[True] else None,
+        )
+        for joint, by_speed in runs.items()
+    }
+
+
+def _false_alarms(scores: Sequence[TakeScore]) -> FalseAlarms | None:
+    if not scores:
+        return None
+    hours, count = sum(s.seconds for s in scores) / 3600.0, sum(s.false for s in scores)
+    return FalseAlarms(hours=hours, fp=count, fp_per_hour_upper95=upper_bound(count, hours))
+
+
+def _quantiles(seconds: Sequence[float]) -> Quantiles | None:
+    if not seconds:
+        return None
+    median, p90 = 1e3 * np.percentile(seconds, (50, 90))
+    return Quantiles(median=float(median), p90=float(p90))
+
+
+def _delay(pushes: Sequence[PushScore]) -> Delay | None:
+    delay = _quantiles([p.delay for p in pushes if p.delay is not None])
+    if delay is None:
+        return None
+    later = _quantiles([p.delay_from_1deg for p in pushes if p.delay_from_1deg is not None])
+    return Delay(median=delay.median, p90=delay.p90, from_1deg=later)
+
+
+def _torque(sums: TorqueSums) -> Torque | None:
+    n = sums.estimated
+    if n == 0:
+        return None
+    spread = sums.squared_truth - sums.truth**2 / n
+    return Torque(
+        rmse_over_k_deg=math.degrees(math.sqrt(sums.squared_error / n)),
+        r2=1.0 - sums.squared_error / spread if spread > 0.0 else None,
+        estimated=n / sums.samples,
+    )
+
+
+def _rebound(scores: Sequence[TakeScore]) -> Rebound | None:
+    swings, touches = sum(s.swings for s in scores), sum(s.touches for s in scores)
+    if not swings and not touches:
+        return None
+    return Rebound(
+        recall=sum(s.swings_told for s in scores) / swings if swings else None,
+        mislabelled=sum(s.touches_mistold for s in scores) / touches if touches else None,
+        swings=swings,
+        touches=touches,
+    )
+
+
+def _thresholds(scores: Sequence[TakeScore], robot: RobotConfig) -> Mapping[str, Any]:
+    """``threshold_deg`` and ``threshold_nm``."""
+    names = [name for name in robot.joint_names if name not in robot.hands.joints]
+    columns = [robot.joint_index(name) for name in names]
+    threshold = np.concatenate([s.threshold for s in scores])[:, columns]
+    torque = np.concatenate([s.threshold * s.stiffness_constant for s in scores])[:, columns]
+    known = threshold[np.isfinite(threshold)]
+    if not len(known):
+        return {"threshold_deg": None, "threshold_nm": {}}
+    p05, p50, p95 = np.degrees(np.percentile(known, (5, 50, 95)))
+    return {
+        "threshold_deg": Spread(p05=float(p05), p50=float(p50), p95=float(p95)),
+        "threshold_nm": {
+            name: float(np.median(column[np.isfinite(column)]))
+            for name, column in zip(names, torque.T, strict=True)
+            if np.isfinite(column).any()
+        },
+    }
+
+
+def _latency(scores: Sequence[TakeScore]) -> Latency:
+    median, p99 = np.percentile(np.concatenate([s.step_us for s in scores]), (50, 99))
+    return Latency(median=float(median), p99=float(p99))
+
+
+def _coverage(scores: Sequence[TakeScore]) -> Coverage:
+    seen, ticks = np.sum([s.seen for s in scores], axis=0), sum(s.ticks for s in scores)
+    watched = seen[seen > 0]
+    return Coverage(
+        joints=len(watched), share=float(watched.mean() / ticks) if len(watched) else None
+    )

@@ -7,7 +7,7 @@ from typing import Any
 
 from pepper_driver.config import load_observer_settings, load_robot
 from pepper_driver.evaluation.metrics import Metrics
-from pepper_driver.evaluation.trace import Trace
+from pepper_driver.evaluation.take_score import Trace
 
 _HOME = {
     "fit": ("fit", "fit_gap_closed"),
@@ -38,7 +38,7 @@ class Failure:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Evaluation:
+class EvaluationResult:
     """All results.
 
     Attributes:

@@ -1,19 +1,142 @@
-"""What one observer's answer to one take is worth: every push on its own, and sums that add up over takes."""
+"""Score of one take by one observer, and the signals that are drawn of it."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from time import perf_counter_ns
 from typing import Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pepper_driver.config import RobotConfig
 from pepper_driver.config.arrays import BoolArray, FloatArray, IntArray
 from pepper_driver.config.robot import TRUNK
 from pepper_driver.evaluation.takes import Take
-from pepper_driver.evaluation.watching import Watched
-from pepper_driver.observer import FittingError, JointState, Push, nrmse_fit, score
+from pepper_driver.observer import (
+    Contact,
+    ContactObserver,
+    FittingError,
+    JointState,
+    Observer,
+    Push,
+    Recording,
+    nrmse_fit,
+    score,
+)
 from pepper_driver.observer.scoring import REBOUND_TIME, Alarm, Felt, alarms_of
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Watched:
+    """What an observer made of a recording of n ticks and N joints; NaN where a joint was blind.
+
+    Attributes:
+        contacts: Its events, in their order.
+        expected: (n, N) expected tracking error [rad].
+        predicted: (n,) the same of the joint that was asked for, without a look at what was measured; None for none.
+        residual: (n, N) contact observer signal r [rad].
+        threshold: (n, N) [rad].
+        torque: (n, N) external torque estimate [N m].
+        state: (n, N) values of :class:`~pepper_driver.observer.JointState`.
+        step_us: (n,) wall time of each step [us].
+    """
+
+    contacts: tuple[Contact, ...]
+    expected: FloatArray
+    predicted: FloatArray | None
+    residual: FloatArray
+    threshold: FloatArray
+    torque: FloatArray
+    state: NDArray[np.int8]
+    step_us: FloatArray
+
+
+def watch(observer: Observer, recording: Recording, joint: str | None = None) -> Watched:
+    """Reset the observer and show it every tick of the recording; ``joint`` is the one to predict."""
+    shape = recording.position.shape
+    expected, residual, threshold, torque = (np.empty(shape) for _ in range(4))
+    state = np.empty(shape, dtype=np.int8)
+    step_us = np.empty(len(recording))
+    contacts: list[Contact] = []
+    observer.reset()
+    for row, tick in enumerate(recording.ticks()):
+        before = perf_counter_ns()
+        observation = observer.step(tick)
+        step_us[row] = (perf_counter_ns() - before) * 1e-3
+        contacts.extend(observation.contacts)
+        expected[row] = observation.expected
+        residual[row] = observation.residual
+        threshold[row] = observation.threshold
+        torque[row] = observation.torque
+        state[row] = observation.state
+    return Watched(
+        contacts=tuple(contacts),
+        expected=expected,
+        predicted=None if joint is None else _predicted(observer, recording, joint, expected),
+        residual=residual,
+        threshold=threshold,
+        torque=torque,
+        state=state,
+        step_us=step_us,
+    )
+
+
+def _predicted(
+    observer: Observer, recording: Recording, joint: str, expected: FloatArray
+) -> FloatArray:
+    if isinstance(observer, ContactObserver):
+        return observer.predict(joint, recording)
+    return expected[:, recording.joint_names.index(joint)]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Trace:
+    """One joint over n ticks of a take, as one observer saw it; angles [rad], NaN where the joint was blind.
+
+    ``others`` are the positions sent of the joints that move besides, by name.
+    """
+
+    mode: str
+    suite: str
+    experiment: str
+    task_stiffness: float
+    joint: str
+    time: FloatArray
+    sent: FloatArray
+    position: FloatArray
+    others: dict[str, FloatArray]
+    expected: FloatArray
+    residual: FloatArray
+    threshold: FloatArray
+    pushes: tuple[Push, ...]
+    contacts: tuple[Contact, ...]
+
+
+def trace_of(mode: str, take: Take, watched: Watched, joint: str) -> Trace:
+    """Cut one joint out of a take; the three joints that move most besides come along."""
+    recording = take.recording
+    index = recording.joint_names.index(joint)
+    travel = np.ptp(recording.sent_position, axis=0)
+    travel[index] = 0.0
+    most = [i for i in np.argsort(-travel, kind="stable")[:3] if travel[i] > 0.0]
+    return Trace(
+        mode=mode,
+        suite=take.suite,
+        experiment=take.experiment,
+        task_stiffness=take.task_stiffness,
+        joint=joint,
+        time=recording.time.copy(),
+        sent=recording.sent_position[:, index].copy(),
+        position=recording.position[:, index].copy(),
+        others={recording.joint_names[i]: recording.sent_position[:, i].copy() for i in most},
+        expected=watched.expected[:, index].copy(),
+        residual=watched.residual[:, index].copy(),
+        threshold=watched.threshold[:, index].copy(),
+        pushes=take.pushes,
+        contacts=watched.contacts,
+    )
+
 
 Group = Literal["plain", "trunk", "saturated", "axis", "hand"]
 

@@ -1,30 +1,34 @@
 """Identification: the runs a robot makes, their recordings in a folder, the models fitted to them."""
 
-from pepper_driver.identification.driving import Confirm, Progress
-from pepper_driver.identification.fitting import CLOSED_FORM, Fit, FittedModels, fit_models
-from pepper_driver.identification.folder import (
+from pepper_driver.identification.dataset import (
     MANIFEST,
+    IdentificationRecordings,
+    JointRecordings,
     RecordingFolderError,
     finished,
     load_recordings,
+    mirror_joint,
     read_manifest,
 )
+from pepper_driver.identification.fit import CLOSED_FORM, Fit, FittedModels, SharedFit, fit_models
 from pepper_driver.identification.identify import (
+    Confirm,
     Identification,
+    Progress,
     chosen_joints,
     fit_folder,
     identify_joints,
     record_joints,
 )
 from pepper_driver.identification.quality import Finding, inspect_recordings
-from pepper_driver.identification.recordings import (
-    IdentificationRecordings,
-    JointRecordings,
-    mirror_joint,
+from pepper_driver.identification.runs import (
+    CALIBRATION_STIFFNESS,
+    RehearsalError,
+    Run,
+    plan_runs,
+    rehearse,
+    sweeps_of,
 )
-from pepper_driver.identification.rehearsal import RehearsalError, rehearse
-from pepper_driver.identification.runs import CALIBRATION_STIFFNESS, Run, plan_runs, sweeps_of
-from pepper_driver.identification.sharing import SharedFit
 
 __all__ = [
     "CALIBRATION_STIFFNESS",

@@ -10,11 +10,8 @@ import numpy as np
 
 from pepper_driver.config import load_observer_settings
 from pepper_driver.config.arrays import FloatArray
-from pepper_driver.identification.recordings import (
-    IdentificationRecordings,
-    JointRecordings,
-    run_name,
-)
+from pepper_driver.identification.dataset import IdentificationRecordings, JointRecordings
+from pepper_driver.identification.runs import run_name
 from pepper_driver.observer import JointModel, Recording
 from pepper_driver.observer.fitting.bounds import free_residual
 from pepper_driver.observer.recording import STALE_AGE

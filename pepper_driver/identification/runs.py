@@ -1,4 +1,4 @@
-"""What identification asks a robot to do: the runs in their order, each with a seed of its own."""
+"""Runs of an identification: planned, dry run, and driven."""
 
 from __future__ import annotations
 
@@ -10,12 +10,25 @@ import numpy as np
 
 from pepper_driver.backends.mock import MockBackend
 from pepper_driver.backends.selection import parse_uri, with_query
-from pepper_driver.config import ConfigError, Experiment, RobotConfig, load_robot
+from pepper_driver.config import (
+    ConfigError,
+    Experiment,
+    PepperError,
+    RobotConfig,
+    load_robot,
+)
 from pepper_driver.config.steps import Sweeps
+from pepper_driver.controller import Tick
 from pepper_driver.experiments.plan import plan_experiment
-from pepper_driver.identification.recordings import run_name
-from pepper_driver.observer import Recording, RecordingBuilder
+from pepper_driver.observer import Observation, Recording, RecordingBuilder
 from pepper_driver.robot import Pepper
+from pepper_driver.safety import FaultError
+
+
+def run_name(what: str, number: int | None) -> str:
+    """Name of a run: the joint or ``calibration``, then its number from 1 on, or ``test``."""
+    return f"{what}-{'test' if number is None else number}"
+
 
 Role = Literal["estimation", "test", "calibration"]
 
@@ -192,3 +205,40 @@ def seeded_uri(uri: str, run: Run) -> str:
     """The URI of a simulated robot that takes a seed, with one of its own for the noise of this run."""
     root = parse_uri(uri).integer("seed", 0)
     return with_query(uri, seed=int(np.random.SeedSequence((*run.seed, root)).generate_state(1)[0]))
+
+
+class RehearsalError(PepperError, RuntimeError):
+    """A run would not go as it should; nothing has moved."""
+
+
+def rehearse(run: Run) -> None:
+    """Have controller and gate play a run.
+
+    Raises:
+        RehearsalError: The gate would stop the robot or alter a command, or the controller would find no motion that
+            keeps its constraints.
+    """
+    robot = load_robot()
+    pepper = Pepper("mock", observer=None, robot=robot)
+    time = 0.0
+
+    def watch(tick: Tick, _: Observation | None) -> None:
+        nonlocal time
+        time = tick.measurement.time
+        # Of the last cycle: it is the command of the next one.
+        status = pepper.controller.status
+        if status.solver != "solved":
+            lost = ", ".join(status.unmet) or status.solver
+            raise RehearsalError(f"the controller cannot keep its limits ({lost})")
+        if tick.changed.any():
+            joint = robot.joint_names[int(np.argmax(tick.changed))]
+            raise RehearsalError(f"the safety gate would alter the command of {joint}")
+
+    plan = plan_experiment(run.experiment, robot, pepper.backend, seed=run.seed)
+    try:
+        with pepper:
+            pepper.play(plan, on_tick=watch, skip_settling=True)
+    except (RehearsalError, FaultError) as error:
+        raise RehearsalError(
+            f"run {run.name} would fail {time:.1f} s after its start: {error}; nothing has moved"
+        ) from error

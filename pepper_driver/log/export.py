@@ -15,9 +15,15 @@ from numpy.typing import NDArray
 from pepper_driver.config import MissingExtraError, UnknownNameError
 from pepper_driver.config.arguments import as_path, checked_arguments
 from pepper_driver.config.files import OutputError, make_folder, replacing
-from pepper_driver.log.json_topic import JsonTopic
-from pepper_driver.log.reader import LogData
-from pepper_driver.log.tables import Column, Table, item_tables, tick_table, truth_table
+from pepper_driver.log.reader import (
+    LogData,
+    Table,
+    TableColumn,
+    item_tables,
+    tick_table,
+    truth_table,
+)
+from pepper_driver.log.topics import JsonTopic
 
 Format = Literal["parquet", "csv", "npz"]
 FORMATS: tuple[Format, ...] = get_args(Format)
@@ -127,7 +133,7 @@ def _write_csv(part: Path, topic: JsonTopic[Any] | None, table: Table) -> None:
         writer.writerows(zip(*(_cells(column) for column in table.values()), strict=True))
 
 
-def _cells(column: Column) -> list[Any]:
+def _cells(column: TableColumn) -> list[Any]:
     if isinstance(column, np.ndarray):
         listed: list[Any] = (
             column.astype(np.int8) if column.dtype == np.bool_ else column
@@ -155,7 +161,7 @@ def _write_npz(log: LogData, part: Path) -> None:
         np.savez_compressed(stream, **arrays)
 
 
-def _array(column: Column, kind: str) -> NDArray[Any]:
+def _array(column: TableColumn, kind: str) -> NDArray[Any]:
     """Text, or numbers as float64; None is no text or NaN."""
     if kind in ("number", "integer"):
         return np.array([np.nan if cell is None else cell for cell in column], dtype=np.float64)

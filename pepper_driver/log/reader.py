@@ -1,13 +1,15 @@
-"""A log back from its file: whole, or as far as it is intact."""
+"""Reader of a log: arrays of a run, and its topics as tables."""
 
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Self, TypeVar
+from typing import Any, Self, TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pepper_driver.backends.log_file import (
     TICK_TOPIC,
@@ -20,11 +22,8 @@ from pepper_driver.backends.log_file import (
 )
 from pepper_driver.config import UnknownNameError, load_robot
 from pepper_driver.config.arguments import as_path, checked_arguments
-from pepper_driver.log.contacts import CONTACTS
-from pepper_driver.log.event import EVENTS, LogEvent
-from pepper_driver.log.json_topic import JsonTopic
-from pepper_driver.log.label import LABELS, Label
 from pepper_driver.log.schema import TRUTH_TOPIC, layout_metadata
+from pepper_driver.log.topics import CONTACTS, EVENTS, LABELS, JsonTopic, Label, LogEvent
 from pepper_driver.observer.interface import Contact
 
 T = TypeVar("T")
@@ -144,3 +143,46 @@ def usual_layout() -> dict[str, str]:
 
 def _items(file: LogFile, topic: JsonTopic[T]) -> list[T]:
     return [topic.decode(message) for message in file.messages.get(topic.topic, [])]
+
+
+TableColumn = NDArray[Any] | list[Any]
+"""An array of numbers or truth values; a list of text, numbers, tuples of text, None."""
+
+Table = Mapping[str, TableColumn]
+
+
+def tick_table(log: LogData) -> Table:
+    """``time``, ``position.LShoulderRoll``, ...: each value of each tick in a column of its own."""
+    return _columns(log.fields, log.elements, "")
+
+
+def truth_table(log: LogData) -> Table | None:
+    """The same of the ground truth; None where there is none."""
+    return None if log.truth is None else _columns(log.truth, log.elements, "truth.")
+
+
+def item_tables(log: LogData) -> dict[str, tuple[JsonTopic[Any], Table]]:
+    """``contacts`` and ``events``, and ``labels`` where there are any, with the topics that say what is in them."""
+    lists: dict[str, tuple[JsonTopic[Any], Sequence[Any]]] = {
+        "contacts": (CONTACTS, log.contacts),
+        "events": (EVENTS, log.events),
+    }
+    if log.labels:
+        lists["labels"] = (LABELS, log.labels)
+    return {
+        name: (topic, {key: [getattr(item, key) for item in items] for key in topic.types})
+        for name, (topic, items) in lists.items()
+    }
+
+
+def _columns(
+    fields: Mapping[str, NDArray[Any]], elements: Mapping[str, tuple[str, ...]], prefix: str
+) -> Table:
+    table: dict[str, TableColumn] = {}
+    for name, array in fields.items():
+        if array.ndim == 1:
+            table[name] = array
+        else:
+            for place, element in enumerate(elements[prefix + name]):
+                table[f"{name}.{element}"] = np.ascontiguousarray(array[:, place])
+    return table

@@ -7,8 +7,8 @@ from pathlib import Path
 from pepper_driver.backends.log_file import LogFile, decode_records, read_records
 from pepper_driver.config.file_lock import lock_file
 from pepper_driver.config.files import OutputError, make_folder, replacing
-from pepper_driver.log.mcap_file import McapFile
 from pepper_driver.log.reader import usual_layout
+from pepper_driver.log.writer import McapFile
 
 
 def repair_log(path: Path, out: Path, *, force: bool = False) -> LogFile:

@@ -1,4 +1,4 @@
-"""What one row of the log holds: field tables and ROS 2 message definitions.
+"""Rows of a log: fields of the binary topics, their message definitions, packing and reading.
 
 A message is plain CDR of values and arrays of fixed size, wide ones first: so nothing needs padding, and the bytes of
 the arrays, one after the other, are the message.
@@ -7,23 +7,29 @@ the arrays, one after the other, are the message.
 from __future__ import annotations
 
 import json
+import struct
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict
+from operator import attrgetter
 from typing import Any
 
+import numpy as np
+
+from pepper_driver.backends.interface import Command
 from pepper_driver.backends.log_file import (
+    CDR_HEADER,
     LAYOUT_VERSION,
     TICK_TOPIC,
     UNANSWERED_TOPIC,
     Field,
     FieldType,
+    row_type,
 )
+from pepper_driver.backends.simulated import TruthSample
 from pepper_driver.config import RobotConfig
-from pepper_driver.log.contacts import CONTACTS
-from pepper_driver.log.event import EVENTS
-from pepper_driver.log.json_topic import JsonTopic
-from pepper_driver.log.label import LABELS
-from pepper_driver.observer.interface import JointState
+from pepper_driver.controller.tick import Reference, Sent, Tick
+from pepper_driver.log.topics import CONTACTS, EVENTS, LABELS, JsonTopic
+from pepper_driver.observer.interface import JointState, Observation
 
 TRUTH_TOPIC = "/truth"
 JSON_TOPICS: tuple[JsonTopic[Any], ...] = (CONTACTS, LABELS, EVENTS)
@@ -39,7 +45,7 @@ def _field(
 
 
 def tick_fields(robot: RobotConfig) -> tuple[Field, ...]:
-    """Fields of ``/tick``, scalars first, in the order of :mod:`pepper_driver.log.rows`."""
+    """Fields of ``/tick``, scalars first, in the order of :mod:`pepper_driver.log.schema`."""
     joints, wheels, sensors = robot.joint_names, robot.wheels.names, robot.sensors
     return (
         _field("time", None, "[s] clock of the robot"),
@@ -86,7 +92,7 @@ def tick_fields(robot: RobotConfig) -> tuple[Field, ...]:
 
 
 def unanswered_fields(robot: RobotConfig) -> tuple[Field, ...]:
-    """Fields of ``/unanswered``, scalars first, in the order of :mod:`pepper_driver.log.rows`."""
+    """Fields of ``/unanswered``, scalars first, in the order of :mod:`pepper_driver.log.schema`."""
     return (
         _field(
             "time", None, "[s] clock of the robot at the first sample that answers a later command"
@@ -118,7 +124,7 @@ def _changed_field(robot: RobotConfig) -> Field:
 
 
 def truth_fields(robot: RobotConfig) -> tuple[Field, ...]:
-    """Fields of ``/truth``, scalars first, in the order of :mod:`pepper_driver.log.rows`."""
+    """Fields of ``/truth``, scalars first, in the order of :mod:`pepper_driver.log.schema`."""
     joints = robot.joint_names
     return (
         _field("time", None, "[s] clock of the robot"),
@@ -164,3 +170,188 @@ def layout_metadata(robot: RobotConfig) -> dict[str, str]:
         "hand_joints": robot.hands.joints,
     }
     return {"version": LAYOUT_VERSION, **{k: json.dumps(v) for k, v in values.items()}}
+
+
+_type_of = attrgetter("dtype")
+_TICK_SCALARS = struct.Struct("<4s5d5q")
+_UNANSWERED_SCALARS = struct.Struct("<4sdq")
+_TRUTH_SCALARS = struct.Struct("<4sd")
+
+
+class TickRows:
+    """Makes messages of ``/tick``.
+
+    Args:
+        robot: The robot whose ticks will come.
+    """
+
+    def __init__(self, robot: RobotConfig) -> None:
+        self._arrays = _Arrays(tick_fields(robot))
+        self._unobserved = unobserved(robot)
+        self._unknown = np.full(len(robot.joints), np.nan)
+
+    def message(
+        self,
+        tick: Tick,
+        observation: Observation | None,
+        step: int,
+        tick_end: float,
+        missed: int,
+    ) -> bytes:
+        """One tick; without an observation nothing is known and all joints are blind.
+
+        Raises:
+            Exception: Values that are no row.
+        """
+        m, imu = tick.measurement, tick.measurement.imu
+        seen = self._unobserved if observation is None else observation
+        scalars = _TICK_SCALARS.pack(
+            CDR_HEADER,
+            m.time,
+            m.battery,
+            m.age,
+            tick_end,
+            m.charging_flap,
+            m.tick,
+            step,
+            -1 if m.answers is None else m.answers,
+            missed,
+            m.withheld,
+        )
+        return self._arrays.message(
+            scalars,
+            (
+                m.position,
+                m.current,
+                m.wheel_speed,
+                *_sent_arrays(tick.sent, tick.reference),
+                seen.expected,
+                seen.residual,
+                seen.threshold,
+                seen.torque,
+                seen.torque_std,
+                imu.acceleration,
+                imu.angular_velocity,
+                imu.attitude,
+                m.touch,
+                m.bumpers,
+                m.buttons,
+                m.temperature,
+                self._unknown if m.stiffness is None else m.stiffness,
+                tick.changed,
+                seen.state,
+            ),
+        )
+
+
+class UnansweredRows:
+    """Makes messages of ``/unanswered``.
+
+    Args:
+        robot: The robot whose commands will come.
+    """
+
+    def __init__(self, robot: RobotConfig) -> None:
+        self._arrays = _Arrays(unanswered_fields(robot))
+
+    def message(self, time: float, step: int, sent: Sent) -> bytes:
+        """A command given in ``step``, passed over by the sample of ``time`` [s].
+
+        Raises:
+            Exception: Values that are no row.
+        """
+        return self._arrays.message(
+            _UNANSWERED_SCALARS.pack(CDR_HEADER, time, step),
+            (*_sent_arrays(sent.command, sent.reference), sent.changed),
+        )
+
+
+class TruthRows:
+    """Makes messages of ``/truth``.
+
+    Args:
+        robot: The robot whose truth will come.
+    """
+
+    def __init__(self, robot: RobotConfig) -> None:
+        self._arrays = _Arrays(truth_fields(robot))
+
+    def message(self, time: float, truth: TruthSample) -> bytes:
+        """The truth at ``time`` [s].
+
+        Raises:
+            Exception: Values that are no row.
+        """
+        return self._arrays.message(
+            _TRUTH_SCALARS.pack(CDR_HEADER, time),
+            (
+                truth.contact_torque,
+                truth.peak_torque,
+                truth.position,
+                truth.base,
+                truth.tilt,
+                truth.wheel_load,
+                truth.in_gap,
+                truth.saturated,
+            ),
+        )
+
+
+def _sent_arrays(sent: Command, reference: Reference) -> tuple[Any, ...]:
+    return (
+        sent.position,
+        sent.stiffness,
+        sent.wheel_speed,
+        reference.position,
+        reference.velocity,
+        reference.acceleration,
+        reference.load_torque,
+        reference.base_twist,
+    )
+
+
+class _Arrays:
+    """Joins the arrays of a row, as its fields ask for them."""
+
+    def __init__(self, fields: tuple[Field, ...]) -> None:
+        vectors = [field for field in fields if field.elements is not None]
+        self._types = [np.dtype(field.type) for field in vectors]
+        self._size = len(CDR_HEADER) + row_type(fields).itemsize
+
+    def message(self, scalars: bytes, arrays: tuple[Any, ...]) -> bytes:
+        """The bytes of a message.
+
+        Raises:
+            ValueError: Arrays of other sizes.
+        """
+        try:
+            as_asked = list(map(_type_of, arrays)) == self._types
+            message = b"".join((scalars, *arrays)) if as_asked else b""
+        except (AttributeError, BufferError):  # no array, or one with gaps
+            message = b""
+        if not message:
+            message = b"".join((scalars, *self._converted(arrays)))
+        if len(message) != self._size:
+            raise ValueError(f"a row of {len(message)} bytes in place of {self._size}")
+        return message
+
+    def _converted(self, arrays: tuple[Any, ...]) -> list[Any]:
+        return [
+            np.ascontiguousarray(array, dtype=type)
+            for array, type in zip(arrays, self._types, strict=True)
+        ]
+
+
+def unobserved(robot: RobotConfig) -> Observation:
+    """What is logged where no observer ran: nothing known, all joints blind."""
+    nothing = np.full(len(robot.joints), np.nan)
+    blind = np.full(len(robot.joints), JointState.BLIND, dtype=np.int8)
+    return Observation(
+        contacts=(),
+        expected=nothing,
+        residual=nothing,
+        threshold=nothing,
+        torque=nothing,
+        torque_std=nothing,
+        state=blind,
+    )

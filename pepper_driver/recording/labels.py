@@ -14,7 +14,7 @@ from pepper_driver.config import PepperError, RobotConfig, UnknownNameError
 from pepper_driver.config.arguments import checked_arguments
 from pepper_driver.config.robot import TRUNK
 from pepper_driver.log import Label, LogData
-from pepper_driver.log.label import LabelPhase
+from pepper_driver.log.topics import LabelPhase
 from pepper_driver.observer import Push, Recording, RecordingError
 from pepper_driver.recording.terminal_keys import SpaceBar
 

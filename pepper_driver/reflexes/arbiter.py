@@ -19,7 +19,7 @@ from pepper_driver.controller import WholeBodyController
 from pepper_driver.controller.constraints import Constraint
 from pepper_driver.controller.tasks import Task
 from pepper_driver.observer import Observation
-from pepper_driver.reflexes.ignore import Ignore
+from pepper_driver.reflexes.basic import Ignore
 from pepper_driver.reflexes.reflex import Reflex, ReflexError, kind_of
 from pepper_driver.reflexes.requests import BRAKING_STIFFNESS, ReflexRequests
 

@@ -14,15 +14,11 @@ from pepper_driver.config.contact_selector import SELECTOR_FIELDS, ContactSelect
 from pepper_driver.config.lines import with_lines
 from pepper_driver.config.loading import read_yaml
 from pepper_driver.config.plugins import load_plugin, plugin_names
-from pepper_driver.reflexes.assist import Assist
-from pepper_driver.reflexes.comply import Comply
+from pepper_driver.reflexes.basic import Hold, Ignore, Soften, StopBase
+from pepper_driver.reflexes.comply import Assist, Comply
 from pepper_driver.reflexes.follow_hand import FollowHand
-from pepper_driver.reflexes.hold import Hold
-from pepper_driver.reflexes.ignore import Ignore
 from pepper_driver.reflexes.reflex import Reflex, kind_of
 from pepper_driver.reflexes.retract import Retract
-from pepper_driver.reflexes.soften import Soften
-from pepper_driver.reflexes.stop_base import StopBase
 
 REFLEX_GROUP = "pepper_driver.reflexes"
 """Entry-point group for reflexes: ``name = "module:Class"``, a dataclass derived from ``Reflex``."""

@@ -1,4 +1,4 @@
-"""Base class of reflexes: reactions to touch inside the tick, in bounded time."""
+"""Base class of reflexes, and the joints that they choose by limb."""
 
 from __future__ import annotations
 
@@ -21,8 +21,20 @@ from pepper_driver.config.contact_selector import (
     SelectorError,
 )
 from pepper_driver.config.errors import shown
+from pepper_driver.config.robot import TRUNK
 from pepper_driver.observer import Contact, Observation
 from pepper_driver.reflexes.requests import ReflexRequests
+
+
+def limb_joints(contact: Contact, robot: RobotConfig, *, fingers: bool = False) -> BoolArray:
+    """(17,) the joints of the limb that a contact is on; none on the trunk: no reflex lets the legs give way."""
+    joints = np.zeros(len(robot.joint_names), dtype=np.bool_)
+    if contact.limb != TRUNK:
+        joints[[robot.joint_index(name) for name in robot.limbs[contact.limb]]] = True
+    if not fingers:
+        joints[[robot.joint_index(name) for name in robot.hands.joints]] = False
+    return joints
+
 
 Then = Literal["resume", "stay"]
 Part = Literal["joints", "base", "contacts"]

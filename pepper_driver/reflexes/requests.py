@@ -7,10 +7,10 @@ import numpy as np
 from pepper_driver.config import RobotConfig
 from pepper_driver.config.arrays import BoolArray, FloatArray
 from pepper_driver.config.errors import shown
+from pepper_driver.config.robot import JointSelection, joint_mask
 from pepper_driver.controller import WholeBodyController
 from pepper_driver.controller.errors import PartError
 from pepper_driver.controller.tasks import BaseVelocityTask, Task
-from pepper_driver.reflexes.limbs import JointSelection, joint_mask
 
 DOMINANT_WEIGHT = 1e6
 """Weight of tasks of reflexes that nothing the user asks for outweighs."""

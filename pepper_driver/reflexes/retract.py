@@ -11,8 +11,7 @@ from pepper_driver.config.arguments import checked_arguments
 from pepper_driver.config.arrays import FloatArray
 from pepper_driver.controller.tasks import PostureTask
 from pepper_driver.observer import Contact, Observation
-from pepper_driver.reflexes.limbs import limb_joints
-from pepper_driver.reflexes.reflex import Part, Reflex
+from pepper_driver.reflexes.reflex import Part, Reflex, limb_joints
 from pepper_driver.reflexes.requests import DOMINANT_WEIGHT, ReflexRequests
 
 STIFFNESS = 400.0

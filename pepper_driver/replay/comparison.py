@@ -14,12 +14,10 @@ from pepper_driver.backends.command_differences import CommandDifferences
 from pepper_driver.config.arguments import checked_arguments
 from pepper_driver.config.arrays import IntArray
 from pepper_driver.log import LogEvent
-from pepper_driver.log.contacts import CONTACTS
-from pepper_driver.log.event import EVENTS
-from pepper_driver.log.json_topic import JsonTopic
 from pepper_driver.log.summary import summarise
+from pepper_driver.log.topics import CONTACTS, EVENTS, JsonTopic
 from pepper_driver.observer import Contact
-from pepper_driver.replay.recorded import RecordedRun
+from pepper_driver.replay.logged_run import RecordedRun
 from pepper_driver.replay.run import Replayed
 from pepper_driver.safety import FaultReason
 

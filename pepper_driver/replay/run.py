@@ -15,13 +15,13 @@ from pepper_driver.backends.replay import EndOfLogError
 from pepper_driver.config.arguments import as_path, checked_arguments
 from pepper_driver.controller import Tick
 from pepper_driver.log import LogEvent, LogWriter, run_metadata
-from pepper_driver.log.rows import unobserved
+from pepper_driver.log.schema import unobserved
 from pepper_driver.loop import Loop, TickRecord
 from pepper_driver.observer import Contact, Observation, Observer
 from pepper_driver.reflexes import Arbiter, Reflex, prepare_reflexes
 from pepper_driver.reflexes.declared import declare
+from pepper_driver.replay.logged_run import RecordedRun, ReplayError
 from pepper_driver.replay.playback import RecordedController
-from pepper_driver.replay.recorded import RecordedRun, ReplayError
 from pepper_driver.safety import Fault, FaultError, SafetyGate
 
 VALUES = ("expected", "residual", "threshold", "torque", "torque_std", "state")

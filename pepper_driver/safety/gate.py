@@ -10,10 +10,9 @@ from pepper_driver.backends import Command, Measurement
 from pepper_driver.config import ControllerSettings, PepperError, RobotConfig, SafetySettings
 from pepper_driver.config.arrays import BoolArray, FloatArray
 from pepper_driver.controller import Reference
-from pepper_driver.safety.base import BaseGuard
-from pepper_driver.safety.limits import JointLimits
+from pepper_driver.safety.limits import BaseGuard, JointLimits
+from pepper_driver.safety.monitor import Watch
 from pepper_driver.safety.states import Fault, FaultReason, RobotState, StateMachine
-from pepper_driver.safety.watch import Watch
 
 FLOAT = np.dtype(np.float64)
 

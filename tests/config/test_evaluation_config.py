@@ -8,7 +8,7 @@ import pytest
 
 from pepper_driver.config import ConfigError, UnknownNameError, load_robot
 from pepper_driver.config.contact_specs import RandomForces, RandomPushes
-from pepper_driver.config.evaluation import FOLDER, Evaluation, Run, freeze, load_evaluation
+from pepper_driver.config.evaluation import FOLDER, EvaluationSuites, Run, freeze, load_evaluation
 from pepper_driver.config.loading import package_file
 from pepper_driver.config.steps import Setpoints, Sweeps
 
@@ -20,7 +20,7 @@ SUITES = [
 
 
 @pytest.fixture(scope="module")
-def evaluation() -> Evaluation:
+def evaluation() -> EvaluationSuites:
     return load_evaluation(ROBOT)
 
 
@@ -32,7 +32,7 @@ def copy(tmp_path: Path) -> Path:
     return tmp_path / "evaluation.yaml"
 
 
-def test_the_suites_are_as_they_were_frozen(evaluation: Evaluation) -> None:
+def test_the_suites_are_as_they_were_frozen(evaluation: EvaluationSuites) -> None:
     assert list(evaluation.names) == SUITES
     assert set(evaluation.experiments) == {
         path.stem for path in package_file(FOLDER).glob("*.yaml")
@@ -72,7 +72,7 @@ def test_to_freeze_what_is_frozen_changes_nothing(copy: Path) -> None:
     assert copy.read_text() == text
 
 
-def frozen_anew(path: Path) -> Evaluation:
+def frozen_anew(path: Path) -> EvaluationSuites:
     freeze(path)
     return load_evaluation(ROBOT, path)
 
@@ -95,7 +95,7 @@ def test_wrong_suites_are_one_line(copy: Path, old: str, new: str, reason: str) 
 
 
 def test_no_two_takes_share_a_seed_and_none_has_one_of_identification(
-    evaluation: Evaluation,
+    evaluation: EvaluationSuites,
 ) -> None:
     runs = [run for suite in evaluation.names for run in evaluation.runs(suite)]
     pools = [tuple(np.random.SeedSequence(run.seed).generate_state(4)) for run in runs]
@@ -132,7 +132,7 @@ def count_of(run: Run) -> int:
     return count
 
 
-def test_table_1_has_the_contacts_of_the_paper(evaluation: Evaluation) -> None:
+def test_table_1_has_the_contacts_of_the_paper(evaluation: EvaluationSuites) -> None:
     rows = {}
     for run in evaluation.runs("paper"):
         (contact,) = run.experiment.contacts
@@ -149,7 +149,7 @@ def test_table_1_has_the_contacts_of_the_paper(evaluation: Evaluation) -> None:
 
 
 def test_the_free_suite_is_three_hours_of_the_whole_body_on_twenty_robots(
-    evaluation: Evaluation,
+    evaluation: EvaluationSuites,
 ) -> None:
     runs = evaluation.runs("free")
     for run in runs:
@@ -164,7 +164,7 @@ def test_the_free_suite_is_three_hours_of_the_whole_body_on_twenty_robots(
 
 
 def test_the_collision_suite_has_six_hundred_pushes_on_the_nominal_plant(
-    evaluation: Evaluation,
+    evaluation: EvaluationSuites,
 ) -> None:
     count = 0
     for run in evaluation.runs("collision"):
@@ -180,7 +180,7 @@ def test_the_collision_suite_has_six_hundred_pushes_on_the_nominal_plant(
 
 
 def test_the_whole_body_suite_has_pairs_and_pushes_on_trunk_and_base(
-    evaluation: Evaluation,
+    evaluation: EvaluationSuites,
 ) -> None:
     runs = {run.entry: run for run in evaluation.runs("whole-body")}
     left, right = runs["pairs"].experiment.contacts
@@ -198,7 +198,7 @@ def test_the_whole_body_suite_has_pairs_and_pushes_on_trunk_and_base(
 
 
 def test_the_fit_suite_moves_every_joint_at_the_stiffness_of_estimation_and_test(
-    evaluation: Evaluation,
+    evaluation: EvaluationSuites,
 ) -> None:
     done = {(run.entry, run.task_stiffness) for run in evaluation.runs("fit")}
     assert done == {(name, k) for name in ROBOT.joint_names for k in (2.0, 3.0, 4.0, 5.0, 9.0)}
@@ -209,7 +209,7 @@ def test_the_fit_suite_moves_every_joint_at_the_stiffness_of_estimation_and_test
         assert run.experiment.stiffness == run.task_stiffness
 
 
-def test_a_share_of_a_suite_is_shorter(evaluation: Evaluation) -> None:
+def test_a_share_of_a_suite_is_shorter(evaluation: EvaluationSuites) -> None:
     for suite in evaluation.names:
         whole, part = evaluation.runs(suite), evaluation.runs(suite, share=0.1)
         assert 0.05 < sum(r.seconds for r in part) / sum(r.seconds for r in whole) < 0.5
@@ -222,6 +222,6 @@ def test_a_share_of_a_suite_is_shorter(evaluation: Evaluation) -> None:
             evaluation.runs("free", share=share)
 
 
-def test_an_unknown_suite_lists_those_there_are(evaluation: Evaluation) -> None:
+def test_an_unknown_suite_lists_those_there_are(evaluation: EvaluationSuites) -> None:
     with pytest.raises(UnknownNameError, match="did you mean paper"):
         evaluation.runs("papr")

@@ -62,7 +62,7 @@ def use(monkeypatch: pytest.MonkeyPatch, backend: Backend) -> None:
 
     monkeypatch.setattr("pepper_driver.doctor.examination.make_backend", make)
     monkeypatch.setattr("pepper_driver.robot.make_backend", make)
-    monkeypatch.setattr("pepper_driver.doctor.look.RealTimePacer", lambda *_: Pacer())
+    monkeypatch.setattr("pepper_driver.doctor.examination.RealTimePacer", lambda *_: Pacer())
     monkeypatch.setattr("pepper_driver.robot.RealTimePacer", lambda *_: Pacer())
 
 

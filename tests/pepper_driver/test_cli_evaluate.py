@@ -9,7 +9,7 @@ import pytest
 from pepper_driver.cli import evaluate as command
 from pepper_driver.cli.app import run
 from pepper_driver.config import load_robot
-from pepper_driver.config.evaluation import Evaluation, load_evaluation
+from pepper_driver.config.evaluation import EvaluationSuites, load_evaluation
 from pepper_driver.controller import Tick
 from pepper_driver.evaluation import takes
 from pepper_driver.log import Label, LogWriter
@@ -42,7 +42,7 @@ def short(monkeypatch: pytest.MonkeyPatch) -> None:
     whole = load_evaluation(ROBOT)
     first = replace(whole.suites["paper"][0], plants=("swaying",), goals=6)
 
-    def load(_: object) -> Evaluation:
+    def load(_: object) -> EvaluationSuites:
         return replace(whole, suites={"paper": (first,), "free": whole.suites["free"]})
 
     monkeypatch.setattr(command, "load_evaluation", load)

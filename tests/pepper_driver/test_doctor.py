@@ -30,7 +30,7 @@ from pepper_driver.config import (
     load_safety_settings,
 )
 from pepper_driver.doctor import Outcome, examine
-from pepper_driver.doctor.preparation import check_computer, check_models, check_settings
+from pepper_driver.doctor.checks import check_computer, check_models, check_settings
 from pepper_driver.observer import ModelSet
 from pepper_driver.observer.models.model_file import shipped
 from pepper_driver.testing import aged, displaced, drained, heated, pressed
@@ -150,7 +150,7 @@ def test_in_real_time_the_rates_of_both_clocks_are_compared(
     monkeypatch: pytest.MonkeyPatch, models: Path
 ) -> None:
     walls = count(0.0, 4.8)  # beginning and end of 2.4 s of the robot
-    monkeypatch.setattr("pepper_driver.doctor.look.time.perf_counter", lambda: next(walls))
+    monkeypatch.setattr("pepper_driver.doctor.examination.time.perf_counter", lambda: next(walls))
     result = named(examined(monkeypatch, Patient(real_time=True), models), "clock")
     assert result.outcome is WARNING
     assert "0.500 times as fast" in result.found
@@ -257,7 +257,7 @@ def test_switched_off_protection_is_warned_of() -> None:
 def test_priority_matters_on_a_real_robot(
     real_time: bool, obstacle: str, outcome: Outcome, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("pepper_driver.doctor.preparation.priority_obstacle", lambda: obstacle)
+    monkeypatch.setattr("pepper_driver.doctor.checks.priority_obstacle", lambda: obstacle)
     result = check_computer(Patient(real_time=real_time))
     assert result.outcome is outcome
     assert result.cure == ("write a line" if outcome is WARNING else "")

@@ -13,8 +13,7 @@ from pepper_driver.config import load_doctor_settings, load_self_collision
 from pepper_driver.controller import RobotModel
 from pepper_driver.controller.collision import CapsuleDistances
 from pepper_driver.doctor import Outcome, Trial, Verdict, try_motion
-from pepper_driver.doctor.goals import NoRoomError, moving_joints, plan_goals
-from pepper_driver.doctor.trial import make_pepper
+from pepper_driver.doctor.motion_test import NoRoomError, make_pepper, moving_joints, plan_goals
 from pepper_driver.observer import ModelSet
 from pepper_driver.observer.models.model_file import shipped
 from pepper_driver.robot import Pepper

@@ -12,16 +12,14 @@ from evaluation_cases import CYCLE, JOINT, ROBOT, make_take, push
 
 from pepper_driver.config import UnknownNameError
 from pepper_driver.config.evaluation import load_evaluation
-from pepper_driver.evaluation.contestants import (
+from pepper_driver.evaluation.evaluate import Job, evaluate, suite_jobs
+from pepper_driver.evaluation.figures import write_figures
+from pepper_driver.evaluation.observers_under_test import (
     ORACLE,
     Contestants,
 )
-from pepper_driver.evaluation.evaluate import evaluate
-from pepper_driver.evaluation.figures import write_figures
-from pepper_driver.evaluation.jobs import Job, suite_jobs
-from pepper_driver.evaluation.markdown import table
-from pepper_driver.evaluation.report import page, write_report
-from pepper_driver.evaluation.results import Evaluation
+from pepper_driver.evaluation.report import page, table, write_report
+from pepper_driver.evaluation.results import EvaluationResult
 from pepper_driver.evaluation.takes import Take
 from pepper_driver.observer import AffineTree, ModelSet, shipped
 
@@ -53,7 +51,7 @@ def job(suite: str, make: Callable[[], Take], pictured: str | None = None) -> Jo
 
 
 @pytest.fixture(scope="module")
-def result() -> Evaluation:
+def result() -> EvaluationResult:
     jobs = [
         job("paper", partial(touched, "paper", "LSRoll", 2), JOINT),
         job("paper", partial(touched, "paper", "RERoll", 1), "RElbowRoll"),
@@ -68,7 +66,7 @@ def result() -> Evaluation:
     return evaluate(jobs, PAPER, workers=1, digest="0123")
 
 
-def test_counts_reach_the_headline(result: Evaluation) -> None:
+def test_counts_reach_the_headline(result: EvaluationResult) -> None:
     figures = result.as_json()["modes"]["paper-affine"]
     assert figures["table1"] == {
         "LSRoll": {"fp": 0, "fn": 0, "tp": 2},
@@ -95,7 +93,7 @@ def test_counts_reach_the_headline(result: Evaluation) -> None:
         assert key in figures
 
 
-def test_the_json_is_plain_and_names_the_paper(result: Evaluation) -> None:
+def test_the_json_is_plain_and_names_the_paper(result: EvaluationResult) -> None:
     content = json.loads(json.dumps(result.as_json(), allow_nan=False))
     assert content["simulated"] is True
     assert content["modes"]["paper"] == content["modes"]["paper-affine"]
@@ -104,7 +102,7 @@ def test_the_json_is_plain_and_names_the_paper(result: Evaluation) -> None:
     assert {"pepper-driver", "mujoco", "numpy", "pin"} <= set(content["versions"])
 
 
-def test_a_take_that_fails_costs_no_other(result: Evaluation) -> None:
+def test_a_take_that_fails_costs_no_other(result: EvaluationResult) -> None:
     assert [(f.title, f.reason) for f in result.failures] == [
         ("worn, a take", "RuntimeError: the file is gone")
     ]
@@ -120,7 +118,7 @@ def test_an_observer_that_fails_costs_no_other() -> None:
     assert "free" not in result.modes[ORACLE]  # not asked for there
 
 
-def test_the_result_does_not_depend_on_the_workers(result: Evaluation) -> None:
+def test_the_result_does_not_depend_on_the_workers(result: EvaluationResult) -> None:
     jobs = [job("collision", partial(touched, "collision", "all", n % 3)) for n in range(4)]
     one, two = (evaluate(jobs, PAPER, workers=n).as_json() for n in (1, 2))
     for content in (one, two):
@@ -129,7 +127,7 @@ def test_the_result_does_not_depend_on_the_workers(result: Evaluation) -> None:
     assert one == two
 
 
-def test_the_report(result: Evaluation, tmp_path: Path) -> None:
+def test_the_report(result: EvaluationResult, tmp_path: Path) -> None:
     pytest.importorskip("matplotlib")
     path = tmp_path / "docs" / "results.md"
     write_report(result, path, ROBOT, "pepper evaluate --suite all --report docs/results.md")

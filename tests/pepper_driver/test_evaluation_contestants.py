@@ -8,8 +8,8 @@ import pytest
 from evaluation_cases import ROBOT, make_take
 
 from pepper_driver.config import RobotIdentity, UnknownNameError, load_plant, plant_hash
-from pepper_driver.evaluation import contestants as module
-from pepper_driver.evaluation.contestants import (
+from pepper_driver.evaluation import observers_under_test as module
+from pepper_driver.evaluation.observers_under_test import (
     ORACLE,
     RECORDED,
     Contestants,
@@ -17,7 +17,7 @@ from pepper_driver.evaluation.contestants import (
     reference_plant,
     shared_by_type,
 )
-from pepper_driver.evaluation.watching import watch
+from pepper_driver.evaluation.take_score import watch
 from pepper_driver.observer import AffineTree, ModelFileError, ModelSet, shipped
 
 NOMINAL = RobotIdentity(name="nominal", identity=plant_hash(load_plant("nominal", ROBOT), ROBOT))

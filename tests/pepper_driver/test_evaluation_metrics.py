@@ -19,11 +19,9 @@ from evaluation_cases import (
     push,
 )
 
-from pepper_driver.evaluation.metrics import Metrics
-from pepper_driver.evaluation.summary import summarise, upper_bound, with_gap_closed
-from pepper_driver.evaluation.take_score import TakeScore, score_take
+from pepper_driver.evaluation.metrics import Metrics, summarise, upper_bound, with_gap_closed
+from pepper_driver.evaluation.take_score import TakeScore, score_take, watch
 from pepper_driver.evaluation.takes import Take
-from pepper_driver.evaluation.watching import watch
 from pepper_driver.observer import Contact
 
 

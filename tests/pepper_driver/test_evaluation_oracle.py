@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from evaluation_cases import INDEX, JOINTS, ROBOT, Script, recording
 
-from pepper_driver.evaluation.oracle import OracleObserver, untouched_error
-from pepper_driver.evaluation.watching import watch
+from pepper_driver.evaluation.observers_under_test import OracleObserver, untouched_error
+from pepper_driver.evaluation.take_score import watch
 from pepper_driver.observer import RecordingBuilder, nrmse_fit
 from pepper_driver.robot import Pepper
 

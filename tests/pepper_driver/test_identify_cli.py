@@ -17,8 +17,8 @@ from pepper_driver.config import load_controller_settings
 from pepper_driver.controller import WholeBodyController
 from pepper_driver.controller.report import ControllerStatus
 from pepper_driver.identification import MANIFEST, RehearsalError, load_recordings, plan_runs
-from pepper_driver.identification import driving as driving_module
-from pepper_driver.identification.rehearsal import rehearse
+from pepper_driver.identification import runs as driving_module
+from pepper_driver.identification.runs import rehearse
 from pepper_driver.observer import ModelSet
 
 from identify_cases import (  # isort: skip

@@ -15,7 +15,7 @@ from pepper_driver.identification import (
     read_manifest,
     record_joints,
 )
-from pepper_driver.identification import driving as driving_module
+from pepper_driver.identification import runs as driving_module
 from pepper_driver.identification.runs import Run, perform
 from pepper_driver.observer import Recording, RecordingError
 

@@ -14,7 +14,7 @@ from pepper_driver.identification import (
     inspect_recordings,
     record_joints,
 )
-from pepper_driver.identification.sharing import part
+from pepper_driver.identification.fit import part
 from pepper_driver.observer import Recording
 
 from identify_cases import ROBOT, SHORT, short_body  # isort: skip

@@ -17,10 +17,7 @@ from test_log_samples import ROBOT, Samples, same_bits
 
 from pepper_driver.callbacks.events import ReflexEvent, SensorEvent
 from pepper_driver.log import Label, LogEvent, LogWriter, read_log
-from pepper_driver.log.contacts import CONTACTS
-from pepper_driver.log.event import EVENTS
-from pepper_driver.log.json_topic import JsonTopic
-from pepper_driver.log.label import LABELS
+from pepper_driver.log.topics import CONTACTS, EVENTS, LABELS, JsonTopic
 from pepper_driver.loop import TickRecord
 
 TOPICS = (CONTACTS, LABELS, EVENTS)

@@ -21,8 +21,9 @@ from test_log_samples import ROBOT, N, Samples, flatten, same_bits
 from pepper_driver.backends.log_records import with_checksum
 from pepper_driver.config import PepperError
 from pepper_driver.config.errors import printable
-from pepper_driver.log import LogError, LogWriter, mcap_file, read_log
-from pepper_driver.log.rows import unobserved
+from pepper_driver.log import LogError, LogWriter, read_log
+from pepper_driver.log import writer as mcap_file
+from pepper_driver.log.schema import unobserved
 from pepper_driver.loop import TickRecord
 from pepper_driver.observer.interface import Contact, JointState
 

@@ -16,8 +16,8 @@ from matplotlib.patches import Rectangle
 
 from pepper_driver.config import MissingExtraError, UnknownNameError, load_robot
 from pepper_driver.log import LogData, LogError, LogEvent
-from pepper_driver.log.event import EventPhase
 from pepper_driver.log.plots import BAR, PlotError, contact_figure, plot_contacts
+from pepper_driver.log.topics import EventPhase
 from pepper_driver.observer.interface import Contact
 
 ROBOT = load_robot()

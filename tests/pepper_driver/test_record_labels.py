@@ -15,7 +15,7 @@ from pepper_driver.backends import Measurement
 from pepper_driver.config import UnknownNameError
 from pepper_driver.controller import Tick
 from pepper_driver.log import Label, LogData, LogWriter, read_log
-from pepper_driver.log.label import LabelPhase
+from pepper_driver.log.topics import LabelPhase
 from pepper_driver.loop import TickRecord
 from pepper_driver.observer import RecordingBuilder, RecordingError
 from pepper_driver.recording.labels import (

@@ -1,10 +1,11 @@
-"""The folder of an identification's recordings: one file per run, and a manifest that says what they are of."""
+"""Recordings of an identification, and the folder in which they are kept."""
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import platform
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict
 from importlib.metadata import version
 from pathlib import Path
@@ -18,9 +19,76 @@ from pepper_driver.config import ConfigError, Experiment, PepperError, RobotConf
 from pepper_driver.config.errors import reason
 from pepper_driver.config.files import content_hash, make_folder, write_json
 from pepper_driver.config.loading import STRICT, parse
-from pepper_driver.identification.recordings import IdentificationRecordings, JointRecordings
-from pepper_driver.identification.runs import Role, Run
+from pepper_driver.identification.runs import Role, Run, run_name
 from pepper_driver.observer import Recording
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class JointRecordings:
+    """Free motion of one joint: the estimation runs, in order of their stiffness, and the faster test run.
+
+    Without estimation runs the joint has no model of its own: one that is shared is tried on the test run.
+    """
+
+    joint: str
+    estimation: tuple[Recording, ...]
+    test: Recording
+
+    @property
+    def runs(self) -> tuple[Recording, ...]:
+        """All of them, the test run last."""
+        return (*self.estimation, self.test)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """What the runs are called, in this order."""
+        numbers = (*range(1, len(self.estimation) + 1), None)
+        return tuple(run_name(self.joint, number) for number in numbers)
+
+    @property
+    def index(self) -> int:
+        """Column of the joint."""
+        return self.test.joint_names.index(self.joint)
+
+    def mirrored(self, robot: RobotConfig) -> JointRecordings:
+        """The same, seen in a mirror: of the joint of the other side."""
+        return JointRecordings(
+            joint=mirror_joint(self.joint, robot),
+            estimation=tuple(run.mirrored(robot) for run in self.estimation),
+            test=self.test.mirrored(robot),
+        )
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class IdentificationRecordings:
+    """All that was recorded of one robot.
+
+    Attributes:
+        sweeps: By joint, in the order they were recorded; models are fitted to these.
+        calibration: Free motion of the whole body, in order of its stiffness, on which thresholds and the weights of
+            channels are chosen; no model is fitted to it. May be empty.
+    """
+
+    sweeps: tuple[JointRecordings, ...]
+    calibration: tuple[Recording, ...]
+
+    def entries(self, robot: RobotConfig, *, mirror: bool = True) -> Iterator[JointRecordings]:
+        """The recordings of each joint that gets a model.
+
+        With ``mirror``, what was recorded of one side follows mirrored, where the other side was not recorded. Mirrored
+        recordings are made when they are asked for: they take as much memory as the others.
+        """
+        recorded = {entry.joint for entry in self.sweeps}
+        for entry in self.sweeps:
+            yield entry
+            if mirror and mirror_joint(entry.joint, robot) not in recorded:
+                yield entry.mirrored(robot)
+
+
+def mirror_joint(joint: str, robot: RobotConfig) -> str:
+    """The joint at the place of ``joint`` on the other side; joints of legs and head are their own."""
+    return robot.joint_names[robot.mirror[robot.joint_index(joint)][0]]
+
 
 FORMAT: Literal[1] = 1
 MANIFEST = "manifest.json"

@@ -1,0 +1,119 @@
+"""Basic reflexes: hold still, go soft, stop the base, ignore contacts."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from pepper_driver.backends import Measurement
+from pepper_driver.config.arguments import checked_arguments
+from pepper_driver.config.arrays import FloatArray
+from pepper_driver.observer import Contact, Observation
+from pepper_driver.reflexes.reflex import Part, Reflex, limb_joints
+from pepper_driver.reflexes.requests import ReflexRequests
+
+HOLD_STIFFNESS = 400.0
+"""[1/s2] Of the posture task while holding."""
+
+
+@checked_arguments
+@dataclass(kw_only=True, eq=False)
+class Hold(Reflex):
+    """Brake when a contact begins, stand still, and go on ``pause`` [s] after the last one ended.
+
+    What stands still is the reference, not the measured posture: the joints keep pushing back against the hand with
+    their own stiffness. The reference comes to rest a twentieth of a second's way further on, as fast as the
+    acceleration limits allow, and does not turn round; the base brakes, and all other tasks wait. What the user asks
+    for meanwhile is done afterwards. It takes the whole robot: as long as another reflex of higher priority has a part
+    of it, it waits.
+    """
+
+    priority: int = 20
+
+    def begin(self, contact: Contact, requests: ReflexRequests) -> None:
+        """Take the whole robot; choose where to stand still."""
+        if not self.joints.all():
+            self.joints = np.ones_like(self.joints)
+            self._posture: FloatArray | None = None
+
+    def act(
+        self, observation: Observation, measurement: Measurement, requests: ReflexRequests
+    ) -> None:
+        """Stand still there."""
+        if not requests.claim(self.joints):
+            self._posture = None  # the robot moves meanwhile
+            return
+        if self._posture is None:
+            self._posture = requests.controller.rest(HOLD_STIFFNESS)
+        requests.claim_base()
+        requests.hold_posture(self._posture, HOLD_STIFFNESS)
+
+
+@checked_arguments
+@dataclass(kw_only=True, eq=False)
+class Soften(Reflex):
+    """Lower the stiffness of the limb's motors, down the safety gate's ramp, and up again ``pause`` after the contact.
+
+    Below full stiffness nobody can tell what touches a joint: the observer is blind there, which ends the contact.
+    ``pause`` is therefore the time for which the limb stays soft.
+
+    Attributes:
+        stiffness: 0..1 of the motors. At 0 an arm falls.
+    """
+
+    priority: int = 10
+    pause: float = 3.0
+    stiffness: float = 0.3
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        self.check("stiffness", 0.0, 1.0)
+
+    @property
+    def takes(self) -> frozenset[Part]:
+        """Nothing: of several wishes the lowest counts."""
+        return frozenset()
+
+    def begin(self, contact: Contact, requests: ReflexRequests) -> None:
+        """Choose the limb; a further contact adds its own."""
+        self.joints = self.joints | limb_joints(contact, self.robot, fingers=True)
+
+    def act(
+        self, observation: Observation, measurement: Measurement, requests: ReflexRequests
+    ) -> None:
+        """Stay soft."""
+        requests.lower_stiffness(self.joints, self.stiffness)
+
+
+@checked_arguments
+@dataclass(kw_only=True, eq=False)
+class StopBase(Reflex):
+    """Brake the base as fast as its acceleration limits allow; arms and head go on."""
+
+    priority: int = 50
+
+    @property
+    def takes(self) -> frozenset[Part]:
+        """The base."""
+        return frozenset({"base"})
+
+    def act(
+        self, observation: Observation, measurement: Measurement, requests: ReflexRequests
+    ) -> None:
+        """Stand still."""
+        if requests.claim_base():
+            requests.stop_base()
+
+
+@checked_arguments
+@dataclass(kw_only=True, eq=False)
+class Ignore(Reflex):
+    """Reflexes of lower priority do not learn of the contacts that it is for. Callbacks and log do."""
+
+    priority: int = 100
+
+    @property
+    def takes(self) -> frozenset[Part]:
+        """Contacts, from all others."""
+        return frozenset({"contacts"})
