@@ -39,7 +39,7 @@ from pepper_driver import Pepper
 from pepper_driver.backends import Backend, Command, make_backend
 from pepper_driver.backends.interface import LONGEST_WAY
 from pepper_driver.backends.naoqi.backend import NaoqiBackend
-from pepper_driver.backends.naoqi.watchdog import NORMAL_AGE
+from pepper_driver.backends.naoqi.dcm_channel import NORMAL_AGE
 from pepper_driver.backends.naoqi_server.black_box import BlackBox
 from pepper_driver.backends.naoqi_server.launch import StandIn
 from pepper_driver.bench.ticks import compute

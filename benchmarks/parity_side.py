@@ -38,7 +38,7 @@ from pepper_driver import (
     StepEvent,
     TickEvent,
 )
-from pepper_driver.backends.naoqi.lead import SlowLinkError
+from pepper_driver.backends.naoqi.timing import SlowLinkError
 from pepper_driver.backends.naoqi_server.launch import StandIn
 from pepper_driver.callbacks.filters import ContactArguments, contact_filter
 from pepper_driver.config import Experiment, RobotConfig, SafetySettings

@@ -22,7 +22,7 @@ from numpy.typing import ArrayLike
 from rich.console import Console
 from rich.table import Table
 
-from pepper_driver.backends.naoqi.library import load_qi
+from pepper_driver.backends.naoqi.qi_library import load_qi
 from pepper_driver.backends.naoqi_server.clock import wrapped
 from pepper_driver.backends.naoqi_server.launch import StandIn
 from pepper_driver.config import PepperError, load_robot

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import HealthCheck, settings
 
 import pepper_driver.backends.naoqi.before_pinocchio  # noqa: F401
-from pepper_driver.backends.naoqi.library import NoQiError, load_qi
+from pepper_driver.backends.naoqi.qi_library import NoQiError, load_qi
 from pepper_driver.backends.naoqi_server.launch import StandIn
 
 # Started in the background of a shell, tests ignore Ctrl-C, and so do the commands that they start and interrupt.

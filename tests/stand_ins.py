@@ -12,8 +12,10 @@ from typing import Any
 
 import pytest
 
-from pepper_driver.backends.naoqi import angles, backend, coexistence, handover, restoration
-from pepper_driver.backends.naoqi.lead import RoundTrips
+from pepper_driver.backends.naoqi import angles, backend, handover
+from pepper_driver.backends.naoqi import ownership as coexistence
+from pepper_driver.backends.naoqi import ownership as restoration
+from pepper_driver.backends.naoqi.timing import RoundTrips
 from pepper_driver.backends.naoqi_server.black_box import BlackBox
 from pepper_driver.backends.naoqi_server.launch import StandIn
 from pepper_driver.config import NaoqiSettings, load_naoqi_settings, load_safety_settings

@@ -1,20 +1,22 @@
-"""A real Pepper, or a stand-in, over NAOqi: every 12 ms through the device manager (DCM)."""
+"""A Pepper over NAOqi as a backend."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
 
-from pepper_driver.backends.interface import Measurement
+from pepper_driver.backends.interface import (
+    Measurement,
+)
 from pepper_driver.backends.naoqi.address import Address, naoqi_address
 from pepper_driver.backends.naoqi.angles import AnglesBackend
-from pepper_driver.backends.naoqi.base import NaoqiRobot
 from pepper_driver.backends.naoqi.connection import Connection
+from pepper_driver.backends.naoqi.dcm_channel import Link
 from pepper_driver.backends.naoqi.handover import let_go, ramp_up
-from pepper_driver.backends.naoqi.keys import SensorKeys, actuator_keys
-from pepper_driver.backends.naoqi.link import Link
+from pepper_driver.backends.naoqi.memory_keys import SensorKeys, actuator_keys
 from pepper_driver.backends.naoqi.preflight import Preflight
-from pepper_driver.backends.naoqi.priority import prefer_messages, preferred
+from pepper_driver.backends.naoqi.qi_library import prefer_messages, preferred
+from pepper_driver.backends.naoqi.robot import NaoqiRobot
 from pepper_driver.backends.selection import BackendUri
 from pepper_driver.config import (
     ConfigError,

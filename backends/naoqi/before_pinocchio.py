@@ -8,7 +8,7 @@ pinocchio's Python package never runs asio. ``RTLD_LOCAL`` does not help against
 
 from contextlib import suppress
 
-from pepper_driver.backends.naoqi.library import load_qi
+from pepper_driver.backends.naoqi.qi_library import load_qi
 
 with suppress(ImportError):  # not installed, or too late: told when a robot is asked for
     load_qi()

@@ -1,15 +1,17 @@
-"""A connection with NAOqi: calls with a time-out, errors of this project, and a word when it is lost."""
+"""Connection to NAOqi: who answers, calls with time-outs, who refused."""
 
 from __future__ import annotations
 
 import logging
+import socket
+import ssl
 import time
 from collections.abc import Callable, Mapping
-from typing import Any
+from typing import Any, Literal
 
 from pepper_driver.backends.interface import BackendError, NotConnectedError
-from pepper_driver.backends.naoqi.address import Address
-from pepper_driver.backends.naoqi.library import (
+from pepper_driver.backends.naoqi.address import PORTS, USER, Address, Secret
+from pepper_driver.backends.naoqi.qi_library import (
     Answer,
     Future,
     Proxy,
@@ -17,10 +19,90 @@ from pepper_driver.backends.naoqi.library import (
     load_qi,
     one_line,
 )
-from pepper_driver.backends.naoqi.peer import check_listening, refusal
-from pepper_driver.backends.naoqi.secret import Secret
 from pepper_driver.backends.signals import check_signals
 from pepper_driver.config import NaoqiSettings, load_naoqi_settings
+
+PROBE_TIME = 2.0
+"""[s] a peer may take to begin with TLS. A robot in the same building takes a tenth of it."""
+
+
+class NoAnswerError(NotConnectedError, TimeoutError):
+    """Somebody listens, but says nothing."""
+
+
+class LoginError(NotConnectedError, PermissionError):
+    """The robot does not let this user in."""
+
+
+def check_listening(address: Address, timeout: float) -> None:
+    """Raise a NotConnectedError that says why, where nobody listens at ``address`` within ``timeout`` [s]."""
+    try:
+        socket.create_connection((address.host, address.port), timeout=timeout).close()
+    except socket.gaierror as error:
+        raise NotConnectedError(
+            f"'{address.uri}': no computer is called '{address.host}'; press the robot's chest button once and use "
+            "the address it says"
+        ) from error
+    except ConnectionRefusedError as error:
+        raise NotConnectedError(
+            f"'{address.uri}': {address.host} is there, but nobody listens at port {address.port}; NAOqi 2.5 listens "
+            f"at {PORTS['naoqi']} (naoqi://), 2.9 at {PORTS['naoqis']} (naoqis://), minutes after its start"
+        ) from error
+    except (OSError, UnicodeError) as error:
+        raise NotConnectedError(
+            f"'{address.uri}': {address.host} does not answer; is the robot on, and in the same network? Its chest "
+            "button, pressed once, tells its address"
+        ) from error
+
+
+def refusal(address: Address, *, silent: bool) -> NotConnectedError:
+    """Why ``qi`` did not get in where somebody listens.
+
+    Args:
+        address: Where.
+        silent: Whether it still waited for an answer, and was not turned away.
+    """
+    peer = _peer(address)
+    place = f"{address.host}:{address.port}"
+    if peer == "tls" and not address.secure:
+        return NotConnectedError(
+            f"'{address.uri}': {place} speaks TLS, as NAOqi 2.9 does; write naoqis://{USER}@{place}"
+        )
+    if peer == "plain" and address.secure:
+        return NotConnectedError(
+            f"'{address.uri}': {place} speaks no TLS; NAOqi 2.5 has none: write naoqi://{address.host}"
+        )
+    if silent or peer == "silent":
+        return NoAnswerError(
+            f"'{address.uri}': {place} takes connections and says nothing; NAOqi hangs or is starting: wait for the "
+            "robot's voice, or restart it"
+        )
+    if address.secure:
+        return LoginError(
+            f"'{address.uri}': {place} does not let '{address.user}' in; wrong password, or no robot. The password is "
+            "that of the robot's web page"
+        )
+    return NotConnectedError(
+        f"'{address.uri}': what listens at {place} is no NAOqi; is it the robot's address and port?"
+    )
+
+
+def _peer(address: Address) -> Literal["tls", "plain", "silent"]:
+    """What whoever listens makes of the begin of TLS. Nothing is said in it, and no certificate is believed."""
+    context = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
+    context.check_hostname = False
+    context.verify_mode = ssl.CERT_NONE
+    try:
+        with (
+            socket.create_connection((address.host, address.port), timeout=PROBE_TIME) as plain,
+            context.wrap_socket(plain),
+        ):
+            return "tls"
+    except TimeoutError:
+        return "silent"
+    except OSError:  # ssl.SSLError is one
+        return "plain"
+
 
 logger = logging.getLogger("pepper_driver")
 
@@ -269,3 +351,56 @@ class _Login:
 
     def initialAuthData(self) -> dict[str, str]:
         return {"user": self._user, "token": self._secret.value if self._secret else ""}
+
+
+WARNING_PERIOD = 5.0
+"""[s] between two warnings about the same call."""
+
+
+class Call:
+    """One method of a service, at most once on its way.
+
+    Args:
+        proxy: Of the service.
+        method: Its name.
+        uri: Of the robot, for messages.
+    """
+
+    def __init__(self, proxy: Proxy, method: str, uri: str) -> None:
+        self._proxy, self._method, self._what = proxy, method, f"'{uri}': {method}"
+        self._future: Future | None = None
+        self._warned = -WARNING_PERIOD
+
+    def begin(self, *arguments: object) -> bool:
+        """Call it, unless the last call is on its way; returns whether it was called."""
+        self.answer()
+        if self._future is not None:
+            return False
+        try:
+            self._future = getattr(self._proxy, self._method)(*arguments, _async=True)
+        except (RuntimeError, AttributeError) as error:  # connection lost, or no such method
+            self._warn(error)
+            return False
+        return True
+
+    @property
+    def over(self) -> bool:
+        """True where nothing is on its way."""
+        return self._future is None or not self._future.isRunning()
+
+    def answer(self) -> Answer:
+        """Return what the last call brought; None while it is on its way, where it failed, and the second time."""
+        future = self._future
+        if future is None or not self.over:
+            return None
+        self._future = None
+        try:
+            return future.value()
+        except RuntimeError as error:
+            self._warn(error)
+            return None
+
+    def _warn(self, error: Exception) -> None:
+        if time.monotonic() - self._warned >= WARNING_PERIOD:
+            self._warned = time.monotonic()
+            logger.warning("%s failed: %s", self._what, one_line(str(error)))

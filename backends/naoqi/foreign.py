@@ -12,9 +12,8 @@ from collections import deque
 
 import numpy as np
 
-from pepper_driver.backends.naoqi.call import Call
-from pepper_driver.backends.naoqi.connection import Connection, MissingServiceError
-from pepper_driver.backends.naoqi.history import CommandHistory
+from pepper_driver.backends.naoqi.connection import Call, Connection, MissingServiceError
+from pepper_driver.backends.naoqi.timing import CommandHistory
 from pepper_driver.config import RobotConfig
 from pepper_driver.config.arrays import FloatArray
 from pepper_driver.config.naoqi import ForeignCommandSettings

@@ -10,8 +10,8 @@ import numpy as np
 
 from pepper_driver.backends.interface import BackendError, Measurement
 from pepper_driver.backends.motion_profile import PEAK_SPEED_RATIO, minimum_jerk
-from pepper_driver.backends.naoqi.keys import Alias
-from pepper_driver.backends.naoqi.link import Link
+from pepper_driver.backends.naoqi.dcm_channel import Link
+from pepper_driver.backends.naoqi.memory_keys import Alias
 from pepper_driver.backends.signals import check_signals
 from pepper_driver.config import NaoqiSettings, PepperError, RobotConfig
 from pepper_driver.config.arrays import FloatArray

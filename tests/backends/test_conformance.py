@@ -10,7 +10,7 @@ from stand_ins import patient_driver
 
 from pepper_driver import Pepper
 from pepper_driver.backends import Backend, make_backend
-from pepper_driver.backends.naoqi.library import NoQiError, load_qi
+from pepper_driver.backends.naoqi.qi_library import NoQiError, load_qi
 from pepper_driver.backends.naoqi_server.launch import StandIn
 from pepper_driver.config import load_robot
 from pepper_driver.testing.conformance import BackendConformance

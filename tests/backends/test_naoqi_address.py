@@ -12,9 +12,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pepper_driver.backends.naoqi import library
-from pepper_driver.backends.naoqi.address import Address, naoqi_address
-from pepper_driver.backends.naoqi.secret import Secret, SecretError, find_secret
+from pepper_driver.backends.naoqi import qi_library as library
+from pepper_driver.backends.naoqi.address import (
+    Address,
+    Secret,
+    SecretError,
+    find_secret,
+    naoqi_address,
+)
 from pepper_driver.backends.selection import parse_uri
 from pepper_driver.config import ConfigError, MissingExtraError, PepperError
 

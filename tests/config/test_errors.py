@@ -4,7 +4,7 @@ from multiprocessing import Pipe
 
 import pytest
 
-from pepper_driver.backends.naoqi.library import NoQiError
+from pepper_driver.backends.naoqi.qi_library import NoQiError
 from pepper_driver.config import ConfigError, MissingExtraError, PepperError, UnknownNameError
 from pepper_driver.controller import GainError, LimitError, TargetError
 from pepper_driver.log import LogError

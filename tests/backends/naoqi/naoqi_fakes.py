@@ -8,7 +8,7 @@ from types import TracebackType
 from typing import Any, Self
 
 from pepper_driver.backends.naoqi.address import Address, naoqi_address
-from pepper_driver.backends.naoqi.library import load_qi
+from pepper_driver.backends.naoqi.qi_library import load_qi
 from pepper_driver.backends.selection import parse_uri
 from pepper_driver.config import load_robot
 

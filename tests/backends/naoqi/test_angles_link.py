@@ -10,9 +10,9 @@ from naoqi_fakes import ROBOT, FakeRobot
 from waiting import wait_until
 
 from pepper_driver.backends import BackendError, Measurement
-from pepper_driver.backends.naoqi.angles_link import AnglesLink
+from pepper_driver.backends.naoqi.angles import AnglesLink
 from pepper_driver.backends.naoqi.connection import Connection, connect
-from pepper_driver.backends.naoqi.keys import SensorKeys
+from pepper_driver.backends.naoqi.memory_keys import SensorKeys
 from pepper_driver.config import load_naoqi_settings
 from pepper_driver.config.arrays import FloatArray
 

@@ -15,9 +15,9 @@ import pytest
 from naoqi_fakes import ROBOT, FakeRobot, address_of
 from stand_ins import patient_driver
 
-from pepper_driver.backends.naoqi import coexistence
-from pepper_driver.backends.naoqi.coexistence import ConsentError, TakeOver
+from pepper_driver.backends.naoqi import ownership as coexistence
 from pepper_driver.backends.naoqi.connection import Connection, connect
+from pepper_driver.backends.naoqi.ownership import ConsentError, TakeOver
 from pepper_driver.backends.naoqi.preflight import UnfitError
 from pepper_driver.config import NaoqiSettings, load_naoqi_settings
 from pepper_driver.config.naoqi import TakeOverSettings

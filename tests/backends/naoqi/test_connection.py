@@ -17,15 +17,16 @@ from naoqi_fakes import FakeRobot, address_of
 from waiting import PATIENCE
 
 from pepper_driver.backends import NotConnectedError
-from pepper_driver.backends.naoqi import peer
+from pepper_driver.backends.naoqi import connection as peer
+from pepper_driver.backends.naoqi.address import Secret
 from pepper_driver.backends.naoqi.connection import (
     CallTimeoutError,
+    LoginError,
     MissingServiceError,
+    NoAnswerError,
     ServiceError,
     connect,
 )
-from pepper_driver.backends.naoqi.peer import LoginError, NoAnswerError
-from pepper_driver.backends.naoqi.secret import Secret
 from pepper_driver.config import NaoqiSettings, PepperError, load_naoqi_settings
 
 pytestmark = pytest.mark.usefixtures("qi")
@@ -38,7 +39,7 @@ SECRET = Secret("xyzzy-7")
 
 SERVER = """
 import sys, threading, time
-from pepper_driver.backends.naoqi.library import load_qi
+from pepper_driver.backends.naoqi.qi_library import load_qi
 class Slow:
     def wait(self, seconds): time.sleep(seconds); return seconds
     def fail(self): raise ValueError("no such thing\\n\\twith a reason")

@@ -10,11 +10,11 @@ pytestmark = pytest.mark.usefixtures("qi")
 LOSS = """
 import subprocess, sys
 from pepper_driver import Pepper
-from pepper_driver.backends.naoqi.library import load_qi
+from pepper_driver.backends.naoqi.qi_library import load_qi
 assert list(sys.modules).index("qi") < list(sys.modules).index("pinocchio")
 SERVER = '''
 import sys, time
-from pepper_driver.backends.naoqi.library import load_qi
+from pepper_driver.backends.naoqi.qi_library import load_qi
 class Slow:
     def echo(self, value): time.sleep(0.001); return value
 session = load_qi().Session()
@@ -57,6 +57,6 @@ def test_a_lost_connection_does_not_crash_the_process() -> None:
 def test_a_program_that_imports_pinocchio_first_is_told() -> None:
     done = run(
         "import pinocchio\nfrom pepper_driver import Pepper\n"
-        "from pepper_driver.backends.naoqi.library import load_qi\nload_qi()"
+        "from pepper_driver.backends.naoqi.qi_library import load_qi\nload_qi()"
     )
     assert "ImportOrderError: pinocchio was imported before" in done.stderr

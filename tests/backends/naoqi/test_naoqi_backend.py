@@ -25,7 +25,7 @@ from pepper_driver.backends import (
     NotConnectedError,
     make_backend,
 )
-from pepper_driver.backends.naoqi.priority import PRIORITY, THREADS, preferred
+from pepper_driver.backends.naoqi.qi_library import PRIORITY, THREADS, preferred
 from pepper_driver.backends.naoqi_server.black_box import BlackBox
 from pepper_driver.backends.naoqi_server.launch import StandIn
 from pepper_driver.config import (

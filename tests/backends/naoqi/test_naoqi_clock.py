@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pepper_driver.backends.naoqi.clock import SPAN, DcmClock, TimeReply, dated, shown
+from pepper_driver.backends.naoqi.timing import SPAN, DcmClock, TimeReply, dated, shown
 
 COUNT = st.integers(-(2**40), 2**40)
 

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pepper_driver.backends.naoqi.cycles import RECOVERY_COMMANDS, CommandScheduler, Cycles
+from pepper_driver.backends.naoqi.timing import RECOVERY_COMMANDS, CommandScheduler, Cycles
 
 LEAD = 24.0
 

@@ -9,7 +9,7 @@ from waiting import wait_until
 
 from pepper_driver.backends import BackendError, NotConnectedError
 from pepper_driver.backends.naoqi.connection import Connection, connect
-from pepper_driver.backends.naoqi.extras import NaoqiExtras, abilities
+from pepper_driver.backends.naoqi.services import NaoqiExtras, abilities
 
 pytestmark = pytest.mark.usefixtures("qi")
 

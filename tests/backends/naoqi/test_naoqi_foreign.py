@@ -20,8 +20,8 @@ from virtual_robot import (
     wire,
 )
 
-from pepper_driver.backends.naoqi.history import CommandHistory, SentCommand
-from pepper_driver.backends.naoqi.keys import Alias, actuator_keys
+from pepper_driver.backends.naoqi.memory_keys import Alias, actuator_keys
+from pepper_driver.backends.naoqi.timing import CommandHistory, SentCommand
 from pepper_driver.backends.naoqi_server.dcm import UpdateType
 from pepper_driver.config.arrays import FloatArray
 

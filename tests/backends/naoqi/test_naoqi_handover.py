@@ -11,8 +11,8 @@ from virtual_robot import ROBOT, SETTINGS, VirtualRobot, link_with
 
 from pepper_driver.backends.interface import BackendError
 from pepper_driver.backends.naoqi import handover
-from pepper_driver.backends.naoqi.keys import Alias
-from pepper_driver.backends.naoqi.link import Link
+from pepper_driver.backends.naoqi.dcm_channel import Link
+from pepper_driver.backends.naoqi.memory_keys import Alias
 
 
 @pytest.fixture

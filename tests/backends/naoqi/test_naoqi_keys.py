@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pepper_driver.backends.naoqi.keys import Alias, SensorKeys, Values, actuator_keys
+from pepper_driver.backends.naoqi.memory_keys import Alias, SensorKeys, Values, actuator_keys
 from pepper_driver.config import load_robot
 
 ROBOT = load_robot()

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pepper_driver.backends.naoqi.lead import RoundTrips, SlowLinkError, measure
+from pepper_driver.backends.naoqi.timing import RoundTrips, SlowLinkError, measure
 from pepper_driver.config import load_naoqi_settings
 
 TIMING = load_naoqi_settings().timing

@@ -25,8 +25,8 @@ from waiting import PATIENCE
 from pepper_driver.backends.interface import BackendError, Measurement, NotConnectedError
 from pepper_driver.backends.naoqi.backend import NaoqiBackend
 from pepper_driver.backends.naoqi.connection import Connection
-from pepper_driver.backends.naoqi.keys import SensorKeys
-from pepper_driver.backends.naoqi.lead import SlowLinkError
+from pepper_driver.backends.naoqi.memory_keys import SensorKeys
+from pepper_driver.backends.naoqi.timing import SlowLinkError
 from pepper_driver.config import load_safety_settings
 from pepper_driver.config.arrays import FloatArray
 

@@ -6,8 +6,8 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pepper_driver.backends.naoqi.keys import Values
-from pepper_driver.backends.naoqi.playout import Playout
+from pepper_driver.backends.naoqi.memory_keys import Values
+from pepper_driver.backends.naoqi.timing import Playout
 
 SOONER_OR_LATER = 20
 """[ticks] between two counts anew, at least on average."""

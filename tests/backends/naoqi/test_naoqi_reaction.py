@@ -21,8 +21,8 @@ from virtual_robot import (
     wire,
 )
 
-from pepper_driver.backends.naoqi.lead import SlowLinkError
-from pepper_driver.backends.naoqi.link import MAX_REQUEST_LEAD, SAMPLE_PHASE, TICK_PHASE
+from pepper_driver.backends.naoqi.dcm_channel import MAX_REQUEST_LEAD, SAMPLE_PHASE, TICK_PHASE
+from pepper_driver.backends.naoqi.timing import SlowLinkError
 
 STAND = ROBOT.posture("Stand")
 ONES, STILL = np.ones(17), np.zeros(3)

@@ -13,7 +13,7 @@ from stand_ins import patient_driver, since
 from virtual_robot import ROBOT, Network, VirtualLoop, VirtualRobot, wifi
 
 from pepper_driver.backends import Backend, Command, Measurement, make_backend
-from pepper_driver.backends.naoqi.keys import Alias, actuator_keys
+from pepper_driver.backends.naoqi.memory_keys import Alias, actuator_keys
 from pepper_driver.backends.naoqi_server.black_box import BlackBox
 from pepper_driver.backends.naoqi_server.launch import StandIn
 from pepper_driver.config import (

@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pepper_driver.backends.naoqi.watchdog import sample_age
+from pepper_driver.backends.naoqi.dcm_channel import sample_age
 from pepper_driver.observer.residuals.prediction import LATEST as MAX_COUNTED
 
 CYCLE = 0.012

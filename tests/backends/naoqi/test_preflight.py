@@ -10,9 +10,13 @@ from naoqi_fakes import NAMES, ROBOT, FakeRobot, key
 
 from pepper_driver.backends import DeviceError
 from pepper_driver.backends.naoqi.connection import Connection, connect
-from pepper_driver.backends.naoqi.diagnosis import diagnosis
-from pepper_driver.backends.naoqi.fitness import check_fit
-from pepper_driver.backends.naoqi.preflight import Preflight, UnfitError, preflight
+from pepper_driver.backends.naoqi.preflight import (
+    Preflight,
+    UnfitError,
+    check_fit,
+    diagnosis,
+    preflight,
+)
 from pepper_driver.config import load_naoqi_settings
 
 pytestmark = pytest.mark.usefixtures("qi")

@@ -15,9 +15,8 @@ from waiting import wait_until
 
 from pepper_driver.backends import BackendError, Command, NotConnectedError, make_backend
 from pepper_driver.backends.naoqi.angles import AnglesBackend
-from pepper_driver.backends.naoqi.coexistence import ConsentError, TakeOver
-from pepper_driver.backends.naoqi.connection import Connection, connect
-from pepper_driver.backends.naoqi.peer import LoginError
+from pepper_driver.backends.naoqi.connection import Connection, LoginError, connect
+from pepper_driver.backends.naoqi.ownership import ConsentError, TakeOver
 from pepper_driver.backends.naoqi.preflight import UnfitError
 from pepper_driver.backends.naoqi_server.launch import StandIn
 from pepper_driver.backends.naoqi_server.tls import Login

@@ -15,10 +15,10 @@ from typing import Any, cast
 import numpy as np
 
 from pepper_driver.backends.interface import Measurement
-from pepper_driver.backends.naoqi.clock import shown
 from pepper_driver.backends.naoqi.connection import Connection
-from pepper_driver.backends.naoqi.keys import Alias, SensorKeys, actuator_keys
-from pepper_driver.backends.naoqi.link import Link
+from pepper_driver.backends.naoqi.dcm_channel import Link
+from pepper_driver.backends.naoqi.memory_keys import Alias, SensorKeys, actuator_keys
+from pepper_driver.backends.naoqi.timing import shown
 from pepper_driver.backends.naoqi_server.dcm import Dcm, UpdateType
 from pepper_driver.config import NaoqiSettings, load_naoqi_settings, load_robot
 from pepper_driver.config.arrays import FloatArray

@@ -1,4 +1,4 @@
-"""What every way of moving a robot over NAOqi shares: meeting it, taking it over and giving it back."""
+"""A robot that NAOqi moves: what all ways of moving it share."""
 
 from __future__ import annotations
 
@@ -21,18 +21,18 @@ from pepper_driver.backends.interface import (
     Measurement,
     NotConnectedError,
 )
-from pepper_driver.backends.naoqi.address import Address
-from pepper_driver.backends.naoqi.coexistence import TakeOver
+from pepper_driver.backends.naoqi.address import Address, Secret, find_secret
 from pepper_driver.backends.naoqi.connection import Connection, connect
-from pepper_driver.backends.naoqi.diagnosis import diagnosis
-from pepper_driver.backends.naoqi.extras import NaoqiExtras, abilities
-from pepper_driver.backends.naoqi.fitness import check_fit
-from pepper_driver.backends.naoqi.preflight import Preflight, preflight
+from pepper_driver.backends.naoqi.ownership import TakeOver
+from pepper_driver.backends.naoqi.preflight import Preflight, check_fit, diagnosis, preflight
 from pepper_driver.backends.naoqi.presence import Presence
-from pepper_driver.backends.naoqi.secret import Secret, find_secret
+from pepper_driver.backends.naoqi.services import NaoqiExtras, abilities
 from pepper_driver.backends.naoqi.stand_in import SERVICE, Handled, simulated_parents
 from pepper_driver.backends.serial import Serial, serial
-from pepper_driver.config import NaoqiSettings, RobotConfig
+from pepper_driver.config import (
+    NaoqiSettings,
+    RobotConfig,
+)
 from pepper_driver.config.arrays import FloatArray
 from pepper_driver.config.naoqi import TakeOverSettings
 

@@ -1,4 +1,8 @@
-"""ALMotion and autonomous life move the joints too: stilled before we do, and given back after.
+"""Whatever else moves the joints: switched off for the time of a run, and restored.
+
+NAOqi 2.5 and 2.8 pages "ALMotion" (deactivation of safety reflexes), "Idle", "Self-collision avoidance API",
+"External-collision avoidance API", "Fall manager API", "Push recovery API", "Smart Stiffness API" and "Diagnosis effect
+API".
 
 The DCM has no priorities and no lock, the last order wins (NAOqi 2.5 page "DCM"): two who move a joint make it shake.
 """
@@ -8,22 +12,184 @@ from __future__ import annotations
 import logging
 import time
 from collections.abc import Callable
+from dataclasses import dataclass
 from types import TracebackType
 from typing import Self
 
 import numpy as np
 
-from pepper_driver.backends.naoqi.connection import Connection, MissingServiceError, ServiceError
-from pepper_driver.backends.naoqi.fitness import awake
-from pepper_driver.backends.naoqi.library import Answer
-from pepper_driver.backends.naoqi.preflight import UnfitError
-from pepper_driver.backends.naoqi.restoration import Restoration
-from pepper_driver.backends.naoqi.switches import Switch, chosen
-from pepper_driver.config import NaoqiSettings, RobotConfig
+from pepper_driver.backends.interface import NotConnectedError
+from pepper_driver.backends.naoqi.connection import (
+    CallTimeoutError,
+    Connection,
+    MissingServiceError,
+    ServiceError,
+)
+from pepper_driver.backends.naoqi.preflight import UnfitError, awake
+from pepper_driver.backends.naoqi.qi_library import Answer
+from pepper_driver.config import NaoqiSettings, PepperError, RobotConfig
 from pepper_driver.config.arrays import FloatArray
 from pepper_driver.config.naoqi import TakeOverSettings
 
+CHAINS = ("Head", "LArm", "RArm", "Legs")
+"""Of ALMotion, each with an idle movement of its own."""
+
+ARMS = ("LArm", "RArm")
+"""Asked for one by one: of both together ALMotion cannot say whether they are protected."""
+
+
+CRITICAL = ("base_obstacles", "fall_manager", "push_recovery")
+"""Settings of what NAOqi calls critical: only the owner of the robot can allow that it is switched off."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Switch:
+    """One of ALMotion's, with ``getXEnabled`` and ``setXEnabled``.
+
+    Attributes:
+        setting: Key of ``naoqi_settings.yaml`` that says what is done about it.
+        name: What stands for X.
+        chain: What both methods take first, if anything.
+        text: What it is, for people.
+    """
+
+    setting: str
+    name: str
+    chain: str | None
+    text: str
+
+    @property
+    def arguments(self) -> tuple[str, ...]:
+        """What both methods take first."""
+        return () if self.chain is None else (self.chain,)
+
+    @property
+    def consent(self) -> bool:
+        """Whether the robot's owner must have allowed that it is switched off."""
+        return self.setting in CRITICAL
+
+
+SWITCHES = (
+    *(
+        Switch(setting="idle", name=name, chain=chain, text=f"{text} of {chain}")
+        for name, text in (("Breath", "breathing"), ("IdlePosture", "idle posture"))
+        for chain in CHAINS
+    ),
+    Switch(setting="smart_stiffness", name="SmartStiffness", chain=None, text="smart stiffness"),
+    Switch(setting="diagnosis_effect", name="DiagnosisEffect", chain=None, text="diagnosis effect"),
+    *(
+        Switch(
+            setting="self_collision",
+            name="CollisionProtection",
+            chain=arm,
+            text=f"self-collision avoidance of {arm}",
+        )
+        for arm in ARMS
+    ),
+    *(
+        Switch(
+            setting=setting,
+            name="ExternalCollisionProtection",
+            chain=chain,
+            text=f"external-collision avoidance of {chain}",
+        )
+        for setting, chain in (
+            *(("arm_obstacles", arm) for arm in ARMS),
+            ("base_obstacles", "Move"),
+        )
+    ),
+    Switch(setting="fall_manager", name="FallManager", chain=None, text="fall manager"),
+    Switch(setting="push_recovery", name="PushRecovery", chain=None, text="push recovery"),
+)
+"""In the order in which they are switched off."""
+
+
+def chosen(settings: TakeOverSettings) -> list[tuple[Switch, bool]]:
+    """Those to be switched off, and whether each must be."""
+    policies = {switch: getattr(settings, switch.setting) for switch in SWITCHES}
+    return [(switch, policy == "off") for switch, policy in policies.items() if policy != "keep"]
+
+
 logger = logging.getLogger("pepper_driver")
+
+ALIVE = 0.3
+"""[s] in which a robot that does not hang answers the simplest of questions. A program that ends cannot wait longer."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Change:
+    """Undone by calling ``method`` of ``service``; ``text`` says what that gives back."""
+
+    text: str
+    service: str
+    method: str
+    arguments: tuple[object, ...]
+    timeout: float
+
+
+class Restoration:
+    """Changes in their order, undone in reverse."""
+
+    def __init__(self) -> None:
+        self._changes: list[_Change] = []
+
+    def note(
+        self, text: str, service: str, method: str, *arguments: object, timeout: float
+    ) -> None:
+        """How a change is undone. To be said before it is made: what is half done is undone too.
+
+        Args:
+            text: What is given back, for people.
+            service: That does it.
+            method: Of the service.
+            arguments: For the method.
+            timeout: How long it may take [s].
+        """
+        change = _Change(
+            text=text, service=service, method=method, arguments=arguments, timeout=timeout
+        )
+        self._changes.append(change)
+
+    def undo(self, connection: Connection) -> tuple[str, ...]:
+        """Undo all, each whether or not another fails, and forget them; returns what could not be undone.
+
+        A robot that hangs, or is gone, is not waited for. Raises nothing.
+        """
+        left = []
+        answers = _alive(connection)
+        for change in reversed(self._changes):
+            if not answers:
+                left.append(change.text)
+                continue
+            try:
+                connection.call(
+                    change.service, change.method, *change.arguments, timeout=change.timeout
+                )
+            except PepperError as error:
+                left.append(change.text)
+                logger.warning("not given back: %s (%s)", change.text, error)
+                answers = not isinstance(error, CallTimeoutError | NotConnectedError) or _alive(
+                    connection
+                )
+        self._changes.clear()
+        if left:
+            logger.error(
+                "'%s': NAOqi did not get back: %s; restart the robot to have it as it was",
+                connection.address.uri,
+                ", ".join(left),
+            )
+        return tuple(left)
+
+
+def _alive(connection: Connection) -> bool:
+    try:
+        connection.call("ALMotion", "robotIsWakeUp", timeout=ALIVE)
+    except (MissingServiceError, ServiceError):
+        return True
+    except PepperError:
+        return False
+    return True
+
 
 POLL = 0.1
 """[s] between two looks at what takes its time."""
