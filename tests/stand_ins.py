@@ -12,9 +12,7 @@ from typing import Any
 
 import pytest
 
-from pepper_driver.backends.naoqi import angles, backend, handover
-from pepper_driver.backends.naoqi import ownership as coexistence
-from pepper_driver.backends.naoqi import ownership as restoration
+from pepper_driver.backends.naoqi import angles, backend, handover, ownership
 from pepper_driver.backends.naoqi.timing import RoundTrips
 from pepper_driver.backends.naoqi_server.black_box import BlackBox
 from pepper_driver.backends.naoqi_server.launch import StandIn
@@ -45,8 +43,8 @@ def patient_driver(**timing: Any) -> Iterator[None]:
         for module in (handover, angles):
             patch.setattr(module, "STALE", SILENCE)
             patch.setattr(module, "PATIENCE", SILENCE)
-        patch.setattr(restoration, "ALIVE", SILENCE)
-        patch.setattr(coexistence, "SETTLE", 5 * SILENCE)
+        patch.setattr(ownership, "ALIVE", SILENCE)
+        patch.setattr(ownership, "SETTLE", 5 * SILENCE)
         yield
 
 

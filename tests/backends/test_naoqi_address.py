@@ -12,7 +12,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pepper_driver.backends.naoqi import qi_library as library
+from pepper_driver.backends.naoqi import qi_library
 from pepper_driver.backends.naoqi.address import (
     Address,
     Secret,
@@ -178,9 +178,9 @@ def computer(system: str, machine: str, version: tuple[int, int]) -> dict[str, A
 
 def test_a_computer_without_the_library(monkeypatch: pytest.MonkeyPatch) -> None:
     for name, seen in computer("Linux", "x86_64", (3, 12)).items():
-        monkeypatch.setattr(library, name, seen)
+        monkeypatch.setattr(qi_library, name, seen)
     with pytest.raises(MissingExtraError, match=r'pip install "pepper-driver\[naoqi\]"'):
-        library.load_qi()
+        qi_library.load_qi()
 
 
 @pytest.mark.parametrize(
@@ -196,9 +196,11 @@ def test_a_computer_that_cannot_have_the_library(
     monkeypatch: pytest.MonkeyPatch, system: str, machine: str, version: tuple[int, int]
 ) -> None:
     for name, seen in computer(system, machine, version).items():
-        monkeypatch.setattr(library, name, seen)
-    with pytest.raises(library.NoQiError, match=r"Linux on x86-64 with Python 3\.11 or") as caught:
-        library.load_qi()
+        monkeypatch.setattr(qi_library, name, seen)
+    with pytest.raises(
+        qi_library.NoQiError, match=r"Linux on x86-64 with Python 3\.11 or"
+    ) as caught:
+        qi_library.load_qi()
     assert f"{system} on {machine} with Python 3.{version[1]}" in str(caught.value)
     assert "pip install" not in str(caught.value), "it would install nothing"
     assert caught.value.extra == "naoqi"
@@ -206,13 +208,13 @@ def test_a_computer_that_cannot_have_the_library(
 
 def test_pinocchio_first(monkeypatch: pytest.MonkeyPatch) -> None:
     modules: dict[str, Any] = {"pinocchio": SimpleNamespace()}
-    monkeypatch.setattr(library, "sys", SimpleNamespace(modules=modules))
-    monkeypatch.setattr(library, "find_spec", lambda name: SimpleNamespace(name=name))
-    with pytest.raises(library.ImportOrderError, match="before pinocchio"):
-        library.load_qi()
+    monkeypatch.setattr(qi_library, "sys", SimpleNamespace(modules=modules))
+    monkeypatch.setattr(qi_library, "find_spec", lambda name: SimpleNamespace(name=name))
+    with pytest.raises(qi_library.ImportOrderError, match="before pinocchio"):
+        qi_library.load_qi()
     monkeypatch.setitem(modules, "qi", SimpleNamespace())
-    monkeypatch.setattr(library, "importlib", SimpleNamespace(import_module=modules.get))
-    assert library.load_qi() is modules["qi"]
+    monkeypatch.setattr(qi_library, "importlib", SimpleNamespace(import_module=modules.get))
+    assert qi_library.load_qi() is modules["qi"]
 
 
 def test_the_library_is_told_before_it_starts(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -224,6 +226,6 @@ def test_the_library_is_told_before_it_starts(monkeypatch: pytest.MonkeyPatch) -
         found.update(os.environ)
         return SimpleNamespace(name=name)
 
-    monkeypatch.setattr(library, "importlib", SimpleNamespace(import_module=start))
-    library.load_qi()
+    monkeypatch.setattr(qi_library, "importlib", SimpleNamespace(import_module=start))
+    qi_library.load_qi()
     assert (found["QI_LOG_LEVEL"], found["QI_TCP_PING_TIMEOUT"]) == ("0", "20")

@@ -25,7 +25,7 @@ from pepper_driver.config.arrays import BoolArray, FloatArray
 from pepper_driver.controller.model import RobotModel
 from pepper_driver.controller.tick import Reference, Tick
 from pepper_driver.observer.models.fusion_model import FusionModel
-from pepper_driver.observer.residuals import adaptation as hand_load
+from pepper_driver.observer.residuals import adaptation
 from pepper_driver.observer.residuals.adaptation import (
     FRICTION_DOUBT,
     LEARN_PERIOD,
@@ -230,8 +230,8 @@ def test_finds_the_load_of_an_arm_that_moves(arm: str, joint: str) -> None:
 
 def test_without_wandering_it_is_ridge_regression(monkeypatch: pytest.MonkeyPatch) -> None:
     """All samples at once, each with its noise, and the prior as penalty."""
-    monkeypatch.setattr(hand_load, "LOAD_PROCESS_NOISE", np.zeros(4))
-    monkeypatch.setattr(hand_load, "LOAD_DOUBT", 0.0)
+    monkeypatch.setattr(adaptation, "LOAD_PROCESS_NOISE", np.zeros(4))
+    monkeypatch.setattr(adaptation, "LOAD_DOUBT", 0.0)
     gains = np.linspace(0.005, 0.02, JOINTS)
     gains[3] = 0.0
     of_joint: list[FusionModel | None] = [
@@ -280,7 +280,7 @@ def test_it_knows_less_with_time_but_never_less_than_at_the_start(rng: np.random
     assert before < 0.9 * LOAD_PRIOR_STD[0]
     for _ in range(round(60.0 / CYCLE / LEARN_PERIOD)):
         target.update(rng.normal(size=JOINTS), NOISE, nobody)
-    expected = np.hypot(before, hand_load.LOAD_PROCESS_NOISE[0])
+    expected = np.hypot(before, adaptation.LOAD_PROCESS_NOISE[0])
     assert target.held()["left_arm"].mass_std == pytest.approx(expected, rel=1e-2)
 
 
@@ -290,7 +290,7 @@ def test_a_share_of_what_the_load_does_stays_doubtful(monkeypatch: pytest.Monkey
     follow(target, loaded({"LWristYaw": point(MASS, PLACE)}), 10.0)
     torque = target.step(MIDDLE, ZERO, ZERO)
     variance = target.variance()
-    monkeypatch.setattr(hand_load, "LOAD_DOUBT", 0.0)
+    monkeypatch.setattr(adaptation, "LOAD_DOUBT", 0.0)
     unforeseen = variance - target.variance()
     np.testing.assert_allclose(unforeseen, (0.15 * GAIN * torque) ** 2, rtol=1e-6, atol=1e-15)
     assert unforeseen.max() > 1e-7

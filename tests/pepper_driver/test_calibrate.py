@@ -11,8 +11,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from pepper_driver.calibration import calibrate
-from pepper_driver.calibration import fit as calibration_fit
+from pepper_driver.calibration import calibrate, fit
 from pepper_driver.calibration.calibrate import (
     CalibrationReport,
     Figure,
@@ -197,7 +196,7 @@ def test_an_integral_part_is_kept_in_the_file(tmp_path: Path) -> None:
 
 
 def test_the_fit_recovers_a_made_up_robot(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(calibration_fit, "measure", model_bench)
+    monkeypatch.setattr(fit, "measure", model_bench)
     told: list[float] = []
     found = fit_pd(ROBOT, NOMINAL, synthetic(2), progress=told.append)
     assert found.delay == 2
@@ -215,9 +214,9 @@ def test_the_fit_recovers_a_made_up_robot(monkeypatch: pytest.MonkeyPatch) -> No
 
 
 def test_a_fit_never_does_worse_than_its_start(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(calibration_fit, "measure", model_bench)
+    monkeypatch.setattr(fit, "measure", model_bench)
     poor = {joint: replace(v, stiffness=3 * v.stiffness) for joint, v in TRUE.items()}
-    monkeypatch.setattr(calibration_fit, "choose", lambda *given: (poor, 3))
+    monkeypatch.setattr(fit, "choose", lambda *given: (poor, 3))
     start = with_values(ROBOT, NOMINAL, TRUE, 3)
     told: list[float] = []
     found = fit_pd(ROBOT, start, synthetic(3), progress=told.append)

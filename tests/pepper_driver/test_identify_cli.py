@@ -17,7 +17,7 @@ from pepper_driver.config import load_controller_settings
 from pepper_driver.controller import WholeBodyController
 from pepper_driver.controller.report import ControllerStatus
 from pepper_driver.identification import MANIFEST, RehearsalError, load_recordings, plan_runs
-from pepper_driver.identification import runs as driving_module
+from pepper_driver.identification import identify as identify_module
 from pepper_driver.identification.runs import rehearse
 from pepper_driver.observer import ModelSet
 
@@ -191,7 +191,7 @@ def test_all_runs_are_rehearsed_before_a_real_robot_moves(
         if getattr(run, "name", "") == "calibration-4":
             raise RehearsalError("run calibration-4 would fail")
 
-    monkeypatch.setattr(driving_module, "rehearse", refuse_the_last)
+    monkeypatch.setattr(identify_module, "rehearse", refuse_the_last)
     options = ["--out", str(tmp_path / "m.json"), "--joints", "HeadPitch", *REAL]
     assert run(["identify", *options, *short_files(tmp_path), "--yes"]) == 2
     assert "calibration-4 would fail" in capsys.readouterr().err
@@ -228,7 +228,7 @@ def test_legs_are_not_moved_without_the_balance_constraint(
     made = use_backends(monkeypatch, SlowRobot)
     settings = load_controller_settings(ROBOT)
     loose = replace(settings, constraints=replace(settings.constraints, balance=False))
-    monkeypatch.setattr(driving_module, "load_controller_settings", lambda robot: loose)
+    monkeypatch.setattr(identify_module, "load_controller_settings", lambda robot: loose)
     options = ["--out", str(tmp_path / "m.json"), "--joints", "HipRoll", *REAL, "--yes"]
     assert run(["identify", *options, *short_files(tmp_path)]) == 2
     assert "'constraints.balance' is false" in capsys.readouterr().err

@@ -15,7 +15,7 @@ from pepper_driver.identification import (
     read_manifest,
     record_joints,
 )
-from pepper_driver.identification import runs as driving_module
+from pepper_driver.identification import identify as identify_module
 from pepper_driver.identification.runs import Run, perform
 from pepper_driver.observer import Recording, RecordingError
 
@@ -55,7 +55,7 @@ def test_an_interrupted_recording_goes_on_and_ends_with_the_same_bytes(
         return perform(uri, run)
 
     body = short_body()
-    monkeypatch.setattr(driving_module, "perform", third_time_interrupted)
+    monkeypatch.setattr(identify_module, "perform", third_time_interrupted)
     with pytest.raises(KeyboardInterrupt):
         record_joints("mujoco", [JOINT], SHORT, folder, calibration=body, workers=1)
     kept = contents(folder)
@@ -85,7 +85,7 @@ def test_an_interrupted_recording_goes_on_and_ends_with_the_same_bytes(
 
 def test_what_is_there_is_not_made_again(whole: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     before = contents(whole)
-    monkeypatch.setattr(driving_module, "perform", None)
+    monkeypatch.setattr(identify_module, "perform", None)
     again = record_joints("mujoco", [JOINT], SHORT, whole, calibration=short_body(), workers=1)
     assert contents(whole) == before
     assert [entry.joint for entry in again.sweeps] == [JOINT]

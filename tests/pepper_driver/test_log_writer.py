@@ -21,8 +21,7 @@ from test_log_samples import ROBOT, N, Samples, flatten, same_bits
 from pepper_driver.backends.log_records import with_checksum
 from pepper_driver.config import PepperError
 from pepper_driver.config.errors import printable
-from pepper_driver.log import LogError, LogWriter, read_log
-from pepper_driver.log import writer as mcap_file
+from pepper_driver.log import LogError, LogWriter, read_log, writer
 from pepper_driver.log.schema import unobserved
 from pepper_driver.loop import TickRecord
 from pepper_driver.observer.interface import Contact, JointState
@@ -153,7 +152,7 @@ class Gate:
 @pytest.fixture
 def gate(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Gate:
     gate = Gate(tmp_path / "gated.mcap")
-    monkeypatch.setattr(mcap_file, "open_file", lambda path: gate)
+    monkeypatch.setattr(writer, "open_file", lambda path: gate)
     return gate
 
 
@@ -237,7 +236,7 @@ def limit_disk(monkeypatch: pytest.MonkeyPatch, room: int, error: int = errno.EN
     def open_file(path: Path) -> BinaryIO:
         return cast(BinaryIO, io.BufferedWriter(FullDisk(path, room, error)))
 
-    monkeypatch.setattr(mcap_file, "open_file", open_file)
+    monkeypatch.setattr(writer, "open_file", open_file)
 
 
 @pytest.mark.parametrize("lossless", [False, True])
@@ -386,7 +385,7 @@ def test_open_without_permission(
     if place == "folder":
         monkeypatch.setattr(Path, "mkdir", refuse)
     else:
-        monkeypatch.setattr(mcap_file, "open_file", refuse)
+        monkeypatch.setattr(writer, "open_file", refuse)
     with pytest.raises(LogError, match="no permission") as caught:
         LogWriter(path, ROBOT, {})
     assert one_line(caught.value, path)

@@ -15,7 +15,7 @@ from pepper_driver.config import UnknownNameError
 from pepper_driver.config.errors import ArgumentError
 from pepper_driver.config.steps import MIN_DURATION
 from pepper_driver.controller import GainError, TargetError, Tick
-from pepper_driver.controller.tasks import task as tasks
+from pepper_driver.controller.tasks import task
 from pepper_driver.log import LogError, LogEvent, read_log
 from pepper_driver.observer import Observation, shipped
 
@@ -246,7 +246,7 @@ def test_a_duration_that_is_taken_is_no_fault_later() -> None:
             pepper.set_posture({"HeadYaw": 0.1}, duration=duration)
             pepper.run(0.05)
         assert pepper.state is RobotState.ACTIVE
-    assert MIN_DURATION == tasks.MIN_DURATION
+    assert MIN_DURATION == task.MIN_DURATION
 
 
 @pytest.mark.parametrize("seconds", ["a", None, float("nan"), float("inf"), -0.1])

@@ -15,7 +15,7 @@ import pytest
 from naoqi_fakes import ROBOT, FakeRobot, address_of
 from stand_ins import patient_driver
 
-from pepper_driver.backends.naoqi import ownership as coexistence
+from pepper_driver.backends.naoqi import ownership
 from pepper_driver.backends.naoqi.connection import Connection, connect
 from pepper_driver.backends.naoqi.ownership import ConsentError, TakeOver
 from pepper_driver.backends.naoqi.preflight import UnfitError
@@ -160,7 +160,7 @@ def test_a_switch_that_does_not_move(
     fake: FakeRobot, connection: Connection, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """It says yes, and stays on: this is why all are read again."""
-    monkeypatch.setattr(coexistence, "SETTLE", 0.2)
+    monkeypatch.setattr(ownership, "SETTLE", 0.2)
     fake.motion.stuck.add("SmartStiffness")
     with pytest.raises(UnfitError, match="smart stiffness stays on; restart the robot"):
         take_over(connection).begin()

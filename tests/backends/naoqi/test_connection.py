@@ -17,7 +17,7 @@ from naoqi_fakes import FakeRobot, address_of
 from waiting import PATIENCE
 
 from pepper_driver.backends import NotConnectedError
-from pepper_driver.backends.naoqi import connection as peer
+from pepper_driver.backends.naoqi import connection
 from pepper_driver.backends.naoqi.address import Secret
 from pepper_driver.backends.naoqi.connection import (
     CallTimeoutError,
@@ -129,12 +129,12 @@ def tls_door(context: ssl.SSLContext, *, polite: bool = True) -> Callable[[socke
 
 @pytest.fixture(autouse=True)
 def _patient(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(peer, "PROBE_TIME", PATIENCE)
+    monkeypatch.setattr(connection, "PROBE_TIME", PATIENCE)
 
 
 @pytest.fixture
 def impatient(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(peer, "PROBE_TIME", 0.5)
+    monkeypatch.setattr(connection, "PROBE_TIME", 0.5)
 
 
 def failure(
