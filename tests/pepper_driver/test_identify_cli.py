@@ -76,6 +76,8 @@ def test_identify_says_beforehand_how_long_it_takes(
     runs = [line for line in lines if line.startswith("recording in simulation: HeadPitch-")]
     assert runs
     assert all(" left" in line for line in runs)
+    assert lines.count("fitting models") == 1
+    assert max(map(lines.index, runs)) < lines.index("fitting models")
 
 
 @pytest.mark.parametrize(
