@@ -66,21 +66,28 @@ def run_jobs(
 
 
 class _Backend(LokyBackend):  # type: ignore[misc]
-    """joblib's own, broken off only in order."""
+    """joblib's own, broken off in order: loky's thread fails where workers end while it has jobs to send them."""
 
     def __init__(self) -> None:
         super().__init__()
+        self._submitting = threading.RLock()
         self._unsent: list[Future[object]] = []
+        self._ending = False
 
     def submit(self, func: Callable[..., object], callback: object = None) -> Future[object]:
-        """Hand a job to loky's thread, which sends it to a worker."""
-        future: Future[object] = super().submit(func, callback)
-        self._unsent = [other for other in (*self._unsent, future) if not _sent(other)]
-        return future
+        """Hand a job to loky's thread, which sends it to a worker; that thread also calls this, after each job."""
+        with self._submitting:
+            if self._ending:
+                return Future()
+            future: Future[object] = super().submit(func, callback)
+            self._unsent = [other for other in (*self._unsent, future) if not _sent(other)]
+            return future
 
     def abort_everything(self, ensure_ready: bool = True) -> None:
-        """End the workers. loky's thread fails where it is told to while there are jobs that it has not sent."""
+        """End the workers, once they have been sent what was submitted."""
         with deferred_signals():
+            with self._submitting:
+                self._ending = True
             end = time.monotonic() + SENDING_TIME
             while not all(map(_sent, self._unsent)) and time.monotonic() < end:
                 time.sleep(0.001)

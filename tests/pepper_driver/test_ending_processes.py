@@ -218,6 +218,7 @@ def test_ctrl_c_in_a_terminal_is_for_the_first_process_alone() -> None:
 GROUP_JOBS = """
 import os, signal, sys, threading, time
 from functools import partial
+from joblib.parallel import LokyBackend
 from pepper_driver.backends.signals import raised_signals
 from pepper_driver.workers import run_jobs
 
@@ -241,11 +242,22 @@ def jobs():
         os.read(arrived, 1)
         print("starting", flush=True)
     yield from (work, work)
+    yield from (work, work)
+
+def submit(self, *arguments):  # the first job is done: another thread hands in the next one
+    if where == "submitting" and threading.current_thread() is not threading.main_thread():
+        print("submitting", flush=True)
+        os.killpg(0, number)
+        time.sleep(0.5)  # the main thread begins to end it all
+    return joblib_submit(self, *arguments)
+
+joblib_submit, LokyBackend.submit = LokyBackend.submit, submit
 
 with raised_signals():
     for _ in run_jobs(map(partial, jobs()), workers=2, ordered=False):
-        print("working", flush=True)
-        os.killpg(0, number)
+        if where == "working":
+            print("working", flush=True)
+            os.killpg(0, number)
         time.sleep(600.0)
 """
 
@@ -257,6 +269,7 @@ with raised_signals():
         ("starting", signal.SIGHUP, 129),
         ("starting", signal.SIGINT, -signal.SIGINT),
         ("working", signal.SIGTERM, 143),
+        ("submitting", signal.SIGTERM, 143),
     ],
 )
 def test_a_signal_to_the_whole_group_ends_it_without_pgrep(
