@@ -1,50 +1,46 @@
-# make demo: the main job on the simulated Pepper. make test: lint, types, tests; make test-all: the slow ones too. All need Python 3.11 to 3.13 and nothing else.
+# make demo: the main job on the simulated Pepper. make test: lint, types, tests; make test-all: the slow ones too.
+# make naoqi: install what a robot over NAOqi needs, and its stand-in. make lint: style. make types: mypy.
+# make format: rewrite as make lint wants it. make build: sdist and wheel. make bench-controller: beside other controllers.
+# make clean: remove all that was made. All need Python 3.11 to 3.13 and nothing else.
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 WORKERS ?= 3
 
-.PHONY: demo test test-all lint types format build bench-controller clean
+.PHONY: demo naoqi test test-all lint types format build bench-controller clean
 
-$(VENV)/.demo: pyproject.toml
+# One stamp for each extra: installed again when pyproject.toml changes.
+$(VENV)/.extra-%: pyproject.toml
 	$(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e ".[plot]"
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e ".[$*]"
 	@touch $@
 
-$(VENV)/.dev: pyproject.toml
-	$(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e ".[dev]"
-	@touch $@
-
-$(VENV)/.peers: pyproject.toml
-	$(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e ".[peers]"
-	@touch $@
-
-demo: $(VENV)/.demo
+demo: $(VENV)/.extra-plot
 	$(BIN)/pepper demo --out runs/demo
 
-test: $(VENV)/.dev lint types
+naoqi: $(VENV)/.extra-naoqi
+
+test: $(VENV)/.extra-dev lint types
 	$(BIN)/python -m pytest -n $(WORKERS) --dist worksteal
 
-test-all: $(VENV)/.dev lint types
+test-all: $(VENV)/.extra-dev lint types
 	$(BIN)/python -m pytest -n $(WORKERS) --dist worksteal -m ""
 
-lint: $(VENV)/.dev
+lint: $(VENV)/.extra-dev
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 
-types: $(VENV)/.dev
+types: $(VENV)/.extra-dev
 	$(BIN)/mypy
 
-format: $(VENV)/.dev
+format: $(VENV)/.extra-dev
 	$(BIN)/ruff check --fix .
 	$(BIN)/ruff format .
 
-build: $(VENV)/.dev
+build: $(VENV)/.extra-dev
 	$(BIN)/python -m build
 
-bench-controller: $(VENV)/.peers
+bench-controller: $(VENV)/.extra-peers
 	$(BIN)/python benchmarks/controller.py
 
 clean:

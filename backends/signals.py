@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import signal
+import socket
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -57,7 +58,7 @@ class _Blocks:
 
     lock = threading.RLock()
     open: ClassVar[set[object]] = set()
-    last_raised = -MIN_INTERVAL  # [s]
+    last_came = -MIN_INTERVAL  # [s] of those that count
 
 
 @contextmanager
@@ -75,12 +76,14 @@ def raised_signals() -> Iterator[bool]:
         with _Blocks.lock:
             _Blocks.open.add(this)
             changed = _change(signal.SIG_DFL, _raise)
+            if changed:
+                _Waker.start()
         yield changed
     finally:
         with _Blocks.lock:
             _Blocks.open.discard(this)
-            if not _Blocks.open:
-                _change(_raise, signal.SIG_DFL)
+            if not _Blocks.open and _change(_raise, signal.SIG_DFL):
+                _Waker.stop()
 
 
 def _change(before: Handler, after: Handler) -> bool:
@@ -94,18 +97,69 @@ def _change(before: Handler, after: Handler) -> bool:
 
 
 def _raise(number: int, frame: FrameType | None) -> None:
-    if _Deferral.current is not None:
-        _Deferral.current.add(number, _terminate)
-    elif _Blocks.open:
-        _terminate(number, frame)
-    else:  # the last ended in another thread, which cannot put handlers back
-        _handle(number, signal.SIG_DFL)
+    if _Deferral.current is None and not _Blocks.open:
+        _handle(
+            number, signal.SIG_DFL
+        )  # the last ended in another thread, which cannot put handlers back
+    elif time.monotonic() - _Blocks.last_came >= MIN_INTERVAL:  # when it comes: it may wait long
+        _Blocks.last_came = time.monotonic()
+        if _Deferral.current is not None:
+            _Deferral.current.add(number, _terminate)
+        else:
+            _terminate(number, frame)
 
 
 def _terminate(number: int, frame: FrameType | None) -> None:
-    if time.monotonic() - _Blocks.last_raised >= MIN_INTERVAL:
-        _Blocks.last_raised = time.monotonic()
-        raise Terminated(number)
+    raise Terminated(number)
+
+
+class _Waker:
+    """Wakes the main thread after a signal that another one took: it would go on sleeping and call no handler.
+
+    Of two signals at once the system gives the second, and then often the first too, to any thread, also of a library.
+    """
+
+    writer: socket.socket | None = None
+
+    @classmethod
+    def start(cls) -> None:
+        """Start in the main thread; not where SIGURG, or what Python tells of signals, is in use already."""
+        if cls.writer is not None or not hasattr(signal, "SIGURG"):  # Windows
+            return
+        told = signal.set_wakeup_fd(-1)
+        signal.set_wakeup_fd(told)
+        if told != -1 or signal.getsignal(signal.SIGURG) is not signal.SIG_DFL:
+            return
+        reader, cls.writer = socket.socketpair()
+        cls.writer.setblocking(False)
+        signal.set_wakeup_fd(cls.writer.fileno(), warn_on_full_buffer=False)
+        signal.signal(signal.SIGURG, _wake_up)
+        arguments = (reader, threading.get_ident())
+        threading.Thread(target=cls._run, args=arguments, name="signals", daemon=True).start()
+
+    @classmethod
+    def stop(cls) -> None:
+        """Put all back, in the main thread."""
+        if cls.writer is None:
+            return
+        meanwhile = signal.set_wakeup_fd(-1)
+        if meanwhile not in (-1, cls.writer.fileno()):
+            signal.set_wakeup_fd(meanwhile)
+        if signal.getsignal(signal.SIGURG) is _wake_up:
+            signal.signal(signal.SIGURG, signal.SIG_DFL)
+        cls.writer.close()
+        cls.writer = None
+
+    @staticmethod
+    def _run(reader: socket.socket, main: int) -> None:
+        with reader:
+            while numbers := reader.recv(64):
+                if set(numbers) != {signal.SIGURG}:
+                    signal.pthread_kill(main, signal.SIGURG)
+
+
+def _wake_up(number: int, frame: FrameType | None) -> None:
+    """Do nothing: the main thread is awake, and calls all handlers that are due."""
 
 
 # -- deferred -----------------------------------------------------------------------------------------------------

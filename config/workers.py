@@ -8,14 +8,25 @@ import threading
 import time
 import warnings
 from collections.abc import Callable, Generator, Iterable, Iterator
+from concurrent.futures import Future
 from contextlib import contextmanager
 from functools import partial
 from multiprocessing import resource_tracker
 from typing import TypeVar
 
 from joblib import Parallel, delayed
+from joblib.externals.loky.backend import resource_tracker as loky_tracker
+from joblib.parallel import LokyBackend
+
+from pepper_driver.backends.signals import deferred_signals
 
 T = TypeVar("T")
+
+ENDING = [getattr(signal, n) for n in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, n)]
+"""Signals that a terminal, ``timeout`` or systemd sends to a command and its workers alike."""
+
+SENDING_TIME = 1.0
+"""[s] in which jobs are sent to workers; microseconds unless something is broken."""
 
 WATCH_PERIOD = 0.5
 """[s] between two looks of a worker at whether the process that started it is still there."""
@@ -33,6 +44,7 @@ def run_jobs(
     """
     pool = Parallel(
         n_jobs=workers,
+        backend=_Backend(),
         return_as="generator" if ordered else "generator_unordered",
         batch_size=1,  # jobs take seconds
         initializer=end_with,
@@ -44,7 +56,8 @@ def run_jobs(
         for message in ("A worker stopped", ".* adjusting the input task"):
             warnings.filterwarnings("ignore", message=message, category=UserWarning)
         try:
-            with _deaf_processes():
+            # An exception while workers are being started would leave them without anybody who ends them.
+            with deferred_signals(), _deaf_processes():
                 results = pool(delayed(job)() for job in jobs)
             yield from results
         finally:
@@ -52,23 +65,62 @@ def run_jobs(
                 results.close()
 
 
+class _Backend(LokyBackend):  # type: ignore[misc]
+    """joblib's own, broken off in order: loky's thread fails where workers end while it has jobs to send them."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._submitting = threading.RLock()
+        self._unsent: list[Future[object]] = []
+        self._ending = False
+
+    def submit(self, func: Callable[..., object], callback: object = None) -> Future[object]:
+        """Hand a job to loky's thread, which sends it to a worker; that thread also calls this, after each job."""
+        with self._submitting:
+            if self._ending:
+                return Future()
+            future: Future[object] = super().submit(func, callback)
+            self._unsent = [other for other in (*self._unsent, future) if not _sent(other)]
+            return future
+
+    def abort_everything(self, ensure_ready: bool = True) -> None:
+        """End the workers, once they have been sent what was submitted."""
+        with deferred_signals():
+            with self._submitting:
+                self._ending = True
+            end = time.monotonic() + SENDING_TIME
+            while not all(map(_sent, self._unsent)) and time.monotonic() < end:
+                time.sleep(0.001)
+            super().abort_everything(ensure_ready)
+
+
+def _sent(future: Future[object]) -> bool:
+    return future.running() or future.done()
+
+
 @contextmanager
 def _deaf_processes() -> Iterator[None]:
-    """Let processes that start here not hear Ctrl-C, not even while they import; it is not lost to this one."""
+    """Let processes that start here hear none of the signals that end this one, not even while they import."""
     if not hasattr(signal, "pthread_sigmask"):  # Windows
         yield
         return
-    resource_tracker.ensure_running()  # which unblocks signals where it has to be started
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, ENDING)
     try:
+        for tracker in (resource_tracker, loky_tracker):
+            tracker.ensure_running()  # which unblocks some signals where it has to be started
+        signal.pthread_sigmask(signal.SIG_BLOCK, ENDING)
         yield
     finally:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 def end_with(parent: int) -> None:
-    """Let this process, a worker, end soon after the process that started it; Ctrl-C is for that one alone."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    """Let this process, a worker, end soon after the process that started it; signals are for that one alone.
+
+    A worker that ended by itself would look like a crash, and a run in it would raise the signal as its result.
+    """
+    for number in ENDING:
+        signal.signal(number, signal.SIG_IGN)
     threading.Thread(target=partial(_watch, parent), name="parent", daemon=True).start()
 
 

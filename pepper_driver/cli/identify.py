@@ -198,6 +198,8 @@ def identify(
                 confirm=None if yes else confirm,
                 progress=progress,
             )
+    if not console.is_terminal:  # where a status shows nothing
+        console.print("fitting models")
     with console.status("fitting models"):
         result = fit_folder(folder, kind, mirror=mirror, share=share_types)
     result.models.save(out)

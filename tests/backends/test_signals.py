@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import signal
+import socket
 import sys
 import threading
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from types import FrameType
@@ -46,7 +48,7 @@ def clock(monkeypatch: pytest.MonkeyPatch) -> Iterator[Clock]:
     before = {number: signal.getsignal(number) for number in (INT, TERM, HUP)}
     clock = Clock()
     monkeypatch.setattr(signals, "time", clock)
-    monkeypatch.setattr(signals._Blocks, "last_raised", -MIN_INTERVAL)  # and back: by another clock
+    monkeypatch.setattr(signals._Blocks, "last_came", -MIN_INTERVAL)  # and back: by another clock
     for number in (TERM, HUP):
         signal.signal(number, signal.SIG_DFL)
     signal.signal(INT, signal.default_int_handler)
@@ -55,6 +57,8 @@ def clock(monkeypatch: pytest.MonkeyPatch) -> Iterator[Clock]:
     for number, handler in before.items():
         signal.signal(number, handler)
     assert after == {INT: signal.default_int_handler, TERM: signal.SIG_DFL, HUP: signal.SIG_DFL}
+    assert signal.getsignal(signal.SIGURG) is signal.SIG_DFL
+    assert signal.set_wakeup_fd(-1) == -1
 
 
 @pytest.fixture
@@ -159,6 +163,43 @@ def test_two_at_once_are_one(clock: Clock) -> None:
         clock.advance(0.2 * MIN_INTERVAL)
         with pytest.raises(Terminated):
             send(TERM)
+
+
+def test_two_at_once_are_one_also_where_the_second_waits_long(clock: Clock) -> None:
+    """For the robot to be closed; this took all its time from the interval."""
+    with raised_signals():
+        with pytest.raises(Terminated):
+            send(HUP)
+        with deferred_signals():
+            send(TERM)
+            clock.advance(3.0 * MIN_INTERVAL)
+
+
+def test_a_signal_that_another_thread_takes_wakes_the_main_one() -> None:
+    """The system chooses the thread where two come at once."""
+
+    def take() -> None:
+        signal.pthread_kill(threading.get_ident(), TERM)
+
+    seconds = 20.0  # only a failing test sleeps them
+    thread = threading.Timer(0.05, take)
+    begin = time.monotonic()
+    with interrupted(Terminated), raised_signals():
+        thread.start()
+        time.sleep(seconds)
+    thread.join()
+    assert time.monotonic() - begin < seconds
+
+
+def test_a_program_that_is_told_of_signals_goes_on_being_told() -> None:
+    reader, writer = socket.socketpair()
+    with reader, writer:
+        writer.setblocking(False)
+        signal.set_wakeup_fd(writer.fileno())
+        with interrupted(Terminated), raised_signals():
+            send(TERM)
+        assert signal.set_wakeup_fd(-1) == writer.fileno()
+        assert TERM in reader.recv(16)
 
 
 # -- deferred -------------------------------------------------------------------------------------------------------

@@ -11,7 +11,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 import pytest
@@ -213,3 +213,84 @@ def test_ctrl_c_in_a_terminal_is_for_the_first_process_alone() -> None:
         _, errors = process.communicate(timeout=PATIENCE)
         assert wait_until(lambda: not any(map(alive, workers)), END_TIME)
     assert errors.count("Traceback") == 1, errors
+
+
+GROUP_JOBS = """
+import os, signal, sys, threading, time
+from functools import partial
+from joblib.parallel import LokyBackend
+from pepper_driver.backends.signals import raised_signals
+from pepper_driver.workers import run_jobs
+
+number, where = int(sys.argv[1]), sys.argv[2]
+threading.Thread(target=threading.Event().wait, daemon=True).start()  # hears signals too, as that of a progress bar
+arrived, writer = os.pipe()
+os.set_blocking(writer, False)
+signal.set_wakeup_fd(writer)
+
+def signal_itself():
+    os.kill(os.getpid(), number)
+
+def work():
+    with raised_signals():  # as a run does
+        time.sleep(600.0)
+
+def jobs():
+    yield from (signal_itself, work)
+    if where == "starting":  # the workers have these two, and import
+        os.killpg(0, number)
+        os.read(arrived, 1)
+        print("starting", flush=True)
+    yield from (work, work)
+    yield from (work, work)
+
+def submit(self, *arguments):  # the first job is done: another thread hands in the next one
+    if where == "submitting" and threading.current_thread() is not threading.main_thread():
+        print("submitting", flush=True)
+        os.killpg(0, number)
+        time.sleep(0.5)  # the main thread begins to end it all
+    return joblib_submit(self, *arguments)
+
+joblib_submit, LokyBackend.submit = LokyBackend.submit, submit
+
+with raised_signals():
+    for _ in run_jobs(map(partial, jobs()), workers=2, ordered=False):
+        if where == "working":
+            print("working", flush=True)
+            os.killpg(0, number)
+        time.sleep(600.0)
+"""
+
+
+@pytest.mark.parametrize(
+    ("where", "number", "code"),
+    [
+        ("starting", signal.SIGTERM, 143),
+        ("starting", signal.SIGHUP, 129),
+        ("starting", signal.SIGINT, -signal.SIGINT),
+        ("working", signal.SIGTERM, 143),
+        ("submitting", signal.SIGTERM, 143),
+    ],
+)
+def test_a_signal_to_the_whole_group_ends_it_without_pgrep(
+    where: str, number: int, code: int
+) -> None:
+    """As of ``timeout`` and a terminal, on a machine that lacks the program by which joblib can end workers."""
+    process = subprocess.Popen(
+        [sys.executable, "-c", GROUP_JOBS, str(number), where],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+        env={**os.environ, "PATH": ""},
+    )
+    try:
+        shown, errors = process.communicate(timeout=PATIENCE)  # which waits for the workers too
+    finally:
+        with suppress(ProcessLookupError):
+            os.killpg(process.pid, signal.SIGKILL)
+        process.wait()
+    assert process.returncode == code, errors
+    assert shown == f"{where}\n"
+    assert errors.count("Traceback") == (number == signal.SIGINT), errors
+    assert number == signal.SIGINT or not errors

@@ -5,11 +5,11 @@ import json
 import signal
 import subprocess
 import sys
-import time
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from waiting import PATIENCE, wait_until
 
 from pepper_driver.backends.mock import MockBackend
 from pepper_driver.cli.app import run
@@ -76,6 +76,8 @@ def test_identify_says_beforehand_how_long_it_takes(
     runs = [line for line in lines if line.startswith("recording in simulation: HeadPitch-")]
     assert runs
     assert all(" left" in line for line in runs)
+    assert lines.count("fitting models") == 1
+    assert max(map(lines.index, runs)) < lines.index("fitting models")
 
 
 @pytest.mark.parametrize(
@@ -131,11 +133,14 @@ def test_ctrl_c_and_signals_keep_finished_runs_and_say_how_to_go_on(
         text=True,
         start_new_session=True,
     )
-    deadline = time.monotonic() + 60
-    while not list(folder.glob("*.npz")) and time.monotonic() < deadline:
-        time.sleep(0.02)
-    process.send_signal(number)
-    shown, errors = process.communicate(timeout=60)  # which waits for the workers too
+    try:
+        # A busy machine takes long for the first run; a signal before it would keep none.
+        assert wait_until(lambda: list(folder.glob("*.npz")), 20 * PATIENCE)
+        process.send_signal(number)
+        shown, errors = process.communicate(timeout=60)  # which waits for the workers too
+    finally:
+        process.kill()
+        process.wait()
     assert process.returncode == code
     assert errors == f"pepper: {word}\n"
     assert f"of 13 runs are kept in {folder}; the same command goes on from there" in shown
