@@ -178,7 +178,7 @@ JOBS = """
 import time
 from functools import partial
 from pepper_driver.backends.signals import raised_signals
-from pepper_driver.config.workers import run_jobs
+from pepper_driver.backends.workers import run_jobs
 with raised_signals():
     jobs = [partial(time.sleep, seconds) for seconds in (0.1, 60, 60, 60)]
     for _ in run_jobs(jobs, workers=2, ordered=False):
@@ -220,7 +220,7 @@ import os, signal, sys, threading, time
 from functools import partial
 from joblib.parallel import LokyBackend
 from pepper_driver.backends.signals import raised_signals
-from pepper_driver.workers import run_jobs
+from pepper_driver.backends.workers import run_jobs
 
 number, where = int(sys.argv[1]), sys.argv[2]
 threading.Thread(target=threading.Event().wait, daemon=True).start()  # hears signals too, as that of a progress bar
