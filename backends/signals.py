@@ -76,13 +76,14 @@ def raised_signals() -> Iterator[bool]:
         with _Blocks.lock:
             _Blocks.open.add(this)
             changed = _change(signal.SIG_DFL, _raise)
-            if changed:
+            if _in_main_thread() and any(signal.getsignal(n) is _raise for n in _TERMINATING):
                 _Waker.start()
         yield changed
     finally:
         with _Blocks.lock:
             _Blocks.open.discard(this)
-            if not _Blocks.open and _change(_raise, signal.SIG_DFL):
+            if not _Blocks.open:
+                _change(_raise, signal.SIG_DFL)
                 _Waker.stop()
 
 
@@ -98,9 +99,8 @@ def _change(before: Handler, after: Handler) -> bool:
 
 def _raise(number: int, frame: FrameType | None) -> None:
     if _Deferral.current is None and not _Blocks.open:
-        _handle(
-            number, signal.SIG_DFL
-        )  # the last ended in another thread, which cannot put handlers back
+        # The last ended in another thread, which cannot put handlers back.
+        _handle(number, signal.SIG_DFL)
     elif time.monotonic() - _Blocks.last_came >= MIN_INTERVAL:  # when it comes: it may wait long
         _Blocks.last_came = time.monotonic()
         if _Deferral.current is not None:
@@ -119,47 +119,59 @@ class _Waker:
     Of two signals at once the system gives the second, and then often the first too, to any thread, also of a library.
     """
 
-    writer: socket.socket | None = None
+    sockets: tuple[socket.socket, socket.socket] | None = None  # reader, writer
+    thread: threading.Thread | None = None
 
     @classmethod
     def start(cls) -> None:
         """Start in the main thread; not where SIGURG, or what Python tells of signals, is in use already."""
-        if cls.writer is not None or not hasattr(signal, "SIGURG"):  # Windows
+        if cls.thread is not None or not hasattr(signal, "SIGURG"):  # Windows
             return
-        told = signal.set_wakeup_fd(-1)
-        signal.set_wakeup_fd(told)
-        if told != -1 or signal.getsignal(signal.SIGURG) is not signal.SIG_DFL:
-            return
-        reader, cls.writer = socket.socketpair()
-        cls.writer.setblocking(False)
-        signal.set_wakeup_fd(cls.writer.fileno(), warn_on_full_buffer=False)
-        signal.signal(signal.SIGURG, _wake_up)
-        arguments = (reader, threading.get_ident())
-        threading.Thread(target=cls._run, args=arguments, name="signals", daemon=True).start()
+        if cls.sockets is None:
+            told = signal.set_wakeup_fd(-1)
+            signal.set_wakeup_fd(told)
+            urgent = signal.getsignal(signal.SIGURG)
+            if told != -1 or urgent not in (signal.SIG_DFL, _wake_up):
+                return
+            cls.sockets = socket.socketpair()
+            cls.sockets[1].setblocking(False)
+            signal.set_wakeup_fd(cls.sockets[1].fileno(), warn_on_full_buffer=False)
+            signal.signal(signal.SIGURG, _wake_up)
+        arguments = (cls.sockets[0], threading.get_ident())
+        cls.thread = threading.Thread(target=cls._run, args=arguments, name="signals", daemon=True)
+        cls.thread.start()
 
     @classmethod
     def stop(cls) -> None:
-        """Put all back, in the main thread."""
-        if cls.writer is None:
+        """End the thread; in the main thread put all back, else the next one to stop there does."""
+        if cls.thread is not None and cls.sockets is not None:
+            cls.sockets[1].send(_STOP)
+            cls.thread.join()
+            cls.thread = None
+        if cls.sockets is None or not _in_main_thread():
             return
         meanwhile = signal.set_wakeup_fd(-1)
-        if meanwhile not in (-1, cls.writer.fileno()):
+        if meanwhile not in (-1, cls.sockets[1].fileno()):
             signal.set_wakeup_fd(meanwhile)
-        if signal.getsignal(signal.SIGURG) is _wake_up:
-            signal.signal(signal.SIGURG, signal.SIG_DFL)
-        cls.writer.close()
-        cls.writer = None
+        for end in cls.sockets:
+            end.close()
+        cls.sockets = None
 
     @staticmethod
     def _run(reader: socket.socket, main: int) -> None:
-        with reader:
-            while numbers := reader.recv(64):
-                if set(numbers) != {signal.SIGURG}:
-                    signal.pthread_kill(main, signal.SIGURG)
+        while True:
+            numbers = reader.recv(64)
+            if not set(numbers) <= {*_STOP, signal.SIGURG}:
+                signal.pthread_kill(main, signal.SIGURG)
+            if _STOP[0] in numbers:
+                return
+
+
+_STOP = b"\0"  # the number of no signal
 
 
 def _wake_up(number: int, frame: FrameType | None) -> None:
-    """Do nothing: the main thread is awake, and calls all handlers that are due."""
+    """Do nothing: the main thread is awake, and calls all handlers that are due. Stays: one may still be under way."""
 
 
 # -- deferred -----------------------------------------------------------------------------------------------------

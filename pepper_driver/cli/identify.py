@@ -198,6 +198,7 @@ def identify(
                 confirm=None if yes else confirm,
                 progress=progress,
             )
+    read_manifest(folder)  # where it is missing, that is the one line
     if not console.is_terminal:  # where a status shows nothing
         console.print("fitting models")
     with console.status("fitting models"):

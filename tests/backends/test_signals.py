@@ -57,7 +57,6 @@ def clock(monkeypatch: pytest.MonkeyPatch) -> Iterator[Clock]:
     for number, handler in before.items():
         signal.signal(number, handler)
     assert after == {INT: signal.default_int_handler, TERM: signal.SIG_DFL, HUP: signal.SIG_DFL}
-    assert signal.getsignal(signal.SIGURG) is signal.SIG_DFL
     assert signal.set_wakeup_fd(-1) == -1
 
 
@@ -189,6 +188,17 @@ def test_a_signal_that_another_thread_takes_wakes_the_main_one() -> None:
         time.sleep(seconds)
     thread.join()
     assert time.monotonic() - begin < seconds
+
+
+def test_no_thread_is_left_where_the_last_block_ends_in_another_thread(clock: Clock) -> None:
+    block = raised_signals()
+    block.__enter__()
+    ending = threading.Thread(target=block.__exit__, args=(None, None, None))
+    ending.start()
+    ending.join()
+    assert "signals" not in [thread.name for thread in threading.enumerate()]
+    with interrupted(Terminated), raised_signals():  # and it works again
+        send(TERM)
 
 
 def test_a_program_that_is_told_of_signals_goes_on_being_told() -> None:

@@ -177,7 +177,7 @@ def test_another_kind_of_goals_identifies_nothing(tmp_path: Path) -> None:
 
 
 def test_the_plant_of_the_experiment_is_the_one_identified(tmp_path: Path) -> None:
-    with pytest.raises(UnknownNameError, match="unknown plant 'worm'"):
+    with pytest.raises(ConfigError, match="key 'plant': unknown plant 'worm'"):
         record_joints("mujoco", ["RElbowRoll"], replace(SHORT, plant="worm"), tmp_path / "new")
     body = replace(short_body(), plant="worn")
     with pytest.raises(ConfigError, match="key 'plant'"):
