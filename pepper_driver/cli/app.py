@@ -120,7 +120,7 @@ COMMANDS = {
         docs="plant.md",
     ),
     "plot": CommandEntry(
-        place="plot:plot",
+        place="log:plot",
         summary="Draw a log: trajectories, tracking errors, residuals, contacts and reflexes.",
         example="pepper plot run.mcap --joint LShoulderRoll --from 4 --to 6",
         docs="log.md",

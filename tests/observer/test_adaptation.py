@@ -54,7 +54,7 @@ def test_effects_are_those_of_the_terms_of_the_twin() -> None:
 
 
 def test_without_wandering_it_is_ridge_regression(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(adaptation, "WANDER", STILL)
+    monkeypatch.setattr(adaptation, "PROCESS_NOISE", STILL)
     target = adapt()
     effects = samples(80, 0)
     true = np.array([[0.2, -0.1, 0.3, 0.5], [-0.15, 0.2, -0.2, -0.4]])
@@ -72,7 +72,7 @@ def test_without_wandering_it_is_ridge_regression(monkeypatch: pytest.MonkeyPatc
 
 
 def test_variance_is_that_of_ridge_regression(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(adaptation, "WANDER", STILL)
+    monkeypatch.setattr(adaptation, "PROCESS_NOISE", STILL)
     target = adapt()
     effects = samples(30, 2)
     for row in effects:
@@ -87,7 +87,7 @@ def test_variance_is_that_of_ridge_regression(monkeypatch: pytest.MonkeyPatch) -
 
 def test_what_else_is_not_known_counts_as_noise(monkeypatch: pytest.MonkeyPatch) -> None:
     """Samples that differ in noise, against least squares with their weights."""
-    monkeypatch.setattr(adaptation, "WANDER", STILL)
+    monkeypatch.setattr(adaptation, "PROCESS_NOISE", STILL)
     target = adapt()
     effects = samples(60, 13)
     rng = np.random.default_rng(14)
