@@ -7,6 +7,7 @@ demonstration are experiments with random goals and contacts.
 from __future__ import annotations
 
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import field, replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -266,7 +267,11 @@ def find_experiment(name: str | Path, beside: str = "") -> Path:
             return package_file(folder, f"{name}.yaml")
     names = [name for folder in FOLDERS for name in shipped_names(folder)]
     own = f"{name}.yaml"
-    names.append(own if (Path(beside).parent / own).is_file() else "FILE.yaml")
+    with suppress(OSError):  # of a name that no file can have
+        if (Path(beside).parent / own).is_file():
+            names.append(own)
+    if own not in names:
+        names.append("FILE.yaml")
     raise UnknownNameError("experiment", str(name), names)
 
 

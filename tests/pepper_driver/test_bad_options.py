@@ -305,6 +305,7 @@ CASES: list[tuple[str, str]] = [
     ("doctor", "there is no terminal to ask on before the robot moves: give --yes, or --no-motion"),
     ("doctor mujco", "unknown backend 'mujco' (did you mean mujoco?"),
     ("doctor mujoco naoqi --no-motion", "Got unexpected extra argument(s) (naoqi)"),
+    (f"run {300 * 'x'}", "unknown experiment 'xxx"),
     ("doctor nosuch --no-motion", "unknown backend 'nosuch' (did you mean naoqis?"),
     ("doctor 'mujoco://?plant=x' --no-motion", "unknown plant 'x'"),
     ("doctor --json folder --no-motion", "folder: cannot be written (it is a folder)"),
