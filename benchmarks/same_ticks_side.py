@@ -20,7 +20,6 @@ from numpy.typing import NDArray
 
 import pepper_driver
 from pepper_driver import Comply, Hold, Observation, Observer, Pepper, PepperError
-from pepper_driver.config.arrays import FloatArray
 
 Columns = dict[str, NDArray[Any]]
 Row = Iterable[tuple[str, Any]]
@@ -132,7 +131,7 @@ def push(pepper: Pepper, rng: np.random.Generator, link: str, delay: float = 0.0
     pepper.push(link, force, duration=float(rng.uniform(0.5, 0.9)), delay=delay)
 
 
-def drive(pepper: Pepper, twist: FloatArray) -> None:
+def drive(pepper: Pepper, twist: NDArray[np.float64]) -> None:
     """Drive the base with (3,) vx, vy [m/s], wz [rad/s] until the next call."""
     if hasattr(pepper, "drive"):
         pepper.drive(*twist.tolist(), hold=True)
