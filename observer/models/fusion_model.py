@@ -1,4 +1,4 @@
-"""What mode ``fusion`` knows of one joint in free motion."""
+"""Models of mode ``fusion``: of one joint in free motion, with its momentum channel, and of the base."""
 
 from __future__ import annotations
 
