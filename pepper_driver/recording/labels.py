@@ -57,8 +57,8 @@ def recording_of(log: LogData, robot: RobotConfig) -> Recording:
         raise RecordingError(
             f"this log is of a robot with other joints, or another order of them, than '{robot.name}'"
         )
-    goes_on = np.diff(log["time"], prepend=-np.inf) != 0
-    columns = {name: log[source][goes_on] for name, source in _COLUMNS.items()}
+    continues = np.diff(log["time"], prepend=-np.inf) != 0
+    columns = {name: log[source][continues] for name, source in _COLUMNS.items()}
     return Recording(joint_names=log.joint_names, **columns)
 
 
