@@ -7,7 +7,7 @@ import pytest
 from contact_cases import CYCLE, FIXED, ROBOT, ROLLING, STEP, Robot, world
 from scipy.spatial.transform import Rotation
 
-from pepper_driver.backends.interface import Measurement
+from pepper_driver.backends.fields import Measurement
 from pepper_driver.backends.mujoco_ import MujocoBackend
 from pepper_driver.backends.simulated import TrueContact
 from pepper_driver.config import UnknownNameError, load_plant, load_world

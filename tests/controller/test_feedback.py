@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from controller_cases import ACCELERATION, DT, JOINTS, MIDDLE, ROBOT, SETTINGS, VELOCITY
 
-from pepper_driver.backends.interface import Imu, Measurement
+from pepper_driver.backends.fields import Imu, Measurement
 from pepper_driver.config.arrays import FloatArray
 from pepper_driver.controller import (
     BasePoseTask,

@@ -15,12 +15,13 @@ from hypothesis import strategies as st
 from mcap.writer import Writer
 from test_log_samples import ROBOT, Samples, flatten, flatten_sent, same_bits
 
+from pepper_driver.backends.fields import TICK_FIELDS
 from pepper_driver.backends.log_file import LAYOUT_VERSION
 from pepper_driver.backends.log_records import with_checksum
 from pepper_driver.backends.simulated import TruthSample
 from pepper_driver.config import UnknownNameError
-from pepper_driver.log import LogData, LogError, LogWriter, read_log
-from pepper_driver.log.schema import layout_metadata, tick_fields
+from pepper_driver.log import LogError, LogWriter, RunLog, read_log
+from pepper_driver.log.schema import layout_metadata
 from pepper_driver.loop import TickRecord
 from pepper_driver.observer.interface import Contact
 
@@ -56,7 +57,7 @@ class Written:
                 self.truths.append({name: getattr(truth, name) for name in TRUTH_FIELDS})
                 self.contacts += contacts
 
-    def check(self, read: LogData) -> None:
+    def check(self, read: RunLog) -> None:
         """The log read holds the first of these ticks, bit for bit."""
         n = len(read)
         for name, column in read.fields.items():
@@ -76,7 +77,7 @@ class Written:
         assert read.contacts == self.contacts[: len(read.contacts)]
 
 
-def attempt(path: Path) -> LogData | LogError:
+def attempt(path: Path) -> RunLog | LogError:
     """What reading gives, an error of one line included."""
     try:
         return read_log(path)
@@ -95,7 +96,7 @@ def test_same_bits_come_back(tmp_path: Path) -> None:
     assert read.joint_names == ROBOT.joint_names
     assert read.chains == ROBOT.chains
     assert read.hand_joints == ROBOT.hands.joints
-    assert set(read.fields) == set(written.rows[0]) == {f.name for f in tick_fields(ROBOT)}
+    assert set(read.fields) == set(written.rows[0]) == {f.name for f in TICK_FIELDS}
     assert read.truth is not None
     assert len(read) == len(read.truth["time"]) == 100
     assert len(read.contacts) == len(written.contacts) > 0

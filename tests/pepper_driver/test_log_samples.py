@@ -6,8 +6,7 @@ from dataclasses import fields
 
 import numpy as np
 
-from pepper_driver.backends.interface import Command, Imu, Measurement
-from pepper_driver.backends.replay import NOT_LOGGED
+from pepper_driver.backends.fields import Command, Imu, Measurement
 from pepper_driver.backends.simulated import TruthSample
 from pepper_driver.config import load_robot
 from pepper_driver.config.arrays import BoolArray, FloatArray
@@ -136,7 +135,7 @@ def flatten(tick: Tick, observation: Observation, step: int = 0) -> dict[str, ob
     values: dict[str, object] = {
         f.name: getattr(m, f.name)
         for f in fields(Measurement)
-        if f.name not in ("imu", *NOT_LOGGED)
+        if f.name not in ("imu", "missing", "commanded_by_others")
     }
     values |= {f"imu_{f.name}": getattr(m.imu, f.name) for f in fields(Imu)}
     values |= {f"sent_{f.name}": getattr(tick.sent, f.name) for f in fields(Command)}

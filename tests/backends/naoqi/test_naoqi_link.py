@@ -22,7 +22,8 @@ from virtual_robot import (
 )
 from waiting import PATIENCE
 
-from pepper_driver.backends.interface import BackendError, Measurement, NotConnectedError
+from pepper_driver.backends.fields import Measurement
+from pepper_driver.backends.interface import BackendError, NotConnectedError
 from pepper_driver.backends.naoqi.backend import NaoqiBackend
 from pepper_driver.backends.naoqi.connection import Connection
 from pepper_driver.backends.naoqi.memory_keys import SensorKeys
