@@ -1,4 +1,4 @@
-"""What a standing robot feels, attentive or not, and what that costs: felt pushes, false contacts, heat and current.
+"""Sensitivity of a standing robot, attentive or not, and its cost: detected pushes, false contacts, heat and current.
 
 Pushes: the robot stands in POSTURE for 40 s, attentive or not (amplitude 0), then its hands are pushed in turn, at the
 origin of the wrist's link, for 1 s every 3.5 s, in random directions and in random order of the forces. A push is felt

@@ -1,4 +1,4 @@
-"""How long one tick of the controller takes, beside pink and mink doing the same on the same robot.
+"""Time of one tick of the controller, compared with pink and mink on the same robot.
 
 All three hold the base and the centre of mass, keep a posture and bring both wrists to poses that jump a few
 centimetres every 2.4 s: 20 degrees of freedom from the same URDF, the same weights, position and velocity limits, DAQP
@@ -62,7 +62,7 @@ class Controller(Protocol):
         """New targets: (2, 4, 4) poses of the wrists in the world."""
 
     def tick(self) -> None:
-        """What is timed."""
+        """Make the timed step."""
 
     def reached(self) -> FloatArray:
         """(2, 3) places of the wrists in the world [m]."""
@@ -102,7 +102,7 @@ class Ours:
 
 
 class OursWithBodies(Ours):
-    """The same with self-collision and balance, as the robot runs it; the peers have neither here."""
+    """Our controller with self-collision and balance, as the robot runs it; the peers have neither here."""
 
     bodies = True
 
@@ -285,7 +285,7 @@ class Runner:
         self.seconds.append(durations)
 
     def _check(self, segment: int) -> None:
-        """How far [m] the wrists are from a target that the next one replaces."""
+        """Return the distance [m] of the wrists from a target that the next one replaces."""
         off = self._controller.reached() - self._poses[segment % len(self._poses), :, :3, 3]
         self.errors.append(float(np.linalg.norm(off, axis=1).max()))
 
@@ -332,7 +332,7 @@ def measure(kinds: dict[str, Any], ticks: int, rounds: int) -> dict[str, Runner]
 
 
 def cpu_name() -> str:
-    """Of the first processor."""
+    """Return the name of the first processor."""
     try:
         lines = Path("/proc/cpuinfo").read_text().splitlines()
     except OSError:

@@ -1,4 +1,4 @@
-"""How a robot over NAOqi is driven every 12 ms: against the stand-in, over real qi on this machine, in real time.
+"""Driving a robot over NAOqi every 12 ms: against the stand-in, over real qi on this machine, in real time.
 
 bare: the backend alone, stepped by the loop's pacer. whole: a moving Pepper with controller, observer, gate. Of both:
 missed ticks, when ticks end after they were due, how old samples are, commands withheld, and processor time of client,
@@ -256,13 +256,13 @@ def whole(
 
 
 def gaps(recorder: Recorder, age: float) -> int:
-    """How often samples became older than that [s]."""
+    """Count how often samples became older than ``age`` [s]."""
     old = np.array([tick.measurement.age > age for tick in recorder.ticks])
     return int(np.count_nonzero(old[1:] & ~old[:-1]) + old[0])
 
 
 def answers(recorder: Recorder) -> dict[str, int]:
-    """How many ticks had their command so many ticks before."""
+    """Count the ticks by the delay [ticks] of their command."""
     ago = [tick.measurement.answers for tick in recorder.ticks]
     return {str(n): ago.count(n) for n in sorted({n for n in ago if n is not None})}
 
@@ -370,7 +370,7 @@ def busy(
 
 
 def direct(seed: int, robot: RobotConfig, seconds: float) -> Recorder:
-    """The same motion of the same robot, simulated without NAOqi."""
+    """Simulate this motion of this robot without NAOqi."""
     with Pepper(ROBOT.format(seed=seed), robot=robot) as pepper:
         pepper.run(WARM_UP)
         recorder = Recorder(pepper)
@@ -379,7 +379,7 @@ def direct(seed: int, robot: RobotConfig, seconds: float) -> Recorder:
 
 
 def compared(one: Recorder, other: Recorder) -> dict[str, Any]:
-    """Where both answer the same command: rms difference of errors and residuals [deg], worst joint and its own rms."""
+    """Compare ticks of equal commands: rms difference of errors and residuals [deg], worst joint and its own rms."""
     start = other.sent[:100]
     shift = min(range(20), key=lambda n: float(np.abs(one.sent[n : n + 100] - start).max()))
     count = min(len(one.ticks) - shift, len(other.ticks))
@@ -477,7 +477,7 @@ def shown(figures: dict[str, Any], robot: RobotConfig) -> list[Table]:
 
 
 class Parser(argparse.ArgumentParser):
-    """What is wrong in one line."""
+    """Argument parser that reports an error in one line."""
 
     def error(self, message: str) -> NoReturn:
         print(f"naoqi.py: {message}", file=sys.stderr)

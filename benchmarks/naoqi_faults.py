@@ -1,4 +1,4 @@
-"""What a robot does when its program, the link or NAOqi fails: against the stand-in, over real qi, in its black box.
+"""Behaviour of a robot when its program, the connection or NAOqi fails: against the stand-in, from its black box.
 
 A program in a process of its own moves both arms and drives. Then it is killed, the link is cut or blocked, NAOqi hangs
 or is killed; the robot falls asleep, an arm is made soft, a joint is unplugged; another program commands the head or
@@ -122,7 +122,7 @@ class Program:
         raise SystemExit("the program does not keep moving: this machine is too busy")
 
     def _drives(self, stand_in: StandIn, speed: float) -> bool:
-        """Whether the wheels turn and the program has not ended."""
+        """Return true while the wheels turn and the program has not ended."""
         wanted = ENOUGH * np.abs(load_robot().wheels.matrix @ [speed, 0.0, 0.0]).max()
         turning = np.abs(stand_in.black_box(3).wheel_speed).max(axis=1)
         return bool((turning > wanted).all()) and self.process.poll() is None
@@ -140,7 +140,7 @@ class Program:
 
 @dataclass(frozen=True, kw_only=True)
 class Stop:
-    """How the robot came to rest. Times are from the last order for wheels that it took [ms].
+    """Times until the robot came to rest, from the last command for wheels that it took [ms].
 
     Attributes:
         told: Until the DCM told the wheels to stand.
@@ -178,7 +178,7 @@ class Stop:
 
 
 def _first_below(times: FloatArray, values: FloatArray, level: float) -> float:
-    """When values first come down to a level after time 0; in a straight line between two cycles."""
+    """Return the time at which values first fall to a level after time 0; linear between two cycles."""
     first = int(np.flatnonzero((times > 0.0) & (values <= level))[0])
     before, after = values[first - 1], values[first]
     share = (before - level) / (before - after) if before > after else 0.0

@@ -1,4 +1,4 @@
-"""How near a hand really comes to where it was sent, on the simulated plant: open and closed loop, plant by plant.
+"""Accuracy of a hand at its target, on simulated robots: open and closed loop, plant by plant.
 
 Random reachable targets 0.2 to 0.5 m away, alternating hands, task stiffness 10. When the task says that it has
 reached its target, the true position of the hand is compared with it: in the world, with the base on its wheels, bent

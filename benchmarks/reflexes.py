@@ -1,4 +1,4 @@
-"""How far an arm gives way, whether it swings back, and how soon it has gone away from a hand: plant by plant.
+"""Yielding, swinging back and retreat of an arm that is pushed: plant by plant.
 
 The left arm stands in POSTURE, where it has arrived moving as it is then pushed ("arrived the other way": moving
 against it, so that the friction of its gears holds twice over); the observer, with models of the nominal (or integral)
@@ -88,7 +88,7 @@ def ready(
 
 
 def reversals(time: FloatArray, joints: FloatArray, release: float, led: BoolArray) -> int:
-    """How often the velocity of a joint that gave way changes its sign after the release: the worst joint."""
+    """Count sign changes of the velocity of a joint that gave way, after the release: the worst joint."""
     speed = np.gradient(joints, time, axis=0)[time >= release]
     counts = [0]
     for joint in np.flatnonzero(led):

@@ -1,4 +1,4 @@
-"""What benchmarks of many seeded runs share: results that outlast Ctrl-C, shares with intervals, errors of one line."""
+"""Shared parts of benchmarks of many seeded runs: results that outlast Ctrl-C, fractions with intervals, errors."""
 
 from __future__ import annotations
 

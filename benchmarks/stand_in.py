@@ -1,4 +1,4 @@
-"""What the stand-in NAOqi takes: how regular its robot's cycles are, how long calls take, what its processes cost.
+"""Cost of the stand-in NAOqi: regularity of its robot's cycles, time of calls, load of its processes.
 
 Nobody asks (idle), then a client reads 80 keys and orders 17 joints every 12 ms, over real qi on this machine. Of both:
 when samples are published after their cycle was due, cycles left out, processor time and growth of memory of both

@@ -1,4 +1,4 @@
-"""How well the stand-in's ALMotion moves the simulated robot over qi, and how it fights another user of the DCM.
+"""Accuracy of the stand-in's ALMotion over qi, and its conflict with another user of the DCM.
 
 Joints by setAngles and the base by moveTo: how far the true robot is from where it was sent. The fight: a client sends
 a joint a sine by the DCM every 12 ms, while ALMotion does what its switches let it do; measured is what the DCM sends
@@ -106,7 +106,7 @@ def swing(session: qi.Session, joint: str, amplitude: float) -> None:
 
 
 def fights(stand_in: StandIn, session: qi.Session, motion: qi.Object) -> list[dict[str, Any]]:
-    """What a sine becomes while ALMotion writes too."""
+    """Measure a sine motion while ALMotion writes too."""
     life = session.service("ALAutonomousLife")
 
     def protect(on: bool) -> None:

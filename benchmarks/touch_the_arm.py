@@ -68,7 +68,7 @@ TIMES = ("told", "follow_hand", "retract")
 
 @dataclass
 class Story:
-    """What happened in a run, tick by tick; times since its first tick [s]."""
+    """Record of a run, tick by tick; times since its first tick [s]."""
 
     time: list[float] = field(default_factory=list)
     commanded: list[FloatArray] = field(default_factory=list)  # (17,) [rad]
@@ -144,7 +144,7 @@ class RandomHand:
 
 
 def again(pushes: Iterable[Pushed]) -> Pusher:
-    """The same pushes in another run."""
+    """Repeat the pushes in another run."""
     by_tick = {push.tick: push for push in pushes}
     return lambda pepper, story: by_tick.get(len(story.time) - 1)
 
@@ -191,7 +191,7 @@ def hand_position(model: RobotModel, posture: FloatArray) -> FloatArray:
 
 
 def moved(model: RobotModel, story: Story, untouched: Story, push: Pushed, end: int) -> float:
-    """How much further the hand went along a push than the untouched motion would have led it from there [m]."""
+    """Return the motion of the hand along a push beyond that of the untouched motion [m]."""
     begin = story.measured[push.tick]
     free = begin + untouched.measured[end] - untouched.measured[push.tick]
     way = hand_position(model, story.measured[end]) - hand_position(model, free)

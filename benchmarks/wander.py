@@ -60,7 +60,7 @@ class Judge:
         return float(self._capsules.distances().min())
 
     def centre_of_mass(self, q: FloatArray) -> float:
-        """How far it is inside the triangle of the wheels [m]."""
+        """Return its distance inside the triangle of the wheels [m]."""
         com = pin.centerOfMass(self._free, self._data, self._posture(q))
         return self._inside(com[:2])
 

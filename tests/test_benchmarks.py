@@ -16,11 +16,12 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from stand_ins import patient_driver
 
 from pepper_driver.config.arrays import BoolArray, FloatArray
+from support import ROOT
+from support.stand_ins import patient_driver
 
-CONTROLLER = Path(__file__).parents[1] / "benchmarks" / "controller.py"
+CONTROLLER = ROOT / "benchmarks" / "controller.py"
 PEERS = all(importlib.util.find_spec(name) for name in ("pink", "mink"))
 
 
@@ -121,7 +122,7 @@ def test_the_stand_in_is_measured(qi: object, tmp_path: Path) -> None:
     assert len(document["calls_ms"]) == 3
 
 
-NAOQI = Path(__file__).parents[1] / "benchmarks" / "naoqi.py"
+NAOQI = ROOT / "benchmarks" / "naoqi.py"
 
 
 def test_the_way_over_naoqi_is_measured(
@@ -246,7 +247,7 @@ def test_wrong_options_of_the_way_over_naoqi_are_one_line(
     assert word in shown.err
 
 
-CODE_LINES = Path(__file__).parents[1] / "benchmarks" / "code_lines.py"
+CODE_LINES = ROOT / "benchmarks" / "code_lines.py"
 
 
 def code_lines(
@@ -327,7 +328,7 @@ def test_files_that_cannot_be_counted_are_one_line(
     assert word in error
 
 
-SAME_TICKS = Path(__file__).parents[1] / "benchmarks" / "same_ticks.py"
+SAME_TICKS = ROOT / "benchmarks" / "same_ticks.py"
 
 
 def git(*arguments: str) -> str:
@@ -536,7 +537,7 @@ def test_wrong_options_of_the_comparison_are_one_line(
     assert word in shown.err
 
 
-ATTENTIVE = Path(__file__).parents[1] / "benchmarks" / "attentive.py"
+ATTENTIVE = ROOT / "benchmarks" / "attentive.py"
 
 
 TOUCH = ATTENTIVE.with_name("touch_the_arm.py")

@@ -6,7 +6,8 @@ from pathlib import Path
 
 import pytest
 
-ROOT = Path(__file__).parents[1]
+from support import ROOT
+
 TEXT = (ROOT / "Makefile").read_text()
 TARGETS = re.findall(r"make ([a-z-]+):", TEXT[: TEXT.index("PYTHON ?=")])
 EXTRAS = {"demo": "plot", "naoqi": "naoqi", "test": "dev", "bench-controller": "peers"}

@@ -10,13 +10,13 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from stand_ins import PATIENT, patient_driver
 
 from pepper_driver.callbacks.dispatcher import Dispatcher
 from pepper_driver.observer import Contact
 from pepper_driver.realtime import priority_obstacle
+from support import ROOT
+from support.stand_ins import PATIENT, patient_driver
 
-ROOT = Path(__file__).parents[1]
 SCRIPT = ROOT / "benchmarks" / "parity.py"
 PARITY = runpy.run_path(str(SCRIPT))
 SIDE = runpy.run_path(str(SCRIPT.with_name("parity_side.py")))

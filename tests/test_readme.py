@@ -22,8 +22,8 @@ from pepper_driver.config import load_experiment, load_robot
 from pepper_driver.log import Label, read_log
 from pepper_driver.log.export import export_log
 from pepper_driver.log.topics import LabelPhase
+from support import ROOT
 
-ROOT = Path(__file__).parents[1]
 EXAMPLES = sorted((ROOT / "examples").glob("*.py"))
 PAGES = [ROOT / "README.md", ROOT / "examples" / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
 PROGRAMS = [

@@ -1,6 +1,5 @@
 """The map of limbs, joints and links in docs/robot.md is that of the robot's description."""
 
-from pathlib import Path
 from xml.etree import ElementTree
 
 import numpy as np
@@ -8,8 +7,9 @@ import numpy as np
 from pepper_driver.config import RobotConfig, load_robot
 from pepper_driver.config.robot import TRUNK
 from pepper_driver.controller.model import RobotModel
+from support import ROOT
 
-PAGE = Path(__file__).parents[1] / "docs" / "robot.md"
+PAGE = ROOT / "docs" / "robot.md"
 ROBOT = load_robot()
 
 

@@ -28,7 +28,7 @@ TOUCHED = ("LForeArm", "RForeArm", "LBicep", "RBicep", "torso", "Head")
 
 @dataclass(frozen=True, kw_only=True)
 class Soak:
-    """What came out of a long run.
+    """Results of a long run.
 
     Attributes:
         seconds: Simulated time [s].

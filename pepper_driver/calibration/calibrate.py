@@ -1,4 +1,4 @@
-"""How near a simulated robot comes to recordings of real ones: ``pepper calibrate --check``."""
+"""Distance of a simulated robot from recordings of real ones: ``pepper calibrate --check``."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ Progress = Callable[[float], None]
 
 @dataclass(frozen=True, kw_only=True)
 class Measured:
-    """What the bench shows of one plant: by joint (torques, moving velocities) ramp errors [rad], and holds."""
+    """Results of the bench for one plant: by joint (torques, moving velocities) ramp errors [rad], and holds."""
 
     tables: dict[str, FloatArray]
     holds: HoldEnds
@@ -63,7 +63,7 @@ class Figure:
 
     @property
     def passed(self) -> bool | None:
-        """Whether the limit is kept; None where there is none."""
+        """True while the limit is kept; None without a limit."""
         if self.limit is None:
             return None
         if self.real is None:
@@ -74,7 +74,7 @@ class Figure:
 
 @dataclass(frozen=True, kw_only=True)
 class CalibrationReport:
-    """How near one plant comes to the recordings.
+    """Distance of one plant from the recordings.
 
     Attributes:
         plant: Its name.
@@ -124,7 +124,7 @@ class CalibrationReport:
 
     @property
     def passed(self) -> bool:
-        """Whether every limit is kept."""
+        """True if every limit is kept."""
         return all(figure.passed is not False for figure in self.figures)
 
     def as_json(self) -> dict[str, Any]:

@@ -200,7 +200,7 @@ ENOUGH = 1.5
 
 @dataclass(frozen=True, kw_only=True)
 class Target:
-    """What one drive shall show: a table of either arm's joint, or none, and statistics of holds."""
+    """Reference of one drive: the table of a joint of either arm, or none, and statistics of holds."""
 
     joint: str
     table_joint: str | None
@@ -212,7 +212,7 @@ class Target:
 
 @dataclass(frozen=True, kw_only=True)
 class Score:
-    """How well n sets of values do: (n,) room to the nearest target in standard deviations, sum of squares of all."""
+    """Scores of n sets of values: (n,) margin to the nearest target in standard deviations, sum of squares of all."""
 
     room: FloatArray
     squares: FloatArray
@@ -291,6 +291,6 @@ def scores(
 
 
 def pick(room: FloatArray, squares: FloatArray) -> int:
-    """Of those with :data:`ENOUGH` room, or the most there is, the one with the least sum of squares."""
+    """Choose the least sum of squares among sets with a margin of :data:`ENOUGH`, or with the largest margin."""
     enough = room >= min(ENOUGH, float(room.max()))
     return int(np.argmin(np.where(enough, squares, inf)))

@@ -79,7 +79,7 @@ def predict_holds(
     load: FloatArray,
     constant: float,
 ) -> tuple[FloatArray, FloatArray]:
-    """What joints with other values would show in the same holds.
+    """Predict the same holds for joints with other values.
 
     The motor gives K (|e| - dead band); what that differs from the load is taken up by friction. A joint with other
     values is taken to stick at the same share of its friction, and to rest at the same share of its dead band.

@@ -329,7 +329,7 @@ def _gravity(robot: RobotConfig, plant: PlantConfig, postures: list[FloatArray])
 def real_time_factor(
     robot: RobotConfig, plant: PlantConfig, *, seconds: float = 2.0, repeats: int = 5
 ) -> float:
-    """How much faster than real time the plant runs on one core: median of some repeats.
+    """Measure how much faster than real time the plant runs on one core: median of some repeats.
 
     All 17 joints, all sensors, the base as the plant has it, one hand on the right forearm, no controller.
     """
@@ -357,7 +357,7 @@ def _ramp(ticks: int) -> FloatArray:
 
 
 def opposite(joint: str) -> str:
-    """The same joint of the other arm."""
+    """Return the name of this joint on the other arm."""
     return {"L": "R", "R": "L"}[joint[0]] + joint[1:]
 
 

@@ -54,7 +54,7 @@ class Registration(Protocol[P, E]):
 
 
 class RegistrationMethod(Protocol[P, E]):
-    """The same as a method of a class."""
+    """Registration method of a class: called with a function, or used as a decorator."""
 
     def __get__(self, instance: object, owner: object = None, /) -> Registration[P, E]: ...
 

@@ -26,7 +26,7 @@ HELP_OPTIONS: dict[str, Any] = {"help_option_names": ["-h", "--help"]}
 
 @dataclass(frozen=True, kw_only=True)
 class CommandEntry:
-    """What is known of a command before it is imported.
+    """Description of a command before it is imported.
 
     Attributes:
         place: Module of this package, and the function or group in it.

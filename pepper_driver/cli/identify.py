@@ -283,7 +283,7 @@ def _resumable(folder: Path, console: Console) -> Iterator[None]:
 
 
 def _kept(folder: Path) -> str | None:
-    """What is there of recordings that are not complete, for people."""
+    """Describe in words the recordings of an incomplete set."""
     if not (folder / MANIFEST).exists():
         return None
     names = [run.name for run in read_manifest(folder).runs]

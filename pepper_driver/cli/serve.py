@@ -133,7 +133,7 @@ def _warn(text: str) -> None:
 
 
 def _print_faults(console: Console) -> None:
-    """What ``--fault`` takes."""
+    """Print the values of ``--fault``."""
     table = Table("fault", "arguments", "what it does", show_lines=True)
     for name, kind in FAULTS.items():
         arguments = ", ".join(f"{key}={value}" for key, value in kind.arguments.items())

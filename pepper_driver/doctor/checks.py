@@ -62,7 +62,7 @@ class Result:
 
 
 def failed(results: Iterable[Result]) -> bool:
-    """Whether a check failed."""
+    """Return true if a check failed."""
     return any(result.outcome is Outcome.FAILED for result in results)
 
 
@@ -118,7 +118,7 @@ MOST_NAMED = 4
 
 
 def check_joints(look: Look, robot: RobotConfig, settings: DoctorSettings) -> Result:
-    """Whether all joints answer, and rest while nothing drives them."""
+    """Check that all joints answer, and rest while nothing drives them."""
     positions = look.values("position")
     broken = [not np.isfinite(column).all() for column in positions.T]
     if any(broken):
@@ -146,7 +146,7 @@ def check_joints(look: Look, robot: RobotConfig, settings: DoctorSettings) -> Re
 
 
 def check_limits(look: Look, robot: RobotConfig, settings: DoctorSettings) -> Result:
-    """Whether the joints are within their limits: the start would pull back those that are not."""
+    """Check that the joints are within their limits: the start would pull back those that are not."""
     position = look.last.position
     if not np.isfinite(position).all():
         return unknown("limits", "not all positions are known")
@@ -169,7 +169,7 @@ def check_limits(look: Look, robot: RobotConfig, settings: DoctorSettings) -> Re
 
 
 def check_temperatures(look: Look, robot: RobotConfig, safety: SafetySettings) -> Result:
-    """Whether motors are cool enough: levels of the safety gate."""
+    """Check that motors are cool enough: levels of the safety gate."""
     temperature = look.last.temperature
     known = np.isfinite(temperature)
     if not known.any():
@@ -197,7 +197,7 @@ def check_temperatures(look: Look, robot: RobotConfig, safety: SafetySettings) -
 
 
 def check_wheels(look: Look, robot: RobotConfig, settings: DoctorSettings) -> Result:
-    """Whether the wheels answer and stand."""
+    """Check that the wheels answer and stand still."""
     speed = look.values("wheel_speed")
     if not np.isfinite(speed).all():
         return rated(
@@ -217,7 +217,7 @@ def check_wheels(look: Look, robot: RobotConfig, settings: DoctorSettings) -> Re
 
 
 def check_diagnosis(look: Look) -> Result:
-    """What the robot itself finds broken."""
+    """Check the robot's own diagnosis for broken parts."""
     if look.diagnosis is None:
         return unknown("diagnosis", "this robot has no diagnosis of its own")
     if not look.diagnosis:
@@ -250,7 +250,7 @@ NETWORK = (
 
 
 def check_clock(look: Look, robot: RobotConfig, settings: DoctorSettings) -> Result:
-    """Whether time passes in steps of the cycle, without jumps, and as fast as here."""
+    """Check that time passes in steps of the cycle, without jumps, and as fast as on this computer."""
     clock = look.values("time")
     if not np.isfinite(clock).all():
         return rated(
@@ -295,7 +295,7 @@ def check_clock(look: Look, robot: RobotConfig, settings: DoctorSettings) -> Res
 def check_samples(
     look: Look, robot: RobotConfig, safety: SafetySettings, settings: DoctorSettings
 ) -> Result:
-    """Whether samples are young enough for the gate, and as a rule for the observer."""
+    """Check that samples are young enough for the gate, and their median for the observer."""
     age = look.values("age")
     if not np.isfinite(age).all():
         return rated("samples", "their age is not known", failure=True, cure="start it again")
@@ -325,7 +325,7 @@ def check_samples(
 
 
 def check_settings(safety: SafetySettings, controller: ControllerSettings) -> Result:
-    """Whether nothing that protects is switched off."""
+    """Check that no protection is switched off."""
     found = (
         f"fault at {np.degrees(safety.divergence):.0f} deg from the command for {safety.divergence_time:g} s, "
         f"at samples {safety.stale_fault * 1e3:.0f} ms old, at {safety.temperature_fault:.0f} deg C"
@@ -347,7 +347,7 @@ def check_settings(safety: SafetySettings, controller: ControllerSettings) -> Re
 
 
 def check_computer(backend: Backend) -> Result:
-    """Whether ticks can come in time here."""
+    """Check that this computer can make ticks in time."""
     found = f"Python {platform.python_version()}, {os.cpu_count()} processors"
     if not backend.real_time:
         return rated("computer", f"{found}; simulated time needs no priority")
@@ -386,7 +386,7 @@ def check_models(
 
 
 def _version() -> str:
-    """Of this package; some systems install without saying so."""
+    """Return the version of this package; some systems install without metadata."""
     try:
         return version("pepper-driver")
     except PackageNotFoundError:
@@ -398,7 +398,7 @@ PRESSED = 0.5
 
 
 def check_battery(look: Look, safety: SafetySettings) -> Result:
-    """Whether there is charge enough: levels of the safety gate."""
+    """Check the charge of the battery: levels of the safety gate."""
     charge = look.last.battery
     if isnan(charge):
         return unknown("battery", "the charge cannot be read, and nothing watches it")
@@ -414,7 +414,7 @@ def check_battery(look: Look, safety: SafetySettings) -> Result:
 
 
 def check_flap(look: Look) -> Result:
-    """Whether the charging flap is closed."""
+    """Check that the charging flap is closed."""
     flap = look.last.charging_flap
     if isnan(flap):
         return unknown("charging flap", "this robot does not tell")
@@ -428,7 +428,7 @@ def check_flap(look: Look) -> Result:
 
 
 def check_touch(look: Look, robot: RobotConfig) -> Result:
-    """Whether nobody touches the sensors of head and hands."""
+    """Check that the touch sensors of head and hands are free."""
     names = tuple(robot.sensors.touch)
     touched, lost = _pressed(look, "touch")
     found = f"touched: {named(names, touched)}" if any(touched) else "nothing touches"
@@ -443,7 +443,7 @@ def check_touch(look: Look, robot: RobotConfig) -> Result:
 
 
 def check_bumpers(look: Look, robot: RobotConfig) -> Result:
-    """Whether the bumpers are free; one that cannot be read stops the base as if it were pressed."""
+    """Check that the bumpers are free; one that cannot be read stops the base as if it were pressed."""
     names = tuple(robot.sensors.bumpers)
     pressed, lost = _pressed(look, "bumpers")
     return rated(
@@ -455,7 +455,7 @@ def check_bumpers(look: Look, robot: RobotConfig) -> Result:
 
 
 def check_buttons(look: Look, robot: RobotConfig, safety: SafetySettings) -> Result:
-    """Whether the button on the chest is free; where it stops the robot, it must be readable."""
+    """Check that the button on the chest is free; where it stops the robot, it must be readable."""
     names = tuple(robot.sensors.buttons)
     pressed, lost = _pressed(look, "buttons")
     wrong = any(pressed) or any(lost)
@@ -469,7 +469,7 @@ def check_buttons(look: Look, robot: RobotConfig, safety: SafetySettings) -> Res
 
 
 def check_imu(look: Look, settings: DoctorSettings) -> Result:
-    """Whether the robot stands upright, by its own inertial unit."""
+    """Check by its own inertial unit that the robot stands upright."""
     attitude = look.values("imu.attitude")
     acceleration = look.values("imu.acceleration")
     if not (np.isfinite(attitude).all() and np.isfinite(acceleration).all()):
@@ -500,7 +500,7 @@ def check_imu(look: Look, settings: DoctorSettings) -> Result:
 
 
 def _pressed(look: Look, sensor: str) -> tuple[list[bool], list[bool]]:
-    """Which were pressed at any time, and which could not be read."""
+    """Return the names that were pressed at any time, and those that could not be read."""
     columns = look.values(sensor).T
     return [bool((c > PRESSED).any()) for c in columns], [bool(np.isnan(c).any()) for c in columns]
 

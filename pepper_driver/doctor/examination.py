@@ -92,7 +92,7 @@ def look(
 
 @dataclass(frozen=True, kw_only=True)
 class Examination:
-    """What was seen of a robot that was not moved.
+    """Results of the checks of a robot that was not moved.
 
     Attributes:
         info: Of the backend.
@@ -106,7 +106,7 @@ class Examination:
 
     @property
     def passed(self) -> bool:
-        """Whether no check failed: the robot may move."""
+        """True if no check failed: the robot may move."""
         return not failed(self.results)
 
 

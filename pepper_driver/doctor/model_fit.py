@@ -1,4 +1,4 @@
-"""Whether the models of the joints fit a robot that moves freely."""
+"""Fit of the joint models to a robot that moves freely."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from pepper_driver.observer import ContactObserver, ModelSet, Observation
 
 
 class Verdict(Enum):
-    """What the residual of a joint says of its model."""
+    """Judgement on the model of a joint, from its residual."""
 
     FITS = "fits"
     WORN = "worn or carrying"
@@ -27,7 +27,7 @@ class Verdict(Enum):
 
 @dataclass(frozen=True, kw_only=True)
 class JointFit:
-    """How well the model of one joint foresaw its free motion.
+    """Quality of the prediction of one joint's free motion by its model.
 
     Attributes:
         joint: Its name.

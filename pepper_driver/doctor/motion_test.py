@@ -110,7 +110,7 @@ REST = 0.25
 
 @dataclass(frozen=True, kw_only=True)
 class Trial:
-    """How the small motion went.
+    """Results of the small motion.
 
     Attributes:
         results: Of its checks.
@@ -122,7 +122,7 @@ class Trial:
 
     @property
     def passed(self) -> bool:
-        """Whether no check failed."""
+        """True if no check failed."""
         return not failed(self.results)
 
 

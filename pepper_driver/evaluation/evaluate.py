@@ -158,7 +158,7 @@ Progress = Callable[[int, int], None]
 
 @dataclass(frozen=True, kw_only=True)
 class Outcome:
-    """What one job brought; ``take`` is None when it could not be made."""
+    """Result of one job; ``take`` is None when it could not be made."""
 
     suite: str
     take: TakeInfo | None

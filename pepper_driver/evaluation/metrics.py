@@ -103,7 +103,7 @@ class Latency:
 
 @dataclass(frozen=True, kw_only=True)
 class Coverage:
-    """How much was watched at all: joints that ever were not blind, and their share of ticks not blind."""
+    """Observed part of a run: joints that were not always blind, and their fraction of ticks that were not blind."""
 
     joints: int
     share: float | None

@@ -181,7 +181,7 @@ class Contestants:
     notes: tuple[str, ...] = ()
 
     def of_suite(self, suite: str) -> tuple[str, ...]:
-        """Who takes part in a suite."""
+        """Return the observers that take part in a suite."""
         oracle = suite in ORACLE_SUITES or self.oracle_everywhere
         return tuple(mode for mode in self.modes if mode != ORACLE or oracle)
 
@@ -292,7 +292,7 @@ def _make(
 
 
 def shared_by_type(models: ModelSet, robot: RobotConfig) -> ModelSet:
-    """The same set with one model for all joints with a motor of the same type: that of the first of them."""
+    """Return the set with one model for all joints with a motor of the same type: that of the first of them."""
     first: dict[str, str] = {}
     for joint in robot.joint_names:
         if joint in models.models:

@@ -110,7 +110,7 @@ def free(evaluation: EvaluationResult) -> list[str]:
 
 
 def collision(evaluation: EvaluationResult, pictures: dict[str, str]) -> list[str]:
-    """How random pushes, or labelled touches, are felt."""
+    """Write the section on the detection of random pushes, or of labelled touches."""
     suite = "log" if "log" in evaluation.suites else "collision"
     sizes = [
         f"{name.removesuffix('-')}{' and more' if name[-1] == '-' else ''} deg"
@@ -205,7 +205,7 @@ def _fit_table(evaluation: EvaluationResult, suite: str) -> str:
 
 
 def thresholds(evaluation: EvaluationResult) -> list[str]:
-    """How much it takes to be felt."""
+    """Write the section on the smallest pushes that are detected."""
 
     def cells(metrics: Metrics) -> list[str] | None:
         spread = metrics.threshold_deg
@@ -272,7 +272,7 @@ def variants(evaluation: EvaluationResult) -> list[str]:
 
 
 def latency(evaluation: EvaluationResult) -> list[str]:
-    """What a tick costs."""
+    """Write the section on the time of a tick."""
     suite = "free" if "free" in evaluation.suites else evaluation.suites[0]
 
     def cells(metrics: Metrics) -> list[str]:
@@ -286,13 +286,13 @@ def latency(evaluation: EvaluationResult) -> list[str]:
 
 
 def missing(evaluation: EvaluationResult) -> list[str]:
-    """Who and what gave no result."""
+    """Write the section on observers and takes without a result."""
     lines = [*evaluation.notes, *(f"{f.title}: {f.reason}" for f in evaluation.failures)]
     return section("Not evaluated", "\n".join(f"- {line}" for line in lines))
 
 
 def _both(evaluation: EvaluationResult, suite: str, part: Callable[[str], str]) -> list[str]:
-    """What there is to say of a suite, and apart from it of its robots with the other kind of boards."""
+    """Write a section for a suite, and one for its robots with the other kind of motor boards."""
     parts = []
     for name, kind in ((suite, ""), (suite + INTEGRAL, _INTEGRAL)):
         text = part(name) if name in evaluation.suites else ""

@@ -1,4 +1,4 @@
-"""What an evaluation found: figures of each observer by suite, and what they were taken from."""
+"""Results of an evaluation: metrics of each observer by suite, with their sources."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _MAIN = "collision"
 
 @dataclass(frozen=True, kw_only=True)
 class TakeInfo:
-    """What a take was."""
+    """Description of a take."""
 
     suite: str
     experiment: str
@@ -67,7 +67,7 @@ class EvaluationResult:
 
     @property
     def simulated(self) -> bool:
-        """Whether the takes come from simulation; else from recordings."""
+        """True if the takes come from simulation, false if from recordings."""
         return self.digest is not None
 
     @property
@@ -90,7 +90,7 @@ class EvaluationResult:
         return {**{key: by_suite[origin[key]][key] for key in keys}, "suite_of": origin}
 
     def fit_loss(self, mode: str) -> dict[str, dict[str, float]]:
-        """What models lose on joints that they were not fitted to: suite, joint, points of the test fit.
+        """Loss of models on joints that they were not fitted to: suite, joint, points of the test fit.
 
         ``mirror``: to the other side's fit; ``types``: to the fit of the joint with a model of its own.
         """
@@ -143,7 +143,7 @@ class EvaluationResult:
 
 
 def _empty(value: object) -> bool:
-    """Whether a figure says nothing."""
+    """Return true if a metric holds no data."""
     if isinstance(value, dict):
         return all(_empty(part) or part == 0 for part in value.values())
     return value is None

@@ -29,7 +29,7 @@ from pepper_driver.observer.scoring import REBOUND_TIME, Alarm, Felt, alarms_of
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Watched:
-    """What an observer made of a recording of n ticks and N joints; NaN where a joint was blind.
+    """Outputs of an observer over a recording of n ticks and N joints; NaN where a joint was blind.
 
     Attributes:
         contacts: Its events, in their order.
@@ -153,7 +153,7 @@ FASTEST_ESTIMATION = 5.0
 
 @dataclass(frozen=True, kw_only=True)
 class PushScore:
-    """How one push was felt.
+    """Detection of one push.
 
     Attributes:
         degrees: Its size [deg]; NaN where nobody measured it.
@@ -295,7 +295,7 @@ def _group(push: Push, robot: RobotConfig) -> Group:
 
 
 def _is_there(felt: Felt, after: float, robot: RobotConfig) -> bool:
-    """Whether the contact was on the right joint a time after the alarm: as told by the first tick that is so late."""
+    """Check if the contact was on the right joint some time after the alarm, by the first tick that is so late."""
     grace = robot.cycle if after else 0.0
     joint = felt.alarm.at(felt.contact.detection_time + after + grace).joint
     if felt.push.joint is None:
@@ -304,7 +304,7 @@ def _is_there(felt: Felt, after: float, robot: RobotConfig) -> bool:
 
 
 def _direction(take: Take, felt: Felt, robot: RobotConfig) -> bool | None:
-    """Whether the alarm's sign is that of the true torque on the joint it names; None where that is hardly any."""
+    """Compare the alarm's sign with that of the true torque on its joint; None for a torque near zero."""
     push, contact = felt.push, felt.contact
     if contact.joint is None or push.direction == 0:
         return None

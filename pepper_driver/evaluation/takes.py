@@ -332,7 +332,7 @@ def _key(run: Run, identity: str) -> str:
 
 
 def _source_hash() -> str:
-    """Of the URDF and the settings by which a robot moves."""
+    """Hash the URDF and the settings by which a robot moves."""
     parts = [package_file(name).read_bytes() for name in _SETTINGS]
     return hashlib.sha256(b"".join(parts)).hexdigest()[:16]
 

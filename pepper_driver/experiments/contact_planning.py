@@ -278,7 +278,7 @@ def plan_stated(
     bounds: Bounds,
     beside: Sequence[PlannedPush] = (),
 ) -> PlannedPush:
-    """What a stated contact means for the robot at rest in a posture (17,) [rad]; the rest as for :func:`plan_push`.
+    """Plan a stated contact on the robot at rest in a posture (17,) [rad]; the rest as for :func:`plan_push`.
 
     Raises:
         PushTooStrongError: It is too strong for the robot, or does nothing to the joint that is meant.

@@ -35,7 +35,7 @@ SETTLING_TIME = 0.15
 
 @dataclass(frozen=True, kw_only=True)
 class DemoResult:
-    """What happened: the pushes, all contact events, how they match, and how the ticks went.
+    """Results of the demonstration: pushes, contact events, their matches, and timing of the ticks.
 
     ``complete`` is False where the run was interrupted or stopped.
     """

@@ -176,7 +176,7 @@ def _make_task(spec: AnyTask, robot: RobotConfig) -> Targeted:
 
 
 def _target(spec: AnyTask, controller: WholeBodyController) -> FloatArray:
-    """What the task is told; what a motion leaves open about the base is where it is now."""
+    """Return the target of the task; coordinates of the base that a motion leaves open keep their present values."""
     if isinstance(spec, BaseSpec):
         wanted = (spec.x, spec.y, spec.heading)
         now = controller.base_pose.tolist()
@@ -191,7 +191,7 @@ def _target(spec: AnyTask, controller: WholeBodyController) -> FloatArray:
 
 
 def _units(spec: AnyTask) -> tuple[slice, slice]:
-    """Which rows of the error are metres, and which radians."""
+    """Return the rows of the error in metres, and those in radians."""
     if isinstance(spec, PositionSpec | ComSpec):
         return FIRST, NONE
     if isinstance(spec, PoseSpec):

@@ -97,7 +97,7 @@ def plan_experiment(
 
 @dataclass(eq=False)
 class _State:
-    """What is known before a step: the segment before it, and the joints (17,) that tasks have moved."""
+    """State before a step: the segment before it, and the joints (17,) that tasks have moved."""
 
     last: Segment
     led: BoolArray

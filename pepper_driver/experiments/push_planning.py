@@ -31,7 +31,7 @@ class PushTooStrongError(PepperError, ValueError):
 
 @dataclass(frozen=True, kw_only=True)
 class Bounds:
-    """What a push may ask of the robot.
+    """Limits of a push on the robot.
 
     Attributes:
         load: Share of each board's holding torque that push and gravity together may take.
@@ -198,7 +198,7 @@ def weigh_push(
     bounds: Bounds,
     beside: Sequence[PlannedPush] = (),
 ) -> PlannedPush:
-    """What a force (3,) [N] on a point means for a joint, for the boards and for the stand of the robot.
+    """Evaluate a force (3,) [N] on a point: its effect on a joint, the motor boards and the stand of the robot.
 
     The base stands where it started: the axes of the world are those of base_link. ``joint`` is None for a push on
     trunk or base. The rest is as in :func:`plan_push`.

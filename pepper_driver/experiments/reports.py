@@ -1,4 +1,4 @@
-"""What steps reached, and what came of an experiment."""
+"""Reports of steps and of whole experiments."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from pepper_driver.observer import Contact, Push
 
 @dataclass(frozen=True, kw_only=True)
 class Miss:
-    """How far from its target something is, in ``metres`` and ``radians``; None where it has no such part."""
+    """Deviation from a target in ``metres`` and ``radians``; None for a part that the target does not have."""
 
     metres: float | None = None
     radians: float | None = None
@@ -34,7 +34,7 @@ class Miss:
 
 @dataclass(frozen=True, kw_only=True)
 class GoalReport:
-    """How near one goal of a step came to its target.
+    """Deviation of one goal of a step from its target.
 
     Attributes:
         name: As the motion calls it; ``posture`` for the joints.
@@ -49,7 +49,7 @@ class GoalReport:
 
 @dataclass(frozen=True, kw_only=True)
 class StepReport:
-    """What one step reached when it was over.
+    """State at the end of one step.
 
     Attributes:
         number: From 0.

@@ -41,7 +41,7 @@ class JointRecordings:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """What the runs are called, in this order."""
+        """Names of the runs, in this order."""
         numbers = (*range(1, len(self.estimation) + 1), None)
         return tuple(run_name(self.joint, number) for number in numbers)
 
@@ -51,7 +51,7 @@ class JointRecordings:
         return self.test.joint_names.index(self.joint)
 
     def mirrored(self, robot: RobotConfig) -> JointRecordings:
-        """The same, seen in a mirror: of the joint of the other side."""
+        """Mirror image of the dataset: that of the joint of the other side."""
         return JointRecordings(
             joint=mirror_joint(self.joint, robot),
             estimation=tuple(run.mirrored(robot) for run in self.estimation),
@@ -130,7 +130,7 @@ class RunEntry:
 
 @dataclass(frozen=True, kw_only=True, config=STRICT)
 class Manifest:
-    """What the recordings in a folder are of, and how they came about.
+    """Origin of the recordings in a folder: robot, runs and settings.
 
     Attributes:
         format: Of this file.
@@ -274,7 +274,7 @@ def read_manifest(folder: Path) -> Manifest:
 
 
 def finished(folder: Path, names: Sequence[str]) -> tuple[str, ...]:
-    """Those of the runs whose recording is there."""
+    """Return the runs that have a recording."""
     return tuple(name for name in names if recording_path(folder, name).exists())
 
 

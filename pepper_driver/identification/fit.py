@@ -125,7 +125,7 @@ CLOSED_FORM = "closed form"
 
 @dataclass(frozen=True, kw_only=True)
 class Fit:
-    """How well the tracking error of a joint is predicted, NRMSE [%].
+    """Prediction quality of the tracking error of a joint, NRMSE [%].
 
     Attributes:
         estimation: Mean over the runs that the model was estimated from.
@@ -317,7 +317,7 @@ def mean_fit(entry: JointRecordings, runs: Sequence[Recording], predict: Predict
 
 
 def predictor(model: JointModel, joint: str) -> Predictor:
-    """What a model predicts for a joint."""
+    """Return the function by which a model predicts a joint."""
     return lambda run: predict_recording(model, joint, run)
 
 

@@ -1,4 +1,4 @@
-"""Whether recordings are good enough to learn from: excitation, touches, currents at their limit, holes."""
+"""Quality of recordings for fitting: excitation, touches, currents at their limit, gaps."""
 
 from __future__ import annotations
 
@@ -127,7 +127,7 @@ def _excitation(entry: JointRecordings) -> list[Finding]:
 
 
 def _reversals(velocity: FloatArray) -> int:
-    """How often a motion turns round."""
+    """Count the reversals of a motion."""
     moving = np.sign(velocity[np.abs(velocity) > AT_REST])
     return int(np.count_nonzero(np.diff(moving)))
 

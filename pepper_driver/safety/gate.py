@@ -23,7 +23,7 @@ class NotReadyError(PepperError, RuntimeError):
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Gated:
-    """What leaves the gate.
+    """Command that leaves the gate, and its changes.
 
     Attributes:
         command: To send.
@@ -210,7 +210,7 @@ class SafetyGate:
         return values
 
     def _finite(self, what: str, values: FloatArray) -> bool:
-        """Whether all values are; otherwise FAULT."""
+        """Return true if all values are finite; otherwise go to FAULT."""
         if np.isfinite(values).all():
             return True
         self.stop(FaultReason.COMMAND, f"asked for a {what} that is not a number")

@@ -30,7 +30,7 @@ ANGLE_ROUNDING = 1e-9
 
 
 class JointLimits:
-    """What n joints may be told next, after what they were told last.
+    """Range of the next command of n joints, after their last command.
 
     Args:
         lower, upper: (n,) position limits [rad].
@@ -71,7 +71,7 @@ class JointLimits:
         self._last_step = np.zeros(self._n)
 
     def keep(self, wanted: FloatArray) -> bool:
-        """Whether (n,) wanted positions [rad] are surely within all limits; they are then the last command.
+        """Take (n,) positions [rad] as the last command and return true if they are surely within all limits.
 
         Some that are within may be taken for outside near position limits; NaN never passes.
         """

@@ -46,7 +46,7 @@ class MotorWatch:
     def stiffness(
         self, measurement: Measurement, answered: Command, newest: Command
     ) -> Fault | None:
-        """Whether somebody else made joints softer than any command did that may have got there by now.
+        """Return a fault if joints are softer than any command that may have arrived: another program acts.
 
         Positions are sent for later than stiffness is, so the boards may be at any command from the one that the sample
         answers up to the newest. Between these the gate's own ramp goes one way.
@@ -84,7 +84,7 @@ class MotorWatch:
     def silent(
         self, measurement: Measurement, answered: Command, distance: FloatArray
     ) -> Fault | None:
-        """Whether a joint, (17,) ``distance`` from its command [rad], should move and does not change by a count.
+        """Return the fault of a joint, (17,) ``distance`` from its command [rad], whose encoder is frozen.
 
         At rest an encoder may stand for minutes. A motor that is far from its command has a current, which trembles,
         however firmly the joint is held. Only samples in which some other current changed are new ones.
@@ -157,7 +157,7 @@ class Watch:
         self._warned: set[str] = set()
 
     def check(self, measurement: Measurement, answered: Command, newest: Command) -> Fault | None:
-        """What is wrong with a measurement, or with the robot it tells of; None when it may go on.
+        """Return the fault of a measurement, or of the robot that it shows; None when the run may continue.
 
         Args:
             measurement: The newest.

@@ -30,7 +30,7 @@ TRANSITIONS: Mapping[RobotState, frozenset[RobotState]] = MappingProxyType(
 
 
 class FaultReason(Enum):
-    """What stopped the robot."""
+    """Reason for a stop of the robot."""
 
     EMERGENCY_STOP = "emergency stop"
     CHEST_BUTTON = "chest button"

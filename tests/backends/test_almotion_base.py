@@ -4,12 +4,12 @@ from math import pi
 
 import numpy as np
 import pytest
-from almotion_cases import CONFIG, SETTINGS, Stage, wheel_key
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pepper_driver.backends.naoqi_server.motion.base import DriveLimits, Move, wrapped_angle
 from pepper_driver.config.arrays import FloatArray
+from support.almotion import CONFIG, SETTINGS, Stage, wheel_key
 
 LIMITS = DriveLimits.of(SETTINGS, {})
 

@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from almotion_cases import CONFIG, SETTINGS, Stage, hardness_key, joint, wheel_key
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -30,6 +29,7 @@ from pepper_driver.backends.naoqi_server.motion.postures import Postures
 from pepper_driver.backends.naoqi_server.motion.reflexes import Reflexes
 from pepper_driver.backends.naoqi_server.motion.waking import PREFIX, Waking
 from pepper_driver.controller import RobotModel
+from support.almotion import CONFIG, SETTINGS, Stage, hardness_key, joint, wheel_key
 
 BODY = Body(CONFIG, SETTINGS)
 KINEMATICS = Kinematics(CONFIG, SETTINGS)

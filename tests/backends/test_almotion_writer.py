@@ -6,13 +6,13 @@ from time import sleep
 
 import numpy as np
 import pytest
-from almotion_cases import CONFIG, SETTINGS, Stage, angle_key, hardness_key, joint, wheel_key
 
 from pepper_driver.backends.naoqi_server.clock import SPAN
 from pepper_driver.backends.naoqi_server.motion.curves import Spline
 from pepper_driver.backends.naoqi_server.motion.tasks import Task
 from pepper_driver.config import ConfigError, load_naoqi_services
 from pepper_driver.config.loading import package_file
+from support.almotion import CONFIG, SETTINGS, Stage, angle_key, hardness_key, joint, wheel_key
 
 ARM = SETTINGS.chains["LArm"]
 LEG = SETTINGS.chains["Leg"]

@@ -6,7 +6,6 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from stand_ins import patient_driver
 
 from pepper_driver import Pepper
 from pepper_driver.backends import Backend, make_backend
@@ -14,6 +13,7 @@ from pepper_driver.backends.naoqi.qi_library import NoQiError, load_qi
 from pepper_driver.backends.naoqi_server.launch import StandIn
 from pepper_driver.config import load_robot
 from pepper_driver.testing.conformance import BackendConformance
+from support.stand_ins import patient_driver
 
 
 class TestMock(BackendConformance):

@@ -8,11 +8,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-from stand_in_cases import PREFIX, connected, stays
-from waiting import wait_until
 
 from pepper_driver.backends.naoqi_server.launch import StandIn
 from pepper_driver.config import load_robot
+from support.stand_in_session import PREFIX, connected, stays
+from support.waiting import wait_until
 
 pytestmark = pytest.mark.usefixtures("qi")
 

@@ -11,12 +11,12 @@ from typing import Any
 
 import numpy as np
 import pytest
-from stand_in_cases import PREFIX, alive, connected, stays
-from waiting import wait_until
 
 from pepper_driver.backends import BackendError
 from pepper_driver.backends.naoqi_server.launch import StandIn
 from pepper_driver.config import UnknownNameError
+from support.stand_in_session import PREFIX, alive, connected, stays
+from support.waiting import wait_until
 
 pytestmark = pytest.mark.usefixtures("qi")
 

@@ -8,11 +8,11 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from stand_in_cases import connected
-from waiting import wait_until
 
 from pepper_driver.backends.naoqi_server.launch import StandIn
 from pepper_driver.config import load_robot
+from support.stand_in_session import connected
+from support.waiting import wait_until
 
 pytestmark = pytest.mark.usefixtures("qi")
 

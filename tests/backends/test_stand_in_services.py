@@ -6,11 +6,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-from stand_in_cases import PREFIX, connected
-from waiting import wait_until
 
 from pepper_driver.backends.naoqi_server.clock import wrapped
 from pepper_driver.backends.naoqi_server.launch import StandIn
+from support.stand_in_session import PREFIX, connected
+from support.waiting import wait_until
 
 HEAD = f"{PREFIX}HeadYaw/Position/Actuator/Value"
 

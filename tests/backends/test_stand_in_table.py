@@ -9,13 +9,13 @@ from itertools import count
 
 import numpy as np
 import pytest
-from waiting import PATIENCE
 
 from pepper_driver.backends.naoqi_server import table as table_module
 from pepper_driver.backends.naoqi_server.black_box import CYCLES
 from pepper_driver.backends.naoqi_server.clock import DcmClock
 from pepper_driver.backends.naoqi_server.table import Table
 from pepper_driver.config import load_robot
+from support.waiting import PATIENCE
 
 ROBOT = load_robot()
 KEYS = 600

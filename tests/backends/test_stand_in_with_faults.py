@@ -6,13 +6,13 @@ from typing import Any
 
 import numpy as np
 import pytest
-from stand_ins import since
-from waiting import wait_until
 
 from pepper_driver.backends import BackendError
 from pepper_driver.backends.naoqi_server.black_box import BlackBox
 from pepper_driver.backends.naoqi_server.launch import StandIn
 from pepper_driver.config import UnknownNameError, load_robot
+from support.stand_ins import since
+from support.waiting import wait_until
 
 ROBOT = load_robot()
 PREFIX = ROBOT.naoqi.prefix

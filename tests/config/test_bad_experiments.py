@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from experiment_files import load_data, refusal  # isort: skip
+from support.experiment_files import load_data, refusal
 
 GOOD = """\
 schema: 2

@@ -13,8 +13,7 @@ from pepper_driver.config.contact_specs import (
     RandomForces,
     RandomPushes,
 )
-
-from experiment_files import (  # isort: skip
+from support.experiment_files import (
     PUSH,
     RANDOM,
     SETPOINTS,

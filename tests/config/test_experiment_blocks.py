@@ -16,8 +16,7 @@ from pepper_driver.config import (
 from pepper_driver.config.experiment import DAY, MAX_STEPS, check_experiment
 from pepper_driver.config.loading import parse
 from pepper_driver.config.steps import Holds, RandomStep
-
-from experiment_files import (  # isort: skip
+from support.experiment_files import (
     BRANCH,
     HOLDS,
     LISTEN,
@@ -33,8 +32,7 @@ from experiment_files import (  # isort: skip
     refusal,
     write,
 )
-from yaml_cases import ANYTHING, JARGON, WORDS, dump  # isort: skip
-
+from support.yaml_values import ANYTHING, JARGON, WORDS, dump
 
 # -- loops --------------------------------------------------------------------------------------------------------
 

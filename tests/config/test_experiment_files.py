@@ -13,8 +13,7 @@ from pepper_driver.config import (
 from pepper_driver.config.contact_selector import TouchTrigger
 from pepper_driver.config.experiment import ObserverChoice
 from pepper_driver.config.loading import shipped_names
-
-from experiment_files import (  # isort: skip
+from support.experiment_files import (
     BRANCH,
     LISTEN,
     PUSH,

@@ -22,12 +22,12 @@ from pepper_driver.config import (
     load_world,
 )
 from pepper_driver.config.loading import package_file, read_yaml
-
-from yaml_cases import ANYTHING, JARGON, damaged, damaged_text, dump  # isort: skip
+from support import ROOT
+from support.yaml_values import ANYTHING, JARGON, damaged, damaged_text, dump
 
 ROBOT = load_robot()
-EXPERIMENTS = Path(__file__).parents[2] / "examples" / "experiments"
-BRANCHES = Path(__file__).parent / "branches.yaml"
+EXPERIMENTS = ROOT / "examples" / "experiments"
+BRANCHES = ROOT / "tests" / "facts" / "branches.yaml"
 Loader = Callable[[Path], object]
 LOADERS: dict[str, tuple[Path, Loader]] = {
     "motion": (package_file("motions", "reach.yaml"), lambda p: load_experiment(p, ROBOT)),

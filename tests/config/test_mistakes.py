@@ -13,8 +13,7 @@ from pepper_driver.config import ConfigError
 from pepper_driver.config.errors import LONGEST_SHOWN
 from pepper_driver.config.loading import STRICT, one_or_more, parse, parse_part
 from pepper_driver.config.mistakes import HIDDEN, as_written, keys_of
-
-from yaml_cases import ANYTHING, JARGON  # isort: skip
+from support.yaml_values import ANYTHING, JARGON
 
 
 @dataclass(frozen=True, kw_only=True, config=STRICT)

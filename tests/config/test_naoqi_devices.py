@@ -8,6 +8,7 @@ import pytest
 from pepper_driver.config import ConfigError, load_robot
 from pepper_driver.config.loading import package_file
 from pepper_driver.config.naoqi_devices import load_naoqi_devices
+from support import ROOT
 
 ROBOT = load_robot()
 DEVICES = load_naoqi_devices(ROBOT)
@@ -22,7 +23,7 @@ def changed(tmp_path: Path, old: str, new: str) -> Path:
 
 
 def test_the_keys_are_those_of_the_documentation() -> None:
-    lines = (Path(__file__).parents[1] / "facts" / "naoqi_keys.txt").read_text().splitlines()
+    lines = (ROOT / "tests" / "facts" / "naoqi_keys.txt").read_text().splitlines()
     documented = {line for line in lines if line and not line.startswith("#")}
     assert set(DEVICES.values) == documented
     assert len(documented) == 552

@@ -7,7 +7,13 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from plant_files import (
+
+from pepper_driver.backends.mujoco_.plant_model import build_model
+from pepper_driver.config import ConfigError, PlantConfig, load_plant, load_robot, plant_hash
+from pepper_driver.config.errors import UnknownNameError
+from pepper_driver.config.loading import package_file, parse, read_yaml
+from pepper_driver.config.plant import plant_names
+from support.plant_files import (
     FLEXIBLE,
     ROBOT,
     Change,
@@ -20,12 +26,6 @@ from plant_files import (
     save,
     variant,
 )
-
-from pepper_driver.backends.mujoco_.plant_model import build_model
-from pepper_driver.config import ConfigError, PlantConfig, load_plant, load_robot, plant_hash
-from pepper_driver.config.errors import UnknownNameError
-from pepper_driver.config.loading import package_file, parse, read_yaml
-from pepper_driver.config.plant import plant_names
 
 
 def take(joint: str) -> Change:

@@ -7,16 +7,16 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from plant_files import (
+
+from pepper_driver.backends.mujoco_.plant_model import build_model
+from pepper_driver.config import ConfigError, load_plant, plant_hash
+from support.plant_files import (
     ROBOT,
     Tree,
     nominal,
     numbers,
     variant,
 )
-
-from pepper_driver.backends.mujoco_.plant_model import build_model
-from pepper_driver.config import ConfigError, load_plant, plant_hash
 
 DRAWN = {
     "factors": {"kp": [0.8, 1.25], "friction.gap.link": [0.5, 0.5]},

@@ -5,13 +5,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from plant_files import (
-    ROBOT,
-    Tree,
-    nominal,
-    save,
-    variant,
-)
 
 from pepper_driver.config import (
     ConfigError,
@@ -19,6 +12,13 @@ from pepper_driver.config import (
     load_plant,
     parent_plants,
     plant_hash,
+)
+from support.plant_files import (
+    ROBOT,
+    Tree,
+    nominal,
+    save,
+    variant,
 )
 
 

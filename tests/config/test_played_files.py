@@ -12,8 +12,7 @@ from pepper_driver.config import (
 from pepper_driver.config.experiment import ObserverChoice
 from pepper_driver.config.loading import read_yaml
 from pepper_driver.config.steps import PlayStep, Step
-
-from experiment_files import (  # isort: skip
+from support.experiment_files import (
     BRANCH,
     LISTEN,
     PUSH,
@@ -26,7 +25,7 @@ from experiment_files import (  # isort: skip
     refusal,
     write,
 )
-from yaml_cases import dump  # isort: skip
+from support.yaml_values import dump
 
 
 def test_a_file_plays_the_steps_of_others_beside_it(tmp_path: Path) -> None:

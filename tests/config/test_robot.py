@@ -21,10 +21,9 @@ from pepper_driver.config import (
 )
 from pepper_driver.config.arrays import FloatArray
 from pepper_driver.config.loading import package_file
+from support import ROOT
 
-FACTS: dict[str, Any] = yaml.safe_load(
-    (Path(__file__).parents[1] / "facts" / "pepper.yaml").read_text()
-)
+FACTS: dict[str, Any] = yaml.safe_load((ROOT / "tests" / "facts" / "pepper.yaml").read_text())
 
 
 @pytest.fixture(scope="module")

@@ -5,17 +5,6 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from experiment_files import (
-    HOLDS,
-    ROBOT,
-    SETPOINTS,
-    STAND,
-    changed,
-    experiment,
-    load_data,
-    refusal,
-    shipped,
-)  # isort: skip
 
 from pepper_driver.config import ConfigError, Experiment
 from pepper_driver.config.experiment import check_experiment
@@ -33,6 +22,17 @@ from pepper_driver.config.steps import (
     changed_steps,
 )
 from pepper_driver.config.task_specs import LookAtSpec, PositionSpec
+from support.experiment_files import (
+    HOLDS,
+    ROBOT,
+    SETPOINTS,
+    STAND,
+    changed,
+    experiment,
+    load_data,
+    refusal,
+    shipped,
+)
 
 REACH: dict[str, Any] = {"link": "l_wrist", "target": [0.3, 0.2, 0.8]}
 TURN: dict[str, Any] = {"link": "r_wrist", "quaternion": [0.0, 0.0, 0.6, 0.8]}

@@ -12,8 +12,7 @@ from hypothesis import strategies as st
 from pepper_driver.config import ConfigError
 from pepper_driver.config.contact_selector import TouchTrigger
 from pepper_driver.config.loading import parse
-
-from experiment_files import LISTEN, ROBOT, changed, experiment, load_data, refusal  # isort: skip
+from support.experiment_files import LISTEN, ROBOT, changed, experiment, load_data, refusal
 
 LIMBS = ("left_arm", "head", "trunk")
 LINKS = ("LBicep", "LForeArm", "Head", "torso")

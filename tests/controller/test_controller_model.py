@@ -7,11 +7,11 @@ from typing import Any
 import mujoco
 import numpy as np
 import pytest
-from controller_cases import DT, JOINTS, MIDDLE, ROBOT, random_posture
 
 from pepper_driver.config import UnknownNameError
 from pepper_driver.config.arrays import FloatArray
 from pepper_driver.controller import RobotModel
+from support.controller import DT, JOINTS, MIDDLE, ROBOT, random_posture
 
 MODEL = RobotModel(ROBOT)
 STEP = 1e-6

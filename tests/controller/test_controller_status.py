@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from controller_cases import (
+
+from pepper_driver.config.arrays import FloatArray
+from pepper_driver.controller import TargetError, WholeBodyController
+from support.controller import (
     ACCELERATION,
     DT,
     JOINTS,
@@ -14,9 +17,6 @@ from controller_cases import (
     FixedRows,
     controller,
 )
-
-from pepper_driver.config.arrays import FloatArray
-from pepper_driver.controller import TargetError, WholeBodyController
 
 
 def outcome(control: WholeBodyController) -> tuple[str, tuple[str, ...]]:

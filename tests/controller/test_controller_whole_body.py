@@ -6,7 +6,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from controller_cases import (
+
+from pepper_driver.config import UnknownNameError
+from pepper_driver.config.arrays import FloatArray
+from pepper_driver.controller import Reference, RobotModel, TargetError, WholeBodyController
+from support.controller import (
     ACCELERATION,
     BASE_ACCELERATION,
     BASE_VELOCITY,
@@ -20,10 +24,6 @@ from controller_cases import (
     controller,
     wander,
 )
-
-from pepper_driver.config import UnknownNameError
-from pepper_driver.config.arrays import FloatArray
-from pepper_driver.controller import Reference, RobotModel, TargetError, WholeBodyController
 
 TEN_SECONDS = round(10 / DT)
 

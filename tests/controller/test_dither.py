@@ -6,13 +6,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from controller_cases import DT, ROBOT, STANDARD
 
 from pepper_driver.config import UnknownNameError, load_self_collision
 from pepper_driver.config.arrays import FloatArray
 from pepper_driver.controller import PostureTask, Reference, WholeBodyController
 from pepper_driver.controller.collision import CapsuleDistances
 from pepper_driver.controller.dither import Dither
+from support.controller import DT, ROBOT, STANDARD
 
 SETTINGS = STANDARD.attentive
 AMPLITUDE = np.radians(SETTINGS.amplitude_deg)

@@ -7,12 +7,12 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 import pytest
-from controller_cases import DT, MIDDLE, ROBOT, controller
-from task_cases import MODEL, STEP, Bench, State, centre_of_mass, later, random_state, turn
 
 from pepper_driver.config import UnknownNameError
 from pepper_driver.config.arrays import FloatArray
 from pepper_driver.controller import MomentumTask, PositionTask, TargetError
+from support.controller import DT, MIDDLE, ROBOT, controller
+from support.tasks import MODEL, STEP, Bench, State, centre_of_mass, later, random_state, turn
 
 
 def momentum(state: State) -> FloatArray:

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from controller_cases import JOINTS, MIDDLE, ROBOT, SETTINGS, FixedRows, controller, wander
 
 from pepper_driver.controller import PositionTask, PostureTask, RobotModel
+from support.controller import JOINTS, MIDDLE, ROBOT, SETTINGS, FixedRows, controller, wander
 
 
 def test_tasks_that_agree_cost_nothing_and_nothing_limits_them() -> None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from controller_cases import DT
 from scipy.spatial.transform import Rotation
 
 from pepper_driver.config.arrays import FloatArray
@@ -14,6 +13,7 @@ from pepper_driver.controller.trajectory import (
     spline,
     vector_trajectory,
 )
+from support.controller import DT
 
 NO_SPEED = np.zeros(3)
 

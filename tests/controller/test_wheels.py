@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from controller_cases import DT, ROBOT
 from hypothesis import given
 from hypothesis import strategies as st
 
 from pepper_driver.config.arrays import FloatArray
 from pepper_driver.controller import Odometry, desaturated
+from support.controller import DT, ROBOT
 
 LIMIT = ROBOT.wheels.speed_limit
 MATRIX = ROBOT.wheels.matrix

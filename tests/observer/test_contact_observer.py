@@ -12,7 +12,14 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from observer_cases import (
+
+from pepper_driver.config.arrays import FloatArray
+from pepper_driver.controller.tick import Tick
+from pepper_driver.observer.contact_observer import ContactObserver
+from pepper_driver.observer.fitting.tree import fit_joint
+from pepper_driver.observer.interface import Contact, JointState, Observation
+from pepper_driver.observer.models.model_file import ModelFileError
+from support.observer import (
     AFFINE,
     CYCLE,
     JOINTS,
@@ -27,13 +34,6 @@ from observer_cases import (
     motion,
     tick,
 )
-
-from pepper_driver.config.arrays import FloatArray
-from pepper_driver.controller.tick import Tick
-from pepper_driver.observer.contact_observer import ContactObserver
-from pepper_driver.observer.fitting.tree import fit_joint
-from pepper_driver.observer.interface import Contact, JointState, Observation
-from pepper_driver.observer.models.model_file import ModelFileError
 
 ELBOW = ROBOT.joint_index("LElbowRoll")
 HEAD = ROBOT.joint_index("HeadYaw")

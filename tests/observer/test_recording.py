@@ -5,11 +5,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-from observer_cases import CYCLE, JOINTS, ROBOT, free_run, random_ticks, tick
 
 from pepper_driver.config import PepperError
 from pepper_driver.controller.tick import Tick
 from pepper_driver.observer.recording import Recording, RecordingBuilder, RecordingError
+from support.observer import CYCLE, JOINTS, ROBOT, free_run, random_ticks, tick
 
 
 def built(n: int, capacity: int = 8192) -> Recording:

@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-from observer_cases import JOINTS, ROBOT, random_ticks
 
 from pepper_driver.config.files import OutputError
 from pepper_driver.observer.recording import Recording, RecordingBuilder, RecordingError
+from support.observer import JOINTS, ROBOT, random_ticks
 
 
 @pytest.fixture

@@ -4,10 +4,10 @@ from dataclasses import fields, replace
 
 import numpy as np
 import pytest
-from observer_cases import JOINTS, ROBOT, random_ticks
 
 from pepper_driver.controller.model import RobotModel
 from pepper_driver.observer.recording import Recording, RecordingBuilder, RecordingError
+from support.observer import JOINTS, ROBOT, random_ticks
 
 LEFT = ROBOT.joint_index("LShoulderRoll")
 RIGHT = ROBOT.joint_index("RShoulderRoll")

@@ -10,7 +10,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from bad_input_cases import check_refused
 
 from pepper_driver import (
     Comply,
@@ -61,6 +60,7 @@ from pepper_driver.observer import ModelSet
 from pepper_driver.recording.record import record_labelled
 from pepper_driver.reflexes import prepare_reflexes
 from pepper_driver.replay import load_run
+from support.bad_input import check_refused
 
 ROBOT = load_robot()
 Case = tuple[Callable[[Any], object], str]

@@ -11,7 +11,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from bad_input_cases import check_refused
 
 from pepper_driver.config import (
     load_controller_settings,
@@ -27,6 +26,7 @@ from pepper_driver.config.loading import package_file
 from pepper_driver.log import read_log
 from pepper_driver.observer import ModelSet, Recording
 from pepper_driver.reflexes.declared import load_reflexes
+from support.bad_input import check_refused
 
 ROBOT = load_robot()
 

@@ -11,7 +11,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from waiting import wait_until
 
 from pepper_driver import FaultError, Hold, Pepper
 from pepper_driver.backends import BackendError, Command
@@ -24,10 +23,8 @@ from pepper_driver.log import read_log
 from pepper_driver.safety import RobotState
 from pepper_driver.session import MAX_CALLER_SILENCE, Session
 from pepper_driver.testing import aged
-
-# isort: off
-from session_cases import ROBOT, VirtualTime, active, backend_of, in_thread, virtual_time
-# isort: on
+from support.sessions import ROBOT, VirtualTime, active, backend_of, in_thread, virtual_time
+from support.waiting import wait_until
 
 SETTINGS = load_controller_settings(ROBOT)
 LIMIT = SETTINGS.joint_acceleration(ROBOT)

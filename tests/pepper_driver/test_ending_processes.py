@@ -15,10 +15,10 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 import pytest
-from experiment_cases import STAND, write
-from waiting import PATIENCE, wait_until
 
 from pepper_driver.log import read_log
+from support.experiments import STAND, write
+from support.waiting import PATIENCE, wait_until
 
 END_TIME = 10.0
 """[s] for a program to end."""

@@ -8,11 +8,11 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from experiment_cases import STAND, make_run
 
 from pepper_driver import Pepper, PepperError
 from pepper_driver.backends import BackendError, BackendInfo, Extras, Measurement
 from pepper_driver.backends.mock import MockBackend
+from support.experiments import STAND, make_run
 
 
 class Recorder(Extras):

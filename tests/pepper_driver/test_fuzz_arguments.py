@@ -7,10 +7,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from bad_input_cases import check_line
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from yaml_cases import ANYTHING
 
 from pepper_driver import Hold, Pepper, PepperError
 from pepper_driver.backends import make_backend
@@ -18,6 +16,8 @@ from pepper_driver.backends.naoqi_server.faults import parse_fault
 from pepper_driver.config import load_plant, load_robot, load_world
 from pepper_driver.controller import ComplianceTask, HandTask, PositionTask, PostureTask
 from pepper_driver.log import read_log
+from support.bad_input import check_line
+from support.yaml_values import ANYTHING
 
 ROBOT = load_robot()
 JUNK = ANYTHING | st.sampled_from(

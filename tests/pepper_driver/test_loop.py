@@ -28,8 +28,7 @@ from pepper_driver.reflexes import Arbiter, Reflex, ReflexRequests, prepare_refl
 from pepper_driver.robot import Pepper
 from pepper_driver.safety import FaultError, FaultReason, RobotState, SafetyGate
 from pepper_driver.testing import aged, displaced
-
-from fakes import slowed  # isort: skip
+from support.fakes import slowed
 
 ROBOT = load_robot()
 

@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from waiting import PATIENCE, wait_until
 
 from pepper_driver import FaultError, Pepper, Reflex
 from pepper_driver.backends import BackendError, Measurement, NotConnectedError
@@ -21,9 +20,7 @@ from pepper_driver.observer import Observation
 from pepper_driver.reflexes import ReflexRequests
 from pepper_driver.safety import RobotState
 from pepper_driver.testing import aged
-
-# isort: off
-from session_cases import (
+from support.sessions import (
     ROBOT,
     Scripted,
     VirtualTime,
@@ -32,7 +29,7 @@ from session_cases import (
     in_thread,
     virtual_time,
 )
-# isort: on
+from support.waiting import PATIENCE, wait_until
 
 HEAD = ROBOT.joint_index("HeadYaw")
 

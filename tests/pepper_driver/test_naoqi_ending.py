@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import signal
 import subprocess
 import sys
@@ -14,13 +13,14 @@ from typing import Any
 
 import numpy as np
 import pytest
-from naoqi_fault_cases import ROBOT, STANDS, url
-from stand_ins import since
-from waiting import PATIENCE, wait_until
 
 from pepper_driver.backends.naoqi_server.black_box import BlackBox
 from pepper_driver.backends.naoqi_server.launch import StandIn
 from pepper_driver.log import read_log
+from support import ROOT
+from support.naoqi_faults import ROBOT, STANDS, url
+from support.stand_ins import since
+from support.waiting import PATIENCE, wait_until
 
 ARMS = [
     ROBOT.joint_index(name) for chain in ("left_arm", "right_arm") for name in ROBOT.chains[chain]
@@ -31,9 +31,9 @@ LARGEST_FALL = 0.2
 PROGRAM = """
 import os, sys, time
 sys.path[:0] = sys.argv[1].split(os.pathsep)
-from naoqi_fault_cases import begin_to_move
+from support.naoqi_faults import begin_to_move
 from pepper_driver import Pepper
-from stand_ins import PATIENT, patient_driver
+from support.stand_ins import PATIENT, patient_driver
 with patient_driver(burst=0.2):
     with Pepper(sys.argv[2], observer=None, safety=PATIENT, log=sys.argv[3]) as pepper:
         begin_to_move(pepper)
@@ -62,7 +62,7 @@ def arms(robot: StandIn) -> np.ndarray[Any, np.dtype[np.float64]]:
 
 @contextmanager
 def driver(robot: StandIn, log: Path) -> Iterator[subprocess.Popen[str]]:
-    folders = os.pathsep.join([str(Path(__file__).parent), str(Path(__file__).parents[1])])
+    folders = str(ROOT / "tests")
     process = subprocess.Popen(
         [sys.executable, "-c", PROGRAM, folders, url(robot), str(log)],
         stdout=subprocess.PIPE,

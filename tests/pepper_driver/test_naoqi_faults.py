@@ -4,7 +4,6 @@ Over real qi against the stand-in; what the robot did is in its black box. Facts
 cycles; bounds of the clock on the wall are for busy machines, ``benchmarks/naoqi_faults.py`` measures.
 """
 
-import os
 import signal
 import subprocess
 import sys
@@ -17,8 +16,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from stand_ins import PATIENT, SILENCE, since
-from waiting import PATIENCE, wait_until
 
 from pepper_driver import Pepper
 from pepper_driver.backends import NotConnectedError
@@ -30,8 +27,8 @@ from pepper_driver.callbacks.events import FaultEvent
 from pepper_driver.config import PepperError, load_naoqi_settings, load_safety_settings
 from pepper_driver.log import read_log
 from pepper_driver.safety import FaultError, FaultReason
-
-from naoqi_fault_cases import (  # isort: skip
+from support import ROOT
+from support.naoqi_faults import (
     ROBOT,
     STANDS,
     TRIES,
@@ -47,6 +44,8 @@ from naoqi_fault_cases import (  # isort: skip
     wait_for_cycles,
     what_is_still,
 )
+from support.stand_ins import PATIENT, SILENCE, since
+from support.waiting import PATIENCE, wait_until
 
 LARGEST_STEP = 0.02  # [rad] of a joint's command, from a cycle to the next
 SAFETY = load_safety_settings()
@@ -326,7 +325,7 @@ def test_what_is_wrong_at_the_start_is_one_line_and_nothing_moves(
 @contextmanager
 def program(stand_in: StandIn) -> Iterator[subprocess.Popen[str]]:
     """One that moves the robot in a process of its own."""
-    folders = os.pathsep.join([str(Path(__file__).parent), str(Path(__file__).parents[1])])
+    folders = str(ROOT / "tests")
     command = [sys.executable, "-c", PROGRAM, folders, url(stand_in)]
     for _ in range(TRIES):
         stand_in.clear_faults()
@@ -345,9 +344,9 @@ def program(stand_in: StandIn) -> Iterator[subprocess.Popen[str]]:
 PROGRAM = """
 import os, sys
 sys.path[:0] = sys.argv[1].split(os.pathsep)
-from naoqi_fault_cases import begin_to_move, quick_settings
+from support.naoqi_faults import begin_to_move, quick_settings
 from pepper_driver import Pepper
-from stand_ins import PATIENT
+from support.stand_ins import PATIENT
 with quick_settings(), Pepper(sys.argv[2], observer=None, safety=PATIENT) as pepper:
     begin_to_move(pepper)
     print("moving", flush=True)

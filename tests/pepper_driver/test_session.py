@@ -22,9 +22,7 @@ from pepper_driver.realtime import COLLECTION_PERIOD
 from pepper_driver.reflexes import Reflex, ReflexRequests
 from pepper_driver.robot import Pepper
 from pepper_driver.safety import FaultError, FaultReason, RobotState
-
-from session_cases import ROBOT, Scripted, VirtualTime, active, make_session, start  # isort: skip
-
+from support.sessions import ROBOT, Scripted, VirtualTime, active, make_session, start
 
 CYCLE = 12_000_000  # ns
 

@@ -21,11 +21,8 @@ from pepper_driver.config.loading import package_file
 from pepper_driver.controller import TargetError
 from pepper_driver.observer import Contact
 from pepper_driver.safety import RobotState
-
-# isort: off
-from reflex_cases import touch
-from session_cases import ROBOT, Scripted, backend_of, in_thread, virtual_time
-# isort: on
+from support.reflexes import touch
+from support.sessions import ROBOT, Scripted, backend_of, in_thread, virtual_time
 
 
 def make_pepper(**arguments: Any) -> Pepper:

@@ -16,7 +16,6 @@ from types import FrameType
 from typing import Any
 
 import pytest
-from waiting import PATIENCE, wait_until
 
 from pepper_driver import ExperimentRun, Pepper
 from pepper_driver import session as session_module
@@ -27,18 +26,17 @@ from pepper_driver.controller import PositionTask
 from pepper_driver.log import LogError, LogWriter, read_log
 from pepper_driver.observer import ModelFileError
 from pepper_driver.safety import RobotState
-
-# isort: off
-from session_cases import (
+from support import ROOT
+from support.sessions import (
     VirtualTime,
     backend_of,
     begun,
     in_thread,
     virtual_time,
 )
-# isort: on
+from support.waiting import PATIENCE, wait_until
 
-EXPERIMENTS = sorted((Path(__file__).parents[2] / "examples").glob("**/*.yaml"))
+EXPERIMENTS = sorted((ROOT / "examples").glob("**/*.yaml"))
 MODES: list[dict[str, Any]] = [
     {},
     {"real_time": True},

@@ -6,8 +6,6 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from naoqi_fakes import ROBOT, FakeRobot
-from waiting import wait_until
 
 from pepper_driver.backends import BackendError, Measurement
 from pepper_driver.backends.naoqi.angles import AnglesLink
@@ -15,6 +13,8 @@ from pepper_driver.backends.naoqi.connection import Connection, connect
 from pepper_driver.backends.naoqi.memory_keys import SensorKeys
 from pepper_driver.config import load_naoqi_settings
 from pepper_driver.config.arrays import FloatArray
+from support.naoqi_fakes import ROBOT, FakeRobot
+from support.waiting import wait_until
 
 pytestmark = pytest.mark.usefixtures("qi")
 

@@ -12,8 +12,6 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from naoqi_fakes import ROBOT, FakeRobot, address_of
-from stand_ins import patient_driver
 
 from pepper_driver.backends.naoqi import ownership
 from pepper_driver.backends.naoqi.connection import Connection, connect
@@ -21,6 +19,9 @@ from pepper_driver.backends.naoqi.ownership import ConsentError, TakeOver
 from pepper_driver.backends.naoqi.preflight import UnfitError
 from pepper_driver.config import NaoqiSettings, load_naoqi_settings
 from pepper_driver.config.naoqi import TakeOverSettings
+from support import ROOT as CHECKOUT
+from support.naoqi_fakes import ROBOT, FakeRobot, address_of
+from support.stand_ins import patient_driver
 
 pytestmark = pytest.mark.usefixtures("qi")
 
@@ -260,8 +261,8 @@ def test_a_lost_connection_is_told(fake: FakeRobot) -> None:
 
 def test_a_robot_that_hangs_is_not_waited_for() -> None:
     server = (
-        f"import sys; sys.path.insert(0, {os.path.dirname(__file__)!r})\n"
-        "from naoqi_fakes import FakeRobot\n"
+        f"import sys; sys.path.insert(0, {str(CHECKOUT / 'tests')!r})\n"
+        "from support.naoqi_fakes import FakeRobot\n"
         "with FakeRobot() as fake: print(fake.uri, flush=True); sys.stdin.read()"
     )
     with subprocess.Popen(

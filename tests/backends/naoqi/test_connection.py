@@ -13,8 +13,6 @@ from contextlib import contextmanager, suppress
 from dataclasses import replace
 
 import pytest
-from naoqi_fakes import FakeRobot, address_of
-from waiting import PATIENCE
 
 from pepper_driver.backends import NotConnectedError
 from pepper_driver.backends.naoqi import connection
@@ -28,6 +26,8 @@ from pepper_driver.backends.naoqi.connection import (
     connect,
 )
 from pepper_driver.config import NaoqiSettings, PepperError, load_naoqi_settings
+from support.naoqi_fakes import FakeRobot, address_of
+from support.waiting import PATIENCE
 
 pytestmark = pytest.mark.usefixtures("qi")
 

@@ -12,8 +12,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from stand_ins import PATIENT, SILENCE, patient_driver, since
-from waiting import wait_until
 
 from pepper_driver import Pepper
 from pepper_driver.backends import (
@@ -42,6 +40,8 @@ from pepper_driver.realtime import (
     realtime_process,
     realtime_thread,
 )
+from support.stand_ins import PATIENT, SILENCE, patient_driver, since
+from support.waiting import wait_until
 
 ROBOT = load_robot()
 ONES, STILL = np.ones(17), np.zeros(3)

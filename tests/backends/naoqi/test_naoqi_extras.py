@@ -4,12 +4,12 @@ import logging
 from collections.abc import Callable, Iterator
 
 import pytest
-from naoqi_fakes import FakeRobot
-from waiting import wait_until
 
 from pepper_driver.backends import BackendError, NotConnectedError
 from pepper_driver.backends.naoqi.connection import Connection, connect
 from pepper_driver.backends.naoqi.services import NaoqiExtras, abilities
+from support.naoqi_fakes import FakeRobot
+from support.waiting import wait_until
 
 pytestmark = pytest.mark.usefixtures("qi")
 

@@ -9,7 +9,12 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from virtual_robot import (
+
+from pepper_driver.backends.naoqi.memory_keys import Alias, actuator_keys
+from pepper_driver.backends.naoqi.timing import CommandHistory, SentCommand
+from pepper_driver.backends.naoqi_server.dcm import UpdateType
+from pepper_driver.config.arrays import FloatArray
+from support.virtual_robot import (
     CYCLE,
     ROBOT,
     SETTINGS,
@@ -19,11 +24,6 @@ from virtual_robot import (
     wifi,
     wire,
 )
-
-from pepper_driver.backends.naoqi.memory_keys import Alias, actuator_keys
-from pepper_driver.backends.naoqi.timing import CommandHistory, SentCommand
-from pepper_driver.backends.naoqi_server.dcm import UpdateType
-from pepper_driver.config.arrays import FloatArray
 
 STAND = ROBOT.posture("Stand")
 ONES, STILL = np.ones(17), np.zeros(3)

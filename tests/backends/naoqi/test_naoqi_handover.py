@@ -7,12 +7,12 @@ from typing import Any
 
 import numpy as np
 import pytest
-from virtual_robot import ROBOT, SETTINGS, VirtualRobot, link_with
 
 from pepper_driver.backends.interface import BackendError
 from pepper_driver.backends.naoqi import handover
 from pepper_driver.backends.naoqi.dcm_channel import Link
 from pepper_driver.backends.naoqi.memory_keys import Alias
+from support.virtual_robot import ROBOT, SETTINGS, VirtualRobot, link_with
 
 
 @pytest.fixture

@@ -10,17 +10,6 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from naoqi_fakes import address_of
-from virtual_robot import (
-    CYCLE,
-    ROBOT,
-    SETTINGS,
-    VirtualLoop,
-    VirtualRobot,
-    link_with,
-    wire,
-)
-from waiting import PATIENCE
 
 from pepper_driver.backends.fields import Measurement
 from pepper_driver.backends.interface import BackendError, NotConnectedError
@@ -30,6 +19,17 @@ from pepper_driver.backends.naoqi.memory_keys import SensorKeys
 from pepper_driver.backends.naoqi.timing import SlowLinkError
 from pepper_driver.config import load_safety_settings
 from pepper_driver.config.arrays import FloatArray
+from support.naoqi_fakes import address_of
+from support.virtual_robot import (
+    CYCLE,
+    ROBOT,
+    SETTINGS,
+    VirtualLoop,
+    VirtualRobot,
+    link_with,
+    wire,
+)
+from support.waiting import PATIENCE
 
 TIMING = SETTINGS.timing
 SAFETY = load_safety_settings()

@@ -9,7 +9,10 @@ import numpy as np
 import pytest
 from hypothesis import given, reject, settings
 from hypothesis import strategies as st
-from virtual_robot import (
+
+from pepper_driver.backends.naoqi.dcm_channel import MAX_REQUEST_LEAD, SAMPLE_PHASE, TICK_PHASE
+from pepper_driver.backends.naoqi.timing import SlowLinkError
+from support.virtual_robot import (
     CYCLE,
     ROBOT,
     SETTINGS,
@@ -20,9 +23,6 @@ from virtual_robot import (
     wifi,
     wire,
 )
-
-from pepper_driver.backends.naoqi.dcm_channel import MAX_REQUEST_LEAD, SAMPLE_PHASE, TICK_PHASE
-from pepper_driver.backends.naoqi.timing import SlowLinkError
 
 STAND = ROBOT.posture("Stand")
 ONES, STILL = np.ones(17), np.zeros(3)

@@ -9,8 +9,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from stand_ins import patient_driver, since
-from virtual_robot import ROBOT, Network, VirtualLoop, VirtualRobot, wifi
 
 from pepper_driver.backends import Backend, Command, Measurement, make_backend
 from pepper_driver.backends.naoqi.memory_keys import Alias, actuator_keys
@@ -24,6 +22,8 @@ from pepper_driver.config.arrays import FloatArray
 from pepper_driver.controller import Reference
 from pepper_driver.realtime import RealTimePacer, realtime_process, realtime_thread
 from pepper_driver.safety import FaultReason, RobotState, SafetyGate
+from support.stand_ins import patient_driver, since
+from support.virtual_robot import ROBOT, Network, VirtualLoop, VirtualRobot, wifi
 
 SAFETY = replace(load_safety_settings(), battery_fault=0.0)
 """The virtual robot has nothing but joints: no battery either."""

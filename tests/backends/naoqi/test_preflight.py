@@ -6,7 +6,6 @@ from dataclasses import replace
 from typing import Any
 
 import pytest
-from naoqi_fakes import NAMES, ROBOT, FakeRobot, key
 
 from pepper_driver.backends import DeviceError
 from pepper_driver.backends.naoqi.connection import Connection, connect
@@ -18,6 +17,7 @@ from pepper_driver.backends.naoqi.preflight import (
     preflight,
 )
 from pepper_driver.config import load_naoqi_settings
+from support.naoqi_fakes import NAMES, ROBOT, FakeRobot, key
 
 pytestmark = pytest.mark.usefixtures("qi")
 

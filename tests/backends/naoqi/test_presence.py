@@ -11,8 +11,6 @@ from typing import Any, cast
 
 import numpy as np
 import pytest
-from naoqi_fakes import FakeRobot
-from waiting import wait_until
 
 from pepper_driver.backends.interface import NotConnectedError
 from pepper_driver.backends.naoqi.connection import (
@@ -22,6 +20,8 @@ from pepper_driver.backends.naoqi.connection import (
     connect,
 )
 from pepper_driver.backends.naoqi.presence import NAME, Presence, SecondDriverError
+from support.naoqi_fakes import FakeRobot
+from support.waiting import wait_until
 
 pytestmark = pytest.mark.usefixtures("qi")
 

@@ -9,9 +9,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from naoqi_fakes import address_of
-from stand_ins import SILENCE, patient_driver, since
-from waiting import wait_until
 
 from pepper_driver.backends import BackendError, Command, NotConnectedError, make_backend
 from pepper_driver.backends.naoqi.angles import AnglesBackend
@@ -24,6 +21,9 @@ from pepper_driver.cli.app import run
 from pepper_driver.config import PepperError, load_naoqi_settings, load_robot
 from pepper_driver.config.arrays import FloatArray
 from pepper_driver.config.loading import package_file
+from support.naoqi_fakes import address_of
+from support.stand_ins import SILENCE, patient_driver, since
+from support.waiting import wait_until
 
 pytestmark = pytest.mark.usefixtures("qi")
 

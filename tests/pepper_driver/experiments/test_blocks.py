@@ -5,8 +5,13 @@ from typing import Any
 
 import numpy as np
 import pytest
-from event_cases import contact
-from experiment_cases import (
+
+from pepper_driver import FaultError, Pepper
+from pepper_driver.config import ConfigError, load_experiment
+from pepper_driver.experiments.experiment import ExperimentRun
+from pepper_driver.observer import Contact
+from support.events import contact
+from support.experiments import (
     CYCLE,
     ROBOT,
     STAND,
@@ -18,11 +23,6 @@ from experiment_cases import (
     make_experiment,
     write,
 )
-
-from pepper_driver import FaultError, Pepper
-from pepper_driver.config import ConfigError, load_experiment
-from pepper_driver.experiments.experiment import ExperimentRun
-from pepper_driver.observer import Contact
 
 STAND_TICKS = round(0.1 / CYCLE)
 LATE = {"name": "late", "hold": 0.12}

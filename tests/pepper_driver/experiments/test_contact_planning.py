@@ -5,8 +5,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from experiment_cases import CYCLE, ROBOT, listen, make_experiment, with_played
-from push_cases import PUSHED_ARMS, limit_degrees, make_pepper
 
 from pepper_driver.config import ConfigError, Experiment, load_experiment
 from pepper_driver.config.arrays import FloatArray
@@ -18,6 +16,8 @@ from pepper_driver.experiments.plan import Plan, plan_experiment
 from pepper_driver.experiments.push_planning import Bounds, PushTooStrongError, plan_push
 from pepper_driver.experiments.segments import Segment, goal_step
 from pepper_driver.robot import Pepper
+from support.experiments import CYCLE, ROBOT, listen, make_experiment, with_played
+from support.pushes import PUSHED_ARMS, limit_degrees, make_pepper
 
 REACH = load_experiment("reach_and_push", ROBOT)
 INDEX = ROBOT.joint_index("LShoulderRoll")

@@ -5,8 +5,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from experiment_cases import CYCLE, ROBOT, make_experiment
-from push_cases import PUSHED_ARMS, limit_degrees, make_pepper
 
 from pepper_driver import Pepper
 from pepper_driver.callbacks.events import PushEvent
@@ -19,6 +17,8 @@ from pepper_driver.experiments.contact_schedule import ContactSchedule
 from pepper_driver.experiments.plan import plan_experiment
 from pepper_driver.experiments.reports import ExperimentReport
 from pepper_driver.observer import Observation
+from support.experiments import CYCLE, ROBOT, make_experiment
+from support.pushes import PUSHED_ARMS, limit_degrees, make_pepper
 
 REACH = load_experiment("reach_and_push", ROBOT)
 INDEX = ROBOT.joint_index("LShoulderRoll")

@@ -7,10 +7,6 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
-from event_cases import contact
-from experiment_cases import CYCLE, EXAMPLES, ROBOT, STAND, TURN, fake, listen, make_run, write
-from push_cases import PUSHED_ARMS
-from push_cases import make_pepper as make_pushed
 
 from pepper_driver import CueEvent, ExperimentRun, Pepper, PepperError, StepEvent
 from pepper_driver.backends.mock import MockBackend
@@ -21,6 +17,11 @@ from pepper_driver.config.loading import package_file, read_yaml
 from pepper_driver.controller import Tick
 from pepper_driver.log import read_log
 from pepper_driver.observer import Observation
+from support import ROOT
+from support.events import contact
+from support.experiments import CYCLE, EXAMPLES, ROBOT, STAND, TURN, fake, listen, make_run, write
+from support.pushes import PUSHED_ARMS
+from support.pushes import make_pepper as make_pushed
 
 PUSH: dict[str, Any] = {
     "kind": "joint_push",
@@ -398,7 +399,7 @@ def test_the_examples_run(path: Path) -> None:
 
 
 def test_the_experiment_in_the_docs_is_the_shipped_one(tmp_path: Path) -> None:
-    root = Path(__file__).parents[3]
+    root = ROOT
     text = (root / "docs" / "experiments.md").read_text()
     (tmp_path / "docs.yaml").write_text(text.split("```yaml\n")[1].split("```")[0])
     shown = read_yaml(tmp_path / "docs.yaml")

@@ -4,7 +4,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from experiment_cases import EXAMPLES, ROBOT, STAND, fake, make_experiment, with_played
 from hypothesis import HealthCheck, given, settings
 
 from pepper_driver.backends.mock import MockBackend
@@ -13,8 +12,8 @@ from pepper_driver.config.loading import read_yaml
 from pepper_driver.experiments.experiment import ExperimentRun
 from pepper_driver.experiments.feasibility import PostureCheck
 from pepper_driver.experiments.plan import plan_experiment
-
-from yaml_cases import damaged, dump  # isort: skip
+from support.experiments import EXAMPLES, ROBOT, STAND, fake, make_experiment, with_played
+from support.yaml_values import damaged, dump
 
 BENT_ARM = {
     "LShoulderPitch": 0.9,

@@ -5,7 +5,15 @@ from typing import Any
 
 import numpy as np
 import pytest
-from experiment_cases import (
+
+from pepper_driver import Pepper
+from pepper_driver.backends import Measurement
+from pepper_driver.backends.mock import MockBackend
+from pepper_driver.config.arrays import FloatArray
+from pepper_driver.controller import Tick
+from pepper_driver.experiments.reports import StepReport
+from pepper_driver.observer import Observation
+from support.experiments import (
     ARM,
     PLACE,
     REACH,
@@ -17,14 +25,6 @@ from experiment_cases import (
     snapshot,
     wrist,
 )
-
-from pepper_driver import Pepper
-from pepper_driver.backends import Measurement
-from pepper_driver.backends.mock import MockBackend
-from pepper_driver.config.arrays import FloatArray
-from pepper_driver.controller import Tick
-from pepper_driver.experiments.reports import StepReport
-from pepper_driver.observer import Observation
 
 
 def test_a_hand_gets_where_it_shall_and_stays_there() -> None:

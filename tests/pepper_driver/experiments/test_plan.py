@@ -5,13 +5,13 @@ from typing import Any
 
 import numpy as np
 import pytest
-from experiment_cases import CYCLE, ROBOT, STAND, YAW, listen, make_experiment, with_played
 
 from pepper_driver.backends.mock import MockBackend
 from pepper_driver.config import ConfigError, Experiment, load_experiment
 from pepper_driver.config.experiment import FOLDERS
 from pepper_driver.config.loading import shipped_names
 from pepper_driver.experiments.plan import Plan, experiment_uri, plan_experiment
+from support.experiments import CYCLE, ROBOT, STAND, YAW, listen, make_experiment, with_played
 
 DEMO = load_experiment("demo", ROBOT)
 

@@ -10,7 +10,6 @@ import hashlib
 import json
 from collections.abc import Sequence
 from functools import cache
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -23,9 +22,10 @@ from pepper_driver.evaluation.takes import take_uri
 from pepper_driver.experiments.plan import plan_experiment
 from pepper_driver.experiments.segments import PlannedContact, Segment
 from pepper_driver.identification.runs import plan_runs, sweeps_of
+from support import ROOT
 
 ROBOT = load_robot()
-FACTS = Path(__file__).parents[2] / "facts" / "planned_takes.json"
+FACTS = ROOT / "tests" / "facts" / "planned_takes.json"
 RECORDED: dict[str, dict[str, Any]] = json.loads(FACTS.read_text())
 WHOLE, FIRST_GOALS = RECORDED["whole"], RECORDED["first_goals"]
 

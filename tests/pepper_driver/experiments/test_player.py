@@ -6,7 +6,15 @@ from typing import Any
 
 import numpy as np
 import pytest
-from experiment_cases import (
+
+from pepper_driver import FaultError, Pepper
+from pepper_driver.config import ConfigError, UnknownNameError
+from pepper_driver.config.arrays import FloatArray
+from pepper_driver.config.task_specs import AnyTask
+from pepper_driver.controller import PositionTask, TargetError, Tick, WholeBodyController
+from pepper_driver.experiments import goals
+from pepper_driver.observer import Observation
+from support.experiments import (
     PITCH,
     PLACE,
     REACH,
@@ -18,15 +26,7 @@ from experiment_cases import (
     snapshot,
     wrist,
 )
-from test_holding import Holder
-
-from pepper_driver import FaultError, Pepper
-from pepper_driver.config import ConfigError, UnknownNameError
-from pepper_driver.config.arrays import FloatArray
-from pepper_driver.config.task_specs import AnyTask
-from pepper_driver.controller import PositionTask, TargetError, Tick, WholeBodyController
-from pepper_driver.experiments import goals
-from pepper_driver.observer import Observation
+from support.scripted import Holder
 
 
 def test_a_posture_is_reached_in_its_time_along_a_spline() -> None:

@@ -5,7 +5,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from push_cases import ROBOT, limit_degrees, make_pepper
 
 from pepper_driver.config.arrays import FloatArray
 from pepper_driver.controller import RobotModel
@@ -17,6 +16,7 @@ from pepper_driver.experiments.push_planning import (
     weigh_push,
 )
 from pepper_driver.robot import Pepper
+from support.pushes import ROBOT, limit_degrees, make_pepper
 
 BOUNDS = Bounds(load=0.85, tipping=0.8)
 INDEX = ROBOT.joint_index("LShoulderRoll")

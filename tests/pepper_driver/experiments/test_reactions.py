@@ -6,8 +6,17 @@ from typing import Any
 
 import numpy as np
 import pytest
-from event_cases import contact
-from experiment_cases import (
+
+from pepper_driver import FaultError, Hold, Pepper
+from pepper_driver.config import Experiment
+from pepper_driver.config.arrays import FloatArray
+from pepper_driver.controller import TargetError
+from pepper_driver.experiments import goals
+from pepper_driver.experiments.player import Player
+from pepper_driver.observer import Contact
+from pepper_driver.reflexes.arbiter import MAX_RETURN_SPEED, MIN_RETURN_TIME
+from support.events import contact
+from support.experiments import (
     CYCLE,
     PLACE,
     REACH,
@@ -20,15 +29,6 @@ from experiment_cases import (
     with_played,
     wrist,
 )
-
-from pepper_driver import FaultError, Hold, Pepper
-from pepper_driver.config import Experiment
-from pepper_driver.config.arrays import FloatArray
-from pepper_driver.controller import TargetError
-from pepper_driver.experiments import goals
-from pepper_driver.experiments.player import Player
-from pepper_driver.observer import Contact
-from pepper_driver.reflexes.arbiter import MAX_RETURN_SPEED, MIN_RETURN_TIME
 
 BEGIN = round(0.1 / CYCLE)
 """[ticks] that the first step takes."""

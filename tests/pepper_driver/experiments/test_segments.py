@@ -5,10 +5,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from experiment_cases import CYCLE, ROBOT, make_experiment
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from push_cases import PUSHED_ARMS
 
 from pepper_driver.backends.mock import MockBackend
 from pepper_driver.config import Experiment, load_experiment
@@ -16,6 +14,8 @@ from pepper_driver.config.steps import BaseMotion, Holds, RandomStep, Setpoints,
 from pepper_driver.experiments.plan import plan_experiment
 from pepper_driver.experiments.segments import Segment, goal_posture
 from pepper_driver.identification import sweeps_of
+from support.experiments import CYCLE, ROBOT, make_experiment
+from support.pushes import PUSHED_ARMS
 
 FREE = replace(PUSHED_ARMS, contacts=())
 IDENTIFY = load_experiment("identify", ROBOT).with_goals(

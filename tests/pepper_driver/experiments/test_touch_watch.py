@@ -4,7 +4,6 @@ from collections.abc import Mapping
 from typing import Any
 
 import pytest
-from event_cases import contact
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -12,6 +11,7 @@ from pepper_driver.config import UnknownNameError, load_robot
 from pepper_driver.config.contact_selector import TouchTrigger
 from pepper_driver.experiments.touch_watch import TouchWatch
 from pepper_driver.observer import Contact
+from support.events import contact
 
 ROBOT = load_robot()
 CYCLE = ROBOT.cycle

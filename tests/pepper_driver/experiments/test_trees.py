@@ -3,14 +3,14 @@
 from typing import Any
 
 import numpy as np
-from event_cases import contact
-from experiment_cases import CYCLE, REACH, ROBOT, Played, make_experiment, with_played
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pepper_driver import Hold, Pepper
 from pepper_driver.config import load_controller_settings
 from pepper_driver.observer import Contact
+from support.events import contact
+from support.experiments import CYCLE, REACH, ROBOT, Played, make_experiment, with_played
 
 SETTINGS = load_controller_settings(ROBOT)
 SPEED, ACCELERATION = SETTINGS.joint_velocity(ROBOT), SETTINGS.joint_acceleration(ROBOT)

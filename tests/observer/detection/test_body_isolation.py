@@ -1,0 +1,416 @@
+"""Which part of the body a contact is on, over residuals made by hand."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from pepper_driver.config.robot import TRUNK
+from pepper_driver.observer.detection.body_isolation import (
+    BASE_LINK,
+    HOLD_BACK,
+    RATIO_MEMORY,
+    REISOLATION_TIMES,
+    RELATIVE_SHARE,
+    TRUNK_LINK,
+    BodyTracker,
+)
+from pepper_driver.observer.detection.excursions import SETTLING_TIME
+from pepper_driver.observer.interface import (
+    INTENSITY_STEP_DEG,
+    TORQUE_STEP_STDS,
+    Contact,
+    JointState,
+    Signal,
+)
+from support.fusion import check_lives
+from support.observer import CYCLE, JOINTS, ROBOT, SETTINGS
+
+# Of each joint another, so that ratios and residuals are told apart.
+THRESHOLDS = np.linspace(0.01, 0.04, JOINTS)
+PERIOD = round(SETTINGS.update_period / CYCLE)
+HELD = round(HOLD_BACK / CYCLE)
+GAP = round(SETTINGS.merge_gap / CYCLE)
+QUIET = GAP + round(SETTLING_TIME / CYCLE) + 3
+FIRST, LAST = (math.ceil(span / CYCLE) for span in REISOLATION_TIMES)
+BEFORE_LAST = math.floor(REISOLATION_TIMES[-1] / CYCLE) - 1
+
+
+class Player:
+    """Feeds residuals, in multiples of their thresholds, to the tracker of the whole body."""
+
+    def __init__(self) -> None:
+        self.k = 0
+        self.states = [JointState.BLIND] * JOINTS
+        self.settled = [False] * JOINTS
+        self.tracker = BodyTracker(
+            ROBOT, SETTINGS, lambda joint, sign, threshold: max(self.k - 2, 0) * CYCLE
+        )
+
+    def play(self, ticks: int, base: float = 0.0, **residuals: float) -> list[Contact]:
+        """Events of so many ticks in which all other residuals are zero."""
+        ratio = np.zeros(JOINTS)
+        for name, value in residuals.items():
+            ratio[ROBOT.joint_index(name)] = value
+        residual = ratio * THRESHOLDS
+        signal = Signal(
+            expected=np.zeros(JOINTS),
+            raw=residual,
+            residual=residual,
+            threshold=np.where(np.isnan(ratio), np.nan, THRESHOLDS),
+            torque=-10.0 * residual,
+            torque_std=np.where(np.isnan(ratio), np.nan, 0.1),
+            band=np.zeros(JOINTS),
+            blind=np.isnan(ratio),
+            base_raw=base,
+            base_residual=base,
+        )
+        events = []
+        for _ in range(ticks):
+            events += self.tracker.step(self.k * CYCLE, signal, self.states, self.settled)
+            self.k += 1
+        return events
+
+    def state(self, joint: str) -> JointState:
+        return self.states[ROBOT.joint_index(joint)]
+
+
+def story(events: list[Contact]) -> list[tuple[int, str, str | None]]:
+    return [(event.id, event.phase, event.joint) for event in events]
+
+
+def test_a_touch_on_one_joint() -> None:
+    player = Player()
+    assert player.play(5, LElbowRoll=0.9) == []
+    assert player.tracker.idle
+    events = player.play(2 * PERIOD, LElbowRoll=-2.0)
+    assert not player.tracker.idle
+    events += player.play(QUIET)
+    begin, end = events  # no update while nothing changes
+    assert (begin.phase, begin.kind, begin.joint, begin.link) == (
+        "begin",
+        "contact",
+        "LElbowRoll",
+        "LForeArm",
+    )
+    assert begin.direction == 1
+    threshold = THRESHOLDS[ROBOT.joint_index("LElbowRoll")]
+    assert begin.intensity == pytest.approx(math.degrees(2.0 * threshold))
+    assert begin.torque == pytest.approx(20.0 * threshold)
+    assert begin.torque_std == pytest.approx(0.1)
+    assert begin.time == begin.detection_time == pytest.approx(5 * CYCLE)
+    assert begin.onset_time == pytest.approx(3 * CYCLE)
+    assert (end.phase, end.id) == ("end", 1)
+    assert end.time == pytest.approx((5 + 2 * PERIOD) * CYCLE)
+    assert player.tracker.idle
+
+
+def test_joints_beyond_the_hand_are_shaken_but_less() -> None:
+    weak, strong = 0.8 * RELATIVE_SHARE * 10.0, 1.2 * RELATIVE_SHARE * 10.0
+    assert weak > 1.0
+    events = Player().play(1, LShoulderRoll=10.0, LWristYaw=weak)
+    assert story(events) == [(1, "begin", "LShoulderRoll")]
+    events = Player().play(1, LShoulderRoll=10.0, LWristYaw=strong)
+    assert story(events) == [(1, "begin", "LWristYaw")]
+    # Within the threshold is not touched, however near.
+    events = Player().play(1, LShoulderRoll=1.1, LWristYaw=0.99)
+    assert story(events) == [(1, "begin", "LShoulderRoll")]
+
+
+@pytest.mark.parametrize("revision", [FIRST, LAST])
+def test_the_joint_is_named_anew_at_each_revision_and_not_between(revision: int) -> None:
+    player = Player()
+    player.play(1, LShoulderRoll=5.0)
+    player.play(revision - 2, LShoulderRoll=5.0)
+    assert [
+        e for e in player.play(1, LShoulderRoll=5.0, LElbowRoll=4.0) if e.joint == "LElbowRoll"
+    ] == []
+    [moved] = player.play(1, LShoulderRoll=5.0, LElbowRoll=4.0)
+    assert (moved.id, moved.phase, moved.joint, moved.link) == (
+        1,
+        "update",
+        "LElbowRoll",
+        "LForeArm",
+    )
+    assert moved.time == pytest.approx(revision * CYCLE)
+    assert moved.detection_time == 0.0
+    elbow = THRESHOLDS[ROBOT.joint_index("LElbowRoll")]
+    assert moved.intensity == pytest.approx(math.degrees(4.0 * elbow))
+
+
+def test_after_the_last_revision_it_stays() -> None:
+    player = Player()
+    player.play(LAST + 1, LShoulderRoll=5.0)
+    events = player.play(3 * PERIOD, LShoulderRoll=5.0, LElbowRoll=4.0) + player.play(QUIET)
+    assert {event.joint for event in events} == {"LShoulderRoll"}
+
+
+def test_a_revision_may_move_inwards_when_the_first_blow_is_forgotten() -> None:
+    player = Player()
+    assert story(player.play(1, LShoulderRoll=3.0, LWristYaw=2.0)) == [(1, "begin", "LWristYaw")]
+    events = player.play(LAST, LShoulderRoll=6.0, LWristYaw=1.1)
+    if LAST > RATIO_MEMORY:
+        assert events[-1].joint == "LShoulderRoll"
+    assert {event.id for event in events} == {1}
+
+
+def test_a_joint_that_goes_blind_loses_the_contact() -> None:
+    player = Player()
+    player.play(LAST + 5, LShoulderRoll=5.0, LElbowRoll=4.0)
+    [moved] = player.play(1, LShoulderRoll=5.0, LElbowRoll=math.nan)
+    assert (moved.id, moved.phase, moved.joint) == (1, "update", "LShoulderRoll")
+    assert player.state("LElbowRoll") is JointState.BLIND
+    [end] = player.play(1, LShoulderRoll=math.nan, LElbowRoll=math.nan)
+    assert (end.id, end.phase, end.torque) == (1, "end", None)
+
+
+def test_what_the_legs_feel_is_on_the_trunk() -> None:
+    events = Player().play(1 + HELD, HipRoll=2.0)
+    told = [(e.limb, e.joint, e.link, e.direction) for e in events]
+    assert told == [(TRUNK, None, TRUNK_LINK, -1)]
+    assert events[0].torque is None
+    hip = THRESHOLDS[ROBOT.joint_index("HipRoll")]
+    assert events[0].intensity == pytest.approx(math.degrees(2.0 * hip))
+    # With the wheels beside it, it is still the trunk.
+    [both] = Player().play(1 + HELD, base=1.5, HipPitch=3.0)
+    assert (both.joint, both.link) == (None, TRUNK_LINK)
+
+
+def test_what_only_the_wheels_feel_is_on_the_base() -> None:
+    player = Player()
+    [begin] = player.play(1 + HELD, base=1.5)
+    assert (begin.joint, begin.link, begin.phase) == (None, BASE_LINK, "begin")
+    assert begin.intensity == 0.0  # wheels have no degrees
+    [end] = player.play(QUIET)
+    assert (end.id, end.link, end.phase) == (1, BASE_LINK, "end")
+    assert Player().play(5, base=0.99) == []
+    assert Player().play(5, base=math.nan) == []
+
+
+@pytest.mark.parametrize("ticks", range(1, HELD + 1))
+@pytest.mark.parametrize("first", [{"base": 1.5}, {"HipRoll": 2.0}])
+def test_what_an_arm_feels_within_two_ticks_of_the_trunk_is_first_told_on_the_arm(
+    first: dict[str, float], ticks: int
+) -> None:
+    player = Player()
+    assert player.play(ticks, **first) == []
+    assert not player.tracker.idle
+    [begin] = player.play(1, **first, LElbowRoll=-3.0)
+    assert (begin.id, begin.phase, begin.limb, begin.joint) == (
+        1,
+        "begin",
+        "left_arm",
+        "LElbowRoll",
+    )
+    assert begin.time == begin.detection_time == pytest.approx(ticks * CYCLE)
+    assert begin.onset_time == 0.0  # that of what came first
+    rest = player.play(PERIOD, LElbowRoll=-3.0) + player.play(QUIET)
+    assert {(event.id, event.limb) for event in rest} == {(1, "left_arm")}
+
+
+def test_a_contact_on_the_trunk_is_told_after_two_ticks_even_if_it_is_over_then() -> None:
+    player = Player()
+    assert player.play(HELD, HipRoll=2.0) == []
+    [begin] = player.play(1, HipRoll=2.0)
+    assert (begin.id, begin.phase, begin.limb) == (1, "begin", TRUNK)
+    assert begin.time == begin.detection_time == pytest.approx(2 * CYCLE)
+    player = Player()
+    [begin, end] = player.play(1, base=1.5) + player.play(QUIET)
+    assert (begin.phase, end.phase) == ("begin", "end")
+    assert begin.time == end.time == pytest.approx(HOLD_BACK)
+
+
+@pytest.mark.parametrize("value", [math.nan, -2.0])
+def test_no_contact_is_lost_that_ends_before_it_is_told(value: float) -> None:
+    """The joint goes blind, or swings back."""
+    player = Player()
+    assert player.play(1, HipRoll=2.0) == []
+    events = player.play(1, HipRoll=value)
+    assert [(e.id, e.phase, e.kind) for e in events[:2]] == [
+        (1, "begin", "contact"),
+        (1, "end", "contact"),
+    ]
+    assert {event.time for event in events} == {CYCLE}
+    assert [event.kind for event in events[2:]] == ([] if math.isnan(value) else ["rebound"])
+
+
+def test_a_contact_on_a_limb_is_told_at_once() -> None:
+    [begin] = Player().play(1, LElbowRoll=2.0)
+    assert (begin.phase, begin.time) == ("begin", 0.0)
+
+
+def test_a_collision_of_the_trunk_is_told_as_one() -> None:
+    [begin] = Player().play(1 + HELD, HipRoll=1.5 * SETTINGS.collision_factor)
+    assert (begin.phase, begin.kind) == ("begin", "collision")
+
+
+def test_an_arm_that_feels_a_push_later_than_the_trunk_takes_its_contact_over() -> None:
+    player = Player()
+    [begin] = player.play(1 + HELD, HipRoll=2.0)
+    assert begin.joint is None
+    player.play(BEFORE_LAST - 1 - HELD, HipRoll=2.0)
+    events = player.play(1, HipRoll=2.0, LElbowRoll=-3.0)
+    assert story(events) == [(1, "update", "LElbowRoll")]
+    assert (events[0].link, events[0].direction) == ("LForeArm", 1)
+    assert events[0].detection_time == begin.time
+    assert events[0].onset_time <= begin.onset_time
+    events = player.play(3 * PERIOD, HipRoll=2.0, LElbowRoll=-3.0) + player.play(QUIET)
+    assert {event.id for event in events} == {1}
+    assert {event.joint for event in events} == {"LElbowRoll"}
+    assert events[-1].phase == "end"
+
+
+def test_later_the_arm_has_a_contact_of_its_own() -> None:
+    player = Player()
+    player.play(LAST + 2, HipRoll=2.0)
+    events = player.play(2, HipRoll=2.0, LElbowRoll=3.0)
+    assert story(events)[0] == (2, "begin", "LElbowRoll")
+    ends = [event for event in player.play(QUIET) if event.phase == "end"]
+    assert sorted(event.id for event in ends) == [1, 2]
+
+
+def test_what_the_trunk_feels_of_a_push_on_an_arm_is_no_second_contact() -> None:
+    player = Player()
+    events = player.play(5, LElbowRoll=3.0)
+    events += player.play(30, LElbowRoll=3.0, HipRoll=2.0, HipPitch=-2.0, base=2.0)
+    # Neither does it become one when the arm is let go first.
+    events += player.play(10, HipRoll=2.0) + player.play(QUIET)
+    assert {event.id for event in events} == {1}
+    assert {event.joint for event in events} == {"LElbowRoll"}
+    # The next one on the trunk is its own again.
+    assert story(player.play(1 + HELD, HipRoll=2.0)) == [(2, "begin", None)]
+
+
+def test_two_limbs_at_once_have_two_contacts() -> None:
+    player = Player()
+    events = player.play(2, LElbowRoll=3.0, RElbowRoll=-3.0)
+    begins = {event.joint: event for event in events if event.phase == "begin"}
+    assert begins.keys() == {"LElbowRoll", "RElbowRoll"}
+    assert begins["LElbowRoll"].id != begins["RElbowRoll"].id
+    assert (begins["LElbowRoll"].direction, begins["RElbowRoll"].direction) == (-1, 1)
+    # The one goes on when the other ends.
+    ends = [e for e in player.play(QUIET, LElbowRoll=3.0) if e.phase == "end"]
+    assert [event.joint for event in ends] == ["RElbowRoll"]
+
+
+def test_two_limbs_after_the_trunk_share_its_contact_with_nobody() -> None:
+    player = Player()
+    player.play(1 + HELD, HipRoll=2.0)
+    events = player.play(1, HipRoll=2.0, LElbowRoll=3.0, RElbowRoll=3.0)
+    assert sorted((e.id, e.phase) for e in events) == [(1, "update"), (2, "begin")]
+
+
+def test_updates_come_when_intensity_or_torque_have_changed() -> None:
+    threshold = float(THRESHOLDS[ROBOT.joint_index("LElbowRoll")])
+
+    def residual(degrees: float) -> float:
+        return math.radians(degrees) / threshold
+
+    def torque(size: float) -> float:  # of the player: 10 N m/rad
+        return size / (10.0 * threshold)
+
+    quiet = 2 * PERIOD
+    player = Player()
+    [begin] = player.play(1, LElbowRoll=residual(3.0))
+    assert player.play(quiet, LElbowRoll=residual(3.0)) == []
+    # The intensity is the largest so far: it only grows.
+    assert player.play(quiet, LElbowRoll=residual(3.0 + 0.95 * INTENSITY_STEP_DEG)) == []
+    [grown] = player.play(quiet, LElbowRoll=residual(3.0 + 1.05 * INTENSITY_STEP_DEG))
+    assert (grown.phase, grown.id) == ("update", begin.id)
+    assert grown.time == pytest.approx((2 * quiet + 1) * CYCLE)  # at once after so long
+    assert grown.torque is not None
+    # The torque of the player has a standard deviation of 0.1 N m.
+    step = 0.1 * TORQUE_STEP_STDS
+    assert player.play(quiet, LElbowRoll=torque(abs(grown.torque) - 0.95 * step)) == []
+    [less] = player.play(quiet, LElbowRoll=torque(abs(grown.torque) - 1.05 * step))
+    assert less.torque == pytest.approx(grown.torque + 1.05 * step)
+    assert less.intensity == grown.intensity
+
+
+def test_updates_of_a_contact_that_grows_are_a_period_apart() -> None:
+    player, events = Player(), []
+    for k in range(3 * PERIOD):
+        events += player.play(1, HipRoll=1.5 + 0.1 * k)
+    assert {event.kind for event in events} == {"contact", "collision"}
+    growing = [event for event in events if event.kind == "contact"]
+    apart = np.diff([event.time for event in growing])
+    assert len(apart) >= 1
+    assert apart.min() >= SETTINGS.update_period - 1e-6
+    [hard] = [e for e, before in zip(events[1:], events, strict=False) if e.kind != before.kind]
+    assert hard.time == pytest.approx(round((3.0 - 1.5) / 0.1 + 1) * CYCLE)  # at once
+
+
+def test_a_contact_that_gets_hard_is_a_collision() -> None:
+    factor = SETTINGS.collision_factor
+    player = Player()
+    [soft] = player.play(1, LElbowRoll=0.98 * factor)
+    assert soft.kind == "contact"
+    [hard] = player.play(1, LElbowRoll=1.02 * factor)
+    assert (hard.id, hard.phase, hard.kind) == (1, "update", "collision")
+    # And stays one.
+    events = player.play(PERIOD, LElbowRoll=1.5) + player.play(QUIET)
+    assert {event.kind for event in events} == {"collision"}
+    [at_once] = Player().play(1, LElbowRoll=1.02 * factor)
+    assert (at_once.phase, at_once.kind) == ("begin", "collision")
+
+
+def test_a_joint_that_swings_back_makes_a_rebound() -> None:
+    player = Player()
+    events = player.play(5, LElbowRoll=2.8) + player.play(3)
+    events += player.play(5, LElbowRoll=-2.8) + player.play(QUIET)
+    assert [(e.id, e.phase, e.kind) for e in events if e.phase != "update"] == [
+        (1, "begin", "contact"),
+        (1, "end", "contact"),
+        (2, "begin", "rebound"),
+        (2, "end", "rebound"),
+    ]
+    assert events[1].time == pytest.approx(5 * CYCLE)
+
+
+def test_a_contact_that_moved_from_the_trunk_ends_no_earlier_than_it_moved() -> None:
+    player = Player()
+    events = player.play(2 + HELD, HipRoll=2.0) + player.play(3)
+    events += player.play(1, LElbowRoll=3.0) + player.play(QUIET)
+    assert {event.id for event in events} == {1}
+    times = [event.time for event in events]
+    assert times == sorted(times)
+
+
+def test_reset_forgets() -> None:
+    player = Player()
+    player.play(10, LElbowRoll=5.0, HipRoll=5.0)
+    player.tracker.reset()
+    assert player.tracker.idle
+    assert player.play(GAP + 5) == []
+    assert player.play(1, LElbowRoll=2.0)[0].id == 1
+
+
+NAMES = ("KneePitch", "HipRoll", "HeadYaw", "LShoulderRoll", "LElbowRoll", "LHand", "RWristYaw")
+VALUES = st.sampled_from([0.0, 0.0, 0.5, 1.2, -1.2, 2.5, -4.0, 9.0, math.nan])
+PART = st.tuples(
+    st.integers(1, 40), st.dictionaries(st.sampled_from(NAMES), VALUES, max_size=4), VALUES
+)
+
+
+@settings(max_examples=150)
+@given(st.lists(PART, max_size=20))
+def test_events_make_sense_for_any_residuals(
+    parts: list[tuple[int, dict[str, float], float]],
+) -> None:
+    player = Player()
+    events: list[Contact] = []
+    for ticks, row, base in parts:
+        for _ in range(ticks):
+            idle = player.tracker.idle
+            new = player.play(1, base, **row)
+            values = [0.0 if math.isnan(v) else abs(v) for v in (*row.values(), base)]
+            assert not (new and idle and max(values) <= 1.0)
+            events += new
+    events += player.play(3 * QUIET)
+    check_lives(events)
+    assert player.tracker.idle
+    assert set(player.states) == {JointState.FREE}

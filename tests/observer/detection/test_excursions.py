@@ -1,0 +1,264 @@
+from __future__ import annotations
+
+import math
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from pepper_driver.observer.detection.excursions import (
+    SETTLING_FACTOR,
+    SETTLING_TIME,
+    STUCK_LONGEST,
+    STUCK_TIME,
+    JointMonitor,
+)
+from pepper_driver.observer.interface import JointState
+from support.observer import CYCLE, SETTINGS, THRESHOLD
+
+FREE, CONTACT, RELEASE, REBOUND, BLIND = (
+    JointState.FREE,
+    JointState.CONTACT,
+    JointState.RELEASE,
+    JointState.REBOUND,
+    JointState.BLIND,
+)
+GAP = round(SETTINGS.merge_gap / CYCLE)
+WINDOW = int(SETTINGS.rebound_window / CYCLE)
+
+
+def monitor() -> JointMonitor:
+    return JointMonitor(3, SETTINGS, lambda joint, sign, threshold: -1.0)
+
+
+def play(target: JointMonitor, *parts: tuple[float, int], start: int = 0) -> list[JointState]:
+    """States for a residual that has each value for so many ticks, as multiples of the threshold."""
+    states = []
+    k = start
+    for value, ticks in parts:
+        for _ in range(ticks):
+            states.append(target.step(k * CYCLE, value * THRESHOLD, THRESHOLD))
+            k += 1
+    return states
+
+
+def test_a_touch_from_begin_to_end() -> None:
+    joint = monitor()
+    states = play(joint, (0.5, 5), (1.5, 4), (2.5, 3), (1.2, 3), (0.2, GAP + 5))
+    assert states[:5] == [FREE] * 5
+    assert states[5:15] == [CONTACT] * 10
+    # Still within the gap at its very end, free with the next tick.
+    assert states[15 : 15 + GAP + 1] == [RELEASE] * (GAP + 1)
+    assert states[15 + GAP + 1 :] == [FREE] * 4
+    assert joint.excursion is None
+
+
+def test_an_excursion_keeps_its_figures() -> None:
+    joint = monitor()
+    play(joint, (0.5, 5), (-1.5, 4), (-2.5, 3), (-1.2, 3), (0.0, 2))
+    excursion = joint.excursion
+    assert excursion is not None
+    assert (excursion.joint, excursion.sign, excursion.kind) == (3, -1, "contact")
+    assert excursion.peak == pytest.approx(2.5 * THRESHOLD)
+    assert excursion.begin_time == pytest.approx(5 * CYCLE)
+    assert excursion.fall_time == pytest.approx(15 * CYCLE)
+    assert excursion.onset_time == -1.0
+
+
+def test_on_the_threshold_is_not_over_it() -> None:
+    assert play(monitor(), (1.0, 3), (-1.0, 3)) == [FREE] * 6
+
+
+@pytest.mark.parametrize(("gap", "same"), [(1, True), (GAP, True), (GAP + 1, False)])
+def test_a_return_on_the_same_side_within_the_gap_goes_on(gap: int, same: bool) -> None:
+    joint = monitor()
+    play(joint, (1.5, 5))
+    first = joint.excursion
+    states = play(joint, (0.1, gap), (1.2, 3), start=5)
+    assert states[-3:] == [CONTACT] * 3
+    assert (joint.excursion is first) is same
+    assert joint.excursion is not None
+    assert joint.excursion.peak == pytest.approx((1.5 if same else 1.2) * THRESHOLD)
+
+
+@pytest.mark.parametrize(
+    ("gap", "rebound"), [(0, True), (1, True), (WINDOW, True), (WINDOW + 1, False)]
+)
+def test_the_other_side_soon_after_is_a_rebound(gap: int, rebound: bool) -> None:
+    joint = monitor()
+    states = play(joint, (3.0, 10), (0.0, gap), (-1.5, 4), (0.0, 3))
+    state = REBOUND if rebound else CONTACT
+    assert states[10 + gap : 14 + gap] == [state] * 4
+    assert states[14 + gap :] == [RELEASE] * 3
+    assert joint.excursion is not None
+    assert joint.excursion.kind == ("rebound" if rebound else "contact")
+
+
+def test_the_same_side_is_never_a_rebound() -> None:
+    states = play(monitor(), (3.0, 10), (0.0, GAP + 2), (1.5, 4))
+    assert states[-4:] == [CONTACT] * 4
+
+
+def test_a_rebound_of_a_rebound_is_one_too() -> None:
+    states = play(monitor(), (3.0, 10), (0.0, 5), (-1.5, 5), (0.0, 5), (1.2, 3))
+    assert states[15:20] == [REBOUND] * 5
+    assert states[-3:] == [REBOUND] * 3
+
+
+def test_a_rebound_that_stays_is_a_contact() -> None:
+    states = play(monitor(), (3.0, 10), (0.0, 5), (-1.5, WINDOW + 10))[15:]
+    assert states[: WINDOW + 1] == [REBOUND] * (WINDOW + 1)
+    assert states[WINDOW + 1 :] == [CONTACT] * 9
+
+
+def test_a_blind_tick_ends_and_forgets_everything() -> None:
+    joint = monitor()
+    states = play(joint, (3.0, 10), (math.nan, 1), (-1.5, 2))
+    assert states[10] is BLIND
+    assert states[11:] == [CONTACT] * 2
+    other = monitor()
+    assert play(other, (3.0, 10), (0.0, 2), (math.nan, 2), (0.0, 1)) == (
+        [CONTACT] * 10 + [RELEASE] * 2 + [BLIND] * 2 + [FREE]
+    )
+
+
+def test_reset_forgets() -> None:
+    joint = monitor()
+    play(joint, (3.0, 10), (0.0, 2))
+    joint.reset()
+    assert joint.excursion is None
+    assert play(joint, (-1.5, 1), start=12) == [CONTACT]
+
+
+@given(st.lists(st.floats(-3, 3) | st.just(math.nan), max_size=120))
+def test_state_and_excursion_agree_for_any_signal(values: list[float]) -> None:
+    joint = monitor()
+    for k, value in enumerate(values):
+        state = joint.step(k * CYCLE, value * THRESHOLD, THRESHOLD)
+        excursion = joint.excursion
+        if math.isnan(value):
+            assert state is BLIND
+        elif abs(value * THRESHOLD) > THRESHOLD:
+            assert state in (CONTACT, REBOUND)
+            assert excursion is not None
+            assert excursion.over
+            assert excursion.sign == math.copysign(1, value)
+            assert excursion.peak >= abs(value * THRESHOLD)
+            assert (state is REBOUND) == (excursion.kind == "rebound")
+        else:
+            assert state in (FREE, RELEASE)
+        assert (excursion is None) == (state in (FREE, BLIND))
+
+
+@given(
+    st.lists(st.tuples(st.booleans(), st.floats(-0.99, 0.99), st.floats(-0.99, 0.99)), max_size=150)
+)
+def test_values_under_the_threshold_change_nothing(rows: list[tuple[bool, float, float]]) -> None:
+    one, other = monitor(), monitor()
+    for k, (over, first, second) in enumerate(rows):
+        push = math.copysign(2.0, first) if over else 0.0
+        a = one.step(k * CYCLE, (push or first) * THRESHOLD, THRESHOLD)
+        b = other.step(k * CYCLE, (push or second) * THRESHOLD, THRESHOLD)
+        assert a == b
+        assert one.excursion == other.excursion
+
+
+SETTLING = JointState.SETTLING
+BAND = 2.5 * THRESHOLD
+
+
+class Settler:
+    """A monitor with a state SETTLING, and residuals and bands as multiples of the threshold."""
+
+    def __init__(self) -> None:
+        self.joint = JointMonitor(3, SETTINGS, lambda joint, sign, threshold: -1.0, settles=True)
+        self.k = 0
+        self.settled: list[int] = []
+
+    def play(self, value: float, ticks: int, band: float = BAND) -> list[JointState]:
+        states = []
+        for _ in range(ticks):
+            states.append(self.joint.step(self.k * CYCLE, value * THRESHOLD, THRESHOLD, band))
+            if self.joint.settled:
+                self.settled.append(self.k)
+            self.k += 1
+        return states
+
+
+STUCK = math.ceil(STUCK_TIME / CYCLE)
+LONGEST = math.ceil(STUCK_LONGEST / CYCLE)
+
+
+def test_a_joint_that_friction_holds_off_its_place_is_let_go() -> None:
+    player = Settler()
+    player.play(4.0, 20)
+    states = player.play(2.0, STUCK + 5)
+    first = states.index(SETTLING)
+    assert first == pytest.approx(STUCK, abs=1)
+    assert player.settled == [20 + first]
+    assert states[:first] == [CONTACT] * first
+
+
+def test_a_hand_that_still_pulls_is_no_friction() -> None:
+    # Beyond what friction can hold, moving, or never fallen from its peak within a second.
+    for band, value in ((1.9 * THRESHOLD, 2.0), (0.0, 2.0)):
+        player = Settler()
+        player.play(4.0, 20, band)
+        assert SETTLING not in player.play(value, 3 * LONGEST, band)
+    player = Settler()
+    player.play(4.0, 20)
+    for k in range(3 * LONGEST):
+        assert player.play(2.0 + 0.4 * math.sin(k / 3), 1) == [CONTACT]
+    player = Settler()
+    assert SETTLING not in player.play(2.0, LONGEST - 1)
+
+
+def test_one_that_never_fell_is_let_go_later() -> None:
+    player = Settler()
+    states = player.play(2.0, LONGEST + 3)
+    assert states.index(SETTLING) == pytest.approx(LONGEST, abs=1)
+
+
+def test_after_a_contact_more_is_needed_for_a_while() -> None:
+    player = Settler()
+    player.play(4.0, 20)
+    player.play(0.2, GAP + 1)
+    assert player.play(0.2, 1) == [SETTLING]
+    assert player.settled == [20 + GAP + 1]
+    wait = math.floor(SETTLING_TIME / CYCLE)
+    value = 0.5 * (1.0 + SETTLING_FACTOR)
+    assert set(player.play(value, wait)) == {SETTLING}
+    assert not player.joint.idle(player.k * CYCLE - 2 * CYCLE)
+    assert player.play(value, 3)[-1] is CONTACT
+
+
+def test_a_new_touch_while_settling_is_a_contact() -> None:
+    player = Settler()
+    player.play(4.0, 20)
+    player.play(0.2, GAP + 3)
+    assert player.play(1.1 * SETTLING_FACTOR, 1) == [CONTACT]
+
+
+def test_without_settling_nothing_is_ever_stuck() -> None:
+    joint = monitor()
+    states = [joint.step(k * CYCLE, 2.0 * THRESHOLD, THRESHOLD, BAND) for k in range(3 * LONGEST)]
+    assert set(states) == {CONTACT}
+
+
+@given(st.lists(st.floats(-3, 3) | st.just(math.nan), max_size=200), st.floats(0.0, 4.0))
+def test_whoever_settles_has_ended_an_excursion(values: list[float], band: float) -> None:
+    player = Settler()
+    before = None
+    for value in values:
+        player.settled.clear()
+        [state] = player.play(value, 1, band * THRESHOLD)
+        now = player.joint.excursion
+        if player.settled:
+            assert before is not None
+            assert now is not before
+        assert (state is BLIND) == math.isnan(value)
+        assert (now is None) == (state in (FREE, BLIND, SETTLING))
+        before = now
+    player.play(0.0, 3 * GAP)
+    assert player.joint.excursion is None
+    assert player.joint.idle(player.k * CYCLE)

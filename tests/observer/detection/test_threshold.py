@@ -1,0 +1,49 @@
+"""The bound of a joint's residual, from free motion."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from pepper_driver.observer import ContactObserver
+from pepper_driver.observer.fitting.bounds import THRESHOLD_FACTOR, free_residual, free_threshold
+from support.observer import ROBOT, SETTINGS, SILENT, models, recording
+
+JOINT, WINDOW, N = "LShoulderRoll", 11, 200
+STILL = np.zeros((N, 3))
+
+
+def test_the_threshold_is_the_largest_filtered_residual_with_a_margin() -> None:
+    """With a model that expects nothing, the residual is the tracking error."""
+    error = np.zeros(N)
+    error[50:80] = -0.02  # longer than half a window: it passes the median
+    error[120:124] = 0.5  # shorter: it does not
+    quiet = recording(STILL, np.full(N, 0.001))
+    runs = [quiet, recording(STILL, error)]
+    assert free_threshold(JOINT, runs, SILENT, WINDOW) == pytest.approx(THRESHOLD_FACTOR * 0.02)
+    assert free_threshold(JOINT, [quiet], SILENT, WINDOW) == pytest.approx(THRESHOLD_FACTOR * 0.001)
+
+
+def test_samples_that_say_nothing_do_not_count() -> None:
+    error, changed, age = np.full(N, 0.01), np.zeros(N, dtype=np.bool_), np.zeros(N)
+    error[50:80], changed[50:80] = 0.3, True
+    error[120:150], age[120:150] = 0.4, 1.0
+    run = recording(STILL, error, changed=changed, age=age)
+    assert free_threshold(JOINT, [run], SILENT, WINDOW) == pytest.approx(THRESHOLD_FACTOR * 0.01)
+
+
+def test_a_recording_without_a_whole_window_is_refused() -> None:
+    short = recording(STILL[:5], np.full(5, 0.01))
+    assert len(free_residual(JOINT, short, SILENT, WINDOW)) == 0
+    with pytest.raises(ValueError, match=f"{JOINT}: no recording holds 11"):
+        free_threshold(JOINT, [short], SILENT, WINDOW)
+
+
+def test_the_observer_takes_the_models_thresholds_unless_one_is_set() -> None:
+    own = {name: math.radians(0.5 + 0.1 * i) for i, name in enumerate(ROBOT.joint_names)}
+    set_of_models = replace(models(), threshold=own)
+    observer = ContactObserver(ROBOT, set_of_models, replace(SETTINGS, threshold=None))
+    assert "0.50 to 2.10 deg" in observer.describe()
+    fixed = ContactObserver(ROBOT, set_of_models, replace(SETTINGS, threshold=math.radians(2.5)))
+    assert "2.50 to 2.50 deg" in fixed.describe()

@@ -1,0 +1,106 @@
+"""Identification of the twin finds the constants of a joint that another integrator simulates."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from pepper_driver.observer.fitting.stick_slip import START_UP, fit_twin
+from pepper_driver.observer.models.stick_slip import TwinParameters
+from pepper_driver.observer.recording import Recording
+from support.fusion import ELBOW, TORQUE_CONSTANT, TWIN, drive, recording_of, swing
+from support.observer import CYCLE
+
+JOINT = "LElbowRoll"
+TRUE = replace(
+    TWIN,
+    lag=0.035,
+    friction=0.011,
+    load_friction=0.0,
+    load_gain=0.013,
+    offset=-0.004,
+    breakaway=1.2,
+)
+
+
+def runs(twin: TwinParameters = TRUE, seconds: float = 6.0) -> list[Recording]:
+    """Free motion of different speeds, with the encoder's steps."""
+    made = []
+    for size, rate, gravity, rest in ((0.5, 1.0, 3.0, 1.0), (0.4, 2.2, -3.0, 0.5)):
+        motion = swing(seconds, size, rate, gravity=gravity, rest=rest)
+        made.append(recording_of(motion, drive(motion, twin)))
+    return made
+
+
+def total_lag(twin: TwinParameters) -> float:
+    return twin.lag + twin.transport * CYCLE
+
+
+@pytest.fixture(scope="module")
+def found() -> TwinParameters:
+    return fit_twin(JOINT, runs(), CYCLE)
+
+
+def test_finds_the_constants_of_the_joint(found: TwinParameters) -> None:
+    # At these speeds a lag in time looks like one of the motor: only their sum is known well.
+    assert total_lag(found) == pytest.approx(TRUE.lag, abs=0.0015)
+    assert found.friction == pytest.approx(TRUE.friction, rel=0.12)
+    assert found.load_gain == pytest.approx(TRUE.load_gain, rel=0.05)
+    assert found.offset == pytest.approx(TRUE.offset, abs=4e-4)
+    assert found.inertia == pytest.approx(TRUE.inertia, abs=2e-4)
+    # What is not there is not found.
+    assert found.dead_band == found.integral_rate == 0.0
+
+
+def test_what_comes_a_tick_late_is_found_as_late(found: TwinParameters) -> None:
+    late = []
+    for run in runs():
+        position = run.position.copy()
+        position[1:] = run.position[:-1]
+        late.append(replace(run, position=position))
+    there = fit_twin(JOINT, late, CYCLE)
+    assert there.transport > found.transport + 0.3
+    assert total_lag(there) == pytest.approx(TRUE.lag + CYCLE, abs=0.0015)
+    assert there.friction == pytest.approx(TRUE.friction, rel=0.12)
+
+
+def test_a_dead_band_and_an_integral_are_found_where_they_are() -> None:
+    band = fit_twin(JOINT, runs(replace(TRUE, dead_band=0.006)), CYCLE)
+    assert band.dead_band == pytest.approx(0.006, abs=0.003)
+    board = fit_twin(JOINT, runs(replace(TRUE, integral_rate=0.8)), CYCLE)
+    assert board.integral_rate == pytest.approx(0.8, abs=0.25)
+
+
+def test_the_current_tells_the_stiffness_of_a_joint_that_bears_no_load() -> None:
+    light = replace(TRUE, load_gain=TWIN.load_gain)
+    made = []
+    for size, rate in ((0.5, 1.0), (0.4, 2.2)):
+        motion = replace(swing(6.0, size, rate, rest=1.0), load=np.zeros(round(7.0 / CYCLE)))
+        made.append(recording_of(motion, drive(motion, light)))
+    found = fit_twin(JOINT, made, CYCLE, torque_constant=TORQUE_CONSTANT)
+    assert found.load_gain == pytest.approx(light.load_gain, rel=0.1)
+
+
+def test_samples_that_cannot_be_used_do_not_count() -> None:
+    """And neither does the start, nor the end of a shorter run."""
+    long, short = runs(seconds=3.0)
+    short = replace(
+        short, **{name: getattr(short, name)[:120] for name in vars(short) if name != "joint_names"}
+    )
+    spoilt = []
+    for run in (long, short):
+        position, changed, age = run.position.copy(), run.changed.copy(), run.age.copy()
+        changed[90:100, ELBOW] = True
+        age[70:75] = 0.05
+        spoilt.append((replace(run, changed=changed, age=age), position))
+    clean = fit_twin(JOINT, [run for run, _ in spoilt], CYCLE)
+    garbage = []
+    for run, position in spoilt:
+        for span in (slice(1, round(START_UP / CYCLE)), slice(90, 100), slice(70, 75)):
+            position[span, ELBOW] += 0.5
+        garbage.append(replace(run, position=position))
+    assert fit_twin(JOINT, garbage, CYCLE) == clean
+    garbage[1] = replace(garbage[1], changed=np.zeros_like(garbage[1].changed))
+    assert fit_twin(JOINT, garbage, CYCLE) != clean

@@ -1,0 +1,631 @@
+"""Mode ``fusion`` over ticks of a joint that another integrator simulates."""
+
+from __future__ import annotations
+
+import math
+import warnings
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import Phase, given, settings
+from hypothesis import strategies as st
+
+from pepper_driver.config.arrays import FloatArray
+from pepper_driver.controller.tick import Tick
+from pepper_driver.observer.contact_observer import ContactObserver
+from pepper_driver.observer.detection.excursions import SETTLING_FACTOR
+from pepper_driver.observer.detection.threshold import (
+    CHANGED_FACTOR,
+    SPEED_MEMORY,
+    START,
+    THRESHOLD_MEMORY,
+    FusionThreshold,
+)
+from pepper_driver.observer.interface import FULL_STIFFNESS, Contact, JointState, Observation
+from pepper_driver.observer.models.tree import CartTree
+from pepper_driver.observer.residuals.prediction import LATEST
+from support.fusion import (
+    BOUND,
+    ELBOW,
+    MODEL,
+    TWIN,
+    Driven,
+    Motion,
+    check_lives,
+    constant_tree,
+    drive,
+    fusion_model,
+    fusion_observer,
+    fusion_set,
+    fusion_signal,
+    play,
+    push_profile,
+    standing,
+    swing,
+    ticks_of,
+)
+from support.observer import CYCLE, JOINTS, ROBOT, SETTINGS, tick
+
+WINDOW = SETTINGS.fusion_window
+STIFFNESS = TWIN.stiffness
+HEAD = ROBOT.joint_index("HeadYaw")
+QUIET = round(2.0 / CYCLE)
+
+
+def run(target: ContactObserver, made: Sequence[Tick]) -> tuple[list[Observation], list[Contact]]:
+    observations = [target.step(one) for one in made]
+    return observations, [event for one in observations for event in one.contacts]
+
+
+def of_elbow(observations: Sequence[Observation], name: str) -> FloatArray:
+    return np.array([getattr(one, name)[ELBOW] for one in observations])
+
+
+# -- free motion ----------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("size", "rate"), [(0.3, 2.0), (0.6, 3.0), (0.1, 0.7)])
+def test_nothing_is_felt_in_free_motion(size: float, rate: float) -> None:
+    motion = swing(8.0, size, rate, rest=1.0)
+    observations, events = run(fusion_observer(), ticks_of(motion, drive(motion)))
+    assert events == []
+    residual = of_elbow(observations, "residual")
+    error = (motion.position - drive(motion).position).std()
+    assert residual.std() < 0.2 * error
+    assert np.abs(residual).max() < 0.6 * BOUND
+
+
+def test_expected_error_is_that_of_the_joint() -> None:
+    motion = swing(5.0)
+    driven = drive(motion)
+    observations, _ = run(fusion_observer(), ticks_of(motion, driven))
+    error = motion.position - driven.position
+    expected = of_elbow(observations, "expected")
+    assert np.sqrt(np.mean((expected - error) ** 2)) < 0.1 * error.std()
+
+
+@pytest.mark.parametrize("weight", [(1.0, 1.0), (0.0, 0.0), (0.5, 0.2)])
+def test_both_channels_alone_and_together_feel_a_push(weight: tuple[float, float]) -> None:
+    motion = swing(6.0)
+    push = push_profile(len(motion), 2.0, 0.8, 4.5)
+    made = ticks_of(motion, drive(motion, torque=push))
+    _, events = run(fusion_observer(fusion_model(weight=weight)), made)
+    begins = [event for event in events if event.phase == "begin" and event.kind != "rebound"]
+    assert [event.joint for event in begins] == ["LElbowRoll"]
+    assert begins[0].direction == 1
+    assert 2.0 < begins[0].time < 2.2
+
+
+# -- torque ---------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("torque", [4.0, -4.0, 6.0, -6.0])
+def test_torque_of_a_push_on_a_joint_at_rest(torque: float) -> None:
+    motion = standing(4.0, load=1.0)
+    push = push_profile(len(motion), 1.0, 1.5, torque)
+    observations, events = run(fusion_observer(), ticks_of(motion, drive(motion, torque=push)))
+    assert events[0].direction == math.copysign(1, torque)
+    held = slice(round(1.3 / CYCLE), round(2.3 / CYCLE))
+    estimate = of_elbow(observations, "torque")[held]
+    spread = of_elbow(observations, "torque_std")[held]
+    assert (np.sign(estimate) == np.sign(torque)).all()
+    # What is not known is on which side friction holds.
+    assert np.abs(estimate - torque).max() < 3.0 * spread.min()
+    assert spread.max() < 0.5 * abs(torque)
+    event = next(e for e in events if e.phase == "update" and e.time > 1.3)
+    assert event.torque is not None
+    assert abs(event.torque - torque) < 3.0 * spread.min()
+
+
+@pytest.mark.parametrize("torque", [4.0, -4.0])
+def test_torque_of_a_push_on_a_joint_that_moves(torque: float) -> None:
+    motion = swing(6.0, rate=1.0)
+    push = push_profile(len(motion), 2.0, 1.2, torque)
+    observations, _ = run(fusion_observer(), ticks_of(motion, drive(motion, torque=push)))
+    held = slice(round(2.3 / CYCLE), round(3.0 / CYCLE))
+    estimate = of_elbow(observations, "torque")[held]
+    spread = of_elbow(observations, "torque_std")[held]
+    assert (np.sign(estimate) == np.sign(torque)).all()
+    assert np.sqrt(np.mean((estimate - torque) ** 2)) < 3.0 * spread.mean()
+
+
+def test_without_a_push_there_is_little_torque() -> None:
+    motion = swing(6.0)
+    observations, _ = run(fusion_observer(), ticks_of(motion, drive(motion)))
+    assert np.abs(of_elbow(observations, "torque")).max() < 0.6 * BOUND * STIFFNESS
+
+
+# -- after a push ---------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("torque", [4.0, -4.0])
+def test_a_joint_that_friction_holds_off_its_place_is_let_go(torque: float) -> None:
+    """A hand pushes it away and goes; it stays where friction holds it, further off than the threshold."""
+    rough = replace(TWIN, friction=0.025, breakaway=1.2)
+    motion = standing(8.0)
+    push = push_profile(len(motion), 1.0, 1.0, 2.0 * torque)
+    driven = drive(motion, rough, torque=push)
+    model = fusion_model(rough, bound=constant_tree(0.015))
+    assert 1.1 < abs(driven.position[-1]) / model.largest_bound < 0.95 * SETTLING_FACTOR
+    observations, events = run(fusion_observer(model), ticks_of(motion, driven))
+    first = [event for event in events if event.id == 1]
+    assert first[-1].phase == "end"
+    assert first[-1].time == pytest.approx(2.1, abs=0.3)
+    # From then on it is free, where it is.
+    after = round(4.0 / CYCLE)
+    assert {int(one.state[ELBOW]) for one in observations[after:]} == {JointState.FREE}
+    assert np.abs(of_elbow(observations, "residual")[after:]).max() < 0.3 * BOUND
+    # Another push is felt as well as the first.
+    again = drive(motion, rough, torque=push, start=driven.position[-1])
+    more = ticks_of(motion, again)
+    shifted = [
+        replace(one, measurement=replace(one.measurement, time=one.measurement.time + 8.0))
+        for one in more
+    ]
+    target = fusion_observer(model)
+    _, events = run(target, [*ticks_of(motion, driven), *shifted])
+    pushes = [e.time for e in events if e.phase == "begin" and e.kind in ("contact", "collision")]
+    assert any(9.0 < time < 9.3 for time in pushes)
+
+
+@pytest.mark.parametrize("torque", [4.0, -4.0])
+def test_letting_go_is_no_contact_of_its_own(torque: float) -> None:
+    rough = replace(TWIN, friction=0.03, breakaway=1.2)
+    motion = standing(8.0)
+    driven = drive(motion, rough, torque=push_profile(len(motion), 1.0, 1.0, 2.5 * torque))
+    model = fusion_model(rough, bound=constant_tree(0.01))
+    _, events = run(fusion_observer(model), ticks_of(motion, driven))
+    assert {event.id for event in events} == {1}
+
+
+def test_a_joint_let_go_in_motion_is_felt_again() -> None:
+    motion = swing(12.0)
+    push = sum(
+        (
+            push_profile(len(motion), at, 0.6, side * 5.0)
+            for at, side in ((2.0, 1), (5.0, -1), (8.0, 1))
+        ),
+        np.zeros(len(motion)),
+    )
+    observations, events = run(fusion_observer(), ticks_of(motion, drive(motion, torque=push)))
+    check_lives(events)
+    begins = [event for event in events if event.phase == "begin" and event.kind != "rebound"]
+    assert [event.direction for event in begins] == [1, -1, 1]
+    np.testing.assert_allclose([event.time for event in begins], [2.1, 5.1, 8.1], atol=0.12)
+    ends = [e.time for e in events if e.phase == "end" and e.kind != "rebound"]
+    np.testing.assert_allclose(ends, [2.6, 5.6, 8.6], atol=0.25)
+    assert np.abs(of_elbow(observations, "residual")[-100:]).max() < 0.5 * BOUND
+
+
+# -- blindness ------------------------------------------------------------------------------------------------------
+
+
+def spoilt(one: Tick, part: str, name: str, value: float) -> Tick:
+    array = getattr(getattr(one, part), name).copy()
+    array[ELBOW] = value
+    changes: dict[str, Any] = {part: replace(getattr(one, part), **{name: array})}
+    return replace(one, **changes)
+
+
+BAD = [
+    ("measurement", "position", math.nan),
+    ("measurement", "position", math.inf),
+    ("measurement", "current", math.nan),
+    ("sent", "position", math.nan),
+    ("sent", "stiffness", FULL_STIFFNESS - 0.01),
+    ("sent", "stiffness", math.nan),
+    ("reference", "velocity", math.nan),
+    ("reference", "velocity", math.inf),
+    ("reference", "acceleration", -math.inf),
+    ("reference", "load_torque", math.nan),
+    ("reference", "load_torque", math.inf),
+]
+
+
+@pytest.mark.parametrize(
+    ("part", "name", "value"),
+    BAD,
+)
+def test_a_bad_tick_makes_its_joint_blind_for_a_window(part: str, name: str, value: float) -> None:
+    motion = swing(4.0)
+    made = ticks_of(motion, drive(motion))
+    bad = 150
+    made[bad] = spoilt(made[bad], part, name, value)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        observations, events = run(fusion_observer(), made)
+    assert events == []
+    for k, one in enumerate(observations):
+        blind = bad <= k < bad + WINDOW
+        assert (one.state[ELBOW] == JointState.BLIND) == blind
+        for values in (one.expected, one.residual, one.threshold, one.torque, one.torque_std):
+            assert np.isnan(values[ELBOW]) == blind
+            assert np.isfinite(values[HEAD])
+        assert one.state[HEAD] == JointState.FREE
+    # The twin goes on from where the joint is.
+    after = of_elbow(observations, "residual")[bad + WINDOW :]
+    assert np.abs(after).max() < 0.6 * BOUND
+
+
+@pytest.mark.parametrize("age", [(LATEST + 1) * CYCLE, 5.0, math.nan, math.inf])
+def test_a_lost_sample_makes_all_joints_blind_for_a_window(age: float) -> None:
+    motion = swing(4.0)
+    made = ticks_of(motion, drive(motion))
+    made[150] = replace(made[150], measurement=replace(made[150].measurement, age=age))
+    observations, events = run(fusion_observer(), made)
+    assert events == []
+    for k, one in enumerate(observations):
+        blind = 150 <= k < 150 + WINDOW
+        assert (one.state == (JointState.BLIND if blind else JointState.FREE)).all()
+
+
+@pytest.mark.parametrize("late", range(1, LATEST + 1))
+def test_late_samples_are_compared_with_what_was_expected_for_their_time(late: int) -> None:
+    motion = swing(6.0, 0.5, 3.0)
+    driven = drive(motion)
+    delays = [late if 100 <= k < 400 and k % 7 < 2 * late else 0 for k in range(len(motion))]
+    on_time, _ = run(fusion_observer(), ticks_of(motion, driven))
+    observations, events = run(fusion_observer(), ticks_of(motion, driven, late=delays))
+    assert events == []
+    assert all(one.state[ELBOW] == JointState.FREE for one in observations)
+    difference = of_elbow(observations, "residual") - of_elbow(on_time, "residual")
+    # Compared with the wrong time, the way it goes meanwhile would be the difference.
+    assert np.abs(difference).max() < 0.25 * late * CYCLE * np.abs(motion.velocity).max()
+
+
+def test_a_frozen_link_is_no_contact() -> None:
+    """Samples grow older, then they are lost, then it goes on."""
+    motion = swing(6.0, 0.5, 3.0)
+    delays = [max(0, min(k - 200, 30)) if k < 230 else 0 for k in range(len(motion))]
+    observations, events = run(fusion_observer(), ticks_of(motion, drive(motion), late=delays))
+    assert events == []
+    states = [JointState(int(one.state[ELBOW])) for one in observations]
+    assert set(states[: 200 + LATEST + 1]) == {JointState.FREE}
+    assert set(states[200 + LATEST + 1 : 229 + WINDOW]) == {JointState.BLIND}
+    assert set(states[230 + WINDOW :]) == {JointState.FREE}
+
+
+def test_a_soft_joint_is_blind_and_wakes_without_a_contact() -> None:
+    motion = swing(9.0, 0.4, 1.5, gravity=4.0)
+    n = len(motion)
+    k = np.arange(n)
+    stiffness = np.interp(k, [0, 150, 230, 400, 480, n], [1.0, 1.0, 0.2, 0.2, 1.0, 1.0])
+    # Softer, it sags under its load and lags.
+    driven = drive(motion)
+    sag = (1.0 - stiffness) * (0.25 * motion.load + 0.2 * motion.velocity)
+    soft = Driven(position=driven.position - sag, motor=driven.motor)
+    observations, events = run(fusion_observer(), ticks_of(motion, soft, stiffness=stiffness))
+    assert events == []
+    states = of_elbow(observations, "state")
+    stiff = stiffness >= FULL_STIFFNESS
+    assert (states[~stiff] == JointState.BLIND).all()
+    wake = int(np.flatnonzero(~stiff)[-1]) + WINDOW
+    assert (states[wake:] == JointState.FREE).all()
+    assert np.abs(of_elbow(observations, "residual")[wake:]).max() < 0.6 * BOUND
+
+
+def test_a_joint_that_was_soft_may_rest_elsewhere_when_it_wakes() -> None:
+    """Somebody has moved it meanwhile, and its friction holds it where it was left."""
+    rough = replace(TWIN, friction=0.03, breakaway=1.2)
+    motion = standing(5.0)
+    k = np.arange(len(motion))
+    soft = (k >= 100) & (k < 200)
+    position = np.where(soft, 0.3, np.where(k < 100, 0.0, 0.027))
+    driven = Driven(position=position, motor=-position)
+    made = ticks_of(motion, driven, stiffness=np.where(soft, 0.2, 1.0))
+    observations, events = run(fusion_observer(fusion_model(rough, weight=(1.0, 1.0))), made)
+    assert events == []
+    residual = of_elbow(observations, "residual")
+    assert np.isnan(residual[100 : 200 + WINDOW - 1]).all()
+    assert np.abs(residual[200 + WINDOW :]).max() < 0.3 * BOUND
+
+
+def test_a_contact_ends_when_its_joint_goes_blind() -> None:
+    motion = standing(5.0)
+    made = ticks_of(motion, drive(motion, torque=push_profile(len(motion), 1.0, 3.0, 6.0)))
+    made[200] = spoilt(made[200], "measurement", "position", math.nan)
+    _, events = run(fusion_observer(), made)
+    [end] = [event for event in events if event.id == 1 and event.phase == "end"]
+    assert end.time == pytest.approx(200 * CYCLE)
+    assert end.torque is None
+
+
+def test_joints_without_a_model_stay_blind() -> None:
+    target = ContactObserver(
+        ROBOT, fusion_set({"LElbowRoll": MODEL}), replace(SETTINGS, adapt=True)
+    )
+    motion = swing(3.0)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        observations, events = run(target, ticks_of(motion, drive(motion)))
+    assert events == []
+    for one in observations:
+        assert np.isfinite(one.residual[ELBOW])
+        assert np.isnan(np.delete(one.residual, ELBOW)).all()
+        assert (np.delete(one.state, ELBOW) == JointState.BLIND).all()
+
+
+# -- threshold ------------------------------------------------------------------------------------------------------
+
+
+def test_a_command_that_the_gate_altered_widens_the_threshold_for_a_while() -> None:
+    motion = swing(4.0)
+    made = ticks_of(motion, drive(motion), changed=range(100, 110))
+    observations, events = run(fusion_observer(), made)
+    assert events == []
+    threshold = of_elbow(observations, "threshold")
+    memory = round(THRESHOLD_MEMORY / CYCLE)
+    raised = slice(100, 109 + memory)
+    np.testing.assert_allclose(threshold[raised], CHANGED_FACTOR * BOUND)
+    np.testing.assert_allclose(np.delete(threshold, np.r_[100 : 110 + memory]), BOUND)
+    assert all(one.state[ELBOW] == JointState.FREE for one in observations)
+    np.testing.assert_allclose([one.threshold[HEAD] for one in observations], BOUND)
+
+
+def test_the_threshold_is_that_of_the_motion() -> None:
+    fast = CartTree(
+        feature=(0, -1, -1),
+        threshold=(0.3, 0.0, 0.0),
+        left=(1, -1, -1),
+        right=(2, -1, -1),
+        value=(0.0, 0.01, 0.03),
+    )
+    motion = swing(4.0, rest=1.0)
+    observations, _ = run(
+        fusion_observer(fusion_model(bound=fast)), ticks_of(motion, drive(motion))
+    )
+    threshold = of_elbow(observations, "threshold")
+    memory = round(THRESHOLD_MEMORY / CYCLE)
+    speed = np.abs(motion.velocity)
+    for k in range(len(motion)):
+        recent = speed[max(0, k + 1 - memory) : k + 1].max()
+        assert threshold[k] == pytest.approx(0.03 if recent > 0.3 else 0.01)
+
+
+def test_the_threshold_remembers_the_fastest_motion() -> None:
+    was_fast = CartTree(
+        feature=(2, -1, -1),
+        threshold=(0.3, 0.0, 0.0),
+        left=(1, -1, -1),
+        right=(2, -1, -1),
+        value=(0.0, 0.01, 0.03),
+    )
+    target = FusionThreshold([fusion_model(bound=was_fast)] * JOINTS, CYCLE, adapt=False)
+    memory = round(SPEED_MEMORY / CYCLE) + round(THRESHOLD_MEMORY / CYCLE) - 1
+    # Jolts that last for a tick.
+    fast = np.random.default_rng(0).uniform(size=(2000, JOINTS)) < 0.01
+    speed = np.where(fast, -0.4, 0.2)
+    nothing, never = np.zeros(JOINTS), np.zeros(JOINTS, dtype=np.bool_)
+    for k, velocity in enumerate(speed):
+        recently = fast[max(0, k + 1 - memory) : k + 1].any(axis=0)
+        threshold = target.step(velocity, nothing, never, nothing)
+        np.testing.assert_array_equal(threshold, np.where(recently, 0.03, 0.01))
+
+
+def test_a_joint_that_strays_more_today_gets_a_wider_threshold() -> None:
+    """Three times as far as it strayed at most, when it has moved for long enough."""
+    motion = swing(40.0, rate=1.5)
+    rough = drive(motion, replace(TWIN, friction=0.016))
+    model = fusion_model(weight=(1.0, 1.0), spread=(0.02, 0.02), bound=constant_tree(0.004))
+    free, nothing = np.ones(JOINTS, dtype=np.bool_), np.zeros(JOINTS, dtype=np.bool_)
+    signal = fusion_signal(model, adapt=True)
+    rows = []
+    for one in ticks_of(motion, rough):
+        seen = signal.step(one)
+        rows.append((abs(seen.residual[ELBOW]), seen.threshold[ELBOW], seen.threshold[HEAD]))
+        signal.learn(seen, free, nothing, True)
+    size, threshold, other = np.array(rows).T
+    assert (size < threshold).all()
+    largest = size[round(5.0 / CYCLE) :].max()
+    assert largest > 0.004
+    last = threshold[-round(10.0 / CYCLE) :]
+    assert last.max() > 2.0 * largest
+    # The head has not moved: of it nothing is known yet.
+    assert other[-1] >= START * 0.004
+
+
+def test_thresholds_begin_wide_and_come_down_in_free_motion() -> None:
+    motion = swing(40.0)
+    signals = play(fusion_signal(adapt=True), ticks_of(motion, drive(motion)))
+    threshold = np.array([one.threshold[ELBOW] for one in signals])
+    assert threshold[0] >= START * BOUND
+    assert threshold[-50:].min() >= BOUND
+    assert threshold[-50:].max() < 0.6 * threshold[0]
+
+
+def test_thresholds_stay_wide_while_something_touches_the_robot() -> None:
+    """Even on joints that do not feel it."""
+    motion = swing(20.0)
+    signal = fusion_signal(adapt=True)
+    free, nothing = np.ones(JOINTS, dtype=np.bool_), np.zeros(JOINTS, dtype=np.bool_)
+    free[HEAD] = False
+    for one in ticks_of(motion, drive(motion)):
+        made = signal.step(one)
+        assert made.threshold[ELBOW] >= START * BOUND
+        signal.learn(made, free, nothing, False)
+
+
+# -- adaptation -----------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [{"friction": 0.0105}, {"lag": 0.026}, {"offset": 0.004}, {"load_gain": 0.0125}],
+)
+def test_twins_follow_a_joint_that_has_changed(changes: dict[str, float]) -> None:
+    motion = swing(40.0, 0.5, 1.7, gravity=2.5)
+    made = ticks_of(motion, drive(motion, replace(TWIN, **changes)))
+    model = fusion_model(weight=(1.0, 1.0))
+
+    def sizes(adapt: bool) -> FloatArray:
+        signals = play(fusion_signal(model, adapt=adapt), made)
+        residual = np.array([one.residual[ELBOW] for one in signals])
+        quarter = len(residual) // 4
+        parts = (residual[:quarter], residual[-quarter:])
+        return np.array([np.sqrt(np.mean(part**2)) for part in parts])
+
+    followed, fixed = sizes(True), sizes(False)
+    assert followed[1] < 0.6 * fixed[1]
+    assert followed[1] < followed[0]
+
+
+def test_a_push_is_not_learned() -> None:
+    """A hand that holds on for long must not become the load of the joint."""
+    motion = standing(40.0)
+    push = push_profile(len(motion), 10.0, 25.0, 9.0)
+    observations, events = run(
+        fusion_observer(fusion_model(spread=(3e-4, 3e-4)), adapt=True),
+        ticks_of(motion, drive(motion, torque=push)),
+    )
+    begins = [event for event in events if event.phase == "begin"]
+    assert [event.direction for event in begins] == [1]
+    [end] = [event for event in events if event.phase == "end"]
+    assert end.time == pytest.approx(35.0, abs=0.3)
+    estimate = of_elbow(observations, "torque")
+    assert estimate[round(33.0 / CYCLE)] == pytest.approx(9.0, abs=1.5)
+    fixed, _ = run(
+        fusion_observer(fusion_model(spread=(3e-4, 3e-4))),
+        ticks_of(motion, drive(motion, torque=push)),
+    )
+    assert estimate[round(33.0 / CYCLE)] == pytest.approx(
+        of_elbow(fixed, "torque")[round(33.0 / CYCLE)], abs=0.1
+    )
+
+
+def test_the_twin_of_a_joint_at_rest_moves_to_where_it_rests() -> None:
+    """Nothing in a goal tells on which side of it friction holds the joint."""
+    motion = standing(8.0)
+    crept = np.where(np.arange(len(motion)) < 100, 0.0, 0.007)
+    driven = Driven(position=crept, motor=np.zeros(len(motion)))
+    signals = play(fusion_signal(fusion_model(weight=(1.0, 1.0))), ticks_of(motion, driven))
+    residual = np.array([one.residual[ELBOW] for one in signals])
+    assert np.abs(residual).max() > 0.006
+    assert np.abs(residual[-1]) < 0.001
+    # A joint that is touched is not one of them.
+    touched = fusion_signal(fusion_model(weight=(1.0, 1.0)))
+    nobody, nothing = np.ones(JOINTS, dtype=np.bool_), np.zeros(JOINTS, dtype=np.bool_)
+    nobody[ELBOW] = False
+    for one in ticks_of(motion, driven):
+        last = touched.step(one)
+        touched.learn(last, nobody, nothing, False)
+    assert abs(last.residual[ELBOW]) > 0.006
+
+
+# -- the whole ------------------------------------------------------------------------------------------------------
+
+
+def same(one: Observation, other: Observation) -> bool:
+    return one.contacts == other.contacts and all(
+        np.array_equal(getattr(one, name), getattr(other, name), equal_nan=True)
+        for name in ("expected", "residual", "threshold", "torque", "torque_std", "state")
+    )
+
+
+def test_after_a_reset_everything_is_as_at_first() -> None:
+    motion = swing(5.0)
+    push = push_profile(len(motion), 1.0, 0.6, 9.0) + push_profile(len(motion), 3.0, 0.6, -9.0)
+    made = ticks_of(motion, drive(motion, torque=push), changed=(40, 300))
+    made[200] = spoilt(made[200], "measurement", "position", math.nan)
+    target = fusion_observer(adapt=True)
+    first, events = run(target, made)
+    assert events
+    target.reset()
+    again, _ = run(target, made)
+    fresh, _ = run(fusion_observer(adapt=True), made)
+    assert all(map(same, first, again))
+    assert all(map(same, first, fresh))
+
+
+def test_observations_are_not_written_to_later() -> None:
+    motion = swing(2.0)
+    made = ticks_of(motion, drive(motion, torque=push_profile(len(motion), 1.0, 0.5, 5.0)))
+    target = fusion_observer(adapt=True)
+    names = ("expected", "residual", "threshold", "torque", "torque_std", "state")
+    first = target.step(made[0])
+    kept = [getattr(first, name).copy() for name in names]
+    run(target, made[1:])
+    for name, copy in zip(names, kept, strict=True):
+        np.testing.assert_array_equal(getattr(first, name), copy)
+
+
+def test_ticks_are_only_read() -> None:
+    motion = swing(2.0)
+    made = ticks_of(motion, drive(motion))
+    for one in made:
+        for part in (one.measurement, one.reference, one.sent):
+            for name in part.__slots__:
+                value = getattr(part, name)
+                if isinstance(value, np.ndarray):
+                    value.flags.writeable = False
+        one.changed.flags.writeable = False
+    run(fusion_observer(adapt=True), made)
+
+
+def test_describe_names_mode_models_and_threshold_in_one_line() -> None:
+    text = fusion_observer().describe()
+    assert "\n" not in text
+    for part in ("fusion", "17 joints", "plant-0123", "median of 5", "1.15 deg"):
+        assert part in text
+
+
+# Each example takes a while.
+NO_SHRINKING = (Phase.explicit, Phase.reuse, Phase.generate)
+PART = st.tuples(
+    st.integers(1, 30),
+    st.sampled_from([0.0, 0.01, 0.03, -0.03, 0.2, -0.2, math.nan, math.inf]),
+    st.sampled_from([0.0, -0.05, 0.3]),
+    st.sampled_from([(), (), (ELBOW,), (ELBOW, 0)]),
+    st.sampled_from([0.0, 0.0, CYCLE, 3 * CYCLE, 1.0, math.nan]),
+    st.sampled_from([1.0, 1.0, 0.3, math.nan]),
+    st.sampled_from([0.0, 0.5, -2.0]),
+)
+
+
+@settings(max_examples=25, phases=NO_SHRINKING)
+@given(st.lists(PART, max_size=12), st.booleans())
+def test_events_make_sense_for_any_ticks(
+    parts: list[tuple[int, float, float, tuple[int, ...], float, float, float]], adapt: bool
+) -> None:
+    target = fusion_observer(adapt=adapt)
+    events: list[Contact] = []
+    k = 0
+    rest = (QUIET, 0.0, 0.0, (), 0.0, 1.0, 0.0)
+    for ticks, outer, trunk, changed, age, stiffness, velocity in (*parts, rest):
+        error = np.zeros(JOINTS)
+        error[ELBOW], error[0] = outer, trunk
+        for _ in range(ticks):
+            one = tick(k, error, changed=changed, age=age, features=(velocity, 0.0, 0.5))
+            one.measurement.current[:] = 0.0
+            one.sent.stiffness[ELBOW] = stiffness
+            observation = target.step(one)
+            k += 1
+            blind = observation.state == JointState.BLIND
+            for name in ("residual", "threshold", "expected", "torque", "torque_std"):
+                values = getattr(observation, name)
+                np.testing.assert_array_equal(np.isnan(values), blind)
+                assert not np.isinf(values).any()
+            events += observation.contacts
+    check_lives(events)
+
+
+def test_motion_is_told_by_its_own_reference() -> None:
+    """Another joint's motion is nothing to the elbow."""
+    motion = swing(3.0)
+    driven = drive(motion)
+    plain, _ = run(fusion_observer(), ticks_of(motion, driven))
+    made = ticks_of(motion, driven)
+    for k, one in enumerate(made):
+        for values in (one.sent.position, one.measurement.position):
+            values[HEAD] = 0.2 * math.sin(k / 40)
+        one.reference.velocity[HEAD] = 0.2 / 40 / CYCLE * math.cos(k / 40)
+    other, _ = run(fusion_observer(), made)
+    np.testing.assert_array_equal(of_elbow(plain, "residual"), of_elbow(other, "residual"))
+
+
+def test_a_motion_has_as_many_samples_as_ticks() -> None:
+    motion = swing(1.0, rest=0.5)
+    assert isinstance(motion, Motion)
+    assert len(motion) == len(ticks_of(motion, drive(motion)))

@@ -1,0 +1,239 @@
+"""``pepper identify``, as an operator meets it."""
+
+import io
+import json
+import signal
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from pepper_driver.backends.mock import MockBackend
+from pepper_driver.cli.app import run
+from pepper_driver.config import load_controller_settings
+from pepper_driver.controller import WholeBodyController
+from pepper_driver.controller.report import ControllerStatus
+from pepper_driver.identification import MANIFEST, RehearsalError, load_recordings, plan_runs
+from pepper_driver.identification import identify as identify_module
+from pepper_driver.identification.runs import rehearse
+from pepper_driver.observer import ModelSet
+from support.identification import (
+    ROBOT,
+    SHORT,
+    InterruptedRobot,
+    SlowRobot,
+    short_files,
+    use_backends,
+)
+from support.waiting import PATIENCE, wait_until
+
+
+def test_models_of_both_sides_are_written_and_recordings_kept(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out, figures = tmp_path / "models.json", tmp_path / "fit.json"
+    options = ["--joints", "LElbowRoll,HeadPitch", "--workers", "1", *short_files(tmp_path)]
+    assert run(["identify", "--out", str(out), "--json", str(figures), *options]) == 0
+    models = ModelSet.load(out)
+    assert set(models.models) == {"LElbowRoll", "RElbowRoll", "HeadPitch"}
+    assert "--joints LElbowRoll,HeadPitch --kind fusion --seed 0" in models.created_by
+    content = json.loads(figures.read_text())
+    assert set(content["fit"]) == {"fusion", "affine", "cart", "closed form"}
+    assert set(content["fit"]["affine"]) == set(models.models)
+    assert content["recorded"] == ["LElbowRoll", "HeadPitch"]
+    assert {"kind": "excitation", "joint": "LElbowRoll"}.items() <= content["warnings"][0].items()
+    shown = capsys.readouterr().out
+    assert "NRMSE" in shown
+    assert "fitted to mirrored recordings: RElbowRoll" in shown
+    assert "warning: LElbowRoll: too little excitation" in shown
+    assert len(load_recordings(tmp_path / "models-recordings", ROBOT).calibration) == 4
+
+    # Other models from the same recordings; nothing is driven.
+    again = ["--fit-only", "--recordings", str(tmp_path / "models-recordings"), "--kind", "cart"]
+    again += ["--share-types", "--no-mirror"]
+    assert run(["identify", "--out", str(tmp_path / "cart.json"), *again]) == 0
+    other = ModelSet.load(tmp_path / "cart.json")
+    assert other.kind == "cart"
+    assert other.models["HeadPitch"] == other.models["LElbowRoll"]
+    assert other.created_by.endswith("--no-mirror --share-types")
+    assert "what shared models cost" in capsys.readouterr().out
+
+
+def test_identify_says_beforehand_how_long_it_takes(
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr("pepper_driver.cli.console.LINE_INTERVAL", 0.001)
+    options = ["--joints", "HeadPitch", "--workers", "1", *short_files(tmp_path)]
+    assert run(["identify", "--out", str(tmp_path / "models.json"), *options]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[0].startswith("runs of ")
+    assert lines[0].endswith(" in robot time to record")
+    runs = [line for line in lines if line.startswith("recording in simulation: HeadPitch-")]
+    assert runs
+    assert all(" left" in line for line in runs)
+    assert lines.count("fitting models") == 1
+    assert max(map(lines.index, runs)) < lines.index("fitting models")
+
+
+@pytest.mark.parametrize(
+    ("options", "word"),
+    [
+        (["--fit-only"], "no recordings there"),
+        (["--fit-only", "--seed", "1"], "'--seed': with '--fit-only'"),
+        (["--fit-only", "--backend", "mujoco"], "'--backend': with '--fit-only'"),
+        (["--workers", "0"], "--workers"),
+        (["--workers", "-2"], "workers"),
+        (["--calibration", "demo"], "leave them out"),
+        (["--recordings", "/dev/null/x"], "/dev/null/x"),
+    ],
+)
+def test_a_wrong_option_is_one_line_and_code_2(
+    options: list[str],
+    word: str,
+    capsys: pytest.CaptureFixture[str],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert run(["identify", "--out", "x.json", *options]) == 2
+    lines = capsys.readouterr().err.strip().splitlines()
+    assert len(lines) == 1
+    assert word in lines[0]
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("number", "code", "word"),
+    [(signal.SIGINT, 130, "interrupted"), (signal.SIGTERM, 143, "terminated")],
+)
+def test_ctrl_c_and_signals_keep_finished_runs_and_say_how_to_go_on(
+    tmp_path: Path, number: int, code: int, word: str
+) -> None:
+    out, folder = tmp_path / "models.json", tmp_path / "kept"
+    command = [
+        sys.executable,
+        "-m",
+        "pepper_driver",
+        "identify",
+        "--out",
+        str(out),
+        "--workers",
+        "2",
+    ]
+    command += ["--joints", "LElbowRoll,LElbowYaw,LHand", "--recordings", str(folder)]
+    process = subprocess.Popen(
+        [*command, *short_files(tmp_path)],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+    )
+    try:
+        # A busy machine takes long for the first run; a signal before it would keep none.
+        assert wait_until(lambda: list(folder.glob("*.npz")), 20 * PATIENCE)
+        process.send_signal(number)
+        shown, errors = process.communicate(timeout=60)  # which waits for the workers too
+    finally:
+        process.kill()
+        process.wait()
+    assert process.returncode == code
+    assert errors == f"pepper: {word}\n"
+    assert f"of 13 runs are kept in {folder}; the same command goes on from there" in shown
+    assert not out.exists()
+    kept = [path.name for path in folder.iterdir() if not path.name.startswith(".")]
+    assert 1 < len(kept) < 14
+
+
+REAL = ["--backend", "fake://robot", "--workers", "1"]
+
+
+def test_the_operator_is_asked_before_legs_and_base_move(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    made = use_backends(monkeypatch, SlowRobot)
+    monkeypatch.setattr(sys, "stdin", io.StringIO("y\nn\n"))
+    options = ["--out", str(tmp_path / "m.json"), "--joints", "HeadPitch,KneePitch", *REAL]
+    options += short_files(tmp_path)
+    assert run(["identify", *options]) == 130
+    captured = capsys.readouterr()
+    # The head without a word, one run of the knee; the second was refused.
+    assert captured.out.count("the legs move") == 2
+    assert "4 of 10 runs are kept" in captured.out
+    assert captured.err.strip().splitlines()[-1] == "pepper: interrupted"
+    assert [robot.calls[-1] for robot in made[1:]] == ["close"] * 4
+
+    monkeypatch.setattr(sys, "stdin", io.StringIO(""))
+    assert run(["identify", *options]) == 130, "nobody answers"
+    assert run(["identify", *options, "--yes"]) == 0
+    assert set(ModelSet.load(tmp_path / "m.json").models) == {"HeadPitch", "KneePitch"}
+
+
+def test_a_real_robot_is_closed_when_a_run_is_interrupted(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    made = use_backends(monkeypatch, SlowRobot, SlowRobot, InterruptedRobot)
+    options = ["--out", str(tmp_path / "m.json"), "--joints", "HeadPitch", *REAL]
+    assert run(["identify", *options, *short_files(tmp_path), "--yes"]) == 130
+    assert "1 of 7 runs are kept" in capsys.readouterr().out
+    assert made[-1].calls == ["open", "activate", "close"]
+    assert {path.name for path in (tmp_path / "m-recordings").iterdir()} == {
+        MANIFEST,
+        "HeadPitch-1.npz",
+    }
+
+
+def test_all_runs_are_rehearsed_before_a_real_robot_moves(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    made = use_backends(monkeypatch, SlowRobot)
+
+    def refuse_the_last(run: object) -> None:
+        if getattr(run, "name", "") == "calibration-4":
+            raise RehearsalError("run calibration-4 would fail")
+
+    monkeypatch.setattr(identify_module, "rehearse", refuse_the_last)
+    options = ["--out", str(tmp_path / "m.json"), "--joints", "HeadPitch", *REAL]
+    assert run(["identify", *options, *short_files(tmp_path), "--yes"]) == 2
+    assert "calibration-4 would fail" in capsys.readouterr().err
+    assert len(made) == 1, "only asked who it is"
+
+
+def test_a_rehearsal_passes_what_is_safe() -> None:
+    rehearse(plan_runs(ROBOT, ["KneePitch"], SHORT)[-1])
+
+
+def test_a_rehearsal_refuses_what_the_controller_or_the_gate_would_stop(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    knee = plan_runs(ROBOT, ["KneePitch"], SHORT)[0]
+    lost = ControllerStatus(
+        solver="relaxed", at_limit=(), active=(), unmet=("balance at rest",), relaxed=()
+    )
+    with monkeypatch.context() as patch:
+        patch.setattr(WholeBodyController, "status", lost)
+        with pytest.raises(
+            RehearsalError,
+            match=r"run KneePitch-1 would fail 0\.\d s after .*\(balance at rest\); nothing has moved",
+        ):
+            rehearse(knee)
+    read = MockBackend.read
+    monkeypatch.setattr(MockBackend, "read", lambda self: replace(read(self), age=0.2))
+    with pytest.raises(RehearsalError, match="the newest sample is 200 ms old; nothing has moved"):
+        rehearse(knee)
+
+
+def test_legs_are_not_moved_without_the_balance_constraint(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    made = use_backends(monkeypatch, SlowRobot)
+    settings = load_controller_settings(ROBOT)
+    loose = replace(settings, constraints=replace(settings.constraints, balance=False))
+    monkeypatch.setattr(identify_module, "load_controller_settings", lambda robot: loose)
+    options = ["--out", str(tmp_path / "m.json"), "--joints", "HipRoll", *REAL, "--yes"]
+    assert run(["identify", *options, *short_files(tmp_path)]) == 2
+    assert "'constraints.balance' is false" in capsys.readouterr().err
+    assert len(made) == 1

@@ -1,0 +1,215 @@
+"""The doctor's small motion: what it asks of the joints, and what it says of their models."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
+
+from pepper_driver.backends.mock import Fault
+from pepper_driver.config import load_doctor_settings, load_self_collision
+from pepper_driver.controller import RobotModel
+from pepper_driver.controller.collision import CapsuleDistances
+from pepper_driver.doctor import Outcome, Trial, Verdict, try_motion
+from pepper_driver.doctor.motion_test import NoRoomError, make_pepper, moving_joints, plan_goals
+from pepper_driver.observer import ModelSet
+from pepper_driver.observer.models.model_file import shipped
+from pepper_driver.robot import Pepper
+from pepper_driver.testing import heated, pressed
+from support.doctor import ROBOT, Patient, held, only, use
+
+SETTINGS = load_doctor_settings()
+NOMINAL = ModelSet.load(shipped("fusion")["nominal"])
+LEGS = [ROBOT.joint_index(name) for name in ROBOT.chains["legs"]]
+MOVED = [ROBOT.joint_index(name) for name in moving_joints(ROBOT)]
+
+
+def outcomes(trial: Trial) -> dict[str, Outcome]:
+    return {result.name: result.outcome for result in trial.results}
+
+
+def found(trial: Trial, name: str) -> str:
+    return next(result.found for result in trial.results if result.name == name)
+
+
+def tried(uri: str, models: ModelSet = NOMINAL) -> Trial:
+    return try_motion(make_pepper(uri, models, ROBOT), models)
+
+
+# -- what moves -------------------------------------------------------------------------------------------------------
+
+
+@settings(max_examples=30)
+@given(shares=st.lists(st.floats(0.0, 1.0), min_size=17, max_size=17))
+def test_goals_are_within_the_limits_from_any_posture_and_legs_stand(shares: list[float]) -> None:
+    start = ROBOT.lower + np.array(shares) * (ROBOT.upper - ROBOT.lower)
+    try:
+        goals = np.array(plan_goals(start, ROBOT, SETTINGS))
+    except NoRoomError:
+        assume(False)
+    inside = goals[:-1, MOVED]
+    room = SETTINGS.limit_distance - 1e-9
+    assert (inside >= ROBOT.lower[MOVED] + room).all()
+    assert (inside <= ROBOT.upper[MOVED] - room).all()
+    assert (goals[:, LEGS] == start[LEGS]).all()
+    np.testing.assert_array_equal(goals[-1], start)
+    amplitude = max(SETTINGS.amplitude, SETTINGS.hand_amplitude)
+    largest = 2 * amplitude + SETTINGS.limit_distance + max(SETTINGS.aside.values())
+    assert (np.abs(goals - start) <= largest + 1e-9).all()
+
+
+@pytest.mark.parametrize("posture", ROBOT.postures)
+def test_arms_keep_their_distance_from_the_body(posture: str) -> None:
+    goals = plan_goals(np.clip(ROBOT.posture(posture), ROBOT.lower, ROBOT.upper), ROBOT, SETTINGS)
+    model = RobotModel(ROBOT)
+    capsules = CapsuleDistances(model, load_self_collision(ROBOT), 0.0)
+    for goal in goals[:-1]:
+        model.set_state(model.configuration(goal), np.zeros(model.nv))
+        model.update_kinematics()
+        capsules.place(model.data)
+        assert capsules.distances().min() >= SETTINGS.clearance
+
+
+def test_a_posture_without_room_is_refused() -> None:
+    crossed = ROBOT.posture("Stand")
+    before = {"ShoulderPitch": 0.9, "ElbowYaw": 0.5, "ElbowRoll": 1.5}  # hands in one another
+    for joint, angle in before.items():
+        mirrored = joint != "ShoulderPitch"
+        crossed[ROBOT.joint_index(f"R{joint}")] = angle
+        crossed[ROBOT.joint_index(f"L{joint}")] = -angle if mirrored else angle
+    with pytest.raises(NoRoomError, match="by hand"):
+        plan_goals(crossed, ROBOT, SETTINGS)
+
+
+def test_all_of_arms_and_head_move_by_a_few_degrees_for_the_time_that_was_told() -> None:
+    assert len(MOVED) == 14
+    start = ROBOT.posture("Stand")
+    goals = np.array(plan_goals(start, ROBOT, SETTINGS))
+    assert len(goals) * SETTINGS.stretch == pytest.approx(SETTINGS.motion, abs=SETTINGS.stretch)
+    turns = np.diff(np.sign(goals[1:-1, MOVED] - goals[0, MOVED]), axis=0)
+    assert (turns != 0).all(), "from one side of the middle to the other each time"
+    assert (np.ptp(goals[:, MOVED], axis=0) > SETTINGS.amplitude).all()
+
+
+# -- what it says -----------------------------------------------------------------------------------------------------
+
+
+def test_the_simulated_robot_fits_its_models() -> None:
+    trial = tried("mujoco://?seed=11")
+    assert trial.passed
+    assert set(outcomes(trial).values()) == {Outcome.OK}
+    assert {fit.verdict for fit in trial.fits} == {Verdict.FITS}
+    # With room: the worst is at a third of what counts as worn.
+    assert max(fit.rms for fit in trial.fits) < 0.5 * SETTINGS.worn_rms
+    assert max(fit.peak for fit in trial.fits) < 0.7 * SETTINGS.worn_peak
+    assert trial.fits[0].as_json()["verdict"] == "fits"
+
+
+def test_a_worn_robot_is_told_so_by_the_models_of_its_youth() -> None:
+    trial = tried("mujoco://?plant=worn")
+    assert outcomes(trial)["models fit"] is Outcome.WARNING
+    worn = [fit.joint for fit in trial.fits if fit.verdict is Verdict.WORN]
+    assert len(worn) > 7
+    assert "LShoulderRoll" in worn
+    assert outcomes(trial)["untouched"] is Outcome.OK
+
+
+def test_a_load_in_a_hand_does_not_condemn_the_models() -> None:
+    trial = tried("mujoco://?plant=payload")
+    assert trial.passed
+    worn = {fit.joint for fit in trial.fits if fit.verdict is Verdict.WORN}
+    assert "LWristYaw" in worn
+    assert not any(joint.startswith(("R", "Head")) for joint in worn)
+
+
+def test_models_of_another_robot_do_not_fit(tmp_path: Path) -> None:
+    plant = tmp_path / "rough.yaml"
+    parts = (
+        f"friction.{state}.{side}: 3.0"
+        for state in ("contact", "gap")
+        for side in ("motor", "link")
+    )
+    plant.write_text(
+        f"name: rough\ndescription: dry\nextends: nominal\nfactors: {{{', '.join(parts)}}}\n"
+    )
+    trial = tried(f"mujoco://?plant={plant}")
+    assert outcomes(trial)["models fit"] is Outcome.FAILED
+    assert "not of this robot" in found(trial, "models fit")
+    assert not trial.passed
+
+
+def test_a_touch_meanwhile_is_told() -> None:
+    pepper = make_pepper("mujoco", NOMINAL, ROBOT)
+    shares = []
+
+    def push(share: float) -> None:
+        shares.append(share)
+        if len(shares) == 9:
+            pepper.push("LForeArm", [0.0, 25.0, 0.0], duration=0.6)
+
+    trial = try_motion(pepper, NOMINAL, on_progress=push)
+    assert outcomes(trial)["untouched"] is Outcome.FAILED
+    assert "felt" in found(trial, "untouched")
+    assert shares[-1] == 1.0
+
+
+def test_a_joint_that_stands_still_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    head = ROBOT.joint_index("HeadYaw")
+    patient = Patient(held(head, float(ROBOT.posture("Stand")[head])))
+    use(monkeypatch, patient)
+    trial = tried("mock")
+    assert outcomes(trial)["joints follow"] is Outcome.FAILED
+    assert "HeadYaw" in next(r.cure for r in trial.results if r.name == "joints follow")
+    stuck = [fit.joint for fit in trial.fits if fit.verdict is Verdict.STUCK]
+    assert stuck == ["HeadYaw"]
+
+
+def test_only_joints_of_arms_and_head_are_told_to_move(monkeypatch: pytest.MonkeyPatch) -> None:
+    patient = Patient()
+    use(monkeypatch, patient)
+    trial = tried("mock")
+    assert outcomes(trial)["motion"] is Outcome.OK
+    sent = np.array([command.position for command in patient.commands])
+    np.testing.assert_allclose(sent[:, LEGS], np.broadcast_to(sent[0, LEGS], (len(sent), 3)))
+    assert (np.ptp(sent[:, MOVED], axis=0) > SETTINGS.amplitude).all()
+    assert not any(command.wheel_speed.any() for command in patient.commands)
+    assert patient.calls[-1] == "close"
+
+
+@pytest.mark.parametrize(
+    ("sickness", "tick", "word"),
+    [(pressed("buttons"), 500, "chest"), (heated("HeadYaw", 90.0), None, "not ready to move")],
+)
+def test_a_robot_that_is_stopped_meanwhile_is_a_result(
+    sickness: Fault, tick: int | None, word: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    patient = Patient(sickness, tick=tick)
+    use(monkeypatch, patient)
+    trial = tried("mock")
+    assert outcomes(trial) == {"motion": Outcome.FAILED}
+    assert word in found(trial, "motion")
+    assert trial.fits == ()
+    assert patient.calls[-1] == "close"
+
+
+def test_a_joint_without_a_model_follows_and_is_not_judged(monkeypatch: pytest.MonkeyPatch) -> None:
+    use(monkeypatch, Patient())
+    trial = tried("mock", only(NOMINAL, {"LHand"}))
+    verdicts = {fit.joint: fit.verdict for fit in trial.fits}
+    assert verdicts["HeadYaw"] is Verdict.NO_MODEL
+    assert trial.fits[0].as_json()["rms"] is None
+    assert outcomes(trial)["joints follow"] is Outcome.OK
+
+
+def test_pepper_is_closed_after_an_interrupt(monkeypatch: pytest.MonkeyPatch) -> None:
+    patient = Patient()
+    use(monkeypatch, patient)
+
+    def interrupt(share: float) -> None:
+        raise KeyboardInterrupt
+
+    pepper: Pepper = make_pepper("mock", NOMINAL, ROBOT)
+    with pytest.raises(KeyboardInterrupt):
+        try_motion(pepper, NOMINAL, on_progress=interrupt)
+    assert patient.calls[-1] == "close"

@@ -1,0 +1,221 @@
+"""From jobs to tables: hand-made takes through the shipped observers."""
+
+import json
+from collections.abc import Callable
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pepper_driver.config import UnknownNameError
+from pepper_driver.config.evaluation import load_evaluation
+from pepper_driver.evaluation.evaluate import Job, evaluate, suite_jobs
+from pepper_driver.evaluation.figures import write_figures
+from pepper_driver.evaluation.observers_under_test import (
+    ORACLE,
+    Contestants,
+)
+from pepper_driver.evaluation.report import page, table, write_report
+from pepper_driver.evaluation.results import EvaluationResult
+from pepper_driver.evaluation.takes import Take
+from pepper_driver.observer import AffineTree, ModelSet, shipped
+from support.evaluation import CYCLE, JOINT, ROBOT, make_take, push
+
+PAPER = Contestants(modes=("paper-affine", "paper-cart"))
+
+
+def touched(suite: str, experiment: str, felt: int) -> Take:
+    """A take with two pushes; the first ``felt`` of them move the joint by 6 degrees, the other way."""
+    pushes = [push(2.0), push(6.0)]
+    take = make_take(pushes, suite=suite, experiment=experiment)
+    error = np.zeros(len(take.recording))
+    for one in pushes[:felt]:
+        error[(take.recording.time > one.onset) & (take.recording.time < one.release)] = -0.105
+    return make_take(pushes, suite=suite, experiment=experiment, error=error)
+
+
+def swept(stiffness: float) -> Take:
+    """A free take about a joint whose tracking error swings."""
+    error = 0.01 * np.sin(np.arange(round(12.0 / CYCLE)) * 0.05)
+    return make_take(suite="fit", experiment=JOINT, task_stiffness=stiffness, error=error)
+
+
+def broken() -> Take:
+    raise RuntimeError("the file\nis gone")
+
+
+def job(suite: str, make: Callable[[], Take], pictured: str | None = None) -> Job:
+    return Job(suite=suite, title=f"{suite}, a take", make=make, pictured=pictured)
+
+
+@pytest.fixture(scope="module")
+def result() -> EvaluationResult:
+    jobs = [
+        job("paper", partial(touched, "paper", "LSRoll", 2), JOINT),
+        job("paper", partial(touched, "paper", "RERoll", 1), "RElbowRoll"),
+        job("paper", partial(touched, "paper", "RSRoll", 0), "RShoulderRoll"),
+        job("collision", partial(touched, "collision", "all", 1)),
+        job("free", partial(make_take, suite="free")),
+        job("fit", partial(swept, 2.0)),
+        job("fit", partial(swept, 9.0), JOINT),
+        job("worn", broken),
+        job("worn", partial(touched, "worn", "all", 2)),
+    ]
+    return evaluate(jobs, PAPER, workers=1, digest="0123")
+
+
+def test_counts_reach_the_headline(result: EvaluationResult) -> None:
+    figures = result.as_json()["modes"]["paper-affine"]
+    assert figures["table1"] == {
+        "LSRoll": {"fp": 0, "fn": 0, "tp": 2},
+        "RERoll": {"fp": 0, "fn": 1, "tp": 1},
+        "RSRoll": {"fp": 0, "fn": 2, "tp": 0},
+        "total": {"fp": 0, "fn": 3, "tp": 3},
+    }
+    assert figures["recall"] == {"1-1.5": None, "1.5-2": None, "2-3": None, "3-": 0.5}
+    assert figures["suite_of"]["recall"] == "collision"
+    assert figures["suites"]["worn"]["recall"]["3-"] == 1.0
+    assert figures["free_motion"]["fp"] == 0
+    assert figures["direction"] == 1.0
+    assert figures["torque"] is None
+    assert set(figures["fit"]) == {JOINT}
+    assert set(figures["fit"][JOINT]) == {"estimation", "test"}
+    for key in (
+        "fit_gap_closed",
+        "delay_ms",
+        "isolation",
+        "rebound",
+        "threshold_deg",
+        "threshold_nm",
+    ):
+        assert key in figures
+
+
+def test_the_json_is_plain_and_names_the_paper(result: EvaluationResult) -> None:
+    content = json.loads(json.dumps(result.as_json(), allow_nan=False))
+    assert content["simulated"] is True
+    assert content["modes"]["paper"] == content["modes"]["paper-affine"]
+    assert content["plants"] == ["nominal"]
+    assert content["hours"] == pytest.approx(8 * 12.0 / 3600.0)
+    assert {"pepper-driver", "mujoco", "numpy", "pin"} <= set(content["versions"])
+
+
+def test_a_take_that_fails_costs_no_other(result: EvaluationResult) -> None:
+    assert [(f.title, f.reason) for f in result.failures] == [
+        ("worn, a take", "RuntimeError: the file is gone")
+    ]
+    assert len(result.takes) == 8
+
+
+def test_an_observer_that_fails_costs_no_other() -> None:
+    modes = Contestants(modes=(ORACLE, "paper-affine"))
+    broken_twin = partial(make_take, suite="fit", experiment=JOINT, seconds=0.03)
+    result = evaluate([job("fit", broken_twin), job("free", make_take)], modes, workers=1)
+    assert "paper-affine" in result.modes
+    assert not result.failures
+    assert "free" not in result.modes[ORACLE]  # not asked for there
+
+
+def test_the_result_does_not_depend_on_the_workers(result: EvaluationResult) -> None:
+    jobs = [job("collision", partial(touched, "collision", "all", n % 3)) for n in range(4)]
+    one, two = (evaluate(jobs, PAPER, workers=n).as_json() for n in (1, 2))
+    for content in (one, two):
+        for figures in content["modes"].values():
+            del figures["latency_us"], figures["suites"]["collision"]["latency_us"]
+    assert one == two
+
+
+def test_the_report(result: EvaluationResult, tmp_path: Path) -> None:
+    pytest.importorskip("matplotlib")
+    path = tmp_path / "docs" / "results.md"
+    write_report(result, path, ROBOT, "pepper evaluate --suite all --report docs/results.md")
+    text = path.read_text()
+    first = text.splitlines()[0]
+    assert "simulated" in first
+    assert "pepper evaluate --suite all" in first
+    for part in ("| LSRoll |", "| published | 2 / 2 / 18 |", "Run of 20", "mujoco", "nominal"):
+        assert part in text
+    assert "| paper-affine | 0 / 0 / 2 | 0 / 1 / 1 | 0 / 2 / 0 | 0 / 3 / 3 |" in text
+    assert "worn, a take: RuntimeError" in text
+    pictures = sorted(p.name for p in (tmp_path / "docs" / "results").iterdir())
+    assert pictures == ["figure2.png", "figure3.png", "figure4.png", "recall.png"]
+    assert set(pictures) == set(write_figures(result, tmp_path / "docs" / "results", ROBOT))
+    for name in pictures:
+        assert f"(results/{name})" in text
+        assert (tmp_path / "docs" / "results" / name).stat().st_size < 150_000
+
+
+def test_pictures_of_an_earlier_run_are_gone(tmp_path: Path) -> None:
+    pytest.importorskip("matplotlib")
+    for name in ("figure2.png", "mine.png"):
+        (tmp_path / name).write_bytes(b"old")
+    small = evaluate(
+        [job("collision", partial(touched, "collision", "all", 2))], PAPER, workers=1, digest="0"
+    )
+    assert list(write_figures(small, tmp_path, ROBOT)) == ["recall.png"]
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["mine.png", "recall.png"]
+
+
+def test_a_page_of_little() -> None:
+    small = evaluate(
+        [job("worn", partial(touched, "worn", "all", 2))], PAPER, workers=1, digest="0123"
+    )
+    text = page(small, {}, "pepper evaluate")
+    assert "## Other robots" in text
+    assert "## Table I" not in text
+    assert "None" not in text
+
+
+def test_markdown_tables() -> None:
+    assert table(("a", "b"), [("x", "1")]) == "| a | b |\n| --- | ---: |\n| x | 1 |"
+    assert table(("a",), []) == ""
+
+
+def test_suites_become_takes_and_boards_are_not_pooled() -> None:
+    frozen = load_evaluation(ROBOT)
+    jobs = suite_jobs(frozen, ["paper", "free"], ROBOT)
+    assert len(jobs) == len(frozen.runs("paper")) + len(frozen.runs("free"))
+    by_suite = {suite: [j for j in jobs if j.suite == suite] for suite in {j.suite for j in jobs}}
+    assert {"paper", "paper-integral", "free"} <= set(by_suite)
+    assert all("integral" in job.title for job in by_suite["paper-integral"])
+    assert not any("integral" in job.title for job in by_suite["paper"])
+    # One picture for each experiment of the paper, none of the other boards.
+    pictured = [job.pictured for job in jobs if job.pictured]
+    assert sorted(pictured) == ["LShoulderRoll", "RElbowRoll", "RShoulderRoll"]
+    assert all(job.pictured is None for job in by_suite["paper-integral"])
+    quick = suite_jobs(frozen, ["paper"], ROBOT, quick=True)
+    assert len(quick) == len(by_suite["paper"]) + len(by_suite["paper-integral"])
+    with pytest.raises(UnknownNameError, match="unknown suite 'papr'"):
+        suite_jobs(frozen, ["papr"], ROBOT)
+
+
+def test_what_transferred_models_lose() -> None:
+    def fit(suite: str, joint: str, noise: float) -> Take:
+        take = swept(9.0)
+        run, index = take.recording, ROBOT.joint_index(joint)
+        error = run.tracking_error(ROBOT.joint_index(JOINT))
+        model = ModelSet.load(shipped("affine")["nominal"]).models[JOINT]
+        assert isinstance(model, AffineTree)
+        sent = np.zeros_like(run.sent_position)
+        sent[:, index] = model.predict_one(0.0, 0.0, 0.0) + noise * error
+        return replace(
+            take, suite=suite, experiment=joint, recording=replace(run, sent_position=sent)
+        )
+
+    jobs = [
+        job("fit", partial(fit, "fit", JOINT, 1.0)),
+        job("types", partial(fit, "types", JOINT, 1.0)),
+    ]
+    result = evaluate(jobs, PAPER, workers=1, digest="0")
+    own = result.modes["paper-affine"]["fit"].fit[JOINT].test
+    other = result.modes["paper-affine"]["types"].fit[JOINT].test
+    assert own is not None
+    assert other is not None
+    assert result.fit_loss("paper-affine") == {"types": {JOINT: own - other}}
+    metrics = result.modes["paper-affine"]
+    mirrored = replace(metrics["types"], fit={"RShoulderRoll": metrics["types"].fit[JOINT]})
+    turned = replace(result, modes={"paper-affine": {"fit": metrics["fit"], "mirror": mirrored}})
+    assert turned.fit_loss("paper-affine") == {"mirror": {"RShoulderRoll": own - other}}
+    assert result.as_json()["modes"]["paper"]["fit_loss"] == result.fit_loss("paper-affine")

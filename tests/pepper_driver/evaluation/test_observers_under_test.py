@@ -1,0 +1,144 @@
+"""Who is evaluated with which models."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pepper_driver.config import RobotIdentity, UnknownNameError, load_plant, plant_hash
+from pepper_driver.evaluation import observers_under_test as module
+from pepper_driver.evaluation.observers_under_test import (
+    ORACLE,
+    RECORDED,
+    Contestants,
+    contestants,
+    reference_plant,
+    shared_by_type,
+)
+from pepper_driver.evaluation.take_score import watch
+from pepper_driver.observer import AffineTree, ModelFileError, ModelSet, shipped
+from support.evaluation import ROBOT, make_take
+
+NOMINAL = RobotIdentity(name="nominal", identity=plant_hash(load_plant("nominal", ROBOT), ROBOT))
+PAPER = Contestants(modes=("paper-affine", "paper-cart"))
+
+
+def tree(models: ModelSet, joint: str) -> AffineTree:
+    model = models.models[joint]
+    assert isinstance(model, AffineTree)
+    return model
+
+
+def test_contestants_are_checked_beforehand(tmp_path: Path) -> None:
+    with pytest.raises(UnknownNameError, match=r"unknown mode 'papr'.*did you mean paper"):
+        contestants(["papr"], [], ROBOT)
+    some = contestants(None, [], ROBOT)
+    assert {"paper-affine", "paper-cart", ORACLE} <= set(some.modes)
+    assert ORACLE in some.of_suite("fit")
+    assert ORACLE not in some.of_suite("free")
+    assert ORACLE in contestants([ORACLE], [], ROBOT).of_suite("free")
+    assert contestants(["paper", "paper-affine"], [], ROBOT).modes == ("paper-affine",)
+    damaged = tmp_path / "models.json"
+    damaged.write_text("{")
+    with pytest.raises(ModelFileError, match="damaged"):
+        contestants(["paper"], [damaged], ROBOT)
+
+
+def test_a_model_file_serves_its_kind() -> None:
+    file = shipped("cart")["nominal"]
+    some = contestants(["paper-cart", "paper-affine"], [file], ROBOT)
+    assert [(f.kind, f.path) for f in some.files] == [("cart", file)]
+    assert "cart trees" in some.observer("paper-cart", make_take(), ROBOT).describe()
+    assert "affine trees" in some.observer("paper-affine", make_take(), ROBOT).describe()
+
+
+@pytest.mark.parametrize(
+    ("plant", "reference"),
+    [("nominal", "nominal"), ("worn", "nominal"), ("drift", "nominal"), ("integral", "integral")],
+)
+def test_models_are_those_of_the_same_boards(plant: str, reference: str) -> None:
+    assert reference_plant(plant, ROBOT) == reference
+
+
+def test_a_file_of_one_reference_plant_is_not_used_for_the_other() -> None:
+    file = shipped("affine")["nominal"]
+    some = contestants(["paper"], [file], ROBOT)
+    on = {
+        plant: some.observer("paper-affine", replace(make_take(), plant=plant), ROBOT).describe()
+        for plant in ("nominal", "worn", "integral")
+    }
+    nominal = ModelSet.load(file).identity
+    assert nominal in on["nominal"]
+    assert nominal in on["worn"]
+    assert nominal not in on["integral"]
+
+
+def test_a_file_of_another_robot_stands_in_for_suites_but_not_for_recordings(
+    tmp_path: Path,
+) -> None:
+    path = tmp_path / "mine.json"
+    replace(ModelSet.load(shipped("affine")["nominal"]), identity="mine").save(path)
+    some = contestants(["paper"], [path], ROBOT)
+    for plant in ("nominal", "integral"):
+        take = replace(make_take(), plant=plant)
+        assert "mine" in some.observer("paper-affine", take, ROBOT).describe()
+    recorded = replace(make_take(), plant=RECORDED)
+    with pytest.raises(ModelFileError, match="identified on another robot"):
+        some.observer("paper-affine", recorded, ROBOT)
+    assert (
+        "mine"
+        in some.observer("paper-affine", replace(recorded, identity="mine"), ROBOT).describe()
+    )
+    with pytest.raises(ModelFileError, match="simulated robots only"):
+        some.observer(ORACLE, recorded, ROBOT)
+
+
+def test_a_recording_of_a_variant_is_judged_with_the_nearest_models(tmp_path: Path) -> None:
+    """Its own before those of its parents, in a file before those shipped, whatever the order of the files."""
+    parents = (RobotIdentity(name="worn", identity="of worn"), NOMINAL)
+    take = replace(make_take(), plant=RECORDED, identity="of mine", parents=parents)
+    assert NOMINAL.identity in PAPER.observer("paper-affine", take, ROBOT).describe()
+    fusion = Contestants(modes=("fusion",)).observer("fusion", take, ROBOT)
+    assert NOMINAL.identity in fusion.describe()
+    models, files = ModelSet.load(shipped("affine")["nominal"]), []
+    for name in ("of mine", "of worn", "foreign"):
+        files.append(tmp_path / f"{name}.json")
+        replace(models, identity=name).save(files[-1])
+    some = contestants(["paper"], files, ROBOT)
+    assert "of mine" in some.observer("paper-affine", take, ROBOT).describe()
+    some = contestants(["paper"], files[1:], ROBOT)
+    assert "of worn" in some.observer("paper-affine", take, ROBOT).describe()
+    some = contestants(["paper"], files[2:], ROBOT)
+    with pytest.raises(ModelFileError, match="identified on another robot"):
+        some.observer("paper-affine", take, ROBOT)
+
+
+def test_the_oracle_does_not_know_which_robot_was_drawn(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked = []
+
+    def note(_: object, uri: str, __: object) -> np.ndarray:
+        asked.append(uri)
+        return np.zeros((1, len(ROBOT.joint_names)))
+
+    monkeypatch.setattr(module, "untouched_error", note)
+    for plant, draw in (("swaying", None), ("drift", 3)):
+        PAPER.observer(ORACLE, replace(make_take(), plant=plant, draw=draw), ROBOT)
+    assert asked == ["mujoco://?plant=swaying", "mujoco://?plant=nominal"]
+
+
+def test_models_are_shared_by_type_of_motor_in_the_suite_about_that() -> None:
+    models = ModelSet.load(shipped("affine")["nominal"])
+    assert {"LShoulderRoll", "RElbowRoll"} <= set(models.models)  # motors of one type
+    shared = shared_by_type(models, ROBOT)
+    assert shared.models["RElbowRoll"] == shared.models["LShoulderRoll"]
+    assert shared.threshold["RElbowRoll"] == shared.threshold["LShoulderRoll"]
+    assert shared.models.keys() == models.models.keys()
+    rows = [
+        watch(PAPER.observer("paper-affine", take, ROBOT), take.recording).expected[50]
+        for take in (make_take(suite="fit"), make_take(suite="types"))
+    ]
+    elbow = ROBOT.joint_index("RElbowRoll")
+    zero = (0.0, 0.0, 0.0)
+    assert rows[0][elbow] == tree(models, "RElbowRoll").predict_one(*zero)
+    assert rows[1][elbow] == tree(shared, "RElbowRoll").predict_one(*zero)

@@ -1,0 +1,170 @@
+"""Poor recordings are told from good ones."""
+
+import re
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from pepper_driver.identification import (
+    Finding,
+    IdentificationRecordings,
+    fit_models,
+    inspect_recordings,
+    record_joints,
+)
+from pepper_driver.identification.fit import part
+from pepper_driver.observer import Recording
+from support.identification import ROBOT, SHORT, short_body
+
+JOINT = "LShoulderRoll"
+INDEX = ROBOT.joint_index(JOINT)
+EXPERIMENT = SHORT.with_goals(
+    estimation_stiffness=(2.0, 3.0, 4.0, 5.0), sweeps=3, setpoints=2, dwell=(1.0, 1.8)
+)
+Change = Callable[[Recording], Recording]
+
+
+@pytest.fixture(scope="module")
+def good(tmp_path_factory: pytest.TempPathFactory) -> IdentificationRecordings:
+    folder = tmp_path_factory.mktemp("good") / "recordings"
+    return record_joints("mujoco", [JOINT], EXPERIMENT, folder, calibration=short_body(), workers=1)
+
+
+def findings(recordings: IdentificationRecordings) -> tuple[Finding, ...]:
+    models = fit_models("affine", recordings, ROBOT, mirror=False).models
+    return inspect_recordings(recordings, models)
+
+
+def with_run(
+    recordings: IdentificationRecordings, number: int, change: Change
+) -> IdentificationRecordings:
+    """Another recording in place of the run ``number``."""
+    entry = recordings.sweeps[0]
+    runs = list(entry.runs)
+    runs[number] = change(runs[number])
+    entry = replace(entry, estimation=tuple(runs[:-1]), test=runs[-1])
+    return replace(recordings, sweeps=(entry,))
+
+
+def pushed(degrees: float, joint: int = INDEX) -> Change:
+    """A touch of 0.7 s in the middle of a run."""
+
+    def change(run: Recording) -> Recording:
+        position, begin = run.position.copy(), len(run) // 2
+        bump = np.radians(degrees) * np.sin(np.pi * np.arange(60) / 60)
+        position[begin : begin + 60, joint] -= bump[: len(run) - begin]
+        return replace(run, position=position)
+
+    return change
+
+
+def clipped(share: float) -> Change:
+    """A board that gives so much of the current that was needed, seen with the sensor's noise and steps."""
+
+    def change(run: Recording) -> Recording:
+        current, rng = run.current.copy(), np.random.default_rng(0)
+        limit = share * current[:, INDEX].max()
+        noisy = limit + 0.008 * rng.standard_normal(len(run))
+        seen = np.round(noisy / 0.016) * 0.016
+        current[:, INDEX] = np.where(current[:, INDEX] > limit, seen, current[:, INDEX])
+        return replace(run, current=current)
+
+    return change
+
+
+def with_gap(run: Recording) -> Recording:
+    """Ten cycles of no sample, half way."""
+    half = len(run) // 2
+    time = run.time.copy()
+    time[half:] += 10 * ROBOT.cycle
+    return replace(run, time=time)
+
+
+def stale(run: Recording) -> Recording:
+    age = run.age.copy()
+    age[100:150] = 0.05
+    return replace(run, age=age)
+
+
+def altered(run: Recording) -> Recording:
+    changed = run.changed.copy()
+    changed[100:150, INDEX] = True
+    return replace(run, changed=changed)
+
+
+def test_good_recordings_give_no_warning(good: IdentificationRecordings) -> None:
+    assert findings(good) == ()
+
+
+@pytest.mark.parametrize("number", [0, 2, 4])
+def test_a_touch_is_noticed_and_named(good: IdentificationRecordings, number: int) -> None:
+    found = findings(with_run(good, number, pushed(3.0)))
+    name = ("-1", "-2", "-3", "-4", "-test")[number]
+    assert [(f.kind, f.joint, f.run) for f in found] == [("contact", JOINT, f"{JOINT}{name}")]
+    middle = good.sweeps[0].runs[number].time
+    when = round(float(middle[len(middle) // 2] - middle[0]))
+    assert f"{when} s after its start" in found[0].text or f"{when + 1} s after" in found[0].text
+
+
+def test_a_touch_of_another_joint_is_that_joints_affair(good: IdentificationRecordings) -> None:
+    assert findings(with_run(good, 1, pushed(3.0, ROBOT.joint_index("RHand")))) == ()
+
+
+def test_a_touch_during_the_calibration_is_noticed(good: IdentificationRecordings) -> None:
+    runs = list(good.calibration)
+    runs[1] = pushed(8.0)(runs[1])
+    found = findings(replace(good, calibration=tuple(runs)))
+    assert [(f.kind, f.run) for f in found] == [("contact", "calibration-2")]
+
+
+@pytest.mark.parametrize(
+    ("change", "kind", "word"),
+    [
+        (clipped(0.6), "current", "clipped"),
+        (with_gap, "gaps", "the longest gap is 0.13 s"),
+        (stale, "stale", "older than 30 ms"),
+        (altered, "changed", f"altered .* of the commands of {JOINT}"),
+    ],
+)
+def test_what_is_wrong_with_a_run_is_said(
+    good: IdentificationRecordings, change: Change, kind: str, word: str
+) -> None:
+    found = [f for f in findings(with_run(good, 1, change)) if f.kind != "contact"]
+    assert [(f.kind, f.run) for f in found] == [(kind, f"{JOINT}-2")]
+    assert re.search(word, found[0].text), found[0].text
+
+
+def test_too_little_motion_is_said(good: IdentificationRecordings) -> None:
+    def slow(run: Recording) -> Recording:
+        calm = {}
+        for name in ("velocity", "position", "sent_position"):
+            array = getattr(run, name).copy()
+            array[:, INDEX] = array[0, INDEX] + 0.04 * (array[:, INDEX] - array[0, INDEX])
+            calm[name] = array
+        return replace(run, **calm)
+
+    recordings = good
+    for number in range(5):
+        recordings = with_run(recordings, number, slow)
+    (found,) = (f for f in findings(recordings) if f.kind == "excitation")
+    assert found.joint == JOINT
+    assert "rad only" in found.text
+    assert "rad/s at most" in found.text
+
+    entry = good.sweeps[0]
+    short = replace(entry, estimation=tuple(part(run, 0, 300) for run in entry.estimation))
+    found = findings(replace(good, sweeps=(short,)))[0]
+    assert found.kind == "excitation"
+    assert "turns round" in found.text
+    assert "rad only" not in found.text
+
+
+def test_holes_in_the_calibration_are_said(good: IdentificationRecordings) -> None:
+    runs = (*good.calibration[:3], stale(with_gap(good.calibration[3])))
+    found = findings(replace(good, calibration=runs))
+    assert [(f.kind, f.run) for f in found] == [
+        ("gaps", "calibration-4"),
+        ("stale", "calibration-4"),
+    ]

@@ -1,0 +1,235 @@
+"""The gate: nothing outside the limits leaves it, whatever comes in, and every fault ends in standing still."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from pepper_driver.backends import Command
+from pepper_driver.config import load_controller_settings, load_robot, load_safety_settings
+from pepper_driver.safety import FaultError, FaultReason, RobotState, SafetyGate, StateError
+from pepper_driver.testing import aged, displaced, standing_measurement
+from support.fakes import reference
+
+ROBOT = load_robot()
+SAFETY = load_safety_settings()
+CONTROLLER = load_controller_settings(ROBOT)
+STAND = ROBOT.posture("Stand")
+ONES, STILL = np.ones(17), np.zeros(3)
+SMALL = 0.0004
+"""[rad] A step that no joint's acceleration forbids, from rest."""
+
+
+def gate() -> SafetyGate:
+    gate = SafetyGate(ROBOT, SAFETY, CONTROLLER)
+    gate.activate(STAND)
+    return gate
+
+
+def test_a_reference_within_the_limits_passes_unchanged() -> None:
+    g = gate()
+    wanted = STAND + SMALL
+    speeds = np.array([0.03, 0.02, 0.01])
+    gated = g.gate(reference(wanted), ONES, speeds, 0.0)
+    np.testing.assert_array_equal(gated.command.position, wanted)
+    np.testing.assert_array_equal(gated.command.wheel_speed, speeds)
+    assert not gated.changed.any()
+    assert not gated.joints_changed
+    assert not gated.wheels_changed
+    wanted[3] += 1.0
+    assert g.sent.position[3] != wanted[3], "whoever made it may write to it"
+
+
+def test_a_small_step_over_a_position_limit_is_clamped() -> None:
+    g = SafetyGate(ROBOT, SAFETY, CONTROLLER)
+    for limit, side in ((ROBOT.upper, 1), (ROBOT.lower, -1)):
+        g.activate(limit)
+        gated = g.gate(reference(limit + side * SMALL), ONES, STILL, 0.0)
+        np.testing.assert_array_equal(gated.command.position, limit)
+        assert gated.changed.all()
+        g.deactivate()
+
+
+def test_a_jump_is_clamped_and_flagged_joint_by_joint() -> None:
+    g = gate()
+    wanted = STAND.copy()
+    wanted[6] += 0.5
+    gated = g.gate(reference(wanted), ONES, STILL, 0.0)
+    assert gated.changed.tolist() == [i == 6 for i in range(17)]
+    assert gated.joints_changed
+    assert not gated.wheels_changed
+    assert 0 < gated.command.position[6] - STAND[6] < 0.05
+
+
+def test_old_data_brake_the_robot_and_new_data_let_it_go_on() -> None:
+    g = gate()
+    wanted = STAND.copy()
+    for step in range(1, 30):
+        wanted = wanted.copy()
+        wanted[6] += min(step * SMALL, 0.02)
+        assert not g.gate(reference(wanted), ONES, np.full(3, 0.02), 0.0).joints_changed
+    np.testing.assert_array_equal(g.sent.wheel_speed, 0.02)
+    steps = []
+    for _ in range(30):
+        before = g.sent.position
+        held = g.gate(reference(wanted), ONES, np.ones(3), SAFETY.stale_hold + 0.001)
+        np.testing.assert_array_equal(held.command.wheel_speed, 0.0)
+        assert held.wheels_changed
+        steps.append(held.command.position[6] - before[6])
+    assert 0.005 < steps[0] < 0.02
+    assert (np.diff(steps) <= 1e-12).all()
+    assert steps[-1] == 0.0
+    assert g.state is RobotState.ACTIVE
+    assert not g.gate(reference(g.sent.position), ONES, STILL, 0.0).changed.any()
+
+
+def faulted(g: SafetyGate) -> bool:
+    """Whether the gate is in FAULT, and stays there holding still."""
+    if g.state is not RobotState.FAULT:
+        return False
+    before = g.sent.position.copy()
+    for _ in range(3):
+        gated = g.gate(reference(STAND + 0.01), ONES, np.ones(3), 0.0)
+        assert gated.changed.any()
+        np.testing.assert_array_equal(gated.command.position, before)
+        np.testing.assert_array_equal(gated.command.wheel_speed, 0.0)
+    g.deactivate()
+    with pytest.raises(FaultError):
+        g.activate(STAND)
+    return g.state is RobotState.FAULT
+
+
+def assert_fault(g: SafetyGate, reason: FaultReason, word: str) -> None:
+    assert g.fault is not None
+    assert g.fault.reason is reason
+    assert word in g.fault.text
+    assert faulted(g)
+
+
+@pytest.mark.parametrize("part", [0, 1, 2])
+def test_a_reference_that_is_no_number_is_a_fault(part: int) -> None:
+    g = gate()
+    parts = [STAND.copy(), ONES.copy(), STILL.copy()]
+    parts[part][1] = np.nan
+    g.gate(reference(parts[0]), parts[1], parts[2], 0.0)
+    assert_fault(g, FaultReason.COMMAND, "not a number")
+    np.testing.assert_array_equal(g.sent.position, STAND)
+    np.testing.assert_array_equal(g.sent.stiffness, 1.0)
+
+
+@pytest.mark.parametrize("age", [SAFETY.stale_fault + 0.001, np.nan, np.inf])
+def test_a_silent_robot_is_a_fault(age: float) -> None:
+    g = gate()
+    g.watch(aged(age)(standing_measurement()), g.sent)
+    assert_fault(g, FaultReason.STALE_SAMPLE, "old")
+
+
+def test_a_sample_whose_age_is_no_number_is_old() -> None:
+    g = gate()
+    held = g.gate(reference(STAND + 0.005), ONES, STILL, np.nan)
+    np.testing.assert_array_equal(held.command.position, STAND)
+
+
+@pytest.mark.parametrize("part", [0, 1, 2])
+def test_a_command_of_the_wrong_size_is_a_fault(part: int) -> None:
+    g = gate()
+    parts = [STAND.copy(), ONES.copy(), STILL.copy()]
+    parts[part] = parts[part][:-1]
+    gated = g.gate(reference(parts[0]), parts[1], parts[2], 0.0)
+    np.testing.assert_array_equal(gated.command.position, STAND)
+    assert gated.changed.all()
+    assert_fault(g, FaultReason.COMMAND, "values")
+
+
+@pytest.mark.parametrize(
+    "stiffness", ["soft", None, [[1.0], [2.0, 3.0]], 1.0, np.float64(1.0), np.ones((17, 1))]
+)
+def test_a_stiffness_that_is_no_array_is_a_fault(stiffness: Any) -> None:
+    g = gate()
+    g.gate(reference(STAND), stiffness, STILL, 0.0)
+    assert_fault(g, FaultReason.COMMAND, "stiffness")
+
+
+def test_whole_numbers_are_numbers() -> None:
+    g = gate()
+    gated = g.gate(reference(STAND), np.ones(17, dtype=np.int64), STILL, 0.0)
+    assert g.state is RobotState.ACTIVE
+    assert gated.command.stiffness.dtype == np.float64
+
+
+def test_a_sensor_that_is_no_number_is_a_fault() -> None:
+    g = gate()
+    g.watch(displaced("HipRoll", np.nan)(standing_measurement()), g.sent)
+    assert_fault(g, FaultReason.SENSOR, ROBOT.joint_names[2])
+
+
+def test_a_joint_far_from_its_command_is_a_fault_after_a_while() -> None:
+    g = gate()
+    far = displaced("LShoulderRoll", SAFETY.divergence + 0.1)(standing_measurement())
+    near = standing_measurement()
+    ticks = round(SAFETY.divergence_time / ROBOT.cycle)
+    for _ in range(ticks):
+        g.watch(far, g.sent)
+    assert g.state is RobotState.ACTIVE
+    g.watch(near, g.sent)  # back again: the count starts anew
+    for _ in range(ticks):
+        g.watch(far, g.sent)
+    assert g.state is RobotState.ACTIVE
+    g.watch(far, g.sent)
+    assert_fault(g, FaultReason.DIVERGENCE, "LShoulderRoll")
+
+
+def test_a_joint_without_stiffness_may_be_moved_by_hand() -> None:
+    g = gate()
+    soft = Command(position=STAND, stiffness=np.zeros(17), wheel_speed=STILL)
+    for _ in range(200):
+        g.watch(displaced("LShoulderRoll", 1.0)(standing_measurement()), soft)
+    assert g.state is RobotState.ACTIVE
+
+
+def test_stiffness_changes_by_a_ramp() -> None:
+    g = gate()
+    steps = [
+        g.gate(reference(STAND), np.zeros(17), STILL, 0.0).command.stiffness[0] for _ in range(100)
+    ]
+    assert steps[0] == pytest.approx(1.0 - ROBOT.cycle / SAFETY.stiffness_ramp)
+    assert steps[-1] == 0.0
+
+
+def test_an_inactive_gate_lets_nothing_through() -> None:
+    g = SafetyGate(ROBOT, SAFETY, CONTROLLER)
+    assert g.state is RobotState.INACTIVE
+    gated = g.gate(reference(STAND + 0.01), ONES, np.ones(3), 0.0)
+    np.testing.assert_array_equal(gated.command.stiffness, 0.0)
+    np.testing.assert_array_equal(gated.command.wheel_speed, 0.0)
+
+
+def test_a_gate_is_activated_once() -> None:
+    g = gate()
+    with pytest.raises(StateError, match="from active to active"):
+        g.activate(STAND)
+    assert g.state is RobotState.ACTIVE
+
+
+def test_wheels_start_and_turn_round_no_faster_than_the_base_may_and_keep_the_direction() -> None:
+    g = gate()
+    wanted = ROBOT.wheels.matrix @ np.array([0.2, 0.1, 0.0])
+    base = ROBOT.limits.base
+    limits = np.array(
+        [base.linear_acceleration, base.linear_acceleration, base.angular_acceleration]
+    )
+    largest = SAFETY.acceleration_margin * np.abs(ROBOT.wheels.matrix) @ limits * ROBOT.cycle
+    before = STILL
+    for sign in (1.0, -1.0):
+        count = 0
+        while count < 200:
+            count += 1
+            gated = g.gate(reference(STAND), ONES, sign * wanted, 0.0)
+            sent = gated.command.wheel_speed
+            assert (np.abs(sent - before) <= largest + 1e-12).all()
+            np.testing.assert_allclose(np.cross(sent, wanted), 0.0, atol=1e-9)
+            assert gated.wheels_changed == (not np.array_equal(sent, sign * wanted))
+            before = sent
+            if np.array_equal(sent, sign * wanted):
+                break
+        assert 10 < count < 199

@@ -1,0 +1,213 @@
+"""Whatever references come, what leaves the gate is within the limits, and can stop before its position limits."""
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from pepper_driver.config import load_controller_settings, load_robot, load_safety_settings
+from pepper_driver.config.arrays import FloatArray
+from pepper_driver.controller import WholeBodyController
+from pepper_driver.safety import RobotState, SafetyGate
+from pepper_driver.safety.limits import JointLimits
+from support.fakes import reference
+
+ROBOT = load_robot()
+SAFETY = load_safety_settings()
+CONTROLLER = load_controller_settings(ROBOT)
+STAND = ROBOT.posture("Stand")
+CYCLE = ROBOT.cycle
+SPEED = SAFETY.speed_margin * CONTROLLER.joint_velocity(ROBOT)
+ACCELERATION = SAFETY.acceleration_margin * CONTROLLER.joint_acceleration(ROBOT)
+CLOSE = 1e-7
+"""[rad] Sum of the roundings in one command."""
+
+
+anything = st.floats(allow_nan=True, allow_infinity=True)
+anywhere = st.floats(-4.0, 4.0)
+nearby = st.floats(-0.1, 0.1)
+
+
+def vectors(values: st.SearchStrategy[float], size: int) -> st.SearchStrategy[FloatArray]:
+    return st.lists(values, min_size=size, max_size=size).map(np.array)
+
+
+@st.composite
+def references(draw: st.DrawFn) -> list[tuple[Any, Any, Any, float]]:
+    """Positions, stiffness, wheel speeds, age: mostly wild, seldom not finite or of the wrong size."""
+    ticks = []
+    for _ in range(draw(st.integers(1, 25))):
+        kind = draw(st.sampled_from(["jump", "jump", "limits", "huge", "wrong"]))
+        position: Any = draw(vectors(anywhere, 17))
+        if kind == "limits":
+            position = np.where(position > 0, ROBOT.upper, ROBOT.lower) + draw(vectors(nearby, 17))
+        if kind == "huge":
+            position = position * draw(st.sampled_from([1e3, 1e150, 1e300]))
+        stiffness: Any = draw(vectors(st.floats(-3, 3), 17))
+        wheels: Any = draw(vectors(st.floats(-1e9, 1e9), 3))
+        if kind == "wrong" and draw(st.integers(0, 3)) == 0:
+            position = draw(vectors(anything, draw(st.integers(16, 18))))
+            stiffness = draw(st.one_of(vectors(anything, 17), vectors(anything, 3), st.none()))
+            wheels = draw(vectors(anything, 3))
+        ticks += [(position, stiffness, wheels, draw(st.floats(0, 0.12)))] * draw(st.integers(1, 6))
+    return ticks
+
+
+def way_to_rest(step: FloatArray) -> FloatArray:
+    """(17,) how far joints still go after (17,) steps when each step from now on is smaller by what braking allows."""
+    size, change = np.abs(step), ACCELERATION * CYCLE**2
+    n = np.floor(size / change)
+    way: FloatArray = n * size - change * n * (n + 1) / 2
+    return way
+
+
+def test_the_way_to_rest() -> None:
+    step, ways = 5.3 * ACCELERATION * CYCLE**2, []
+    while step[0] > 0:
+        step = step - ACCELERATION * CYCLE**2
+        ways.append(np.maximum(step, 0.0))
+    np.testing.assert_allclose(way_to_rest(-5.3 * ACCELERATION * CYCLE**2), np.sum(ways, axis=0))
+
+
+@settings(max_examples=150)
+@given(references(), st.floats(0, 1))
+def test_nothing_outside_the_limits_ever_leaves(
+    ticks: list[tuple[Any, Any, Any, float]], share: float
+) -> None:
+    g = SafetyGate(ROBOT, SAFETY, CONTROLLER)
+    start = ROBOT.lower + share * (ROBOT.upper - ROBOT.lower)
+    g.activate(start)
+    before, step = g.sent, np.zeros(17)
+    for position, stiffness, wheels, age in ticks:
+        with np.errstate(over="ignore", invalid="ignore"):
+            gated = g.gate(reference(position), stiffness, wheels, age)
+        sent = gated.command
+        for values in (sent.position, sent.stiffness, sent.wheel_speed):
+            assert np.isfinite(values).all()
+        assert (sent.position >= ROBOT.lower).all()
+        assert (sent.position <= ROBOT.upper).all()
+        assert (sent.stiffness >= 0).all()
+        assert (sent.stiffness <= 1).all()
+        ramp = CYCLE / SAFETY.stiffness_ramp
+        assert (np.abs(sent.stiffness - before.stiffness) <= ramp + 1e-12).all()
+        assert (np.abs(sent.wheel_speed) <= ROBOT.wheels.speed_limit + 2e-6).all()
+        if g.state is RobotState.FAULT:
+            np.testing.assert_array_equal(sent.position, before.position)
+            np.testing.assert_array_equal(sent.stiffness, before.stiffness)
+            np.testing.assert_array_equal(sent.wheel_speed, 0.0)
+        else:
+            now = sent.position - before.position
+            assert (np.abs(now) <= SPEED * CYCLE + CLOSE).all()
+            assert (np.abs(now - step) <= ACCELERATION * CYCLE**2 + CLOSE).all()
+            # it can still stop
+            way = way_to_rest(now)
+            room = np.where(now > 0, ROBOT.upper - sent.position, sent.position - ROBOT.lower)
+            assert (way <= room + CLOSE).all()
+            step = now
+            assert gated.changed.any() == gated.joints_changed
+            same = ~gated.changed
+            np.testing.assert_allclose(sent.position[same], position[same], rtol=0, atol=CLOSE)
+        before = sent
+
+
+def a_joint(room: float = 1.0) -> JointLimits:
+    return JointLimits(np.zeros(1), np.full(1, room), np.full(1, 2.0), np.full(1, 10.0), 0.01)
+
+
+def run_into(limits: JointLimits, goal: float, ticks: int) -> FloatArray:
+    way = []
+    for _ in range(ticks):
+        wanted = np.full(1, goal)
+        if not limits.keep(wanted):
+            limits.clamp(wanted)
+        way.append(limits.position[0])
+    return np.array(way)
+
+
+@pytest.mark.parametrize("room", [0.0, 1e-5, 0.003, 0.1, 1.0])
+def test_a_joint_sent_beyond_its_limit_arrives_there_at_rest(room: float) -> None:
+    limits = a_joint(room)
+    way = run_into(limits, 50.0, 400)
+    assert way[-1] == pytest.approx(room, abs=1e-12)
+    assert (np.diff(way) >= -1e-15).all()
+    back = run_into(limits, -50.0, 400)
+    assert back[-1] == pytest.approx(0.0, abs=1e-12)
+
+
+def test_it_brakes_as_late_as_it_can() -> None:
+    """From rest over a meter at 2 rad/s and 10 rad/s2: 0.2 s each to get there and to stop, 0.3 s between."""
+    way = run_into(a_joint(), 50.0, 400)
+    there = int(np.argmax(way > 1.0 - 1e-9))
+    assert there * 0.01 == pytest.approx(0.7, abs=0.03)
+
+
+def test_a_joint_that_runs_into_its_limit_at_a_lawful_speed_is_braked_in_time() -> None:
+    """Neither speed nor acceleration give it away; with 10 rad/s2 it needs 0.05 m to stop from 1 rad/s."""
+    limits, wanted, step, changed = a_joint(), np.zeros(1), 0.0, []
+    for _ in range(130):
+        step = min(step + 0.0005, 0.01)
+        wanted = limits.position + step
+        kept = limits.keep(wanted)
+        changed.append(not kept and bool(limits.clamp(wanted).any()))
+        if changed[-1]:
+            break
+    assert limits.position[0] == pytest.approx(0.95, abs=0.015)
+    assert changed.count(True) == 1
+    assert run_into(limits, 50.0, 200)[-1] == pytest.approx(1.0, abs=1e-12)
+
+
+def test_limits_are_kept_by_the_joint_concerned_alone() -> None:
+    n = 3
+    limits = JointLimits(np.zeros(n), np.ones(n), np.full(n, 2.0), np.full(n, 10.0), 0.01)
+    limits.start(np.full(n, 0.5))
+    changed = limits.clamp(np.array([0.5, 0.5005, 0.9]))
+    assert changed.tolist() == [False, False, True]
+    np.testing.assert_array_equal(limits.position[:2], [0.5, 0.5005])
+
+
+@settings(max_examples=25)
+@given(st.integers(0, 2**32 - 1), st.sampled_from(["safe", "robot"]))
+def test_what_the_controller_sends_flat_out_is_never_changed(seed: int, velocity: Any) -> None:
+    """All joints to random goals, limits among them, at random gains; base too; it brakes as reflexes make it."""
+    rng = np.random.default_rng(seed)
+    chosen = replace(CONTROLLER, velocity=velocity)
+    controller, g = WholeBodyController(ROBOT, chosen), SafetyGate(ROBOT, SAFETY, chosen)
+    controller.reset(STAND)
+    g.activate(controller.position)
+    span = ROBOT.upper - ROBOT.lower
+    for _ in range(6):
+        share = rng.integers(0, 2, 17) if rng.random() < 0.4 else rng.uniform(0, 1, 17)
+        controller.posture.target = np.clip(ROBOT.lower + share * span, ROBOT.lower, ROBOT.upper)
+        controller.posture.stiffness = float(rng.choice([5.0, 50.0, 400.0, 3000.0]))
+        controller.base_velocity.target = rng.uniform(-1, 1, 3) * [0.35, 0.35, 1.0]
+        for tick in range(int(rng.integers(5, 80))):
+            controller.hold = bool(tick > 60)
+            wanted = controller.step()
+            wheels = ROBOT.wheels.matrix @ wanted.base_twist
+            gated = g.gate(wanted, np.ones(17), wheels, 0.0)
+            assert not gated.changed.any()
+            assert not gated.wheels_changed
+            np.testing.assert_array_equal(gated.command.position, wanted.position)
+
+
+def test_the_law_that_overshoots_is_stopped_at_the_limit() -> None:
+    """The velocity damper of older controllers runs past position limits: what leaves does not."""
+    chosen = replace(CONTROLLER, position_limit="damper", position_margin=0.0)
+    controller, g = WholeBodyController(ROBOT, chosen), SafetyGate(ROBOT, SAFETY, chosen)
+    controller.reset(STAND)
+    g.activate(controller.position)
+    controller.posture.stiffness = 3000.0
+    clamped = 0
+    for goal in (ROBOT.upper, ROBOT.lower, ROBOT.upper):
+        controller.posture.target = goal
+        for _ in range(150):
+            gated = g.gate(controller.step(), np.ones(17), np.zeros(3), 0.0)
+            assert (gated.command.position <= ROBOT.upper).all()
+            assert (gated.command.position >= ROBOT.lower).all()
+            if gated.joints_changed:
+                clamped += 1
+                controller.accept(gated.command.position)
+    assert clamped > 0

@@ -1,0 +1,346 @@
+"""A joint with stick-slip friction in small steps, independent of the twin, and models that know it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from pepper_driver.config.arrays import FloatArray
+from pepper_driver.controller.tick import Tick
+from pepper_driver.observer.contact_observer import ContactObserver
+from pepper_driver.observer.detection.body_isolation import BASE_LINK, TRUNK_LINK
+from pepper_driver.observer.interface import Contact, Signal
+from pepper_driver.observer.models.fusion_model import BaseModel, FusionModel, MomentumParameters
+from pepper_driver.observer.models.model_file import ModelSet
+from pepper_driver.observer.models.stick_slip import TwinParameters
+from pepper_driver.observer.models.tree import AffineTree, CartTree
+from pepper_driver.observer.recording import Recording
+from pepper_driver.observer.residuals.adaptation import HandLoads
+from pepper_driver.observer.residuals.fusion import FusionSignal
+from support.observer import CYCLE, JOINTS, ROBOT, SETTINGS, models, tick
+
+ELBOW = ROBOT.joint_index("LElbowRoll")
+BOUND = 0.02
+TORQUE_CONSTANT = (
+    ROBOT.motors.of("LElbowRoll").torque_constant * ROBOT.motors.joints["LElbowRoll"].ratio
+)
+ENCODER = 2 * np.pi / 4096
+
+TWIN = TwinParameters(
+    inertia=4e-4,
+    lag=0.02,
+    friction=0.008,
+    load_friction=0.02,
+    breakaway=1.3,
+    load_gain=0.01,
+    offset=0.0,
+    dead_band=0.0,
+    integral_rate=0.0,
+    transport=0.0,
+)
+
+PER_AMPERE = TWIN.load_gain * TORQUE_CONSTANT
+
+NOTHING = AffineTree(
+    feature=(-1,),
+    threshold=(0.0,),
+    left=(-1,),
+    right=(-1,),
+    coefficients=((0.0, 0.0, 0.0, 0.0),),
+    lower=(-9.0, -99.0, -99.0),
+    upper=(9.0, 99.0, 99.0),
+)
+
+
+def constant_tree(value: float) -> CartTree:
+    return CartTree(feature=(-1,), threshold=(0.0,), left=(-1,), right=(-1,), value=(value,))
+
+
+def fusion_model(twin: TwinParameters = TWIN, **changes: Any) -> FusionModel:
+    """A model that knows the joint with these constants exactly."""
+    values: dict[str, Any] = {
+        "twin": twin,
+        "remainder": NOTHING,
+        "momentum": MomentumParameters(
+            source="current",
+            torque_per_ampere=PER_AMPERE,
+            inertia=twin.inertia,
+            lag=0.0,  # back-EMF takes no current
+            offset=twin.offset,
+        ),
+        "weight": (0.8, 0.6),
+        "spread": (0.001, 0.001),
+        "bound": constant_tree(BOUND),
+        "momentum_bound": 0.04,
+    }
+    return FusionModel(**(values | changes))
+
+
+MODEL = fusion_model()
+
+
+def fusion_set(
+    by_joint: Mapping[str, FusionModel] | FusionModel = MODEL, base: BaseModel | None = None
+) -> ModelSet:
+    return replace(models(by_joint, kind="fusion"), base=base)
+
+
+def fusion_observer(
+    model: FusionModel = MODEL, *, adapt: bool = False, base: BaseModel | None = None
+) -> ContactObserver:
+    """An observer with this model of every joint."""
+    return ContactObserver(ROBOT, fusion_set(model, base), replace(SETTINGS, adapt=adapt))
+
+
+def fusion_signal(
+    model: FusionModel = MODEL, *, adapt: bool = False, hands: HandLoads | None = None
+) -> FusionSignal:
+    return FusionSignal(
+        [model] * JOINTS, CYCLE, window=SETTINGS.fusion_window, adapt=adapt, hands=hands
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Motion:
+    """What one joint shall do; arrays (n,) by tick."""
+
+    position: FloatArray
+    velocity: FloatArray
+    acceleration: FloatArray
+    load: FloatArray
+
+    def __len__(self) -> int:
+        return len(self.position)
+
+
+def swing(
+    seconds: float,
+    size: float = 0.3,
+    rate: float = 2.0,
+    *,
+    rest: float = 0.0,
+    gravity: float = 0.8,
+    shape: float = 0.35,
+) -> Motion:
+    """A swing of two rates that comes back to where it began, and rests there for ``rest`` [s]."""
+    time = np.arange(round(seconds / CYCLE)) * CYCLE
+    swung = size * (1 - np.cos(rate * time) + shape * (1 - np.cos(2.7 * rate * time))) / 2
+    home = min(1.2, seconds / 3)
+    part = np.clip((seconds - time) / home, 0.0, 1.0)
+    position = np.concatenate(
+        (swung * part**3 * (10 - 15 * part + 6 * part**2), np.zeros(round(rest / CYCLE)))
+    )
+    velocity = np.gradient(position, CYCLE)
+    acceleration = np.gradient(velocity, CYCLE)
+    load = gravity * np.sin(position + 0.4) + 0.03 * acceleration
+    return Motion(position=position, velocity=velocity, acceleration=acceleration, load=load)
+
+
+def standing(seconds: float, load: float = 0.0) -> Motion:
+    nothing = np.zeros(round(seconds / CYCLE))
+    return Motion(
+        position=nothing, velocity=nothing, acceleration=nothing, load=np.full(len(nothing), load)
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Driven:
+    """What the joint did; arrays (n,) by tick."""
+
+    position: FloatArray
+    motor: FloatArray
+    """Torque / K, back-EMF taken off [rad]."""
+
+
+def drive(
+    motion: Motion,
+    twin: TwinParameters = TWIN,
+    *,
+    torque: FloatArray | float = 0.0,
+    start: float | None = None,
+    steps: int = 60,
+) -> Driven:
+    """Coulomb friction with breakaway, explicit, in steps of 0.2 ms; commands and loads run straight between ticks.
+
+    Args:
+        motion: What it is told.
+        twin: Its constants.
+        torque: From outside, by tick [N m].
+        start: Where it stands at first [rad], by default at its goal.
+        steps: In a tick.
+    """
+    gain, h = twin.load_gain, CYCLE / steps
+    outside = np.broadcast_to(torque, len(motion))
+    q = float(motion.position[0]) if start is None else start
+    v = integral = 0.0
+    sticks = True
+    positions, motors = [], []
+    goal_then, load_then, outside_then = motion.position[0], motion.load[0], outside[0]
+    for goal_now, load_now, outside_now in zip(
+        motion.position.tolist(), motion.load.tolist(), outside.tolist(), strict=True
+    ):
+        for step in range(1, steps + 1):
+            part = step / steps
+            error = goal_then + part * (goal_now - goal_then) - q
+            pull = error - min(max(error, -twin.dead_band), twin.dead_band)
+            load = gain * (load_then + part * (load_now - load_then)) + twin.offset
+            hand = gain * (outside_then + part * (outside_now - outside_then))
+            size = twin.friction + twin.load_friction * abs(load)
+            motor = pull + integral - twin.lag * v
+            net = motor - load + hand
+            integral += h * twin.integral_rate * pull
+            if sticks:
+                if abs(net) <= twin.breakaway * size:
+                    continue
+                sticks = False
+                v = h * (net - np.sign(net) * size) / twin.inertia
+            else:
+                new = v + h * (net - np.sign(v) * size) / twin.inertia
+                sticks = new * v <= 0.0
+                v = 0.0 if sticks else new
+            q += h * v
+        positions.append(q)
+        motors.append(motor)
+        goal_then, load_then, outside_then = goal_now, load_now, outside_now
+    return Driven(position=np.array(positions), motor=np.array(motors))
+
+
+def quantised(position: FloatArray) -> FloatArray:
+    rounded: FloatArray = np.round(position / ENCODER) * ENCODER
+    return rounded
+
+
+def ticks_of(
+    motion: Motion,
+    driven: Driven,
+    joint: int = ELBOW,
+    *,
+    changed: Sequence[int] = (),
+    stiffness: FloatArray | None = None,
+    late: Sequence[int] | None = None,
+) -> list[Tick]:
+    """Ticks of a robot whose other joints rest at their goals.
+
+    Args:
+        motion: What the joint shall do.
+        driven: What it did.
+        joint: Its index.
+        changed: Ticks whose command the gate has altered.
+        stiffness: (n,) of the joint.
+        late: By tick, by how many ticks the sample is late.
+    """
+    made = []
+    position, current = quantised(driven.position), np.abs(driven.motor) / PER_AMPERE
+    for k in range(len(motion)):
+        seen = k if late is None else max(k - late[k], 0)
+        one = tick(
+            k,
+            changed=(joint,) if k in changed else (),
+            age=0.0 if late is None else late[k] * CYCLE,
+        )
+        one.sent.position[joint] = motion.position[k]
+        one.reference.position[joint] = motion.position[k]
+        one.reference.velocity[joint] = motion.velocity[k]
+        one.reference.acceleration[joint] = motion.acceleration[k]
+        one.reference.load_torque[joint] = motion.load[k]
+        one.measurement.position[joint] = position[seen]
+        one.measurement.current[:] = 0.0
+        one.measurement.current[joint] = current[seen]
+        if stiffness is not None:
+            one.sent.stiffness[joint] = stiffness[k]
+        made.append(one)
+    return made
+
+
+def recording_of(motion: Motion, driven: Driven, joint: int = ELBOW) -> Recording:
+    """The same as a recording."""
+    n = len(motion)
+
+    def column(values: FloatArray) -> FloatArray:
+        array = np.zeros((n, JOINTS))
+        array[:, joint] = values
+        return array
+
+    triple = np.zeros((n, 3))
+    return Recording(
+        joint_names=ROBOT.joint_names,
+        time=np.arange(float(n)) * CYCLE,
+        age=np.zeros(n),
+        sent_position=column(motion.position),
+        stiffness=np.ones((n, JOINTS)),
+        changed=np.zeros((n, JOINTS), dtype=np.bool_),
+        position=column(quantised(driven.position)),
+        current=column(np.abs(driven.motor) / PER_AMPERE),
+        reference_position=column(motion.position),
+        velocity=column(motion.velocity),
+        acceleration=column(motion.acceleration),
+        load_torque=column(motion.load),
+        base_twist=triple,
+        sent_wheel_speed=triple,
+        wheel_speed=triple,
+        linear_acceleration=triple,
+        angular_velocity=triple,
+        attitude=triple,
+    )
+
+
+def play(signal: FusionSignal, ticks: Sequence[Tick]) -> list[Signal]:
+    """Signals of a robot that nothing touches."""
+    free, nothing = np.ones(JOINTS, dtype=np.bool_), np.zeros(JOINTS, dtype=np.bool_)
+    signals = []
+    for one in ticks:
+        signals.append(signal.step(one))
+        signal.learn(signals[-1], free, nothing, True)
+    return signals
+
+
+def push_profile(
+    n: int, begin: float, seconds: float, torque: float, rise: float = 0.1
+) -> FloatArray:
+    """(n,) torque that rises, stays and falls [N m]."""
+    time = np.arange(n) * CYCLE
+    up = np.clip((time - begin) / rise, 0.0, 1.0)
+    down = np.clip((begin + seconds - time) / rise, 0.0, 1.0)
+    profile: FloatArray = torque * np.minimum(up, down)
+    return profile
+
+
+def check_lives(events: list[Contact]) -> None:
+    """Assert what holds for the events of mode ``fusion`` in any run that ends quietly."""
+    lives: dict[int, list[Contact]] = {}
+    open_on: dict[str, int] = {}
+    for event in events:
+        life = lives.setdefault(event.id, [])
+        limb = event.limb
+        if event.phase == "begin":
+            assert life == []
+            assert limb not in open_on
+            assert event.time == event.detection_time
+        else:
+            assert life
+            assert life[-1].phase != "end"
+            assert event.detection_time == life[0].detection_time
+            assert event.time >= life[-1].time
+            # It moves from the trunk to a limb, never back, nor to another limb.
+            before = life[-1].limb
+            assert open_on.pop(before) == event.id
+            assert before in (limb, "trunk")
+        if event.phase != "end":
+            assert limb not in open_on
+            open_on[limb] = event.id
+        assert event.limb == ROBOT.limb_of(event.joint)
+        assert event.onset_time <= event.detection_time
+        assert event.intensity >= 0
+        if event.joint is None:
+            assert event.link in (TRUNK_LINK, BASE_LINK)
+        else:
+            assert event.link == ROBOT.joints[ROBOT.joint_index(event.joint)].child
+            assert event.intensity > 0
+        if life and life[-1].kind != "contact":
+            assert event.kind == life[-1].kind
+        life.append(event)
+    assert open_on == {}
+    assert list(lives) == list(range(1, len(lives) + 1))
