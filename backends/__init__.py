@@ -2,6 +2,7 @@
 
 from pepper_driver.backends.commands import checked_command
 from pepper_driver.backends.extras import Extras
+from pepper_driver.backends.fields import Command, Imu, Measurement
 from pepper_driver.backends.interface import (
     DEAD_MAN_CYCLES,
     Backend,
@@ -9,11 +10,8 @@ from pepper_driver.backends.interface import (
     BackendInfo,
     Capability,
     CapabilityError,
-    Command,
     CommandError,
     DeviceError,
-    Imu,
-    Measurement,
     NotConnectedError,
 )
 from pepper_driver.backends.pushes import ScheduledPush, schedule_push

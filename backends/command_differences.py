@@ -4,15 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from pepper_driver.backends.interface import Command
+from pepper_driver.backends.fields import Command, fields_of
 from pepper_driver.config import RobotConfig
-
-SENT_FIELDS = {
-    "position": "sent_position",
-    "stiffness": "sent_stiffness",
-    "wheel_speed": "sent_wheel_speed",
-}
-"""Field of the log behind each part of a command."""
 
 
 class CommandDifferences:
@@ -30,20 +23,16 @@ class CommandDifferences:
     """
 
     def __init__(self, robot: RobotConfig) -> None:
-        self._names = {
-            "position": robot.joint_names,
-            "stiffness": robot.joint_names,
-            "wheel_speed": robot.wheels.names,
-        }
+        self._names = {field.attribute: field.elements(robot) or () for field in fields_of("sent")}
         self.compared = self.differing = 0
         self.first: tuple[float, str] | None = None
-        self.largest = dict.fromkeys(SENT_FIELDS, 0.0)
+        self.largest = dict.fromkeys(self._names, 0.0)
 
     def compare(self, time: float, given: Command, recorded: Command) -> None:
         """Take in the two commands of one cycle, those that the sample of ``time`` [s] answers."""
         self.compared += 1
         same = True
-        for part in SENT_FIELDS:
+        for part, names in self._names.items():
             a, b = np.asarray(getattr(given, part)), getattr(recorded, part)
             if a.tobytes() == b.tobytes():
                 continue
@@ -51,9 +40,7 @@ class CommandDifferences:
             place = int(size.argmax())
             self.largest[part] = max(self.largest[part], float(size[place]))
             if self.first is None:
-                text = (
-                    f"{part} of {self._names[part][place]}: {a[place]!s} in place of {b[place]!s}"
-                )
+                text = f"{part} of {names[place]}: {a[place]!s} in place of {b[place]!s}"
                 self.first = (time, text)
             same = False
         self.differing += not same

@@ -8,7 +8,8 @@ from math import isfinite
 import numpy as np
 from numpy.typing import ArrayLike
 
-from pepper_driver.backends.interface import Command, CommandError
+from pepper_driver.backends.fields import Command
+from pepper_driver.backends.interface import CommandError
 from pepper_driver.config.arguments import is_number, real_array
 from pepper_driver.config.arrays import FloatArray
 from pepper_driver.config.contact_specs import FARTHEST_PULL, SOFTEST_HAND, STIFFEST_HAND

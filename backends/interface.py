@@ -5,13 +5,13 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from functools import cached_property
-from math import nan
 from types import TracebackType
 from typing import Literal, Self
 
 from numpy.typing import ArrayLike
 
 from pepper_driver.backends.extras import Extras
+from pepper_driver.backends.fields import Command, Measurement
 from pepper_driver.backends.simulated import SimulatedPlant, Truth
 from pepper_driver.config import PepperError, RobotIdentity
 from pepper_driver.config.arrays import FloatArray
@@ -40,80 +40,6 @@ class CommandError(PepperError, ValueError):
 
 class CapabilityError(PepperError, NotImplementedError):
     """This kind of backend has no such ability, for example ground truth on a real robot."""
-
-
-@dataclass(frozen=True, kw_only=True, slots=True)
-class Imu:
-    """Inertial unit of the base: (3,) ``acceleration`` [m/s2], ``angular_velocity`` [rad/s], ``attitude`` rpy [rad]."""
-
-    acceleration: FloatArray
-    angular_velocity: FloatArray
-    attitude: FloatArray
-
-
-@dataclass(frozen=True, kw_only=True, slots=True)
-class Measurement:
-    """One sample of all sensors. Joint vectors are in the order of ``RobotConfig.joint_names``.
-
-    The log and callbacks read it on threads of their own: its arrays are never changed once it was handed over.
-
-    Attributes:
-        time: Clock of the robot [s], counted from ``open``.
-        tick: Number of the cycle that produced the sample; the one of ``open`` is 0.
-        position: (17,) joint encoders [rad]; hands as aperture 0..1.
-        current: (17,) absolute motor current [A].
-        wheel_speed: (3,) [rad/s].
-        imu: Inertial unit of the base.
-        touch: (5,) 1.0 where touched, order of ``sensors.touch``.
-        bumpers: (3,) 1.0 where pressed, order of ``sensors.bumpers``.
-        buttons: (1,) 1.0 where pressed, order of ``sensors.buttons``.
-        temperature: (17,) motors [deg C].
-        battery: Charge, 0..1.
-        age: Time since the sample was taken [s], beyond the transport that is always there.
-        charging_flap: 1.0 while the flap over the charging socket is open, NaN where nobody knows.
-        answers: How many commands before the last written one the command was written that a sample without ``age``
-            answers, 0 for the last one; None where it is ``BackendInfo.response_delay``.
-        withheld: Commands since ``activate`` that were not sent, because too many were on their way.
-        stiffness: (17,) that the boards are told to have, by whomever, 0..1; NaN for joints, or None for a robot, of
-            which nobody knows.
-        missing: Why there is no younger sample, for people; empty where there is, or where nobody knows.
-        commanded_by_others: Joints and wheels that another program commands, by name, where the backend can see that.
-            Not logged: the fault that it leads to names them.
-    """
-
-    time: float
-    tick: int
-    position: FloatArray
-    current: FloatArray
-    wheel_speed: FloatArray
-    imu: Imu
-    touch: FloatArray
-    bumpers: FloatArray
-    buttons: FloatArray
-    temperature: FloatArray
-    battery: float
-    age: float
-    charging_flap: float = nan
-    answers: int | None = None
-    withheld: int = 0
-    stiffness: FloatArray | None = None
-    missing: str = ""
-    commanded_by_others: tuple[str, ...] = ()
-
-
-@dataclass(frozen=True, kw_only=True, slots=True)
-class Command:
-    """Command for one cycle.
-
-    Attributes:
-        position: (17,) [rad], to be reached at the end of the cycle.
-        stiffness: (17,) 0..1, scales the current limit of each motor board.
-        wheel_speed: (3,) [rad/s].
-    """
-
-    position: FloatArray
-    stiffness: FloatArray
-    wheel_speed: FloatArray
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

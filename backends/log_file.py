@@ -10,12 +10,12 @@ import logging
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from mcap.writer import MCAP0_MAGIC
-from numpy.typing import NDArray
 
+from pepper_driver.backends.fields import Column, FieldType
 from pepper_driver.backends.log_records import Message, Records, find_records
 from pepper_driver.config import PepperError
 from pepper_driver.config.errors import reason
@@ -42,11 +42,6 @@ SEQUENCES = 2**32
 SHOWN_GAPS = 3
 """Gaps of a log that its description names one by one."""
 
-FieldType = Literal["float64", "int64", "bool", "int8"]
-
-Column = NDArray[Any]
-"""float64, int64, int8 or bool, as the field was appended."""
-
 
 class LogError(PepperError, OSError):
     """A log cannot be written or read; the message is one line with path and reason."""
@@ -57,7 +52,7 @@ class Field:
     """One field of a row.
 
     Attributes:
-        name: Name in the message and in ``LogData``.
+        name: Name in the message and in ``RunLog``.
         elements: Names of its values; None for a scalar.
         type: Of its values.
         meaning: Unit and meaning, for the comment in the message definition.

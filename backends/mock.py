@@ -9,15 +9,13 @@ from typing import Literal
 import numpy as np
 
 from pepper_driver.backends.commands import checked_command
+from pepper_driver.backends.fields import Command, Imu, Measurement
 from pepper_driver.backends.interface import (
     DEAD_MAN_CYCLES,
     LONGEST_WAY,
     Backend,
     BackendError,
     BackendInfo,
-    Command,
-    Imu,
-    Measurement,
     NotConnectedError,
 )
 from pepper_driver.backends.selection import BackendUri

@@ -5,27 +5,31 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Mapping
-from dataclasses import fields, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
-from pepper_driver.backends.command_differences import SENT_FIELDS, CommandDifferences
+from pepper_driver.backends.command_differences import CommandDifferences
 from pepper_driver.backends.commands import checked_command
+from pepper_driver.backends.fields import (
+    Column,
+    Command,
+    Imu,
+    Measurement,
+    fields_of,
+    objects,
+)
 from pepper_driver.backends.interface import (
     LONGEST_WAY,
     Backend,
     BackendError,
     BackendInfo,
-    Command,
-    Imu,
-    Measurement,
     NotConnectedError,
 )
 from pepper_driver.backends.log_file import (
     TICK_TOPIC,
     UNANSWERED_TOPIC,
-    Column,
     LogError,
     LogFile,
     misfit,
@@ -34,10 +38,7 @@ from pepper_driver.backends.log_file import (
 from pepper_driver.backends.selection import BackendUri
 from pepper_driver.backends.serial import Serial, serial
 from pepper_driver.config import ConfigError, RobotConfig, RobotIdentity
-from pepper_driver.config.arrays import FloatArray, IntArray
-
-NOT_LOGGED = ("missing", "commanded_by_others")
-"""Parts of a measurement that are in no row: why the robot was stopped says them."""
+from pepper_driver.config.arrays import IntArray
 
 
 class EndOfLogError(BackendError, EOFError):
@@ -236,40 +237,22 @@ def _match_command(table: dict[str, Column], delay: int) -> IntArray:
 
 def _commands(file: LogFile, topic: str) -> tuple[Command, ...]:
     """All of a topic."""
-    columns = [_frozen(file.tables[topic][name]) for name in SENT_FIELDS.values()]
-    return tuple(
-        Command(**dict(zip(SENT_FIELDS, values, strict=True)))
-        for values in zip(*columns, strict=True)
-    )
+    columns = {field: file.tables[topic][field.name] for field in fields_of("sent")}
+    return tuple(objects(Command, "sent", columns))
 
 
 def _measurements(file: LogFile, robot: RobotConfig) -> tuple[Measurement, ...]:
-    """All of a log."""
+    """All of a log; why the robot was stopped says the parts of a measurement that are in no row."""
     table = file.tables[TICK_TOPIC]
     if not len(table["time"]):
         raise LogError(f"{file.path}: holds no tick")
-    sensors = robot.sensors
     for group in ("touch", "bumpers", "buttons"):
-        if table[group].shape[1:] != (len(getattr(sensors, group)),):
+        if table[group].shape[1:] != (len(getattr(robot.sensors, group)),):
             raise LogError(f"{file.path}: is of a robot with other {group} than '{robot.name}'")
-    imus = [
-        Imu(**dict(zip((f.name for f in fields(Imu)), values, strict=True)))
-        for values in zip(*(_frozen(table[f"imu_{f.name}"]) for f in fields(Imu)), strict=True)
-    ]
-    names = [f.name for f in fields(Measurement) if f.name not in ("imu", *NOT_LOGGED)]
-    columns = [
-        table[name].tolist() if table[name].ndim == 1 else _frozen(table[name]) for name in names
-    ]
-    answers = names.index("answers")
-    columns[answers] = [None if steps < 0 else steps for steps in columns[answers]]
-    return tuple(
-        Measurement(imu=imu, **dict(zip(names, values, strict=True)))
-        for imu, *values in zip(imus, *columns, strict=True)
-    )
-
-
-def _frozen(column: FloatArray) -> FloatArray:
-    """The same for everybody: nobody may change it."""
-    column = column.view()
-    column.flags.writeable = False
-    return column
+    columns = {
+        field: table[field.name]
+        for owner in ("measurement", "measurement.imu")
+        for field in fields_of(owner)
+    }
+    imus = objects(Imu, "measurement.imu", columns)
+    return tuple(objects(Measurement, "measurement", columns, imu=imus))

@@ -46,7 +46,7 @@ from pepper_driver.controller import Tick
 from pepper_driver.experiments.plan import Plan
 from pepper_driver.experiments.player import OnStep
 from pepper_driver.experiments.reports import ExperimentReport, StepReport
-from pepper_driver.log import LogData, LogEvent, read_log
+from pepper_driver.log import LogEvent, RunLog, read_log
 from pepper_driver.session import OnTick
 
 MAX_STARTS = 10
@@ -463,7 +463,7 @@ class Recording:
 
 
 def run_record(
-    log: LogData,
+    log: RunLog,
     events: Sequence[Contact],
     pushes: Sequence[Mark],
     robot: RobotConfig,
@@ -514,7 +514,7 @@ def contact_record(
 
 
 def picked_events(
-    log: LogData,
+    log: RunLog,
     contacts: Sequence[Contact],
     decorator: str,
     selector: Mapping[str, Any],

@@ -6,7 +6,7 @@ from math import cos, sin
 
 import numpy as np
 
-from pepper_driver.backends.interface import Measurement
+from pepper_driver.backends.fields import Measurement
 from pepper_driver.config import RobotConfig
 from pepper_driver.config.arrays import FloatArray
 from pepper_driver.controller.model import RobotModel

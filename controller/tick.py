@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from pepper_driver.backends.interface import Command, Measurement
+from pepper_driver.backends.fields import Command, Measurement
 from pepper_driver.config.arrays import BoolArray, FloatArray
 
 

@@ -9,7 +9,7 @@ from math import sqrt
 import numpy as np
 from numpy.typing import ArrayLike
 
-from pepper_driver.backends.interface import Measurement
+from pepper_driver.backends.fields import Measurement
 from pepper_driver.config import ControllerSettings, RobotConfig, load_controller_settings
 from pepper_driver.config.arguments import checked_arguments, is_number
 from pepper_driver.config.arrays import FloatArray

@@ -4,19 +4,30 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, fields, replace
+from itertools import repeat
 from operator import attrgetter
 from pathlib import Path
-from typing import Any, Self
+from typing import Any, Self, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pepper_driver.backends.interface import Command, Imu, Measurement
+from pepper_driver.backends.fields import (
+    RECORDED_FIELDS,
+    Column,
+    Command,
+    Imu,
+    Measurement,
+    Mirror,
+    objects,
+)
 from pepper_driver.config import PepperError, RobotConfig
 from pepper_driver.config.arrays import BoolArray, FloatArray
 from pepper_driver.config.errors import reason
 from pepper_driver.config.files import replacing
 from pepper_driver.controller.tick import Reference, Tick
+
+T = TypeVar("T")
 
 FORMAT = 1
 
@@ -78,38 +89,20 @@ _TWIST_SIGNS = np.array([1.0, -1.0, -1.0])
 _VECTOR_SIGNS = np.array([1.0, -1.0, 1.0])
 _AXIS_SIGNS = np.array([-1.0, 1.0, -1.0])
 
-_UNSIGNED = ("stiffness", "changed", "current")
-_SIGNS = {
-    "base_twist": _TWIST_SIGNS,
-    "linear_acceleration": _VECTOR_SIGNS,
-    "angular_velocity": _AXIS_SIGNS,
-    "attitude": _AXIS_SIGNS,
-}
-_WHEELS = ("sent_wheel_speed", "wheel_speed")
+_MIRROR_SIGNS = {"twist": _TWIST_SIGNS, "vector": _VECTOR_SIGNS, "axis": _AXIS_SIGNS}
 
 
-def mirrored_columns(
-    columns: Mapping[str, NDArray[Any]], per_joint: Iterable[str], robot: RobotConfig
-) -> dict[str, NDArray[Any]]:
-    """What a mirror changes of the columns of a :class:`pepper_driver.observer.recording.Recording`.
-
-    Args:
-        columns: By name.
-        per_joint: Names of those with a value for each joint.
-        robot: Gives the partners and signs of the joints, and the places of the wheels.
-    """
-    partner = [index for index, _ in robot.mirror]
-    signs = np.array([sign for _, sign in robot.mirror])
-    changed = {}
-    for name in per_joint:
-        swapped = columns[name][:, partner]
-        changed[name] = swapped if name in _UNSIGNED else swapped * signs
-    for name, factors in _SIGNS.items():
-        changed[name] = columns[name] * factors
-    reflection = (robot.wheels.matrix * _TWIST_SIGNS) @ robot.wheels.inverse
-    for name in _WHEELS:
-        changed[name] = columns[name] @ reflection.T
-    return changed
+def mirrored_column(mirror: Mirror, column: Column, robot: RobotConfig) -> Column:
+    """Return what a mirror makes of a column; the robot gives partners and signs of joints, and places of wheels."""
+    if mirror in _MIRROR_SIGNS:
+        column = column * _MIRROR_SIGNS[mirror]
+    elif mirror == "wheels":
+        column = column @ ((robot.wheels.matrix * _TWIST_SIGNS) @ robot.wheels.inverse).T
+    elif mirror:
+        column = column[:, [index for index, _ in robot.mirror]]
+        if mirror == "angle":
+            column = column * np.array([sign for _, sign in robot.mirror])
+    return column
 
 
 __all__ = ["STALE_AGE", "Recording", "RecordingBuilder", "RecordingError"]
@@ -118,37 +111,24 @@ __all__ = ["STALE_AGE", "Recording", "RecordingBuilder", "RecordingError"]
 STALE_AGE = 0.03
 """[s] An encoder sample older than this says nothing about the command it is paired with."""
 
-_SCALARS = {"time": "measurement.time", "age": "measurement.age"}
-_PER_JOINT = {
-    "sent_position": "sent.position",
-    "stiffness": "sent.stiffness",
-    "changed": "changed",
-    "position": "measurement.position",
-    "current": "measurement.current",
-    "reference_position": "reference.position",
-    "velocity": "reference.velocity",
-    "acceleration": "reference.acceleration",
-    "load_torque": "reference.load_torque",
-}
-_TRIPLES = {
-    "base_twist": "reference.base_twist",
-    "sent_wheel_speed": "sent.wheel_speed",
-    "wheel_speed": "measurement.wheel_speed",
-    "linear_acceleration": "measurement.imu.acceleration",
-    "angular_velocity": "measurement.imu.angular_velocity",
-    "attitude": "measurement.imu.attitude",
-}
-_SOURCES = {**_SCALARS, **_PER_JOINT, **_TRIPLES}
-"""Where in a tick each column comes from."""
+_FIELDS = {field.column: field for field in RECORDED_FIELDS}
 
 # Of a rebuilt tick, where nothing was recorded.
 _TEMPERATURE = 30.0  # [deg C]
-_TOUCH, _BUMPERS, _BUTTONS = np.zeros(5), np.zeros(3), np.zeros(1)
-for _nothing in (_TOUCH, _BUMPERS, _BUTTONS):
-    _nothing.flags.writeable = False
+_UNTOUCHED = {"touch": np.zeros(5), "bumpers": np.zeros(3), "buttons": np.zeros(1)}
+for _zeros in _UNTOUCHED.values():
+    _zeros.flags.writeable = False
+
+
+def _with_all_columns(cls: type[T]) -> type[T]:
+    """Declare the columns that the table has and no code names."""
+    for name in _FIELDS:
+        cls.__annotations__.setdefault(name, Column)
+    return cls
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
+@_with_all_columns
 class Recording:
     """One run, n samples of N joints. The arrays are read-only.
 
@@ -225,7 +205,7 @@ class Recording:
 
     def _refuse_not_finite(self, name: str, array: NDArray[Any]) -> None:
         place = np.argwhere(~np.isfinite(array))[0]
-        of = f" of {self.joint_names[place[1]]}" if name in _PER_JOINT else ""
+        of = f" of {self.joint_names[place[1]]}" if _FIELDS[name].shape == "joints" else ""
         raise RecordingError(f"recording: '{name}'{of} is not finite at sample {place[0]}")
 
     def __len__(self) -> int:
@@ -265,41 +245,24 @@ class Recording:
         """
         temperature = np.full(len(self.joint_names), _TEMPERATURE)
         temperature.flags.writeable = False
-        clock = zip(self.time.tolist(), self.age.tolist(), strict=True)
-        for k, (time, age) in enumerate(clock):
-            yield Tick(
-                measurement=Measurement(
-                    time=time,
-                    tick=k,
-                    position=self.position[k],
-                    current=self.current[k],
-                    wheel_speed=self.wheel_speed[k],
-                    imu=Imu(
-                        acceleration=self.linear_acceleration[k],
-                        angular_velocity=self.angular_velocity[k],
-                        attitude=self.attitude[k],
-                    ),
-                    touch=_TOUCH,
-                    bumpers=_BUMPERS,
-                    buttons=_BUTTONS,
-                    temperature=temperature,
-                    battery=1.0,
-                    age=age,
-                ),
-                reference=Reference(
-                    position=self.reference_position[k],
-                    velocity=self.velocity[k],
-                    acceleration=self.acceleration[k],
-                    load_torque=self.load_torque[k],
-                    base_twist=self.base_twist[k],
-                ),
-                sent=Command(
-                    position=self.sent_position[k],
-                    stiffness=self.stiffness[k],
-                    wheel_speed=self.sent_wheel_speed[k],
-                ),
-                changed=self.changed[k],
-            )
+        columns = {field: getattr(self, name) for name, field in _FIELDS.items()}
+        neutral: dict[str, Any] = {"temperature": temperature, "battery": 1.0, **_UNTOUCHED}
+        measurements = objects(
+            Measurement,
+            "measurement",
+            columns,
+            tick=range(len(self)),
+            imu=objects(Imu, "measurement.imu", columns),
+            **{name: repeat(value, len(self)) for name, value in neutral.items()},
+        )
+        return objects(
+            Tick,
+            "",
+            columns,
+            measurement=measurements,
+            reference=objects(Reference, "reference", columns),
+            sent=objects(Command, "sent", columns),
+        )
 
     def mirrored(self, robot: RobotConfig) -> Self:
         """The same run seen in a mirror: left and right swapped, signs by ``robot.mirror``.
@@ -308,8 +271,11 @@ class Recording:
             RecordingError: It is of another robot.
         """
         self.check_robot(robot)
-        changed: dict[str, Any] = mirrored_columns(dict(self._arrays()), _PER_JOINT, robot)
-        return replace(self, **changed)
+        columns: dict[str, Any] = {
+            name: mirrored_column(_FIELDS[name].mirror, column, robot)
+            for name, column in self._arrays()
+        }
+        return replace(self, **columns)
 
     def check_robot(self, robot: RobotConfig) -> None:
         """Refuse to be used as a recording of another robot.
@@ -344,7 +310,7 @@ class Recording:
         arrays = read_arrays(path, [field.name for field in fields(cls)])
         names = arrays.pop("joint_names")
         for name, array in {"joint_names": names, **arrays}.items():
-            kind = {"joint_names": "U", "changed": "b"}.get(name, "f")
+            kind = "U" if name == "joint_names" else np.dtype(_FIELDS[name].type).kind
             if array.dtype.kind != kind or array.ndim == 0 or (kind == "U" and array.ndim > 1):
                 raise RecordingError(
                     f"{path}: damaged: '{name}' is of shape {array.shape} and type {array.dtype}"
@@ -359,9 +325,12 @@ class Recording:
 
 
 def _row_shape(name: str, joints: int) -> tuple[int, ...]:
-    if name in _SCALARS:
+    shape = _FIELDS[name].shape
+    if isinstance(shape, tuple):
+        return (len(shape),)
+    if shape == "scalar":
         return ()
-    return (3,) if name in _TRIPLES else (joints,)
+    return ({"joints": joints, "wheels": 3}.get(shape) or len(_UNTOUCHED[shape]),)
 
 
 class RecordingBuilder:
@@ -376,13 +345,10 @@ class RecordingBuilder:
         self._joint_names = robot.joint_names
         self._room = max(capacity, 1)
         self._columns: dict[str, NDArray[Any]] = {
-            name: np.empty(
-                (self._room, *_row_shape(name, len(robot.joint_names))),
-                dtype=np.bool_ if name == "changed" else np.float64,
-            )
-            for name in _SOURCES
+            name: np.empty((self._room, *_row_shape(name, len(robot.joint_names))), field.type)
+            for name, field in _FIELDS.items()
         }
-        self._sources = {name: attrgetter(source) for name, source in _SOURCES.items()}
+        self._sources = {name: attrgetter(field.source) for name, field in _FIELDS.items()}
         self._count = 0
 
     def __len__(self) -> int:

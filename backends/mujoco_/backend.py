@@ -14,13 +14,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from pepper_driver.backends.commands import checked_command
+from pepper_driver.backends.fields import Command, Measurement
 from pepper_driver.backends.interface import (
     DEAD_MAN_CYCLES,
     Backend,
     BackendError,
     BackendInfo,
-    Command,
-    Measurement,
     NotConnectedError,
 )
 from pepper_driver.backends.mujoco_.pushes import planned_hand, planned_push

@@ -8,7 +8,7 @@ from collections import deque
 import mujoco
 import numpy as np
 
-from pepper_driver.backends.interface import Imu
+from pepper_driver.backends.fields import Imu
 from pepper_driver.backends.mujoco_.plant_model import PlantModel
 from pepper_driver.backends.simulated import Resumable
 from pepper_driver.config import PlantConfig, RobotConfig, UnknownNameError

@@ -7,7 +7,7 @@ from typing import Any, ClassVar
 import mujoco
 import numpy as np
 
-from pepper_driver.backends.interface import Imu, Measurement
+from pepper_driver.backends.fields import Imu, Measurement
 from pepper_driver.backends.mujoco_.contacts import Contacts
 from pepper_driver.backends.mujoco_.motors import Friction, MotorBoards, Supply, Warmth
 from pepper_driver.backends.mujoco_.plant_model import FALLEN, Slots, build_model

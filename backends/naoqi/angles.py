@@ -15,7 +15,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from pepper_driver.backends.interface import BackendError, Measurement
+from pepper_driver.backends.fields import Measurement
+from pepper_driver.backends.interface import BackendError
 from pepper_driver.backends.naoqi.address import Address
 from pepper_driver.backends.naoqi.connection import Call, Connection
 from pepper_driver.backends.naoqi.memory_keys import VALUES, SensorKeys, Values

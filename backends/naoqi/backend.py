@@ -5,9 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from pepper_driver.backends.interface import (
-    Measurement,
-)
+from pepper_driver.backends.fields import Measurement
 from pepper_driver.backends.naoqi.address import Address, naoqi_address
 from pepper_driver.backends.naoqi.angles import AnglesBackend
 from pepper_driver.backends.naoqi.connection import Connection

@@ -8,7 +8,8 @@ from collections.abc import Callable
 
 import numpy as np
 
-from pepper_driver.backends.interface import BackendError, Measurement
+from pepper_driver.backends.fields import Measurement
+from pepper_driver.backends.interface import BackendError
 from pepper_driver.backends.naoqi.connection import Connection
 from pepper_driver.backends.naoqi.dcm_io import Reader, Writer
 from pepper_driver.backends.naoqi.foreign import ForeignCommands

@@ -8,7 +8,8 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 
-from pepper_driver.backends.interface import BackendError, Measurement
+from pepper_driver.backends.fields import Measurement
+from pepper_driver.backends.interface import BackendError
 from pepper_driver.backends.motion_profile import PEAK_SPEED_RATIO, minimum_jerk
 from pepper_driver.backends.naoqi.dcm_channel import Link
 from pepper_driver.backends.naoqi.memory_keys import Alias

@@ -8,7 +8,7 @@ from enum import StrEnum
 
 import numpy as np
 
-from pepper_driver.backends.interface import Imu
+from pepper_driver.backends.fields import Imu
 from pepper_driver.config import RobotConfig
 from pepper_driver.config.arrays import FloatArray
 

@@ -12,13 +12,12 @@ from typing import ClassVar, Literal
 import numpy as np
 
 from pepper_driver.backends.commands import checked_command
+from pepper_driver.backends.fields import Command, Measurement
 from pepper_driver.backends.interface import (
     BackendError,
     BackendInfo,
     Capability,
-    Command,
     DeviceError,
-    Measurement,
     NotConnectedError,
 )
 from pepper_driver.backends.naoqi.address import Address, Secret, find_secret

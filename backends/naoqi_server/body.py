@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from pepper_driver.backends.interface import Command, Measurement
+from pepper_driver.backends.fields import Command, Measurement
 from pepper_driver.backends.mujoco_.backend import MujocoBackend
 from pepper_driver.backends.naoqi_server.keys import table_keys
 from pepper_driver.config import RobotConfig

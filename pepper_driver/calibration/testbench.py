@@ -14,7 +14,7 @@ import mujoco
 import numpy as np
 from joblib import Parallel, delayed
 
-from pepper_driver.backends.interface import Command
+from pepper_driver.backends.fields import Command
 from pepper_driver.backends.motion_profile import minimum_jerk
 from pepper_driver.backends.mujoco_.backend import MujocoBackend
 from pepper_driver.backends.mujoco_.motors import Friction, MotorBoards

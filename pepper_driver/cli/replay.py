@@ -16,7 +16,7 @@ from pepper_driver.log import LogEvent
 from pepper_driver.observer import Contact
 from pepper_driver.reflexes import Reflex
 from pepper_driver.reflexes.declared import load_reflexes
-from pepper_driver.replay import Comparison, RecordedRun, Replayed, compare, load_run, replay
+from pepper_driver.replay import Comparison, LoggedRun, Replayed, compare, load_run, replay
 from pepper_driver.replay.comparison import Pair
 
 NONE = "none"
@@ -62,13 +62,13 @@ def replay_command(
     return 0 if result.identical else 1
 
 
-def _reflexes(run: RecordedRun, asked: str | None) -> Sequence[Reflex]:
+def _reflexes(run: LoggedRun, asked: str | None) -> Sequence[Reflex]:
     if asked is None:
         return run.reflexes()
     return () if asked == NONE else load_reflexes(Path(asked), run.robot)
 
 
-def _print(console: Console, run: RecordedRun, found: Replayed, result: Comparison) -> None:
+def _print(console: Console, run: LoggedRun, found: Replayed, result: Comparison) -> None:
     console.print(f"{run.path}: {run.log.metadata.get('backend')}, {result.ticks} ticks")
     then, now = run.log.metadata.get("observer", NONE), found.observer or NONE
     console.print(f"observer: {now}" + ("" if then == now else f"\n    then: {then}"))

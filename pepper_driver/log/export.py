@@ -16,7 +16,7 @@ from pepper_driver.config import MissingExtraError, UnknownNameError
 from pepper_driver.config.arguments import as_path, checked_arguments
 from pepper_driver.config.files import OutputError, make_folder, replacing
 from pepper_driver.log.reader import (
-    LogData,
+    RunLog,
     Table,
     TableColumn,
     item_tables,
@@ -32,7 +32,7 @@ Write = Callable[[Path], None]
 
 
 @checked_arguments
-def export_log(log: LogData, path: Path | str, to: str, *, force: bool = False) -> tuple[Path, ...]:
+def export_log(log: RunLog, path: Path | str, to: str, *, force: bool = False) -> tuple[Path, ...]:
     """Write a log in another format: all its files, or none.
 
     Ticks go to ``path``; ground truth, contacts, events and labels to files beside it, ``run.contacts.csv`` for
@@ -65,7 +65,7 @@ def export_log(log: LogData, path: Path | str, to: str, *, force: bool = False) 
     return tuple(files)
 
 
-def _files(log: LogData, path: Path, to: str) -> dict[Path, Write]:
+def _files(log: RunLog, path: Path, to: str) -> dict[Path, Write]:
     """The files of an export, and what writes each."""
     if to not in FORMATS:
         raise UnknownNameError("format", to, FORMATS)
@@ -142,12 +142,12 @@ def _cells(column: TableColumn) -> list[Any]:
     return [" ".join(cell) if isinstance(cell, tuple) else cell for cell in column]
 
 
-def _write_metadata(log: LogData, part: Path) -> None:
+def _write_metadata(log: RunLog, part: Path) -> None:
     part.write_text(json.dumps(log.metadata, indent=2) + "\n", encoding="utf-8")
 
 
-def _write_npz(log: LogData, part: Path) -> None:
-    """Arrays as they are in ``LogData``; text as text, never as objects, which would have to be unpickled."""
+def _write_npz(log: RunLog, part: Path) -> None:
+    """Arrays as they are in ``RunLog``; text as text, never as objects, which would have to be unpickled."""
     arrays: dict[str, Any] = dict(log.fields)
     if log.truth is not None:
         arrays |= {f"truth.{name}": array for name, array in log.truth.items()}

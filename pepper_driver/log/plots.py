@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from pepper_driver.log import LogData
+from pepper_driver.log import RunLog
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -49,7 +49,7 @@ BAR = 0.035
 """Height of a bar at the top or bottom, as a share of the panel's."""
 
 
-def make_room(log: LogData, axes: Axes) -> None:
+def make_room(log: RunLog, axes: Axes) -> None:
     """Widen the limits of a panel, so that bars at its top and bottom cover no line."""
     low, high = axes.get_ylim()
     bar = 1.3 * BAR * (high - low)
@@ -57,7 +57,7 @@ def make_room(log: LogData, axes: Axes) -> None:
     axes.set_ylim(low - below * bar, high + len(_reflex_names(log)) * bar)
 
 
-def mark_contacts(log: LogData, joint: str, axes: Axes) -> None:
+def mark_contacts(log: RunLog, joint: str, axes: Axes) -> None:
     """Areas from onset to end; a contact put on another joint of the chain is drawn fainter, a rebound hatched."""
     chain = _chain(log, joint)
     for contact, end in log.lasting_contacts():
@@ -78,7 +78,7 @@ def mark_contacts(log: LogData, joint: str, axes: Axes) -> None:
         axes.axvspan(onset, end, linewidth=0.0, zorder=0.5, label=label, **look)
 
 
-def mark_pushes(log: LogData, joint: str, axes: Axes) -> None:
+def mark_pushes(log: RunLog, joint: str, axes: Axes) -> None:
     """A bar at the bottom while something really touched the chain of a joint."""
     if log.truth is None:
         return
@@ -100,7 +100,7 @@ def mark_pushes(log: LogData, joint: str, axes: Axes) -> None:
         )
 
 
-def mark_reflexes(log: LogData, joint: str, axes: Axes) -> None:
+def mark_reflexes(log: RunLog, joint: str, axes: Axes) -> None:
     """Bars at the top while a reflex acts on a joint, a row for each reflex of the log."""
     names = _reflex_names(log)
     for name, begin, end in _reflexes(log, joint):
@@ -117,7 +117,7 @@ def mark_reflexes(log: LogData, joint: str, axes: Axes) -> None:
             )
 
 
-def mark_faults(log: LogData, axes: Axes) -> None:
+def mark_faults(log: RunLog, axes: Axes) -> None:
     """Lines where the robot was stopped."""
     for event in log.events:
         if event.kind == "fault" and _shown(event.time, event.time, axes):
@@ -129,11 +129,11 @@ def _shown(begin: float, end: float, axes: Axes) -> bool:
     return begin <= right and end >= left
 
 
-def _reflex_names(log: LogData) -> list[str]:
+def _reflex_names(log: RunLog) -> list[str]:
     return list(dict.fromkeys(event.name for event in log.events if event.kind == "reflex"))
 
 
-def _reflexes(log: LogData, joint: str) -> Iterator[tuple[str, float, float]]:
+def _reflexes(log: RunLog, joint: str) -> Iterator[tuple[str, float, float]]:
     """Name, begin and end [s] of each time that a reflex acted on a joint; one for no joint acts on all."""
     since: dict[str, float] = {}
     for event in log.events:
@@ -147,7 +147,7 @@ def _reflexes(log: LogData, joint: str) -> Iterator[tuple[str, float, float]]:
         yield name, begin, float(log["time"][-1])
 
 
-def _chain(log: LogData, joint: str) -> tuple[str, ...]:
+def _chain(log: RunLog, joint: str) -> tuple[str, ...]:
     return next((chain for chain in log.chains.values() if joint in chain), (joint,))
 
 
@@ -180,7 +180,7 @@ def check_picture(path: Path) -> None:
 
 @checked_arguments
 def plot_contacts(
-    log: LogData,
+    log: RunLog,
     path: Path | str,
     joints: Sequence[str] | None = None,
     *,
@@ -213,7 +213,7 @@ def plot_contacts(
 
 
 def contact_figure(
-    log: LogData,
+    log: RunLog,
     joints: Sequence[str] | None = None,
     *,
     start: float | None = None,
@@ -267,7 +267,7 @@ def contact_figure(
     return figure
 
 
-def _rows(log: LogData, start: float | None, stop: float | None) -> BoolArray:
+def _rows(log: RunLog, start: float | None, stop: float | None) -> BoolArray:
     """(n,) which ticks to draw."""
     if len(log) == 0:
         raise LogError("the log holds no tick to plot")
@@ -286,7 +286,7 @@ def _rows(log: LogData, start: float | None, stop: float | None) -> BoolArray:
     return rows
 
 
-def _choose(log: LogData) -> list[str]:
+def _choose(log: RunLog) -> list[str]:
     """The joints worth a look, at most as many as fit side by side, in joint order."""
     felt = Counter(c.joint for c, _ in log.lasting_contacts() if c.joint is not None)
     best = [joint for joint, _ in felt.most_common(COLUMNS) if joint in log.joint_names]
@@ -296,7 +296,7 @@ def _choose(log: LogData) -> list[str]:
     return sorted(best, key=log.joint_names.index)
 
 
-def _draw_joint(log: LogData, rows: BoolArray, joint: str, panels: NDArray[np.object_]) -> None:
+def _draw_joint(log: RunLog, rows: BoolArray, joint: str, panels: NDArray[np.object_]) -> None:
     index = log.joint_names.index(joint)
     scale, unit = (
         (100.0, "% of aperture") if joint in log.hand_joints else (float(np.rad2deg(1.0)), "deg")
@@ -361,7 +361,7 @@ def _limits(time: FloatArray) -> tuple[float, float]:
     return first, max(last, first + 0.012)
 
 
-def _title(log: LogData) -> str:
+def _title(log: RunLog) -> str:
     parts = [log.metadata.get("backend", "unknown backend")]
     if "seed" in log.metadata and "seed=" not in parts[0]:
         parts.append(f"seed {log.metadata['seed']}")

@@ -11,10 +11,10 @@ from typing import Any, Self, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from pepper_driver.backends.fields import Column
 from pepper_driver.backends.log_file import (
     TICK_TOPIC,
     UNANSWERED_TOPIC,
-    Column,
     Gap,
     LogFile,
     misfit,
@@ -30,7 +30,7 @@ T = TypeVar("T")
 
 
 @dataclass(frozen=True, kw_only=True)
-class LogData:
+class RunLog:
     """The contents of a log.
 
     Attributes:
@@ -43,14 +43,14 @@ class LogData:
         hand_joints: Joints that measure aperture, 0..1, not an angle.
         robot: Name of the robot.
         fields: Arrays over n ticks, (n,) or (n, width), by name; ``log["position"]`` is short for
-            it. Units and meaning are in :func:`pepper_driver.log.schema.tick_fields`.
+            it. Units and meaning are in :data:`pepper_driver.backends.fields.TICK_FIELDS`.
         contacts: Contact events in the order they were raised.
         truth: Arrays of the simulation's ground truth, with a ``time`` of their own; None where
-            there is none. Names are in :func:`pepper_driver.log.schema.truth_fields`.
+            there is none. Names are in :data:`pepper_driver.backends.fields.TRUTH_FIELDS`.
         labels: Ends of touches that ``pepper record`` was told of, in their order.
         events: What else happened, in its order.
         unanswered: Arrays of the commands that no tick answers, by name; what they are is in
-            :func:`pepper_driver.log.schema.unanswered_fields`.
+            :data:`pepper_driver.backends.fields.UNANSWERED_FIELDS`.
         elements: Names of the values of each vector in ``fields``, by its name; in ``truth``, as ``truth.<name>``.
     """
 
@@ -127,13 +127,13 @@ class LogData:
 
 
 @checked_arguments
-def read_log(path: Path | str) -> LogData:
+def read_log(path: Path | str) -> RunLog:
     """Read all of a log that is intact, and warn in one line of what is missing.
 
     Raises:
         LogError: The file is missing, no log of this package, or nothing of it is intact.
     """
-    return LogData.of(read_log_file(as_path("path", path), usual_layout()))
+    return RunLog.of(read_log_file(as_path("path", path), usual_layout()))
 
 
 def usual_layout() -> dict[str, str]:
@@ -151,17 +151,17 @@ TableColumn = NDArray[Any] | list[Any]
 Table = Mapping[str, TableColumn]
 
 
-def tick_table(log: LogData) -> Table:
+def tick_table(log: RunLog) -> Table:
     """``time``, ``position.LShoulderRoll``, ...: each value of each tick in a column of its own."""
     return _columns(log.fields, log.elements, "")
 
 
-def truth_table(log: LogData) -> Table | None:
+def truth_table(log: RunLog) -> Table | None:
     """The same of the ground truth; None where there is none."""
     return None if log.truth is None else _columns(log.truth, log.elements, "truth.")
 
 
-def item_tables(log: LogData) -> dict[str, tuple[JsonTopic[Any], Table]]:
+def item_tables(log: RunLog) -> dict[str, tuple[JsonTopic[Any], Table]]:
     """``contacts`` and ``events``, and ``labels`` where there are any, with the topics that say what is in them."""
     lists: dict[str, tuple[JsonTopic[Any], Sequence[Any]]] = {
         "contacts": (CONTACTS, log.contacts),

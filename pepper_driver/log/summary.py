@@ -21,7 +21,7 @@ from pepper_driver.backends.selection import parse_uri
 from pepper_driver.config import ControllerSettings, RobotConfig, SafetySettings
 from pepper_driver.config.arrays import FloatArray
 from pepper_driver.config.passwords import without_secrets
-from pepper_driver.log.reader import LogData
+from pepper_driver.log.reader import RunLog
 from pepper_driver.observer import Observer
 
 LIBRARIES = ("numpy", "mujoco", "pin", "daqp", "mcap")
@@ -178,7 +178,7 @@ class LogSummary:
         }
 
 
-def summarise(log: LogData) -> LogSummary:
+def summarise(log: RunLog) -> LogSummary:
     """The figures of a log; one without ticks has none."""
     felt = [contact for contact, _ in log.lasting_contacts()]
     reflexes = (e.name for e in log.events if e.kind == "reflex" and e.phase == "begin")

@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any, BinaryIO, Self, TypeVar
 from mcap.well_known import MessageEncoding, SchemaEncoding
 from mcap.writer import Writer
 
+from pepper_driver.backends.fields import TICK_FIELDS, TRUTH_FIELDS, UNANSWERED_FIELDS
 from pepper_driver.backends.log_file import (
     END,
     LAYOUT,
@@ -37,11 +38,13 @@ from pepper_driver.config.files import OutputError
 from pepper_driver.log.schema import (
     JSON_TOPICS,
     TRUTH_TOPIC,
-    TickRows,
-    TruthRows,
-    UnansweredRows,
+    Rows,
+    TickRow,
+    TruthRow,
+    UnansweredRow,
     layout_metadata,
     message_definition,
+    unobserved,
 )
 from pepper_driver.log.topics import CONTACTS, EVENTS, LABELS, JsonTopic, LogEvent
 
@@ -239,9 +242,10 @@ class LogWriter:
         self._lossless = lossless
         self._capacity = capacity
         self._ring: list[_Row | LogEvent | None] = [None] * capacity
-        self._tick_rows = TickRows(robot)
-        self._unanswered_rows = UnansweredRows(robot)
-        self._truth_rows = TruthRows(robot)
+        self._tick_rows = Rows(TICK_FIELDS, robot)
+        self._unanswered_rows = Rows(UNANSWERED_FIELDS, robot)
+        self._truth_rows = Rows(TRUTH_FIELDS, robot)
+        self._unobserved = unobserved(robot)
         self._steps = 0
         # Rows ever put in and taken out. Each is written by one thread: the ring needs no lock.
         self._head = 0
@@ -356,12 +360,25 @@ class LogWriter:
         time = 0.0
         try:
             time = float(tick.measurement.time)
-            row = self._tick_rows.message(tick, observation, step, record.tick_end, record.missed)
+            row = self._tick_rows.message(
+                TickRow(
+                    tick.measurement,
+                    tick.reference,
+                    tick.sent,
+                    tick.changed,
+                    self._unobserved if observation is None else observation,
+                    step,
+                    record.tick_end,
+                    record.missed,
+                )
+            )
             passed_over = [
-                self._unanswered_rows.message(time, step - ago, sent)
+                self._unanswered_rows.message(
+                    UnansweredRow(time, step - ago, sent.command, sent.reference, sent.changed)
+                )
                 for ago, sent in record.unmatched
             ]
-            truth_row = None if truth is None else self._truth_rows.message(time, truth)
+            truth_row = None if truth is None else self._truth_rows.message(TruthRow(time, truth))
         except Exception as error:  # of whoever made the arrays; not the disk's
             self._problem = error
             self._lost += 1

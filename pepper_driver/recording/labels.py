@@ -10,36 +10,16 @@ from typing import Literal, get_args
 import numpy as np
 
 from pepper_driver.backends import Measurement
+from pepper_driver.backends.fields import RECORDED_FIELDS
 from pepper_driver.config import PepperError, RobotConfig, UnknownNameError
 from pepper_driver.config.arguments import checked_arguments
 from pepper_driver.config.robot import TRUNK
-from pepper_driver.log import Label, LogData
+from pepper_driver.log import Label, RunLog
 from pepper_driver.log.topics import LabelPhase
 from pepper_driver.observer import Push, Recording, RecordingError
 from pepper_driver.recording.terminal_keys import SpaceBar
 
 logger = logging.getLogger("pepper_driver")
-
-_COLUMNS = {
-    "time": "time",
-    "age": "age",
-    "sent_position": "sent_position",
-    "stiffness": "sent_stiffness",
-    "changed": "changed",
-    "position": "position",
-    "current": "current",
-    "reference_position": "reference_position",
-    "velocity": "reference_velocity",
-    "acceleration": "reference_acceleration",
-    "load_torque": "reference_load_torque",
-    "base_twist": "reference_base_twist",
-    "sent_wheel_speed": "sent_wheel_speed",
-    "wheel_speed": "wheel_speed",
-    "linear_acceleration": "imu_acceleration",
-    "angular_velocity": "imu_angular_velocity",
-    "attitude": "imu_attitude",
-}
-"""Field of the log behind each column of a recording."""
 
 
 class LabelError(PepperError, ValueError):
@@ -47,7 +27,7 @@ class LabelError(PepperError, ValueError):
 
 
 @checked_arguments
-def recording_of(log: LogData, robot: RobotConfig) -> Recording:
+def recording_of(log: RunLog, robot: RobotConfig) -> Recording:
     """The recording that a log holds; ticks that repeat a cycle of the robot are left out.
 
     Raises:
@@ -58,13 +38,13 @@ def recording_of(log: LogData, robot: RobotConfig) -> Recording:
             f"this log is of a robot with other joints, or another order of them, than '{robot.name}'"
         )
     continues = np.diff(log["time"], prepend=-np.inf) != 0
-    columns = {name: log[source][continues] for name, source in _COLUMNS.items()}
+    columns = {field.column: log[field.name][continues] for field in RECORDED_FIELDS}
     return Recording(joint_names=log.joint_names, **columns)
 
 
 @checked_arguments
 def pushes_of(
-    log: LogData, *, link: str | None = None, joint: str | None = None
+    log: RunLog, *, link: str | None = None, joint: str | None = None
 ) -> tuple[Push, ...]:
     """The touches that a log's labels tell of. Size and direction are not known: NaN and 0.
 

@@ -17,7 +17,7 @@ from pepper_driver.log import LogEvent
 from pepper_driver.log.summary import summarise
 from pepper_driver.log.topics import CONTACTS, EVENTS, JsonTopic
 from pepper_driver.observer import Contact
-from pepper_driver.replay.logged_run import RecordedRun
+from pepper_driver.replay.logged_run import LoggedRun
 from pepper_driver.replay.run import Replayed
 from pepper_driver.safety import FaultReason
 
@@ -105,7 +105,7 @@ class Comparison:
 
 
 @checked_arguments
-def compare(run: RecordedRun, found: Replayed) -> Comparison:
+def compare(run: LoggedRun, found: Replayed) -> Comparison:
     """Hold a replay against its recording."""
     log = run.log
     reflexes = [event for event in log.events if event.kind == "reflex"]
@@ -131,7 +131,7 @@ def compare(run: RecordedRun, found: Replayed) -> Comparison:
 # -- bit for bit ----------------------------------------------------------------------------------------------------
 
 
-def _comparable(run: RecordedRun, found: Sequence[tuple[int, T]], recorded: int) -> list[T]:
+def _comparable(run: LoggedRun, found: Sequence[tuple[int, T]], recorded: int) -> list[T]:
     """What was found, without what a log that is cut short may have lost of its last tick."""
     before = sum(row < len(run.log) - 1 for row, _ in found)
     kept = len(found) if run.log.complete else max(before, recorded)
@@ -157,7 +157,7 @@ def _first_in_lists(
     return None
 
 
-def _first_in_values(run: RecordedRun, found: Replayed) -> Difference | None:
+def _first_in_values(run: LoggedRun, found: Replayed) -> Difference | None:
     first: Difference | None = None
     for name, now in found.values.items():
         then = run.log[name][: len(now)]
@@ -182,14 +182,14 @@ def _bits(values: NDArray[Any]) -> IntArray:
     return np.where(np.isnan(values), np.nan, values).view(np.int64)
 
 
-def _of_commands(run: RecordedRun, commands: CommandDifferences) -> Difference | None:
+def _of_commands(run: LoggedRun, commands: CommandDifferences) -> Difference | None:
     if commands.first is None or not run.from_start:
         return None
     time, text = commands.first
     return Difference(time=time, text=f"command: {text}")
 
 
-def _of_fault(run: RecordedRun, found: Replayed) -> Difference | None:
+def _of_fault(run: LoggedRun, found: Replayed) -> Difference | None:
     """Return a stop that was none in the other; where no measurement shows why, the replay goes on."""
     fault, log = found.fault, run.log
     then = next((event for event in log.events if event.kind == "fault"), None)
@@ -280,7 +280,7 @@ def _counts(pairs: Sequence[Pair[T]]) -> dict[str, Any]:
     }
 
 
-def _notes(run: RecordedRun, found: Replayed) -> Iterator[str]:
+def _notes(run: LoggedRun, found: Replayed) -> Iterator[str]:
     log, summary = run.log, summarise(run.log)
     if not log.complete:
         yield "the log is cut short: what it may have lost of its last tick is not compared"

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, fields
+from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import TypeVar
 
 from pepper_driver.backends import Command
-from pepper_driver.backends.log_file import Column, read_log_file
+from pepper_driver.backends.fields import fields_of, objects
+from pepper_driver.backends.log_file import read_log_file
 from pepper_driver.backends.replay import ReplayBackend
 from pepper_driver.config import (
     ControllerSettings,
@@ -24,7 +25,7 @@ from pepper_driver.config import (
 from pepper_driver.config.arguments import as_path, checked_arguments
 from pepper_driver.config.loading import parse
 from pepper_driver.controller import Reference, Sent, Tick
-from pepper_driver.log import LogData
+from pepper_driver.log import RunLog
 from pepper_driver.log.reader import usual_layout
 from pepper_driver.observer import ContactObserver, ModelFileError, Observer
 from pepper_driver.observers import contact_observer, make_observer
@@ -39,7 +40,7 @@ class ReplayError(PepperError, RuntimeError):
 
 
 @dataclass(frozen=True, kw_only=True)
-class RecordedRun:
+class LoggedRun:
     """A log, read for a replay.
 
     Attributes:
@@ -51,14 +52,16 @@ class RecordedRun:
 
     path: Path
     robot: RobotConfig
-    log: LogData
+    log: RunLog
     backend: ReplayBackend
 
     @cached_property
     def ticks(self) -> tuple[Tick, ...]:
         """All that an observer saw. Their arrays are those of the log."""
         log, backend = self.log, self.backend
-        references = _each(Reference, "reference", log.fields)
+        references = objects(
+            Reference, "reference", {f: log[f.name] for f in fields_of("reference")}
+        )
         return tuple(
             Tick(measurement=measurement, reference=reference, sent=sent, changed=changed)
             for measurement, reference, sent, changed in zip(
@@ -70,8 +73,11 @@ class RecordedRun:
     def unanswered(self) -> dict[int, Sent]:
         """Commands that no tick answers, by the step in which they were given."""
         table = self.log.unanswered
-        commands = _each(Command, "sent", table)
-        references = _each(Reference, "reference", table)
+        columns = {
+            field: table[field.name] for field in (*fields_of("sent"), *fields_of("reference"))
+        }
+        commands = objects(Command, "sent", columns)
+        references = objects(Reference, "reference", columns)
         rows = zip(table["step"].tolist(), commands, references, table["changed"], strict=True)
         return {
             step: Sent(command=command, reference=reference, changed=changed)
@@ -232,15 +238,8 @@ class RecordedRun:
         return found
 
 
-def _each(kind: type[T], prefix: str, table: Mapping[str, Column]) -> Iterator[T]:
-    """Objects of a dataclass of arrays, from the columns of a table."""
-    names = [f.name for f in fields(kind)]  # type: ignore[arg-type]
-    columns = [table[f"{prefix}_{name}"] for name in names]
-    return (kind(**dict(zip(names, values, strict=True))) for values in zip(*columns, strict=True))
-
-
 @checked_arguments
-def load_run(path: Path | str, robot: RobotConfig | None = None) -> RecordedRun:
+def load_run(path: Path | str, robot: RobotConfig | None = None) -> LoggedRun:
     """A log, ready for a replay.
 
     Raises:
@@ -248,7 +247,7 @@ def load_run(path: Path | str, robot: RobotConfig | None = None) -> RecordedRun:
     """
     robot, path = robot or load_robot(), as_path("path", path)
     file = read_log_file(path, usual_layout())
-    log = LogData.of(file)
-    return RecordedRun(
+    log = RunLog.of(file)
+    return LoggedRun(
         path=path, robot=robot, log=log, backend=ReplayBackend(robot, file, f"replay://{path}")
     )

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from pepper_driver.backends.interface import Measurement
+from pepper_driver.backends.fields import Measurement
 from pepper_driver.config import ControllerSettings, RobotConfig
 from pepper_driver.config.arrays import FloatArray
 from pepper_driver.controller.model import BASE

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from pepper_driver.backends.command_differences import CommandDifferences
-from pepper_driver.backends.log_file import Column
+from pepper_driver.backends.fields import Column, fields_of
 from pepper_driver.backends.replay import EndOfLogError
 from pepper_driver.config.arguments import as_path, checked_arguments
 from pepper_driver.controller import Tick
@@ -20,12 +20,9 @@ from pepper_driver.loop import Loop, TickRecord
 from pepper_driver.observer import Contact, Observation, Observer
 from pepper_driver.reflexes import Arbiter, Reflex, prepare_reflexes
 from pepper_driver.reflexes.declared import declare
-from pepper_driver.replay.logged_run import RecordedRun, ReplayError
+from pepper_driver.replay.logged_run import LoggedRun, ReplayError
 from pepper_driver.replay.playback import RecordedController
 from pepper_driver.safety import Fault, FaultError, SafetyGate
-
-VALUES = ("expected", "residual", "threshold", "torque", "torque_std", "state")
-"""What an observer says of each joint in each tick."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -55,7 +52,7 @@ class Replayed:
 
 @checked_arguments
 def replay(
-    run: RecordedRun,
+    run: LoggedRun,
     observer: Observer | None,
     reflexes: Sequence[Reflex] = (),
     *,
@@ -142,7 +139,7 @@ class _OnRecordedTicks(Observer):
 class _Taken:
     """What the loop hands over."""
 
-    def __init__(self, run: RecordedRun) -> None:
+    def __init__(self, run: LoggedRun) -> None:
         self.log: LogWriter | None = None
         self.contacts: list[tuple[int, Contact]] = []
         self.events: list[tuple[int, LogEvent]] = []
@@ -169,11 +166,16 @@ class _Taken:
 
     def values(self) -> dict[str, Column]:
         """All that the observer said."""
-        return {name: np.array([getattr(o, name) for o in self._observations]) for name in VALUES}
+        return {
+            f.name: np.array(
+                [getattr(observation, f.attribute) for observation in self._observations]
+            )
+            for f in fields_of("observation")
+        }
 
 
 def _metadata(
-    run: RecordedRun, observer: Observer | None, reflexes: Sequence[Reflex]
+    run: LoggedRun, observer: Observer | None, reflexes: Sequence[Reflex]
 ) -> dict[str, str]:
     """Of the log of a replay: the robot is that of then."""
     then = run.log.metadata

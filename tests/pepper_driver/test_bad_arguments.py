@@ -1074,11 +1074,11 @@ OTHERS: list[Case] = [
     (lambda _: load_run(untyped(None)), "load_run: path must be a path or a text, got None"),
     (
         lambda _: export_log(untyped("run.mcap"), "run.csv", "csv"),
-        "export_log: log must be a LogData, got 'run.mcap'",
+        "export_log: log must be a RunLog, got 'run.mcap'",
     ),
     (
         lambda _: plot_contacts(untyped("run.mcap"), "run.png"),
-        "plot_contacts: log must be a LogData, got 'run.mcap'",
+        "plot_contacts: log must be a RunLog, got 'run.mcap'",
     ),
     (lambda _: ModelSet.load(untyped(3)), "models must be the path of a file, got 3"),
     (

@@ -7,13 +7,12 @@ from pathlib import Path
 
 import numpy as np
 
-from pepper_driver.backends.interface import Command, Imu, Measurement
-from pepper_driver.backends.replay import NOT_LOGGED
+from pepper_driver.backends.fields import Command, Imu, Measurement
 from pepper_driver.backends.simulated import TruthSample
 from pepper_driver.config import load_robot
 from pepper_driver.config.arrays import BoolArray, FloatArray
 from pepper_driver.controller.tick import Reference, Sent, Tick
-from pepper_driver.log import LogData, LogWriter
+from pepper_driver.log import LogWriter, RunLog
 from pepper_driver.loop import TickRecord
 from pepper_driver.observer.interface import Contact, Observation
 
@@ -140,7 +139,7 @@ def flatten(tick: Tick, observation: Observation, step: int = 0) -> dict[str, ob
     values: dict[str, object] = {
         f.name: getattr(m, f.name)
         for f in fields(Measurement)
-        if f.name not in ("imu", *NOT_LOGGED)
+        if f.name not in ("imu", "missing", "commanded_by_others")
     }
     values |= {f"imu_{f.name}": getattr(m.imu, f.name) for f in fields(Imu)}
     values |= {f"sent_{f.name}": getattr(tick.sent, f.name) for f in fields(Command)}
@@ -194,7 +193,7 @@ class Written:
                 self.truths.append({name: getattr(truth, name) for name in TRUTH_FIELDS})
                 self.contacts += contacts
 
-    def check(self, read: LogData) -> None:
+    def check(self, read: RunLog) -> None:
         """The log read holds the first of these ticks, bit for bit."""
         n = len(read)
         for name, column in read.fields.items():

@@ -8,7 +8,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from pepper_driver.backends.interface import Command, Imu, Measurement
+from pepper_driver.backends.fields import Command, Imu, Measurement
 from pepper_driver.config import ObserverSettings, load_robot
 from pepper_driver.config.arrays import BoolArray, FloatArray
 from pepper_driver.controller.tick import Reference, Tick

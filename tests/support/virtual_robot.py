@@ -14,7 +14,7 @@ from typing import Any, cast
 
 import numpy as np
 
-from pepper_driver.backends.interface import Measurement
+from pepper_driver.backends.fields import Measurement
 from pepper_driver.backends.naoqi.connection import Connection
 from pepper_driver.backends.naoqi.dcm_channel import Link
 from pepper_driver.backends.naoqi.memory_keys import Alias, SensorKeys, actuator_keys

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from pepper_driver.backends.interface import Measurement
+from pepper_driver.backends.fields import Measurement
 from pepper_driver.backends.mujoco_ import MujocoBackend
 from pepper_driver.backends.simulated import TrueContact
 from pepper_driver.config import UnknownNameError, load_plant, load_world

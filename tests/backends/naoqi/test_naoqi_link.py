@@ -11,7 +11,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pepper_driver.backends.interface import BackendError, Measurement, NotConnectedError
+from pepper_driver.backends.fields import Measurement
+from pepper_driver.backends.interface import BackendError, NotConnectedError
 from pepper_driver.backends.naoqi.backend import NaoqiBackend
 from pepper_driver.backends.naoqi.connection import Connection
 from pepper_driver.backends.naoqi.memory_keys import SensorKeys

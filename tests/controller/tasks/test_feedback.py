@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pepper_driver.backends.interface import Imu, Measurement
+from pepper_driver.backends.fields import Imu, Measurement
 from pepper_driver.config.arrays import FloatArray
 from pepper_driver.controller import (
     BasePoseTask,

@@ -19,7 +19,7 @@ from mcap.stream_reader import StreamReader, breakup_chunk
 from pepper_driver.backends.log_file import Gap
 from pepper_driver.config import PepperError
 from pepper_driver.config.files import OutputError
-from pepper_driver.log import LogData, LogError, read_log
+from pepper_driver.log import LogError, RunLog, read_log
 from pepper_driver.log.repair import repair_log
 from support.log_samples import Written, same_bits
 
@@ -47,7 +47,7 @@ class Whole:
 
     path: Path
     data: bytes
-    log: LogData
+    log: RunLog
     places: tuple[Place, ...]
 
 
@@ -59,7 +59,7 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> Whole:
     return Whole(path, path.read_bytes(), log, tuple(places(path, log)))
 
 
-def places(path: Path, log: LogData) -> list[Place]:
+def places(path: Path, log: RunLog) -> list[Place]:
     with path.open("rb") as stream:
         summary = make_reader(stream).get_summary()
     assert summary is not None
@@ -88,7 +88,7 @@ def places(path: Path, log: LogData) -> list[Place]:
     return found
 
 
-def check(read: LogData, whole: Whole, intact: list[Place]) -> None:
+def check(read: RunLog, whole: Whole, intact: list[Place]) -> None:
     """All of the intact chunks is there, bit for bit, and nothing else."""
     steps = set().union(*(place.steps for place in intact))
     rows = [row for row, step in enumerate(whole.log["step"].tolist()) if step in steps]
@@ -103,7 +103,7 @@ def check(read: LogData, whole: Whole, intact: list[Place]) -> None:
     }
 
 
-def attempt(path: Path) -> LogData | LogError:
+def attempt(path: Path) -> RunLog | LogError:
     """What reading gives, an error of one line included."""
     try:
         return read_log(path)

@@ -13,7 +13,7 @@ import pytest
 
 from pepper_driver.config import MissingExtraError, UnknownNameError
 from pepper_driver.config.files import OutputError
-from pepper_driver.log import Label, LogData, LogEvent, LogWriter, export, read_log
+from pepper_driver.log import Label, LogEvent, LogWriter, RunLog, export, read_log
 from pepper_driver.log.export import export_log
 from pepper_driver.loop import TickRecord
 from support.log_samples import ROBOT, Samples, same_bits
@@ -27,7 +27,7 @@ EVENTS = [
 
 
 @pytest.fixture
-def log(tmp_path: Path) -> LogData:
+def log(tmp_path: Path) -> RunLog:
     samples = Samples(3)
     path = tmp_path / "run.mcap"
     with LogWriter(path, ROBOT, RUN, lossless=True) as writer:
@@ -59,13 +59,13 @@ def columns(fields: dict[str, Any], elements: dict[str, tuple[str, ...]], prefix
                 yield f"{name}.{element}", array[:, place]
 
 
-def expected(log: LogData) -> tuple[dict[str, Any], dict[str, Any]]:
+def expected(log: RunLog) -> tuple[dict[str, Any], dict[str, Any]]:
     assert log.truth is not None
     ticks = dict(columns(log.fields, log.elements, ""))
     return ticks, dict(columns(log.truth, log.elements, "truth."))
 
 
-def test_columns_are_named_by_what_they_are(log: LogData) -> None:
+def test_columns_are_named_by_what_they_are(log: RunLog) -> None:
     ticks, truth = expected(log)
     assert {
         "position.LShoulderRoll",
@@ -79,7 +79,7 @@ def test_columns_are_named_by_what_they_are(log: LogData) -> None:
     assert len(ticks) == 10 + 17 * 17 + 2 * 3 + 3 + 3 * 3 + 5 + 3 + 1
 
 
-def test_parquet_comes_back_bit_for_bit(log: LogData, tmp_path: Path) -> None:
+def test_parquet_comes_back_bit_for_bit(log: RunLog, tmp_path: Path) -> None:
     parquet = pytest.importorskip("pyarrow.parquet")
     out = tmp_path / "new" / "run.parquet"
     written = export_log(log, out, "parquet")
@@ -103,7 +103,7 @@ def test_parquet_comes_back_bit_for_bit(log: LogData, tmp_path: Path) -> None:
     assert [e["contact_id"] for e in events] == [None, None]
 
 
-def test_csv_keeps_every_digit(log: LogData, tmp_path: Path) -> None:
+def test_csv_keeps_every_digit(log: RunLog, tmp_path: Path) -> None:
     written = export_log(log, tmp_path / "run.csv", "csv")
     assert [path.name for path in written] == [
         "run.csv",
@@ -130,7 +130,7 @@ def test_csv_keeps_every_digit(log: LogData, tmp_path: Path) -> None:
     assert json.loads(written[-1].read_text(encoding="utf-8")) == RUN
 
 
-def test_npz_holds_everything_and_no_objects(log: LogData, tmp_path: Path) -> None:
+def test_npz_holds_everything_and_no_objects(log: RunLog, tmp_path: Path) -> None:
     assert export_log(log, tmp_path / "run.npz", "npz") == (tmp_path / "run.npz",)
     with np.load(tmp_path / "run.npz", allow_pickle=False) as archive:
         read = dict(archive)
@@ -160,7 +160,7 @@ def test_an_empty_log_has_columns_but_no_rows(tmp_path: Path, to: str) -> None:
         assert "time,kind,name" in written[2].read_text()
 
 
-def test_nothing_is_replaced_without_force(log: LogData, tmp_path: Path) -> None:
+def test_nothing_is_replaced_without_force(log: RunLog, tmp_path: Path) -> None:
     (tmp_path / "run.events.csv").write_text("mine")
     before = sorted(tmp_path.iterdir())
     with pytest.raises(OutputError, match=r"run\.events\.csv: is there already; --force"):
@@ -172,7 +172,7 @@ def test_nothing_is_replaced_without_force(log: LogData, tmp_path: Path) -> None
 
 
 def test_a_failure_leaves_nothing_half_done(
-    log: LogData, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    log: RunLog, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The disk is full at the third of six files."""
     write, files = export._write_csv, 0
@@ -195,7 +195,7 @@ def test_a_failure_leaves_nothing_half_done(
     assert (tmp_path / "run.csv").read_text() == "old"
 
 
-def test_wrong_names_are_refused(log: LogData, tmp_path: Path) -> None:
+def test_wrong_names_are_refused(log: RunLog, tmp_path: Path) -> None:
     with pytest.raises(UnknownNameError, match=r"unknown format 'parket' \(did you mean parquet"):
         export_log(log, tmp_path / "run.parket", "parket")
     with pytest.raises(OutputError, match=r"run\.csv: a file for --to npz must end in \.npz"):
@@ -205,7 +205,7 @@ def test_wrong_names_are_refused(log: LogData, tmp_path: Path) -> None:
         export_log(log, tmp_path / "file" / "run.npz", "npz")
 
 
-def test_pyarrow_is_optional(log: LogData, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_pyarrow_is_optional(log: RunLog, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "pyarrow", None)
     with pytest.raises(MissingExtraError, match=r"pepper-driver\[export\]"):
         export_log(log, tmp_path / "run.parquet", "parquet")

@@ -13,17 +13,18 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from mcap.writer import Writer
 
+from pepper_driver.backends.fields import TICK_FIELDS
 from pepper_driver.backends.log_file import LAYOUT_VERSION
 from pepper_driver.backends.log_records import with_checksum
 from pepper_driver.config import UnknownNameError
-from pepper_driver.log import LogData, LogError, LogWriter, read_log
-from pepper_driver.log.schema import layout_metadata, tick_fields
+from pepper_driver.log import LogError, LogWriter, RunLog, read_log
+from pepper_driver.log.schema import layout_metadata
 from pepper_driver.loop import TickRecord
 from support import ROOT
 from support.log_samples import ROBOT, Samples, Written, flatten, same_bits
 
 
-def attempt(path: Path) -> LogData | LogError:
+def attempt(path: Path) -> RunLog | LogError:
     """What reading gives, an error of one line included."""
     try:
         return read_log(path)
@@ -42,7 +43,7 @@ def test_same_bits_come_back(tmp_path: Path) -> None:
     assert read.joint_names == ROBOT.joint_names
     assert read.chains == ROBOT.chains
     assert read.hand_joints == ROBOT.hands.joints
-    assert set(read.fields) == set(written.rows[0]) == {f.name for f in tick_fields(ROBOT)}
+    assert set(read.fields) == set(written.rows[0]) == {f.name for f in TICK_FIELDS}
     assert read.truth is not None
     assert len(read) == len(read.truth["time"]) == 100
     assert len(read.contacts) == len(written.contacts) > 0

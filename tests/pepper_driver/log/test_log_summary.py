@@ -11,13 +11,13 @@ import numpy as np
 import pytest
 
 from pepper_driver.controller.tick import Tick
-from pepper_driver.log import Label, LogData, LogEvent, LogWriter, read_log
+from pepper_driver.log import Label, LogEvent, LogWriter, RunLog, read_log
 from pepper_driver.log.summary import summarise
 from pepper_driver.loop import TickRecord
 from support.log_samples import ROBOT, Samples
 
 
-def logged(path: Path, fill: Callable[[LogWriter, Samples], None]) -> LogData:
+def logged(path: Path, fill: Callable[[LogWriter, Samples], None]) -> RunLog:
     with LogWriter(path, ROBOT, {"start": "then"}, lossless=True) as log:
         fill(log, Samples(1))
     return read_log(path)

@@ -15,7 +15,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Rectangle
 
 from pepper_driver.config import MissingExtraError, UnknownNameError, load_robot
-from pepper_driver.log import LogData, LogError, LogEvent
+from pepper_driver.log import LogError, LogEvent, RunLog
 from pepper_driver.log.plots import BAR, PlotError, contact_figure, plot_contacts
 from pepper_driver.log.topics import EventPhase
 from pepper_driver.observer.interface import Contact
@@ -46,13 +46,13 @@ def contact(joint: str | None, onset: float, **changes: Any) -> Contact:
 
 
 @pytest.fixture
-def log() -> LogData:
+def log() -> RunLog:
     random = np.random.default_rng(0)
     time = np.arange(TICKS) * 0.012
     torque = np.zeros((TICKS, N))
     torque[50:80, ELBOW] = 4.0
     names = ("position", "sent_position", "reference_position", "expected", "residual")
-    return LogData(
+    return RunLog(
         metadata={"backend": "mujoco://?plant=$worn$", "seed": "3"},
         complete=True,
         joint_names=ROBOT.joint_names,
@@ -96,7 +96,7 @@ def spans(axes: Axes, label: str) -> list[tuple[float, float]]:
     return [(round(a.get_x(), 6), round(a.get_x() + a.get_width(), 6)) for a in areas]
 
 
-def test_panels_show_the_log_in_degrees(log: LogData) -> None:
+def test_panels_show_the_log_in_degrees(log: RunLog) -> None:
     top, middle, bottom = panels(contact_figure(log, ["LShoulderRoll"]))
     sent, measured = log["sent_position"][:, ROLL], log["position"][:, ROLL]
     (line,) = lines(top, "desired, as sent")
@@ -119,7 +119,7 @@ def test_panels_show_the_log_in_degrees(log: LogData) -> None:
     assert bottom.get_xlabel() == "time [s]"
 
 
-def test_hands_are_shown_in_percent(log: LogData) -> None:
+def test_hands_are_shown_in_percent(log: RunLog) -> None:
     top, *_ = panels(contact_figure(log, ["LHand"]))
     (line,) = lines(top, "measured")
     hand = ROBOT.joint_index("LHand")
@@ -127,7 +127,7 @@ def test_hands_are_shown_in_percent(log: LogData) -> None:
     assert top.get_ylabel() == "position [% of aperture]"
 
 
-def test_contacts_of_the_joint_and_of_its_chain(log: LogData) -> None:
+def test_contacts_of_the_joint_and_of_its_chain(log: RunLog) -> None:
     """Where a contact was felt at last counts; it lasts to its end, or to the end of the log."""
     end = round(float(log["time"][-1]), 6)
     elsewhere = "contact elsewhere on the chain or trunk"
@@ -146,7 +146,7 @@ def reflex(name: str, phase: EventPhase, time: float, *joints: str) -> LogEvent:
     return LogEvent(time=time, kind="reflex", name=name, phase=phase, joints=joints)
 
 
-def test_reflexes_and_faults_are_marked(log: LogData) -> None:
+def test_reflexes_and_faults_are_marked(log: RunLog) -> None:
     log = replace(
         log,
         events=[
@@ -172,7 +172,7 @@ def test_reflexes_and_faults_are_marked(log: LogData) -> None:
         assert spans(axes, "reflex Soften") == [(0.8, 1.3)]
 
 
-def test_a_stretch_of_time(log: LogData) -> None:
+def test_a_stretch_of_time(log: RunLog) -> None:
     log = replace(log, events=[LogEvent(time=2.2, kind="fault", text="stale")])
     figure = contact_figure(log, ["LShoulderRoll"], start=0.5, stop=1.0)
     for axes in panels(figure):
@@ -194,7 +194,7 @@ def test_a_stretch_of_time(log: LogData) -> None:
             contact_figure(log, start=start, stop=stop)
 
 
-def test_what_the_gate_altered_is_shown_as_it_was_wanted(log: LogData) -> None:
+def test_what_the_gate_altered_is_shown_as_it_was_wanted(log: RunLog) -> None:
     wanted = "wanted, before the safety gate"
     assert not lines(panels(contact_figure(log, ["LShoulderRoll"]))[0], wanted)
     changed = log["changed"].copy()
@@ -215,7 +215,7 @@ def shaded(axes: Axes) -> tuple[float, float] | None:
     return None
 
 
-def test_true_push_is_marked_on_its_chain_only(log: LogData) -> None:
+def test_true_push_is_marked_on_its_chain_only(log: RunLog) -> None:
     time = log["time"]
     for joint in ("LShoulderRoll", "LElbowRoll"):
         for axes in panels(contact_figure(log, [joint])):
@@ -226,8 +226,8 @@ def test_true_push_is_marked_on_its_chain_only(log: LogData) -> None:
         assert not axes.collections
 
 
-def test_joints_by_default(log: LogData) -> None:
-    def titles(log: LogData) -> list[str]:
+def test_joints_by_default(log: RunLog) -> None:
+    def titles(log: RunLog) -> list[str]:
         return [axes.get_title() for axes in panels(contact_figure(log)) if axes.get_title()]
 
     assert titles(log) == ["LShoulderRoll", "LElbowRoll", "RElbowRoll"]
@@ -238,13 +238,13 @@ def test_joints_by_default(log: LogData) -> None:
     assert titles(still) == [ROBOT.joint_names[i] for i in (2, 5, 9)]
 
 
-def test_all_joints_fit(log: LogData) -> None:
+def test_all_joints_fit(log: RunLog) -> None:
     figure = contact_figure(log, ROBOT.joint_names)
     assert len(panels(figure)) == 3 * N
     assert {axes.get_title() for axes in panels(figure)} - {""} == set(ROBOT.joint_names)
 
 
-def test_title_and_legend(log: LogData) -> None:
+def test_title_and_legend(log: RunLog) -> None:
     figure = contact_figure(log)
     assert figure.get_suptitle() == "mujoco://?plant=$worn$, seed 3"
     assert not any(text.get_parse_math() for text in figure.texts)
@@ -257,7 +257,7 @@ def test_title_and_legend(log: LogData) -> None:
     assert {"measured", "threshold", "contact", "true push (simulation only)"} <= set(labels)
 
 
-def test_nothing_observed(log: LogData, tmp_path: Path) -> None:
+def test_nothing_observed(log: RunLog, tmp_path: Path) -> None:
     nothing = np.full((TICKS, N), np.nan)
     blind = {name: nothing for name in ("expected", "residual", "threshold")}
     log = replace(log, fields={**log.fields, **blind}, contacts=[])
@@ -270,7 +270,7 @@ def test_nothing_observed(log: LogData, tmp_path: Path) -> None:
     ("name", "magic"), [("a.png", b"\x89PNG"), ("b.SVG", b"<?xml"), ("c.pdf", b"%PDF")]
 )
 def test_formats_without_display(
-    log: LogData, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str, magic: bytes
+    log: RunLog, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str, magic: bytes
 ) -> None:
     monkeypatch.delenv("DISPLAY", raising=False)
     monkeypatch.setitem(sys.modules, "matplotlib.pyplot", None)
@@ -283,7 +283,7 @@ def test_formats_without_display(
         assert size == [1600, 1000]
 
 
-def test_errors(log: LogData, tmp_path: Path) -> None:
+def test_errors(log: RunLog, tmp_path: Path) -> None:
     with pytest.raises(UnknownNameError, match="did you mean LElbowRoll"):
         plot_contacts(log, tmp_path / "a.png", ["LElbowRol"])
     with pytest.raises(UnknownNameError, match="picture format 'gif'"):
@@ -301,7 +301,7 @@ def test_errors(log: LogData, tmp_path: Path) -> None:
 
 
 def test_matplotlib_is_optional(
-    log: LogData, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    log: RunLog, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setitem(sys.modules, "matplotlib.figure", None)
     with pytest.raises(MissingExtraError, match=r"pepper-driver\[plot\]"):

@@ -13,7 +13,7 @@ import pytest
 from pepper_driver.backends import Measurement
 from pepper_driver.config import UnknownNameError
 from pepper_driver.controller import Tick
-from pepper_driver.log import Label, LogData, LogWriter, read_log
+from pepper_driver.log import Label, LogWriter, RunLog, read_log
 from pepper_driver.log.topics import LabelPhase
 from pepper_driver.loop import TickRecord
 from pepper_driver.observer import RecordingBuilder, RecordingError
@@ -133,7 +133,7 @@ def test_unknown_names_are_refused() -> None:
 # -- back from the log ------------------------------------------------------------------------------------------
 
 
-def written(path: Path, *labels: Label, ticks: int = 5) -> tuple[LogData, list[Tick]]:
+def written(path: Path, *labels: Label, ticks: int = 5) -> tuple[RunLog, list[Tick]]:
     """A log of some ticks, all labels in the first."""
     samples = Samples(0)
     made = [samples.tick(k) for k in range(ticks)]

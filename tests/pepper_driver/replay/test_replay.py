@@ -13,6 +13,7 @@ import pytest
 
 from pepper_driver import Comply, FaultError, Hold, Pepper, Reflex, Retract, Soften, StopBase
 from pepper_driver.backends import Measurement, NotConnectedError, make_backend
+from pepper_driver.backends.fields import fields_of
 from pepper_driver.backends.log_file import LogError
 from pepper_driver.backends.mock import Fault, MockBackend
 from pepper_driver.cli.app import run as pepper_command
@@ -24,7 +25,6 @@ from pepper_driver.loop import TickRecord
 from pepper_driver.observer import Observation, Observer
 from pepper_driver.observers import contact_observer
 from pepper_driver.replay import Comparison, Replayed, compare, load_run, replay
-from pepper_driver.replay.run import VALUES
 from support.jitter import Jittery
 from support.log_samples import same_bits
 
@@ -430,7 +430,9 @@ def test_a_contact_lost_with_the_end_of_the_log_is_no_difference(log: Path, tmp_
     last = contacts[0][0]
     with LogWriter(path, ROBOT, run.log.metadata, lossless=True) as writer:
         for row, tick in enumerate(run.ticks[: last + 1]):
-            values: dict[str, Any] = {name: run.log[name][row] for name in VALUES}
+            values: dict[str, Any] = {
+                f.name: run.log[f.name][row] for f in fields_of("observation")
+            }
             writer.append(TickRecord(tick=tick, observation=Observation(contacts=(), **values)))
     assert not replayed(path)[1].identical
     path.write_bytes(path.read_bytes()[:-8])

@@ -1,0 +1,262 @@
+"""Fields of a tick: what is measured and told, and the one table that log, recording, mirror and replay follow."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from math import nan
+from typing import Any, Literal, TypeVar
+
+from numpy.typing import NDArray
+
+from pepper_driver.config import RobotConfig
+from pepper_driver.config.arrays import FloatArray
+
+T = TypeVar("T")
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Imu:
+    """Inertial unit of the base: (3,) ``acceleration`` [m/s2], ``angular_velocity`` [rad/s], ``attitude`` rpy [rad]."""
+
+    acceleration: FloatArray
+    angular_velocity: FloatArray
+    attitude: FloatArray
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Measurement:
+    """One sample of all sensors. Joint vectors are in the order of ``RobotConfig.joint_names``.
+
+    The log and callbacks read it on threads of their own: its arrays are never changed once it was handed over.
+
+    Attributes:
+        time: Clock of the robot [s], counted from ``open``.
+        tick: Number of the cycle that produced the sample; the one of ``open`` is 0.
+        position: (17,) joint encoders [rad]; hands as aperture 0..1.
+        current: (17,) absolute motor current [A].
+        wheel_speed: (3,) [rad/s].
+        imu: Inertial unit of the base.
+        touch: (5,) 1.0 where touched, order of ``sensors.touch``.
+        bumpers: (3,) 1.0 where pressed, order of ``sensors.bumpers``.
+        buttons: (1,) 1.0 where pressed, order of ``sensors.buttons``.
+        temperature: (17,) motors [deg C].
+        battery: Charge, 0..1.
+        age: Time since the sample was taken [s], beyond the transport that is always there.
+        charging_flap: 1.0 while the flap over the charging socket is open, NaN where nobody knows.
+        answers: How many commands before the last written one the command was written that a sample without ``age``
+            answers, 0 for the last one; None where it is ``BackendInfo.response_delay``.
+        withheld: Commands since ``activate`` that were not sent, because too many were on their way.
+        stiffness: (17,) that the boards are told to have, by whomever, 0..1; NaN for joints, or None for a robot, of
+            which nobody knows.
+        missing: Why there is no younger sample, for people; empty where there is, or where nobody knows.
+        commanded_by_others: Joints and wheels that another program commands, by name, where the backend can see that.
+            Not logged: the fault that it leads to names them.
+    """
+
+    time: float
+    tick: int
+    position: FloatArray
+    current: FloatArray
+    wheel_speed: FloatArray
+    imu: Imu
+    touch: FloatArray
+    bumpers: FloatArray
+    buttons: FloatArray
+    temperature: FloatArray
+    battery: float
+    age: float
+    charging_flap: float = nan
+    answers: int | None = None
+    withheld: int = 0
+    stiffness: FloatArray | None = None
+    missing: str = ""
+    commanded_by_others: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Command:
+    """Command for one cycle.
+
+    Attributes:
+        position: (17,) [rad], to be reached at the end of the cycle.
+        stiffness: (17,) 0..1, scales the current limit of each motor board.
+        wheel_speed: (3,) [rad/s].
+    """
+
+    position: FloatArray
+    stiffness: FloatArray
+    wheel_speed: FloatArray
+
+
+FieldType = Literal["float64", "int64", "bool", "int8"]
+
+Column = NDArray[Any]
+"""Values of a field over the rows of a table, of its type: (n,) or (n, width)."""
+
+Shape = Literal["scalar", "joints", "wheels", "touch", "bumpers", "buttons"]
+
+Mirror = Literal["", "angle", "size", "wheels", "vector", "axis", "twist"]
+"""Change of a column in the plane of symmetry: that of joints by their signs, or without; of wheels; in base axes."""
+
+
+@dataclass(frozen=True)
+class TickField:
+    """One field of a table.
+
+    Attributes:
+        owner: The part of the row that has it: one of :class:`pepper_driver.controller.Tick`, ``observation``,
+            ``truth``; empty for the row itself.
+        attribute: Its name there.
+        shape: A scalar, a value for each joint, wheel or sensor of the robot, or the names of the values.
+        unit: In brackets; empty where it has none.
+        meaning: Where the name does not say it.
+        type: Of the values.
+        absent: In place of None.
+        column: Name in a :class:`pepper_driver.observer.Recording`; empty where that has no such column.
+        mirror: What a mirror makes of the column.
+    """
+
+    owner: str
+    attribute: str
+    shape: Shape | tuple[str, ...]
+    unit: str
+    meaning: str = ""
+    type: FieldType = "float64"
+    absent: float | None = None
+    column: str = ""
+    mirror: Mirror = ""
+
+    @property
+    def name(self) -> str:
+        """In the log: what was sent, wanted, or measured by the inertial unit says so."""
+        part = self.owner.rpartition(".")[2]
+        return f"{part}_{self.attribute}" if part in _PREFIXES else self.attribute
+
+    @property
+    def source(self) -> str:
+        """Attribute of the row: ``measurement.imu.attitude``."""
+        return f"{self.owner}.{self.attribute}" if self.owner else self.attribute
+
+    def elements(self, robot: RobotConfig) -> tuple[str, ...] | None:
+        """Return the names of the values; None for a scalar."""
+        if isinstance(self.shape, tuple):
+            return self.shape
+        if self.shape in ("touch", "bumpers", "buttons"):
+            return tuple(getattr(robot.sensors, self.shape))
+        return {"joints": robot.joint_names, "wheels": robot.wheels.names}.get(self.shape)
+
+
+_PREFIXES = ("sent", "reference", "imu")
+_XYZ, _RPY, _TWIST = ("x", "y", "z"), ("roll", "pitch", "yaw"), ("vx", "vy", "wz")
+_TWIST_UNITS = "[m/s], [m/s], [rad/s]"
+_M, _IMU, _R, _O, _T = "measurement", "measurement.imu", "reference", "observation", "truth"
+_F = TickField
+
+
+def _command(meaning: str) -> tuple[TickField, ...]:
+    return (
+        _F("sent", "position", "joints", "[rad]", meaning, column="sent_position", mirror="angle"),
+        _F("sent", "stiffness", "joints", "", "0..1", column="stiffness", mirror="size"),
+        _F("sent", "wheel_speed", "wheels", "[rad/s]", column="sent_wheel_speed", mirror="wheels"),
+        _F(_R, "position", "joints", "[rad]", column="reference_position", mirror="angle"),
+        _F(_R, "velocity", "joints", "[rad/s]", column="velocity", mirror="angle"),
+        _F(_R, "acceleration", "joints", "[rad/s2]", column="acceleration", mirror="angle"),
+        _F(_R, "load_torque", "joints", "[N m]", column="load_torque", mirror="angle"),
+        _F(_R, "base_twist", _TWIST, _TWIST_UNITS, column="base_twist", mirror="twist"),
+    )
+
+
+_GATED = "true where the safety gate altered the position"
+_CHANGED = _F("", "changed", "joints", "", _GATED, "bool", column="changed", mirror="size")
+_STATES = "0 free, 1 contact, 2 release, 3 rebound, 4 settling, 5 blind"
+_ANSWERS = "ticks before this one in which the command was given that this sample answers; -1 for response_delay"
+_STEP = "number of the tick since the log began, also of ticks not in it"
+_PACED = "from the deadline of the tick to its end; NaN where not paced"
+_TOLD = "0..1 that the boards are told, NaN where nobody knows"
+_PASSED = "clock of the robot at the first sample that answers a later command"
+
+TICK_FIELDS: tuple[TickField, ...] = (
+    _F(_M, "time", "scalar", "[s]", "clock of the robot", column="time"),
+    _F(_M, "battery", "scalar", "", "charge, 0..1"),
+    _F(_M, "age", "scalar", "[s]", "since the sample was taken", column="age"),
+    _F("", "tick_end", "scalar", "[s]", _PACED),
+    _F(_M, "charging_flap", "scalar", "", "1 while open, NaN where nobody knows"),
+    _F(_M, "tick", "scalar", "", "number of the cycle", "int64"),
+    _F("", "step", "scalar", "", _STEP, "int64"),
+    _F(_M, "answers", "scalar", "", _ANSWERS, "int64", absent=-1),
+    _F("", "missed", "scalar", "", "ticks missed since the log began", "int64"),
+    _F(_M, "withheld", "scalar", "", "commands held back since the start", "int64"),
+    _F(_M, "position", "joints", "[rad]", "measured", column="position", mirror="angle"),
+    _F(_M, "current", "joints", "[A]", "absolute", column="current", mirror="size"),
+    _F(_M, "wheel_speed", "wheels", "[rad/s]", "measured", column="wheel_speed", mirror="wheels"),
+    *_command("the command this sample answers"),
+    _F(_O, "expected", "joints", "[rad]", "expected tracking error"),
+    _F(_O, "residual", "joints", "[rad]", "contact observer signal r"),
+    _F(_O, "threshold", "joints", "[rad]", "bound of the residual"),
+    _F(_O, "torque", "joints", "[N m]", "external torque estimate"),
+    _F(_O, "torque_std", "joints", "[N m]", "its standard deviation"),
+    _F(_IMU, "acceleration", _XYZ, "[m/s2]", column="linear_acceleration", mirror="vector"),
+    _F(_IMU, "angular_velocity", _XYZ, "[rad/s]", column="angular_velocity", mirror="axis"),
+    _F(_IMU, "attitude", _RPY, "[rad]", column="attitude", mirror="axis"),
+    _F(_M, "touch", "touch", "", "1 where touched"),
+    _F(_M, "bumpers", "bumpers", "", "1 where pressed"),
+    _F(_M, "buttons", "buttons", "", "1 where pressed"),
+    _F(_M, "temperature", "joints", "[deg C]", "motors"),
+    _F(_M, "stiffness", "joints", "", _TOLD, absent=nan),
+    _CHANGED,
+    _F(_O, "state", "joints", "", _STATES, "int8"),
+)
+"""One row a tick: ``/tick`` of a log, scalars first, and what a recording keeps of it."""
+
+UNANSWERED_FIELDS: tuple[TickField, ...] = (
+    _F("", "time", "scalar", "[s]", _PASSED),
+    _F("", "step", "scalar", "", "of the tick that gave the command", "int64"),
+    *_command("a command that no sample answers"),
+    _CHANGED,
+)
+"""One row for each command that no tick answers."""
+
+TRUTH_FIELDS: tuple[TickField, ...] = (
+    _F("", "time", "scalar", "[s]", "clock of the robot"),
+    _F(_T, "contact_torque", "joints", "[N m]", "J^T f, mean over the last cycle"),
+    _F(_T, "peak_torque", "joints", "[N m]", "largest size of it in the last cycle"),
+    _F(_T, "position", "joints", "[rad]", "link side, without encoder"),
+    _F(_T, "base", ("x", "y", "yaw"), "[m], [m], [rad]", "of base_link in the world"),
+    _F(_T, "tilt", ("pitch", "roll"), "[rad]", "of the base"),
+    _F(_T, "wheel_load", "wheels", "[N]", "carried by the floor"),
+    _F(_T, "in_gap", "joints", "", "true inside the backlash", "bool"),
+    _F(_T, "saturated", "joints", "", "true where the motor board was at a limit", "bool"),
+)
+"""One row a tick of a simulation whose ground truth is logged."""
+
+RECORDED_FIELDS = tuple(field for field in TICK_FIELDS if field.column)
+"""Columns of a recording."""
+
+
+def fields_of(owner: str) -> tuple[TickField, ...]:
+    """Return the fields of one part of a tick, such as ``sent``."""
+    return tuple(field for field in TICK_FIELDS if field.owner == owner)
+
+
+def objects(
+    make: Callable[..., T], owner: str, columns: Mapping[TickField, Column], **more: Iterable[Any]
+) -> Iterator[T]:
+    """Rebuild one part of each row from columns. Vectors are read-only.
+
+    Args:
+        make: Class of the part.
+        owner: Name of the part; columns of others do not count.
+        columns: Of the table.
+        more: Other attributes of the part, one value a row; columns come before them.
+    """
+    own = more | {f.attribute: _values(f, c) for f, c in columns.items() if f.owner == owner}
+    return (make(**dict(zip(own, row, strict=True))) for row in zip(*own.values(), strict=True))
+
+
+def _values(field: TickField, column: Column) -> Iterable[Any]:
+    if column.ndim == 1:
+        return [None if value == field.absent else value for value in column.tolist()]
+    column = column.view()
+    column.flags.writeable = False
+    return column
