@@ -67,7 +67,7 @@ class EpisodeError(PepperError, RuntimeError):
     """An episode that is worth nothing: the robot fell, was stopped, or could not be pushed as planned."""
 
 
-class StoppedTakeError(EpisodeError):
+class StoppedEpisodeError(EpisodeError):
     """The robot fell or was stopped on the way."""
 
 
@@ -196,7 +196,7 @@ def perform(run: Run, cache: Path | None = None) -> Episode:
         pepper = _pepper(one, robot)
         try:
             episode = _performed(one, pepper)
-        except StoppedTakeError as error:
+        except StoppedEpisodeError as error:
             reasons.append(error)
             continue
         if cache is not None:
@@ -271,7 +271,7 @@ def _performed(run: Run, pepper: Pepper) -> Episode:
         fell = f"it tipped by {np.degrees(tilt):.0f} deg"
         reason = f"{fell}; {reason}" if reason else fell
     if reason:
-        raise (StoppedTakeError if stopped else EpisodeError)(f"{run.label}: {reason}")
+        raise (StoppedEpisodeError if stopped else EpisodeError)(f"{run.label}: {reason}")
     recording = builder.finish()
     contact_torque = np.array(torque)
     return Episode(

@@ -15,7 +15,7 @@ from pepper_driver.evaluation.episodes import (
     Episode,
     EpisodeError,
     FailedEpisode,
-    StoppedTakeError,
+    StoppedEpisodeError,
     episode_uri,
     episodes,
     perform,
@@ -158,7 +158,7 @@ def test_a_run_in_which_the_robot_fell_is_drawn_anew(
     def falls_twice(run: Run, _: object) -> Episode:
         drawn.append(run.seed[-1])
         if len(drawn) <= falls:
-            raise StoppedTakeError("it tipped by 12 deg")
+            raise StoppedEpisodeError("it tipped by 12 deg")
         return episode
 
     monkeypatch.setattr("pepper_driver.evaluation.episodes._performed", falls_twice)
