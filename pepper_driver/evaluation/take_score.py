@@ -18,8 +18,8 @@ from pepper_driver.observer import (
     ContactObserver,
     FittingError,
     JointState,
+    KnownPush,
     Observer,
-    Push,
     Recording,
     nrmse_fit,
     score,
@@ -109,7 +109,7 @@ class Trace:
     expected: FloatArray
     residual: FloatArray
     threshold: FloatArray
-    pushes: tuple[Push, ...]
+    pushes: tuple[KnownPush, ...]
     contacts: tuple[Contact, ...]
 
 
@@ -267,7 +267,7 @@ def score_take(take: Take, watched: Watched, robot: RobotConfig) -> TakeScore:
     )
 
 
-def _score_push(take: Take, push: Push, felt: Felt | None, robot: RobotConfig) -> PushScore:
+def _score_push(take: Take, push: KnownPush, felt: Felt | None, robot: RobotConfig) -> PushScore:
     group = _group(push, robot)
     if felt is None:
         return PushScore(degrees=push.degrees, group=group, felt=False)
@@ -284,7 +284,7 @@ def _score_push(take: Take, push: Push, felt: Felt | None, robot: RobotConfig) -
     )
 
 
-def _group(push: Push, robot: RobotConfig) -> Group:
+def _group(push: KnownPush, robot: RobotConfig) -> Group:
     if push.saturated or push.saturating:
         return "saturated"
     if push.joint in robot.hands.joints:
@@ -318,7 +318,7 @@ def _direction(take: Take, felt: Felt, robot: RobotConfig) -> bool | None:
     return bool(np.sign(strongest) == contact.direction)
 
 
-def _passes_1deg(take: Take, push: Push, robot: RobotConfig) -> float | None:
+def _passes_1deg(take: Take, push: KnownPush, robot: RobotConfig) -> float | None:
     """Clock at which the torque on the pushed joint first is 1 equivalent degree [s]."""
     if push.joint is None:
         return None
@@ -329,7 +329,7 @@ def _passes_1deg(take: Take, push: Push, robot: RobotConfig) -> float | None:
     return float(take.recording.time[above[0]]) if len(above) else None
 
 
-def _during(take: Take, push: Push) -> BoolArray:
+def _during(take: Take, push: KnownPush) -> BoolArray:
     """(n,) rows while the force acts."""
     time = take.recording.time
     during: BoolArray = (time >= push.onset) & (time <= push.release)
