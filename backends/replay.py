@@ -80,7 +80,7 @@ class ReplayBackend(Serial, Backend):
             self.commands = _commands(file, TICK_TOPIC)
             table = file.tables[TICK_TOPIC]
             self.steps = table["step"]
-            self.answered = _answered(table, self._info.response_delay)
+            self.answered = _match_command(table, self._info.response_delay)
             self._given = self._commands_by_step(file)
         except KeyError as error:
             raise misfit(file.path, error) from error
@@ -228,7 +228,7 @@ def parents_in(path: Path, metadata: Mapping[str, str]) -> tuple[RobotIdentity, 
         raise LogError(f"{path}: its metadata has no 'parents' that can be read") from error
 
 
-def _answered(table: dict[str, Column], delay: int) -> IntArray:
+def _match_command(table: dict[str, Column], delay: int) -> IntArray:
     """Of each row the step whose command it answers; -1 where it is before the first, or too old to be known."""
     answers = np.where(table["answers"] < 0, delay, table["answers"])
     step = np.where(answers > max(LONGEST_WAY, delay), -1, table["step"] - answers)

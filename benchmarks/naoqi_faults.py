@@ -212,11 +212,11 @@ def lose(stand_in: StandIn, name: str, speed: float) -> dict[str, float | str]:
         last_sample = box.end[box.end <= begin][-1]
         figures["error"] = str(ended["error"])
         figures["noticed"] = 1e3 * (ended["at"] - last_sample)
-    goes_on = time.monotonic()
+    continues = time.monotonic()
     stand_in.clear_faults()
     if fault in ("hang", "blocked"):
         time.sleep(0.5)
-        late = between(stand_in, goes_on, time.monotonic())
+        late = between(stand_in, continues, time.monotonic())
         figures["late orders"] = float(late.orders[-1] - box.orders[-1])
         figures["late joints"] = 1e3 * float(
             np.abs(late.position_command - box.position_command[-1]).max()

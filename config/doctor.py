@@ -18,7 +18,7 @@ Share = Annotated[float, Field(ge=0, le=1)]
 class DoctorSettings:
     """What is taken for well; see ``doctor.yaml`` for the meaning of each."""
 
-    look: Annotated[float, Field(ge=0.5)]
+    inspection_time: Annotated[float, Field(ge=0.5)]
     rest: Positive
     outside_warning: Positive
     outside_failure: Positive

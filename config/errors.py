@@ -57,7 +57,7 @@ def _rebuilt(kind: type[PepperError], args: tuple[Any, ...], state: dict[str, An
 
 
 class ConfigError(PepperError, ValueError):
-    """A configuration file is wrong; the message names file, key and cure."""
+    """A configuration file is wrong; the message names file, key and remedy."""
 
 
 class ArgumentError(PepperError, TypeError):

@@ -46,7 +46,7 @@ class SuiteEntry:
         experiment: By name, of ``evaluation_experiments``.
         plants: Names of plants.
         draws: How many robots of each plant are drawn at random; 0 for the plant itself.
-        task_stiffness: Of the posture task [1/s2]; one take each.
+        task_stiffness: Of the posture task [1/s2]; one episode each.
         repetitions: Takes that differ by nothing but their seed.
         goals: In place of the experiment's own number of goals.
         joints: Of sweeps: these, one after the other.
@@ -82,7 +82,7 @@ class _File:
 
 @dataclass(frozen=True, kw_only=True)
 class Run:
-    """One take that is to be performed.
+    """One episode that is to be performed.
 
     Attributes:
         suite, entry: Where it belongs.
@@ -148,11 +148,11 @@ class EvaluationSuites:
         return tuple(self.suites)
 
     def runs(self, suite: str, *, share: float = 1.0) -> tuple[Run, ...]:
-        """The takes of a suite, in their order.
+        """The episodes of a suite, in their order.
 
         Args:
             suite: Its name.
-            share: Of the suite that is wanted, 0..1: fewer goals in each take, of sweeps fewer takes. For a first
+            share: Of the suite that is wanted, 0..1: fewer goals in each episode, of sweeps fewer episodes. For a first
                 look only; what is scored then is not the suite.
 
         Raises:
@@ -197,7 +197,7 @@ class EvaluationSuites:
 
 
 def _each(entry: SuiteEntry) -> Iterator[tuple[int | None, float, int]]:
-    """Draw, task stiffness and repetition of each take on one plant."""
+    """Draw, task stiffness and repetition of each episode on one plant."""
     for draw in range(entry.draws) if entry.draws else (None,):
         for stiffness in entry.task_stiffness:
             for repetition in range(entry.repetitions):

@@ -282,7 +282,7 @@ def load_experiment(name: str | Path, robot: RobotConfig) -> Experiment:
 
     Raises:
         UnknownNameError: No shipped experiment has this name.
-        ConfigError: The file is wrong; the message names file, line, key and cure.
+        ConfigError: The file is wrong; the message names file, line, key and remedy.
     """
     return _load(find_experiment(name), robot, ())
 

@@ -1,4 +1,4 @@
-"""YAML files into frozen dataclasses: every mistake becomes one line that names file, key and cure."""
+"""YAML files into frozen dataclasses: every mistake becomes one line that names file, key and remedy."""
 
 from __future__ import annotations
 

@@ -1,6 +1,10 @@
 """The task-space whole-body controller: tasks and limits in, reference and load torque out."""
 
-import pepper_driver.backends.naoqi.before_pinocchio  # noqa: F401
+# ruff: noqa: E402
+from pepper_driver.backends.naoqi.qi_library import preload_qi
+
+preload_qi()  # before the first import of pinocchio
+
 from pepper_driver.controller.changes import Changes
 from pepper_driver.controller.constraints import BrakingLimits, Constraint, LinearInequality
 from pepper_driver.controller.errors import (

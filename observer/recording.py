@@ -54,7 +54,7 @@ def read_arrays(path: Path, names: Iterable[str]) -> dict[str, NDArray[Any]]:
     """Read the arrays ``names``; a file without one of them, or with others, is refused.
 
     Raises:
-        RecordingError: In one line: file, reason, cure.
+        RecordingError: In one line: file, reason, remedy.
     """
     expected = {_FORMAT_NAME, *names}
     try:
@@ -305,7 +305,7 @@ class Recording:
             robot: If given, the recording must be of this robot.
 
         Raises:
-            RecordingError: In one line: file, reason, cure.
+            RecordingError: In one line: file, reason, remedy.
         """
         arrays = read_arrays(path, [field.name for field in fields(cls)])
         names = arrays.pop("joint_names")

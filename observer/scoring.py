@@ -159,14 +159,14 @@ def score(pushes: Sequence[KnownPush], contacts: Sequence[Contact], robot: Robot
     for alarm in alarms_of(contacts):
         contact = alarm.begin
         time, limb = contact.detection_time, robot.limb_of(contact.joint)
-        goes_on = time - over.get(limb, -math.inf) < RUN_GAP
+        continues = time - over.get(limb, -math.inf) < RUN_GAP
         over[limb] = max(over.get(limb, alarm.end), alarm.end)
         near = [n for n, p in enumerate(pushes) if p.onset <= time <= p.release + REBOUND_TIME]
         places = {n: alarm.limbs(pushes[n].release + RELEASE_GRACE, robot) for n in near}
         own = [n for n in near if robot.limb_of(pushes[n].joint) in places[n]]
         carried = [n for n in near if places[n] == {TRUNK}]
         if not own and not carried:
-            (repeated if goes_on else false).append(contact)
+            (repeated if continues else false).append(contact)
             continue
         number = (own or carried)[-1]
         in_time = time <= pushes[number].release + RELEASE_GRACE

@@ -110,7 +110,7 @@ class Loop:
         # The last one is in force.
         self._in_flight = deque([sent], maxlen=max(LONGEST_WAY, backend.info.response_delay) + 1)
         # Numbers of the last command, and of the last one answered.
-        self._written = self._answered = 0
+        self._written = self._matched = 0
         self.latest = TickRecord(tick=_tick(first, sent))
         backend.write(sent.command)
 
@@ -224,9 +224,9 @@ class Loop:
         if ago is None:
             ago = self._backend.info.response_delay
         ago = min(ago, len(sent) - 1)
-        since = self._written - ago - self._answered
+        since = self._written - ago - self._matched
         unmatched = [(before, sent[-1 - before]) for before in range(ago + since - 1, ago, -1)]
-        self._answered += max(since, 0)
+        self._matched += max(since, 0)
         return sent[-1 - ago], unmatched
 
     def _pass_gate(self, reference: Reference, measurement: Measurement, tick: Tick) -> Sent:

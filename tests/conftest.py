@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 from hypothesis import HealthCheck, settings
 
-import pepper_driver.backends.naoqi.before_pinocchio  # noqa: F401
+import pepper_driver.controller  # noqa: F401 before a test imports pinocchio
 from pepper_driver.backends.naoqi.qi_library import NoQiError, load_qi
 from pepper_driver.backends.naoqi_server.launch import StandIn
 

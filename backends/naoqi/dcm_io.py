@@ -187,7 +187,7 @@ class Writer:
         now: Callable[[], int] = time.perf_counter_ns,
     ) -> None:
         self._dcm, self._largest_step, self._now = dcm, largest_step, now
-        self._on_the_way: list[_Sent] = []
+        self._in_flight: list[_Sent] = []
         self._unheard: dict[Alias, int] = {}
         self._refused_before: set[Alias] = set()
         self._taken: FloatArray | None = None
@@ -195,12 +195,12 @@ class Writer:
     @property
     def free(self) -> int:
         """How many commands may be sent now."""
-        return OUTSTANDING - len(self._on_the_way)
+        return OUTSTANDING - len(self._in_flight)
 
     @property
     def idle(self) -> bool:
         """Whether nothing is on its way."""
-        return not self._on_the_way
+        return not self._in_flight
 
     @property
     def silence(self) -> float:
@@ -212,7 +212,7 @@ class Writer:
     def collect(self) -> None:
         """Take in the acknowledgements that have come meanwhile."""
         waiting = []
-        for sent in self._on_the_way:
+        for sent in self._in_flight:
             if sent.future.isRunning():
                 waiting.append(sent)
                 continue
@@ -223,7 +223,7 @@ class Writer:
                 self._refused(sent)
             if sent.done is not None:
                 sent.done(taken)
-        self._on_the_way = waiting
+        self._in_flight = waiting
         for sent in waiting:
             self._unheard.setdefault(sent.alias, sent.at)
 
@@ -234,7 +234,7 @@ class Writer:
         """
         if self.free < 1:
             return False
-        waiting = any(sent.alias is Alias.POSITION for sent in self._on_the_way)
+        waiting = any(sent.alias is Alias.POSITION for sent in self._in_flight)
         if waiting and not self._near(wanted):
             return False
 
@@ -277,7 +277,7 @@ class Writer:
         except RuntimeError as error:  # the connection is lost
             logger.debug("not sent: %s", error)
             return False
-        self._on_the_way.append(_Sent(future=future, at=now, alias=alias, done=done))
+        self._in_flight.append(_Sent(future=future, at=now, alias=alias, done=done))
         self._unheard.setdefault(alias, now)
         return True
 

@@ -11,7 +11,7 @@ import os
 import platform
 import sys
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from importlib.util import find_spec
 from pathlib import Path
 from types import ModuleType
@@ -107,7 +107,7 @@ def load_qi() -> ModuleType:
 
     Raises:
         NoQiError: It is not installed.
-        ImportOrderError: Pinocchio is there before it; see :mod:`pepper_driver.backends.naoqi.before_pinocchio`.
+        ImportOrderError: Pinocchio is there before it; see :func:`preload_qi`.
     """
     late = "pinocchio" in sys.modules and "qi" not in sys.modules
     if late and find_spec("qi") is not None:  # without a library no order helps
@@ -125,6 +125,18 @@ def load_qi() -> ModuleType:
         here = f"{system} on {machine} with Python {platform.python_version()}"
         fits = (system, machine) == ("Linux", "x86_64") and sys.version_info < (3, 13)
         raise NoQiError(here, possible=fits) from error
+
+
+def preload_qi() -> None:
+    """Load NAOqi's library, where it is installed; to be called before pinocchio is imported.
+
+    Both bring boost::asio, of different versions (qi 3.1.5: 1.83, pin 4.1: 1.90), with symbols that are one for the
+    whole process (STB_GNU_UNIQUE): the first serve both. With those of pinocchio, libqi corrupts memory: the process
+    crashes when a connection is lost during calls (15 of 15 times). With those of libqi nothing happens, since
+    pinocchio's Python package never runs asio. ``RTLD_LOCAL`` does not help against such symbols.
+    """
+    with suppress(ImportError):  # not installed, or too late: reported when a robot is asked for
+        load_qi()
 
 
 def one_line(error: str) -> str:

@@ -105,7 +105,7 @@ class SelfCollision(Constraint):
     def _places(self, model: RobotModel, braking_limits: BrakingLimits) -> list[BrakingPath]:
         """The places on the way to rest that are looked at: rest, and those before it."""
         places, longest = [self._rest], self._rest.longest
-        for cycles, place in self._on_the_way:
+        for cycles, place in self._in_flight:
             if longest > cycles * braking_limits.dt:  # else the robot is at rest there
                 place.update(model.v)
                 places.append(place)
@@ -121,7 +121,7 @@ class SelfCollision(Constraint):
     def _prepare(self, braking_limits: BrakingLimits) -> None:
         brake, dt = braking_limits.brake, braking_limits.dt
         self._rest = BrakingPath(brake, dt, inf)
-        self._on_the_way = [(cycles, BrakingPath(brake, dt, cycles)) for cycles in CYCLES]
+        self._in_flight = [(cycles, BrakingPath(brake, dt, cycles)) for cycles in CYCLES]
         self._acceleration = brake / BRAKE_SHARE
         self._reach = self._capsules.levers * self._acceleration
         self._prepared = braking_limits

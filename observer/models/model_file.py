@@ -174,7 +174,7 @@ class ModelSet:
             robot: If given, the models must be of this robot.
 
         Raises:
-            ModelFileError: In one line: file, reason, cure.
+            ModelFileError: In one line: file, reason, remedy.
         """
         path = as_path("models", path)
         try:

@@ -129,7 +129,7 @@ LOAD_PROCESS_NOISE = np.array([0.02, 0.002, 0.002, 0.002])
 LARGEST_EFFECT = 200.0
 """[N m] per kilogram and per kilogram metre: a metre of arm at ten times gravity, or an arm that is flung."""
 
-LOOK_PERIOD = 2
+SLOW_CHECK_PERIOD = 2
 """Ticks between two looks at where the arms are."""
 
 LEAST_NOISE = np.radians(0.3) ** 2
@@ -192,7 +192,7 @@ class HandLoads:
             velocity: (n,) desired [rad/s].
             acceleration: (n,) desired [rad/s2].
         """
-        if self._ticks % LOOK_PERIOD == 0:
+        if self._ticks % SLOW_CHECK_PERIOD == 0:
             with np.errstate(all="ignore"):
                 regressor = self._model.payload_regressor(
                     self._wrists, position, velocity, acceleration

@@ -30,7 +30,7 @@ Progress = Callable[[float], None]
 
 
 @dataclass(frozen=True, kw_only=True)
-class Measured:
+class BenchResult:
     """Results of the bench for one plant: by joint (torques, moving velocities) ramp errors [rad], and holds."""
 
     tables: dict[str, FloatArray]
@@ -38,8 +38,8 @@ class Measured:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Figure:
-    """One figure beside its real counterpart.
+class CalibrationMetric:
+    """One metric beside its real counterpart.
 
     Attributes:
         joint: Whose.
@@ -87,18 +87,18 @@ class CalibrationReport:
 
     plant: str
     law: Law
-    measured: Measured
+    measured: BenchResult
     reference_error: float
     real_time_factor: float
     calibration: Calibration
 
     @property
-    def figures(self) -> tuple[Figure, ...]:
+    def metrics(self) -> tuple[CalibrationMetric, ...]:
         """Everything that has a real counterpart or a limit."""
-        figures = []
+        metrics = []
         for joint, errors in self.measured.tables.items():
-            figures.append(
-                Figure(
+            metrics.append(
+                CalibrationMetric(
                     joint=joint,
                     quantity="residual",
                     real=None,
@@ -117,23 +117,25 @@ class CalibrationReport:
                 ("current median", real.current[0], simulated.current[0], None),
                 ("current p90", real.current[1], simulated.current[1], None),
             ):
-                figures.append(
-                    Figure(joint=joint, quantity=quantity, real=a, simulated=b, limit=limit)
+                metrics.append(
+                    CalibrationMetric(
+                        joint=joint, quantity=quantity, real=a, simulated=b, limit=limit
+                    )
                 )
-        return tuple(figures)
+        return tuple(metrics)
 
     @property
     def passed(self) -> bool:
         """True if every limit is kept."""
-        return all(figure.passed is not False for figure in self.figures)
+        return all(metric.passed is not False for metric in self.metrics)
 
     def as_json(self) -> dict[str, Any]:
         """``residual_deg.<joint>``, ``hold_deg.<joint>.{median,p90}``, and more; see ``docs/plant.md``."""
-        figures = {(f.joint, f.quantity): f for f in self.figures}
+        metrics = {(f.joint, f.quantity): f for f in self.metrics}
 
-        def holds(what: str, pick: Callable[[Figure], float | None]) -> dict[str, Any]:
+        def holds(what: str, pick: Callable[[CalibrationMetric], float | None]) -> dict[str, Any]:
             return {
-                joint: {key: pick(figures[joint, f"{what}{key}"]) for key in ("median", "p90")}
+                joint: {key: pick(metrics[joint, f"{what}{key}"]) for key in ("median", "p90")}
                 for joint in self.calibration.recordings.holds
             }
 
@@ -142,7 +144,7 @@ class CalibrationReport:
             "law": self.law,
             "passed": self.passed,
             "residual_deg": {
-                f.joint: f.simulated for f in self.figures if f.quantity == "residual"
+                f.joint: f.simulated for f in self.metrics if f.quantity == "residual"
             },
             "hold_deg": holds("", lambda f: f.simulated),
             "hold_current_a": holds("current ", lambda f: f.simulated),
@@ -199,7 +201,7 @@ def measure(
     *,
     workers: int = -1,
     progress: Progress | None = None,
-) -> Measured:
+) -> BenchResult:
     """Tables and holds of a plant on the bench.
 
     Args:
@@ -229,7 +231,7 @@ def measure(
         done += weight
     weight = weights[-1]
     held = hold_errors(robot, plant, holds, seed, workers=workers, progress=tell)
-    return Measured(tables=tables, holds=held)
+    return BenchResult(tables=tables, holds=held)
 
 
 def check(

@@ -9,7 +9,7 @@ from math import inf, log
 
 import numpy as np
 
-from pepper_driver.calibration.calibrate import Measured, residual, statistics
+from pepper_driver.calibration.calibrate import BenchResult, residual, statistics
 from pepper_driver.calibration.testbench import opposite
 from pepper_driver.config import (
     Calibration,
@@ -237,7 +237,7 @@ def targets(calibration: Calibration) -> tuple[Target, ...]:
     return tuple(found)
 
 
-def shown_of(target: Target, measured: Measured) -> tuple[float, HoldStatistics]:
+def shown_of(target: Target, measured: BenchResult) -> tuple[float, HoldStatistics]:
     """Residual [rad] and statistics of holds that a measurement shows of one target."""
     shown = 0.0
     if target.table is not None and target.table_joint is not None:

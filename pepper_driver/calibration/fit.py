@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from scipy.optimize import lsq_linear
 
-from pepper_driver.calibration.calibrate import Measured, Progress, law_of, measure, residual
+from pepper_driver.calibration.calibrate import BenchResult, Progress, law_of, measure, residual
 from pepper_driver.calibration.drive import (
     ENOUGH,
     DriveValues,
@@ -233,7 +233,7 @@ _Trial = dict[str, tuple[DriveValues, Score]]
 
 
 def _trial(
-    robot: RobotConfig, plant: PlantConfig, wanted: Sequence[Target], measured: Measured
+    robot: RobotConfig, plant: PlantConfig, wanted: Sequence[Target], measured: BenchResult
 ) -> _Trial:
     return {
         t.joint: (values_of(robot, plant, t.joint), score(robot, t, *shown_of(t, measured)))
@@ -296,7 +296,7 @@ def _measure(
     progress: Progress | None,
     number: int,
     rounds: int,
-) -> Measured:
+) -> BenchResult:
     def tell(share: float) -> None:
         if progress is not None:
             progress((number + share) / rounds)
@@ -307,7 +307,7 @@ def _measure(
 
 
 def choose(
-    robot: RobotConfig, plant: PlantConfig, wanted: Sequence[Target], measured: Measured
+    robot: RobotConfig, plant: PlantConfig, wanted: Sequence[Target], measured: BenchResult
 ) -> tuple[dict[str, DriveValues], int]:
     """The values and the delay that should do best, given what the bench shows of ``plant``.
 
@@ -326,7 +326,7 @@ def choose(
 
 
 def _choose_one(
-    robot: RobotConfig, plant: PlantConfig, target: Target, measured: Measured, delay: int
+    robot: RobotConfig, plant: PlantConfig, target: Target, measured: BenchResult, delay: int
 ) -> tuple[DriveValues, float, float]:
     """Values of one joint, with the room and the sum of squares that they should have."""
     joint = target.joint

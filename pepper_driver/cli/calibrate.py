@@ -10,7 +10,7 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
-from pepper_driver.calibration.calibrate import CalibrationReport, Figure, Law, check
+from pepper_driver.calibration.calibrate import CalibrationMetric, CalibrationReport, Law, check
 from pepper_driver.calibration.drive import plant_text
 from pepper_driver.calibration.fit import Fitted, fit_integral, fit_pd
 from pepper_driver.calibration.plot import plot_calibration
@@ -179,7 +179,7 @@ def _print_report(console: Console, report: CalibrationReport) -> None:
     )
     for name in ("joint", "figure", "real", "sim", "factor", "target", ""):
         table.add_column(name, justify="left" if name in ("joint", "figure", "") else "right")
-    for figure in report.figures:
+    for figure in report.metrics:
         table.add_row(*_row(figure))
     console.print(table)
     console.print(
@@ -191,7 +191,7 @@ def _print_report(console: Console, report: CalibrationReport) -> None:
     )
 
 
-def _row(figure: Figure) -> list[str]:
+def _row(figure: CalibrationMetric) -> list[str]:
     target = "-"
     if figure.limit is not None:
         target = f"<= {figure.limit:.2f}" if figure.real is None else f"x/ {figure.limit:g}"

@@ -23,11 +23,11 @@ from pepper_driver.cli.console import (
 from pepper_driver.config import ConfigError, load_doctor_settings, load_robot
 from pepper_driver.config.passwords import without_secrets
 from pepper_driver.doctor import (
+    CheckStatus,
     Examination,
     JointFit,
-    Outcome,
+    MotionTest,
     Result,
-    Trial,
     Verdict,
     examine,
     try_motion,
@@ -73,13 +73,13 @@ def doctor(
     elif asks and not _confirmed():
         left_out = "not moved: the question was answered with no"
     if left_out or examination.models is None:
-        trial = Trial(results=(unknown("motion", left_out),), fits=())
+        motion_test = MotionTest(results=(unknown("motion", left_out),), fits=())
     else:
-        trial = _try(console, uri, examination.models)
-    _print(console, trial.results)
-    _print_fits(console, trial.fits)
-    passed = examination.passed and trial.passed
-    save_json(json_file, _as_json(uri, examination, trial), console)
+        motion_test = _try(console, uri, examination.models)
+    _print(console, motion_test.results)
+    _print_fits(console, motion_test.fits)
+    passed = examination.passed and motion_test.passed
+    save_json(json_file, _as_json(uri, examination, motion_test), console)
     return 0 if passed else 1
 
 
@@ -92,7 +92,7 @@ def _confirmed() -> bool:
     )
 
 
-def _try(console: Console, uri: str, models: ModelSet) -> Trial:
+def _try(console: Console, uri: str, models: ModelSet) -> MotionTest:
     pepper = make_pepper(uri, models, load_robot())
     with StopKey(pepper.emergency_stop) as key:
         if key.listening:
@@ -107,10 +107,10 @@ def _try(console: Console, uri: str, models: ModelSet) -> Trial:
 
 
 _STYLE = {
-    Outcome.OK: "green",
-    Outcome.WARNING: "yellow",
-    Outcome.FAILED: "bold red",
-    Outcome.UNKNOWN: "dim",
+    CheckStatus.OK: "green",
+    CheckStatus.WARNING: "yellow",
+    CheckStatus.FAILED: "bold red",
+    CheckStatus.UNKNOWN: "dim",
 }
 
 
@@ -120,9 +120,9 @@ def _print(console: Console, results: Sequence[Result]) -> None:
     for width in (14, 15, None):
         table.add_column(min_width=width, overflow="fold")
     for result in results:
-        table.add_row(result.outcome.value, result.name, result.found, style=_STYLE[result.outcome])
-        if result.cure:
-            table.add_row("", "", f"-> {result.cure}")
+        table.add_row(result.status.value, result.name, result.found, style=_STYLE[result.status])
+        if result.remedy:
+            table.add_row("", "", f"-> {result.remedy}")
     console.print(table, soft_wrap=False)
 
 
@@ -145,11 +145,11 @@ def _print_fits(console: Console, fits: Sequence[JointFit]) -> None:
     console.print(table)
 
 
-def _as_json(uri: str, examination: Examination, trial: Trial) -> dict[str, Any]:
+def _as_json(uri: str, examination: Examination, motion_test: MotionTest) -> dict[str, Any]:
     return {
         "backend": without_secrets(uri),
         "identity": examination.info.identity,
-        "passed": examination.passed and trial.passed,
-        "results": [result.as_json() for result in (*examination.results, *trial.results)],
-        "joints": [fit.as_json() for fit in trial.fits],
+        "passed": examination.passed and motion_test.passed,
+        "results": [result.as_json() for result in (*examination.results, *motion_test.results)],
+        "joints": [fit.as_json() for fit in motion_test.fits],
     }

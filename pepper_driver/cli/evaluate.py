@@ -23,13 +23,13 @@ from pepper_driver.config import ConfigError, load_robot
 from pepper_driver.config.evaluation import load_evaluation
 from pepper_driver.config.file_lock import lock_file, lock_folder
 from pepper_driver.config.files import make_folder
+from pepper_driver.evaluation.episodes import DEFAULT_CACHE
 from pepper_driver.evaluation.evaluate import QUICK, evaluate, log_jobs, suite_jobs
 from pepper_driver.evaluation.figures import check_plotting
 from pepper_driver.evaluation.metrics import RECALL_BINS, Metrics
 from pepper_driver.evaluation.observers_under_test import DEFAULTS, contestants
 from pepper_driver.evaluation.report import number, write_report
 from pepper_driver.evaluation.results import EvaluationResult
-from pepper_driver.evaluation.takes import DEFAULT_CACHE
 from pepper_driver.log import read_log
 
 ALL = "all"
@@ -146,7 +146,9 @@ def _print(console: Console, result: EvaluationResult) -> None:
         }
         if not columns:
             continue
-        hours = sum(take.seconds for take in result.takes if take.suite == suite) / 3600.0
+        hours = (
+            sum(episode.seconds for episode in result.episodes if episode.suite == suite) / 3600.0
+        )
         table = Table(title=f"{suite}: {hours:.2f} hours {where}", title_justify="left")
         table.add_column("")
         for mode in columns:

@@ -31,7 +31,7 @@ from pepper_driver.realtime import (
 )
 
 
-class Outcome(Enum):
+class CheckStatus(Enum):
     """OK; WARNING: it may move; FAILED: it should not; UNKNOWN: this robot, or this computer, does not tell."""
 
     OK = "ok"
@@ -46,24 +46,24 @@ class Result:
 
     Attributes:
         name: What was looked at.
-        outcome: How it is.
+        status: How it is.
         found: What was measured, for people.
-        cure: What to do about it; empty where there is nothing to do.
+        remedy: What to do about it; empty where there is nothing to do.
     """
 
     name: str
-    outcome: Outcome
+    status: CheckStatus
     found: str
-    cure: str = ""
+    remedy: str = ""
 
     def as_json(self) -> dict[str, Any]:
         """All of it by name."""
-        return {**asdict(self), "outcome": self.outcome.value}
+        return {**asdict(self), "status": self.status.value}
 
 
 def failed(results: Iterable[Result]) -> bool:
     """Return true if a check failed."""
-    return any(result.outcome is Outcome.FAILED for result in results)
+    return any(result.status is CheckStatus.FAILED for result in results)
 
 
 def rated(
@@ -72,23 +72,23 @@ def rated(
     *,
     failure: bool = False,
     warning: bool = False,
-    cure: str = "",
+    remedy: str = "",
 ) -> Result:
-    """A result from what is wrong; the cure counts only when something is."""
+    """A result from what is wrong; the remedy counts only when something is."""
     if failure:
-        return Result(name=name, outcome=Outcome.FAILED, found=found, cure=cure)
+        return Result(name=name, status=CheckStatus.FAILED, found=found, remedy=remedy)
     if warning:
-        return Result(name=name, outcome=Outcome.WARNING, found=found, cure=cure)
-    return Result(name=name, outcome=Outcome.OK, found=found)
+        return Result(name=name, status=CheckStatus.WARNING, found=found, remedy=remedy)
+    return Result(name=name, status=CheckStatus.OK, found=found)
 
 
 def unknown(name: str, found: str) -> Result:
     """A result of a check that cannot be made."""
-    return Result(name=name, outcome=Outcome.UNKNOWN, found=found)
+    return Result(name=name, status=CheckStatus.UNKNOWN, found=found)
 
 
 @dataclass(frozen=True, kw_only=True)
-class Look:
+class Inspection:
     """Measurements in the order they came, the one of ``open`` first.
 
     Attributes:
@@ -117,9 +117,9 @@ MOST_NAMED = 4
 """Joints named in one line."""
 
 
-def check_joints(look: Look, robot: RobotConfig, settings: DoctorSettings) -> Result:
+def check_joints(inspection: Inspection, robot: RobotConfig, settings: DoctorSettings) -> Result:
     """Check that all joints answer, and rest while nothing drives them."""
-    positions = look.values("position")
+    positions = inspection.values("position")
     broken = [not np.isfinite(column).all() for column in positions.T]
     if any(broken):
         lost = named(robot.joint_names, broken)
@@ -127,12 +127,12 @@ def check_joints(look: Look, robot: RobotConfig, settings: DoctorSettings) -> Re
             "joints",
             f"no position of {lost}",
             failure=True,
-            cure="start the robot again; if that does not help, its encoder or its board is broken",
+            remedy="start the robot again; if that does not help, its encoder or its board is broken",
         )
     ranges = np.ptp(positions, axis=0)
     moving = ranges > settings.rest
     worst = int(ranges.argmax())
-    seconds = len(look.samples) * robot.cycle
+    seconds = len(inspection.samples) * robot.cycle
     found = (
         f"all {len(ranges)} answer; {robot.joint_names[worst]} changes most, by "
         f"{_amount(robot, worst, ranges[worst])} in {seconds:.1f} s"
@@ -141,13 +141,13 @@ def check_joints(look: Look, robot: RobotConfig, settings: DoctorSettings) -> Re
         "joints",
         found,
         warning=bool(moving.any()),
-        cure=f"let the robot rest: {named(robot.joint_names, moving)} moves by itself, or by a hand",
+        remedy=f"let the robot rest: {named(robot.joint_names, moving)} moves by itself, or by a hand",
     )
 
 
-def check_limits(look: Look, robot: RobotConfig, settings: DoctorSettings) -> Result:
+def check_limits(inspection: Inspection, robot: RobotConfig, settings: DoctorSettings) -> Result:
     """Check that the joints are within their limits: the start would pull back those that are not."""
-    position = look.last.position
+    position = inspection.last.position
     if not np.isfinite(position).all():
         return unknown("limits", "not all positions are known")
     outside = np.maximum(robot.lower - position, position - robot.upper)
@@ -163,14 +163,16 @@ def check_limits(look: Look, robot: RobotConfig, settings: DoctorSettings) -> Re
         found,
         failure=bool(outside[worst] > settings.outside_failure),
         warning=bool(over.any()),
-        cure=f"move {named(robot.joint_names, over)} by hand to within the limits, robot at rest; "
+        remedy=f"move {named(robot.joint_names, over)} by hand to within the limits, robot at rest; "
         "if it looks as if it were there, the joint needs calibration by the maker's tools",
     )
 
 
-def check_temperatures(look: Look, robot: RobotConfig, safety: SafetySettings) -> Result:
+def check_temperatures(
+    inspection: Inspection, robot: RobotConfig, safety: SafetySettings
+) -> Result:
     """Check that motors are cool enough: levels of the safety gate."""
-    temperature = look.last.temperature
+    temperature = inspection.last.temperature
     known = np.isfinite(temperature)
     if not known.any():
         return unknown("temperatures", "no motor tells its temperature")
@@ -178,33 +180,33 @@ def check_temperatures(look: Look, robot: RobotConfig, safety: SafetySettings) -
     warm = known & (temperature >= safety.temperature_warning)
     worst = int(np.nanargmax(temperature))
     found = f"{robot.joint_names[worst]} is warmest with {temperature[worst]:.0f} deg C"
-    cures = []
+    remedies = []
     if warm.any():
-        cures.append(
+        remedies.append(
             f"let {named(robot.joint_names, warm)} cool without stiffness to below "
             f"{safety.temperature_warning:.0f} deg C"
         )
     if not known.all():
         found += f"; not told: {named(robot.joint_names, ~known)}"
-        cures.append("watch the motors that do not tell by hand")
+        remedies.append("watch the motors that do not tell by hand")
     return rated(
         "temperatures",
         found,
         failure=bool(hot.any()),
-        warning=bool(cures),
-        cure="; ".join(cures),
+        warning=bool(remedies),
+        remedy="; ".join(remedies),
     )
 
 
-def check_wheels(look: Look, robot: RobotConfig, settings: DoctorSettings) -> Result:
+def check_wheels(inspection: Inspection, robot: RobotConfig, settings: DoctorSettings) -> Result:
     """Check that the wheels answer and stand still."""
-    speed = look.values("wheel_speed")
+    speed = inspection.values("wheel_speed")
     if not np.isfinite(speed).all():
         return rated(
             "wheels",
             "a wheel tells no speed",
             failure=True,
-            cure="start the robot again; do not drive a base whose wheels are not measured",
+            remedy="start the robot again; do not drive a base whose wheels are not measured",
         )
     # Noise of single samples is no motion.
     fastest = float(np.abs(np.median(speed, axis=0)).max())
@@ -212,21 +214,23 @@ def check_wheels(look: Look, robot: RobotConfig, settings: DoctorSettings) -> Re
         "wheels",
         f"{speed.shape[1]} answer, at {fastest:.2f} rad/s",
         failure=fastest > settings.wheel_rest,
-        cure="stop the base: level floor, nobody pushes, no other program drives it",
+        remedy="stop the base: level floor, nobody pushes, no other program drives it",
     )
 
 
-def check_diagnosis(look: Look) -> Result:
+def check_diagnosis(inspection: Inspection) -> Result:
     """Check the robot's own diagnosis for broken parts."""
-    if look.diagnosis is None:
+    if inspection.diagnosis is None:
         return unknown("diagnosis", "this robot has no diagnosis of its own")
-    if not look.diagnosis:
+    if not inspection.diagnosis:
         return rated("diagnosis", "the robot finds nothing broken")
     return Result(
         name="diagnosis",
-        outcome=Outcome.FAILED if any(e.serious for e in look.diagnosis) else Outcome.WARNING,
-        found="; ".join(f"{error.device}: {error.text}" for error in look.diagnosis),
-        cure="start the robot again; an error that stays is one for the maker's service",
+        status=CheckStatus.FAILED
+        if any(e.serious for e in inspection.diagnosis)
+        else CheckStatus.WARNING,
+        found="; ".join(f"{error.device}: {error.text}" for error in inspection.diagnosis),
+        remedy="start the robot again; an error that stays is one for the maker's service",
     )
 
 
@@ -249,21 +253,23 @@ NETWORK = (
 )
 
 
-def check_clock(look: Look, robot: RobotConfig, settings: DoctorSettings) -> Result:
+def check_clock(inspection: Inspection, robot: RobotConfig, settings: DoctorSettings) -> Result:
     """Check that time passes in steps of the cycle, without jumps, and as fast as on this computer."""
-    clock = look.values("time")
+    clock = inspection.values("time")
     if not np.isfinite(clock).all():
         return rated(
             "clock",
             "it is not a number",
             failure=True,
-            cure="start the robot again",
+            remedy="start the robot again",
         )
-    ticks = np.diff([sample.tick for sample in look.samples])
+    ticks = np.diff([sample.tick for sample in inspection.samples])
     steps = np.diff(clock)
     fresh = steps[ticks != 0]
     if not len(fresh):
-        return rated("clock", "no new sample came", failure=True, cure=f"start it again; {NETWORK}")
+        return rated(
+            "clock", "no new sample came", failure=True, remedy=f"start it again; {NETWORK}"
+        )
     per_cycle = float(np.median(fresh / ticks[ticks != 0]))
     off = abs(per_cycle / robot.cycle - 1.0)
     jitter = float(np.abs(fresh - robot.cycle * ticks[ticks != 0]).max())
@@ -276,11 +282,11 @@ def check_clock(look: Look, robot: RobotConfig, settings: DoctorSettings) -> Res
         failures.append(f"jumps by {longest:.3f} s")
     if off > settings.clock_rate:
         failures.append(f"should make steps of {robot.cycle * 1e3:g} ms")
-    if look.wall:
-        rate = float(clock[-1] - clock[0]) / look.wall
+    if inspection.wall:
+        rate = float(clock[-1] - clock[0]) / inspection.wall
         found += f", {rate:.3f} times as fast as this computer's"
         # The first and the last sample may each be a cycle older than another.
-        if abs(rate - 1.0) > settings.clock_rate + 2.0 * robot.cycle / look.wall:
+        if abs(rate - 1.0) > settings.clock_rate + 2.0 * robot.cycle / inspection.wall:
             warnings.append("runs at another rate than this computer's")
     parts = failures + warnings
     return rated(
@@ -288,37 +294,38 @@ def check_clock(look: Look, robot: RobotConfig, settings: DoctorSettings) -> Res
         "; ".join([found, *parts]),
         failure=bool(failures),
         warning=bool(warnings),
-        cure=f"end what sets the robot's clock while it runs, then start it again; {NETWORK}",
+        remedy=f"end what sets the robot's clock while it runs, then start it again; {NETWORK}",
     )
 
 
 def check_samples(
-    look: Look, robot: RobotConfig, safety: SafetySettings, settings: DoctorSettings
+    inspection: Inspection, robot: RobotConfig, safety: SafetySettings, settings: DoctorSettings
 ) -> Result:
     """Check that samples are young enough for the gate, and their median for the observer."""
-    age = look.values("age")
+    age = inspection.values("age")
     if not np.isfinite(age).all():
-        return rated("samples", "their age is not known", failure=True, cure="start it again")
-    ticks = [sample.tick for sample in look.samples]
+        return rated("samples", "their age is not known", failure=True, remedy="start it again")
+    ticks = [sample.tick for sample in inspection.samples]
     missing = float(np.mean(np.diff(ticks) == 0))
     late = float(np.mean(age > STALE_AGE))
     median, oldest = np.percentile(age, [50, 100]) * 1e3
     found = f"age {median:.0f} ms, at most {oldest:.0f} ms"
     if missing:
         found += f"; in {missing:.1%} of the cycles none"
-    if look.missed:
-        found += f"; this computer missed {look.missed} ticks"
-    share = max(late, missing, look.missed / (len(ticks) + look.missed))
+    if inspection.missed:
+        found += f"; this computer missed {inspection.missed} ticks"
+    share = max(late, missing, inspection.missed / (len(ticks) + inspection.missed))
     stale = oldest > safety.stale_hold * 1e3
-    cures = [NETWORK]
-    if look.missed:
-        cures.append("end other programs on this computer")
+    remedies = [NETWORK]
+    if inspection.missed:
+        remedies.append("end other programs on this computer")
     return rated(
         "samples",
         found,
         failure=bool(stale),
         warning=share > settings.late_share,
-        cure="; ".join(cures) + f"; beyond {safety.stale_hold * 1e3:.0f} ms the joints are held, "
+        remedy="; ".join(remedies)
+        + f"; beyond {safety.stale_hold * 1e3:.0f} ms the joints are held, "
         f"beyond {safety.stale_fault * 1e3:.0f} ms the robot is stopped, and with samples older than "
         f"{STALE_AGE * 1e3:.0f} ms nothing is felt",
     )
@@ -342,7 +349,7 @@ def check_settings(safety: SafetySettings, controller: ControllerSettings) -> Re
         "settings",
         "; ".join([found, *off]),
         warning=bool(off),
-        cure="set back in these files what was not meant",
+        remedy="set back in these files what was not meant",
     )
 
 
@@ -353,12 +360,12 @@ def check_computer(backend: Backend) -> Result:
         return rated("computer", f"{found}; simulated time needs no priority")
     obstacle = priority_obstacle()
     if obstacle:
-        reason, _, cure = obstacle.partition("; ")
+        reason, _, remedy = obstacle.partition("; ")
         return rated(
             "computer",
             f"{found}; {reason}: ticks may come late",
             warning=True,
-            cure=cure or "run it on Linux",
+            remedy=remedy or "run it on Linux",
         )
     return rated("computer", f"{found}; real-time priority permitted")
 
@@ -374,15 +381,15 @@ def check_models(
         f"identified on '{source.name}', "
         f"{'' if source == identities[0] else 'of which it is a variant, '}version {models.version}"
     )
-    cures = []
+    remedies = []
     if any(without):
-        cures.append(
+        remedies.append(
             f"identify {named(robot.joint_names, without)} too: there nothing is felt directly"
         )
     if models.version != here:
         found += f" (this is {here})"
-        cures.append("identify again ('pepper identify') where this version's notes say so")
-    return rated("models", found, warning=bool(cures), cure="; ".join(cures))
+        remedies.append("identify again ('pepper identify') where this version's notes say so")
+    return rated("models", found, warning=bool(remedies), remedy="; ".join(remedies))
 
 
 def _version() -> str:
@@ -397,9 +404,9 @@ PRESSED = 0.5
 """Between 0, not pressed, and 1."""
 
 
-def check_battery(look: Look, safety: SafetySettings) -> Result:
+def check_battery(inspection: Inspection, safety: SafetySettings) -> Result:
     """Check the charge of the battery: levels of the safety gate."""
-    charge = look.last.battery
+    charge = inspection.last.battery
     if isnan(charge):
         return unknown("battery", "the charge cannot be read, and nothing watches it")
     low = charge < safety.battery_warning
@@ -408,14 +415,14 @@ def check_battery(look: Look, safety: SafetySettings) -> Result:
         f"{charge:.0%}",
         failure=charge < safety.battery_activate,
         warning=low,
-        cure=f"charge it: below {safety.battery_activate:.0%} the robot does not start, "
+        remedy=f"charge it: below {safety.battery_activate:.0%} the robot does not start, "
         f"below {safety.battery_fault:.0%} it is stopped",
     )
 
 
-def check_flap(look: Look) -> Result:
+def check_flap(inspection: Inspection) -> Result:
     """Check that the charging flap is closed."""
-    flap = look.last.charging_flap
+    flap = inspection.last.charging_flap
     if isnan(flap):
         return unknown("charging flap", "this robot does not tell")
     is_open = flap > PRESSED
@@ -423,14 +430,14 @@ def check_flap(look: Look) -> Result:
         "charging flap",
         "open" if is_open else "closed",
         warning=is_open,
-        cure="unplug the cable and close the flap; while it is open, the base stands still",
+        remedy="unplug the cable and close the flap; while it is open, the base stands still",
     )
 
 
-def check_touch(look: Look, robot: RobotConfig) -> Result:
+def check_touch(inspection: Inspection, robot: RobotConfig) -> Result:
     """Check that the touch sensors of head and hands are free."""
     names = tuple(robot.sensors.touch)
-    touched, lost = _pressed(look, "touch")
+    touched, lost = _pressed(inspection, "touch")
     found = f"touched: {named(names, touched)}" if any(touched) else "nothing touches"
     if any(lost):
         found += f"; not told: {named(names, lost)}"
@@ -438,70 +445,70 @@ def check_touch(look: Look, robot: RobotConfig) -> Result:
         "touch sensors",
         found,
         warning=any(touched) or any(lost),
-        cure="take hands off the robot; a sensor that stays is broken or dirty: do not label touches by it",
+        remedy="take hands off the robot; a sensor that stays is broken or dirty: do not label touches by it",
     )
 
 
-def check_bumpers(look: Look, robot: RobotConfig) -> Result:
+def check_bumpers(inspection: Inspection, robot: RobotConfig) -> Result:
     """Check that the bumpers are free; one that cannot be read stops the base as if it were pressed."""
     names = tuple(robot.sensors.bumpers)
-    pressed, lost = _pressed(look, "bumpers")
+    pressed, lost = _pressed(inspection, "bumpers")
     return rated(
         "bumpers",
         _what(names, pressed, lost),
         failure=any(pressed) or any(lost),
-        cure="move what stands against the base away; a bumper that stays pressed is jammed",
+        remedy="move what stands against the base away; a bumper that stays pressed is jammed",
     )
 
 
-def check_buttons(look: Look, robot: RobotConfig, safety: SafetySettings) -> Result:
+def check_buttons(inspection: Inspection, robot: RobotConfig, safety: SafetySettings) -> Result:
     """Check that the button on the chest is free; where it stops the robot, it must be readable."""
     names = tuple(robot.sensors.buttons)
-    pressed, lost = _pressed(look, "buttons")
+    pressed, lost = _pressed(inspection, "buttons")
     wrong = any(pressed) or any(lost)
     return rated(
         "chest button",
         _what(names, pressed, lost),
         failure=wrong and safety.chest_button,
         warning=wrong,
-        cure="let it go; one that stays pressed is jammed, and the robot must not move without it",
+        remedy="let it go; one that stays pressed is jammed, and the robot must not move without it",
     )
 
 
-def check_imu(look: Look, settings: DoctorSettings) -> Result:
+def check_imu(inspection: Inspection, settings: DoctorSettings) -> Result:
     """Check by its own inertial unit that the robot stands upright."""
-    attitude = look.values("imu.attitude")
-    acceleration = look.values("imu.acceleration")
+    attitude = inspection.values("imu.attitude")
+    acceleration = inspection.values("imu.acceleration")
     if not (np.isfinite(attitude).all() and np.isfinite(acceleration).all()):
         return rated(
             "inertial unit",
             "it does not answer",
             failure=True,
-            cure="start the robot again: nothing tells whether it is about to fall",
+            remedy="start the robot again: nothing tells whether it is about to fall",
         )
     roll, pitch = np.median(attitude, axis=0)[:2]
     tilt = float(np.arccos(np.clip(np.cos(roll) * np.cos(pitch), -1.0, 1.0)))
     gravity = float(np.linalg.norm(np.median(acceleration, axis=0)))
     strange = not settings.gravity[0] <= gravity <= settings.gravity[1]
-    cures = []
+    remedies = []
     if tilt > settings.tilt_warning:
-        cures.append(
+        remedies.append(
             "put the robot upright on level floor, with nothing under its wheels, and nobody leaning on it"
         )
     if strange:
-        cures.append("let the robot rest; an acceleration that stays strange is a broken sensor")
+        remedies.append("let the robot rest; an acceleration that stays strange is a broken sensor")
     return rated(
         "inertial unit",
         f"tilted by {np.degrees(tilt):.1f} deg; gravity {gravity:.2f} m/s2",
         failure=tilt > settings.tilt_failure,
-        warning=bool(cures),
-        cure="; ".join(cures),
+        warning=bool(remedies),
+        remedy="; ".join(remedies),
     )
 
 
-def _pressed(look: Look, sensor: str) -> tuple[list[bool], list[bool]]:
+def _pressed(inspection: Inspection, sensor: str) -> tuple[list[bool], list[bool]]:
     """Return the names that were pressed at any time, and those that could not be read."""
-    columns = look.values(sensor).T
+    columns = inspection.values(sensor).T
     return [bool((c > PRESSED).any()) for c in columns], [bool(np.isnan(c).any()) for c in columns]
 
 

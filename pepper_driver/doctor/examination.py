@@ -1,4 +1,4 @@
-"""Examination of a robot that does not move: a look at its measurements, then every check."""
+"""Examination of a robot that does not move: an inspection of its measurements, then every check."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ from pepper_driver.config import (
     load_safety_settings,
 )
 from pepper_driver.doctor.checks import (
-    Look,
-    Outcome,
+    CheckStatus,
+    Inspection,
     Result,
     check_battery,
     check_bumpers,
@@ -46,12 +46,12 @@ from pepper_driver.observers import find_models
 from pepper_driver.realtime import Pacer, RealTimePacer, realtime_process, realtime_thread
 
 
-def look(
+def inspect_robot(
     backend: Backend,
     robot: RobotConfig,
     seconds: float,
     on_progress: Callable[[float], None] | None = None,
-) -> Look:
+) -> Inspection:
     """Open a robot and watch it; it is closed again, and was never active: nothing is sent to it.
 
     Args:
@@ -82,7 +82,7 @@ def look(
             wall = time.perf_counter() - began
     finally:
         backend.close()
-    return Look(
+    return Inspection(
         samples=tuple(samples[1:]),  # the first may be from long before
         missed=missed,
         wall=wall if backend.real_time else None,
@@ -117,7 +117,7 @@ def examine(
     robot: RobotConfig | None = None,
     on_progress: Callable[[float], None] | None = None,
 ) -> Examination:
-    """Look at a robot, at this computer and at the models. Nothing moves; what fails is in the results.
+    """Inspection at a robot, at this computer and at the models. Nothing moves; what fails is in the results.
 
     Args:
         uri: The robot.
@@ -153,18 +153,18 @@ def _robot(
                 "connection",
                 "the robot has other joints, another order of them or another cycle than its description",
                 failure=True,
-                cure="use the backend with the description of its robot",
+                remedy="use the backend with the description of its robot",
             )
         ]
     try:
-        seen = look(backend, robot, settings.look, on_progress)
+        seen = inspect_robot(backend, robot, settings.inspection_time, on_progress)
     except PepperError as error:
         return [
             rated(
                 "connection",
                 str(error),
                 failure=True,
-                cure="switch the robot on, wait until it has started, and look at address, network and password; "
+                remedy="switch the robot on, wait until it has started, and look at address, network and password; "
                 "no other program may move it",
             )
         ]
@@ -177,7 +177,7 @@ def _robot(
 
 
 def _checks(
-    seen: Look, robot: RobotConfig, settings: DoctorSettings, safety: SafetySettings
+    seen: Inspection, robot: RobotConfig, settings: DoctorSettings, safety: SafetySettings
 ) -> list[Result]:
     return [
         check_clock(seen, robot, settings),
@@ -204,8 +204,8 @@ def _models(
         models = find_models(info.identities, path, "fusion", ("fusion", "affine", "cart"))
         models.check_robot(robot)
     except ModelFileError as error:
-        found, _, cure = str(error).rpartition("; ")
+        found, _, remedy = str(error).rpartition("; ")
         return None, Result(
-            name="models", outcome=Outcome.FAILED, found=found or str(error), cure=cure
+            name="models", status=CheckStatus.FAILED, found=found or str(error), remedy=remedy
         )
     return models, check_models(models, info.identities, robot)

@@ -53,7 +53,7 @@ class JointFit:
         return {k: None if isinstance(v, float) and np.isnan(v) else v for k, v in plain.items()}
 
 
-class FitWatch:
+class ModelFitMonitor:
     """Compares what joints do with models that adapt to nothing, beside an observer that does.
 
     Args:

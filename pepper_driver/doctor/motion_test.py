@@ -21,7 +21,7 @@ from pepper_driver.config.steps import Step
 from pepper_driver.controller import RobotModel, Tick
 from pepper_driver.controller.collision import CapsuleDistances
 from pepper_driver.doctor.checks import Result, failed, named, rated
-from pepper_driver.doctor.model_fit import FitWatch, JointFit, Verdict
+from pepper_driver.doctor.model_fit import JointFit, ModelFitMonitor, Verdict
 from pepper_driver.observer import Contact, ContactObserver, ModelSet, Observation
 from pepper_driver.robot import Pepper
 
@@ -109,7 +109,7 @@ REST = 0.25
 
 
 @dataclass(frozen=True, kw_only=True)
-class Trial:
+class MotionTest:
     """Results of the small motion.
 
     Attributes:
@@ -127,14 +127,14 @@ class Trial:
 
 
 def make_pepper(uri: str, models: ModelSet, robot: RobotConfig) -> Pepper:
-    """The robot for a trial, with the observer that everybody uses."""
+    """The robot for a motion test, with the observer that everybody uses."""
     observer = ContactObserver(robot, models, load_observer_settings())
     return Pepper(uri, observer=observer, robot=robot)
 
 
 def try_motion(
     pepper: Pepper, models: ModelSet, *, on_progress: Callable[[float], None] | None = None
-) -> Trial:
+) -> MotionTest:
     """Move each joint of arms and head by a few degrees, and compare with its model. Whatever fails is in the results.
 
     Args:
@@ -143,7 +143,7 @@ def try_motion(
         on_progress: Told the share of the time that is over, 0..1.
     """
     robot, settings = pepper.config, load_doctor_settings()
-    watch = FitWatch(robot, models, load_observer_settings(), moving_joints(robot))
+    watch = ModelFitMonitor(robot, models, load_observer_settings(), moving_joints(robot))
     contacts: list[Contact] = []
 
     def on_tick(tick: Tick, observation: Observation | None) -> None:
@@ -170,15 +170,15 @@ def try_motion(
             "motion",
             f"broken off: {error}",
             failure=True,
-            cure="find what stopped the robot, cure it, and examine the robot again",
+            remedy="find what stopped the robot, remove the cause, and examine the robot again",
         )
-        return Trial(results=(result,), fits=())
+        return MotionTest(results=(result,), fits=())
     share = statistics.missed / (statistics.ticks + statistics.missed)
     ticks = rated(
         "motion",
         statistics.summary,
         warning=share > settings.late_share,
-        cure="end other programs on this computer, and permit real-time priority (docs/realtime.md)",
+        remedy="end other programs on this computer, and permit real-time priority (docs/realtime.md)",
     )
     fits = watch.fits(settings)
     results = (
@@ -187,7 +187,7 @@ def try_motion(
         _judge_models(fits, settings),
         _judge_touch(contacts),
     )
-    return Trial(results=results, fits=fits)
+    return MotionTest(results=results, fits=fits)
 
 
 def _judge_following(fits: tuple[JointFit, ...]) -> Result:
@@ -197,7 +197,7 @@ def _judge_following(fits: tuple[JointFit, ...]) -> Result:
         "joints follow",
         f"{least.joint} least, {least.follows:.0%} of its way",
         failure=any(stuck),
-        cure=f"{named((fit.joint for fit in fits), stuck)}: blocked, without power or broken; move it by hand with "
+        remedy=f"{named((fit.joint for fit in fits), stuck)}: blocked, without power or broken; move it by hand with "
         "the robot at rest, then start the robot again",
     )
 
@@ -208,7 +208,7 @@ def _judge_models(fits: tuple[JointFit, ...], settings: DoctorSettings) -> Resul
     known = [fit for fit in fits if np.isfinite(fit.rms)]
     if not known:
         return rated(
-            "models fit", "no joint has a model", failure=True, cure="identify: 'pepper identify'"
+            "models fit", "no joint has a model", failure=True, remedy="identify: 'pepper identify'"
         )
     worst = max(known, key=lambda fit: fit.rms)
     median = float(np.median([fit.rms for fit in known]))
@@ -221,17 +221,17 @@ def _judge_models(fits: tuple[JointFit, ...], settings: DoctorSettings) -> Resul
             "models fit",
             f"{found}: these models are not of this robot as it is",
             failure=True,
-            cure=f"{identify}, or give the models of this robot with --models",
+            remedy=f"{identify}, or give the models of this robot with --models",
         )
     misfit = [fit.verdict is Verdict.MISFIT for fit in fits]
     worn = [fit.verdict is Verdict.WORN for fit in fits]
-    parts, cures = [found], []
+    parts, remedies = [found], []
     if any(misfit):
         parts.append(f"do not fit: {named(names, misfit)}")
-        cures.append(f"see that nothing touches the robot; if nothing does, {identify}")
+        remedies.append(f"see that nothing touches the robot; if nothing does, {identify}")
     if any(worn):
         parts.append(f"worn or carrying: {named(names, worn)}")
-        cures.append(
+        remedies.append(
             f"empty the hands (a load looks the same) and try again; if it stays, {identify}: until then "
             "light touches of these joints are not felt"
         )
@@ -240,7 +240,7 @@ def _judge_models(fits: tuple[JointFit, ...], settings: DoctorSettings) -> Resul
         "; ".join(parts),
         failure=any(misfit),
         warning=any(worn),
-        cure="; ".join(cures),
+        remedy="; ".join(remedies),
     )
 
 
@@ -251,6 +251,6 @@ def _judge_touch(contacts: list[Contact]) -> Result:
         "untouched",
         f"{number} felt: {named(felt, [True] * len(felt))}" if felt else "no contact felt",
         failure=bool(felt),
-        cure="something touches the robot, or the model does not fit: clear the space around it and try again; "
+        remedy="something touches the robot, or the model does not fit: clear the space around it and try again; "
         "if nothing was there, identify it with 'pepper identify'",
     )

@@ -17,23 +17,23 @@ from pepper_driver.backends.replay import parents_in
 from pepper_driver.backends.workers import run_jobs
 from pepper_driver.config import PepperError, RobotConfig, load_robot
 from pepper_driver.config.evaluation import EvaluationSuites, Run
+from pepper_driver.evaluation.episode_score import (
+    FASTEST_ESTIMATION,
+    EpisodeScore,
+    Trace,
+    score_episode,
+    trace_of,
+    watch,
+)
+from pepper_driver.evaluation.episodes import Episode, perform
 from pepper_driver.evaluation.metrics import Metrics, summarise, with_gap_closed
 from pepper_driver.evaluation.observers_under_test import (
     ORACLE,
     RECORDED,
-    Contestants,
+    ObserversUnderTest,
     reference_plant,
 )
-from pepper_driver.evaluation.results import EvaluationResult, Failure, TakeInfo
-from pepper_driver.evaluation.take_score import (
-    FASTEST_ESTIMATION,
-    TakeScore,
-    Trace,
-    score_take,
-    trace_of,
-    watch,
-)
-from pepper_driver.evaluation.takes import Take, perform
+from pepper_driver.evaluation.results import EpisodeInfo, EvaluationResult, Failure
 from pepper_driver.log import read_log
 from pepper_driver.recording.labels import pushes_of, recording_of
 
@@ -50,18 +50,18 @@ EXPERIMENT_JOINTS = {"LSRoll": FIT_JOINT, "RERoll": "RElbowRoll", "RSRoll": "RSh
 
 @dataclass(frozen=True, kw_only=True)
 class Job:
-    """One take to evaluate: ``make`` performs or loads it, and can be sent to another process.
+    """One episode to evaluate: ``make`` performs or loads it, and can be sent to another process.
 
     Attributes:
         suite: That its figures are summed up in.
         title: For people.
-        make: Performs or loads the take.
+        make: Performs or loads the episode.
         pictured: The joint to keep data of for a picture, if any.
     """
 
     suite: str
     title: str
-    make: Callable[[], Take]
+    make: Callable[[], Episode]
     pictured: str | None = None
 
 
@@ -73,14 +73,14 @@ def suite_jobs(
     quick: bool = False,
     cache: Path | None = None,
 ) -> tuple[Job, ...]:
-    """The takes of suites.
+    """The episodes of suites.
 
     Args:
         evaluation: The frozen suites.
         suites: Names.
         robot: Its description.
         quick: Only a part of each.
-        cache: Folder that keeps takes.
+        cache: Folder that keeps episodes.
 
     Raises:
         UnknownNameError: No such suite.
@@ -121,12 +121,12 @@ def _pictured(run: Run, robot: RobotConfig) -> str | None:
 def log_jobs(paths: Sequence[Path]) -> tuple[Job, ...]:
     """Recordings of ``pepper record --label``."""
     return tuple(
-        Job(suite=LOG_SUITE, title=str(path), make=partial(take_of_log, path)) for path in paths
+        Job(suite=LOG_SUITE, title=str(path), make=partial(episode_of_log, path)) for path in paths
     )
 
 
-def take_of_log(path: Path) -> Take:
-    """A labelled recording as a take whose pushes have no size and whose torques nobody knows.
+def episode_of_log(path: Path) -> Episode:
+    """A labelled recording as an episode whose pushes have no size and whose torques nobody knows.
 
     Raises:
         PepperError: The log is damaged, of another robot, or has no labels.
@@ -135,7 +135,7 @@ def take_of_log(path: Path) -> Take:
     log = read_log(path)
     recording = recording_of(log, robot)
     unknown = np.full(recording.position.shape, np.nan)
-    return Take(
+    return Episode(
         suite=LOG_SUITE,
         experiment=path.stem,
         plant=RECORDED,
@@ -153,40 +153,40 @@ def take_of_log(path: Path) -> Take:
 
 
 Progress = Callable[[int, int], None]
-"""Called with (takes done, takes in all)."""
+"""Called with (episodes done, episodes in all)."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class Outcome:
-    """Result of one job; ``take`` is None when it could not be made."""
+class JobResult:
+    """Result of one job; ``episode`` is None when it could not be made."""
 
     suite: str
-    take: TakeInfo | None
-    scores: dict[str, TakeScore]
+    episode: EpisodeInfo | None
+    scores: dict[str, EpisodeScore]
     traces: tuple[Trace, ...]
     failures: tuple[Failure, ...]
 
 
 def evaluate(
     jobs: Sequence[Job],
-    contestants: Contestants,
+    contestants: ObserversUnderTest,
     *,
     workers: int = -1,
     digest: str | None = None,
     share: float = 1.0,
     progress: Progress | None = None,
 ) -> EvaluationResult:
-    """Evaluate the observers on all takes, which run in parallel; the result does not depend on ``workers``.
+    """Evaluate the observers on all episodes, which run in parallel; the result does not depend on ``workers``.
 
-    A take that cannot be performed or read is listed among the failures, and the others go on.
+    An episode that cannot be performed or read is listed among the failures, and the others go on.
 
     Args:
-        jobs: The takes.
+        jobs: The episodes.
         contestants: The observers.
         workers: Processes; -1 for one per core.
-        digest: Of the frozen suites that the takes are of; None for recordings.
-        share: Of the suites that the takes are.
-        progress: Told after each take.
+        digest: Of the frozen suites that the episodes are of; None for recordings.
+        share: Of the suites that the episodes are.
+        progress: Told after each episode.
     """
     robot = load_robot()
     outcomes = []
@@ -198,7 +198,7 @@ def evaluate(
     return EvaluationResult(
         suites=suites,
         modes=_by_mode(outcomes, suites, contestants.modes, robot),
-        takes=tuple(o.take for o in outcomes if o.take is not None),
+        episodes=tuple(o.episode for o in outcomes if o.episode is not None),
         failures=tuple(failure for o in outcomes for failure in o.failures),
         notes=contestants.notes,
         traces=tuple(trace for o in outcomes for trace in o.traces),
@@ -209,38 +209,44 @@ def evaluate(
     )
 
 
-def run_job(job: Job, contestants: Contestants) -> Outcome:
-    """Make one take and show it to every observer of its suite."""
+def run_job(job: Job, contestants: ObserversUnderTest) -> JobResult:
+    """Make one episode and show it to every observer of its suite."""
     robot = load_robot()
     try:
-        take = job.make()
-    except Exception as error:  # one take that fails must not cost the others
-        return Outcome(
-            suite=job.suite, take=None, scores={}, traces=(), failures=(_failure(job.title, error),)
+        episode = job.make()
+    except Exception as error:  # one episode that fails must not cost the others
+        return JobResult(
+            suite=job.suite,
+            episode=None,
+            scores={},
+            traces=(),
+            failures=(_failure(job.title, error),),
         )
-    swept = take.experiment in robot.joint_names and not take.pushes
-    tested = take.experiment if swept else None
-    scores: dict[str, TakeScore] = {}
+    swept = episode.experiment in robot.joint_names and not episode.pushes
+    tested = episode.experiment if swept else None
+    scores: dict[str, EpisodeScore] = {}
     traces: list[Trace] = []
     failures: list[Failure] = []
-    for mode in contestants.of_suite(take.suite):
+    for mode in contestants.of_suite(episode.suite):
         try:
             with _unwarned(job):
-                watched = watch(contestants.observer(mode, take, robot), take.recording, tested)
-            scores[mode] = score_take(take, watched, robot)
+                watched = watch(
+                    contestants.observer(mode, episode, robot), episode.recording, tested
+                )
+            scores[mode] = score_episode(episode, watched, robot)
             if job.pictured is not None:
-                traces.append(trace_of(mode, take, watched, job.pictured))
+                traces.append(trace_of(mode, episode, watched, job.pictured))
         except Exception as error:
             failures.append(_failure(f"{job.title}, {mode}", error))
-    info = TakeInfo(
+    info = EpisodeInfo(
         suite=job.suite,
-        experiment=take.experiment,
-        plant=take.plant if take.draw is None else f"{take.plant} {take.draw}",
-        seed=take.seed,
-        seconds=len(take.recording) * robot.cycle,
+        experiment=episode.experiment,
+        plant=episode.plant if episode.draw is None else f"{episode.plant} {episode.draw}",
+        seed=episode.seed,
+        seconds=len(episode.recording) * robot.cycle,
     )
-    return Outcome(
-        suite=job.suite, take=info, scores=scores, traces=tuple(traces), failures=tuple(failures)
+    return JobResult(
+        suite=job.suite, episode=info, scores=scores, traces=tuple(traces), failures=tuple(failures)
     )
 
 
@@ -265,12 +271,12 @@ def _failure(title: str, error: Exception) -> Failure:
 
 
 def _by_mode(
-    outcomes: Iterable[Outcome],
+    outcomes: Iterable[JobResult],
     suites: Sequence[str],
     modes: Sequence[str],
     robot: RobotConfig,
 ) -> dict[str, dict[str, Metrics]]:
-    scores: dict[str, dict[str, list[TakeScore]]] = {mode: {} for mode in modes}
+    scores: dict[str, dict[str, list[EpisodeScore]]] = {mode: {} for mode in modes}
     for outcome in outcomes:
         for mode, score in outcome.scores.items():
             scores[mode].setdefault(outcome.suite, []).append(score)

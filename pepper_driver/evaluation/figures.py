@@ -13,10 +13,10 @@ import numpy as np
 from pepper_driver.config import MissingExtraError, RobotConfig
 from pepper_driver.config.errors import reason
 from pepper_driver.config.robot import TRUNK
+from pepper_driver.evaluation.episode_score import Trace
 from pepper_driver.evaluation.evaluate import EXPERIMENT_JOINTS, FIT_JOINT
 from pepper_driver.evaluation.metrics import RECALL_BINS
 from pepper_driver.evaluation.results import EvaluationResult
-from pepper_driver.evaluation.take_score import Trace
 from pepper_driver.log.plots import BLACK, BLUE, GREEN, GREY, ORANGE, RED, SHADE, PlotError
 
 if TYPE_CHECKING:
@@ -24,9 +24,9 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 WINDOW = 20.0
-"""[s] of a take in a picture, as in the paper."""
+"""[s] of an episode in a picture, as in the paper."""
 SHOWN = {"paper-affine": ORANGE, "fusion": BLUE}
-"""Observers in the pictures of single takes."""
+"""Observers in the pictures of single episodes."""
 _BARS = (BLUE, ORANGE, "#F5CE8B", GREEN, BLACK, GREY, RED)
 _DPI = 80
 _COLOURS = 96
@@ -91,7 +91,7 @@ def write_figures(evaluation: EvaluationResult, folder: Path, robot: RobotConfig
 
 
 def fit_figure(traces: Sequence[Trace]) -> Figure:
-    """Trajectories above, tracking error and what observers expected of it below, in one take."""
+    """Trajectories above, tracking error and what observers expected of it below, in one episode."""
     from matplotlib.figure import Figure
 
     first = traces[0]

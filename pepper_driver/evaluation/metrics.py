@@ -1,4 +1,4 @@
-"""Metrics of many takes."""
+"""Metrics of many episodes."""
 
 from __future__ import annotations
 
@@ -11,7 +11,12 @@ import numpy as np
 from scipy.special import gammaincinv
 
 from pepper_driver.config import RobotConfig
-from pepper_driver.evaluation.take_score import ISOLATION_TIMES, PushScore, TakeScore, TorqueSums
+from pepper_driver.evaluation.episode_score import (
+    ISOLATION_TIMES,
+    EpisodeScore,
+    PushScore,
+    TorqueSums,
+)
 
 PAPER_SUITE = "paper"
 RECALL_BINS = {"1-1.5": (1.0, 1.5), "1.5-2": (1.5, 2.0), "2-3": (2.0, 3.0), "3-": (3.0, math.inf)}
@@ -111,15 +116,15 @@ class Coverage:
 
 @dataclass(frozen=True, kw_only=True)
 class Metrics:
-    """All figures of one observer; None, or no entry, where the takes say nothing of it.
+    """All figures of one observer; None, or no entry, where the episodes say nothing of it.
 
     Attributes:
         fit: By joint.
         fit_gap_closed: By joint, how far its test fit is on the way from the affine tree to the oracle.
         table1: Counts by experiment of the suite ``paper``, and ``total``.
-        counts: Counts over all takes.
-        free_motion: False contacts in takes without pushes.
-        with_pushes: False contacts in takes with pushes.
+        counts: Counts over all episodes.
+        free_motion: False contacts in episodes without pushes.
+        with_pushes: False contacts in episodes with pushes.
         recall: Share of pushes felt by RECALL_BINS of their size, those scored apart left out.
         recall_overall: The same without regard to size.
         recall_saturated: Of pushes beyond what a motor board can hold.
@@ -172,8 +177,8 @@ def upper_bound(count: int, hours: float) -> float:
     return float(gammaincinv(count + 1, CONFIDENCE)) / hours
 
 
-def summarise(scores: Sequence[TakeScore], robot: RobotConfig) -> Metrics:
-    """The figures of one observer over takes, at least one."""
+def summarise(scores: Sequence[EpisodeScore], robot: RobotConfig) -> Metrics:
+    """The figures of one observer over episodes, at least one."""
     pushes = [push for score in scores for push in score.pushes]
     plain = _group(pushes, "plain")
     felt = [push for push in plain if push.felt]
@@ -243,13 +248,13 @@ def _recall(pushes: Sequence[PushScore]) -> float | None:
     return _share(push.felt for push in pushes)
 
 
-def _counts(scores: Sequence[TakeScore]) -> Counts:
+def _counts(scores: Sequence[EpisodeScore]) -> Counts:
     felt = [push.felt for score in scores for push in score.pushes]
     return Counts(fp=sum(s.false for s in scores), fn=felt.count(False), tp=felt.count(True))
 
 
-def _table1(scores: Sequence[TakeScore]) -> dict[str, Counts]:
-    rows: dict[str, list[TakeScore]] = {}
+def _table1(scores: Sequence[EpisodeScore]) -> dict[str, Counts]:
+    rows: dict[str, list[EpisodeScore]] = {}
     for score in scores:
         if score.suite == PAPER_SUITE:
             rows.setdefault(score.experiment, []).append(score)
@@ -259,7 +264,7 @@ def _table1(scores: Sequence[TakeScore]) -> dict[str, Counts]:
     return {**table, "total": _counts([score for group in rows.values() for score in group])}
 
 
-def _fit(scores: Sequence[TakeScore]) -> dict[str, Fit]:
+def _fit(scores: Sequence[EpisodeScore]) -> dict[str, Fit]:
     runs: dict[str, dict[bool, list[float]]] = {}
     for score in scores:
         for joint, fit in score.fit.items():
@@ -273,7 +278,7 @@ def _fit(scores: Sequence[TakeScore]) -> dict[str, Fit]:
     }
 
 
-def _false_alarms(scores: Sequence[TakeScore]) -> FalseAlarms | None:
+def _false_alarms(scores: Sequence[EpisodeScore]) -> FalseAlarms | None:
     if not scores:
         return None
     hours, count = sum(s.seconds for s in scores) / 3600.0, sum(s.false for s in scores)
@@ -307,19 +312,19 @@ def _torque(sums: TorqueSums) -> Torque | None:
     )
 
 
-def _rebound(scores: Sequence[TakeScore]) -> Rebound | None:
+def _rebound(scores: Sequence[EpisodeScore]) -> Rebound | None:
     swings, touches = sum(s.swings for s in scores), sum(s.touches for s in scores)
     if not swings and not touches:
         return None
     return Rebound(
-        recall=sum(s.swings_told for s in scores) / swings if swings else None,
-        mislabelled=sum(s.touches_mistold for s in scores) / touches if touches else None,
+        recall=sum(s.rebounds_reported for s in scores) / swings if swings else None,
+        mislabelled=sum(s.contacts_misreported for s in scores) / touches if touches else None,
         swings=swings,
         touches=touches,
     )
 
 
-def _thresholds(scores: Sequence[TakeScore], robot: RobotConfig) -> Mapping[str, Any]:
+def _thresholds(scores: Sequence[EpisodeScore], robot: RobotConfig) -> Mapping[str, Any]:
     """``threshold_deg`` and ``threshold_nm``."""
     names = [name for name in robot.joint_names if name not in robot.hands.joints]
     columns = [robot.joint_index(name) for name in names]
@@ -339,12 +344,12 @@ def _thresholds(scores: Sequence[TakeScore], robot: RobotConfig) -> Mapping[str,
     }
 
 
-def _latency(scores: Sequence[TakeScore]) -> Latency:
+def _latency(scores: Sequence[EpisodeScore]) -> Latency:
     median, p99 = np.percentile(np.concatenate([s.step_us for s in scores]), (50, 99))
     return Latency(median=float(median), p99=float(p99))
 
 
-def _coverage(scores: Sequence[TakeScore]) -> Coverage:
+def _coverage(scores: Sequence[EpisodeScore]) -> Coverage:
     seen, ticks = np.sum([s.seen for s in scores], axis=0), sum(s.ticks for s in scores)
     watched = seen[seen > 0]
     return Coverage(

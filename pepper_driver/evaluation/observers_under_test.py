@@ -23,7 +23,7 @@ from pepper_driver.config import (
 )
 from pepper_driver.config.arrays import FloatArray
 from pepper_driver.controller import Tick
-from pepper_driver.evaluation.takes import Take
+from pepper_driver.evaluation.episodes import Episode
 from pepper_driver.observer import (
     TREE_TYPES,
     CartTree,
@@ -122,7 +122,7 @@ class OracleObserver(Observer):
         self._row = 0
 
     def step(self, tick: Tick) -> Observation:
-        """Take in the next tick of the recording; the last row stands for all that come after it."""
+        """Episode in the next tick of the recording; the last row stands for all that come after it."""
         expected = self._expected[min(self._row, len(self._expected) - 1)]
         self._row += 1
         measurement = tick.measurement
@@ -146,7 +146,7 @@ TREES: dict[str, TreeKind] = {f"paper-{kind}": kind for kind in TREE_TYPES}
 """The paper's observer by the kind of its trees."""
 DEFAULTS = ("fusion", "paper", *TREES, "momentum", ORACLE)
 ORACLE_SUITES = ("fit", "paper")
-"""The oracle costs a simulation for each take: elsewhere only when it is asked for."""
+"""The oracle costs a simulation for each episode: elsewhere only when it is asked for."""
 SHARED_SUITE = "types"
 """The suite that is about models shared by type of motor."""
 RECORDED = "recorded"
@@ -165,7 +165,7 @@ class ModelFile:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Contestants:
+class ObserversUnderTest:
     """The observers of one evaluation.
 
     Attributes:
@@ -185,20 +185,22 @@ class Contestants:
         oracle = suite in ORACLE_SUITES or self.oracle_everywhere
         return tuple(mode for mode in self.modes if mode != ORACLE or oracle)
 
-    def observer(self, mode: str, take: Take, robot: RobotConfig) -> Observer:
-        """A new observer for one take, with models of the robot that the take's differs from.
+    def observer(self, mode: str, episode: Episode, robot: RobotConfig) -> Observer:
+        """A new observer for one episode, with models of the robot that the episode's differs from.
 
         Raises:
             PepperError: There are no such models; the oracle cannot simulate a recording.
         """
         if mode == ORACLE:
-            return OracleObserver(robot, untouched_error(take.recording, _oracle_uri(take), robot))
-        if recorded := take.plant == RECORDED:
-            own = RobotIdentity(name=take.experiment, identity=take.identity)
-            identities = (own, *take.parents)
+            return OracleObserver(
+                robot, untouched_error(episode.recording, _oracle_uri(episode), robot)
+            )
+        if recorded := episode.plant == RECORDED:
+            own = RobotIdentity(name=episode.experiment, identity=episode.identity)
+            identities = (own, *episode.parents)
         else:
-            identities = (_identity(reference_plant(take.plant, robot), robot),)
-        shared = take.suite == SHARED_SUITE
+            identities = (_identity(reference_plant(episode.plant, robot), robot),)
+        shared = episode.suite == SHARED_SUITE
         return _make(mode, robot, identities, self.files, strict=recorded, shared=shared)
 
 
@@ -210,7 +212,7 @@ def reference_plant(plant: str, robot: RobotConfig) -> str:
 
 def contestants(
     modes: Sequence[str] | None, models: Sequence[Path], robot: RobotConfig
-) -> Contestants:
+) -> ObserversUnderTest:
     """Check names and model files before anything is simulated.
 
     Args:
@@ -240,7 +242,7 @@ def contestants(
             notes.append(f"{mode} is left out: {error}")
         else:
             there.append(mode)
-    return Contestants(
+    return ObserversUnderTest(
         modes=tuple(there),
         files=files,
         oracle_everywhere=bool(modes) and ORACLE in wanted,
@@ -309,9 +311,9 @@ def _identity(plant: str, robot: RobotConfig) -> RobotIdentity:
     return RobotIdentity(name=plant, identity=plant_hash(load_plant(plant, robot), robot))
 
 
-def _oracle_uri(take: Take) -> str:
-    """The plant of a take; of one that was drawn, the one it was drawn from, since nobody knows which it is."""
-    if take.plant == RECORDED:
+def _oracle_uri(episode: Episode) -> str:
+    """The plant of an episode; of one that was drawn, the one it was drawn from, since nobody knows which it is."""
+    if episode.plant == RECORDED:
         raise ModelFileError("the oracle knows simulated robots only")
-    plant = take.plant if take.draw is None else _REFERENCES[0]
+    plant = episode.plant if episode.draw is None else _REFERENCES[0]
     return f"mujoco://?{urlencode({'plant': plant})}"

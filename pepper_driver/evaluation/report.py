@@ -281,12 +281,12 @@ def latency(evaluation: EvaluationResult) -> list[str]:
     return section(
         "Time for one tick",
         table(("observer", "median, us", "p99, us"), _rows(evaluation, suite, cells)),
-        "Wall time of the observer for all joints, while other processes evaluate other takes beside it.",
+        "Wall time of the observer for all joints, while other processes evaluate other episodes beside it.",
     )
 
 
 def missing(evaluation: EvaluationResult) -> list[str]:
-    """Write the section on observers and takes without a result."""
+    """Write the section on observers and episodes without a result."""
     lines = [*evaluation.notes, *(f"{f.title}: {f.reason}" for f in evaluation.failures)]
     return section("Not evaluated", "\n".join(f"- {line}" for line in lines))
 
@@ -378,10 +378,10 @@ def page(evaluation: EvaluationResult, pictures: dict[str, str], command: str) -
 def _provenance(evaluation: EvaluationResult) -> list[str]:
     rows = []
     for suite in evaluation.suites:
-        takes = [take for take in evaluation.takes if take.suite == suite]
-        hours = sum(take.seconds for take in takes) / 3600.0
-        plants, seeds = ({str(getattr(t, key)) for t in takes} for key in ("plant", "seed"))
-        rows.append((suite, str(len(takes)), number(hours), _names(plants), _names(seeds)))
+        episodes = [episode for episode in evaluation.episodes if episode.suite == suite]
+        hours = sum(episode.seconds for episode in episodes) / 3600.0
+        plants, seeds = ({str(getattr(t, key)) for t in episodes} for key in ("plant", "seed"))
+        rows.append((suite, str(len(episodes)), number(hours), _names(plants), _names(seeds)))
     versions = ", ".join(f"{name} {number}" for name, number in evaluation.versions.items())
     about = [f"- `{mode}`: {_ABOUT[mode]}" for mode in evaluation.modes if mode in _ABOUT]
     only = (
@@ -390,7 +390,7 @@ def _provenance(evaluation: EvaluationResult) -> list[str]:
     frozen = f" Suites as frozen in {evaluation.digest}." if evaluation.digest else ""
     return [
         f"Run of {evaluation.date} with {versions}. {evaluation.hours:.2f} hours in all.{frozen}{only}",
-        table(("suite", "takes", "hours", "plants", "seeds"), rows),
+        table(("suite", "episodes", "hours", "plants", "seeds"), rows),
         _RULES,
         "\n".join(about),
     ]

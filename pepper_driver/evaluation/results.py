@@ -6,8 +6,8 @@ from dataclasses import dataclass, field, fields
 from typing import Any
 
 from pepper_driver.config import load_observer_settings, load_robot
+from pepper_driver.evaluation.episode_score import Trace
 from pepper_driver.evaluation.metrics import Metrics
-from pepper_driver.evaluation.take_score import Trace
 
 _HOME = {
     "fit": ("fit", "fit_gap_closed"),
@@ -19,8 +19,8 @@ _MAIN = "collision"
 
 
 @dataclass(frozen=True, kw_only=True)
-class TakeInfo:
-    """Description of a take."""
+class EpisodeInfo:
+    """Description of an episode."""
 
     suite: str
     experiment: str
@@ -31,7 +31,7 @@ class TakeInfo:
 
 @dataclass(frozen=True, kw_only=True)
 class Failure:
-    """A take that gave no result, or an observer that gave none for it."""
+    """An episode that gave no result, or an observer that gave none for it."""
 
     title: str
     reason: str
@@ -44,7 +44,7 @@ class EvaluationResult:
     Attributes:
         suites: In the order in which they were asked for.
         modes: By name and suite.
-        takes: What was evaluated.
+        episodes: What was evaluated.
         failures: What was not.
         notes: Who did not take part, and why.
         traces: For pictures.
@@ -56,7 +56,7 @@ class EvaluationResult:
 
     suites: tuple[str, ...]
     modes: dict[str, dict[str, Metrics]]
-    takes: tuple[TakeInfo, ...]
+    episodes: tuple[EpisodeInfo, ...]
     failures: tuple[Failure, ...]
     notes: tuple[str, ...]
     traces: tuple[Trace, ...] = field(repr=False)
@@ -67,13 +67,13 @@ class EvaluationResult:
 
     @property
     def simulated(self) -> bool:
-        """True if the takes come from simulation, false if from recordings."""
+        """True if the episodes come from simulation, false if from recordings."""
         return self.digest is not None
 
     @property
     def hours(self) -> float:
-        """Length of all takes [h]."""
-        return sum(take.seconds for take in self.takes) / 3600.0
+        """Length of all episodes [h]."""
+        return sum(episode.seconds for episode in self.episodes) / 3600.0
 
     def suite_of(self, key: str, mode: str) -> str:
         """The suite whose answer counts for a figure: the one that is about it, else the first that has it."""
@@ -127,8 +127,8 @@ class EvaluationResult:
             "versions": self.versions,
             "suites": list(self.suites),
             "hours": self.hours,
-            "plants": sorted({take.plant for take in self.takes}),
-            "seeds": list(dict.fromkeys(take.seed for take in self.takes)),
+            "plants": sorted({episode.plant for episode in self.episodes}),
+            "seeds": list(dict.fromkeys(episode.seed for episode in self.episodes)),
             "failures": [{"title": f.title, "reason": f.reason} for f in self.failures],
             "notes": list(self.notes),
             "modes": {

@@ -21,11 +21,11 @@ from pepper_driver.config.contact_specs import (
 from pepper_driver.config.experiment import Experiment
 from pepper_driver.controller import RobotModel
 from pepper_driver.experiments.push_planning import (
-    Bounds,
     PlannedPush,
+    PushLimits,
     PushTooStrongError,
+    evaluate_push,
     plan_push,
-    weigh_push,
 )
 from pepper_driver.experiments.segments import PlannedContact, Segment
 
@@ -149,8 +149,8 @@ class ContactPlanner:
             )
         beside.append(new)
 
-    def _bounds(self, contact: AnyContact) -> Bounds:
-        bounds = Bounds(
+    def _bounds(self, contact: AnyContact) -> PushLimits:
+        bounds = PushLimits(
             load=self._experiment.max_load,
             tipping=self._experiment.max_tipping,
             saturating=contact.saturating,
@@ -228,7 +228,7 @@ class ContactPlanner:
         size = float(np.exp(rng.uniform(*np.log(contact.newtons))))
         heading = rng.uniform(-np.pi, np.pi)
         in_world = size * np.array([np.cos(heading), np.sin(heading), 0.0])
-        planned = weigh_push(
+        planned = evaluate_push(
             self._model,
             self._robot,
             self._plant,
@@ -253,7 +253,7 @@ class ContactPlanner:
     ) -> None:
         """Refuse what the robot could not take in the postures after the first."""
         for posture in postures[1:]:
-            weigh_push(
+            evaluate_push(
                 self._model,
                 self._robot,
                 self._plant,
@@ -275,7 +275,7 @@ def plan_stated(
     contact: StatedContact,
     *,
     posture: FloatArray,
-    bounds: Bounds,
+    bounds: PushLimits,
     beside: Sequence[PlannedPush] = (),
 ) -> PlannedPush:
     """Plan a stated contact on the robot at rest in a posture (17,) [rad]; the rest as for :func:`plan_push`.
@@ -297,7 +297,7 @@ def plan_stated(
             bounds=bounds,
             beside=beside,
         )
-    return weigh_push(
+    return evaluate_push(
         model,
         robot,
         plant,

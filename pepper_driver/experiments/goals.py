@@ -32,7 +32,7 @@ from pepper_driver.controller import (
     WholeBodyController,
 )
 from pepper_driver.controller.tasks.task import TaskRows
-from pepper_driver.experiments.reports import Miss
+from pepper_driver.experiments.reports import GoalDeviation
 from pepper_driver.reflexes import Arbiter
 
 Targeted = PositionTask | OrientationTask | FrameTask | LookAtTask | ComTask | BasePoseTask
@@ -86,11 +86,11 @@ class Goal:
         """Get from wherever the robot is now to the same target in a new time [s]."""
         self.task.move_to(self._wanted, duration)
 
-    def miss(self) -> Miss:
+    def miss(self) -> GoalDeviation:
         """Return the distance of the controller's own state from the target."""
         return self._miss(self.task.error)
 
-    def measured_miss(self, model: RobotModel) -> Miss:
+    def measured_miss(self, model: RobotModel) -> GoalDeviation:
         """Return the distance of a robot from it in a model at its measured state, with its kinematics."""
         task, rows = self._twin, TaskRows.empty(self._twin.rows, model.nv)
         task.attach(model, rows)
@@ -98,9 +98,9 @@ class Goal:
         task.compute(model, rows)
         return self._miss(task.error)
 
-    def _miss(self, error: FloatArray) -> Miss:
+    def _miss(self, error: FloatArray) -> GoalDeviation:
         way, turn = error[self._metres], error[self._radians]
-        return Miss(
+        return GoalDeviation(
             metres=float(np.linalg.norm(way)) if len(way) else None,
             radians=float(np.linalg.norm(turn)) if len(turn) else None,
         )
@@ -113,9 +113,9 @@ class PostureGoal:
     target: FloatArray
     named: BoolArray
 
-    def miss(self, position: FloatArray) -> Miss:
+    def miss(self, position: FloatArray) -> GoalDeviation:
         """Return the distance of (17,) joints [rad] from it: the largest of those that the step named."""
-        return Miss(radians=float(np.abs(position - self.target)[self.named].max()))
+        return GoalDeviation(radians=float(np.abs(position - self.target)[self.named].max()))
 
     def reached(self, controller: WholeBodyController, tolerance: float) -> bool:
         """Return True where the joints that the step named are within a tolerance [rad] and at rest."""
@@ -125,7 +125,7 @@ class PostureGoal:
         return bool((near & slow)[self.named].all())
 
 
-class Measured:
+class MeasuredModel:
     """A model of the robot as it measures itself, apart from the controller's own."""
 
     def __init__(self, robot: RobotConfig) -> None:

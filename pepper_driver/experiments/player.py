@@ -15,7 +15,7 @@ from pepper_driver.config.arrays import BoolArray, FloatArray
 from pepper_driver.config.experiment import Reaction
 from pepper_driver.config.steps import AnyStep, BranchStep, Cues, RandomStep, RepeatStep, Step
 from pepper_driver.experiments.contact_schedule import ContactSchedule
-from pepper_driver.experiments.goals import Goal, Measured, PostureGoal
+from pepper_driver.experiments.goals import Goal, MeasuredModel, PostureGoal
 from pepper_driver.experiments.plan import Plan
 from pepper_driver.experiments.reports import ExperimentReport, GoalReport, StepReport, WaitReport
 from pepper_driver.experiments.segments import PlannedContact, Segment, goal_posture
@@ -130,7 +130,7 @@ class Player:
         self._flows: list[Iterator[Segment]] = [self._flow(plan.experiment.steps, "steps")]
         self._interrupted: _Interrupted | None = None
         self._pending: _Watched | None = None
-        self._measured = Measured(robot)
+        self._measured = MeasuredModel(robot)
         self._active: list[Goal] = []
         self._posture: PostureGoal | None = None
         self._reports: list[StepReport] = []

@@ -18,7 +18,7 @@ from pepper_driver.experiments.footing import Footing
 SHORTEST_LEVER = 1e-3
 """[m] A force with less to turn a joint by does nothing to it."""
 
-DOWNWARDS = (0.5, 1.0)
+DOWNWARD_RATIOS = (0.5, 1.0)
 """Of a push that would tip the robot: how much it may press downwards as well, as a share of its size."""
 
 HELD_BY_FRICTION = 0.5
@@ -30,7 +30,7 @@ class PushTooStrongError(PepperError, ValueError):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Bounds:
+class PushLimits:
     """Limits of a push on the robot.
 
     Attributes:
@@ -94,7 +94,7 @@ def plan_push(
     degrees: float,
     direction: int,
     posture: FloatArray,
-    bounds: Bounds,
+    bounds: PushLimits,
     beside: Sequence[PlannedPush] = (),
 ) -> PlannedPush:
     """The smallest force at a point that puts ``degrees`` equivalent degrees on a joint.
@@ -126,7 +126,7 @@ def plan_push(
     refused: PushTooStrongError | None = None
     for force in _forces(model, robot, joint, link, point, torque, posture, bounds):
         try:
-            return weigh_push(
+            return evaluate_push(
                 model,
                 robot,
                 plant,
@@ -156,7 +156,7 @@ def _forces(
     point: FloatArray,
     torque: float,
     posture: FloatArray,
-    bounds: Bounds,
+    bounds: PushLimits,
 ) -> Iterator[FloatArray]:
     """(3,) forces in the world that put ``torque`` on a joint: the smallest, then some that may fit where it does not.
 
@@ -180,11 +180,11 @@ def _forces(
     along = way / np.linalg.norm(way)
     down = np.array([0.0, 0.0, -1.0])
     down -= along * float(along @ down)
-    for share in DOWNWARDS:
+    for share in DOWNWARD_RATIOS:
         yield from (force + share * float(np.linalg.norm(force)) * down for force in candidates)
 
 
-def weigh_push(
+def evaluate_push(
     model: RobotModel,
     robot: RobotConfig,
     plant: SimulatedPlant,
@@ -195,7 +195,7 @@ def weigh_push(
     force: FloatArray,
     frame: Literal["world", "link"],
     posture: FloatArray,
-    bounds: Bounds,
+    bounds: PushLimits,
     beside: Sequence[PlannedPush] = (),
 ) -> PlannedPush:
     """Evaluate a force (3,) [N] on a point: its effect on a joint, the motor boards and the stand of the robot.
@@ -258,7 +258,7 @@ def _outer(robot: RobotConfig, joint: str) -> list[int]:
     return [robot.joint_index(name) for name in chain[chain.index(joint) + 1 :]]
 
 
-def _check(planned: PlannedPush, bounds: Bounds, worst: str, tipping: float) -> None:
+def _check(planned: PlannedPush, bounds: PushLimits, worst: str, tipping: float) -> None:
     size = (
         f"{planned.newtons:.1f} N on {planned.link}, {planned.degrees:.1f} equivalent degrees"
         f"{f' on {planned.joint}' if planned.joint else ''},"
@@ -284,7 +284,7 @@ def _check_outer(
     degrees: FloatArray,
     robot: RobotConfig,
     plant: SimulatedPlant,
-    bounds: Bounds,
+    bounds: PushLimits,
 ) -> None:
     """Refuse a push that a joint further out would feel too."""
     if not np.isfinite(bounds.max_distal_ratio):

@@ -12,7 +12,7 @@ from pepper_driver.observer import Contact, KnownPush
 
 
 @dataclass(frozen=True, kw_only=True)
-class Miss:
+class GoalDeviation:
     """Deviation from a target in ``metres`` and ``radians``; None for a part that the target does not have."""
 
     metres: float | None = None
@@ -43,8 +43,8 @@ class GoalReport:
     """
 
     name: str
-    commanded: Miss
-    measured: Miss
+    commanded: GoalDeviation
+    measured: GoalDeviation
 
 
 @dataclass(frozen=True, kw_only=True)

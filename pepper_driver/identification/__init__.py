@@ -23,10 +23,10 @@ from pepper_driver.identification.identify import (
 from pepper_driver.identification.quality import Finding, inspect_recordings
 from pepper_driver.identification.runs import (
     CALIBRATION_STIFFNESS,
-    RehearsalError,
+    DryRunError,
     Run,
+    check_dry_run,
     plan_runs,
-    rehearse,
     sweeps_of,
 )
 
@@ -35,6 +35,7 @@ __all__ = [
     "CLOSED_FORM",
     "MANIFEST",
     "Confirm",
+    "DryRunError",
     "Finding",
     "Fit",
     "FittedModels",
@@ -43,9 +44,9 @@ __all__ = [
     "JointRecordings",
     "Progress",
     "RecordingFolderError",
-    "RehearsalError",
     "Run",
     "SharedFit",
+    "check_dry_run",
     "chosen_joints",
     "finished",
     "fit_folder",
@@ -57,6 +58,5 @@ __all__ = [
     "plan_runs",
     "read_manifest",
     "record_joints",
-    "rehearse",
     "sweeps_of",
 ]

@@ -251,7 +251,7 @@ def read_manifest(folder: Path) -> Manifest:
     """The manifest in a folder.
 
     Raises:
-        RecordingFolderError: In one line: file, reason, cure.
+        RecordingFolderError: In one line: file, reason, remedy.
     """
     path = folder / MANIFEST
     try:

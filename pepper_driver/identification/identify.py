@@ -45,9 +45,9 @@ from pepper_driver.identification.fit import (
 from pepper_driver.identification.quality import Finding, inspect_recordings
 from pepper_driver.identification.runs import (
     Run,
+    check_dry_run,
     perform,
     plan_runs,
-    rehearse,
     seeded_uri,
     sweeps_of,
 )
@@ -141,7 +141,7 @@ def _rehearse_all(runs: Sequence[Run], workers: int, tell: Progress) -> None:
 
 
 def _rehearse(run: Run) -> float:
-    rehearse(run)
+    check_dry_run(run)
     return run.seconds
 
 

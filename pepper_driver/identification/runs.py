@@ -207,15 +207,15 @@ def seeded_uri(uri: str, run: Run) -> str:
     return with_query(uri, seed=int(np.random.SeedSequence((*run.seed, root)).generate_state(1)[0]))
 
 
-class RehearsalError(PepperError, RuntimeError):
+class DryRunError(PepperError, RuntimeError):
     """A run would not go as it should; nothing has moved."""
 
 
-def rehearse(run: Run) -> None:
+def check_dry_run(run: Run) -> None:
     """Have controller and gate play a run.
 
     Raises:
-        RehearsalError: The gate would stop the robot or alter a command, or the controller would find no motion that
+        DryRunError: The gate would stop the robot or alter a command, or the controller would find no motion that
             keeps its constraints.
     """
     robot = load_robot()
@@ -229,16 +229,16 @@ def rehearse(run: Run) -> None:
         status = pepper.controller.status
         if status.solver != "solved":
             lost = ", ".join(status.unmet) or status.solver
-            raise RehearsalError(f"the controller cannot keep its limits ({lost})")
+            raise DryRunError(f"the controller cannot keep its limits ({lost})")
         if tick.changed.any():
             joint = robot.joint_names[int(np.argmax(tick.changed))]
-            raise RehearsalError(f"the safety gate would alter the command of {joint}")
+            raise DryRunError(f"the safety gate would alter the command of {joint}")
 
     plan = plan_experiment(run.experiment, robot, pepper.backend, seed=run.seed)
     try:
         with pepper:
             pepper.play(plan, on_tick=watch, skip_settling=True)
-    except (RehearsalError, FaultError) as error:
-        raise RehearsalError(
+    except (DryRunError, FaultError) as error:
+        raise DryRunError(
             f"run {run.name} would fail {time:.1f} s after its start: {error}; nothing has moved"
         ) from error

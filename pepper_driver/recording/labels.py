@@ -37,8 +37,8 @@ def recording_of(log: RunLog, robot: RobotConfig) -> Recording:
         raise RecordingError(
             f"this log is of a robot with other joints, or another order of them, than '{robot.name}'"
         )
-    goes_on = np.diff(log["time"], prepend=-np.inf) != 0
-    columns = {field.column: log[field.name][goes_on] for field in RECORDED_FIELDS}
+    continues = np.diff(log["time"], prepend=-np.inf) != 0
+    columns = {field.column: log[field.name][continues] for field in RECORDED_FIELDS}
     return Recording(joint_names=log.joint_names, **columns)
 
 

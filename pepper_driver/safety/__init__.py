@@ -1,6 +1,6 @@
 """The safety gate between controller and backend: every command passes it, every measurement is watched."""
 
-from pepper_driver.safety.gate import Gated, NotReadyError, SafetyGate
+from pepper_driver.safety.gate import GatedCommand, NotReadyError, SafetyGate
 from pepper_driver.safety.states import (
     TRANSITIONS,
     Fault,
@@ -15,7 +15,7 @@ __all__ = [
     "Fault",
     "FaultError",
     "FaultReason",
-    "Gated",
+    "GatedCommand",
     "NotReadyError",
     "RobotState",
     "SafetyGate",

@@ -11,7 +11,7 @@ from pepper_driver.config import ControllerSettings, PepperError, RobotConfig, S
 from pepper_driver.config.arrays import BoolArray, FloatArray
 from pepper_driver.controller import Reference
 from pepper_driver.safety.limits import BaseGuard, JointLimits
-from pepper_driver.safety.monitor import Watch
+from pepper_driver.safety.monitor import MeasurementMonitor
 from pepper_driver.safety.states import Fault, FaultReason, RobotState, StateMachine
 
 FLOAT = np.dtype(np.float64)
@@ -22,7 +22,7 @@ class NotReadyError(PepperError, RuntimeError):
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class Gated:
+class GatedCommand:
     """Command that leaves the gate, and its changes.
 
     Attributes:
@@ -62,7 +62,7 @@ class SafetyGate:
             robot.cycle,
         )
         self._base = BaseGuard(robot, settings)
-        self._watch = Watch(robot, settings)
+        self._watch = MeasurementMonitor(robot, settings)
         self._largest_stiffness_step = robot.cycle / settings.stiffness_ramp
         n = len(robot.joint_names)
         self._n = n
@@ -96,7 +96,7 @@ class SafetyGate:
         """See whether a robot that does not move yet may start to.
 
         Raises:
-            NotReadyError: It should not: the message names every reason and its cure.
+            NotReadyError: It should not: the message names every reason and its remedy.
         """
         reasons = list(self._watch.unfit(measurement))
         if reasons:
@@ -146,7 +146,7 @@ class SafetyGate:
 
     def gate(
         self, reference: Reference, stiffness: FloatArray, wheel_speed: FloatArray, age: float
-    ) -> Gated:
+    ) -> GatedCommand:
         """The command to send for a reference.
 
         Args:
@@ -190,7 +190,7 @@ class SafetyGate:
                 return self._held(self._all)
             changed = joints.clamp(wanted)
         self._sent = Command(position=joints.position, stiffness=stiff, wheel_speed=limited)
-        return Gated(
+        return GatedCommand(
             command=self._sent,
             changed=changed,
             joints_changed=changed is not self._none and bool(changed.any()),
@@ -216,9 +216,9 @@ class SafetyGate:
         self.stop(FaultReason.COMMAND, f"asked for a {what} that is not a number")
         return False
 
-    def _held(self, changed: BoolArray) -> Gated:
+    def _held(self, changed: BoolArray) -> GatedCommand:
         command = self.hold()
-        return Gated(
+        return GatedCommand(
             command=command,
             changed=changed,
             joints_changed=bool(changed.any()),

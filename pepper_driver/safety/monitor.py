@@ -20,7 +20,7 @@ NAMED = 3
 """Joints and wheels that a message names, at most."""
 
 
-class MotorWatch:
+class MotorMonitor:
     """Compares the stiffness that boards are told with what was sent, and looks for joints of which nothing changes.
 
     Args:
@@ -108,7 +108,7 @@ class MotorWatch:
             "neither its position nor its current changes any more; its board is off or unplugged: restart the robot, "
             "or have it repaired"
         )
-        return Fault(reason=FaultReason.SILENT_JOINT, text=text)
+        return Fault(reason=FaultReason.FROZEN_JOINT, text=text)
 
     def _listed(self, joints: BoolArray) -> str:
         names = [self._names[index] for index in np.flatnonzero(joints).tolist()]
@@ -122,14 +122,14 @@ def _list(names: Sequence[str]) -> str:
 
 logger = logging.getLogger("pepper_driver")
 
-LOOK_PERIOD = 0.5
+SLOW_CHECK_PERIOD = 0.5
 """[s] Between two looks at temperatures and charge, which change over minutes."""
 
-LOOKS = 3
+CONFIRMATIONS = 3
 """Looks in a row that must agree before a robot is stopped: one odd sample stops none."""
 
 
-class Watch:
+class MeasurementMonitor:
     """Compares each measurement with the command it answers. Costs a few microseconds.
 
     Args:
@@ -142,8 +142,8 @@ class Watch:
         self._settings = settings
         self._divergence_ticks = round(settings.divergence_time / robot.cycle)
         self._square = min(settings.divergence, settings.silent) ** 2
-        self._motors = MotorWatch(robot, settings)
-        self._look_ticks = round(LOOK_PERIOD / robot.cycle)
+        self._motors = MotorMonitor(robot, settings)
+        self._look_ticks = round(SLOW_CHECK_PERIOD / robot.cycle)
         self._distance = np.zeros(len(self._names))
         self.reset()
 
@@ -247,7 +247,7 @@ class Watch:
             )
         hot = temperature >= settings.temperature_fault
         self._hot = np.where(hot, self._hot + 1, 0)
-        if self._hot.max() >= LOOKS:
+        if self._hot.max() >= CONFIRMATIONS:
             index = int(self._hot.argmax())
             text = f"the motor of {self._names[index]} has {temperature[index]:.0f} deg C"
             return Fault(reason=FaultReason.TEMPERATURE, text=text)
@@ -255,7 +255,7 @@ class Watch:
         if charge < settings.battery_warning:
             self._warn("battery", f"{text}: the robot is stopped at {settings.battery_fault:.0%}")
         self._low = self._low + 1 if charge < settings.battery_fault else 0
-        if self._low >= LOOKS:
+        if self._low >= CONFIRMATIONS:
             return Fault(reason=FaultReason.BATTERY, text=text)
         if isnan(charge):
             self._warn("charge", "the charge of the battery cannot be read: nothing watches it")

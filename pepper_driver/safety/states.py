@@ -38,7 +38,7 @@ class FaultReason(Enum):
     SENSOR = "sensor"
     DIVERGENCE = "divergence"
     STIFFNESS = "stiffness"
-    SILENT_JOINT = "silent joint"
+    FROZEN_JOINT = "silent joint"
     FOREIGN_COMMAND = "foreign command"
     COMMAND = "command"
     TEMPERATURE = "temperature"

@@ -196,10 +196,10 @@ def test_a_hung_naoqi_says_nothing_and_the_robot_goes_on(stand_in: StandIn, sess
         stand_in.set_fault("none")
     stand_in.clear_faults()
     assert answer.value(ANSWER)
-    assert goes_on(since(stand_in, begin))
+    assert continues(since(stand_in, begin))
 
 
-def goes_on(box: BlackBox) -> bool:
+def continues(box: BlackBox) -> bool:
     """Whether the robot made a cycle every 12 ms of its own time."""
     return len(box) > 10 and set(np.diff(box.date) - 12 * np.diff(box.cycle)) == {0}
 
@@ -220,7 +220,7 @@ def test_a_killed_naoqi_comes_back_to_the_same_robot(
     again.close()
     box = since(stand_in, begin)
     assert shown == pytest.approx(0.8, abs=0.06)
-    assert goes_on(box)
+    assert continues(box)
     assert np.abs(box.position[:, PLACE] - 0.8).max() < 0.06  # it held its arm all the time
 
 

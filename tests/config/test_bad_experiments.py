@@ -1,4 +1,4 @@
-"""Mistakes that people make in experiment files: each is one line with the line of the file, the key and the cure."""
+"""Mistakes that people make in experiment files: each is one line with the line of the file, the key and the remedy."""
 
 import re
 from pathlib import Path

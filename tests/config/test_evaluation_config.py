@@ -94,7 +94,7 @@ def test_wrong_suites_are_one_line(copy: Path, old: str, new: str, reason: str) 
     assert "\n" not in str(caught.value)
 
 
-def test_no_two_takes_share_a_seed_and_none_has_one_of_identification(
+def test_no_two_episodes_share_a_seed_and_none_has_one_of_identification(
     evaluation: EvaluationSuites,
 ) -> None:
     runs = [run for suite in evaluation.names for run in evaluation.runs(suite)]

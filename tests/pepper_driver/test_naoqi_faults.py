@@ -100,10 +100,10 @@ def test_a_robot_that_goes_on_takes_at_most_two_commands(robot: StandIn) -> None
     assert_wheels_stop(outcome.box)
     assert_joints_hold(outcome.box, outcome.ended)
     orders, told = outcome.box.orders[-1], outcome.box.position_command[-1]
-    goes_on = time.monotonic()
+    continues = time.monotonic()
     robot.clear_faults()
     wait_for_cycles(robot, 25)
-    box = since(robot, goes_on)
+    box = since(robot, continues)
     assert box.orders[-1] - orders <= 2
     assert np.abs(box.position_command - told).max() <= LARGEST_STEP
     assert not box.wheel_command[-1].any()
@@ -148,7 +148,7 @@ def test_a_disconnected_joint_is_told_and_sinks(robot: StandIn) -> None:
     """The others go on until its command has left what it shows: at rest nobody could tell."""
     outcome = drive(robot, "disconnected:LShoulderPitch", 5.0)
     assert isinstance(outcome.error, FaultError)
-    assert outcome.error.fault.reason is FaultReason.SILENT_JOINT
+    assert outcome.error.fault.reason is FaultReason.FROZEN_JOINT
     assert "LShoulderPitch does not answer" in str(outcome.error)
     place = ROBOT.joint_index("LShoulderPitch")
     box = outcome.box

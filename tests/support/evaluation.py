@@ -11,7 +11,7 @@ import numpy as np
 from pepper_driver.config import load_robot
 from pepper_driver.config.arrays import FloatArray
 from pepper_driver.controller import Tick
-from pepper_driver.evaluation.takes import Take
+from pepper_driver.evaluation.episodes import Episode
 from pepper_driver.observer import Contact, JointState, KnownPush, Observation, Observer, Recording
 
 ROBOT = load_robot()
@@ -89,7 +89,7 @@ def recording(seconds: float, error: FloatArray | None = None) -> Recording:
     )
 
 
-def make_take(
+def make_episode(
     pushes: Sequence[KnownPush] = (),
     *,
     seconds: float = 12.0,
@@ -97,8 +97,8 @@ def make_take(
     experiment: str = "left",
     task_stiffness: float = 8.0,
     error: FloatArray | None = None,
-) -> Take:
-    """A take in which each push on a joint grows and falls as half a sine."""
+) -> Episode:
+    """An episode in which each push on a joint grows and falls as half a sine."""
     run = recording(seconds, error)
     torque = np.zeros((len(run), JOINTS))
     for one in pushes:
@@ -108,7 +108,7 @@ def make_take(
         shape = np.where((phase > 0) & (phase < 1), np.sin(np.pi * phase), 0.0)
         size = one.direction * np.radians(one.degrees) * STIFFNESS
         torque[:, ROBOT.joint_index(one.joint)] += size * shape
-    return Take(
+    return Episode(
         recording=run,
         pushes=tuple(pushes),
         contact_torque=torque,

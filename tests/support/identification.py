@@ -86,5 +86,5 @@ def use_backends(monkeypatch: pytest.MonkeyPatch, *kinds: type[MockBackend]) -> 
 
     monkeypatch.setattr("pepper_driver.identification.identify.make_backend", make)
     monkeypatch.setattr("pepper_driver.robot.make_backend", make_running)
-    monkeypatch.setattr("pepper_driver.identification.identify.rehearse", lambda run: None)
+    monkeypatch.setattr("pepper_driver.identification.identify.check_dry_run", lambda run: None)
     return made

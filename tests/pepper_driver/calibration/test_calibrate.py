@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 
 from pepper_driver.calibration import calibrate, fit
 from pepper_driver.calibration.calibrate import (
+    BenchResult,
+    CalibrationMetric,
     CalibrationReport,
-    Figure,
-    Measured,
     residual,
     statistics,
 )
@@ -62,7 +62,7 @@ TRUE = {
     "RElbowRoll": DriveValues(stiffness=78.0, friction=0.5),
     "RWristYaw": DriveValues(stiffness=0.6, friction=0.004, dead_band=float(np.radians(0.4))),
 }
-"""A made-up robot; the wrist's stiffness is the shipped plant's, which no figure tells."""
+"""A made-up robot; the wrist's stiffness is the shipped plant's, which no metric tells."""
 
 
 def table(errors_deg: list[list[float]]) -> TrackingTable:
@@ -111,8 +111,8 @@ def test_statistics_are_of_absolute_error_and_of_one_joint() -> None:
 def test_a_figure_passes_within_its_limit_either_way(
     real: float | None, simulated: float, limit: float | None, passed: bool | None
 ) -> None:
-    figure = Figure(joint="x", quantity="y", real=real, simulated=simulated, limit=limit)
-    assert figure.passed is passed
+    metric = CalibrationMetric(joint="x", quantity="y", real=real, simulated=simulated, limit=limit)
+    assert metric.passed is passed
 
 
 def test_the_closed_form_is_eq_11_in_a_steady_ramp() -> None:
@@ -242,7 +242,7 @@ def modelled_holds(joint: str, values: DriveValues) -> tuple[NDArray[Any], NDArr
 
 def model_bench(
     robot: RobotConfig, plant: PlantConfig, calibration: Calibration, seed: int, **rest: Any
-) -> Measured:
+) -> BenchResult:
     """Stands in for the simulation: closed forms."""
     rest["progress"](1.0)
     holds = {j: modelled_holds(j, values_of(robot, plant, j)) for j in TRUE}
@@ -255,7 +255,7 @@ def model_bench(
         )
         for name, wanted in calibration.recordings.tables.items()
     }
-    return Measured(
+    return BenchResult(
         tables=tables,
         holds=HoldEnds(
             joints=tuple(TRUE),
@@ -292,15 +292,15 @@ def report(**changes: Any) -> CalibrationReport:
 
 
 def test_the_json_has_the_agreed_keys() -> None:
-    figures = json.loads(json.dumps(report().as_json()))
-    assert set(figures["residual_deg"]) == {"LShoulderRoll", "RElbowRoll"}
-    assert set(figures["hold_deg"]) == set(TRUE)
-    assert all(set(entry) == {"median", "p90"} for entry in figures["hold_deg"].values())
-    assert figures["reference_error_mrad"] == pytest.approx(0.25)
-    assert figures["real_time_factor"] == 12.0
-    roll = figures["hold_deg"]["RShoulderRoll"]["median"]
-    assert figures["hold_factor"]["RShoulderRoll"]["median"] == pytest.approx(roll / 0.67)
-    assert figures["hold_current_a"]["RWristYaw"] == {"median": 0.0, "p90": 0.0}
+    metrics = json.loads(json.dumps(report().as_json()))
+    assert set(metrics["residual_deg"]) == {"LShoulderRoll", "RElbowRoll"}
+    assert set(metrics["hold_deg"]) == set(TRUE)
+    assert all(set(entry) == {"median", "p90"} for entry in metrics["hold_deg"].values())
+    assert metrics["reference_error_mrad"] == pytest.approx(0.25)
+    assert metrics["real_time_factor"] == 12.0
+    roll = metrics["hold_deg"]["RShoulderRoll"]["median"]
+    assert metrics["hold_factor"]["RShoulderRoll"]["median"] == pytest.approx(roll / 0.67)
+    assert metrics["hold_current_a"]["RWristYaw"] == {"median": 0.0, "p90": 0.0}
 
 
 def test_a_report_passes_when_every_limit_is_kept() -> None:
@@ -336,9 +336,9 @@ def tiny(monkeypatch: pytest.MonkeyPatch) -> Callable[[list[str]], int]:
 def test_check_measures_and_writes_figures(
     tiny: Callable[[list[str]], int], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    figures, picture = tmp_path / "figures.json", tmp_path / "picture.png"
-    assert tiny(["--check", "--json", str(figures), "--plot", str(picture)]) == 0
-    content = json.loads(figures.read_text())
+    metrics, picture = tmp_path / "metrics.json", tmp_path / "picture.png"
+    assert tiny(["--check", "--json", str(metrics), "--plot", str(picture)]) == 0
+    content = json.loads(metrics.read_text())
     assert content["plant"] == "nominal"
     assert "fit" not in content
     assert 0.0 < content["residual_deg"]["RElbowRoll"] < 5.0
@@ -353,9 +353,9 @@ def test_check_measures_and_writes_figures(
 def test_a_fit_writes_a_plant_that_loads(
     law: str, tiny: Callable[[list[str]], int], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    out, figures = tmp_path / "mine.yaml", tmp_path / "figures.json"
-    assert tiny(["--law", law, "--out", str(out), "--json", str(figures)]) == 0
-    content = json.loads(figures.read_text())
+    out, metrics = tmp_path / "mine.yaml", tmp_path / "metrics.json"
+    assert tiny(["--law", law, "--out", str(out), "--json", str(metrics)]) == 0
+    content = json.loads(metrics.read_text())
     plant = load_plant(str(out), ROBOT)
     for joint, values in content["fit"]["joints"].items():
         found = values_of(ROBOT, plant, joint)
@@ -400,10 +400,10 @@ def test_a_wrong_input_is_one_line_and_code_2(
 
 
 def test_hold_statistics_compare_like_with_like() -> None:
-    """The figures of a report are the real ones beside those of the same joint."""
-    figures = {(f.joint, f.quantity): f for f in report().figures}
+    """The metrics of a report are the real ones beside those of the same joint."""
+    metrics = {(f.joint, f.quantity): f for f in report().metrics}
     for joint, real in REAL.recordings.holds.items():
         assert isinstance(real, HoldStatistics)
-        assert figures[joint, "p90"].real == real.p90_deg
-        assert figures[joint, "current median"].real == real.current[0]
-        assert figures[joint, "current p90"].limit is None
+        assert metrics[joint, "p90"].real == real.p90_deg
+        assert metrics[joint, "current median"].real == real.current[0]
+        assert metrics[joint, "current p90"].limit is None

@@ -1,4 +1,4 @@
-"""The plant's step is fine enough, and the figure that says so means something."""
+"""The plant's step is fine enough, and the metric that says so means something."""
 
 from dataclasses import replace
 

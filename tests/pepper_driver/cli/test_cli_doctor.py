@@ -40,7 +40,7 @@ def test_the_simulated_robot_is_well(tmp_path: Path, capsys: pytest.CaptureFixtu
     assert {name for name, outcome in rows.items() if outcome != "ok"} == {"diagnosis"}
     content = json.loads(figures.read_text())
     assert content["passed"] is True
-    assert {result["name"]: result["outcome"] for result in content["results"]} == rows
+    assert {result["name"]: result["status"] for result in content["results"]} == rows
     assert len(content["joints"]) == 14
 
 

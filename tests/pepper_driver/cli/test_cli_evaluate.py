@@ -1,4 +1,4 @@
-"""``pepper evaluate`` as a user meets it: one short simulated take, a labelled recording, wrong input."""
+"""``pepper evaluate`` as a user meets it: one short simulated episode, a labelled recording, wrong input."""
 
 import json
 from dataclasses import replace
@@ -11,7 +11,7 @@ from pepper_driver.cli.app import run
 from pepper_driver.config import load_robot
 from pepper_driver.config.evaluation import EvaluationSuites, load_evaluation
 from pepper_driver.controller import Tick
-from pepper_driver.evaluation import takes
+from pepper_driver.evaluation import episodes
 from pepper_driver.log import Label, LogWriter
 from pepper_driver.loop import TickRecord
 from pepper_driver.observer import Observation
@@ -49,8 +49,14 @@ def short(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.usefixtures("short")
-def test_a_take_from_simulation_to_page(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    figures, page, cache = tmp_path / "f.json", tmp_path / "docs" / "results.md", tmp_path / "takes"
+def test_a_episode_from_simulation_to_page(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    figures, page, cache = (
+        tmp_path / "f.json",
+        tmp_path / "docs" / "results.md",
+        tmp_path / "episodes",
+    )
     arguments = ["evaluate", "--suite", "paper", "--mode", "paper,oracle", "--workers", "1"]
     arguments += ["--json", str(figures), "--cache", str(cache), "--report", str(page)]
     assert run(arguments) == 0
@@ -69,7 +75,7 @@ def test_a_take_from_simulation_to_page(tmp_path: Path, capsys: pytest.CaptureFi
     # Once more from the cache: nothing is simulated, and the figures are the same.
     again = tmp_path / "again.json"
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(takes, "_performed", None)
+        patch.setattr(episodes, "_performed", None)
         assert run([*arguments[:7], "--cache", str(cache), "--json", str(again)]) == 0
     second = json.loads(again.read_text())
     for name in ("table1", "recall", "delay_ms", "threshold_deg"):
@@ -77,13 +83,13 @@ def test_a_take_from_simulation_to_page(tmp_path: Path, capsys: pytest.CaptureFi
 
 
 @pytest.mark.usefixtures("short")
-def test_a_failed_take_is_told_and_is_exit_code_1(
+def test_a_failed_episode_is_told_and_is_exit_code_1(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def falls(*_: object) -> None:
-        raise takes.TakeError("it tipped")
+        raise episodes.EpisodeError("it tipped")
 
-    monkeypatch.setattr(takes, "_performed", falls)
+    monkeypatch.setattr(episodes, "_performed", falls)
     arguments = ["evaluate", "--suite", "paper", "--mode", "paper", "--workers", "1"]
     json_file = tmp_path / "f.json"
     assert run([*arguments, "--cache", str(tmp_path / "c"), "--json", str(json_file)]) == 1

@@ -15,9 +15,9 @@ from pepper_driver.cli.app import run
 from pepper_driver.config import load_controller_settings
 from pepper_driver.controller import WholeBodyController
 from pepper_driver.controller.report import ControllerStatus
-from pepper_driver.identification import MANIFEST, RehearsalError, load_recordings, plan_runs
+from pepper_driver.identification import MANIFEST, DryRunError, load_recordings, plan_runs
 from pepper_driver.identification import identify as identify_module
-from pepper_driver.identification.runs import rehearse
+from pepper_driver.identification.runs import check_dry_run
 from pepper_driver.observer import ModelSet
 from support.identification import (
     ROBOT,
@@ -193,9 +193,9 @@ def test_all_runs_are_rehearsed_before_a_real_robot_moves(
 
     def refuse_the_last(run: object) -> None:
         if getattr(run, "name", "") == "calibration-4":
-            raise RehearsalError("run calibration-4 would fail")
+            raise DryRunError("run calibration-4 would fail")
 
-    monkeypatch.setattr(identify_module, "rehearse", refuse_the_last)
+    monkeypatch.setattr(identify_module, "check_dry_run", refuse_the_last)
     options = ["--out", str(tmp_path / "m.json"), "--joints", "HeadPitch", *REAL]
     assert run(["identify", *options, *short_files(tmp_path), "--yes"]) == 2
     assert "calibration-4 would fail" in capsys.readouterr().err
@@ -203,7 +203,7 @@ def test_all_runs_are_rehearsed_before_a_real_robot_moves(
 
 
 def test_a_rehearsal_passes_what_is_safe() -> None:
-    rehearse(plan_runs(ROBOT, ["KneePitch"], SHORT)[-1])
+    check_dry_run(plan_runs(ROBOT, ["KneePitch"], SHORT)[-1])
 
 
 def test_a_rehearsal_refuses_what_the_controller_or_the_gate_would_stop(
@@ -216,14 +216,14 @@ def test_a_rehearsal_refuses_what_the_controller_or_the_gate_would_stop(
     with monkeypatch.context() as patch:
         patch.setattr(WholeBodyController, "status", lost)
         with pytest.raises(
-            RehearsalError,
+            DryRunError,
             match=r"run KneePitch-1 would fail 0\.\d s after .*\(balance at rest\); nothing has moved",
         ):
-            rehearse(knee)
+            check_dry_run(knee)
     read = MockBackend.read
     monkeypatch.setattr(MockBackend, "read", lambda self: replace(read(self), age=0.2))
-    with pytest.raises(RehearsalError, match="the newest sample is 200 ms old; nothing has moved"):
-        rehearse(knee)
+    with pytest.raises(DryRunError, match="the newest sample is 200 ms old; nothing has moved"):
+        check_dry_run(knee)
 
 
 def test_legs_are_not_moved_without_the_balance_constraint(

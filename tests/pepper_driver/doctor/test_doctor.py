@@ -16,7 +16,7 @@ from pepper_driver.config import (
     load_controller_settings,
     load_safety_settings,
 )
-from pepper_driver.doctor import Outcome, examine
+from pepper_driver.doctor import CheckStatus, examine
 from pepper_driver.doctor.checks import check_computer, check_models, check_settings
 from pepper_driver.observer import ModelSet
 from pepper_driver.observer.models.model_file import shipped
@@ -37,7 +37,12 @@ from support.doctor import (
 
 SAFETY = load_safety_settings()
 HEAD, ROLL = ROBOT.joint_index("HeadYaw"), ROBOT.joint_index("LShoulderRoll")
-OK, WARNING, FAILED, UNKNOWN = Outcome.OK, Outcome.WARNING, Outcome.FAILED, Outcome.UNKNOWN
+OK, WARNING, FAILED, UNKNOWN = (
+    CheckStatus.OK,
+    CheckStatus.WARNING,
+    CheckStatus.FAILED,
+    CheckStatus.UNKNOWN,
+)
 
 
 @pytest.fixture(scope="module")
@@ -51,17 +56,17 @@ def test_a_robot_that_is_well_passes_and_was_never_moved(
     patient = Patient()
     examination = examined(monkeypatch, patient, models)
     assert examination.passed
-    outcomes = {result.name: result.outcome for result in examination.results}
-    unknown = {name for name, outcome in outcomes.items() if outcome is UNKNOWN}
+    statuses = {result.name: result.status for result in examination.results}
+    unknown = {name for name, status in statuses.items() if status is UNKNOWN}
     assert unknown == {"diagnosis", "charging flap"}
-    assert {o for n, o in outcomes.items() if n not in unknown} == {OK}
-    assert all(not result.cure for result in examination.results)
+    assert {o for n, o in statuses.items() if n not in unknown} == {OK}
+    assert all(not result.remedy for result in examination.results)
     assert patient.calls == ["open", "close"]
     assert not patient.commands, "it is read from, and told nothing"
 
 
 @pytest.mark.parametrize(
-    ("sickness", "check", "outcome", "word"),
+    ("sickness", "check", "status", "word"),
     [
         (lost(HEAD), "joints", FAILED, "HeadYaw"),
         (held(HEAD, ROBOT.upper[HEAD] + 0.02), "limits", WARNING, "1.1 deg beyond"),
@@ -99,7 +104,7 @@ def test_a_robot_that_is_well_passes_and_was_never_moved(
 def test_each_sickness_is_found_with_what_to_do_and_nothing_moves(
     sickness: Fault,
     check: str,
-    outcome: Outcome,
+    status: CheckStatus,
     word: str,
     models: Path,
     monkeypatch: pytest.MonkeyPatch,
@@ -107,14 +112,14 @@ def test_each_sickness_is_found_with_what_to_do_and_nothing_moves(
     patient = Patient(sickness)
     examination = examined(monkeypatch, patient, models)
     result = named(examination, check)
-    assert (result.outcome, word in result.found) == (outcome, True), result
-    assert bool(result.cure) == (outcome in (WARNING, FAILED))
-    assert examination.passed == (outcome is not FAILED)
+    assert (result.status, word in result.found) == (status, True), result
+    assert bool(result.remedy) == (status in (WARNING, FAILED))
+    assert examination.passed == (status is not FAILED)
     assert not patient.moved
 
 
 @pytest.mark.parametrize(
-    ("sickness", "check", "outcome", "word"),
+    ("sickness", "check", "status", "word"),
     [
         (shifted_clock(0.5), "clock", FAILED, "jumps by 0.512 s"),
         (shifted_clock(-0.5), "clock", FAILED, "goes back by 0.488 s"),
@@ -128,13 +133,13 @@ def test_each_sickness_is_found_with_what_to_do_and_nothing_moves(
 def test_what_happens_once_is_seen_too(
     sickness: Fault,
     check: str,
-    outcome: Outcome,
+    status: CheckStatus,
     word: str,
     models: Path,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     result = named(examined(monkeypatch, Patient(sickness, tick=100), models), check)
-    assert (result.outcome, word in result.found) == (outcome, True), result
+    assert (result.status, word in result.found) == (status, True), result
 
 
 def test_a_clock_with_another_cycle_is_found(monkeypatch: pytest.MonkeyPatch, models: Path) -> None:
@@ -142,7 +147,7 @@ def test_a_clock_with_another_cycle_is_found(monkeypatch: pytest.MonkeyPatch, mo
         return replace(measurement, time=1.1 * measurement.time)
 
     result = named(examined(monkeypatch, Patient(slow), models), "clock")
-    assert result.outcome is FAILED
+    assert result.status is FAILED
     assert "13.20 ms" in result.found
 
 
@@ -152,12 +157,12 @@ def test_in_real_time_the_rates_of_both_clocks_are_compared(
     walls = count(0.0, 4.8)  # beginning and end of 2.4 s of the robot
     monkeypatch.setattr("pepper_driver.doctor.examination.time.perf_counter", lambda: next(walls))
     result = named(examined(monkeypatch, Patient(real_time=True), models), "clock")
-    assert result.outcome is WARNING
+    assert result.status is WARNING
     assert "0.500 times as fast" in result.found
 
 
 @pytest.mark.parametrize(
-    ("errors", "outcome"),
+    ("errors", "status"),
     [
         ((), OK),
         ((DeviceError(device="LHand", text="no answer", serious=False),), WARNING),
@@ -166,12 +171,12 @@ def test_in_real_time_the_rates_of_both_clocks_are_compared(
 )
 def test_the_robots_own_diagnosis_counts(
     errors: tuple[DeviceError, ...],
-    outcome: Outcome,
+    status: CheckStatus,
     models: Path,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     result = named(examined(monkeypatch, Patient(errors=errors), models), "diagnosis")
-    assert result.outcome is outcome
+    assert result.status is status
     assert all(f"{error.device}: {error.text}" in result.found for error in errors)
 
 
@@ -188,7 +193,7 @@ def test_a_robot_that_is_not_there_is_a_failure_with_a_cure(
         "computer",
         "models",
     ]
-    assert named(examination, "connection").outcome is FAILED
+    assert named(examination, "connection").status is FAILED
     assert "pepper.local" in named(examination, "connection").found
     assert not examination.passed
 
@@ -209,22 +214,22 @@ def test_models_of_another_robot_are_a_failure(
 ) -> None:
     examination = examined(monkeypatch, Patient(), models_for("another", tmp_path))
     result = named(examination, "models")
-    assert result.outcome is FAILED
+    assert result.status is FAILED
     assert "identified on another robot" in result.found
-    assert "pepper identify" in result.cure
+    assert "pepper identify" in result.remedy
     assert examination.models is None
 
 
 def test_a_robot_without_models_is_told_so() -> None:
     result = named(examine("mock"), "models")
-    assert result.outcome is FAILED
+    assert result.status is FAILED
     assert "no models come with the package for 'mock'" in result.found
-    assert "pepper identify" in result.cure
+    assert "pepper identify" in result.remedy
 
 
 def test_a_variant_has_the_models_of_the_plant_it_extends(caplog: pytest.LogCaptureFixture) -> None:
     result = named(examine("mujoco://?plant=worn"), "models")
-    assert result.outcome is OK
+    assert result.status is OK
     assert "identified on 'nominal', of which it is a variant" in result.found
     assert not caplog.records, "it is said once"
 
@@ -232,35 +237,35 @@ def test_a_variant_has_the_models_of_the_plant_it_extends(caplog: pytest.LogCapt
 def test_models_that_lack_a_joint_or_are_of_another_version_are_warned_of() -> None:
     whole = ModelSet.load(shipped("fusion")["nominal"])
     own = [RobotIdentity(name="nominal", identity=whole.identity)]
-    assert check_models(whole, own, ROBOT).outcome is OK
+    assert check_models(whole, own, ROBOT).status is OK
     old = check_models(replace(whole, version="0.0.1"), own, ROBOT)
-    assert (old.outcome, "0.0.1" in old.found) == (WARNING, True)
+    assert (old.status, "0.0.1" in old.found) == (WARNING, True)
     partial = check_models(only(whole, set(ROBOT.joint_names) - {"LHand"}), own, ROBOT)
-    assert (partial.outcome, "LHand" in partial.cure) == (WARNING, True)
+    assert (partial.status, "LHand" in partial.remedy) == (WARNING, True)
 
 
 def test_switched_off_protection_is_warned_of() -> None:
     controller = load_controller_settings(ROBOT)
-    assert check_settings(SAFETY, controller).outcome is OK
+    assert check_settings(SAFETY, controller).status is OK
     deaf = check_settings(replace(SAFETY, chest_button=False), controller)
-    assert (deaf.outcome, "chest_button" in deaf.found) == (WARNING, True)
+    assert (deaf.status, "chest_button" in deaf.found) == (WARNING, True)
     constraints = replace(controller.constraints, self_collision=False)
     bare = check_settings(SAFETY, replace(controller, constraints=constraints))
-    assert (bare.outcome, "self_collision" in bare.found) == (WARNING, True)
-    assert check_settings(SAFETY, replace(controller, velocity="robot")).outcome is WARNING
+    assert (bare.status, "self_collision" in bare.found) == (WARNING, True)
+    assert check_settings(SAFETY, replace(controller, velocity="robot")).status is WARNING
 
 
 @pytest.mark.parametrize(
-    ("real_time", "obstacle", "outcome"),
+    ("real_time", "obstacle", "status"),
     [(False, "no; do so", OK), (True, "", OK), (True, "not permitted; write a line", WARNING)],
 )
 def test_priority_matters_on_a_real_robot(
-    real_time: bool, obstacle: str, outcome: Outcome, monkeypatch: pytest.MonkeyPatch
+    real_time: bool, obstacle: str, status: CheckStatus, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("pepper_driver.doctor.checks.priority_obstacle", lambda: obstacle)
     result = check_computer(Patient(real_time=real_time))
-    assert result.outcome is outcome
-    assert result.cure == ("write a line" if outcome is WARNING else "")
+    assert result.status is status
+    assert result.remedy == ("write a line" if status is WARNING else "")
 
 
 def test_a_wrong_uri_is_no_result_but_an_error() -> None:
@@ -271,6 +276,6 @@ def test_a_wrong_uri_is_no_result_but_an_error() -> None:
 @pytest.mark.parametrize("progress", [None, lambda share: None])
 def test_the_simulated_robot_is_well(progress: Callable[[float], None] | None) -> None:
     examination = examine("mujoco://?seed=4", on_progress=progress)
-    outcomes = {result.outcome for result in examination.results}
-    assert outcomes == {OK, UNKNOWN}
-    assert named(examination, "diagnosis").outcome is UNKNOWN
+    statuses = {result.status for result in examination.results}
+    assert statuses == {OK, UNKNOWN}
+    assert named(examination, "diagnosis").status is UNKNOWN

@@ -11,7 +11,7 @@ from pepper_driver.backends.mock import Fault
 from pepper_driver.config import load_doctor_settings, load_self_collision
 from pepper_driver.controller import RobotModel
 from pepper_driver.controller.collision import CapsuleDistances
-from pepper_driver.doctor import Outcome, Trial, Verdict, try_motion
+from pepper_driver.doctor import CheckStatus, MotionTest, Verdict, try_motion
 from pepper_driver.doctor.motion_test import NoRoomError, make_pepper, moving_joints, plan_goals
 from pepper_driver.observer import ModelSet
 from pepper_driver.observer.models.model_file import shipped
@@ -25,15 +25,15 @@ LEGS = [ROBOT.joint_index(name) for name in ROBOT.chains["legs"]]
 MOVED = [ROBOT.joint_index(name) for name in moving_joints(ROBOT)]
 
 
-def outcomes(trial: Trial) -> dict[str, Outcome]:
-    return {result.name: result.outcome for result in trial.results}
+def statuses(motion_test: MotionTest) -> dict[str, CheckStatus]:
+    return {result.name: result.status for result in motion_test.results}
 
 
-def found(trial: Trial, name: str) -> str:
-    return next(result.found for result in trial.results if result.name == name)
+def found(motion_test: MotionTest, name: str) -> str:
+    return next(result.found for result in motion_test.results if result.name == name)
 
 
-def tried(uri: str, models: ModelSet = NOMINAL) -> Trial:
+def tried(uri: str, models: ModelSet = NOMINAL) -> MotionTest:
     return try_motion(make_pepper(uri, models, ROBOT), models)
 
 
@@ -96,29 +96,29 @@ def test_all_of_arms_and_head_move_by_a_few_degrees_for_the_time_that_was_told()
 
 
 def test_the_simulated_robot_fits_its_models() -> None:
-    trial = tried("mujoco://?seed=11")
-    assert trial.passed
-    assert set(outcomes(trial).values()) == {Outcome.OK}
-    assert {fit.verdict for fit in trial.fits} == {Verdict.FITS}
+    motion_test = tried("mujoco://?seed=11")
+    assert motion_test.passed
+    assert set(statuses(motion_test).values()) == {CheckStatus.OK}
+    assert {fit.verdict for fit in motion_test.fits} == {Verdict.FITS}
     # With room: the worst is at a third of what counts as worn.
-    assert max(fit.rms for fit in trial.fits) < 0.5 * SETTINGS.worn_rms
-    assert max(fit.peak for fit in trial.fits) < 0.7 * SETTINGS.worn_peak
-    assert trial.fits[0].as_json()["verdict"] == "fits"
+    assert max(fit.rms for fit in motion_test.fits) < 0.5 * SETTINGS.worn_rms
+    assert max(fit.peak for fit in motion_test.fits) < 0.7 * SETTINGS.worn_peak
+    assert motion_test.fits[0].as_json()["verdict"] == "fits"
 
 
 def test_a_worn_robot_is_told_so_by_the_models_of_its_youth() -> None:
-    trial = tried("mujoco://?plant=worn")
-    assert outcomes(trial)["models fit"] is Outcome.WARNING
-    worn = [fit.joint for fit in trial.fits if fit.verdict is Verdict.WORN]
+    motion_test = tried("mujoco://?plant=worn")
+    assert statuses(motion_test)["models fit"] is CheckStatus.WARNING
+    worn = [fit.joint for fit in motion_test.fits if fit.verdict is Verdict.WORN]
     assert len(worn) > 7
     assert "LShoulderRoll" in worn
-    assert outcomes(trial)["untouched"] is Outcome.OK
+    assert statuses(motion_test)["untouched"] is CheckStatus.OK
 
 
 def test_a_load_in_a_hand_does_not_condemn_the_models() -> None:
-    trial = tried("mujoco://?plant=payload")
-    assert trial.passed
-    worn = {fit.joint for fit in trial.fits if fit.verdict is Verdict.WORN}
+    motion_test = tried("mujoco://?plant=payload")
+    assert motion_test.passed
+    worn = {fit.joint for fit in motion_test.fits if fit.verdict is Verdict.WORN}
     assert "LWristYaw" in worn
     assert not any(joint.startswith(("R", "Head")) for joint in worn)
 
@@ -133,10 +133,10 @@ def test_models_of_another_robot_do_not_fit(tmp_path: Path) -> None:
     plant.write_text(
         f"name: rough\ndescription: dry\nextends: nominal\nfactors: {{{', '.join(parts)}}}\n"
     )
-    trial = tried(f"mujoco://?plant={plant}")
-    assert outcomes(trial)["models fit"] is Outcome.FAILED
-    assert "not of this robot" in found(trial, "models fit")
-    assert not trial.passed
+    motion_test = tried(f"mujoco://?plant={plant}")
+    assert statuses(motion_test)["models fit"] is CheckStatus.FAILED
+    assert "not of this robot" in found(motion_test, "models fit")
+    assert not motion_test.passed
 
 
 def test_a_touch_meanwhile_is_told() -> None:
@@ -148,9 +148,9 @@ def test_a_touch_meanwhile_is_told() -> None:
         if len(shares) == 9:
             pepper.push("LForeArm", [0.0, 25.0, 0.0], duration=0.6)
 
-    trial = try_motion(pepper, NOMINAL, on_progress=push)
-    assert outcomes(trial)["untouched"] is Outcome.FAILED
-    assert "felt" in found(trial, "untouched")
+    motion_test = try_motion(pepper, NOMINAL, on_progress=push)
+    assert statuses(motion_test)["untouched"] is CheckStatus.FAILED
+    assert "felt" in found(motion_test, "untouched")
     assert shares[-1] == 1.0
 
 
@@ -158,18 +158,18 @@ def test_a_joint_that_stands_still_is_found(monkeypatch: pytest.MonkeyPatch) -> 
     head = ROBOT.joint_index("HeadYaw")
     patient = Patient(held(head, float(ROBOT.posture("Stand")[head])))
     use(monkeypatch, patient)
-    trial = tried("mock")
-    assert outcomes(trial)["joints follow"] is Outcome.FAILED
-    assert "HeadYaw" in next(r.cure for r in trial.results if r.name == "joints follow")
-    stuck = [fit.joint for fit in trial.fits if fit.verdict is Verdict.STUCK]
+    motion_test = tried("mock")
+    assert statuses(motion_test)["joints follow"] is CheckStatus.FAILED
+    assert "HeadYaw" in next(r.remedy for r in motion_test.results if r.name == "joints follow")
+    stuck = [fit.joint for fit in motion_test.fits if fit.verdict is Verdict.STUCK]
     assert stuck == ["HeadYaw"]
 
 
 def test_only_joints_of_arms_and_head_are_told_to_move(monkeypatch: pytest.MonkeyPatch) -> None:
     patient = Patient()
     use(monkeypatch, patient)
-    trial = tried("mock")
-    assert outcomes(trial)["motion"] is Outcome.OK
+    motion_test = tried("mock")
+    assert statuses(motion_test)["motion"] is CheckStatus.OK
     sent = np.array([command.position for command in patient.commands])
     np.testing.assert_allclose(sent[:, LEGS], np.broadcast_to(sent[0, LEGS], (len(sent), 3)))
     assert (np.ptp(sent[:, MOVED], axis=0) > SETTINGS.amplitude).all()
@@ -186,20 +186,20 @@ def test_a_robot_that_is_stopped_meanwhile_is_a_result(
 ) -> None:
     patient = Patient(sickness, tick=tick)
     use(monkeypatch, patient)
-    trial = tried("mock")
-    assert outcomes(trial) == {"motion": Outcome.FAILED}
-    assert word in found(trial, "motion")
-    assert trial.fits == ()
+    motion_test = tried("mock")
+    assert statuses(motion_test) == {"motion": CheckStatus.FAILED}
+    assert word in found(motion_test, "motion")
+    assert motion_test.fits == ()
     assert patient.calls[-1] == "close"
 
 
 def test_a_joint_without_a_model_follows_and_is_not_judged(monkeypatch: pytest.MonkeyPatch) -> None:
     use(monkeypatch, Patient())
-    trial = tried("mock", only(NOMINAL, {"LHand"}))
-    verdicts = {fit.joint: fit.verdict for fit in trial.fits}
+    motion_test = tried("mock", only(NOMINAL, {"LHand"}))
+    verdicts = {fit.joint: fit.verdict for fit in motion_test.fits}
     assert verdicts["HeadYaw"] is Verdict.NO_MODEL
-    assert trial.fits[0].as_json()["rms"] is None
-    assert outcomes(trial)["joints follow"] is Outcome.OK
+    assert motion_test.fits[0].as_json()["rms"] is None
+    assert statuses(motion_test)["joints follow"] is CheckStatus.OK
 
 
 def test_pepper_is_closed_after_an_interrupt(monkeypatch: pytest.MonkeyPatch) -> None:

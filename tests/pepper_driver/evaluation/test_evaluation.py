@@ -1,4 +1,4 @@
-"""From jobs to tables: hand-made takes through the shipped observers."""
+"""From jobs to tables: hand-made episodes through the shipped observers."""
 
 import json
 from collections.abc import Callable
@@ -11,43 +11,45 @@ import pytest
 
 from pepper_driver.config import UnknownNameError
 from pepper_driver.config.evaluation import load_evaluation
+from pepper_driver.evaluation.episodes import Episode
 from pepper_driver.evaluation.evaluate import Job, evaluate, suite_jobs
 from pepper_driver.evaluation.figures import write_figures
 from pepper_driver.evaluation.observers_under_test import (
     ORACLE,
-    Contestants,
+    ObserversUnderTest,
 )
 from pepper_driver.evaluation.report import page, table, write_report
 from pepper_driver.evaluation.results import EvaluationResult
-from pepper_driver.evaluation.takes import Take
 from pepper_driver.observer import AffineTree, ModelSet, shipped
-from support.evaluation import CYCLE, JOINT, ROBOT, make_take, push
+from support.evaluation import CYCLE, JOINT, ROBOT, make_episode, push
 
-PAPER = Contestants(modes=("paper-affine", "paper-cart"))
+PAPER = ObserversUnderTest(modes=("paper-affine", "paper-cart"))
 
 
-def touched(suite: str, experiment: str, felt: int) -> Take:
-    """A take with two pushes; the first ``felt`` of them move the joint by 6 degrees, the other way."""
+def touched(suite: str, experiment: str, felt: int) -> Episode:
+    """An episode with two pushes; the first ``felt`` of them move the joint by 6 degrees, the other way."""
     pushes = [push(2.0), push(6.0)]
-    take = make_take(pushes, suite=suite, experiment=experiment)
-    error = np.zeros(len(take.recording))
+    episode = make_episode(pushes, suite=suite, experiment=experiment)
+    error = np.zeros(len(episode.recording))
     for one in pushes[:felt]:
-        error[(take.recording.time > one.onset) & (take.recording.time < one.release)] = -0.105
-    return make_take(pushes, suite=suite, experiment=experiment, error=error)
+        error[
+            (episode.recording.time > one.onset) & (episode.recording.time < one.release)
+        ] = -0.105
+    return make_episode(pushes, suite=suite, experiment=experiment, error=error)
 
 
-def swept(stiffness: float) -> Take:
-    """A free take about a joint whose tracking error swings."""
+def swept(stiffness: float) -> Episode:
+    """A free episode about a joint whose tracking error swings."""
     error = 0.01 * np.sin(np.arange(round(12.0 / CYCLE)) * 0.05)
-    return make_take(suite="fit", experiment=JOINT, task_stiffness=stiffness, error=error)
+    return make_episode(suite="fit", experiment=JOINT, task_stiffness=stiffness, error=error)
 
 
-def broken() -> Take:
+def broken() -> Episode:
     raise RuntimeError("the file\nis gone")
 
 
-def job(suite: str, make: Callable[[], Take], pictured: str | None = None) -> Job:
-    return Job(suite=suite, title=f"{suite}, a take", make=make, pictured=pictured)
+def job(suite: str, make: Callable[[], Episode], pictured: str | None = None) -> Job:
+    return Job(suite=suite, title=f"{suite}, an episode", make=make, pictured=pictured)
 
 
 @pytest.fixture(scope="module")
@@ -57,7 +59,7 @@ def result() -> EvaluationResult:
         job("paper", partial(touched, "paper", "RERoll", 1), "RElbowRoll"),
         job("paper", partial(touched, "paper", "RSRoll", 0), "RShoulderRoll"),
         job("collision", partial(touched, "collision", "all", 1)),
-        job("free", partial(make_take, suite="free")),
+        job("free", partial(make_episode, suite="free")),
         job("fit", partial(swept, 2.0)),
         job("fit", partial(swept, 9.0), JOINT),
         job("worn", broken),
@@ -102,17 +104,17 @@ def test_the_json_is_plain_and_names_the_paper(result: EvaluationResult) -> None
     assert {"pepper-driver", "mujoco", "numpy", "pin"} <= set(content["versions"])
 
 
-def test_a_take_that_fails_costs_no_other(result: EvaluationResult) -> None:
+def test_a_episode_that_fails_costs_no_other(result: EvaluationResult) -> None:
     assert [(f.title, f.reason) for f in result.failures] == [
-        ("worn, a take", "RuntimeError: the file is gone")
+        ("worn, an episode", "RuntimeError: the file is gone")
     ]
-    assert len(result.takes) == 8
+    assert len(result.episodes) == 8
 
 
 def test_an_observer_that_fails_costs_no_other() -> None:
-    modes = Contestants(modes=(ORACLE, "paper-affine"))
-    broken_twin = partial(make_take, suite="fit", experiment=JOINT, seconds=0.03)
-    result = evaluate([job("fit", broken_twin), job("free", make_take)], modes, workers=1)
+    modes = ObserversUnderTest(modes=(ORACLE, "paper-affine"))
+    broken_twin = partial(make_episode, suite="fit", experiment=JOINT, seconds=0.03)
+    result = evaluate([job("fit", broken_twin), job("free", make_episode)], modes, workers=1)
     assert "paper-affine" in result.modes
     assert not result.failures
     assert "free" not in result.modes[ORACLE]  # not asked for there
@@ -138,7 +140,7 @@ def test_the_report(result: EvaluationResult, tmp_path: Path) -> None:
     for part in ("| LSRoll |", "| published | 2 / 2 / 18 |", "Run of 20", "mujoco", "nominal"):
         assert part in text
     assert "| paper-affine | 0 / 0 / 2 | 0 / 1 / 1 | 0 / 2 / 0 | 0 / 3 / 3 |" in text
-    assert "worn, a take: RuntimeError" in text
+    assert "worn, an episode: RuntimeError" in text
     pictures = sorted(p.name for p in (tmp_path / "docs" / "results").iterdir())
     assert pictures == ["figure2.png", "figure3.png", "figure4.png", "recall.png"]
     assert set(pictures) == set(write_figures(result, tmp_path / "docs" / "results", ROBOT))
@@ -173,7 +175,7 @@ def test_markdown_tables() -> None:
     assert table(("a",), []) == ""
 
 
-def test_suites_become_takes_and_boards_are_not_pooled() -> None:
+def test_suites_become_episodes_and_boards_are_not_pooled() -> None:
     frozen = load_evaluation(ROBOT)
     jobs = suite_jobs(frozen, ["paper", "free"], ROBOT)
     assert len(jobs) == len(frozen.runs("paper")) + len(frozen.runs("free"))
@@ -192,16 +194,16 @@ def test_suites_become_takes_and_boards_are_not_pooled() -> None:
 
 
 def test_what_transferred_models_lose() -> None:
-    def fit(suite: str, joint: str, noise: float) -> Take:
-        take = swept(9.0)
-        run, index = take.recording, ROBOT.joint_index(joint)
+    def fit(suite: str, joint: str, noise: float) -> Episode:
+        episode = swept(9.0)
+        run, index = episode.recording, ROBOT.joint_index(joint)
         error = run.tracking_error(ROBOT.joint_index(JOINT))
         model = ModelSet.load(shipped("affine")["nominal"]).models[JOINT]
         assert isinstance(model, AffineTree)
         sent = np.zeros_like(run.sent_position)
         sent[:, index] = model.predict_one(0.0, 0.0, 0.0) + noise * error
         return replace(
-            take, suite=suite, experiment=joint, recording=replace(run, sent_position=sent)
+            episode, suite=suite, experiment=joint, recording=replace(run, sent_position=sent)
         )
 
     jobs = [

@@ -1,4 +1,4 @@
-"""Figures of hand-made takes, against what one counts by hand."""
+"""Figures of hand-made episodes, against what one counts by hand."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 import pytest
 
+from pepper_driver.evaluation.episode_score import EpisodeScore, score_episode, watch
+from pepper_driver.evaluation.episodes import Episode
 from pepper_driver.evaluation.metrics import Metrics, summarise, upper_bound, with_gap_closed
-from pepper_driver.evaluation.take_score import TakeScore, score_take, watch
-from pepper_driver.evaluation.takes import Take
 from pepper_driver.observer import Contact
 from support.evaluation import (
     CYCLE,
@@ -20,18 +20,20 @@ from support.evaluation import (
     STIFFNESS,
     Script,
     contact,
-    make_take,
+    make_episode,
     push,
 )
 
 
-def scored(take: Take, contacts: Sequence[Contact] = (), **script: Any) -> TakeScore:
-    joint = take.experiment if take.experiment in ROBOT.joint_names else None
-    return score_take(take, watch(Script(contacts, **script), take.recording, joint), ROBOT)
+def scored(episode: Episode, contacts: Sequence[Contact] = (), **script: Any) -> EpisodeScore:
+    joint = episode.experiment if episode.experiment in ROBOT.joint_names else None
+    return score_episode(
+        episode, watch(Script(contacts, **script), episode.recording, joint), ROBOT
+    )
 
 
-def figures(take: Take, contacts: Sequence[Contact] = (), **script: Any) -> Metrics:
-    return summarise([scored(take, contacts, **script)], ROBOT)
+def figures(episode: Episode, contacts: Sequence[Contact] = (), **script: Any) -> Metrics:
+    return summarise([scored(episode, contacts, **script)], ROBOT)
 
 
 def test_recall_by_size_and_what_is_apart() -> None:
@@ -48,7 +50,7 @@ def test_recall_by_size_and_what_is_apart() -> None:
         push(19.0, float("nan")),
     ]
     felt = [contact(n, p.onset + 0.1) for n, p in enumerate(pushes) if n not in (1, 4, 6)]
-    result = figures(make_take(pushes, seconds=22.0), felt)
+    result = figures(make_episode(pushes, seconds=22.0), felt)
     assert result.recall == {"1-1.5": 0.5, "1.5-2": 1.0, "2-3": 1.0, "3-": 0.5}
     assert result.recall_overall == pytest.approx(5 / 7)
     assert (result.recall_axis, result.recall_saturated, result.recall_hands) == (0.0, 1.0, 1.0)
@@ -68,7 +70,7 @@ def test_recall_by_size_and_what_is_apart() -> None:
 
 def test_delay_counts_from_the_force_and_from_one_degree() -> None:
     pushes = [push(1.0), push(4.0), push(7.0, 2.9)]
-    result = figures(make_take(pushes), [contact(1, 1.12), contact(2, 4.24), contact(3, 7.9)])
+    result = figures(make_episode(pushes), [contact(1, 1.12), contact(2, 4.24), contact(3, 7.9)])
     assert result.delay_ms is not None
     assert result.delay_ms.median == pytest.approx(180.0)
     assert result.delay_ms.p90 == pytest.approx(120.0 + 0.9 * 120.0)
@@ -79,16 +81,16 @@ def test_delay_counts_from_the_force_and_from_one_degree() -> None:
 
 def test_direction_is_that_of_the_joint_it_names() -> None:
     pushes = [push(1.0), push(4.0), push(7.0), push(10.0)]
-    take = make_take(pushes, seconds=13.0)
+    episode = make_episode(pushes, seconds=13.0)
     elbow = ROBOT.joint_index("LElbowRoll")
-    take.contact_torque[:, elbow] = -take.contact_torque[:, INDEX]
+    episode.contact_torque[:, elbow] = -episode.contact_torque[:, INDEX]
     contacts = [
         contact(1, 1.1),
         contact(2, 4.1, direction=-1),
         contact(3, 7.1, joint="LElbowRoll", direction=-1),
         contact(4, 10.1, joint="LElbowYaw"),  # which nothing turns
     ]
-    assert figures(take, contacts).direction == pytest.approx(2 / 3)
+    assert figures(episode, contacts).direction == pytest.approx(2 / 3)
 
 
 def test_isolation_follows_the_updates() -> None:
@@ -106,15 +108,17 @@ def test_isolation_follows_the_updates() -> None:
         contact(4, 7.1),
         moved(4, 7.1, 0.5, "LElbowRoll"),
     ]
-    assert figures(make_take(pushes), contacts).isolation == {"0": 0.5, "50": 0.75, "150": 1.0}
-    small = make_take([push(1.0, 1.9)])
+    assert figures(make_episode(pushes), contacts).isolation == {"0": 0.5, "50": 0.75, "150": 1.0}
+    small = make_episode([push(1.0, 1.9)])
     assert figures(small, contacts[:1]).isolation == {"0": None, "50": None, "150": None}
 
 
 def test_the_trunk_is_isolated_as_the_trunk() -> None:
-    take = make_take([push(1.0, joint=None, link="torso"), push(4.0, joint=None, link="torso")])
+    episode = make_episode(
+        [push(1.0, joint=None, link="torso"), push(4.0, joint=None, link="torso")]
+    )
     contacts = [contact(1, 1.1, joint=None), contact(2, 4.1, joint="HipRoll")]
-    result = figures(take, contacts)
+    result = figures(episode, contacts)
     assert result.isolation["0"] == 1.0
     assert (result.recall["3-"], result.recall_trunk) == (None, 1.0)
     assert result.direction is None
@@ -130,7 +134,7 @@ def test_swinging_back_and_being_touched() -> None:
         contact(5, 5.3),
         contact(6, 6.05),  # so soon after the release it would be felt, but the push was already
     ]
-    rebound = figures(make_take(pushes), contacts).rebound
+    rebound = figures(make_episode(pushes), contacts).rebound
     assert rebound is not None
     assert (rebound.swings, rebound.touches) == (3, 3)
     assert rebound.recall == pytest.approx(1 / 3)
@@ -138,26 +142,26 @@ def test_swinging_back_and_being_touched() -> None:
 
 
 def test_a_late_contact_that_is_felt_is_no_swing() -> None:
-    assert figures(make_take([push(1.0)]), [contact(1, 2.1)]).rebound is None
+    assert figures(make_episode([push(1.0)]), [contact(1, 2.1)]).rebound is None
 
 
 def test_torque_within_pushes() -> None:
-    take = make_take([push(1.0), push(4.0, 6.0, saturated=True)])
+    episode = make_episode([push(1.0), push(4.0, 6.0, saturated=True)])
     off = np.radians(0.5) * STIFFNESS
-    result = figures(take, torque=take.contact_torque + off).torque
+    result = figures(episode, torque=episode.contact_torque + off).torque
     assert result is not None
     assert result.rmse_over_k_deg == pytest.approx(0.5)
-    truth = np.degrees(take.contact_torque[:, INDEX] / STIFFNESS)
-    inside = truth[(take.recording.time >= 1.0) & (take.recording.time <= 2.0)]
+    truth = np.degrees(episode.contact_torque[:, INDEX] / STIFFNESS)
+    inside = truth[(episode.recording.time >= 1.0) & (episode.recording.time <= 2.0)]
     assert result.r2 == pytest.approx(1.0 - 0.25 / inside.var())
     assert result.estimated == 1.0
-    half = take.contact_torque.copy()
+    half = episode.contact_torque.copy()
     half[: len(half) // 8] = np.nan  # until 1.5 s
-    partly = figures(take, torque=half).torque
+    partly = figures(episode, torque=half).torque
     assert partly is not None
     assert partly.rmse_over_k_deg == 0.0
     assert partly.estimated == pytest.approx(0.5, abs=0.02)
-    assert figures(take).torque is None
+    assert figures(episode).torque is None
 
 
 @pytest.mark.parametrize(
@@ -169,9 +173,9 @@ def test_poisson_bound(count: int, hours: float, bound: float) -> None:
 
 def test_free_motion_and_pushes_are_counted_apart() -> None:
     scores = [
-        scored(make_take(seconds=12.0), [contact(1, 3.0), contact(2, 9.0)]),
-        scored(make_take(seconds=24.0)),
-        scored(make_take([push(1.0)]), [contact(1, 1.1), contact(2, 5.0)]),
+        scored(make_episode(seconds=12.0), [contact(1, 3.0), contact(2, 9.0)]),
+        scored(make_episode(seconds=24.0)),
+        scored(make_episode([push(1.0)]), [contact(1, 1.1), contact(2, 5.0)]),
     ]
     result = summarise(scores, ROBOT)
     assert result.free_motion is not None
@@ -184,11 +188,12 @@ def test_free_motion_and_pushes_are_counted_apart() -> None:
 def test_table1_by_experiment() -> None:
     scores = [
         scored(
-            make_take([push(1.0), push(4.0)], suite="paper", experiment="LSRoll"), [contact(1, 1.1)]
+            make_episode([push(1.0), push(4.0)], suite="paper", experiment="LSRoll"),
+            [contact(1, 1.1)],
         ),
-        scored(make_take([push(1.0)], suite="paper", experiment="LSRoll"), [contact(1, 1.1)]),
-        scored(make_take([push(1.0)], suite="paper", experiment="RERoll"), [contact(1, 8.0)]),
-        scored(make_take([push(1.0)], suite="collision"), [contact(1, 8.0)]),
+        scored(make_episode([push(1.0)], suite="paper", experiment="LSRoll"), [contact(1, 1.1)]),
+        scored(make_episode([push(1.0)], suite="paper", experiment="RERoll"), [contact(1, 8.0)]),
+        scored(make_episode([push(1.0)], suite="collision"), [contact(1, 8.0)]),
     ]
     table = {name: (c.fp, c.fn, c.tp) for name, c in summarise(scores, ROBOT).table1.items()}
     assert table == {"LSRoll": (0, 1, 2), "RERoll": (1, 1, 0), "total": (1, 2, 2)}
@@ -198,11 +203,11 @@ def test_fit_by_joint_and_speed_and_the_gap() -> None:
     n = round(12.0 / CYCLE)
     error = 0.05 * np.sin(np.arange(n) * 0.1)
 
-    def score(share: float, stiffness: float) -> TakeScore:
-        take = make_take(suite="fit", experiment=JOINT, task_stiffness=stiffness, error=error)
+    def score(share: float, stiffness: float) -> EpisodeScore:
+        episode = make_episode(suite="fit", experiment=JOINT, task_stiffness=stiffness, error=error)
         expected = np.zeros((n, JOINTS))
         expected[:, INDEX] = error.mean() + share * (error - error.mean())
-        return scored(take, expected=expected)
+        return scored(episode, expected=expected)
 
     def result(*shares: float) -> Metrics:
         return summarise([score(s, k) for s, k in zip(shares, (2.0, 5.0, 9.0), strict=True)], ROBOT)
@@ -221,10 +226,10 @@ def test_thresholds_leave_out_pushes_hands_and_blind_joints() -> None:
     threshold = np.full(JOINTS, np.radians(2.0))
     threshold[ROBOT.joint_index("LHand")] = 1.0
     threshold[ROBOT.joint_index("HeadYaw")] = np.nan
-    take = make_take([push(1.0)])
-    by_tick = np.tile(threshold, (len(take.recording), 1))
-    by_tick[(take.recording.time >= 1.0) & (take.recording.time <= 2.8)] *= 10.0
-    result = figures(take, threshold=by_tick)
+    episode = make_episode([push(1.0)])
+    by_tick = np.tile(threshold, (len(episode.recording), 1))
+    by_tick[(episode.recording.time >= 1.0) & (episode.recording.time <= 2.8)] *= 10.0
+    result = figures(episode, threshold=by_tick)
     assert result.threshold_deg is not None
     assert result.threshold_deg.p05 == result.threshold_deg.p95 == pytest.approx(2.0)
     assert "LHand" not in result.threshold_nm
@@ -234,7 +239,7 @@ def test_thresholds_leave_out_pushes_hands_and_blind_joints() -> None:
 
 
 def test_an_observer_that_sees_nothing_has_no_figures() -> None:
-    result = figures(make_take(), threshold=np.nan)
+    result = figures(make_episode(), threshold=np.nan)
     assert result.threshold_deg is None
     assert result.threshold_nm == {}
     assert (result.coverage.joints, result.coverage.share) == (0, None)

@@ -1,10 +1,10 @@
-"""The oracle on a short simulated take: it knows what the plant does, but not who pushes."""
+"""The oracle on a short simulated episode: it knows what the plant does, but not who pushes."""
 
 import numpy as np
 import pytest
 
+from pepper_driver.evaluation.episode_score import watch
 from pepper_driver.evaluation.observers_under_test import OracleObserver, untouched_error
-from pepper_driver.evaluation.take_score import watch
 from pepper_driver.observer import RecordingBuilder, nrmse_fit
 from pepper_driver.robot import Pepper
 from support.evaluation import INDEX, JOINTS, ROBOT, Script, recording

@@ -8,20 +8,20 @@ import pytest
 
 from pepper_driver.config import RobotIdentity, UnknownNameError, load_plant, plant_hash
 from pepper_driver.evaluation import observers_under_test as module
+from pepper_driver.evaluation.episode_score import watch
 from pepper_driver.evaluation.observers_under_test import (
     ORACLE,
     RECORDED,
-    Contestants,
+    ObserversUnderTest,
     contestants,
     reference_plant,
     shared_by_type,
 )
-from pepper_driver.evaluation.take_score import watch
 from pepper_driver.observer import AffineTree, ModelFileError, ModelSet, shipped
-from support.evaluation import ROBOT, make_take
+from support.evaluation import ROBOT, make_episode
 
 NOMINAL = RobotIdentity(name="nominal", identity=plant_hash(load_plant("nominal", ROBOT), ROBOT))
-PAPER = Contestants(modes=("paper-affine", "paper-cart"))
+PAPER = ObserversUnderTest(modes=("paper-affine", "paper-cart"))
 
 
 def tree(models: ModelSet, joint: str) -> AffineTree:
@@ -49,8 +49,8 @@ def test_a_model_file_serves_its_kind() -> None:
     file = shipped("cart")["nominal"]
     some = contestants(["paper-cart", "paper-affine"], [file], ROBOT)
     assert [(f.kind, f.path) for f in some.files] == [("cart", file)]
-    assert "cart trees" in some.observer("paper-cart", make_take(), ROBOT).describe()
-    assert "affine trees" in some.observer("paper-affine", make_take(), ROBOT).describe()
+    assert "cart trees" in some.observer("paper-cart", make_episode(), ROBOT).describe()
+    assert "affine trees" in some.observer("paper-affine", make_episode(), ROBOT).describe()
 
 
 @pytest.mark.parametrize(
@@ -65,7 +65,7 @@ def test_a_file_of_one_reference_plant_is_not_used_for_the_other() -> None:
     file = shipped("affine")["nominal"]
     some = contestants(["paper"], [file], ROBOT)
     on = {
-        plant: some.observer("paper-affine", replace(make_take(), plant=plant), ROBOT).describe()
+        plant: some.observer("paper-affine", replace(make_episode(), plant=plant), ROBOT).describe()
         for plant in ("nominal", "worn", "integral")
     }
     nominal = ModelSet.load(file).identity
@@ -81,9 +81,9 @@ def test_a_file_of_another_robot_stands_in_for_suites_but_not_for_recordings(
     replace(ModelSet.load(shipped("affine")["nominal"]), identity="mine").save(path)
     some = contestants(["paper"], [path], ROBOT)
     for plant in ("nominal", "integral"):
-        take = replace(make_take(), plant=plant)
-        assert "mine" in some.observer("paper-affine", take, ROBOT).describe()
-    recorded = replace(make_take(), plant=RECORDED)
+        episode = replace(make_episode(), plant=plant)
+        assert "mine" in some.observer("paper-affine", episode, ROBOT).describe()
+    recorded = replace(make_episode(), plant=RECORDED)
     with pytest.raises(ModelFileError, match="identified on another robot"):
         some.observer("paper-affine", recorded, ROBOT)
     assert (
@@ -97,21 +97,21 @@ def test_a_file_of_another_robot_stands_in_for_suites_but_not_for_recordings(
 def test_a_recording_of_a_variant_is_judged_with_the_nearest_models(tmp_path: Path) -> None:
     """Its own before those of its parents, in a file before those shipped, whatever the order of the files."""
     parents = (RobotIdentity(name="worn", identity="of worn"), NOMINAL)
-    take = replace(make_take(), plant=RECORDED, identity="of mine", parents=parents)
-    assert NOMINAL.identity in PAPER.observer("paper-affine", take, ROBOT).describe()
-    fusion = Contestants(modes=("fusion",)).observer("fusion", take, ROBOT)
+    episode = replace(make_episode(), plant=RECORDED, identity="of mine", parents=parents)
+    assert NOMINAL.identity in PAPER.observer("paper-affine", episode, ROBOT).describe()
+    fusion = ObserversUnderTest(modes=("fusion",)).observer("fusion", episode, ROBOT)
     assert NOMINAL.identity in fusion.describe()
     models, files = ModelSet.load(shipped("affine")["nominal"]), []
     for name in ("of mine", "of worn", "foreign"):
         files.append(tmp_path / f"{name}.json")
         replace(models, identity=name).save(files[-1])
     some = contestants(["paper"], files, ROBOT)
-    assert "of mine" in some.observer("paper-affine", take, ROBOT).describe()
+    assert "of mine" in some.observer("paper-affine", episode, ROBOT).describe()
     some = contestants(["paper"], files[1:], ROBOT)
-    assert "of worn" in some.observer("paper-affine", take, ROBOT).describe()
+    assert "of worn" in some.observer("paper-affine", episode, ROBOT).describe()
     some = contestants(["paper"], files[2:], ROBOT)
     with pytest.raises(ModelFileError, match="identified on another robot"):
-        some.observer("paper-affine", take, ROBOT)
+        some.observer("paper-affine", episode, ROBOT)
 
 
 def test_the_oracle_does_not_know_which_robot_was_drawn(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -123,7 +123,7 @@ def test_the_oracle_does_not_know_which_robot_was_drawn(monkeypatch: pytest.Monk
 
     monkeypatch.setattr(module, "untouched_error", note)
     for plant, draw in (("swaying", None), ("drift", 3)):
-        PAPER.observer(ORACLE, replace(make_take(), plant=plant, draw=draw), ROBOT)
+        PAPER.observer(ORACLE, replace(make_episode(), plant=plant, draw=draw), ROBOT)
     assert asked == ["mujoco://?plant=swaying", "mujoco://?plant=nominal"]
 
 
@@ -135,8 +135,8 @@ def test_models_are_shared_by_type_of_motor_in_the_suite_about_that() -> None:
     assert shared.threshold["RElbowRoll"] == shared.threshold["LShoulderRoll"]
     assert shared.models.keys() == models.models.keys()
     rows = [
-        watch(PAPER.observer("paper-affine", take, ROBOT), take.recording).expected[50]
-        for take in (make_take(suite="fit"), make_take(suite="types"))
+        watch(PAPER.observer("paper-affine", episode, ROBOT), episode.recording).expected[50]
+        for episode in (make_episode(suite="fit"), make_episode(suite="types"))
     ]
     elbow = ROBOT.joint_index("RElbowRoll")
     zero = (0.0, 0.0, 0.0)

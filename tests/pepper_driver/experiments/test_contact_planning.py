@@ -13,7 +13,7 @@ from pepper_driver.config.steps import Setpoints
 from pepper_driver.controller import RobotModel
 from pepper_driver.experiments import plan as plan_module
 from pepper_driver.experiments.plan import Plan, plan_experiment
-from pepper_driver.experiments.push_planning import Bounds, PushTooStrongError, plan_push
+from pepper_driver.experiments.push_planning import PushLimits, PushTooStrongError, plan_push
 from pepper_driver.experiments.segments import Segment, goal_step
 from pepper_driver.robot import Pepper
 from support.experiments import CYCLE, ROBOT, listen, make_experiment, with_played
@@ -373,7 +373,7 @@ def first_that_fits(
                 degrees=degrees,
                 direction=direction,
                 posture=posture,
-                bounds=Bounds(load=PUSHED_ARMS.max_load, tipping=PUSHED_ARMS.max_tipping),
+                bounds=PushLimits(load=PUSHED_ARMS.max_load, tipping=PUSHED_ARMS.max_tipping),
             )
         except PushTooStrongError:
             continue

@@ -9,16 +9,16 @@ import pytest
 from pepper_driver.config.arrays import FloatArray
 from pepper_driver.controller import RobotModel
 from pepper_driver.experiments.push_planning import (
-    Bounds,
     PlannedPush,
+    PushLimits,
     PushTooStrongError,
+    evaluate_push,
     plan_push,
-    weigh_push,
 )
 from pepper_driver.robot import Pepper
 from support.pushes import ROBOT, limit_degrees, make_pepper
 
-BOUNDS = Bounds(load=0.85, tipping=0.8)
+BOUNDS = PushLimits(load=0.85, tipping=0.8)
 INDEX = ROBOT.joint_index("LShoulderRoll")
 POINT = np.array([0.16, 0.015, 0.0])
 
@@ -46,7 +46,7 @@ def weigh(pepper: Pepper, **changes: Any) -> PlannedPush:
         "posture": ROBOT.posture("Stand"),
         "bounds": BOUNDS,
     }
-    return weigh_push(RobotModel(ROBOT), ROBOT, pepper.backend.plant, **(arguments | changes))
+    return evaluate_push(RobotModel(ROBOT), ROBOT, pepper.backend.plant, **(arguments | changes))
 
 
 @pytest.mark.parametrize("direction", [-1, 1])
@@ -89,13 +89,15 @@ def test_a_push_that_would_saturate_a_board_is_refused() -> None:
     with pytest.raises(PushTooStrongError, match=r"would load LShoulderRoll to \d+% of its limit"):
         plan(pepper, degrees=0.9 * limit)
     with pytest.raises(PushTooStrongError):
-        plan(pepper, bounds=Bounds(load=0.1, tipping=0.8))
+        plan(pepper, bounds=PushLimits(load=0.1, tipping=0.8))
 
 
 def test_a_push_that_is_meant_to_saturate_is_not() -> None:
     pepper = make_pepper()
     limit = limit_degrees(pepper, "LShoulderRoll")
-    push = plan(pepper, degrees=1.2 * limit, bounds=Bounds(load=0.85, tipping=0.8, saturating=True))
+    push = plan(
+        pepper, degrees=1.2 * limit, bounds=PushLimits(load=0.85, tipping=0.8, saturating=True)
+    )
     assert push.load > 1.2
     assert push.degrees == pytest.approx(1.2 * limit)
 
@@ -127,14 +129,14 @@ def test_no_hand_is_stronger_than_a_hand() -> None:
             make_pepper(),
             point=np.array([0.002, 0.0, 0.0]),
             degrees=80.0,
-            bounds=Bounds(load=1.0, tipping=1.0, saturating=True),
+            bounds=PushLimits(load=1.0, tipping=1.0, saturating=True),
         )
 
 
 def test_on_wheels_a_push_must_not_tip_the_robot() -> None:
     fixed = make_pepper()
     rolling = make_pepper("rolling")
-    wide = Bounds(load=np.inf, tipping=np.inf)
+    wide = PushLimits(load=np.inf, tipping=np.inf)
     # Forwards, at the shoulder: the hip and the wheels have to hold it.
     push = {"joint": "HipPitch", "link": "torso", "frame": "world", "point": np.zeros(3)}
     light, heavy = np.array([1.0, 0.0, 0.0]), np.array([40.0, 0.0, 0.0])
@@ -145,7 +147,7 @@ def test_on_wheels_a_push_must_not_tip_the_robot() -> None:
     assert weigh(fixed, **push, force=heavy, bounds=wide).tipping == 0.0
     enough = np.array([0.81 / per_newton, 0.0, 0.0])
     for saturating in (False, True):
-        bounds = Bounds(load=np.inf, tipping=0.8, saturating=saturating)
+        bounds = PushLimits(load=np.inf, tipping=0.8, saturating=saturating)
         weigh(rolling, **push, force=enough * 0.98, bounds=bounds)
         with pytest.raises(PushTooStrongError, match="81% of what tips the robot over"):
             weigh(rolling, **push, force=enough, bounds=bounds)
@@ -175,7 +177,7 @@ def test_joints_further_out_feel_little_if_that_is_wanted(joint: str, direction:
         "direction": direction,
         "posture": bent(),
     }
-    wide = Bounds(load=np.inf, tipping=np.inf)
+    wide = PushLimits(load=np.inf, tipping=np.inf)
     plain = plan(pepper, **arguments, bounds=wide)
     chosen = plan(pepper, **arguments, bounds=replace(wide, max_distal_ratio=0.25))
     outer = [ROBOT.joint_index(n) for n in ROBOT.chain_of(joint)]
@@ -199,7 +201,7 @@ def test_joints_further_out_feel_little_if_that_is_wanted(joint: str, direction:
 
 def test_a_place_where_joints_further_out_must_feel_it_is_refused() -> None:
     pepper = make_pepper()
-    bounds = Bounds(load=np.inf, tipping=np.inf, max_distal_ratio=0.25)
+    bounds = PushLimits(load=np.inf, tipping=np.inf, max_distal_ratio=0.25)
     arguments = {"link": "LForeArm", "point": OUT, "posture": bent(), "bounds": bounds}
     with pytest.raises(PushTooStrongError, match=r"of the degrees of LShoulderPitch on \w+ too"):
         plan(pepper, joint="LShoulderPitch", degrees=1.0, **arguments)
@@ -223,7 +225,7 @@ def test_pushes_at_the_same_time_share_what_the_robot_can_take() -> None:
     first = weigh(pepper, **side)
     other = {**side, "joint": "RShoulderRoll", "link": "RBicep", "point": POINT * [1, -1, 1]}
     alone = weigh(pepper, **other)
-    enough = Bounds(load=0.85, tipping=first.tipping + alone.tipping + 1e-6)
+    enough = PushLimits(load=0.85, tipping=first.tipping + alone.tipping + 1e-6)
     both = weigh(pepper, **other, bounds=enough, beside=[first])
     assert both.load >= alone.load
     hip = ROBOT.joint_index("HipRoll")
@@ -235,7 +237,7 @@ def test_pushes_at_the_same_time_share_what_the_robot_can_take() -> None:
             pepper, **other, bounds=replace(enough, tipping=enough.tipping - 1e-3), beside=[first]
         )
     same = {**side, "force": np.array([0.0, 25.0, 0.0])}
-    wide = Bounds(load=0.85, tipping=np.inf)
+    wide = PushLimits(load=0.85, tipping=np.inf)
     weigh(pepper, **same, bounds=wide)
     with pytest.raises(PushTooStrongError, match="would load LShoulderRoll"):
         weigh(pepper, **same, bounds=wide, beside=[weigh(pepper, **same, bounds=wide)])
@@ -264,7 +266,7 @@ def test_a_push_that_would_tip_the_robot_may_press_it_down_as_well() -> None:
     """The shoulder pitch of an arm that hangs: the smallest force is horizontal, at the height of the hand."""
     rolling = make_pepper("rolling")
     arguments = {"joint": "LShoulderRoll", "degrees": 1.5, "posture": bent()}
-    wide = Bounds(load=np.inf, tipping=np.inf, max_distal_ratio=0.25)
+    wide = PushLimits(load=np.inf, tipping=np.inf, max_distal_ratio=0.25)
     plain = plan(rolling, **arguments, bounds=wide)
     less = replace(wide, tipping=plain.tipping * 0.9)
     for direction in (-1, 1):

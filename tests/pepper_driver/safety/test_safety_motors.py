@@ -137,7 +137,7 @@ def test_a_joint_that_does_not_answer_stops_the_robot() -> None:
     assert g.state is RobotState.ACTIVE
     g = watched(standing(ELBOW), ticks=SILENT_TICKS + 2)
     assert g.fault is not None
-    assert g.fault.reason is FaultReason.SILENT_JOINT
+    assert g.fault.reason is FaultReason.FROZEN_JOINT
     assert "RElbowYaw does not answer" in g.fault.text
     assert "unplugged" in g.fault.text
 

@@ -35,7 +35,7 @@ from pepper_driver.observer import KnownPush, Observation, Recording, RecordingB
 from pepper_driver.robot import Pepper
 from pepper_driver.safety import FaultError
 
-DEFAULT_CACHE = Path("runs/evaluation/takes")
+DEFAULT_CACHE = Path("runs/evaluation/episodes")
 
 TIPPED = 0.1
 """[rad] of tilt: a robot that stands stays far below it, one that reaches it falls or nearly did."""
@@ -60,19 +60,19 @@ _SETTINGS = (
     "self_collision.yaml",
 )
 
-_RECORDING, _TRUTH, _LABELS = "recording.npz", "truth.npz", "take.json"
+_RECORDING, _TRUTH, _LABELS = "recording.npz", "truth.npz", "episode.json"
 
 
-class TakeError(PepperError, RuntimeError):
-    """A take that is worth nothing: the robot fell, was stopped, or could not be pushed as planned."""
+class EpisodeError(PepperError, RuntimeError):
+    """An episode that is worth nothing: the robot fell, was stopped, or could not be pushed as planned."""
 
 
-class StoppedTakeError(TakeError):
+class StoppedEpisodeError(EpisodeError):
     """The robot fell or was stopped on the way."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Take:
+class Episode:
     """One performed run: what an observer may see, and the truth to score it with. n samples, N joints.
 
     Attributes:
@@ -105,7 +105,7 @@ class Take:
     stiffness_constant: FloatArray
 
     def save(self, folder: Path) -> None:
-        """Write it into a folder of its own; complete once ``take.json`` is there.
+        """Write it into a folder of its own; complete once ``episode.json`` is there.
 
         Raises:
             PepperError: The place cannot be written to.
@@ -128,7 +128,7 @@ class Take:
         """Read what ``save`` wrote.
 
         Raises:
-            TakeError: It is not there, damaged, or of another robot.
+            EpisodeError: It is not there, damaged, or of another robot.
         """
         try:
             labels: dict[str, Any] = json.loads((folder / _LABELS).read_text(encoding="utf-8"))
@@ -136,24 +136,28 @@ class Take:
             with np.load(folder / _TRUTH, allow_pickle=False) as file:
                 truth = {name: file[name] for name in file.files}
             pushes = tuple(KnownPush(**_from_json(push)) for push in labels.pop("pushes"))
-            take = cls(**labels, recording=recording, pushes=pushes, **truth)
-            if not take.contact_torque.shape == take.saturated.shape == recording.position.shape:
-                raise TakeError("recording and truth are of different length")
+            episode = cls(**labels, recording=recording, pushes=pushes, **truth)
+            if (
+                not episode.contact_torque.shape
+                == episode.saturated.shape
+                == recording.position.shape
+            ):
+                raise EpisodeError("recording and truth are of different length")
         except Exception as error:  # whatever the decoders make of damaged bytes
             reason = " ".join(str(error).split()) or type(error).__name__
-            raise TakeError(f"{folder}: no take ({reason}); delete the folder") from error
-        return take
+            raise EpisodeError(f"{folder}: no episode ({reason}); delete the folder") from error
+        return episode
 
 
 @dataclass(frozen=True, kw_only=True)
-class FailedTake:
+class FailedEpisode:
     """A run that came to nothing, and why."""
 
     run: Run
     reason: str
 
 
-def take_uri(run: Run) -> str:
+def episode_uri(run: Run) -> str:
     """The simulated robot of a run, with its noise."""
     query: dict[str, str | int] = {"plant": run.plant, "seed": _noise(run)}
     if run.draw is not None:
@@ -161,17 +165,17 @@ def take_uri(run: Run) -> str:
     return f"mujoco://?{urlencode(query)}"
 
 
-def perform(run: Run, cache: Path | None = None) -> Take:
+def perform(run: Run, cache: Path | None = None) -> Episode:
     """Perform a run, or load it where it was performed before.
 
     Chance may put two pushes such that the robot tips, or is stopped: as in a laboratory, the run is then drawn anew.
 
     Args:
         run: Of a suite.
-        cache: Folder of takes; None to perform it anyway, and keep nothing.
+        cache: Folder of episodes; None to perform it anyway, and keep nothing.
 
     Raises:
-        TakeError: The robot fell or was stopped, REDRAWS times again, or could not be pushed as planned.
+        EpisodeError: The robot fell or was stopped, REDRAWS times again, or could not be pushed as planned.
         PepperError: Plant or cache are not usable.
     """
     robot = load_robot()
@@ -185,39 +189,39 @@ def perform(run: Run, cache: Path | None = None) -> Take:
             folder = _folder(one, _pepper(one, robot), cache)
             if (folder / _LABELS).is_file():
                 # One that is damaged is performed again, and written anew.
-                with suppress(TakeError):
-                    return Take.load(folder, robot)
+                with suppress(EpisodeError):
+                    return Episode.load(folder, robot)
     reasons = []
     for one in drawn:
         pepper = _pepper(one, robot)
         try:
-            take = _performed(one, pepper)
-        except StoppedTakeError as error:
+            episode = _performed(one, pepper)
+        except StoppedEpisodeError as error:
             reasons.append(error)
             continue
         if cache is not None:
-            take.save(_folder(one, pepper, cache))
-        return take
+            episode.save(_folder(one, pepper, cache))
+        return episode
     raise reasons[0]
 
 
 def _pepper(run: Run, robot: RobotConfig) -> Pepper:
     # Pushes on the chest are to be felt: the button that they press must not end them.
     safety = replace(load_safety_settings(), chest_button=False)
-    return Pepper(take_uri(run), observer=None, robot=robot, safety=safety)
+    return Pepper(episode_uri(run), observer=None, robot=robot, safety=safety)
 
 
 def _folder(run: Run, pepper: Pepper, cache: Path) -> Path:
     return cache / _key(run, pepper.backend.info.identity)
 
 
-def takes(
+def episodes(
     runs: Sequence[Run],
     *,
     workers: int = -1,
     cache: Path | None = DEFAULT_CACHE,
     progress: Callable[[int, int], None] | None = None,
-) -> Iterator[Take | FailedTake]:
+) -> Iterator[Episode | FailedEpisode]:
     """Perform runs in parallel; results come in their order and do not depend on ``workers``.
 
     Args:
@@ -233,14 +237,14 @@ def takes(
         yield result
 
 
-def _attempt(run: Run, cache: Path | None) -> Take | FailedTake:
+def _attempt(run: Run, cache: Path | None) -> Episode | FailedEpisode:
     try:
         return perform(run, cache)
-    except TakeError as error:
-        return FailedTake(run=run, reason=str(error))
+    except EpisodeError as error:
+        return FailedEpisode(run=run, reason=str(error))
 
 
-def _performed(run: Run, pepper: Pepper) -> Take:
+def _performed(run: Run, pepper: Pepper) -> Episode:
     robot, truth = pepper.config, pepper.backend.truth
     builder = RecordingBuilder(robot)
     torque: list[FloatArray] = []
@@ -267,10 +271,10 @@ def _performed(run: Run, pepper: Pepper) -> Take:
         fell = f"it tipped by {np.degrees(tilt):.0f} deg"
         reason = f"{fell}; {reason}" if reason else fell
     if reason:
-        raise (StoppedTakeError if stopped else TakeError)(f"{run.label}: {reason}")
+        raise (StoppedEpisodeError if stopped else EpisodeError)(f"{run.label}: {reason}")
     recording = builder.finish()
     contact_torque = np.array(torque)
-    return Take(
+    return Episode(
         suite=run.suite,
         experiment=run.entry,
         plant=run.plant,
@@ -315,7 +319,7 @@ def _noise(run: Run) -> int:
 
 
 def _key(run: Run, identity: str) -> str:
-    """Name of the folder of a run: it changes with all that makes the take."""
+    """Name of the folder of a run: it changes with all that makes the episode."""
     experiment = asdict(run.experiment)
     for key in ("source", "description"):
         del experiment[key]

@@ -1,4 +1,4 @@
-"""Score of one take by one observer, and the signals that are drawn of it."""
+"""Score of one episode by one observer, and the signals that are drawn of it."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from pepper_driver.config import RobotConfig
 from pepper_driver.config.arrays import BoolArray, FloatArray, IntArray
 from pepper_driver.config.robot import TRUNK
-from pepper_driver.evaluation.takes import Take
+from pepper_driver.evaluation.episodes import Episode
 from pepper_driver.observer import (
     Contact,
     ContactObserver,
@@ -28,7 +28,7 @@ from pepper_driver.observer.scoring import REBOUND_TIME, Alarm, Felt, alarms_of
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Watched:
+class ObserverRun:
     """Outputs of an observer over a recording of n ticks and N joints; NaN where a joint was blind.
 
     Attributes:
@@ -52,7 +52,7 @@ class Watched:
     step_us: FloatArray
 
 
-def watch(observer: Observer, recording: Recording, joint: str | None = None) -> Watched:
+def watch(observer: Observer, recording: Recording, joint: str | None = None) -> ObserverRun:
     """Reset the observer and show it every tick of the recording; ``joint`` is the one to predict."""
     shape = recording.position.shape
     expected, residual, threshold, torque = (np.empty(shape) for _ in range(4))
@@ -70,7 +70,7 @@ def watch(observer: Observer, recording: Recording, joint: str | None = None) ->
         threshold[row] = observation.threshold
         torque[row] = observation.torque
         state[row] = observation.state
-    return Watched(
+    return ObserverRun(
         contacts=tuple(contacts),
         expected=expected,
         predicted=None if joint is None else _predicted(observer, recording, joint, expected),
@@ -92,7 +92,7 @@ def _predicted(
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Trace:
-    """One joint over n ticks of a take, as one observer saw it; angles [rad], NaN where the joint was blind.
+    """One joint over n ticks of an episode, as one observer saw it; angles [rad], NaN where the joint was blind.
 
     ``others`` are the positions sent of the joints that move besides, by name.
     """
@@ -113,18 +113,18 @@ class Trace:
     contacts: tuple[Contact, ...]
 
 
-def trace_of(mode: str, take: Take, watched: Watched, joint: str) -> Trace:
-    """Cut one joint out of a take; the three joints that move most besides come along."""
-    recording = take.recording
+def trace_of(mode: str, episode: Episode, watched: ObserverRun, joint: str) -> Trace:
+    """Cut one joint out of an episode; the three joints that move most besides come along."""
+    recording = episode.recording
     index = recording.joint_names.index(joint)
     travel = np.ptp(recording.sent_position, axis=0)
     travel[index] = 0.0
     most = [i for i in np.argsort(-travel, kind="stable")[:3] if travel[i] > 0.0]
     return Trace(
         mode=mode,
-        suite=take.suite,
-        experiment=take.experiment,
-        task_stiffness=take.task_stiffness,
+        suite=episode.suite,
+        experiment=episode.experiment,
+        task_stiffness=episode.task_stiffness,
         joint=joint,
         time=recording.time.copy(),
         sent=recording.sent_position[:, index].copy(),
@@ -133,7 +133,7 @@ def trace_of(mode: str, take: Take, watched: Watched, joint: str) -> Trace:
         expected=watched.expected[:, index].copy(),
         residual=watched.residual[:, index].copy(),
         threshold=watched.threshold[:, index].copy(),
-        pushes=take.pushes,
+        pushes=episode.pushes,
         contacts=watched.contacts,
     )
 
@@ -195,26 +195,26 @@ class TorqueSums:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class TakeScore:
-    """One observer on one take.
+class EpisodeScore:
+    """One observer on one episode.
 
     Attributes:
-        suite: Of the take.
-        experiment: Of the take.
+        suite: Of the episode.
+        experiment: Of the episode.
         seconds: Its length [s].
         free: Whether nothing was pushed in it.
         false: Contacts that no push explains.
         pushes: Every push.
         swings: Alarms that began after a release, on the pushed limb.
-        swings_told: Those that were called rebounds.
+        rebounds_reported: Those that were called rebounds.
         touches: Alarms that began during a push, on the pushed limb.
-        touches_mistold: Those that were called rebounds.
-        fit: By joint, NRMSE of the expected tracking error [%]; only of takes that test it.
+        contacts_misreported: Those that were called rebounds.
+        fit: By joint, NRMSE of the expected tracking error [%]; only of episodes that test it.
         fast: Whether it is a test run of a fit, not an estimation run.
         threshold: (m, N) some thresholds while nothing touched the robot [rad].
         torque: Sums of the torque estimates.
         seen: (N,) ticks in which each joint was not blind.
-        ticks: Ticks of the take.
+        ticks: Ticks of the episode.
         stiffness_constant: (N,) K of the plant [N m/rad].
         step_us: (n,) wall time of each step [us].
     """
@@ -226,9 +226,9 @@ class TakeScore:
     false: int
     pushes: tuple[PushScore, ...]
     swings: int
-    swings_told: int
+    rebounds_reported: int
     touches: int
-    touches_mistold: int
+    contacts_misreported: int
     fit: dict[str, float]
     fast: bool
     threshold: FloatArray = field(repr=False)
@@ -239,47 +239,49 @@ class TakeScore:
     step_us: FloatArray = field(repr=False)
 
 
-def score_take(take: Take, watched: Watched, robot: RobotConfig) -> TakeScore:
-    """Score what an observer said of a take."""
-    result = score(take.pushes, watched.contacts, robot)
+def score_episode(episode: Episode, watched: ObserverRun, robot: RobotConfig) -> EpisodeScore:
+    """Score what an observer said of an episode."""
+    result = score(episode.pushes, watched.contacts, robot)
     felt = {id(f.push): f for f in result.felt}
-    swings, touches = _swings_and_touches(take, watched, result.felt, robot)
-    time = take.recording.time
-    return TakeScore(
-        suite=take.suite,
-        experiment=take.experiment,
+    swings, touches = _swings_and_touches(episode, watched, result.felt, robot)
+    time = episode.recording.time
+    return EpisodeScore(
+        suite=episode.suite,
+        experiment=episode.experiment,
         seconds=float(time[-1] - time[0]) + robot.cycle,
-        free=not take.pushes,
+        free=not episode.pushes,
         false=len(result.false),
-        pushes=tuple(_score_push(take, p, felt.get(id(p)), robot) for p in take.pushes),
+        pushes=tuple(_score_push(episode, p, felt.get(id(p)), robot) for p in episode.pushes),
         swings=len(swings),
-        swings_told=sum(alarm.begin.kind == "rebound" for alarm in swings),
+        rebounds_reported=sum(alarm.begin.kind == "rebound" for alarm in swings),
         touches=len(touches),
-        touches_mistold=sum(alarm.begin.kind == "rebound" for alarm in touches),
-        fit=_fit(take, watched),
-        fast=take.task_stiffness > FASTEST_ESTIMATION,
-        threshold=watched.threshold[_untouched(take)][::THRESHOLD_STRIDE],
-        torque=_torque(take, watched, robot),
+        contacts_misreported=sum(alarm.begin.kind == "rebound" for alarm in touches),
+        fit=_fit(episode, watched),
+        fast=episode.task_stiffness > FASTEST_ESTIMATION,
+        threshold=watched.threshold[_untouched(episode)][::THRESHOLD_STRIDE],
+        torque=_torque(episode, watched, robot),
         seen=np.count_nonzero(watched.state != JointState.BLIND, axis=0),
         ticks=len(time),
-        stiffness_constant=take.stiffness_constant,
+        stiffness_constant=episode.stiffness_constant,
         step_us=watched.step_us,
     )
 
 
-def _score_push(take: Take, push: KnownPush, felt: Felt | None, robot: RobotConfig) -> PushScore:
+def _score_push(
+    episode: Episode, push: KnownPush, felt: Felt | None, robot: RobotConfig
+) -> PushScore:
     group = _group(push, robot)
     if felt is None:
         return PushScore(degrees=push.degrees, group=group, felt=False)
     detected = felt.contact.detection_time
-    passed = _passes_1deg(take, push, robot)
+    passed = _passes_1deg(episode, push, robot)
     return PushScore(
         degrees=push.degrees,
         group=group,
         felt=True,
         delay=felt.delay,
         delay_from_1deg=None if passed is None else detected - passed,
-        direction=_direction(take, felt, robot),
+        direction=_direction(episode, felt, robot),
         isolation=tuple(_is_there(felt, after, robot) for after in ISOLATION_TIMES),
     )
 
@@ -303,7 +305,7 @@ def _is_there(felt: Felt, after: float, robot: RobotConfig) -> bool:
     return joint == felt.push.joint
 
 
-def _direction(take: Take, felt: Felt, robot: RobotConfig) -> bool | None:
+def _direction(episode: Episode, felt: Felt, robot: RobotConfig) -> bool | None:
     """Compare the alarm's sign with that of the true torque on its joint; None for a torque near zero."""
     push, contact = felt.push, felt.contact
     if contact.joint is None or push.direction == 0:
@@ -311,42 +313,42 @@ def _direction(take: Take, felt: Felt, robot: RobotConfig) -> bool | None:
     if contact.joint == push.joint:
         return contact.direction == push.direction
     index = robot.joint_index(contact.joint)
-    torque = take.contact_torque[_during(take, push), index]
+    torque = episode.contact_torque[_during(episode, push), index]
     strongest = torque[np.argmax(np.abs(torque))] if len(torque) else 0.0
-    if not abs(strongest) / take.stiffness_constant[index] > ONE_DEGREE:
+    if not abs(strongest) / episode.stiffness_constant[index] > ONE_DEGREE:
         return None
     return bool(np.sign(strongest) == contact.direction)
 
 
-def _passes_1deg(take: Take, push: KnownPush, robot: RobotConfig) -> float | None:
+def _passes_1deg(episode: Episode, push: KnownPush, robot: RobotConfig) -> float | None:
     """Clock at which the torque on the pushed joint first is 1 equivalent degree [s]."""
     if push.joint is None:
         return None
     index = robot.joint_index(push.joint)
-    rows = np.flatnonzero(_during(take, push))
-    size = np.abs(take.contact_torque[rows, index]) / take.stiffness_constant[index]
+    rows = np.flatnonzero(_during(episode, push))
+    size = np.abs(episode.contact_torque[rows, index]) / episode.stiffness_constant[index]
     above = rows[size >= ONE_DEGREE]
-    return float(take.recording.time[above[0]]) if len(above) else None
+    return float(episode.recording.time[above[0]]) if len(above) else None
 
 
-def _during(take: Take, push: KnownPush) -> BoolArray:
+def _during(episode: Episode, push: KnownPush) -> BoolArray:
     """(n,) rows while the force acts."""
-    time = take.recording.time
+    time = episode.recording.time
     during: BoolArray = (time >= push.onset) & (time <= push.release)
     return during
 
 
-def _untouched(take: Take) -> BoolArray:
+def _untouched(episode: Episode) -> BoolArray:
     """(n,) rows while no push acts, nor the joint swings back from one."""
-    time = take.recording.time
+    time = episode.recording.time
     free = np.ones(len(time), dtype=np.bool_)
-    for push in take.pushes:
+    for push in episode.pushes:
         free &= (time < push.onset) | (time > push.release + REBOUND_TIME)
     return free
 
 
 def _swings_and_touches(
-    take: Take, watched: Watched, felt: tuple[Felt, ...], robot: RobotConfig
+    episode: Episode, watched: ObserverRun, felt: tuple[Felt, ...], robot: RobotConfig
 ) -> tuple[list[Alarm], list[Alarm]]:
     """Alarms on the pushed limb that began after the release, and those that began before it."""
     swings, touches = [], []
@@ -355,7 +357,7 @@ def _swings_and_touches(
         begin = alarm.begin
         near = [
             push
-            for push in take.pushes
+            for push in episode.pushes
             if push.onset <= begin.detection_time <= push.release + REBOUND_TIME
             and robot.limb_of(push.joint) == robot.limb_of(begin.joint)
         ]
@@ -368,12 +370,12 @@ def _swings_and_touches(
     return swings, touches
 
 
-def _fit(take: Take, watched: Watched) -> dict[str, float]:
-    """NRMSE of the expected error of the joint that the take is about, if it is about one and nobody pushes."""
-    recording, expected = take.recording, watched.predicted
+def _fit(episode: Episode, watched: ObserverRun) -> dict[str, float]:
+    """NRMSE of the expected error of the joint that the episode is about, if it is about one and nobody pushes."""
+    recording, expected = episode.recording, watched.predicted
     if expected is None:
         return {}
-    index = recording.joint_names.index(take.experiment)
+    index = recording.joint_names.index(episode.experiment)
     usable = recording.usable(index) & np.isfinite(expected)
     if not usable.any():
         return {}
@@ -381,17 +383,17 @@ def _fit(take: Take, watched: Watched) -> dict[str, float]:
         fit = nrmse_fit(recording.tracking_error(index)[usable], expected[usable])
     except FittingError:  # a joint that stood still
         return {}
-    return {take.experiment: fit}
+    return {episode.experiment: fit}
 
 
-def _torque(take: Take, watched: Watched, robot: RobotConfig) -> TorqueSums:
+def _torque(episode: Episode, watched: ObserverRun, robot: RobotConfig) -> TorqueSums:
     sums = TorqueSums()
-    for push in take.pushes:
+    for push in episode.pushes:
         if push.joint is None or _group(push, robot) != "plain":
             continue
         index = robot.joint_index(push.joint)
-        rows, unit = _during(take, push), take.stiffness_constant[index]
-        truth = take.contact_torque[rows, index] / unit
+        rows, unit = _during(episode, push), episode.stiffness_constant[index]
+        truth = episode.contact_torque[rows, index] / unit
         estimate = watched.torque[rows, index] / unit
         known = np.isfinite(truth)
         both = known & np.isfinite(estimate)

@@ -1,7 +1,7 @@
 """Goals and contacts of the frozen suites, and of identification, are those that were recorded long before.
 
-The digests were made with an earlier planner and another form of file; each is of all segments of one take. Some are of
-the first goals of a take only. ``make test-all`` plans every take, which takes ten minutes.
+The digests were made with an earlier planner and another form of file; each is of all segments of one episode. Some are
+of the first goals of an episode only. ``make test-all`` plans every episode, which takes ten minutes.
 """
 
 from __future__ import annotations
@@ -18,14 +18,14 @@ import pytest
 from pepper_driver.backends import make_backend
 from pepper_driver.config import Experiment, load_experiment, load_robot
 from pepper_driver.config.evaluation import Run, load_evaluation
-from pepper_driver.evaluation.takes import take_uri
+from pepper_driver.evaluation.episodes import episode_uri
 from pepper_driver.experiments.plan import plan_experiment
 from pepper_driver.experiments.segments import PlannedContact, Segment
 from pepper_driver.identification.runs import plan_runs, sweeps_of
 from support import ROOT
 
 ROBOT = load_robot()
-FACTS = ROOT / "tests" / "facts" / "planned_takes.json"
+FACTS = ROOT / "tests" / "facts" / "planned_episodes.json"
 RECORDED: dict[str, dict[str, Any]] = json.loads(FACTS.read_text())
 WHOLE, FIRST_GOALS = RECORDED["whole"], RECORDED["first_goals"]
 
@@ -87,7 +87,7 @@ def digest(experiment: Experiment, uri: str, seed: Sequence[int]) -> str:
     return hashlib.sha256(json.dumps(facts).encode()).hexdigest()[:16]
 
 
-# -- takes ------------------------------------------------------------------------------------------------------------
+# -- episodes ---------------------------------------------------------------------------------------------------------
 
 
 @cache
@@ -101,7 +101,7 @@ def suites() -> dict[str, Run]:
     }
 
 
-def test_all_takes_are_known() -> None:
+def test_all_episodes_are_known() -> None:
     recorded = {name for name in WHOLE if not name.startswith("identify/")}
     assert recorded == set(suites())
     shown = {suites()[name].experiment.name for name in FIRST_GOALS}
@@ -119,7 +119,9 @@ def test_sweeps_of_the_suites() -> None:
     mirrored = {name: run for name, run in suites().items() if run.suite == "mirror"}
     swept = {name: run for name, run in mirrored.items() if run.experiment.name == "sweeps"}
     assert len(swept) == 12
-    planned = {name: digest(run.performed, take_uri(run), run.seed) for name, run in swept.items()}
+    planned = {
+        name: digest(run.performed, episode_uri(run), run.seed) for name, run in swept.items()
+    }
     assert planned == {name: WHOLE[name] for name in swept}
 
 
@@ -127,11 +129,11 @@ def test_sweeps_of_the_suites() -> None:
 def test_the_first_goals_of_each_experiment(name: str) -> None:
     run, recorded = suites()[name], FIRST_GOALS[name]
     experiment = run.experiment.with_goals(count=recorded["goals"])
-    assert digest(experiment, take_uri(run), run.seed) == recorded["digest"]
+    assert digest(experiment, episode_uri(run), run.seed) == recorded["digest"]
 
 
 @pytest.mark.whole
 @pytest.mark.parametrize("name", [name for name in WHOLE if not name.startswith("identify/")])
-def test_whole_takes(name: str) -> None:
+def test_whole_episodes(name: str) -> None:
     run = suites()[name]
-    assert digest(run.performed, take_uri(run), run.seed) == WHOLE[name]
+    assert digest(run.performed, episode_uri(run), run.seed) == WHOLE[name]

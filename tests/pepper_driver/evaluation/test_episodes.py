@@ -1,4 +1,4 @@
-"""A take is what really happened, can be had again, and is never one of a robot that fell."""
+"""An episode is what really happened, can be had again, and is never one of a robot that fell."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -10,15 +10,15 @@ from pepper_driver.config import load_robot
 from pepper_driver.config.contact_specs import PushSpec
 from pepper_driver.config.evaluation import Run, load_evaluation
 from pepper_driver.config.steps import Step
-from pepper_driver.evaluation.takes import (
+from pepper_driver.evaluation.episodes import (
     REDRAWN,
-    FailedTake,
-    StoppedTakeError,
-    Take,
-    TakeError,
+    Episode,
+    EpisodeError,
+    FailedEpisode,
+    StoppedEpisodeError,
+    episode_uri,
+    episodes,
     perform,
-    take_uri,
-    takes,
 )
 
 ROBOT = load_robot()
@@ -31,7 +31,7 @@ FREE = replace(EVALUATION.runs("free")[3], goals=1)
 
 
 @pytest.fixture(scope="module")
-def take() -> Take:
+def episode() -> Episode:
     return perform(RUN)
 
 
@@ -51,7 +51,7 @@ def pushed_over() -> Run:
     return replace(RUN, experiment=experiment, goals=None, plant="nominal")
 
 
-def same(one: Take, other: Take) -> bool:
+def same(one: Episode, other: Episode) -> bool:
     return (
         one.pushes == other.pushes
         and one.seed == other.seed
@@ -63,63 +63,67 @@ def same(one: Take, other: Take) -> bool:
     )
 
 
-def test_a_take_says_what_really_acted(take: Take) -> None:
-    assert (take.suite, take.experiment) == ("paper", "LSRoll")
-    assert (take.plant, take.draw) == ("swaying-integral", None)
-    assert take.task_stiffness == 8.0
-    shape = take.recording.position.shape
+def test_a_episode_says_what_really_acted(episode: Episode) -> None:
+    assert (episode.suite, episode.experiment) == ("paper", "LSRoll")
+    assert (episode.plant, episode.draw) == ("swaying-integral", None)
+    assert episode.task_stiffness == 8.0
+    shape = episode.recording.position.shape
     assert shape == (550, 17)
-    assert take.contact_torque.shape == take.saturated.shape == shape
-    assert len(take.pushes) == 2
-    time, index = take.recording.time, ROBOT.joint_index("LShoulderRoll")
-    for push in take.pushes:
+    assert episode.contact_torque.shape == episode.saturated.shape == shape
+    assert len(episode.pushes) == 2
+    time, index = episode.recording.time, ROBOT.joint_index("LShoulderRoll")
+    for push in episode.pushes:
         during = (time >= push.onset) & (time <= push.release)
-        peak = np.abs(take.contact_torque[during, index]).max()
+        peak = np.abs(episode.contact_torque[during, index]).max()
         assert push.torque == pytest.approx(peak)
-        assert push.degrees == pytest.approx(np.degrees(peak / take.stiffness_constant[index]))
+        assert push.degrees == pytest.approx(np.degrees(peak / episode.stiffness_constant[index]))
         assert push.degrees == pytest.approx(np.clip(push.degrees, 2.3, 12.5))
         sign = np.sign(
-            take.contact_torque[during, index][
-                np.argmax(np.abs(take.contact_torque[during, index]))
+            episode.contact_torque[during, index][
+                np.argmax(np.abs(episode.contact_torque[during, index]))
             ]
         )
         assert push.direction == sign
     quiet = np.ones(len(time), dtype=bool)
-    for push in take.pushes:
+    for push in episode.pushes:
         quiet &= (time < push.onset) | (time > push.release + ROBOT.cycle)
-    assert not take.contact_torque[quiet].any()
+    assert not episode.contact_torque[quiet].any()
 
 
-def test_one_run_one_take(take: Take) -> None:
-    assert same(take, perform(RUN))
+def test_one_run_one_episode(episode: Episode) -> None:
+    assert same(episode, perform(RUN))
     other = perform(replace(RUN, seed=(*RUN.seed[:-1], RUN.seed[-1] + 1)))
-    assert other.seed != take.seed
-    assert not same(take, other)
+    assert other.seed != episode.seed
+    assert not same(episode, other)
 
 
-def test_a_take_comes_back_from_the_cache(take: Take, tmp_path: Path) -> None:
+def test_a_episode_comes_back_from_the_cache(episode: Episode, tmp_path: Path) -> None:
     first = perform(RUN, tmp_path)
     (folder,) = tmp_path.iterdir()
     written = (folder / "recording.npz").stat().st_mtime_ns
     again = perform(RUN, tmp_path)
     assert (folder / "recording.npz").stat().st_mtime_ns == written
     assert same(first, again)
-    assert same(take, again)
-    assert (again.identity, again.plant, again.task_stiffness) == (take.identity, take.plant, 8.0)
+    assert same(episode, again)
+    assert (again.identity, again.plant, again.task_stiffness) == (
+        episode.identity,
+        episode.plant,
+        8.0,
+    )
 
 
-@pytest.mark.parametrize("name", ["recording.npz", "truth.npz", "take.json"])
-def test_a_damaged_take_is_performed_again(take: Take, tmp_path: Path, name: str) -> None:
+@pytest.mark.parametrize("name", ["recording.npz", "truth.npz", "episode.json"])
+def test_a_damaged_episode_is_performed_again(episode: Episode, tmp_path: Path, name: str) -> None:
     perform(RUN, tmp_path)
     (folder,) = tmp_path.iterdir()
     (folder / name).write_bytes(b"{}")
-    with pytest.raises(TakeError, match=r"no take \(.+; delete the folder"):
-        Take.load(folder, ROBOT)
-    assert same(take, perform(RUN, tmp_path))
-    assert same(take, Take.load(folder, ROBOT))
+    with pytest.raises(EpisodeError, match=r"no episode \(.+; delete the folder"):
+        Episode.load(folder, ROBOT)
+    assert same(episode, perform(RUN, tmp_path))
+    assert same(episode, Episode.load(folder, ROBOT))
 
 
-def test_what_makes_a_take_different_has_a_place_of_its_own(tmp_path: Path) -> None:
+def test_what_makes_a_episode_different_has_a_place_of_its_own(tmp_path: Path) -> None:
     runs = [
         FREE,
         replace(FREE, draw=5),
@@ -134,68 +138,68 @@ def test_what_makes_a_take_different_has_a_place_of_its_own(tmp_path: Path) -> N
 
 
 def test_plants_and_draws_are_in_the_uri() -> None:
-    assert take_uri(FREE).startswith("mujoco://?plant=drift&seed=")
-    assert take_uri(FREE).endswith(f"&draw={FREE.draw}")
-    assert "draw" not in take_uri(RUN)
-    noises = {take_uri(replace(FREE, draw=k)).split("seed=")[1].split("&")[0] for k in range(5)}
+    assert episode_uri(FREE).startswith("mujoco://?plant=drift&seed=")
+    assert episode_uri(FREE).endswith(f"&draw={FREE.draw}")
+    assert "draw" not in episode_uri(RUN)
+    noises = {episode_uri(replace(FREE, draw=k)).split("seed=")[1].split("&")[0] for k in range(5)}
     assert len(noises) == 5
 
 
-def test_a_robot_that_falls_gives_no_take() -> None:
-    with pytest.raises(TakeError, match=r"paper, LSRoll on nominal .*: it tipped by \d+ deg"):
+def test_a_robot_that_falls_gives_no_episode() -> None:
+    with pytest.raises(EpisodeError, match=r"paper, LSRoll on nominal .*: it tipped by \d+ deg"):
         perform(pushed_over())
 
 
 def test_a_run_in_which_the_robot_fell_is_drawn_anew(
-    take: Take, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+    episode: Episode, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     drawn: list[int] = []
 
-    def falls_twice(run: Run, _: object) -> Take:
+    def falls_twice(run: Run, _: object) -> Episode:
         drawn.append(run.seed[-1])
         if len(drawn) <= falls:
-            raise StoppedTakeError("it tipped by 12 deg")
-        return take
+            raise StoppedEpisodeError("it tipped by 12 deg")
+        return episode
 
-    monkeypatch.setattr("pepper_driver.evaluation.takes._performed", falls_twice)
+    monkeypatch.setattr("pepper_driver.evaluation.episodes._performed", falls_twice)
     falls, number = 2, RUN.seed[-1]
-    assert perform(RUN, tmp_path) is take
+    assert perform(RUN, tmp_path) is episode
     assert drawn == [number, number + REDRAWN, number + 2 * REDRAWN]
     falls = 9
-    with pytest.raises(TakeError, match="tipped"):
+    with pytest.raises(EpisodeError, match="tipped"):
         perform(replace(RUN, plant="cold"), tmp_path)
     assert len(drawn) == 6
 
 
-def test_a_push_that_does_not_fit_gives_no_take() -> None:
+def test_a_push_that_does_not_fit_gives_no_episode() -> None:
     run = pushed_over()
     run = replace(run, experiment=replace(run.experiment, max_tipping=0.5))
-    with pytest.raises(TakeError, match="of what tips the robot over; at most 50%"):
+    with pytest.raises(EpisodeError, match="of what tips the robot over; at most 50%"):
         perform(run)
 
 
 @pytest.mark.parametrize("workers", [1, 2])
-def test_takes_come_in_their_order_whoever_performs_them(
-    take: Take, tmp_path: Path, workers: int
+def test_episodes_come_in_their_order_whoever_performs_them(
+    episode: Episode, tmp_path: Path, workers: int
 ) -> None:
     told: list[tuple[int, int]] = []
     runs = [pushed_over(), RUN, FREE]
-    failed, pushed, free = takes(
+    failed, pushed, free = episodes(
         runs, workers=workers, cache=tmp_path, progress=lambda *done: told.append(done)
     )
     assert told == [(1, 3), (2, 3), (3, 3)]
-    assert isinstance(failed, FailedTake)
+    assert isinstance(failed, FailedEpisode)
     assert failed.run == runs[0]
     assert "tipped" in failed.reason
-    assert isinstance(pushed, Take)
-    assert same(pushed, take)
-    assert isinstance(free, Take)
+    assert isinstance(pushed, Episode)
+    assert same(pushed, episode)
+    assert isinstance(free, Episode)
     assert free.pushes == ()
     assert free.draw == FREE.draw
     assert not free.contact_torque.any()
 
 
-def test_no_truth_is_in_the_recording(take: Take) -> None:
+def test_no_truth_is_in_the_recording(episode: Episode) -> None:
     for name in ("contact_torque", "saturated", "pushes", "stiffness_constant"):
-        assert not hasattr(take.recording, name)
-    assert not hasattr(next(take.recording.ticks()), "truth")
+        assert not hasattr(episode.recording, name)
+    assert not hasattr(next(episode.recording.ticks()), "truth")
