@@ -14,10 +14,10 @@ from pepper_driver.backends.interface import (
     DeviceError,
     NotConnectedError,
 )
-from pepper_driver.backends.pushes import ScheduledPush, schedule_push
+from pepper_driver.backends.pushes import ScheduledPush
 from pepper_driver.backends.selection import BackendUri, make_backend, with_query
 from pepper_driver.backends.serial import Serial, serial
-from pepper_driver.backends.simulated import SimulatedPlant, TrueContact, Truth
+from pepper_driver.backends.simulated import Grab, Push, SimulatedPlant, TrueContact, Truth
 
 __all__ = [
     "DEAD_MAN_CYCLES",
@@ -31,9 +31,11 @@ __all__ = [
     "CommandError",
     "DeviceError",
     "Extras",
+    "Grab",
     "Imu",
     "Measurement",
     "NotConnectedError",
+    "Push",
     "ScheduledPush",
     "Serial",
     "SimulatedPlant",
@@ -41,7 +43,6 @@ __all__ = [
     "Truth",
     "checked_command",
     "make_backend",
-    "schedule_push",
     "serial",
     "with_query",
 ]

@@ -12,9 +12,10 @@ from numpy.typing import ArrayLike
 
 from pepper_driver.backends.extras import Extras
 from pepper_driver.backends.fields import Command, Measurement
-from pepper_driver.backends.simulated import SimulatedPlant, Truth
+from pepper_driver.backends.simulated import Grab, Push, SimulatedPlant, Truth
 from pepper_driver.config import PepperError, RobotIdentity
 from pepper_driver.config.arrays import FloatArray
+from pepper_driver.config.contact_specs import Axes
 
 LONGEST_WAY = 50
 """[commands] From a command to the sample that answers it, at most: by then the safety gate has stopped the robot."""
@@ -223,11 +224,11 @@ class Backend(ABC):
         link: str,
         force: ArrayLike,
         point: ArrayLike | None = None,
-        duration: float = 0.5,
+        duration: float = Push.duration,
         *,
-        frame: Literal["world", "link"] = "world",
-        delay: float = 0.0,
-        rise: float = 0.1,
+        frame: Axes = Push.frame,
+        delay: float = Push.delay,
+        rise: float = Push.rise,
     ) -> None:
         """Push a link of a simulated robot, from ``delay`` [s] from now on.
 
@@ -246,6 +247,20 @@ class Backend(ABC):
             NotConnectedError: Not open.
             CommandError: A number that is not finite or out of range, or a point over a metre off the link's origin.
         """
+        self.schedule_push(
+            Push(
+                link=link,
+                force=force,
+                point=point,
+                duration=duration,
+                frame=frame,
+                delay=delay,
+                rise=rise,
+            )
+        )
+
+    def schedule_push(self, push: Push) -> None:
+        """Take in a push that was asked for; raises as :meth:`push` says. A backend with pushes has its own."""
         raise CapabilityError(f"'{self.uri}' cannot push itself: only simulated backends do")
 
     def grab(
@@ -254,13 +269,13 @@ class Backend(ABC):
         pull: ArrayLike,
         point: ArrayLike | None = None,
         *,
-        stiffness: float = 1000.0,
-        rise: float = 0.5,
-        hold: float = 1.0,
-        release: float = 0.1,
-        largest_force: float = 100.0,
-        frame: Literal["world", "link"] = "world",
-        delay: float = 0.0,
+        stiffness: float = Grab.stiffness,
+        rise: float = Grab.rise,
+        hold: float = Grab.hold,
+        release: float = Grab.release,
+        max_force: float = Grab.max_force,
+        frame: Axes = Grab.frame,
+        delay: float = Grab.delay,
     ) -> None:
         """Take a link of a simulated robot in a springy hand, from ``delay`` [s] from now on, and pull or push it.
 
@@ -275,7 +290,7 @@ class Backend(ABC):
             rise: Time in which the hand moves [s].
             hold: Time for which it then stays [s].
             release: Time in which its force fades [s].
-            largest_force: What the hand can do [N]; beyond that it slips along.
+            max_force: What the hand can do [N]; beyond that it slips along.
             frame: Axes of ``pull``: of the ``world``, or of the ``link`` as it is when the hand closes.
             delay: Time until the hand closes [s].
 
@@ -286,6 +301,23 @@ class Backend(ABC):
             CommandError: A number that is not finite or out of range, another hand on this link at that time, or a
                 point too light for a hand this stiff.
         """
+        self.schedule_grab(
+            Grab(
+                link=link,
+                pull=pull,
+                point=point,
+                stiffness=stiffness,
+                rise=rise,
+                hold=hold,
+                release=release,
+                max_force=max_force,
+                frame=frame,
+                delay=delay,
+            )
+        )
+
+    def schedule_grab(self, grab: Grab) -> None:
+        """Take in a hand that was asked for, as :meth:`schedule_push` a push."""
         raise CapabilityError(f"'{self.uri}' cannot grab itself: only simulated backends do")
 
     @cached_property

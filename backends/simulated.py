@@ -8,11 +8,45 @@ from dataclasses import dataclass
 from typing import Any, ClassVar, Literal
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from pepper_driver.config import PlantConfig
 from pepper_driver.config.arrays import BoolArray, FloatArray
+from pepper_driver.config.contact_specs import Axes, GrabSpec
 
 ContactKind = Literal["push", "hand", "object"]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Push:
+    """Push that a simulated robot is asked for; attributes as in :meth:`pepper_driver.backends.Backend.push`."""
+
+    link: str
+    force: ArrayLike
+    point: ArrayLike | None = None
+    duration: float = 0.5
+    frame: Axes = "world"
+    delay: float = 0.0
+    rise: float = 0.1
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Grab:
+    """Springy hand that a simulated robot is asked for; attributes as in :meth:`pepper_driver.backends.Backend.grab`.
+
+    Its defaults are those of a hand in an experiment.
+    """
+
+    link: str
+    pull: ArrayLike
+    point: ArrayLike | None = None
+    stiffness: float = GrabSpec.stiffness
+    rise: float = GrabSpec.rise
+    hold: float = GrabSpec.hold
+    release: float = GrabSpec.release
+    max_force: float = GrabSpec.max_force
+    frame: Axes = GrabSpec.frame
+    delay: float = 0.0
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

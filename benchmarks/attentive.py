@@ -29,7 +29,7 @@ from pepper_driver import Pepper, PepperError
 from pepper_driver.config import load_controller_settings, load_observer_settings, load_robot
 from pepper_driver.config.plant import plant_names
 from pepper_driver.controller import Tick
-from pepper_driver.observer import ContactObserver, ModelSet, Push, score
+from pepper_driver.observer import ContactObserver, KnownPush, ModelSet, score
 from pepper_driver.observer.models.model_file import shipped
 
 ROOTS = {"development": 20261122, "test": 20261123}
@@ -97,7 +97,7 @@ def push(plant: str, amplitude: float, seed: int) -> Result:
             pepper.push(link, force * direction, [0.0, 0.0, 0.0], DURATION, rise=RISE)
             onset = pepper.time
             pushes.append(
-                Push(
+                KnownPush(
                     joint=HANDS[link],
                     link=link,
                     direction=1,

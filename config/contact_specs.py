@@ -55,7 +55,7 @@ class Touch:
 
 
 @dataclass(frozen=True, kw_only=True, config=STRICT)
-class Push(Touch):
+class PushSpec(Touch):
     """A force [N] in the axes of the world or of the link."""
 
     kind: Literal["push"]
@@ -73,7 +73,7 @@ class Push(Touch):
 
 
 @dataclass(frozen=True, kw_only=True, config=STRICT)
-class JointPush(Touch):
+class JointPushSpec(Touch):
     """The smallest force that puts ``degrees`` equivalent degrees on ``joint``.
 
     Equivalent degrees: torque on the joint divided by its proportional stiffness. ``direction`` is the torque's sign.
@@ -86,7 +86,7 @@ class JointPush(Touch):
 
 
 @dataclass(frozen=True, kw_only=True, config=STRICT)
-class Grab(Touch):
+class GrabSpec(Touch):
     """A springy hand that takes hold of a point, moves by ``pull`` [m] in ``rise``, stays for ``hold``, lets go.
 
     Its spring has ``stiffness`` [N/m], gives ``max_force`` [N] at most, and fades over ``release``. Times in [s].
@@ -229,7 +229,7 @@ class RandomForces(RandomTouch):
         yield from ((f"points.{n}.link", "link", p.link) for n, p in enumerate(self.points))
 
 
-StatedContact = Push | JointPush | Grab
+StatedContact = PushSpec | JointPushSpec | GrabSpec
 AnyContact = StatedContact | RandomPushes | RandomForces
 
 

@@ -185,7 +185,7 @@ class NaoqiNames:
 
 
 @dataclass(frozen=True, kw_only=True, config=STRICT)
-class Hands:
+class HandGeometry:
     """LHand and RHand measure aperture: 0 closed, 1 open, carried as if it were radians.
 
     ``finger_angle`` [rad] is what each phalanx turns per unit of aperture, ``finger_inertia`` [kg m2] the

@@ -29,7 +29,7 @@ from pepper_driver.config.lines import with_lines
 from pepper_driver.config.loading import STRICT, load, own_or_shipped, read_yaml
 from pepper_driver.config.mistakes import as_written
 from pepper_driver.config.parts import (
-    Hands,
+    HandGeometry,
     Limits,
     Motors,
     NaoqiNames,
@@ -103,7 +103,7 @@ class _RobotFile:
     battery_voltage: Positive
     joint_names: tuple[str, ...]
     chains: dict[str, tuple[str, ...]]
-    hands: Hands
+    hands: HandGeometry
     postures: str
     motors: str
     sensors: str
@@ -126,7 +126,7 @@ class RobotConfig:
     joints: tuple[Joint, ...]
     links: tuple[str, ...]
     chains: dict[str, tuple[str, ...]]
-    hands: Hands
+    hands: HandGeometry
     motors: Motors
     sensors: Sensors
     limits: Limits

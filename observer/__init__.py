@@ -29,7 +29,7 @@ from pepper_driver.observer.models.tree import (
     TreeKind,
 )
 from pepper_driver.observer.recording import Recording, RecordingBuilder, RecordingError
-from pepper_driver.observer.scoring import RELEASE_GRACE, Felt, Push, Score, score
+from pepper_driver.observer.scoring import RELEASE_GRACE, Felt, KnownPush, Score, score
 
 __all__ = [
     "MODEL_TYPES",
@@ -47,13 +47,13 @@ __all__ = [
     "HandLoad",
     "JointModel",
     "JointState",
+    "KnownPush",
     "ModelFileError",
     "ModelKind",
     "ModelSet",
     "MotorParameters",
     "Observation",
     "Observer",
-    "Push",
     "Recording",
     "RecordingBuilder",
     "RecordingError",

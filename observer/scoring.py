@@ -69,7 +69,7 @@ RUN_GAP = 0.3
 
 
 @dataclass(frozen=True, kw_only=True)
-class Push:
+class KnownPush:
     """A push or a pull that really happened.
 
     Attributes:
@@ -104,7 +104,7 @@ class Push:
 class Felt:
     """A push with the contact that reported it: as it began, and with all that was told of it later."""
 
-    push: Push
+    push: KnownPush
     contact: Contact
     alarm: Alarm
 
@@ -134,14 +134,14 @@ class Score:
     """
 
     felt: tuple[Felt, ...]
-    missed: tuple[Push, ...]
+    missed: tuple[KnownPush, ...]
     false: tuple[Contact, ...]
     rebounds: tuple[Contact, ...]
     repeated: tuple[Contact, ...]
     on_trunk: tuple[Contact, ...] = ()
 
 
-def score(pushes: Sequence[Push], contacts: Sequence[Contact], robot: RobotConfig) -> Score:
+def score(pushes: Sequence[KnownPush], contacts: Sequence[Contact], robot: RobotConfig) -> Score:
     """Match the contacts that the events of a run tell of with ``pushes``.
 
     A push is felt when a contact begins from its onset until RELEASE_GRACE after its release, in whatever direction,

@@ -11,7 +11,6 @@ from typing import Any, Literal
 
 import mujoco
 import numpy as np
-from numpy.typing import ArrayLike
 
 from pepper_driver.backends.commands import checked_command
 from pepper_driver.backends.fields import Command, Measurement
@@ -22,12 +21,11 @@ from pepper_driver.backends.interface import (
     BackendInfo,
     NotConnectedError,
 )
-from pepper_driver.backends.mujoco_.pushes import planned_hand, planned_push
 from pepper_driver.backends.mujoco_.sensors import CommandLine
 from pepper_driver.backends.mujoco_.simulation import MujocoTruth, Readings, Simulation
 from pepper_driver.backends.selection import BackendUri
 from pepper_driver.backends.serial import Serial, serial
-from pepper_driver.backends.simulated import Resumable, SimulatedPlant, Truth
+from pepper_driver.backends.simulated import Grab, Push, Resumable, SimulatedPlant, Truth
 from pepper_driver.config import (
     ConfigError,
     PlantConfig,
@@ -333,56 +331,16 @@ class MujocoBackend(Serial, Backend):
         self._state = "closed"
 
     @serial
-    def push(
-        self,
-        link: str,
-        force: ArrayLike,
-        point: ArrayLike | None = None,
-        duration: float = 0.5,
-        *,
-        frame: Literal["world", "link"] = "world",
-        delay: float = 0.0,
-        rise: float = 0.1,
-    ) -> None:
-        """Push a link; see :meth:`Backend.push`."""
+    def schedule_push(self, push: Push) -> None:
+        """Have a link pushed."""
         self._check_open()
-        push = planned_push(
-            self._model, self._data, link, force, point, duration, frame, delay, rise
-        )
         self._simulation.contacts.pushes.add(push)
 
     @serial
-    def grab(
-        self,
-        link: str,
-        pull: ArrayLike,
-        point: ArrayLike | None = None,
-        *,
-        stiffness: float = 1000.0,
-        rise: float = 0.5,
-        hold: float = 1.0,
-        release: float = 0.1,
-        largest_force: float = 100.0,
-        frame: Literal["world", "link"] = "world",
-        delay: float = 0.0,
-    ) -> None:
-        """Take a link in a springy hand; see :meth:`Backend.grab`."""
+    def schedule_grab(self, grab: Grab) -> None:
+        """Have a link taken in a springy hand."""
         self._check_open()
-        hand = planned_hand(
-            self._model,
-            self._data,
-            link,
-            pull,
-            point,
-            stiffness=stiffness,
-            rise=rise,
-            hold=hold,
-            release=release,
-            largest_force=largest_force,
-            frame=frame,
-            delay=delay,
-        )
-        self._simulation.contacts.hands.add(hand)
+        self._simulation.contacts.grabs.add(grab)
 
     def _check_open(self) -> None:
         if self._state == "closed":

@@ -9,7 +9,7 @@ import numpy as np
 
 from pepper_driver.backends.mujoco_.objects import Throws, body_name, check_clearance
 from pepper_driver.backends.mujoco_.plant_model import PlantModel
-from pepper_driver.backends.mujoco_.pushes import Hands, Pushes
+from pepper_driver.backends.mujoco_.pushes import GrabForces, Pushes
 from pepper_driver.backends.mujoco_.sensors import TouchSensors
 from pepper_driver.backends.mujoco_.tally import Tally
 from pepper_driver.backends.simulated import Resumable, TrueContact
@@ -69,7 +69,7 @@ class Contacts(Resumable):
     they come between. So a simulation goes on bit by bit from a saved state.
 
     Attributes:
-        pushes, hands: What is scheduled.
+        pushes, grabs: What is scheduled.
         touch: The sensors that feel it.
     """
 
@@ -80,7 +80,7 @@ class Contacts(Resumable):
         self._steps = round(robot.cycle / model.mj.opt.timestep)
         self._joint_torque = data.qfrc_applied
         self.touch = TouchSensors(robot, model, data)
-        self.pushes, self.hands = Pushes(model, data), Hands(model, data)
+        self.pushes, self.grabs = Pushes(model, data), GrabForces(model, data)
         self._tally = Tally(model, data, self.touch, self._steps)
         self._world = world if world is not None and world.objects else None
         self._collisions: Collisions | None = None
@@ -109,7 +109,7 @@ class Contacts(Resumable):
     def reset(self) -> None:
         """Nothing touches, nothing is to come but what the world throws."""
         self.pushes.clear()
-        self.hands.clear()
+        self.grabs.clear()
         self.touch.reset()
         self._tally.reset()
 
@@ -122,7 +122,7 @@ class Contacts(Resumable):
         """Find out what may act in the cycle to come: the rest costs its steps nothing."""
         now = self._data.time
         pushes = self.pushes.begin_cycle(now, now + self._cycle)
-        hands = self.hands.begin_cycle(now, now + self._cycle)
+        hands = self.grabs.begin_cycle(now, now + self._cycle)
         self._scheduled = pushes or hands
         self._waiting = self._throws is not None and self._throws.waiting
         self._idle = not self._scheduled and self._world is None
@@ -141,7 +141,7 @@ class Contacts(Resumable):
             mujoco.mj_step1(mj, data)
             torque.fill(0.0)
             self.pushes.apply(tally, torque)
-            self.hands.apply(tally, torque)
+            self.grabs.apply(tally, torque)
             mujoco.mj_step2(mj, data)
         else:
             mujoco.mj_step(mj, data)
@@ -168,7 +168,7 @@ class Contacts(Resumable):
     def _parts(self) -> dict[str, Resumable]:
         return {
             "pushes": self.pushes,
-            "hands": self.hands,
+            "grabs": self.grabs,
             "touch": self.touch,
             "tally": self._tally,
         }

@@ -5,21 +5,17 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass
 from math import cos, pi, sqrt
-from typing import Literal
 
 import mujoco
 import numpy as np
-from numpy.typing import ArrayLike
 
-from pepper_driver.backends.commands import check_grab
 from pepper_driver.backends.interface import CommandError
 from pepper_driver.backends.motion_profile import minimum_jerk, minimum_jerk_slope
 from pepper_driver.backends.mujoco_.plant_model import PlantModel
 from pepper_driver.backends.mujoco_.tally import Point, Tally
-from pepper_driver.backends.pushes import ScheduledPush, schedule_push
-from pepper_driver.backends.simulated import Resumable
+from pepper_driver.backends.pushes import ScheduledPush, check_grab
+from pepper_driver.backends.simulated import Grab, Push, Resumable
 from pepper_driver.config.arrays import FloatArray
-from pepper_driver.config.errors import check_name
 
 
 class Pushes(Resumable):
@@ -29,12 +25,13 @@ class Pushes(Resumable):
 
     def __init__(self, model: PlantModel, data: mujoco.MjData) -> None:
         self._bodies, self._data = model.bodies, data
+        self._centres = centres_of_mass(model)
         self._pending: list[ScheduledPush] = []
         self._due: list[ScheduledPush] = []
 
-    def add(self, push: ScheduledPush) -> None:
-        """Schedule a push."""
-        self._pending.append(push)
+    def add(self, push: Push) -> None:
+        """Schedule a push; raises as :meth:`Backend.push` says."""
+        self._pending.append(ScheduledPush.of(push, self._centres, self._data.time))
 
     def clear(self) -> None:
         """Forget all pushes."""
@@ -59,7 +56,7 @@ class Pushes(Resumable):
             body = self._bodies[push.link]
             rotation = data.xmat[body].reshape(3, 3)
             force = strength * push.force
-            if push.turns_with_link:
+            if push.frame == "link":
                 force = rotation @ force
             px, py, pz = (data.xpos[body] + rotation @ push.point).tolist()
             x, y, z = force.tolist()
@@ -82,36 +79,29 @@ _LARGEST_DAMPING, _LARGEST_STIFFNESS = 0.4, 0.5
 rest is kept for links that get lighter at that point as they move."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class Hand:
-    """One hand on a link.
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ScheduledGrab(Grab):
+    """Hand that was checked.
 
     Attributes:
-        body, link: Number and name of the link.
-        pull: (3,) way of the hand [m], in world axes or those of the link when it closes (``in_link_axes``).
-        point: (3,) where it holds, in the link's frame [m].
-        stiffness: [N/m].
+        body: Number of the link.
         start: When it closes [s].
-        rise, hold, release: Times to move, to stay and to let go [s].
-        largest_force: [N].
     """
 
-    body: int
-    link: str
     pull: FloatArray
     point: FloatArray
-    in_link_axes: bool
-    stiffness: float
+    body: int
     start: float
-    rise: float
-    hold: float
-    release: float
-    largest_force: float
 
     @property
     def end(self) -> float:
         """When it has let go [s]."""
         return self.start + self.rise + self.hold + self.release
+
+
+def centres_of_mass(model: PlantModel) -> dict[str, FloatArray]:
+    """Return that of each link, in its frame [m]."""
+    return {link: model.mj.body_ipos[body] for link, body in model.bodies.items()}
 
 
 def first_overlap(holds: Iterable[tuple[str, float, float]]) -> tuple[str, float] | None:
@@ -131,7 +121,7 @@ def first_overlap(holds: Iterable[tuple[str, float, float]]) -> tuple[str, float
 class _Grip:
     """A hand, and what it found when it closed; plain numbers, for the step."""
 
-    hand: Hand
+    hand: ScheduledGrab
     point: Point
     anchor: Point | None = None
     pull: Point = (0.0, 0.0, 0.0)
@@ -139,13 +129,14 @@ class _Grip:
     damping: float = 0.0
 
 
-class Hands(Resumable):
+class GrabForces(Resumable):
     """The hands still to come or holding on."""
 
     STATE = ("_pending",)
 
     def __init__(self, model: PlantModel, data: mujoco.MjData) -> None:
-        self._mj, self._data = model.mj, data
+        self._mj, self._data, self._bodies = model.mj, data, model.bodies
+        self._centres = centres_of_mass(model)
         root = model.mj.body_rootid
         self._motion = {
             body: (data.xpos[body], data.xmat[body], data.cvel[body], data.subtree_com[root[body]])
@@ -154,12 +145,24 @@ class Hands(Resumable):
         self._pending: list[_Grip] = []
         self._due: list[_Grip] = []
 
-    def add(self, hand: Hand) -> None:
-        """Schedule a hand.
-
-        Raises:
-            CommandError: Another one holds the link at that time, or the point is too light for this stiffness.
-        """
+    def add(self, grab: Grab) -> None:
+        """Schedule a hand; raises as :meth:`Backend.grab` says."""
+        check_grab(grab, self._centres)
+        point = self._centres[grab.link] if grab.point is None else grab.point
+        hand = ScheduledGrab(
+            link=grab.link,
+            pull=np.array(grab.pull, dtype=np.float64),
+            point=np.array(point, dtype=np.float64),
+            stiffness=float(grab.stiffness),
+            rise=float(grab.rise),
+            hold=float(grab.hold),
+            release=float(grab.release),
+            max_force=float(grab.max_force),
+            frame=grab.frame,
+            delay=float(grab.delay),
+            body=self._bodies[grab.link],
+            start=self._data.time + grab.delay,
+        )
         holds = [(g.hand.link, g.hand.start, g.hand.end) for g in self._pending]
         clash = first_overlap([*holds, (hand.link, hand.start, hand.end)])
         if clash is not None:
@@ -227,8 +230,8 @@ class Hands(Resumable):
             fy = stiffness * (ay + wy * way - py) + damping * (wy * rate - vy)
             fz = stiffness * (az + wz * way - pz) + damping * (wz * rate - vz)
             size, share = sqrt(fx * fx + fy * fy + fz * fz), 1.0
-            if size > hand.largest_force:
-                share = hand.largest_force / size
+            if size > hand.max_force:
+                share = hand.max_force / size
             if gone > 0.0:
                 share *= 0.5 + 0.5 * cos(pi * gone / hand.release)
             force = (share * fx, share * fy, share * fz)
@@ -238,7 +241,7 @@ class Hands(Resumable):
         """The hand closes at ``where`` in the world: there it stays from now on, but for its own pull."""
         hand, step = grip.hand, float(self._mj.opt.timestep)
         pull = hand.pull
-        if hand.in_link_axes:
+        if hand.frame == "link":
             pull = self._data.xmat[hand.body].reshape(3, 3) @ pull
         x, y, z = pull.tolist()
         grip.anchor, grip.pull = where, (x, y, z)
@@ -247,7 +250,7 @@ class Hands(Resumable):
         grip.damping = min(2.0 * sqrt(hand.stiffness * HAND_MASS), _LARGEST_DAMPING * mass / step)
         return where
 
-    def _stiffest(self, hand: Hand) -> float:
+    def _stiffest(self, hand: ScheduledGrab) -> float:
         """Stiffness [N/m] that a step of physics can follow where the hand would hold, in the posture of now."""
         mj, data = self._mj, self._data
         mujoco.mj_kinematics(mj, data)
@@ -264,78 +267,3 @@ class Hands(Resumable):
         mujoco.mj_solveM(self._mj, self._data, response, jacobian)
         lightness = float(np.linalg.eigvalsh(jacobian @ response.T)[-1])
         return 1.0 / max(lightness, 1e-9)
-
-
-def planned_push(
-    model: PlantModel,
-    data: mujoco.MjData,
-    link: str,
-    force: ArrayLike,
-    point: ArrayLike | None,
-    duration: float,
-    frame: Literal["world", "link"],
-    delay: float,
-    rise: float,
-) -> ScheduledPush:
-    """The push that :meth:`Backend.push` was asked for; raises as it says."""
-    check_name("link", link, model.bodies)
-    return schedule_push(
-        link,
-        force,
-        model.mj.body_ipos[model.bodies[link]] if point is None else point,
-        links=model.bodies,
-        now=data.time,
-        duration=duration,
-        frame=frame,
-        delay=delay,
-        rise=rise,
-    )
-
-
-def planned_hand(
-    model: PlantModel,
-    data: mujoco.MjData,
-    link: str,
-    pull: ArrayLike,
-    point: ArrayLike | None,
-    *,
-    stiffness: float,
-    rise: float,
-    hold: float,
-    release: float,
-    largest_force: float,
-    frame: Literal["world", "link"],
-    delay: float,
-) -> Hand:
-    """The hand that :meth:`Backend.grab` was asked for; raises as it says."""
-    check_grab(
-        model.bodies,
-        link,
-        pull=pull,
-        point=point,
-        stiffness=stiffness,
-        rise=rise,
-        hold=hold,
-        release=release,
-        largest_force=largest_force,
-        frame=frame,
-        delay=delay,
-    )
-    body = model.bodies[link]
-    return Hand(
-        body=body,
-        link=link,
-        pull=_vector(pull),
-        point=_vector(model.mj.body_ipos[body] if point is None else point),
-        in_link_axes=frame == "link",
-        stiffness=float(stiffness),
-        start=data.time + delay,
-        rise=float(rise),
-        hold=float(hold),
-        release=float(release),
-        largest_force=float(largest_force),
-    )
-
-
-def _vector(value: ArrayLike) -> FloatArray:
-    return np.array(value, dtype=np.float64)

@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
-from numpy.typing import ArrayLike
 
-from pepper_driver.backends.commands import check_grab, check_push
 from pepper_driver.backends.interface import Backend, CapabilityError
 from pepper_driver.backends.naoqi.connection import Connection, ServiceError
+from pepper_driver.backends.pushes import check_grab, check_push
 from pepper_driver.backends.selection import make_backend
-from pepper_driver.backends.simulated import SimulatedPlant
+from pepper_driver.backends.simulated import Grab, Push, SimulatedPlant
 from pepper_driver.config import PepperError, RobotConfig, RobotIdentity
 
 SERVICE = "StandIn"
@@ -36,57 +35,13 @@ class Handled(Backend):
     def _met(self) -> Connection:
         """The connection of a robot, made if there is none."""
 
-    def push(
-        self,
-        link: str,
-        force: ArrayLike,
-        point: ArrayLike | None = None,
-        duration: float = 0.5,
-        *,
-        frame: Literal["world", "link"] = "world",
-        delay: float = 0.0,
-        rise: float = 0.1,
-    ) -> None:
-        """Push a link of a stand-in; see :meth:`Backend.push`."""
-        self._handle(
-            "push",
-            link,
-            force=force,
-            point=point,
-            duration=duration,
-            frame=frame,
-            delay=delay,
-            rise=rise,
-        )
+    def schedule_push(self, push: Push) -> None:
+        """Have a link of a stand-in pushed."""
+        self._handle("push", push)
 
-    def grab(
-        self,
-        link: str,
-        pull: ArrayLike,
-        point: ArrayLike | None = None,
-        *,
-        stiffness: float = 1000.0,
-        rise: float = 0.5,
-        hold: float = 1.0,
-        release: float = 0.1,
-        largest_force: float = 100.0,
-        frame: Literal["world", "link"] = "world",
-        delay: float = 0.0,
-    ) -> None:
-        """Take a link of a stand-in in a springy hand; see :meth:`Backend.grab`."""
-        self._handle(
-            "grab",
-            link,
-            pull=pull,
-            point=point,
-            stiffness=stiffness,
-            rise=rise,
-            hold=hold,
-            release=release,
-            largest_force=largest_force,
-            frame=frame,
-            delay=delay,
-        )
+    def schedule_grab(self, grab: Grab) -> None:
+        """Have a link of a stand-in taken in a springy hand."""
+        self._handle("grab", grab)
 
     @property
     def plant(self) -> SimulatedPlant:
@@ -97,48 +52,26 @@ class Handled(Backend):
             self._plant = simulated_plant(self._met(), self._robot)
         return self._plant
 
-    def _handle(
-        self,
-        method: Literal["push", "grab"],
-        link: str,
-        **arguments: Any,  # noqa: ANN401 as of push and grab
-    ) -> None:
+    def _handle(self, method: Literal["push", "grab"], request: Push | Grab) -> None:
+        """Have a link pushed or grabbed; waits for the answer: a few milliseconds of a tick, on a robot that is none.
+
+        Raises:
+            UnknownNameError: No such link or frame.
+            CommandError: A number that is not finite or out of range.
+            HandlingError: That is not possible, for the reason given.
+        """
         connection = self._connected()
         if method not in self.info.capabilities:
             raise CapabilityError(f"'{self.uri}' cannot {method} itself: only simulated robots can")
-        handle(connection, self._robot, method, link, **arguments)
-
-
-def handle(
-    connection: Connection,
-    robot: RobotConfig,
-    method: str,
-    link: str,
-    **arguments: Any,  # noqa: ANN401 as of push and grab
-) -> None:
-    """Have a link pushed or grabbed; see :class:`~pepper_driver.backends.interface.Backend`.
-
-    This waits for the answer: a few milliseconds of a tick, on a robot that is none.
-
-    Args:
-        connection: With the stand-in.
-        robot: Names its links.
-        method: ``push`` or ``grab``.
-        link: Name of the link.
-        arguments: The others.
-
-    Raises:
-        UnknownNameError: No such link or frame.
-        CommandError: A number that is not finite or out of range.
-        HandlingError: That is not possible, for the reason given.
-    """
-    check = check_push if method == "push" else check_grab
-    check(robot.links, link, **arguments)
-    plain = {"link": link, **{name: _plain(value) for name, value in arguments.items()}}
-    try:
-        connection.call(SERVICE, method, plain)
-    except ServiceError as error:
-        raise HandlingError(str(error)) from error
+        if isinstance(request, Push):
+            check_push(request, self._robot.links)
+        else:
+            check_grab(request, self._robot.links)
+        plain = {name: _plain(value) for name, value in vars(request).items()}
+        try:
+            connection.call(SERVICE, method, plain)
+        except ServiceError as error:
+            raise HandlingError(str(error)) from error
 
 
 def simulated_plant(connection: Connection, robot: RobotConfig) -> SimulatedPlant:

@@ -128,7 +128,7 @@ def _touch(backend: Backend, rng: np.random.Generator) -> None:
         backend.push(link, rng.uniform(2.0, 15.0) * direction, duration=1.0, delay=delay)
     else:
         pull = rng.uniform(0.0, 0.03) * direction
-        backend.grab(link, pull, stiffness=500.0, hold=0.5, largest_force=20.0, delay=delay)
+        backend.grab(link, pull, stiffness=500.0, hold=0.5, max_force=20.0, delay=delay)
 
 
 def _finite(m: Measurement) -> bool:

@@ -12,7 +12,7 @@ from pepper_driver.backends import Measurement
 from pepper_driver.config import RobotConfig
 from pepper_driver.config.steps import Cues
 from pepper_driver.controller import Tick
-from pepper_driver.observer import Contact, Observation, Push
+from pepper_driver.observer import Contact, KnownPush, Observation
 from pepper_driver.safety import Fault
 
 SensorKind = Literal["touch", "bumper", "button"]
@@ -159,7 +159,7 @@ class PushEvent:
     link: str
     text: str
     time: float
-    push: Push | None
+    push: KnownPush | None
 
 
 ProgramEvent = StepEvent | CueEvent | PushEvent

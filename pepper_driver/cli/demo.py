@@ -36,7 +36,7 @@ from pepper_driver.experiments.demo import (
 from pepper_driver.experiments.plan import experiment_uri
 from pepper_driver.log import read_log
 from pepper_driver.log.plots import plot_contacts
-from pepper_driver.observer import RELEASE_GRACE, Contact, Push
+from pepper_driver.observer import RELEASE_GRACE, Contact, KnownPush
 
 
 def demo(
@@ -116,7 +116,7 @@ def demo(
         _figure(out, joints, console)
 
 
-def describe_contact(contact: Contact, pushes: tuple[Push, ...]) -> str:
+def describe_contact(contact: Contact, pushes: tuple[KnownPush, ...]) -> str:
     """Describe a settled contact; the delay is that of its detection after the true push under way on its joint."""
     side, time = "+" if contact.direction > 0 else "-", contact.detection_time
     text = (

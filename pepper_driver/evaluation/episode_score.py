@@ -18,8 +18,8 @@ from pepper_driver.observer import (
     ContactObserver,
     FittingError,
     JointState,
+    KnownPush,
     Observer,
-    Push,
     Recording,
     nrmse_fit,
     score,
@@ -109,7 +109,7 @@ class Trace:
     expected: FloatArray
     residual: FloatArray
     threshold: FloatArray
-    pushes: tuple[Push, ...]
+    pushes: tuple[KnownPush, ...]
     contacts: tuple[Contact, ...]
 
 
@@ -267,7 +267,9 @@ def score_episode(episode: Episode, watched: ObserverRun, robot: RobotConfig) ->
     )
 
 
-def _score_push(episode: Episode, push: Push, felt: Felt | None, robot: RobotConfig) -> PushScore:
+def _score_push(
+    episode: Episode, push: KnownPush, felt: Felt | None, robot: RobotConfig
+) -> PushScore:
     group = _group(push, robot)
     if felt is None:
         return PushScore(degrees=push.degrees, group=group, felt=False)
@@ -284,7 +286,7 @@ def _score_push(episode: Episode, push: Push, felt: Felt | None, robot: RobotCon
     )
 
 
-def _group(push: Push, robot: RobotConfig) -> Group:
+def _group(push: KnownPush, robot: RobotConfig) -> Group:
     if push.saturated or push.saturating:
         return "saturated"
     if push.joint in robot.hands.joints:
@@ -318,7 +320,7 @@ def _direction(episode: Episode, felt: Felt, robot: RobotConfig) -> bool | None:
     return bool(np.sign(strongest) == contact.direction)
 
 
-def _passes_1deg(episode: Episode, push: Push, robot: RobotConfig) -> float | None:
+def _passes_1deg(episode: Episode, push: KnownPush, robot: RobotConfig) -> float | None:
     """Clock at which the torque on the pushed joint first is 1 equivalent degree [s]."""
     if push.joint is None:
         return None
@@ -329,7 +331,7 @@ def _passes_1deg(episode: Episode, push: Push, robot: RobotConfig) -> float | No
     return float(episode.recording.time[above[0]]) if len(above) else None
 
 
-def _during(episode: Episode, push: Push) -> BoolArray:
+def _during(episode: Episode, push: KnownPush) -> BoolArray:
     """(n,) rows while the force acts."""
     time = episode.recording.time
     during: BoolArray = (time >= push.onset) & (time <= push.release)

@@ -31,7 +31,7 @@ from pepper_driver.config.files import content_hash, make_folder, replacing, wri
 from pepper_driver.config.loading import package_file
 from pepper_driver.controller import Tick
 from pepper_driver.experiments.plan import plan_experiment
-from pepper_driver.observer import Observation, Push, Recording, RecordingBuilder
+from pepper_driver.observer import KnownPush, Observation, Recording, RecordingBuilder
 from pepper_driver.robot import Pepper
 from pepper_driver.safety import FaultError
 
@@ -99,7 +99,7 @@ class Episode:
     seed: int
     task_stiffness: float
     recording: Recording
-    pushes: tuple[Push, ...]
+    pushes: tuple[KnownPush, ...]
     contact_torque: FloatArray
     saturated: BoolArray
     stiffness_constant: FloatArray
@@ -135,7 +135,7 @@ class Episode:
             recording = Recording.load(folder / _RECORDING, robot)
             with np.load(folder / _TRUTH, allow_pickle=False) as file:
                 truth = {name: file[name] for name in file.files}
-            pushes = tuple(Push(**_from_json(push)) for push in labels.pop("pushes"))
+            pushes = tuple(KnownPush(**_from_json(push)) for push in labels.pop("pushes"))
             episode = cls(**labels, recording=recording, pushes=pushes, **truth)
             if (
                 not episode.contact_torque.shape
@@ -259,7 +259,7 @@ def _performed(run: Run, pepper: Pepper) -> Episode:
         tilt = max(tilt, float(np.abs(truth.tilt).max()))
 
     reason, stopped = "", False
-    pushes: tuple[Push, ...] = ()
+    pushes: tuple[KnownPush, ...] = ()
     try:
         plan = plan_experiment(run.performed, robot, pepper.backend, seed=run.seed)
         with pepper:
@@ -294,8 +294,8 @@ def _performed(run: Run, pepper: Pepper) -> Episode:
 
 
 def _as_it_was(
-    push: Push, time: FloatArray, torque: FloatArray, stiffness: FloatArray, robot: RobotConfig
-) -> Push:
+    push: KnownPush, time: FloatArray, torque: FloatArray, stiffness: FloatArray, robot: RobotConfig
+) -> KnownPush:
     """A push with the largest torque that it really put on its joint: no joint is quite where it was planned for."""
     if push.joint is None:
         return push
@@ -345,7 +345,7 @@ def _labels() -> tuple[str, ...]:
     return ("suite", "experiment", "plant", "draw", "identity", "seed", "task_stiffness")
 
 
-def _as_json(push: Push) -> dict[str, Any]:
+def _as_json(push: KnownPush) -> dict[str, Any]:
     """NaN has no place in JSON."""
     return {k: None if v != v else v for k, v in asdict(push).items()}
 

@@ -12,8 +12,8 @@ from pepper_driver.config import ConfigError, RobotConfig
 from pepper_driver.config.arrays import FloatArray
 from pepper_driver.config.contact_specs import (
     AnyContact,
-    Grab,
-    JointPush,
+    GrabSpec,
+    JointPushSpec,
     RandomForces,
     RandomPushes,
     StatedContact,
@@ -136,7 +136,7 @@ class ContactPlanner:
             delay=contact.start,
             duration=contact.duration,
             moving=segment.moves(planned.joint, delay, self._robot),
-            grab=contact if isinstance(contact, Grab) else None,
+            grab=contact if isinstance(contact, GrabSpec) else None,
         )
         self._add(key, stated, beside)
 
@@ -283,7 +283,7 @@ def plan_stated(
     Raises:
         PushTooStrongError: It is too strong for the robot, or does nothing to the joint that is meant.
     """
-    if isinstance(contact, JointPush):
+    if isinstance(contact, JointPushSpec):
         return plan_push(
             model,
             robot,

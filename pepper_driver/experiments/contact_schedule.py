@@ -11,7 +11,7 @@ from pepper_driver.backends import Backend
 from pepper_driver.callbacks.events import PushEvent
 from pepper_driver.config import RobotConfig
 from pepper_driver.experiments.segments import PlannedContact
-from pepper_driver.observer import Push
+from pepper_driver.observer import KnownPush
 
 
 class ContactSchedule:
@@ -27,7 +27,7 @@ class ContactSchedule:
 
     def __init__(self, backend: Backend, robot: RobotConfig) -> None:
         self._backend, self._robot = backend, robot
-        self.pushes: list[Push] = []
+        self.pushes: list[KnownPush] = []
 
     def order(self, contacts: Iterable[PlannedContact], time: float) -> list[PushEvent]:
         """Order contacts whose delays count from now, at a ``time`` [s]; return what is to be told of them."""
@@ -82,15 +82,15 @@ class ContactSchedule:
             rise=grab.rise,
             hold=grab.hold,
             release=grab.release,
-            largest_force=grab.max_force,
+            max_force=grab.max_force,
             frame=grab.frame,
             delay=contact.delay,
         )
 
 
-def _push(contact: PlannedContact, time: float) -> Push:
+def _push(contact: PlannedContact, time: float) -> KnownPush:
     planned, onset = contact.planned, time + contact.delay
-    return Push(
+    return KnownPush(
         joint=planned.joint,
         link=planned.link,
         direction=int(np.sign(planned.torque)),

@@ -22,7 +22,7 @@ from pepper_driver.config.experiment import DAY
 from pepper_driver.config.files import check_writable, make_folder, write_json
 from pepper_driver.config.steps import Setpoints
 from pepper_driver.experiments.plan import experiment_uri, plan_experiment
-from pepper_driver.observer import Contact, Push, Score, score
+from pepper_driver.observer import Contact, KnownPush, Score, score
 from pepper_driver.realtime import Statistics
 from pepper_driver.reflexes import Hold
 from pepper_driver.robot import Pepper
@@ -43,7 +43,7 @@ class DemoResult:
     uri: str
     experiment: str
     complete: bool
-    pushes: tuple[Push, ...]
+    pushes: tuple[KnownPush, ...]
     contacts: tuple[Contact, ...]
     score: Score
     simulated_seconds: float
@@ -118,7 +118,7 @@ def run_demo(
     models: Path | None = None,
     show: bool = False,
     real_time: bool = False,
-    on_contact: Callable[[Contact, tuple[Push, ...]], None] | None = None,
+    on_contact: Callable[[Contact, tuple[KnownPush, ...]], None] | None = None,
     on_progress: Callable[[float], None] | None = None,
 ) -> DemoResult:
     """Run the demonstration and write log and contacts: those so far where it is interrupted or stopped.
@@ -156,7 +156,7 @@ def run_demo(
         check_writable(out / name)
     tell = on_contact or (lambda *_: None)
     unsettled: dict[int, Contact] = {}
-    pushes: list[Push] = []
+    pushes: list[KnownPush] = []
 
     @pepper.on_push()
     def _(event: PushEvent) -> None:
@@ -170,7 +170,7 @@ def run_demo(
         if settled and unsettled.pop(contact.id, None) is not None:
             tell(contact, tuple(pushes))
 
-    def finish(performed: Sequence[Push], seconds: float, *, complete: bool) -> DemoResult:
+    def finish(performed: Sequence[KnownPush], seconds: float, *, complete: bool) -> DemoResult:
         for contact in unsettled.values():
             tell(contact, tuple(pushes))
         result = DemoResult(

@@ -12,7 +12,7 @@ from pepper_driver.backends import Backend
 from pepper_driver.backends.selection import parse_uri
 from pepper_driver.config import Experiment, RobotConfig, UnknownNameError
 from pepper_driver.config.arrays import BoolArray, FloatArray
-from pepper_driver.config.contact_specs import Grab, RandomForces, RandomPushes, StatedContact
+from pepper_driver.config.contact_specs import GrabSpec, RandomForces, RandomPushes, StatedContact
 from pepper_driver.config.experiment import check_experiment
 from pepper_driver.config.lines import with_lines
 from pepper_driver.config.settings import load_controller_settings
@@ -118,7 +118,7 @@ class _Planner:
         self._numbers: dict[str, int] = {}
         self._contacts: ContactPlanner | None = None
         if experiment.contacts:
-            needed = {"grab" if isinstance(c, Grab) else "push" for c in experiment.contacts}
+            needed = {"grab" if isinstance(c, GrabSpec) else "push" for c in experiment.contacts}
             if not needed <= backend.info.capabilities:
                 raise experiment.error(
                     "contacts",

@@ -8,7 +8,7 @@ from math import degrees
 from typing import Any
 
 from pepper_driver.callbacks.events import ReflexEvent
-from pepper_driver.observer import Contact, Push
+from pepper_driver.observer import Contact, KnownPush
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -124,7 +124,7 @@ class ExperimentReport:
     waits: tuple[WaitReport, ...]
     contacts: tuple[Contact, ...]
     reflexes: tuple[ReflexEvent, ...]
-    pushes: tuple[Push, ...]
+    pushes: tuple[KnownPush, ...]
 
     @property
     def reached(self) -> bool:

@@ -9,7 +9,7 @@ import numpy as np
 
 from pepper_driver.config import RobotConfig
 from pepper_driver.config.arrays import FloatArray
-from pepper_driver.config.contact_specs import Grab
+from pepper_driver.config.contact_specs import GrabSpec
 from pepper_driver.config.steps import BaseMotion, Holds, Setpoints, Step, Sweeps
 from pepper_driver.config.task_specs import BaseVelocitySpec
 from pepper_driver.experiments.push_planning import PlannedPush
@@ -35,7 +35,7 @@ class PlannedContact:
     delay: float
     duration: float
     moving: bool
-    grab: Grab | None = None
+    grab: GrabSpec | None = None
     rise: float | None = None
 
     @property

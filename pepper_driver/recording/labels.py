@@ -16,7 +16,7 @@ from pepper_driver.config.arguments import checked_arguments
 from pepper_driver.config.robot import TRUNK
 from pepper_driver.log import Label, RunLog
 from pepper_driver.log.topics import LabelPhase
-from pepper_driver.observer import Push, Recording, RecordingError
+from pepper_driver.observer import KnownPush, Recording, RecordingError
 from pepper_driver.recording.terminal_keys import SpaceBar
 
 logger = logging.getLogger("pepper_driver")
@@ -45,7 +45,7 @@ def recording_of(log: RunLog, robot: RobotConfig) -> Recording:
 @checked_arguments
 def pushes_of(
     log: RunLog, *, link: str | None = None, joint: str | None = None
-) -> tuple[Push, ...]:
+) -> tuple[KnownPush, ...]:
     """The touches that a log's labels tell of. Size and direction are not known: NaN and 0.
 
     A touch that was not released counts until the end of the log, a release without an onset not at all; both are
@@ -80,14 +80,14 @@ def pushes_of(
     return tuple(_push(onset, release, link, joint) for onset, release in spans)
 
 
-def _push(onset: Label, release: float, link: str | None, joint: str | None) -> Push:
+def _push(onset: Label, release: float, link: str | None, joint: str | None) -> KnownPush:
     if onset.link is not None:
         link, joint = onset.link, onset.joint
     if link is None:
         raise LabelError(
             f"the label at {onset.time:.3f} s does not say what was touched; record with --link"
         )
-    return Push(
+    return KnownPush(
         joint=joint,
         link=link,
         direction=0,

@@ -7,9 +7,9 @@ import pytest
 
 from pepper_driver.config.contact_specs import (
     AnyContact,
-    Grab,
-    JointPush,
-    Push,
+    GrabSpec,
+    JointPushSpec,
+    PushSpec,
     RandomForces,
     RandomPushes,
 )
@@ -64,7 +64,7 @@ def contact_of(folder: Path, contact: dict[str, Any]) -> AnyContact:
 
 def test_each_kind_is_read(tmp_path: Path) -> None:
     push = contact_of(tmp_path, PUSH | {"step": "stand", "frame": "link"})
-    assert isinstance(push, Push)
+    assert isinstance(push, PushSpec)
     assert (push.joint, push.link, push.step, push.frame) == (
         "LShoulderRoll",
         "LBicep",
@@ -74,11 +74,11 @@ def test_each_kind_is_read(tmp_path: Path) -> None:
     assert (push.start, push.duration, push.saturating) == (0.5, 0.5, False)
     assert push.largest == push.force == (0.0, 10.0, 0.0)
     joint_push = contact_of(tmp_path, JOINT_PUSH | {"saturating": True})
-    assert isinstance(joint_push, JointPush)
+    assert isinstance(joint_push, JointPushSpec)
     assert (joint_push.degrees, joint_push.direction, joint_push.saturating) == (2.8, -1, True)
     assert joint_push.step is None
     grab = contact_of(tmp_path, GRAB | {"rise": 0.6, "hold": 2.0, "release": 0.2})
-    assert isinstance(grab, Grab)
+    assert isinstance(grab, GrabSpec)
     assert grab.duration == pytest.approx(0.6 + 2.0 + 0.2)
     assert isinstance(contact_of(tmp_path, PUSHES), RandomPushes)
     assert isinstance(contact_of(tmp_path, FORCES), RandomForces)
@@ -86,7 +86,7 @@ def test_each_kind_is_read(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("way", [0.001, 0.05, 0.5])
 def test_a_grab_pulls_with_its_spring_and_no_more_than_its_strength(way: float) -> None:
-    grab = Grab(**(GRAB | {"xyz": (0.0, 0.0, 0.0), "pull": (0.6 * way, 0.0, -0.8 * way)}))
+    grab = GrabSpec(**(GRAB | {"xyz": (0.0, 0.0, 0.0), "pull": (0.6 * way, 0.0, -0.8 * way)}))
     size = min(1000.0 * way, 100.0)
     assert grab.largest == pytest.approx((0.6 * size, 0.0, -0.8 * size))
     assert grab.duration == pytest.approx(1.6)

@@ -5,12 +5,12 @@ from dataclasses import replace
 import pytest
 
 from pepper_driver.config import load_robot
-from pepper_driver.observer import Contact, Push, score
+from pepper_driver.observer import Contact, KnownPush, score
 from pepper_driver.observer.scoring import alarms_of
 
 ROBOT = load_robot()
 
-PUSH = Push(
+PUSH = KnownPush(
     joint="LShoulderRoll",
     link="LBicep",
     direction=1,

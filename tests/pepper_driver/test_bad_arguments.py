@@ -500,8 +500,8 @@ PUSHES: list[Case] = [
         "grab: release must be a finite number above 0, got nan",
     ),
     (
-        lambda p: p.grab("LForeArm", [0, 0.1, 0], largest_force=0),
-        "grab: largest_force must be a finite number above 0, got 0",
+        lambda p: p.grab("LForeArm", [0, 0.1, 0], max_force=0),
+        "grab: max_force must be a finite number above 0, got 0",
     ),
     (lambda p: p.grab("LHandd", [0, 0.1, 0]), "unknown link 'LHandd' (did you mean Head?"),
 ]

@@ -12,7 +12,7 @@ from pepper_driver.config import load_robot
 from pepper_driver.config.arrays import FloatArray
 from pepper_driver.controller import Tick
 from pepper_driver.evaluation.episodes import Episode
-from pepper_driver.observer import Contact, JointState, Observation, Observer, Push, Recording
+from pepper_driver.observer import Contact, JointState, KnownPush, Observation, Observer, Recording
 
 ROBOT = load_robot()
 CYCLE = ROBOT.cycle
@@ -22,7 +22,7 @@ STIFFNESS = 50.0
 JOINT = "LShoulderRoll"
 INDEX = ROBOT.joint_index(JOINT)
 
-PUSH = Push(
+PUSH = KnownPush(
     joint=JOINT,
     link="LBicep",
     direction=1,
@@ -50,7 +50,7 @@ CONTACT = Contact(
 )
 
 
-def push(onset: float, degrees: float = 4.0, **changes: Any) -> Push:
+def push(onset: float, degrees: float = 4.0, **changes: Any) -> KnownPush:
     """A push of one second."""
     return replace(PUSH, onset=onset, release=onset + 1.0, degrees=degrees, **changes)
 
@@ -90,7 +90,7 @@ def recording(seconds: float, error: FloatArray | None = None) -> Recording:
 
 
 def make_episode(
-    pushes: Sequence[Push] = (),
+    pushes: Sequence[KnownPush] = (),
     *,
     seconds: float = 12.0,
     suite: str = "collision",

@@ -18,13 +18,13 @@ from pepper_driver.backends import (
     Imu,
     Measurement,
     NotConnectedError,
+    Push,
     ScheduledPush,
     Serial,
     SimulatedPlant,
     TrueContact,
     Truth,
     checked_command,
-    schedule_push,
     serial,
 )
 from pepper_driver.config import RobotConfig, UnknownNameError
@@ -225,32 +225,11 @@ class PinocchioBackend(Serial, Backend):
         self.v = np.where(self.q == q + dt * speed, speed, 0.0)  # at rest at an end stop
 
     @serial
-    def push(
-        self,
-        link: str,
-        force: ArrayLike,
-        point: ArrayLike | None = None,
-        duration: float = 0.5,
-        *,
-        frame: Literal["world", "link"] = "world",
-        delay: float = 0.0,
-        rise: float = 0.1,
-    ) -> None:
-        """Push a link; see :meth:`Backend.push`."""
+    def schedule_push(self, push: Push) -> None:
+        """Have a link pushed; without a point, at the origin of its frame."""
         self._check_open()
-        self._pushes.append(
-            schedule_push(
-                link,
-                force,
-                np.zeros(3) if point is None else point,
-                links=self.robot.links,
-                now=self._tick * self.robot.cycle,
-                duration=duration,
-                frame=frame,
-                delay=delay,
-                rise=rise,
-            )
-        )
+        origins = dict.fromkeys(self.robot.links, np.zeros(3))
+        self._pushes.append(ScheduledPush.of(push, origins, self._tick * self.robot.cycle))
 
     def _forget_contacts(self) -> None:
         self.contacts: dict[ScheduledPush, list[Array]] = {}
@@ -264,7 +243,7 @@ class PinocchioBackend(Serial, Backend):
             if strength == 0.0:
                 continue
             pose = self.place(push.link)
-            force = strength * (pose.rotation @ push.force if push.turns_with_link else push.force)
+            force = strength * (pose.rotation @ push.force if push.frame == "link" else push.force)
             frame = self._model.getFrameId(push.link)
             jacobian = pin.computeFrameJacobian(
                 self._model, self._data, self.q, frame, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED

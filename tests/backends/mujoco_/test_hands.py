@@ -86,7 +86,7 @@ def test_the_force_begins_from_nothing_and_ends_in_nothing() -> None:
 def test_a_hand_is_no_stronger_than_said() -> None:
     robot = Robot(FIXED)
     robot.grab("Tibia", np.array([0.3, 0.1, 0.0]), stiffness=2000.0)
-    robot.grab("torso", np.array([0.0, -0.3, 0.0]), stiffness=2000.0, largest_force=25.0)
+    robot.grab("torso", np.array([0.0, -0.3, 0.0]), stiffness=2000.0, max_force=25.0)
     peaks = {"Tibia": 0.0, "torso": 0.0}
     for _ in range(100):
         robot.run(CYCLE)
@@ -179,7 +179,7 @@ def test_overlaps_are_found(
         ({"hold": -1.0}, ValueError),
         ({"hold": np.inf}, ValueError),
         ({"release": 0.0}, ValueError),
-        ({"largest_force": 0.0}, ValueError),
+        ({"max_force": 0.0}, ValueError),
         ({"delay": -0.1}, ValueError),
         ({"frame": "torso"}, UnknownNameError),
     ],
@@ -194,7 +194,7 @@ def test_a_wrong_grab_is_refused(arguments: dict[str, object], error: type[Excep
 
 def test_only_an_open_simulation_grabs() -> None:
     class Real(MujocoBackend):
-        grab = Backend.grab
+        schedule_grab = Backend.schedule_grab
 
     with pytest.raises(CapabilityError, match="grab"):
         Real(ROBOT, FIXED).grab("LForeArm", np.zeros(3))

@@ -219,7 +219,7 @@ def test_a_wrong_push_is_refused(arguments: dict[str, object], error: type[Excep
 
 def test_a_robot_without_simulation_has_neither_truth_nor_pushes() -> None:
     class Real(MujocoBackend):
-        push = Backend.push
+        schedule_push = Backend.schedule_push
         truth = Backend.truth
 
     backend = Real(ROBOT, load_plant("nominal", ROBOT))

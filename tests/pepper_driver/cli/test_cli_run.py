@@ -18,7 +18,7 @@ from pepper_driver.cli.run import event_text
 from pepper_driver.config import load_experiment, load_robot
 from pepper_driver.config.loading import shipped_names
 from pepper_driver.log import read_log
-from pepper_driver.observer import Push, shipped
+from pepper_driver.observer import KnownPush, shipped
 from support.events import contact
 from support.experiments import EXAMPLES, STAND, TURN, fake, listen, write
 
@@ -168,7 +168,7 @@ def test_what_happens_is_printed_as_it_happens(
 
 
 def test_a_push_is_told_with_the_time_at_which_it_begins() -> None:
-    push = Push(
+    push = KnownPush(
         joint="LElbowRoll",
         link="LForeArm",
         direction=1,

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from pepper_driver.config import load_robot
-from pepper_driver.config.contact_specs import Push
+from pepper_driver.config.contact_specs import PushSpec
 from pepper_driver.config.evaluation import Run, load_evaluation
 from pepper_driver.config.steps import Step
 from pepper_driver.evaluation.episodes import (
@@ -37,7 +37,7 @@ def episode() -> Episode:
 
 def pushed_over() -> Run:
     """A push at the shoulders that no robot on wheels stands, asked for as one that it does."""
-    push = Push(
+    push = PushSpec(
         kind="push",
         joint="HipPitch",
         link="torso",

@@ -10,7 +10,7 @@ from pepper_driver import Pepper
 from pepper_driver.callbacks.events import PushEvent
 from pepper_driver.config import Experiment, load_experiment
 from pepper_driver.config.arrays import FloatArray
-from pepper_driver.config.contact_specs import JointPush, Push, RandomPushes
+from pepper_driver.config.contact_specs import JointPushSpec, PushSpec, RandomPushes
 from pepper_driver.config.steps import Step
 from pepper_driver.controller import Tick
 from pepper_driver.experiments.contact_schedule import ContactSchedule
@@ -90,7 +90,7 @@ def test_what_is_planned_is_what_happens() -> None:
     seen = Witness(pepper, replace(REACH, steps=steps, contacts=contacts))
     assert len(seen.report.pushes) == 2
     for push, contact in zip(seen.report.pushes, contacts, strict=True):
-        assert isinstance(contact, Push | JointPush)
+        assert isinstance(contact, PushSpec | JointPushSpec)
         assert push.joint is not None
         assert push.onset - seen.begin == pytest.approx(1.0 + contact.start, abs=CYCLE / 2)
         assert push.release - push.onset == pytest.approx(contact.duration)
@@ -236,7 +236,7 @@ def test_a_grab_reaches_the_backend_as_stated(monkeypatch: pytest.MonkeyPatch) -
         "rise": 0.3,
         "hold": 0.2,
         "release": 0.1,
-        "largest_force": 100.0,
+        "max_force": 100.0,
         "frame": "world",
     }
     (record,) = seen.report.pushes

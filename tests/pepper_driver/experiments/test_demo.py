@@ -18,7 +18,7 @@ from pepper_driver.config.steps import RandomStep, Setpoints
 from pepper_driver.experiments import demo
 from pepper_driver.experiments.demo import CONTACTS_NAME, FIGURE_NAME, LOG_NAME, run_demo
 from pepper_driver.log import read_log
-from pepper_driver.observer import Contact, Observer, Push
+from pepper_driver.observer import Contact, KnownPush, Observer
 from pepper_driver.observer.interface import Phase
 from pepper_driver.robot import Pepper
 from support.events import Scripted, contact
@@ -44,7 +44,7 @@ def numb(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_every_push_of_five_equivalent_degrees_is_felt(tmp_path: Path) -> None:
-    heard: list[tuple[Contact, tuple[Push, ...]]] = []
+    heard: list[tuple[Contact, tuple[KnownPush, ...]]] = []
     result = run_demo(
         tmp_path, seed=2, seconds=32.0, on_contact=lambda c, pushes: heard.append((c, pushes))
     )
@@ -134,7 +134,7 @@ def test_a_contact_is_told_once_where_it_ends_up(
 
 
 def test_a_line_names_the_place_and_the_delay() -> None:
-    push = Push(
+    push = KnownPush(
         joint="LElbowRoll",
         link="LForeArm",
         direction=1,
