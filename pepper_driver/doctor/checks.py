@@ -74,7 +74,7 @@ def rated(
     warning: bool = False,
     remedy: str = "",
 ) -> Result:
-    """A result from what is wrong; the remedy counts only when something is."""
+    """Return a result from what is wrong; the remedy counts only when something is."""
     if failure:
         return Result(name=name, status=CheckStatus.FAILED, found=found, remedy=remedy)
     if warning:
@@ -83,7 +83,7 @@ def rated(
 
 
 def unknown(name: str, found: str) -> Result:
-    """A result of a check that cannot be made."""
+    """Return a result of a check that cannot be made."""
     return Result(name=name, status=CheckStatus.UNKNOWN, found=found)
 
 
@@ -235,14 +235,14 @@ def check_diagnosis(inspection: Inspection) -> Result:
 
 
 def named(names: Iterable[str], chosen: Iterable[bool]) -> str:
-    """The chosen names in one line."""
+    """Return the chosen names in one line."""
     there = [name for name, is_chosen in zip(names, chosen, strict=True) if is_chosen]
     more = len(there) - MOST_NAMED
     return ", ".join(there[:MOST_NAMED]) + (f" and {more} more" if more > 0 else "")
 
 
 def _amount(robot: RobotConfig, joint: int, value: float) -> str:
-    """A change of a joint for people."""
+    """Return a change of a joint for people."""
     if robot.joint_names[joint] in robot.hands.joints:
         return f"{value:.2f} of its way"
     return f"{np.degrees(value):.1f} deg"
