@@ -11,7 +11,7 @@ from pepper_driver.config import load_robot
 
 
 def aged(seconds: float) -> Fault:
-    """Make a sample older by ``seconds``."""
+    """Set the age of a sample [s]."""
     return lambda measurement: replace(measurement, age=seconds)
 
 
