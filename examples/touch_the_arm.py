@@ -10,7 +10,7 @@ from pepper_driver import FollowHand, Pepper, Retract
 FORWARD = {"LShoulderPitch": 0.8, "LShoulderRoll": 0.15, "LElbowRoll": -0.6}
 ASIDE = {"LShoulderPitch": 1.0, "LShoulderRoll": 0.7, "LElbowRoll": -0.4}
 DOWN = {"LShoulderPitch": 1.4, "LShoulderRoll": 0.3, "LElbowRoll": -0.5}
-FOLLOW = FollowHand(limb="left_arm", lead="arm", priority=20)
+FOLLOW = FollowHand(limb="left_arm", follow_with="arm", priority=20)
 RETRACT = Retract(limb="left_arm", min_torque=5.0, distance=0.3, priority=50)
 
 if __name__ == "__main__":

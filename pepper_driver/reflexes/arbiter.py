@@ -53,7 +53,7 @@ def prepare_reflexes(reflexes: Sequence[Reflex], robot: RobotConfig) -> tuple[Re
     ordered = sorted(given, key=lambda reflex: -reflex.priority)
     names = [reflex.name for reflex in ordered]
     for reflex in ordered:
-        reflex.prepare(robot)
+        reflex.setup(robot)
         reflex.number, reflex.full_name = 1, reflex.name
     for name in dict.fromkeys(names):
         alike = [reflex for reflex in ordered if reflex.name == name]
@@ -259,7 +259,7 @@ def _without(observation: Observation, ignore: Ignore) -> Observation:
     if not observation.contacts:
         return observation
     left = tuple(
-        replace(contact, phase="end") if ignore.is_for(contact) else contact
+        replace(contact, phase="end") if ignore.matches(contact) else contact
         for contact in observation.contacts
     )
     return replace(observation, contacts=left)

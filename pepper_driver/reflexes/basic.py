@@ -10,17 +10,14 @@ from pepper_driver.backends import Measurement
 from pepper_driver.config.arguments import checked_arguments
 from pepper_driver.config.arrays import FloatArray
 from pepper_driver.observer import Contact, Observation
-from pepper_driver.reflexes.reflex import Part, Reflex, limb_joints
-from pepper_driver.reflexes.requests import ReflexRequests
-
-HOLD_STIFFNESS = 400.0
-"""[1/s2] Of the posture task while holding."""
+from pepper_driver.reflexes.reflex import Reflex, Resource, limb_joints
+from pepper_driver.reflexes.requests import BRAKING_STIFFNESS, ReflexRequests
 
 
 @checked_arguments
 @dataclass(kw_only=True, eq=False)
 class Hold(Reflex):
-    """Brake when a contact begins, stand still, and go on ``pause`` [s] after the last one ended.
+    """Brake when a contact begins, stand still, and go on ``release_delay`` [s] after the last one ended.
 
     What stands still is the reference, not the measured posture: the joints keep pushing back against the hand with
     their own stiffness. The reference comes to rest a twentieth of a second's way further on, as fast as the
@@ -45,25 +42,25 @@ class Hold(Reflex):
             self._posture = None  # the robot moves meanwhile
             return
         if self._posture is None:
-            self._posture = requests.controller.rest(HOLD_STIFFNESS)
+            self._posture = requests.controller.rest(BRAKING_STIFFNESS)
         requests.claim_base()
-        requests.hold_posture(self._posture, HOLD_STIFFNESS)
+        requests.hold_posture(self._posture, BRAKING_STIFFNESS)
 
 
 @checked_arguments
 @dataclass(kw_only=True, eq=False)
 class Soften(Reflex):
-    """Lower the stiffness of the limb's motors, down the safety gate's ramp, and up again ``pause`` after the contact.
+    """Lower the stiffness of the limb's motors; raise it again ``release_delay`` after the contact, on the gate's ramp.
 
     Below full stiffness nobody can tell what touches a joint: the observer is blind there, which ends the contact.
-    ``pause`` is therefore the time for which the limb stays soft.
+    ``release_delay`` is therefore the time for which the limb stays soft.
 
     Attributes:
         stiffness: 0..1 of the motors. At 0 an arm falls.
     """
 
     priority: int = 10
-    pause: float = 3.0
+    release_delay: float = 3.0
     stiffness: float = 0.3
 
     def __post_init__(self) -> None:
@@ -71,7 +68,7 @@ class Soften(Reflex):
         self.check("stiffness", 0.0, 1.0)
 
     @property
-    def takes(self) -> frozenset[Part]:
+    def resources(self) -> frozenset[Resource]:
         """Nothing: of several wishes the lowest counts."""
         return frozenset()
 
@@ -94,7 +91,7 @@ class StopBase(Reflex):
     priority: int = 50
 
     @property
-    def takes(self) -> frozenset[Part]:
+    def resources(self) -> frozenset[Resource]:
         """The base."""
         return frozenset({"base"})
 
@@ -114,6 +111,6 @@ class Ignore(Reflex):
     priority: int = 100
 
     @property
-    def takes(self) -> frozenset[Part]:
+    def resources(self) -> frozenset[Resource]:
         """Contacts, from all others."""
         return frozenset({"contacts"})

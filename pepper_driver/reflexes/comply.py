@@ -13,26 +13,14 @@ from pepper_driver.config.arrays import FloatArray
 from pepper_driver.controller.tasks import ComplianceTask
 from pepper_driver.controller.tasks.task import MAX_DAMPING
 from pepper_driver.observer import Contact, JointState, Observation
-from pepper_driver.reflexes.reflex import Part, Reflex, Then, limb_joints
+from pepper_driver.reflexes.reflex import Reflex, Resource, Then, limb_joints
 from pepper_driver.reflexes.requests import ReflexRequests
 
-INERTIA = 0.1
-"""[kg m2] That a joint seems to have."""
-
-STIFFNESS = 40.0
-"""[N m/rad] That it seems to have, beside its own, at half the gain."""
-
-SURE = 2.0
-"""Standard deviations of the torque estimate that move nothing: joints would follow the observer's noise."""
-
-STIFF = 0.01
+MIN_GAIN = 0.01
 """Gain below which joints do not give way at all."""
 
-BRAKING = 60.0
-"""[1/s] Of joints that nobody pushes any more: what they coast on is a swing back later."""
-
-STIFFEST = 2000.0
-"""[1/s2] Of the spring: the controller takes no stiffer task."""
+MAX_SPRING_STIFFNESS = 2000.0
+"""[1/s2] The controller takes no stiffer task."""
 
 
 @checked_arguments
@@ -47,22 +35,34 @@ class Comply(Reflex):
     Attributes:
         gain: 0..1, from stiff, where the joints stand still, to free, where they go on as long as somebody pushes.
         damping: [N m s/rad] Up to 12. At the free end, a newton metre makes a speed of 1 / damping.
-        largest_torque: No more of it counts [N m].
+        max_torque: No more of it counts [N m].
+        inertia: Apparent inertia of a joint [kg m2].
+        half_gain_stiffness: K, the apparent stiffness of a joint at half the gain [N m/rad].
+        torque_deadband_stds: Torques within so many standard deviations of their estimate move nothing.
+        coast_damping: Of joints that are not pushed any more [1/s]: a distance that they coast is a swing back later.
     """
 
     priority: int = 30
     gain: float = 1.0
     damping: float = 1.5
-    largest_torque: float = 8.0
+    max_torque: float = 8.0
+    inertia: float = 0.1
+    half_gain_stiffness: float = 40.0
+    torque_deadband_stds: float = 2.0
+    coast_damping: float = 60.0
 
     def __post_init__(self) -> None:
         super().__post_init__()
         self.check("gain", 0.0, 1.0)
-        self.check("damping", 0.05, MAX_DAMPING * INERTIA)
-        self.check("largest_torque", 0.1, 100.0)
+        self.check("inertia", 0.02, 1.0)
+        self.check("damping", 0.05, MAX_DAMPING * self.inertia)
+        self.check("half_gain_stiffness", 1.0, 200.0)
+        self.check("torque_deadband_stds", 0.0, 10.0)
+        self.check("coast_damping", 1.0, MAX_DAMPING)
+        self.check("max_torque", 0.1, 100.0)
 
     @property
-    def takes(self) -> frozenset[Part]:
+    def resources(self) -> frozenset[Resource]:
         """The limb."""
         return frozenset({"joints"})
 
@@ -73,15 +73,16 @@ class Comply(Reflex):
             return
         self.joints = joints
         names = [self.robot.joint_names[joint] for joint in np.flatnonzero(joints)]
-        spring = min(STIFFNESS / INERTIA * (1.0 - self.gain) / max(self.gain, STIFF), STIFFEST)
-        self._damping = max(self.damping / INERTIA, 2.0 * sqrt(spring))
+        ratio = (1.0 - self.gain) / max(self.gain, MIN_GAIN)
+        spring = min(self.half_gain_stiffness / self.inertia * ratio, MAX_SPRING_STIFFNESS)
+        self._damping = max(self.damping / self.inertia, 2.0 * sqrt(spring))
         self._task = ComplianceTask(
             names,
-            inertia=INERTIA,
+            inertia=self.inertia,
             stiffness=spring,
             damping=self._damping,
             dead_band=0.0,
-            largest_torque=self.largest_torque,
+            largest_torque=self.max_torque,
             name=f"reflex: {self.name}",
             robot=self.robot,
         )
@@ -95,25 +96,22 @@ class Comply(Reflex):
             return
         # What is felt after the hand has gone is friction that holds the joints off their place.
         pushed = np.count_nonzero(observation.state[self.joints] == JointState.CONTACT)
-        if self.gain >= STIFF and pushed:
+        if self.gain >= MIN_GAIN and pushed:
             self._task.torque, self._task.damping = self.felt(observation), self._damping
         else:
-            self._task.torque, self._task.damping = np.zeros(self._task.rows), BRAKING
+            self._task.torque, self._task.damping = np.zeros(self._task.rows), self.coast_damping
         requests.add_task(self._task)
 
     def felt(self, observation: Observation) -> FloatArray:
         """(joints,) external torque beyond what may be noise [N m]; 0 where nothing is known."""
         torque, unsure = observation.torque[self.joints], observation.torque_std[self.joints]
-        beyond = np.abs(torque) - SURE * unsure
+        beyond = np.abs(torque) - self.torque_deadband_stds * unsure
         with np.errstate(invalid="ignore"):
             return np.where(beyond > 0.0, np.copysign(beyond, torque), 0.0)
 
 
-HELP = (0.1, 10.0)
-"""Times the admittance of the same :class:`Comply`: as far as it adapts."""
-
-RATE = 4.0
-"""[1/s] At which it changes by e while the torque is twice what it should be."""
+HELP_RANGE = (0.1, 10.0)
+"""Range of the adaptation, as a factor on the admittance of the same :class:`Comply`."""
 
 
 @checked_arguments
@@ -125,15 +123,18 @@ class Assist(Comply):
     that the paper names as its aim (Sec. VII).
 
     Attributes:
-        torque: On the joint that feels most [N m].
+        torque: On the joint with the largest one [N m].
+        adaptation_rate: The help grows by a factor e in 1 / rate while the torque is twice ``torque`` [1/s].
     """
 
     then: Then = "stay"
     torque: float = 2.0
+    adaptation_rate: float = 4.0
 
     def __post_init__(self) -> None:
         super().__post_init__()
         self.check("torque", 0.1, 50.0)
+        self.check("adaptation_rate", 0.1, 20.0)
 
     def begin(self, contact: Contact, requests: ReflexRequests) -> None:
         """Begin as Comply does, with no more help than it gives."""
@@ -145,6 +146,6 @@ class Assist(Comply):
         """(joints,) torque to follow, times the help [N m]."""
         torque = super().felt(observation)
         excess = np.clip(np.abs(torque).max(initial=0.0) / self.torque - 1.0, -1.0, 1.0)
-        change = np.exp(RATE * self.robot.cycle * excess)
-        self._help = float(np.clip(self._help * change, *HELP))
+        change = np.exp(self.adaptation_rate * self.robot.cycle * excess)
+        self._help = float(np.clip(self._help * change, *HELP_RANGE))
         return self._help * torque

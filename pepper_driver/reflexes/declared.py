@@ -48,7 +48,7 @@ def make_reflexes(
     """Make reflexes from the entries of a file, in their order.
 
     Args:
-        declared: By key: ``on``, which contacts, ``do``, the kind of reflex, and what this kind takes besides.
+        declared: By key: ``on``, which contacts, ``do``, the kind of reflex, and what else this kind takes.
         robot: Its description.
         source: Name of the file, for messages.
 
@@ -82,10 +82,12 @@ def overlap(one: Reflex, other: Reflex, robot: RobotConfig) -> bool:
 
 def _contended(one: Reflex, other: Reflex) -> str:
     """Return what only one of them can have, in words; empty for nothing."""
-    if ("contacts" in one.takes) != ("contacts" in other.takes):
+    if ("contacts" in one.resources) != ("contacts" in other.resources):
         return "the contact, which one of them hides from others"
     parts = {"joints": "the same joints", "base": "the base"}
-    return " and ".join(text for part, text in parts.items() if part in one.takes & other.takes)
+    return " and ".join(
+        text for part, text in parts.items() if part in one.resources & other.resources
+    )
 
 
 def make_reflex(entry: Mapping[str, Any], robot: RobotConfig, source: str, key: str) -> Reflex:
@@ -124,7 +126,7 @@ def make_reflex(entry: Mapping[str, Any], robot: RobotConfig, source: str, key: 
     try:
         ContactSelector.from_arguments(**on).check(robot)
         reflex = cls(**on, **rest)
-        reflex.prepare(robot)
+        reflex.setup(robot)
     except UnknownNameError as error:
         raise ConfigError(f"{where}.on.{error.kind}': {error}") from error
     except SelectorError as error:

@@ -16,15 +16,12 @@ from pepper_driver.controller.model import RobotModel
 from pepper_driver.controller.tasks import BaseVelocityTask
 from pepper_driver.observer import Contact, Observation
 from pepper_driver.reflexes.comply import Comply
-from pepper_driver.reflexes.reflex import Part, ReflexError, Then
+from pepper_driver.reflexes.reflex import ReflexError, Resource, Then
 from pepper_driver.reflexes.requests import DOMINANT_WEIGHT, ReflexRequests
 
-Lead = Literal["arm", "base"]
+FollowWith = Literal["arm", "base"]
 
-SMOOTHING = 0.15
-"""[s] Of the force: a base that follows every tremor of the estimate would jerk."""
-
-PRIOR = 30.0
+LIKELY_FORCE = 30.0
 """[N] Size of forces that are likely: what joints cannot tell is taken to be small."""
 
 BASE_STIFFNESS = 16.0
@@ -36,41 +33,46 @@ BASE_STIFFNESS = 16.0
 class FollowHand(Comply):
     """The arm, or the base, follows the hand that pulls the robot's arm.
 
-    ``lead: arm`` is a free :class:`Comply` that stays where it was led to. With ``lead: base`` the arm keeps its
-    posture, and the base rolls as the horizontal force on the hand pulls it: speed = force / ``drag``, beyond a dead
-    band of ``least_force``.
+    ``follow_with: arm`` is a free :class:`Comply` that stays where it was led to. With ``follow_with: base`` the arm
+    keeps its posture, and the base rolls as the horizontal force on the hand pulls it: speed = force /
+    ``base_damping``, beyond a dead band of ``min_force``.
 
     Attributes:
-        lead: ``arm`` or ``base``.
-        drag: [N s/m] Of the base.
-        least_force: That moves the base [N].
+        follow_with: ``arm`` or ``base``.
+        base_damping: [N s/m] Of the base.
+        min_force: That moves the base [N].
         speed: Of the base, at most [m/s].
+        smoothing_time: Of the force [s]: a base that follows every tremor of the estimate would jerk.
     """
 
     then: Then = "stay"
-    lead: Lead = "arm"
-    drag: float = 60.0
-    least_force: float = 3.0
+    follow_with: FollowWith = "arm"
+    base_damping: float = 60.0
+    min_force: float = 3.0
     speed: float = 0.25
+    smoothing_time: float = 0.15
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if self.lead not in get_args(Lead):
-            raise ReflexError(f"{self.name}: 'lead' is 'arm' or 'base', got {self.lead!r}")
-        self.check("drag", 1.0, 1e4)
-        self.check("least_force", 0.0, 100.0)
+        if self.follow_with not in get_args(FollowWith):
+            raise ReflexError(
+                f"{self.name}: 'follow_with' is 'arm' or 'base', got {self.follow_with!r}"
+            )
+        self.check("base_damping", 1.0, 1e4)
+        self.check("min_force", 0.0, 100.0)
         self.check("speed", 0.01, 1.0)
-        if self.lead == "base":
+        self.check("smoothing_time", 0.02, 5.0)
+        if self.follow_with == "base":
             self.gain = 0.0  # the arm is what one pulls at
 
     @property
-    def takes(self) -> frozenset[Part]:
-        """The limb, and the base that it may lead."""
-        return frozenset({"joints", "base"} if self.lead == "base" else {"joints"})
+    def resources(self) -> frozenset[Resource]:
+        """The limb, and the base that may follow."""
+        return frozenset({"joints", "base"} if self.follow_with == "base" else {"joints"})
 
-    def prepare(self, robot: RobotConfig) -> None:
+    def setup(self, robot: RobotConfig) -> None:
         """Learn of the robot."""
-        super().prepare(robot)
+        super().setup(robot)
         self._base = BaseVelocityTask(
             stiffness=BASE_STIFFNESS,
             weight=DOMINANT_WEIGHT / 10.0,
@@ -93,14 +95,14 @@ class FollowHand(Comply):
     ) -> None:
         """Follow."""
         super().act(observation, measurement, requests)
-        if self.lead != "base" or not self.granted or not requests.claim_base():
+        if self.follow_with != "base" or not self.granted or not requests.claim_base():
             self._force[:] = 0.0
             return
-        share = self.robot.cycle / SMOOTHING
+        share = self.robot.cycle / self.smoothing_time
         self._force += share * (self._horizontal_force(observation, measurement) - self._force)
         size = float(np.linalg.norm(self._force))
-        beyond = max(size - self.least_force, 0.0)
-        velocity = min(beyond / self.drag, self.speed) * self._force / max(size, 1e-9)
+        beyond = max(size - self.min_force, 0.0)
+        velocity = min(beyond / self.base_damping, self.speed) * self._force / max(size, 1e-9)
         self._base.target = np.array([velocity[0], velocity[1], 0.0])
         requests.add_task(self._base)
 
@@ -114,7 +116,7 @@ class FollowHand(Comply):
         jacobian = self._model.point_jacobian(self._link, np.zeros(3), posture)[:, self.joints]
         weight = np.where(known, 1.0 / np.where(known, unsure, 1.0), 0.0)
         rows = jacobian.T * weight[:, None]
-        normal = rows.T @ rows + np.eye(3) / PRIOR**2
+        normal = rows.T @ rows + np.eye(3) / LIKELY_FORCE**2
         force: FloatArray = np.linalg.solve(
             normal, rows.T @ (weight * np.where(known, torque, 0.0))
         )

@@ -37,9 +37,9 @@ def limb_joints(contact: Contact, robot: RobotConfig, *, fingers: bool = False) 
 
 
 Then = Literal["resume", "stay"]
-Part = Literal["joints", "base", "contacts"]
+Resource = Literal["joints", "base", "contacts"]
 
-LONGEST = 3600.0
+MAX_REFLEX_TIME = 3600.0
 """[s] of any time that a reflex is given."""
 
 
@@ -56,9 +56,9 @@ def kind_of(reflex: type[Reflex]) -> str:
 class Reflex:
     """A reaction to contacts inside the tick. It gets what the observer reports and requests what it needs.
 
-    It begins with the first contact it is for, and is over ``pause`` after the last of them has ended, or after
-    ``longest``; then it waits for new ones. Rebounds neither begin nor prolong it: no reflex keeps itself alive on the
-    swing of a joint that was let go.
+    It begins with the first contact that it matches. It ends ``release_delay`` after the last of them, or after
+    ``max_duration``; then it waits for new ones. Rebounds neither begin nor prolong it: no reflex keeps itself alive
+    on the swing of a joint that was let go.
 
     A subclass requests in :meth:`act` what it needs while it is active. One that does not wait for contacts overrides
     :meth:`step`. To test one without a loop, see ``docs/reflexes.md``.
@@ -74,8 +74,8 @@ class Reflex:
         min_torque: Only contacts with at least this torque on their joint [N m].
         priority: Of several that want the same joints, or the base, the one with the highest gets them.
         then: ``resume``: the user's motion goes on. ``stay``: the joints stay where they are until the user moves them.
-        pause: After the last contact, for which it goes on [s].
-        longest: That it acts without pause [s].
+        release_delay: After the last contact, for which it goes on [s].
+        max_duration: That it acts at a stretch [s].
         name: In events and log; by default its kind, ``stop_base`` for ``StopBase``.
         full_name: The same with ``number``, where several of a robot's reflexes have this name: ``hold 2``.
         number: Place among those of its name, from 1.
@@ -98,8 +98,8 @@ class Reflex:
     min_torque: float = 0.0
     priority: int = 0
     then: Then = "resume"
-    pause: float = 0.5
-    longest: float = 60.0
+    release_delay: float = 0.5
+    max_duration: float = 60.0
     name: str = ""
     selector: ContactSelector = field(init=False, repr=False, default=ContactSelector())
     contact: Contact | None = field(default=None, init=False, repr=False)
@@ -112,8 +112,8 @@ class Reflex:
         self.number = 1
         if self.then not in get_args(Then):
             raise ReflexError(f"{self.name}: 'then' is 'resume' or 'stay', got {shown(self.then)}")
-        self.check("pause", 0.0, LONGEST)
-        self.check("longest", 0.0, LONGEST)
+        self.check("release_delay", 0.0, MAX_REFLEX_TIME)
+        self.check("max_duration", 0.0, MAX_REFLEX_TIME)
         self.check("priority", -1000, 1000)
         if self.priority != int(self.priority):
             raise ReflexError(f"{self.name}: priority is a whole number, got {self.priority!r}")
@@ -135,7 +135,7 @@ class Reflex:
                 f"{self.name}: {what} is a number from {least:g} to {largest:g}, got {shown(value)}"
             )
 
-    def prepare(self, robot: RobotConfig) -> None:
+    def setup(self, robot: RobotConfig) -> None:
         """Learn of the robot, before anything moves.
 
         Raises:
@@ -171,11 +171,11 @@ class Reflex:
         return bool(self._touching)
 
     @property
-    def takes(self) -> frozenset[Part]:
+    def resources(self) -> frozenset[Resource]:
         """Parts that only one reflex gets: the ``joints`` of a limb, the ``base``, or the ``contacts``."""
         return frozenset({"joints", "base"})
 
-    def is_for(self, contact: Contact) -> bool:
+    def matches(self, contact: Contact) -> bool:
         """Return True where it answers this contact, whatever its phase."""
         return meets(contact, self.selector)
 
@@ -188,7 +188,7 @@ class Reflex:
             self._take_in(contact, time, requests)
         if self._began is None:
             return
-        if self._touching and time - self._began > self.longest:
+        if self._touching and time - self._began > self.max_duration:
             self._given_up |= self._touching.keys()
             self._touching.clear()
             self._until = time
@@ -203,12 +203,12 @@ class Reflex:
             if contact.id in self._touching:
                 del self._touching[contact.id]
                 if not self._touching:
-                    self._until = time + self.pause
+                    self._until = time + self.release_delay
         elif contact.id in self._touching:
             if contact.link != self._touching[contact.id]:
                 self._touching[contact.id] = contact.link
                 self.begin(contact, requests)
-        elif contact.id not in self._given_up and self.is_for(contact):
+        elif contact.id not in self._given_up and self.matches(contact):
             if self._began is None:
                 self._began, self.contact = time, contact
                 self.joints = np.zeros_like(self.joints)

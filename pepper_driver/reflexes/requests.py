@@ -16,7 +16,7 @@ DOMINANT_WEIGHT = 1e6
 """Weight of tasks of reflexes that nothing the user asks for outweighs."""
 
 BRAKING_STIFFNESS = 400.0
-"""[1/s2] Of the task that brings the base to rest: as fast as the acceleration limits allow."""
+"""[1/s2] Of tasks that bring joints or base to rest: as fast as the acceleration limits allow."""
 
 
 class ReflexRequests:

@@ -11,17 +11,8 @@ from pepper_driver.config.arguments import checked_arguments
 from pepper_driver.config.arrays import FloatArray
 from pepper_driver.controller.tasks import PostureTask
 from pepper_driver.observer import Contact, Observation
-from pepper_driver.reflexes.reflex import Part, Reflex, limb_joints
-from pepper_driver.reflexes.requests import DOMINANT_WEIGHT, ReflexRequests
-
-STIFFNESS = 400.0
-"""[1/s2] Of the task that leads the limb away."""
-
-TAKES_PART = 0.2
-"""Of the largest torque on the limb: joints that feel less stay where they are."""
-
-LEFT = 0.25
-"""Of the largest torque since the contact began: when no more is felt, the limb has gone far enough."""
+from pepper_driver.reflexes.reflex import Reflex, Resource, limb_joints
+from pepper_driver.reflexes.requests import BRAKING_STIFFNESS, DOMINANT_WEIGHT, ReflexRequests
 
 
 @checked_arguments
@@ -37,20 +28,26 @@ class Retract(Reflex):
     Attributes:
         distance: That the first joint turns at most [rad].
         speed: Of that joint [rad/s].
+        min_torque_ratio: Joints with less than this fraction of the largest torque on the limb stay where they are.
+        stop_torque_ratio: The limb stops when the torque is below this fraction of its largest value.
     """
 
     priority: int = 40
-    pause: float = 1.0
+    release_delay: float = 1.0
     distance: float = 0.4
     speed: float = 0.6
+    min_torque_ratio: float = 0.2
+    stop_torque_ratio: float = 0.25
 
     def __post_init__(self) -> None:
         super().__post_init__()
         self.check("distance", 0.01, 1.5)
         self.check("speed", 0.01, 3.0)
+        self.check("min_torque_ratio", 0.0, 1.0)
+        self.check("stop_torque_ratio", 0.0, 1.0)
 
     @property
-    def takes(self) -> frozenset[Part]:
+    def resources(self) -> frozenset[Resource]:
         """The limb."""
         return frozenset({"joints"})
 
@@ -64,12 +61,12 @@ class Retract(Reflex):
             names = [self.robot.joint_names[joint] for joint in np.flatnonzero(joints)]
             self._task = PostureTask(
                 names,
-                stiffness=STIFFNESS,
+                stiffness=BRAKING_STIFFNESS,
                 weight=DOMINANT_WEIGHT,
                 name=f"reflex: {self.name}",
                 robot=self.robot,
             )
-            self._task.target = requests.controller.rest(STIFFNESS)[joints]
+            self._task.target = requests.controller.rest(BRAKING_STIFFNESS)[joints]
         self._answers, self._way, self._left = contact, np.zeros(len(joints)), 0.0
         self._waited = False
 
@@ -85,7 +82,7 @@ class Retract(Reflex):
         if self._waited:  # the limb has been led elsewhere meanwhile
             self._waited, self._task.target = (
                 False,
-                requests.controller.rest(STIFFNESS)[self.joints],
+                requests.controller.rest(BRAKING_STIFFNESS)[self.joints],
             )
             self._way[:] = 0.0
         if not self._way.any():
@@ -97,8 +94,8 @@ class Retract(Reflex):
             step = min(self.speed * self.robot.cycle, self._left)
             self._left -= step
             target = self._task.target + step * self._way[self.joints]
-            if felt < LEFT * self._peak:
-                self._left, target = 0.0, requests.controller.rest(STIFFNESS)[self.joints]
+            if felt < self.stop_torque_ratio * self._peak:
+                self._left, target = 0.0, requests.controller.rest(BRAKING_STIFFNESS)[self.joints]
             controller = requests.controller
             lower, upper = controller.lower[self.joints], controller.upper[self.joints]
             self._task.target = np.clip(target, lower, upper)
@@ -107,7 +104,7 @@ class Retract(Reflex):
     def _direction(self, observation: Observation) -> FloatArray:
         """(17,) the way to go, the largest part 1 in size."""
         felt: FloatArray = np.where(self.joints, np.nan_to_num(observation.torque), 0.0)
-        felt[np.abs(felt) < TAKES_PART * np.abs(felt).max()] = 0.0
+        felt[np.abs(felt) < self.min_torque_ratio * np.abs(felt).max()] = 0.0
         largest = float(np.abs(felt).max())
         if largest > 0.0:
             return felt / largest

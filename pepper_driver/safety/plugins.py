@@ -303,7 +303,7 @@ def dry_run_reflexes(reflexes: Sequence[Reflex], robot: RobotConfig) -> None:
     for reflex in foreign:
         try:
             trial = copy.copy(reflex)
-            trial.prepare(robot)
+            trial.setup(robot)
             for contact in _contacts(trial, robot):
                 _dry_run_reflex(reflex, contact, controller, measurement, robot)
         except PepperError:
@@ -324,7 +324,7 @@ def _contacts(reflex: Reflex, robot: RobotConfig) -> Iterator[Contact]:
             intensity=max(contact.intensity, reflex.min_intensity_deg),
             torque=max(TORQUE, reflex.min_torque),
         )
-        if reflex.is_for(contact):
+        if reflex.matches(contact):
             yield contact
 
 
@@ -360,8 +360,8 @@ def _dry_run_reflex(
     requests, trial = ReflexRequests(controller, robot), reflex
     try:
         trial = copy.copy(reflex)
-        trial.prepare(robot)
-        later = trial.pause + robot.cycle
+        trial.setup(robot)
+        later = trial.release_delay + robot.cycle
         end = replace(contact, phase="end")
         for time, contacts in ((0.0, [contact]), (1.0, []), (2.0, [end]), (2.0 + later, [])):
             requests.clear()

@@ -906,9 +906,9 @@ REFLEXES: list[Case] = [
     ),
     (lambda _: Hold(priority=True), "hold: priority is a number from -1000 to 1000, got True"),
     (lambda _: Hold(priority=untyped(1.5)), "hold: priority is a whole number, got 1.5"),
-    (lambda _: Hold(pause=-1), "hold: pause is a number from 0 to 3600, got -1"),
-    (lambda _: Hold(pause=nan), "hold: pause is a number from 0 to 3600, got nan"),
-    (lambda _: Hold(longest=inf), "hold: longest is a number from 0 to 3600, got inf"),
+    (lambda _: Hold(release_delay=-1), "hold: release_delay is a number from 0 to 3600, got -1"),
+    (lambda _: Hold(release_delay=nan), "hold: release_delay is a number from 0 to 3600, got nan"),
+    (lambda _: Hold(max_duration=inf), "hold: max_duration is a number from 0 to 3600, got inf"),
     (lambda _: Hold(then=untyped("go")), "hold: 'then' is 'resume' or 'stay', got 'go'"),
     (lambda _: Hold(then=untyped([])), "hold: 'then' is 'resume' or 'stay', got []"),
     (lambda _: Hold(name=untyped(3)), "the name of a reflex is a text, got 3"),
@@ -930,8 +930,8 @@ REFLEXES: list[Case] = [
         "soften: stiffness is a number from 0 to 1, got None",
     ),
     (
-        lambda _: FollowHand(lead=untyped("head")),
-        "follow_hand: 'lead' is 'arm' or 'base', got 'head'",
+        lambda _: FollowHand(follow_with=untyped("head")),
+        "follow_hand: 'follow_with' is 'arm' or 'base', got 'head'",
     ),
     (lambda _: untyped(StopBase)(stiffness=1), "StopBase: unknown argument 'stiffness'"),
     (

@@ -520,12 +520,12 @@ CASES: list[tuple[str, str, str]] = [
     (
         "reflexes",
         "reflexes: [{do: hold, pause: -1}]\n",
-        "mine.yaml line 1: key 'reflexes.0': hold: pause is a number from 0 to 3600, got -1",
+        "mine.yaml line 1: key 'reflexes.0': hold: release_delay is a number from 0 to 3600, got -1",
     ),
     (
         "reflexes",
         "reflexes: [{do: hold, pause: true}]\n",
-        "mine.yaml line 1: key 'reflexes.0': hold: pause is a number from 0 to 3600, got True",
+        "mine.yaml line 1: key 'reflexes.0': hold: release_delay is a number from 0 to 3600, got True",
     ),
     (
         "reflexes",

@@ -82,7 +82,7 @@ TAKES: dict[str, Callable[[Pepper, Any], object]] = {
     "an aperture": lambda _, junk: setattr(HandTask("LHand"), "target", junk),
     "a torque": lambda _, junk: setattr(ComplianceTask(), "torque", junk),
     "a tolerance": lambda _, junk: PositionTask("l_wrist").reached(junk),
-    "a pause": lambda _, junk: Hold(pause=junk),
+    "a pause": lambda _, junk: Hold(release_delay=junk),
     "a name": lambda _, junk: Hold(name=junk),
     "reflexes": lambda _, junk: Pepper("mock", observer=None, reflexes=junk),
 }

@@ -15,7 +15,7 @@ WEIGHT = 1e6  # outweighs the program's tasks
 
 @dataclass(kw_only=True, eq=False)
 class LiftArm(Reflex):
-    """Lift the arm that is touched, sideways and up, as long as the contact lasts and ``pause`` [s] longer.
+    """Lift the arm that is touched, sideways and up, as long as the contact lasts and ``release_delay`` [s] longer.
 
     Attributes:
         angle: Of the shoulder roll, away from the trunk [rad].

@@ -140,7 +140,7 @@ def test_what_happens_is_printed_as_it_happens(
         {"name": "say", "say": "Touch me."},
         listen(),
         TURN,
-        reactions=[{"do": "hold", "pause": 0.1}],
+        reactions=[{"do": "hold", "release_delay": 0.1}],
         contacts=[PUSH],
     )
     log, figures = tmp_path / "run.mcap", tmp_path / "figures.json"

@@ -207,7 +207,7 @@ def attentive_stage(*reflexes: Any) -> Stage:
 
 
 def test_held_the_robot_stands_still_and_is_attentive_again_afterwards() -> None:
-    stage = attentive_stage(Hold(pause=0.1))
+    stage = attentive_stage(Hold(release_delay=0.1))
     stage.step(touch())
     rows = stage.run(3.0)
     # It brakes within a few ticks, with no more way than the speed it had, and stands.
@@ -228,7 +228,7 @@ def test_held_the_robot_stands_still_and_is_attentive_again_afterwards() -> None
 
 @pytest.mark.parametrize("reflex", [Comply, FollowHand, Retract])
 def test_joints_that_a_reflex_has_do_not_oscillate_and_the_others_go_on(reflex: type) -> None:
-    stage = attentive_stage(reflex(pause=0.1))
+    stage = attentive_stage(reflex(release_delay=0.1))
     stage.step(touch(joint="LElbowRoll", link="LForeArm"))
     stage.run(0.5)
     rows = stage.run(2.5)
@@ -249,7 +249,7 @@ def test_joints_that_a_reflex_has_do_not_oscillate_and_the_others_go_on(reflex: 
 
 
 def test_what_stays_where_it_was_led_oscillates_there() -> None:
-    stage = attentive_stage(Comply(gain=1.0, pause=0.1, then="stay"))
+    stage = attentive_stage(Comply(gain=1.0, release_delay=0.1, then="stay"))
     stage.step(touch(), torque={"LShoulderRoll": 3.0})
     stage.run(0.6, torque={"LShoulderRoll": 3.0})
     stage.step(touch(phase="end"))

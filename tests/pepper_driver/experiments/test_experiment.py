@@ -135,7 +135,7 @@ def test_a_contact_under_a_reflex_ends_the_wait_after_it(
 ) -> None:
     """While a reflex holds the robot the steps stand still; what came meanwhile is not forgotten."""
     at = {20: (contact(1),), 30: (contact(1, phase="end"),)}
-    reactions = [{"do": "hold", "pause": 0.24}]
+    reactions = [{"do": "hold", "release_delay": 0.24}]
     run = make_run(monkeypatch, tmp_path, STAND, listen(), TURN, at=at, reactions=reactions)
     steps: list[StepEvent] = []
     run.pepper.on_step()(steps.append)

@@ -122,7 +122,7 @@ def test_as_often_as_they_may() -> None:
 def test_words_come_at_once_while_a_reflex_holds_the_robot() -> None:
     experiment = reacting(STAND, TURN, END, reactions=[{"cue": "touched"}])
     at = tap(30) | tap(40, 2)
-    played = Played(experiment, at, reflexes=(Hold(pause=0.6),))
+    played = Played(experiment, at, reflexes=(Hold(release_delay=0.6),))
     assert [tick for _, tick in played.cues] == [30, 40]
     assert played.done.reacted == {"hold": 1}
 
@@ -403,7 +403,7 @@ def test_one_after_the_other_each_interrupts_the_same_step() -> None:
 
 def test_a_reaction_waits_while_a_reflex_holds_the_robot() -> None:
     held = 30
-    played = Played(with_play(TURN), tap(BEGIN + 100), reflexes=(Hold(pause=held * CYCLE),))
+    played = Played(with_play(TURN), tap(BEGIN + 100), reflexes=(Hold(release_delay=held * CYCLE),))
     begins = dict(played.steps)
     assert begins["nod"] == pytest.approx(BEGIN + 100 + 3 + held, abs=4)
     still = played.velocity[BEGIN + 120 : BEGIN + 100 + held]
@@ -416,7 +416,7 @@ def test_a_reflex_holds_the_steps_of_a_reaction_too() -> None:
     """Only a touch of the head makes it nod; one of the arm meanwhile stops it for a while."""
     at = tap(BEGIN + 50, **HEAD) | tap(BEGIN + 60, 2)
     experiment = with_play(TURN, on={"limb": "head"})
-    played = Played(experiment, at, reflexes=(Hold(limb="left_arm", pause=0.36),))
+    played = Played(experiment, at, reflexes=(Hold(limb="left_arm", release_delay=0.36),))
     assert played.names == ["stand", "turn", "nod", "end"]
     assert ticks_of(played)["nod"] > NOD_TICKS + 30
     assert played.position[-12, YAW] == pytest.approx(0.6, abs=0.01)

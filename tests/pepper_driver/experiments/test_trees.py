@@ -146,7 +146,7 @@ def test_it_ends_leaves_nothing_behind_and_does_not_jump(
     def stop_if_late(pepper: Pepper, tick: int) -> None:
         assert tick <= most, "it does not end"
 
-    reflexes = (Hold(limb="head", pause=0.06),) if holds else ()
+    reflexes = (Hold(limb="head", release_delay=0.06),) if holds else ()
     played = Played(experiment, script(felt), reflexes=reflexes, on_tick=stop_if_late, rest=0.3)
     report = played.done
     assert played.after == played.before

@@ -63,7 +63,7 @@ def base_speed(stage: Stage) -> float:
 
 
 def test_the_user_has_the_posture_until_a_reflex_takes_it_and_gets_it_back() -> None:
-    stage = Stage(Hold(pause=0.1))
+    stage = Stage(Hold(release_delay=0.1))
     stage.arbiter.move_to(turned(stage, YAW, 0.6))
     stage.arbiter.posture_stiffness = 30.0
     stage.run(0.4)
@@ -86,7 +86,7 @@ def test_the_user_has_the_posture_until_a_reflex_takes_it_and_gets_it_back() -> 
 
 
 def test_a_motion_of_the_posture_begins_anew_after_it_was_held() -> None:
-    stage = Stage(Hold(pause=0.1))
+    stage = Stage(Hold(release_delay=0.1))
     stage.arbiter.move_to(turned(stage, YAW, 0.6), duration=2.0)
     stage.run(1.0)
     stage.step(touch())
@@ -104,7 +104,7 @@ class Posing(Reflex):
     """Holds the whole robot while it is touched, with a joint turned; claims nothing."""
 
     def __init__(self, angle: float, **arguments: Any) -> None:
-        super().__init__(pause=0.0, **arguments)
+        super().__init__(release_delay=0.0, **arguments)
         self.angle = angle
 
     def begin(self, contact: Contact, requests: ReflexRequests) -> None:
@@ -161,7 +161,7 @@ def test_nobody_holds_without_a_contact_and_observations_are_not_needed_without_
 
 
 def test_the_base_is_the_users_until_a_reflex_stops_it() -> None:
-    stage = Stage(StopBase(pause=0.1))
+    stage = Stage(StopBase(release_delay=0.1))
     stage.arbiter.drive(np.array([0.2, 0.0, 0.0]))
     stage.run(2.0)
     assert base_speed(stage) == pytest.approx(0.2, abs=0.01)
@@ -175,7 +175,7 @@ def test_the_base_is_the_users_until_a_reflex_stops_it() -> None:
 
 @pytest.mark.parametrize("reflex", [Hold, StopBase])
 def test_the_time_of_a_drive_passes_while_a_reflex_has_the_base(reflex: type[Reflex]) -> None:
-    stage = Stage(reflex(pause=0.0))
+    stage = Stage(reflex(release_delay=0.0))
     stage.step(touch())
     stage.arbiter.drive(np.array([0.2, 0.0, 0.0]), 0.5)
     stage.run(1.0)
@@ -196,7 +196,7 @@ def pulled(stage: Stage, force: float) -> dict[str, float]:
 @pytest.mark.parametrize(("stop", "follows"), [(1, True), (9, False)])
 def test_of_two_that_want_the_base_the_higher_priority_gets_it(stop: int, follows: bool) -> None:
     """StopBase is above FollowHand when it is to be safe, and may be below."""
-    stage = Stage(FollowHand(lead="base", priority=5), StopBase(priority=stop))
+    stage = Stage(FollowHand(follow_with="base", priority=5), StopBase(priority=stop))
     torque = pulled(stage, 12.0)
     stage.step(touch(), torque=torque)
     stage.run(1.0, torque=torque)
@@ -211,7 +211,10 @@ def test_of_two_that_want_the_base_the_higher_priority_gets_it(stop: int, follow
 
 def test_of_several_that_lower_the_stiffness_the_lowest_counts() -> None:
     for order in ([0, 1], [1, 0]):
-        reflexes = [Soften(stiffness=0.6, pause=0.5), Soften(stiffness=0.3, pause=0.0)]
+        reflexes = [
+            Soften(stiffness=0.6, release_delay=0.5),
+            Soften(stiffness=0.3, release_delay=0.0),
+        ]
         stage = Stage(*(reflexes[k] for k in order))
         stage.step(touch())
         assert (stage.arbiter.stiffness[ARM] == 0.3).all()
@@ -260,7 +263,7 @@ def test_a_pause_brings_all_to_rest_and_then_all_goes_on() -> None:
 
 
 def test_a_pause_goes_before_reflexes_which_go_on_to_watch() -> None:
-    stage = Stage(comply := Comply(pause=0.1), Soften(stiffness=0.4, pause=0.1))
+    stage = Stage(comply := Comply(release_delay=0.1), Soften(stiffness=0.4, release_delay=0.1))
     stage.arbiter.paused = True
     before = stage.step(touch(), torque=PUSH)
     after = stage.run(1.0, torque=PUSH)[-1]
@@ -336,7 +339,7 @@ def test_an_experiment_has_what_the_user_had_and_gives_it_back() -> None:
 
 @pytest.mark.parametrize("holder", ["reflex", "pause"])
 def test_steps_wait_while_a_reflex_or_a_pause_holds(holder: str) -> None:
-    stage = Stage(Hold(pause=0.0))
+    stage = Stage(Hold(release_delay=0.0))
     playing = Playing(stage, {"duration": 2.0, "joints": {"HeadYaw": 0.6}, "position": REACH})
     playing.run(1.0)
     begin = [touch()] if holder == "reflex" else []
@@ -412,12 +415,14 @@ def test_the_controllers_tasks_are_the_users_the_steps_and_those_of_active_refle
 ) -> None:
     """After any sequence, in every tick, and no task twice."""
     reflexes = [
-        Working(1, priority=9, link="LBicep", pause=0.03),
-        Working(2, priority=5, kind="collision", pause=0.0),
-        Working(3, priority=0, pause=0.05, longest=0.2),
+        Working(1, priority=9, link="LBicep", release_delay=0.03),
+        Working(2, priority=5, kind="collision", release_delay=0.0),
+        Working(3, priority=0, release_delay=0.05, max_duration=0.2),
     ]
     stage = Stage(
-        *reflexes, Ignore(link="torso", priority=3), Hold(link="Head", priority=7, pause=0.03)
+        *reflexes,
+        Ignore(link="torso", priority=3),
+        Hold(link="Head", priority=7, release_delay=0.03),
     )
     users = [PositionTask("l_wrist", name=f"user {k}") for k in range(4)]
     added: list[Task] = []
@@ -495,11 +500,11 @@ def test_reflexes_act_however_many_tasks_the_user_has() -> None:
 )
 def test_no_joint_is_given_to_two_reflexes(story: list[tuple[Any, int, tuple[str, str]]]) -> None:
     reflexes: list[Reflex] = [
-        Comply(priority=5, link="LBicep", pause=0.05),
-        Retract(priority=4, pause=0.02),
-        Assist(priority=3, link="RForeArm", pause=0.1),
-        Hold(priority=2, link="Head", pause=0.0),
-        FollowHand(priority=1, pause=0.05),
+        Comply(priority=5, link="LBicep", release_delay=0.05),
+        Retract(priority=4, release_delay=0.02),
+        Assist(priority=3, link="RForeArm", release_delay=0.1),
+        Hold(priority=2, link="Head", release_delay=0.0),
+        FollowHand(priority=1, release_delay=0.05),
     ]
     given_to: list[dict[str, set[int]]] = []
 

@@ -97,7 +97,7 @@ ARM = {"link": "LForeArm"}
             {"do": "assist", "on": {"joint": "LShoulderRoll"}},
         ),
         ({"do": "stop_base", "priority": 20}, {"do": "hold"}),
-        ({"do": "follow_hand", "lead": "base"}, {"do": "stop_base", "priority": 30}),
+        ({"do": "follow_hand", "follow_with": "base"}, {"do": "stop_base", "priority": 30}),
         ({"do": "ignore", "priority": 10}, {"do": "soften"}),
         ({"do": "comply", "on": {"kind": "contact"}}, {"do": "comply", "on": ARM}),
         # a contact grows into a collision
@@ -120,7 +120,7 @@ def test_conflicts_are_refused_and_a_priority_cures_them(
         ({"do": "comply", "on": ARM}, {"do": "comply", "on": {"joint": "RShoulderRoll"}}),
         ({"do": "retract", "priority": 10}, {"do": "soften"}),
         ({"do": "retract", "priority": 50}, {"do": "stop_base"}),
-        ({"do": "follow_hand", "lead": "arm"}, {"do": "stop_base", "priority": 30}),
+        ({"do": "follow_hand", "follow_with": "arm"}, {"do": "stop_base", "priority": 30}),
         ({"do": "ignore"}, {"do": "ignore", "name": "too"}),
         ({"do": "soften"}, {"do": "soften"}),
     ],
@@ -168,11 +168,11 @@ def test_two_that_answer_one_contact_overlap(
     contact = touch(link=place[0], joint=place[1], kind=kind, intensity=size, torque=torque)
     for reflex in reflexes:
         try:
-            reflex.prepare(ROBOT)
+            reflex.setup(ROBOT)
         except ReflexError:
-            assert not reflex.is_for(contact)
+            assert not reflex.matches(contact)
             reject()
-    if all(reflex.is_for(contact) for reflex in reflexes):
+    if all(reflex.matches(contact) for reflex in reflexes):
         assert overlap(*reflexes, ROBOT)
     assert overlap(*reflexes, ROBOT) == overlap(reflexes[1], reflexes[0], ROBOT)
 
@@ -180,7 +180,10 @@ def test_two_that_answer_one_contact_overlap(
 @settings(max_examples=150)
 @given(
     st.sampled_from(["hold", "retract", "follow_hand", "assist", "x"]),
-    st.dictionaries(st.sampled_from(["on", "distance", "name", "then", "lead", "pause"]), ANYTHING),
+    st.dictionaries(
+        st.sampled_from(["on", "distance", "name", "then", "follow_with", "release_delay"]),
+        ANYTHING,
+    ),
     st.dictionaries(st.sampled_from(SELECTOR_FIELDS), ANYTHING),
 )
 def test_anything_makes_a_reflex_or_one_line(

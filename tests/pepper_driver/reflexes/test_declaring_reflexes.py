@@ -50,7 +50,7 @@ def again(entry: dict[str, Any]) -> Reflex:
     touch=st.sampled_from([None, "contact", "collision"]),
     least=st.floats(0.0, 180.0),
     priority=st.integers(-1000, 1000),
-    pause=st.floats(0.0, 3600.0),
+    release_delay=st.floats(0.0, 3600.0),
     then=st.sampled_from(["resume", "stay"]),
     name=st.sampled_from(["", "gives way"]),
 )
@@ -60,7 +60,7 @@ def test_it_comes_back_with_all_its_arguments(
     touch: Any,
     least: float,
     priority: int,
-    pause: float,
+    release_delay: float,
     then: Any,
     name: str,
 ) -> None:
@@ -69,7 +69,7 @@ def test_it_comes_back_with_all_its_arguments(
         kind=touch,
         min_intensity_deg=least,
         priority=priority,
-        pause=pause,
+        release_delay=release_delay,
         then=then,
         name=name,
     )
@@ -82,9 +82,9 @@ def test_it_comes_back_with_all_its_arguments(
 
 
 def test_arguments_of_their_own_come_back() -> None:
-    made = again(declare(FollowHand(lead="base", drag=12.5, speed=0.1)))
+    made = again(declare(FollowHand(follow_with="base", base_damping=12.5, speed=0.1)))
     assert isinstance(made, FollowHand)
-    assert (made.lead, made.drag, made.speed) == ("base", 12.5, 0.1)
+    assert (made.follow_with, made.base_damping, made.speed) == ("base", 12.5, 0.1)
 
 
 def test_all_of_a_robot_come_back_in_their_order_with_their_names() -> None:
@@ -108,7 +108,10 @@ VALUES = st.recursive(
     lambda inner: st.lists(inner) | st.dictionaries(st.text(), inner),
     max_leaves=8,
 )
-KEYS = st.sampled_from(["do", "on", "name", "gain", "pause", "then", "lead", "class"]) | st.text()
+KEYS = (
+    st.sampled_from(["do", "on", "name", "gain", "release_delay", "then", "follow_with", "class"])
+    | st.text()
+)
 
 
 @given(entry=st.dictionaries(KEYS, VALUES), kind=st.sampled_from(["hold", "comply", "follow_hand"]))

@@ -20,8 +20,8 @@ class Scene:
     def __init__(self, pause: float = 0.5) -> None:
         self.requests = ReflexRequests(WholeBodyController(ROBOT), ROBOT)
         self.requests.controller.reset(ROBOT.posture("Stand"))
-        self.reflex = Hold(pause=pause)
-        self.reflex.prepare(ROBOT)
+        self.reflex = Hold(release_delay=pause)
+        self.reflex.setup(ROBOT)
 
     def at(self, time: float, *contacts: Contact) -> None:
         observation = Observation(
@@ -119,5 +119,5 @@ def test_the_end_of_a_contact_it_did_not_see_is_ignored() -> None:
 
 @pytest.mark.parametrize("pause", [-1.0, np.nan, np.inf])
 def test_a_wrong_pause_is_refused(pause: float) -> None:
-    with pytest.raises(ReflexError, match="pause"):
-        Hold(pause=pause)
+    with pytest.raises(ReflexError, match="release_delay"):
+        Hold(release_delay=pause)

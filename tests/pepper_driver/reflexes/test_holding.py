@@ -36,7 +36,7 @@ class Speeds:
 
 def test_hold_stops_the_users_tasks_and_the_base_and_lets_them_go_on() -> None:
     touch = {2.0: contact(1, "begin"), 4.0: contact(1, "end")}  # let go after the pause, at 4.5 s
-    with make_pepper(Hold(pause=0.5), touch) as pepper:
+    with make_pepper(Hold(release_delay=0.5), touch) as pepper:
         task = PositionTask("l_wrist", root="base_link", joints=ARM)
         task.move_to(PLACE, 4.0)
         pepper.controller.add(task)

@@ -37,17 +37,25 @@ ALL: list[type[Reflex]] = [Assist, Comply, FollowHand, Hold, Retract, Soften, St
 EXTREMES: dict[str, tuple[Any, ...]] = {
     "gain": (0.0, 0.005, 0.01, 1.0),
     "damping": (0.05, 12.0),
-    "largest_torque": (0.1, 100.0),
+    "max_torque": (0.1, 100.0),
     "torque": (0.1, 50.0),
-    "drag": (1.0, 1e4),
-    "least_force": (0.0, 100.0),
+    "base_damping": (1.0, 1e4),
+    "min_force": (0.0, 100.0),
     "speed": (0.01, 1.0),
     "distance": (0.01, 1.5),
     "stiffness": (0.0, 1.0),
-    "lead": ("arm", "base"),
-    "longest": (0.0, 3600.0),
-    "pause": (0.0, 3600.0),
+    "follow_with": ("arm", "base"),
+    "max_duration": (0.0, 3600.0),
+    "release_delay": (0.0, 3600.0),
     "then": ("resume", "stay"),
+    "inertia": (0.1, 1.0),  # less allows less damping
+    "half_gain_stiffness": (1.0, 200.0),
+    "torque_deadband_stds": (0.0, 10.0),
+    "coast_damping": (1.0, 120.0),
+    "adaptation_rate": (0.1, 20.0),
+    "min_torque_ratio": (0.0, 1.0),
+    "stop_torque_ratio": (0.0, 1.0),
+    "smoothing_time": (0.02, 5.0),
 }
 """Of every argument of a reflex."""
 
@@ -70,6 +78,8 @@ def test_whatever_arguments_are_taken_nothing_is_raised_inside_a_tick(
 def test_more_damping_than_a_cycle_allows_and_a_reflex_given_twice_are_refused() -> None:
     with pytest.raises(ReflexError, match=r"damping is a number from 0\.05 to 12"):
         Comply(damping=12.1)
+    with pytest.raises(ReflexError, match=r"damping is a number from 0\.05 to 2\.4"):
+        Comply(damping=2.5, inertia=0.02)
     hold = Hold()
     with pytest.raises(ReflexError, match="'hold' is given twice"):
         Stage(hold, StopBase(), hold)
@@ -82,7 +92,7 @@ def test_more_damping_than_a_cycle_allows_and_a_reflex_given_twice_are_refused()
 def test_it_acts_from_begin_to_a_pause_after_the_end_and_leaves_nothing_behind(
     kind: type[Reflex],
 ) -> None:
-    stage = Stage(reflex := kind(pause=0.3))
+    stage = Stage(reflex := kind(release_delay=0.3))
     stage.run(0.1)
     assert not reflex.active
     stage.step(touch(), torque=PUSH)
@@ -106,7 +116,7 @@ def test_it_acts_from_begin_to_a_pause_after_the_end_and_leaves_nothing_behind(
 def test_it_ends_when_it_has_acted_long_enough_and_waits_for_another_contact(
     kind: type[Reflex],
 ) -> None:
-    stage = Stage(reflex := kind(longest=0.5))
+    stage = Stage(reflex := kind(max_duration=0.5))
     stage.step(touch(1), torque=PUSH)
     stage.run(0.6, torque=PUSH)
     stage.step(touch(1, "update"), torque=PUSH)
@@ -117,7 +127,7 @@ def test_it_ends_when_it_has_acted_long_enough_and_waits_for_another_contact(
 
 @pytest.mark.parametrize("kind", ALL)
 def test_a_rebound_neither_begins_nor_prolongs_it(kind: type[Reflex]) -> None:
-    stage = Stage(reflex := kind(pause=0.2))
+    stage = Stage(reflex := kind(release_delay=0.2))
     stage.step(touch(1, kind="rebound"), torque=PUSH)
     assert not reflex.active
     stage.step(touch(2), torque=PUSH)
@@ -128,7 +138,7 @@ def test_a_rebound_neither_begins_nor_prolongs_it(kind: type[Reflex]) -> None:
 
 
 def test_several_contacts_are_one_reaction() -> None:
-    stage = Stage(reflex := StopBase(pause=0.0))
+    stage = Stage(reflex := StopBase(release_delay=0.0))
     stage.step(touch(1))
     stage.step(touch(2, link="RForeArm", joint="RElbowRoll"))
     stage.step(touch(1, "end"))
@@ -210,7 +220,7 @@ def test_it_follows_the_torque_its_way_and_only_its_limb() -> None:
 
 @pytest.mark.parametrize("then", ["resume", "stay"])
 def test_afterwards_joints_go_back_or_stay(then: Any) -> None:
-    stage = Stage(Comply(then=then, pause=0.1))
+    stage = Stage(Comply(then=then, release_delay=0.1))
     home = stage.step(touch(), torque=PUSH)[ROLL]
     led = stage.run(0.5, torque=PUSH)[-1, ROLL]
     assert led > home + 0.2
@@ -288,7 +298,7 @@ def test_soften_lowers_the_motors_of_the_limb() -> None:
 
 
 def test_stop_base_brakes_a_base_that_the_user_drives() -> None:
-    stage = Stage(StopBase(pause=0.5))
+    stage = Stage(StopBase(release_delay=0.5))
     task = BaseVelocityTask()
     task.target = [0.2, 0.0, 0.1]
     stage.controller.add(task)
@@ -304,7 +314,7 @@ def test_stop_base_brakes_a_base_that_the_user_drives() -> None:
 
 
 def test_the_base_follows_the_pull_at_a_hand() -> None:
-    stage = Stage(FollowHand(lead="base"))
+    stage = Stage(FollowHand(follow_with="base"))
     model, posture = stage.controller.model, stage.controller.position
     jacobian = model.point_jacobian("l_wrist", np.zeros(3), posture)
     torque = jacobian.T @ np.array([12.0, 0.0, 0.0])
@@ -322,7 +332,8 @@ def test_the_base_follows_the_pull_at_a_hand() -> None:
 
 def test_joints_go_to_the_highest_priority_and_to_the_next_when_it_lets_go() -> None:
     stage = Stage(
-        low := Hold(pause=3.0, priority=1), high := Comply(pause=0.0, priority=2, link="LBicep")
+        low := Hold(release_delay=3.0, priority=1),
+        high := Comply(release_delay=0.0, priority=2, link="LBicep"),
     )
     stage.step(touch(), torque=PUSH)
     stage.run(0.3, torque=PUSH)
@@ -355,7 +366,7 @@ def test_what_is_ignored_reaches_only_higher_priorities() -> None:
 
 
 def test_a_contact_that_turns_out_to_be_ignored_is_over_for_those_below() -> None:
-    stage = Stage(below := Hold(pause=0.2), Ignore(kind="collision"))
+    stage = Stage(below := Hold(release_delay=0.2), Ignore(kind="collision"))
     stage.step(touch())
     stage.run(0.1)
     assert below.active
@@ -369,7 +380,9 @@ def test_a_contact_that_turns_out_to_be_ignored_is_over_for_those_below() -> Non
 def test_joints_that_were_never_given_are_not_left() -> None:
     """Retract has the arm; what Comply would have left stays the user's, and so does a limb that was only softened."""
     stage = Stage(
-        Retract(pause=2.0), Comply(then="stay", pause=0.0), Soften(then="stay", pause=0.0)
+        Retract(release_delay=2.0),
+        Comply(then="stay", release_delay=0.0),
+        Soften(then="stay", release_delay=0.0),
     )
     stage.step(touch(), torque=PUSH)
     stage.run(0.3, torque=PUSH)
@@ -381,7 +394,7 @@ def test_joints_that_were_never_given_are_not_left() -> None:
 
 
 def test_a_base_is_not_led_by_an_arm_that_another_reflex_has() -> None:
-    stage = Stage(Retract(), FollowHand(lead="base"))
+    stage = Stage(Retract(), FollowHand(follow_with="base"))
     stage.step(touch(), torque={"LShoulderPitch": -4.0, "LShoulderRoll": 4.0})
     stage.run(1.0, torque={"LShoulderPitch": -4.0, "LShoulderRoll": 4.0})
     assert np.abs(stage.controller.base_pose).max() < 1e-3
@@ -438,8 +451,8 @@ def test_events_say_which_reflex_has_the_joints() -> None:
         (Retract, {"distance": -1.0}),
         (Soften, {"stiffness": 2.0}),
         (Hold, {"then": "wait"}),
-        (Hold, {"longest": np.inf}),
-        (FollowHand, {"lead": "head"}),
+        (Hold, {"max_duration": np.inf}),
+        (FollowHand, {"follow_with": "head"}),
         (Assist, {"torque": 0.0}),
     ],
 )

@@ -60,7 +60,7 @@ def test_an_arm_gives_way_and_what_it_does_then_is_no_contact(then: Any) -> None
 
 def test_an_arm_goes_away_from_a_hand_that_holds_on() -> None:
     forces: dict[bool, float] = {}
-    for reflexes in ([], [Retract(pause=3.0)]):
+    for reflexes in ([], [Retract(release_delay=3.0)]):
         with Pepper("mujoco://?seed=5", reflexes=reflexes) as pepper:
             ready(pepper)
             truth = pepper.backend.truth
@@ -75,7 +75,7 @@ def test_an_arm_goes_away_from_a_hand_that_holds_on() -> None:
 
 
 def test_the_base_rolls_where_its_hand_is_pulled_to_and_stops_when_let_go() -> None:
-    with Pepper("mujoco://?seed=5", reflexes=[FollowHand(lead="base")]) as pepper:
+    with Pepper("mujoco://?seed=5", reflexes=[FollowHand(follow_with="base")]) as pepper:
         ready(pepper)
         pepper.push("l_wrist", [0.0, 18.0, 0.0], [0.05, 0.0, 0.0], 3.0, rise=0.1)
         pepper.run(3.0)

@@ -51,7 +51,7 @@ def trace(pepper: Pepper, seconds: float) -> FloatArray:
 @pytest.mark.parametrize("way", [0.1, 0.6])
 def test_they_set_out_smoothly_do_not_hurry_arrive_and_never_turn_round(way: float) -> None:
     script = {1.0: touch(), 4.0: touch(phase="end")}
-    with make_pepper(Lead(way=way, pause=0.0), script) as pepper:
+    with make_pepper(Lead(way=way, release_delay=0.0), script) as pepper:
         pepper.run(0.9)
         home = pepper.controller.position[ROLL]
         pepper.run(3.1)
@@ -68,7 +68,7 @@ def test_they_set_out_smoothly_do_not_hurry_arrive_and_never_turn_round(way: flo
 
 def test_a_motion_under_way_keeps_its_time() -> None:
     script = {1.0: touch(), 2.0: touch(phase="end")}
-    with make_pepper(Lead(way=0.4, pause=0.0), script) as pepper:
+    with make_pepper(Lead(way=0.4, release_delay=0.0), script) as pepper:
         pepper.set_posture({"HeadYaw": 0.8}, duration=6.0)
         pepper.run(4.0)
         assert pepper.controller.posture.driven
@@ -83,7 +83,7 @@ def test_a_motion_under_way_keeps_its_time() -> None:
 def test_while_another_reflex_holds_the_posture_nothing_is_led_back() -> None:
     """A held posture moves no other joint, so there is no way back; a spline would hold it less firmly."""
     script = {1.0: touch(), 2.0: touch(phase="end")}
-    reflexes = [Lead(way=0.3, pause=0.0), Holder(0.5, 6.0)]
+    reflexes = [Lead(way=0.3, release_delay=0.0), Holder(0.5, 6.0)]
     with Pepper("mock", observer=Scripted(script), reflexes=reflexes) as pepper:
         home = pepper.controller.position[ROLL]
         pepper.run(2.2)

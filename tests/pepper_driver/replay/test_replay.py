@@ -34,10 +34,10 @@ URI = "mujoco://?seed=3&plant=integral"
 
 def reflexes() -> list[Reflex]:
     return [
-        Hold(link="base_link", pause=0.2),
-        Retract(link="RBicep", pause=0.2, distance=0.2),
+        Hold(link="base_link", release_delay=0.2),
+        Retract(link="RBicep", release_delay=0.2, distance=0.2),
         Comply(joint="LShoulderRoll", gain=0.8, name="give way"),
-        Soften(joint="RShoulderRoll", stiffness=0.6, pause=1.0),
+        Soften(joint="RShoulderRoll", stiffness=0.6, release_delay=1.0),
     ]
 
 
@@ -125,7 +125,7 @@ def test_recorded_reflexes_have_their_arguments(log: Path) -> None:
     made = {reflex.name: reflex for reflex in load_run(log).reflexes()}
     retract, comply = made["retract"], made["give way"]
     assert isinstance(retract, Retract)
-    assert (retract.link, retract.distance, retract.pause) == ("RBicep", 0.2, 0.2)
+    assert (retract.link, retract.distance, retract.release_delay) == ("RBicep", 0.2, 0.2)
     assert isinstance(comply, Comply)
     assert (comply.joint, comply.gain) == ("LShoulderRoll", 0.8)
 
