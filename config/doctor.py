@@ -20,8 +20,6 @@ class DoctorSettings:
 
     inspection_time: Annotated[float, Field(ge=0.5)]
     rest: Positive
-    outside_warning: Positive
-    outside_failure: Positive
     tilt_warning: Positive
     tilt_failure: Positive
     gravity: tuple[Positive, Positive]
@@ -44,12 +42,8 @@ class DoctorSettings:
 
     def __post_init__(self) -> None:
         """What a single field cannot know: warnings come before failures."""
-        for less, more in (
-            ("outside_warning", "outside_failure"),
-            ("tilt_warning", "tilt_failure"),
-        ):
-            if getattr(self, less) > getattr(self, more):
-                raise ValueError(f"'{less}' must not be above '{more}'")
+        if self.tilt_warning > self.tilt_failure:
+            raise ValueError("'tilt_warning' must not be above 'tilt_failure'")
         if self.gravity[0] > self.gravity[1]:
             raise ValueError("'gravity' must be the lower bound, then the upper one")
 

@@ -35,21 +35,6 @@ class TakeOverSettings:
 
 
 @dataclass(frozen=True, kw_only=True, config=STRICT)
-class FitSettings:
-    """What a robot must be to be activated.
-
-    Attributes:
-        battery: Least charge, 0..1.
-        outside: How far a joint may measure beyond its limits [rad].
-        temperature_status: Largest status of a motor's temperature: 0 well, 1 less current, 2 and 3 go to rest.
-    """
-
-    battery: Annotated[float, Field(ge=0, le=1)]
-    outside: NotNegative
-    temperature_status: Annotated[int, Field(ge=0, le=3)]
-
-
-@dataclass(frozen=True, kw_only=True, config=STRICT)
 class WheelTimes:
     """Dates of each wheel command, from the DCM cycle before it on [s]: dead-man's stop."""
 
@@ -111,7 +96,7 @@ class NaoqiSettings:
     connect_time: Positive
     call_time: Positive
     take_over_time: Positive
-    fit: FitSettings
+    temperature_status: Annotated[int, Field(ge=0, le=3)]
     charging_flap: Literal["refuse", "stand"]
     legs_go_soft: bool
     take_over: TakeOverSettings

@@ -153,6 +153,8 @@ class SafetySettings:
     battery_warning: Share
     battery_activate: Share
     battery_fault: Share
+    limit_warning: Positive
+    limit_activate: Positive
     bumper_release: NotNegative
     chest_button: bool
 
@@ -163,6 +165,7 @@ class SafetySettings:
             ("temperature_warning", "temperature_fault"),
             ("battery_fault", "battery_activate"),
             ("battery_activate", "battery_warning"),
+            ("limit_warning", "limit_activate"),
         ):
             if getattr(self, less) > getattr(self, more):
                 raise ValueError(f"'{less}' must not be above '{more}'")

@@ -190,9 +190,6 @@ class AnglesLink:
 
 logger = logging.getLogger("pepper_driver")
 
-STALE = 0.1
-"""[s] age of samples at which the stiffness is not raised any further, as the safety gate has it."""
-
 PATIENCE = 0.3
 """[s] age of samples at which the end waits for the robot no longer."""
 
@@ -269,7 +266,7 @@ class AnglesBackend(NaoqiRobot):
             self._connected()
             check_signals()
             measurement = link.exchange(hold, np.maximum(before, (tick + 1) / ticks))
-            if not measurement.age <= STALE:
+            if not measurement.age <= self._safety.stale_fault:
                 raise BackendError(
                     f"'{self._address.uri}' stopped answering while its stiffness was raised: the newest sample is "
                     f"{1e3 * measurement.age:.0f} ms old; look at the network, then start again"

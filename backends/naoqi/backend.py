@@ -77,7 +77,7 @@ class NaoqiBackend(NaoqiRobot):
 
     def _ramp_up(self) -> tuple[FloatArray, Measurement]:
         """No joint gets less stiffness than it has already."""
-        return ramp_up(self._open_link, self._robot, self._settings, self._connected)
+        return ramp_up(self._open_link, self._robot, self._settings, self._safety, self._connected)
 
     def _read(self) -> Measurement:
         return self._open_link.read()
@@ -87,7 +87,7 @@ class NaoqiBackend(NaoqiRobot):
 
     def _let_go(self, posture: FloatArray) -> bool:
         try:
-            return let_go(self._open_link, self._robot, self._settings, posture)
+            return let_go(self._open_link, self._robot, self._settings, self._safety, posture)
         finally:
             self._open_link.end()
 

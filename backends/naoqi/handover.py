@@ -14,13 +14,10 @@ from pepper_driver.backends.motion_profile import PEAK_SPEED_RATIO, minimum_jerk
 from pepper_driver.backends.naoqi.dcm_channel import Link
 from pepper_driver.backends.naoqi.memory_keys import Alias
 from pepper_driver.backends.signals import check_signals
-from pepper_driver.config import NaoqiSettings, PepperError, RobotConfig
+from pepper_driver.config import NaoqiSettings, PepperError, RobotConfig, SafetySettings
 from pepper_driver.config.arrays import FloatArray
 
 logger = logging.getLogger("pepper_driver")
-
-STALE = 0.1
-"""[s] age of samples at which the stiffness is not raised, and no leg moved, any further: as the safety gate has it."""
 
 PATIENCE = 0.15
 """[s] without any answer after which nothing more is waited for in the end."""
@@ -34,9 +31,6 @@ LONGEST_STOP = 0.3
 ARRIVED = 0.03
 """[rad] within which legs are where they should be: what they droop by."""
 
-TAKEN = 0.4
-"""By which joints are softer than they were told to be where somebody else did that: as the safety gate has it."""
-
 HARDLY = 0.1
 """Stiffness below which a joint has none."""
 
@@ -44,7 +38,11 @@ _STILL = np.zeros(3)
 
 
 def ramp_up(
-    link: Link, robot: RobotConfig, settings: NaoqiSettings, check: Callable[[], object]
+    link: Link,
+    robot: RobotConfig,
+    settings: NaoqiSettings,
+    safety: SafetySettings,
+    check: Callable[[], object],
 ) -> tuple[FloatArray, Measurement]:
     """Raise the stiffness to 1, of no joint from less than it has already, holding the posture measured.
 
@@ -52,6 +50,7 @@ def ramp_up(
         link: With the robot.
         robot: Its limits, into which the posture is clipped.
         settings: How long it takes.
+        safety: Age of samples at which it is not raised any further.
         check: Raises when the connection is lost.
 
     Returns:
@@ -77,7 +76,7 @@ def ramp_up(
             # Before the tick's own commands: with them as many would be on their way as may be.
             wheels_on = link.switch_wheels([((ticks - tick) * cycle, 1.0)])
         measurement = link.exchange(hold, np.maximum(before, tick / ticks), _STILL)
-        if not measurement.age <= STALE:
+        if not measurement.age <= safety.stale_fault:
             raise BackendError(
                 f"the robot stopped answering while its stiffness was raised: the newest sample is "
                 f"{1e3 * measurement.age:.0f} ms old; look at the network, then start again"
@@ -89,7 +88,13 @@ def ramp_up(
     return hold, measurement
 
 
-def let_go(link: Link, robot: RobotConfig, settings: NaoqiSettings, posture: FloatArray) -> bool:
+def let_go(
+    link: Link,
+    robot: RobotConfig,
+    settings: NaoqiSettings,
+    safety: SafetySettings,
+    posture: FloatArray,
+) -> bool:
     """Stop the wheels, lead the legs back, make all other joints soft.
 
     The legs keep their stiffness, unless the settings say otherwise: without brakes the robot would bow. No joint gets
@@ -100,6 +105,7 @@ def let_go(link: Link, robot: RobotConfig, settings: NaoqiSettings, posture: Flo
         link: With the robot.
         robot: Its description.
         settings: How fast.
+        safety: Age of samples at which no leg is moved any further, and how much softer joints are that somebody took.
         posture: (17,) where ALMotion last sent the joints [rad]: legs that it finds elsewhere jerk. NaN where it does
             not say.
 
@@ -127,7 +133,7 @@ def let_go(link: Link, robot: RobotConfig, settings: NaoqiSettings, posture: Flo
     wheels_off = link.switch_wheels(off)
 
     stiffness = link.stiffness
-    taken = _shown(link, stiffness) < stiffness - TAKEN
+    taken = _shown(link, stiffness) < stiffness - safety.stiffness_taken
     legs_home = np.full(len(legs), np.nan)
     if (taken & legs).any():
         logger.warning("somebody else made the legs soft: they are not moved any more")
@@ -135,7 +141,7 @@ def let_go(link: Link, robot: RobotConfig, settings: NaoqiSettings, posture: Flo
         legs_home = np.where(legs & np.isfinite(posture), posture, np.nan)
     stiffness = np.where(taken, _shown(link, stiffness), stiffness)
     speed = settings.timing.legs_back_speed
-    if not _lead_back(link, robot, legs_home, speed, stiffness, tick):
+    if not _lead_back(link, robot, legs_home, speed, stiffness, safety.stale_fault, tick):
         return False
 
     soft = np.zeros(len(legs)) if settings.legs_go_soft else np.where(legs, stiffness, 0.0)
@@ -174,6 +180,7 @@ def _lead_back(
     goal: FloatArray,
     speed: float,
     stiffness: FloatArray,
+    stale: float,
     tick: Callable[[FloatArray | None, FloatArray], Measurement | None],
 ) -> bool:
     """Lead joints to ``goal``, NaN where they stay; False where the robot does not answer.
@@ -195,7 +202,7 @@ def _lead_back(
         measurement = tick(start + way * minimum_jerk(number / ticks), stiffness)
         if measurement is None:
             return False
-        if not measurement.age <= STALE or measurement.buttons.any():
+        if not measurement.age <= stale or measurement.buttons.any():
             logger.warning(
                 "the legs do not go back to where ALMotion left them: before it moves them, let the robot rest"
             )

@@ -25,8 +25,9 @@ from pepper_driver.backends.naoqi.connection import (
     MissingServiceError,
     ServiceError,
 )
-from pepper_driver.backends.naoqi.preflight import UnfitError, awake
+from pepper_driver.backends.naoqi.preflight import awake
 from pepper_driver.backends.naoqi.qi_library import Answer
+from pepper_driver.backends.readiness import NotReadyError
 from pepper_driver.config import NaoqiSettings, PepperError, RobotConfig
 from pepper_driver.config.arrays import FloatArray
 from pepper_driver.config.naoqi import TakeOverSettings
@@ -198,7 +199,7 @@ SETTLE = 0.5
 """[s] in which a switch of ALMotion shows; its documentation has one of its cycles, 20 ms."""
 
 
-class ConsentError(UnfitError):
+class ConsentError(NotReadyError):
     """The owner of the robot has not allowed that a protection is switched off."""
 
 
@@ -258,7 +259,7 @@ class TakeOver:
 
         Raises:
             ConsentError: The owner did not allow what must be off.
-            UnfitError: Something that must be off stays on, or the robot does not wake up.
+            NotReadyError: Something that must be off stays on, or the robot does not wake up.
             NotConnectedError: The connection is lost.
         """
         try:
@@ -324,7 +325,7 @@ class TakeOver:
         uri, limit = self._connection.address.uri, self._settings.take_over_time
         if rest_in_the_end:
             if not self._wake:
-                raise UnfitError(
+                raise NotReadyError(
                     f"'{uri}' fell asleep; wake it up by two presses of the chest button, or add ?wake=1"
                 )
             self._undo_by("rest", "ALMotion", "rest", timeout=limit)
@@ -357,7 +358,7 @@ class TakeOver:
                 f"{stays}; let the robot's owner allow it on {self._consent_page()} (deactivation of safety "
                 f"reflexes), or set '{switch.setting}: off if allowed' in a file for ?settings="
             )
-        raise UnfitError(
+        raise NotReadyError(
             f"{stays}; restart the robot, or set '{switch.setting}: keep' in a file for ?settings="
         )
 
@@ -385,7 +386,7 @@ class TakeOver:
 
     def _until(self, reached: Callable[[], bool], otherwise: str) -> None:
         if not self._reached(reached, self._settings.take_over_time):
-            raise UnfitError(f"'{self._connection.address.uri}': {otherwise}")
+            raise NotReadyError(f"'{self._connection.address.uri}': {otherwise}")
 
     def _reached(self, reached: Callable[[], bool], within: float) -> bool:
         end = time.monotonic() + within

@@ -7,16 +7,31 @@ level alone; a key ``Diagnosis/KIND/DEVICE/Error`` is there for each device, and
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 
-from pepper_driver.backends.interface import BackendError, DeviceError
+import numpy as np
+
+from pepper_driver.backends.interface import DeviceError
 from pepper_driver.backends.naoqi.connection import (
     Connection,
     MissingServiceError,
     ServiceError,
 )
-from pepper_driver.config import NaoqiSettings, RobotConfig
+from pepper_driver.backends.readiness import (
+    MAX_NAMED,
+    CheckResult,
+    NotReadyError,
+    check_battery,
+    check_diagnosis,
+    check_flap,
+    check_limits,
+    check_positions,
+    named,
+    rated,
+    refuse_failed,
+)
+from pepper_driver.config import NaoqiSettings, RobotConfig, SafetySettings
 
 CRITICAL = 2
 """Level at which NAOqi itself sends the robot to rest, whatever the device. 1 is SERIOUS, 0 NEGLIGIBLE."""
@@ -94,30 +109,68 @@ def _keys(connection: Connection, found: dict[str, _Finding]) -> bool:
     return bool(names)
 
 
-def check_fit(
-    connection: Connection, robot: RobotConfig, settings: NaoqiSettings, *, may_sleep: bool = False
+def check_robot(
+    connection: Connection,
+    robot: RobotConfig,
+    settings: NaoqiSettings,
+    safety: SafetySettings,
+    *,
+    may_sleep: bool = False,
 ) -> None:
     """Refuse a robot that should not move now. To be asked before ``activate`` touches anything.
 
     Args:
         connection: With it.
         robot: Its limits.
-        settings: What it must be.
+        settings: What NAOqi must say of it.
+        safety: What it must be.
         may_sleep: Whether it is woken up after this.
 
     Raises:
-        UnfitError: Motors off, a joint outside its limits or too hot, a low battery, an open charging flap, or a broken
-            device: the first of them.
+        NotReadyError: Motors off, a joint outside its limits or too hot, a low battery, an open charging flap, or a
+            broken device: the first of them.
     """
-    for reason in (
-        _flap(connection, robot, settings),
-        _battery(connection, robot, settings),
-        _broken(connection, robot),
-        _joints(connection, robot, settings),
-        None if may_sleep else _asleep(connection),
-    ):
-        if reason:
-            raise UnfitError(f"'{connection.address.uri}' is not activated: {reason}")
+    for result in _checks(connection, robot, settings, safety, may_sleep):
+        refuse_failed(f"'{connection.address.uri}' is not activated", [result])
+
+
+def _checks(
+    connection: Connection,
+    robot: RobotConfig,
+    settings: NaoqiSettings,
+    safety: SafetySettings,
+    may_sleep: bool,
+) -> Iterator[CheckResult]:
+    """Make one check after the other: none asks the robot anything before the one ahead of it is well."""
+    names = robot.naoqi
+    (flap,) = _numbers(connection, robot, [names.charging_flap])
+    yield check_flap(flap, refused=settings.charging_flap == "refuse")
+    (charge,) = _numbers(connection, robot, [names.battery_charge])
+    yield check_battery(charge, safety)
+    serious = [error for error in diagnosis(connection, robot) or () if error.serious]
+    yield check_diagnosis(serious[:MAX_NAMED])
+    keys = [names.position.format(joint=joint) for joint in robot.joint_names]
+    position = np.array(_numbers(connection, robot, keys))
+    yield check_positions(position, robot)
+    yield check_limits(position, robot, safety)
+    keys = [names.temperature_status.format(joint=joint) for joint in robot.joint_names]
+    status = np.array(_numbers(connection, robot, keys))
+    hot = status > settings.temperature_status
+    yield rated(
+        "motors",
+        f"too hot, status {status[hot].max():g} of 3: {named(robot.joint_names, hot)}"
+        if hot.any()
+        else "cool",
+        failure=bool(hot.any()),
+        remedy="let the robot rest and cool down",
+    )
+    asleep = not (may_sleep or awake(connection))
+    yield rated(
+        "motors",
+        "off, the robot is at rest" if asleep else "on",
+        failure=asleep,
+        remedy="press the chest button twice to wake it up, or add ?wake=1, with room for its arms",
+    )
 
 
 def awake(connection: Connection) -> bool:
@@ -126,65 +179,6 @@ def awake(connection: Connection) -> bool:
         return bool(connection.call("ALMotion", "robotIsWakeUp"))
     except (MissingServiceError, ServiceError):
         return True
-
-
-def _asleep(connection: Connection) -> str | None:
-    if awake(connection):
-        return None
-    return (
-        "its motors are off, it is at rest; press the chest button twice to wake it up, or add ?wake=1, with room for "
-        "its arms"
-    )
-
-
-def _flap(connection: Connection, robot: RobotConfig, settings: NaoqiSettings) -> str | None:
-    (value,) = _numbers(connection, robot, [robot.naoqi.charging_flap])
-    if settings.charging_flap == "stand" or not value > 0.5:
-        return None
-    return (
-        "its charging flap is open; unplug the cable and close the flap, or set 'charging_flap: stand' in a "
-        "file for ?settings= to move head and arms alone"
-    )
-
-
-def _battery(connection: Connection, robot: RobotConfig, settings: NaoqiSettings) -> str | None:
-    (charge,) = _numbers(connection, robot, [robot.naoqi.battery_charge])
-    if not charge < settings.fit.battery:
-        return None
-    return f"its battery is at {charge:.0%}, and {settings.fit.battery:.0%} is the least; charge it"
-
-
-def _broken(connection: Connection, robot: RobotConfig) -> str | None:
-    serious = [error for error in diagnosis(connection, robot) or () if error.serious]
-    if not serious:
-        return None
-    found = "; ".join(f"{error.device}: {error.text}" for error in serious[:3])
-    return (
-        f"its own diagnosis finds {len(serious)} broken ({found}); restart it, let it cool down, or have it repaired; "
-        "'pepper doctor' shows all"
-    )
-
-
-def _joints(connection: Connection, robot: RobotConfig, settings: NaoqiSettings) -> str | None:
-    names, limit = robot.naoqi, settings.fit.outside
-    position = _numbers(
-        connection, robot, [names.position.format(joint=j) for j in robot.joint_names]
-    )
-    for joint, value in zip(robot.joints, position, strict=True):
-        if math.isnan(value):
-            return (
-                f"{joint.name} tells no position; restart the robot, its board may be disconnected"
-            )
-        if not joint.lower - limit <= value <= joint.upper + limit:
-            return (
-                f"{joint.name} is at {value:.3f} rad, outside its limits {joint.lower:.3f} to {joint.upper:.3f}; move "
-                "it inside by hand while the motors are off, then wake the robot up"
-            )
-    keys = [names.temperature_status.format(joint=joint) for joint in robot.joint_names]
-    for name, status in zip(robot.joint_names, _numbers(connection, robot, keys), strict=True):
-        if status > settings.fit.temperature_status:
-            return f"{name} is too hot (status {status:g} of 3); let the robot rest and cool down"
-    return None
 
 
 def _numbers(connection: Connection, robot: RobotConfig, names: Sequence[str]) -> list[float]:
@@ -199,10 +193,6 @@ PEPPER = ("pepper", "juliette")
 
 TYPE_KEY = "RobotConfig/Body/Type"
 BODY_KEY = "Device/DeviceList/ChestBoard/BodyId"
-
-
-class UnfitError(BackendError):
-    """The robot cannot or should not be used as it is; the message says why, and what to do."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -230,18 +220,18 @@ def preflight(
         need_dcm: Whether to refuse a robot whose DCM cannot be reached.
 
     Raises:
-        UnfitError: No Pepper, no DCM, or a key that is not there.
+        NotReadyError: No Pepper, no DCM, or a key that is not there.
     """
     uri = connection.address.uri
     kind = _text(connection, TYPE_KEY) or _answer(connection, "ALRobotModel", "getRobotType")
     if kind.lower() not in PEPPER:
         what = f"is a '{kind}'" if kind else "does not say what robot it is"
-        raise UnfitError(
+        raise NotReadyError(
             f"'{uri}': {connection.address.host} {what}, and not a Pepper; check the address"
         )
     version = _answer(connection, "ALSystem", "systemVersion") or "?"
     if need_dcm and "DCM" not in connection.service_names:
-        raise UnfitError(
+        raise NotReadyError(
             f"'{uri}': this robot (NAOqi {version}) has no DCM, so its joints cannot be commanded every "
             f"{robot.cycle * 1000:g} ms; with ?mode=angles it moves through ALMotion, slower, and touch is not felt"
         )
@@ -249,7 +239,7 @@ def preflight(
     missing = [key for key, value in zip(keys, values, strict=True) if not is_number(value)]
     if missing:
         more = f" and {len(missing) - 3} more" if len(missing) > 3 else ""
-        raise UnfitError(
+        raise NotReadyError(
             f"'{uri}': this robot (NAOqi {version}) has no value for {', '.join(missing[:3])}{more}; with "
             "NAOqi 2.5 a board is disconnected: restart the robot, or have it repaired"
         )

@@ -23,7 +23,7 @@ from pepper_driver.backends.interface import (
 from pepper_driver.backends.naoqi.address import Address, Secret, find_secret
 from pepper_driver.backends.naoqi.connection import Connection, connect
 from pepper_driver.backends.naoqi.ownership import TakeOver
-from pepper_driver.backends.naoqi.preflight import Preflight, check_fit, diagnosis, preflight
+from pepper_driver.backends.naoqi.preflight import Preflight, check_robot, diagnosis, preflight
 from pepper_driver.backends.naoqi.presence import Presence
 from pepper_driver.backends.naoqi.services import NaoqiExtras, abilities
 from pepper_driver.backends.naoqi.stand_in import SERVICE, Handled, simulated_parents
@@ -31,6 +31,7 @@ from pepper_driver.backends.serial import Serial, serial
 from pepper_driver.config import (
     NaoqiSettings,
     RobotConfig,
+    load_safety_settings,
 )
 from pepper_driver.config.arrays import FloatArray
 from pepper_driver.config.naoqi import TakeOverSettings
@@ -68,6 +69,7 @@ class NaoqiRobot(Serial, Handled):
     ) -> None:
         super().__init__()
         self._address, self._robot, self._settings, self._wake = address, robot, settings, wake
+        self._safety = load_safety_settings()
         self._policy, self._force = policy or settings.take_over, force
         self._state: Literal["closed", "open", "active"] = "closed"
         self._secret: Secret | None = None
@@ -153,7 +155,7 @@ class NaoqiRobot(Serial, Handled):
 
         Raises:
             SecondDriverError: Another program of this package drives it.
-            UnfitError: It should not move now.
+            NotReadyError: It should not move now.
             NotConnectedError: Not open, or the connection was lost.
         """
         connection = self._connected()
@@ -162,7 +164,7 @@ class NaoqiRobot(Serial, Handled):
         self._presence = Presence(connection, force=self._force)
         self._presence.begin()
         try:
-            check_fit(connection, self._robot, self._settings, may_sleep=self._wake)
+            check_robot(connection, self._robot, self._settings, self._safety, may_sleep=self._wake)
             self._take_over = TakeOver(
                 connection, self._robot, self._settings, self._policy, wake=self._wake
             )

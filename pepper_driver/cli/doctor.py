@@ -12,6 +12,7 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
+from pepper_driver.backends.readiness import unknown
 from pepper_driver.backends.selection import make_backend
 from pepper_driver.cli.console import (
     JsonOption,
@@ -23,16 +24,15 @@ from pepper_driver.cli.console import (
 from pepper_driver.config import ConfigError, load_doctor_settings, load_robot
 from pepper_driver.config.passwords import without_secrets
 from pepper_driver.doctor import (
+    CheckResult,
     CheckStatus,
     Examination,
     JointFit,
     MotionTest,
-    Result,
     Verdict,
     examine,
     try_motion,
 )
-from pepper_driver.doctor.checks import unknown
 from pepper_driver.doctor.motion_test import make_pepper
 from pepper_driver.observer import ModelSet
 from pepper_driver.recording.terminal_keys import StopKey
@@ -114,7 +114,7 @@ _STYLE = {
 }
 
 
-def _print(console: Console, results: Sequence[Result]) -> None:
+def _print(console: Console, results: Sequence[CheckResult]) -> None:
     """One line a check, and below those that are not well what to do."""
     table = Table(show_header=False, box=None, pad_edge=False)
     for width in (14, 15, None):

@@ -4,17 +4,23 @@ from __future__ import annotations
 
 import os
 import platform
-from collections.abc import Iterable, Sequence
-from dataclasses import asdict, dataclass
-from enum import Enum
+from collections.abc import Sequence
+from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, version
-from math import isnan
 from operator import attrgetter
-from typing import Any
 
 import numpy as np
 
 from pepper_driver.backends import Backend, DeviceError, Measurement
+from pepper_driver.backends.readiness import (
+    CheckResult,
+    CheckStatus,
+    amount,
+    check_positions,
+    named,
+    pressed,
+    rated,
+)
 from pepper_driver.config import (
     ControllerSettings,
     DoctorSettings,
@@ -29,62 +35,6 @@ from pepper_driver.observers import source_of
 from pepper_driver.realtime import (
     priority_obstacle,
 )
-
-
-class CheckStatus(Enum):
-    """OK; WARNING: it may move; FAILED: it should not; UNKNOWN: this robot, or this computer, does not tell."""
-
-    OK = "ok"
-    WARNING = "warning"
-    FAILED = "FAILED"
-    UNKNOWN = "not known here"
-
-
-@dataclass(frozen=True, kw_only=True, slots=True)
-class Result:
-    """One check.
-
-    Attributes:
-        name: What was looked at.
-        status: How it is.
-        found: What was measured, for people.
-        remedy: What to do about it; empty where there is nothing to do.
-    """
-
-    name: str
-    status: CheckStatus
-    found: str
-    remedy: str = ""
-
-    def as_json(self) -> dict[str, Any]:
-        """All of it by name."""
-        return {**asdict(self), "status": self.status.value}
-
-
-def failed(results: Iterable[Result]) -> bool:
-    """Return true if a check failed."""
-    return any(result.status is CheckStatus.FAILED for result in results)
-
-
-def rated(
-    name: str,
-    found: str,
-    *,
-    failure: bool = False,
-    warning: bool = False,
-    remedy: str = "",
-) -> Result:
-    """Return a result from what is wrong; the remedy counts only when something is."""
-    if failure:
-        return Result(name=name, status=CheckStatus.FAILED, found=found, remedy=remedy)
-    if warning:
-        return Result(name=name, status=CheckStatus.WARNING, found=found, remedy=remedy)
-    return Result(name=name, status=CheckStatus.OK, found=found)
-
-
-def unknown(name: str, found: str) -> Result:
-    """Return a result of a check that cannot be made."""
-    return Result(name=name, status=CheckStatus.UNKNOWN, found=found)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -113,29 +63,21 @@ class Inspection:
         return self.samples[-1]
 
 
-MOST_NAMED = 4
-"""Joints named in one line."""
-
-
-def check_joints(inspection: Inspection, robot: RobotConfig, settings: DoctorSettings) -> Result:
+def check_joints(
+    inspection: Inspection, robot: RobotConfig, settings: DoctorSettings
+) -> CheckResult:
     """Check that all joints answer, and rest while nothing drives them."""
     positions = inspection.values("position")
-    broken = [not np.isfinite(column).all() for column in positions.T]
-    if any(broken):
-        lost = named(robot.joint_names, broken)
-        return rated(
-            "joints",
-            f"no position of {lost}",
-            failure=True,
-            remedy="start the robot again; if that does not help, its encoder or its board is broken",
-        )
+    answer = check_positions(positions, robot)
+    if answer.status is CheckStatus.FAILED:
+        return answer
     ranges = np.ptp(positions, axis=0)
     moving = ranges > settings.rest
     worst = int(ranges.argmax())
     seconds = len(inspection.samples) * robot.cycle
     found = (
-        f"all {len(ranges)} answer; {robot.joint_names[worst]} changes most, by "
-        f"{_amount(robot, worst, ranges[worst])} in {seconds:.1f} s"
+        f"{answer.found}; {robot.joint_names[worst]} changes most, by "
+        f"{amount(robot, worst, ranges[worst])} in {seconds:.1f} s"
     )
     return rated(
         "joints",
@@ -145,60 +87,9 @@ def check_joints(inspection: Inspection, robot: RobotConfig, settings: DoctorSet
     )
 
 
-def check_limits(inspection: Inspection, robot: RobotConfig, settings: DoctorSettings) -> Result:
-    """Check that the joints are within their limits: the start would pull back those that are not."""
-    position = inspection.last.position
-    if not np.isfinite(position).all():
-        return unknown("limits", "not all positions are known")
-    outside = np.maximum(robot.lower - position, position - robot.upper)
-    over = outside > settings.outside_warning
-    worst = int(outside.argmax())
-    name = robot.joint_names[worst]
-    if outside[worst] <= 0.0:
-        found = "all joints are within their limits"
-    else:
-        found = f"{name} is {_amount(robot, worst, outside[worst])} beyond its limit"
-    return rated(
-        "limits",
-        found,
-        failure=bool(outside[worst] > settings.outside_failure),
-        warning=bool(over.any()),
-        remedy=f"move {named(robot.joint_names, over)} by hand to within the limits, robot at rest; "
-        "if it looks as if it were there, the joint needs calibration by the maker's tools",
-    )
-
-
-def check_temperatures(
-    inspection: Inspection, robot: RobotConfig, safety: SafetySettings
-) -> Result:
-    """Check that motors are cool enough: levels of the safety gate."""
-    temperature = inspection.last.temperature
-    known = np.isfinite(temperature)
-    if not known.any():
-        return unknown("temperatures", "no motor tells its temperature")
-    hot = known & (temperature >= safety.temperature_fault)
-    warm = known & (temperature >= safety.temperature_warning)
-    worst = int(np.nanargmax(temperature))
-    found = f"{robot.joint_names[worst]} is warmest with {temperature[worst]:.0f} deg C"
-    remedies = []
-    if warm.any():
-        remedies.append(
-            f"let {named(robot.joint_names, warm)} cool without stiffness to below "
-            f"{safety.temperature_warning:.0f} deg C"
-        )
-    if not known.all():
-        found += f"; not told: {named(robot.joint_names, ~known)}"
-        remedies.append("watch the motors that do not tell by hand")
-    return rated(
-        "temperatures",
-        found,
-        failure=bool(hot.any()),
-        warning=bool(remedies),
-        remedy="; ".join(remedies),
-    )
-
-
-def check_wheels(inspection: Inspection, robot: RobotConfig, settings: DoctorSettings) -> Result:
+def check_wheels(
+    inspection: Inspection, robot: RobotConfig, settings: DoctorSettings
+) -> CheckResult:
     """Check that the wheels answer and stand still."""
     speed = inspection.values("wheel_speed")
     if not np.isfinite(speed).all():
@@ -218,42 +109,14 @@ def check_wheels(inspection: Inspection, robot: RobotConfig, settings: DoctorSet
     )
 
 
-def check_diagnosis(inspection: Inspection) -> Result:
-    """Check the robot's own diagnosis for broken parts."""
-    if inspection.diagnosis is None:
-        return unknown("diagnosis", "this robot has no diagnosis of its own")
-    if not inspection.diagnosis:
-        return rated("diagnosis", "the robot finds nothing broken")
-    return Result(
-        name="diagnosis",
-        status=CheckStatus.FAILED
-        if any(e.serious for e in inspection.diagnosis)
-        else CheckStatus.WARNING,
-        found="; ".join(f"{error.device}: {error.text}" for error in inspection.diagnosis),
-        remedy="start the robot again; an error that stays is one for the maker's service",
-    )
-
-
-def named(names: Iterable[str], chosen: Iterable[bool]) -> str:
-    """Return the chosen names in one line."""
-    there = [name for name, is_chosen in zip(names, chosen, strict=True) if is_chosen]
-    more = len(there) - MOST_NAMED
-    return ", ".join(there[:MOST_NAMED]) + (f" and {more} more" if more > 0 else "")
-
-
-def _amount(robot: RobotConfig, joint: int, value: float) -> str:
-    """Return a change of a joint for people."""
-    if robot.joint_names[joint] in robot.hands.joints:
-        return f"{value:.2f} of its way"
-    return f"{np.degrees(value):.1f} deg"
-
-
 NETWORK = (
     "look at the network: a cable rather than wireless, and no other heavy program on the robot"
 )
 
 
-def check_clock(inspection: Inspection, robot: RobotConfig, settings: DoctorSettings) -> Result:
+def check_clock(
+    inspection: Inspection, robot: RobotConfig, settings: DoctorSettings
+) -> CheckResult:
     """Check that time passes in steps of the cycle, without jumps, and as fast as on this computer."""
     clock = inspection.values("time")
     if not np.isfinite(clock).all():
@@ -300,7 +163,7 @@ def check_clock(inspection: Inspection, robot: RobotConfig, settings: DoctorSett
 
 def check_samples(
     inspection: Inspection, robot: RobotConfig, safety: SafetySettings, settings: DoctorSettings
-) -> Result:
+) -> CheckResult:
     """Check that samples are young enough for the gate, and their median for the observer."""
     age = inspection.values("age")
     if not np.isfinite(age).all():
@@ -331,7 +194,7 @@ def check_samples(
     )
 
 
-def check_settings(safety: SafetySettings, controller: ControllerSettings) -> Result:
+def check_settings(safety: SafetySettings, controller: ControllerSettings) -> CheckResult:
     """Check that no protection is switched off."""
     found = (
         f"fault at {np.degrees(safety.divergence):.0f} deg from the command for {safety.divergence_time:g} s, "
@@ -353,7 +216,7 @@ def check_settings(safety: SafetySettings, controller: ControllerSettings) -> Re
     )
 
 
-def check_computer(backend: Backend) -> Result:
+def check_computer(backend: Backend) -> CheckResult:
     """Check that this computer can make ticks in time."""
     found = f"Python {platform.python_version()}, {os.cpu_count()} processors"
     if not backend.real_time:
@@ -372,7 +235,7 @@ def check_computer(backend: Backend) -> Result:
 
 def check_models(
     models: ModelSet, identities: Sequence[RobotIdentity], robot: RobotConfig
-) -> Result:
+) -> CheckResult:
     """Check that models are of all joints and of this version; they were found for these ``identities``."""
     here, source = _version(), source_of(models, identities)
     without = [name not in models.models for name in robot.joint_names]
@@ -400,82 +263,29 @@ def _version() -> str:
         return "unknown"
 
 
-PRESSED = 0.5
-"""Between 0, not pressed, and 1."""
-
-
-def check_battery(inspection: Inspection, safety: SafetySettings) -> Result:
-    """Check the charge of the battery: levels of the safety gate."""
-    charge = inspection.last.battery
-    if isnan(charge):
-        return unknown("battery", "the charge cannot be read, and nothing watches it")
-    low = charge < safety.battery_warning
-    return rated(
-        "battery",
-        f"{charge:.0%}",
-        failure=charge < safety.battery_activate,
-        warning=low,
-        remedy=f"charge it: below {safety.battery_activate:.0%} the robot does not start, "
-        f"below {safety.battery_fault:.0%} it is stopped",
-    )
-
-
-def check_flap(inspection: Inspection) -> Result:
-    """Check that the charging flap is closed."""
-    flap = inspection.last.charging_flap
-    if isnan(flap):
-        return unknown("charging flap", "this robot does not tell")
-    is_open = flap > PRESSED
-    return rated(
-        "charging flap",
-        "open" if is_open else "closed",
-        warning=is_open,
-        remedy="unplug the cable and close the flap; while it is open, the base stands still",
-    )
-
-
-def check_touch(inspection: Inspection, robot: RobotConfig) -> Result:
+def check_touch(inspection: Inspection, robot: RobotConfig) -> CheckResult:
     """Check that the touch sensors of head and hands are free."""
-    names = tuple(robot.sensors.touch)
-    touched, lost = _pressed(inspection, "touch")
-    found = f"touched: {named(names, touched)}" if any(touched) else "nothing touches"
-    if any(lost):
-        found += f"; not told: {named(names, lost)}"
+    found, is_free = pressed(inspection.values("touch"), tuple(robot.sensors.touch))
     return rated(
         "touch sensors",
         found,
-        warning=any(touched) or any(lost),
+        warning=not is_free,
         remedy="take hands off the robot; a sensor that stays is broken or dirty: do not label touches by it",
     )
 
 
-def check_bumpers(inspection: Inspection, robot: RobotConfig) -> Result:
+def check_bumpers(inspection: Inspection, robot: RobotConfig) -> CheckResult:
     """Check that the bumpers are free; one that cannot be read stops the base as if it were pressed."""
-    names = tuple(robot.sensors.bumpers)
-    pressed, lost = _pressed(inspection, "bumpers")
+    found, is_free = pressed(inspection.values("bumpers"), tuple(robot.sensors.bumpers))
     return rated(
         "bumpers",
-        _what(names, pressed, lost),
-        failure=any(pressed) or any(lost),
+        found,
+        failure=not is_free,
         remedy="move what stands against the base away; a bumper that stays pressed is jammed",
     )
 
 
-def check_buttons(inspection: Inspection, robot: RobotConfig, safety: SafetySettings) -> Result:
-    """Check that the button on the chest is free; where it stops the robot, it must be readable."""
-    names = tuple(robot.sensors.buttons)
-    pressed, lost = _pressed(inspection, "buttons")
-    wrong = any(pressed) or any(lost)
-    return rated(
-        "chest button",
-        _what(names, pressed, lost),
-        failure=wrong and safety.chest_button,
-        warning=wrong,
-        remedy="let it go; one that stays pressed is jammed, and the robot must not move without it",
-    )
-
-
-def check_imu(inspection: Inspection, settings: DoctorSettings) -> Result:
+def check_imu(inspection: Inspection, settings: DoctorSettings) -> CheckResult:
     """Check by its own inertial unit that the robot stands upright."""
     attitude = inspection.values("imu.attitude")
     acceleration = inspection.values("imu.acceleration")
@@ -504,18 +314,3 @@ def check_imu(inspection: Inspection, settings: DoctorSettings) -> Result:
         warning=bool(remedies),
         remedy="; ".join(remedies),
     )
-
-
-def _pressed(inspection: Inspection, sensor: str) -> tuple[list[bool], list[bool]]:
-    """Return the names that were pressed at any time, and those that could not be read."""
-    columns = inspection.values(sensor).T
-    return [bool((c > PRESSED).any()) for c in columns], [bool(np.isnan(c).any()) for c in columns]
-
-
-def _what(names: Sequence[str], pressed: Sequence[bool], lost: Sequence[bool]) -> str:
-    parts = []
-    if any(pressed):
-        parts.append(f"pressed: {named(names, pressed)}")
-    if any(lost):
-        parts.append(f"not told: {named(names, lost)}")
-    return "; ".join(parts) or "none pressed"

@@ -8,6 +8,18 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from pepper_driver.backends import Backend, BackendInfo, make_backend
+from pepper_driver.backends.readiness import (
+    CheckResult,
+    CheckStatus,
+    check_battery,
+    check_buttons,
+    check_diagnosis,
+    check_flap,
+    check_limits,
+    check_temperatures,
+    failed,
+    rated,
+)
 from pepper_driver.config import (
     DoctorSettings,
     PepperError,
@@ -19,27 +31,17 @@ from pepper_driver.config import (
     load_safety_settings,
 )
 from pepper_driver.doctor.checks import (
-    CheckStatus,
     Inspection,
-    Result,
-    check_battery,
     check_bumpers,
-    check_buttons,
     check_clock,
     check_computer,
-    check_diagnosis,
-    check_flap,
     check_imu,
     check_joints,
-    check_limits,
     check_models,
     check_samples,
     check_settings,
-    check_temperatures,
     check_touch,
     check_wheels,
-    failed,
-    rated,
 )
 from pepper_driver.observer import ModelFileError, ModelSet
 from pepper_driver.observers import find_models
@@ -101,7 +103,7 @@ class Examination:
     """
 
     info: BackendInfo
-    results: tuple[Result, ...]
+    results: tuple[CheckResult, ...]
     models: ModelSet | None
 
     @property
@@ -144,7 +146,7 @@ def _robot(
     settings: DoctorSettings,
     safety: SafetySettings,
     on_progress: Callable[[float], None] | None,
-) -> list[Result]:
+) -> list[CheckResult]:
     """Return the connection, and what is measured over it where it stands."""
     info = backend.info
     if info.joint_names != robot.joint_names or info.cycle != robot.cycle:
@@ -178,19 +180,19 @@ def _robot(
 
 def _checks(
     seen: Inspection, robot: RobotConfig, settings: DoctorSettings, safety: SafetySettings
-) -> list[Result]:
+) -> list[CheckResult]:
     return [
         check_clock(seen, robot, settings),
         check_samples(seen, robot, safety, settings),
         check_joints(seen, robot, settings),
-        check_limits(seen, robot, settings),
-        check_temperatures(seen, robot, safety),
-        check_diagnosis(seen),
-        check_battery(seen, safety),
-        check_flap(seen),
+        check_limits(seen.last.position, robot, safety),
+        check_temperatures(seen.last.temperature, robot, safety),
+        check_diagnosis(seen.diagnosis),
+        check_battery(seen.last.battery, safety),
+        check_flap(seen.last.charging_flap),
         check_wheels(seen, robot, settings),
         check_bumpers(seen, robot),
-        check_buttons(seen, robot, safety),
+        check_buttons(seen.values("buttons"), robot, safety),
         check_touch(seen, robot),
         check_imu(seen, settings),
     ]
@@ -198,14 +200,14 @@ def _checks(
 
 def _models(
     info: BackendInfo, path: Path | None, robot: RobotConfig
-) -> tuple[ModelSet | None, Result]:
+) -> tuple[ModelSet | None, CheckResult]:
     """Return the models of a robot, of any kind if they are in a file."""
     try:
         models = find_models(info.identities, path, "fusion", ("fusion", "affine", "cart"))
         models.check_robot(robot)
     except ModelFileError as error:
         found, _, remedy = str(error).rpartition("; ")
-        return None, Result(
+        return None, CheckResult(
             name="models", status=CheckStatus.FAILED, found=found or str(error), remedy=remedy
         )
     return models, check_models(models, info.identities, robot)

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from pepper_driver.backends.readiness import CheckResult, failed, named, rated
 from pepper_driver.config import (
     DoctorSettings,
     Experiment,
@@ -20,7 +21,6 @@ from pepper_driver.config.arrays import FloatArray
 from pepper_driver.config.steps import Step
 from pepper_driver.controller import RobotModel, Tick
 from pepper_driver.controller.collision import CapsuleDistances
-from pepper_driver.doctor.checks import Result, failed, named, rated
 from pepper_driver.doctor.model_fit import JointFit, ModelFitMonitor, Verdict
 from pepper_driver.observer import Contact, ContactObserver, ModelSet, Observation
 from pepper_driver.robot import Pepper
@@ -117,7 +117,7 @@ class MotionTest:
         fits: By joint that moved; empty where the motion was broken off.
     """
 
-    results: tuple[Result, ...]
+    results: tuple[CheckResult, ...]
     fits: tuple[JointFit, ...]
 
     @property
@@ -190,7 +190,7 @@ def try_motion(
     return MotionTest(results=results, fits=fits)
 
 
-def _judge_following(fits: tuple[JointFit, ...]) -> Result:
+def _judge_following(fits: tuple[JointFit, ...]) -> CheckResult:
     stuck = [fit.verdict is Verdict.STUCK for fit in fits]
     least = min(fits, key=lambda fit: fit.follows)
     return rated(
@@ -202,7 +202,7 @@ def _judge_following(fits: tuple[JointFit, ...]) -> Result:
     )
 
 
-def _judge_models(fits: tuple[JointFit, ...], settings: DoctorSettings) -> Result:
+def _judge_models(fits: tuple[JointFit, ...], settings: DoctorSettings) -> CheckResult:
     """On all joints together, and on the worst ones."""
     names = [fit.joint for fit in fits]
     known = [fit for fit in fits if np.isfinite(fit.rms)]
@@ -244,7 +244,7 @@ def _judge_models(fits: tuple[JointFit, ...], settings: DoctorSettings) -> Resul
     )
 
 
-def _judge_touch(contacts: list[Contact]) -> Result:
+def _judge_touch(contacts: list[Contact]) -> CheckResult:
     felt = list(dict.fromkeys(contact.link for contact in contacts))
     number = "1 contact" if len(contacts) == 1 else f"{len(contacts)} contacts"
     return rated(

@@ -1,6 +1,7 @@
 """The safety gate between controller and backend: every command passes it, every measurement is watched."""
 
-from pepper_driver.safety.gate import GatedCommand, NotReadyError, SafetyGate
+from pepper_driver.backends.readiness import NotReadyError
+from pepper_driver.safety.gate import GatedCommand, SafetyGate
 from pepper_driver.safety.states import (
     TRANSITIONS,
     Fault,

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from pepper_driver.backends import Command, Measurement
-from pepper_driver.config import ControllerSettings, PepperError, RobotConfig, SafetySettings
+from pepper_driver.backends.readiness import check_readiness, refuse_failed
+from pepper_driver.config import ControllerSettings, RobotConfig, SafetySettings
 from pepper_driver.config.arrays import BoolArray, FloatArray
 from pepper_driver.controller import Reference
 from pepper_driver.safety.limits import BaseGuard, JointLimits
@@ -15,10 +16,6 @@ from pepper_driver.safety.monitor import MeasurementMonitor
 from pepper_driver.safety.states import Fault, FaultReason, RobotState, StateMachine
 
 FLOAT = np.dtype(np.float64)
-
-
-class NotReadyError(PepperError, RuntimeError):
-    """The robot should not move as it is; nothing has moved."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -52,7 +49,7 @@ class SafetyGate:
     def __init__(
         self, robot: RobotConfig, settings: SafetySettings, controller: ControllerSettings
     ) -> None:
-        self._settings = settings
+        self._robot, self._settings = robot, settings
         self._machine = StateMachine()
         self._joints = JointLimits(
             robot.lower,
@@ -98,9 +95,8 @@ class SafetyGate:
         Raises:
             NotReadyError: It should not: the message names every reason and its remedy.
         """
-        reasons = list(self._watch.unfit(measurement))
-        if reasons:
-            raise NotReadyError(f"the robot is not ready to move: {'; '.join(reasons)}")
+        results = check_readiness(measurement, self._robot, self._settings)
+        refuse_failed("the robot is not ready to move", results)
 
     def activate(self, position: FloatArray) -> None:
         """Start to pass commands, from a robot that stands stiff at ``position`` (17,) [rad].

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from math import isnan
 
 import numpy as np
@@ -192,23 +192,6 @@ class MeasurementMonitor:
             self._until_look = self._look_ticks
             return self._look(measurement)
         return None
-
-    def unfit(self, measurement: Measurement) -> Iterator[str]:
-        """Why a robot should not start to move, with what cures it."""
-        settings = self._settings
-        if not np.isfinite(measurement.position).all():
-            yield f"{self._broken(measurement)} does not answer: check it before starting again"
-        if settings.chest_button and self._button(measurement) is not None:
-            yield "the chest button is pressed or cannot be read: let it go"
-        if measurement.battery < settings.battery_activate:
-            yield (
-                f"the battery is at {measurement.battery:.0%}: charge it to {settings.battery_activate:.0%} at least"
-            )
-        for index in np.flatnonzero(measurement.temperature >= settings.temperature_fault).tolist():
-            yield (
-                f"the motor of {self._names[index]} has {measurement.temperature[index]:.0f} deg C: "
-                f"let it cool to below {settings.temperature_warning:.0f}"
-            )
 
     def _button(self, measurement: Measurement) -> Fault | None:
         pressed = measurement.buttons

@@ -15,7 +15,6 @@ def test_the_shipped_levels_load() -> None:
 @pytest.mark.parametrize(
     ("old", "new", "word"),
     [
-        ("outside_failure: 0.05", "outside_failure: 0.001", "outside_warning"),
         ("tilt_failure: 0.14", "tilt_failure: 0.01", "tilt_warning"),
         ("gravity: [9.3, 10.3]", "gravity: [10.3, 9.3]", "gravity"),
         ("amplitude: 0.09", "amplitude: 1.0", "amplitude"),

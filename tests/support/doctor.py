@@ -12,7 +12,7 @@ from pepper_driver.backends import Backend, DeviceError, Measurement
 from pepper_driver.backends.mock import Fault, MockBackend
 from pepper_driver.config import RobotConfig, load_robot
 from pepper_driver.config.arrays import FloatArray
-from pepper_driver.doctor import Examination, Result, examine
+from pepper_driver.doctor import CheckResult, Examination, examine
 from pepper_driver.observer import ModelSet
 from pepper_driver.observer.models.model_file import shipped
 from pepper_driver.realtime import Pacer
@@ -78,7 +78,7 @@ def examined(monkeypatch: pytest.MonkeyPatch, backend: Backend, models: Path) ->
     return examine("mock", models=models)
 
 
-def named(examination: Examination, name: str) -> Result:
+def named(examination: Examination, name: str) -> CheckResult:
     """The result of one check."""
     (result,) = (result for result in examination.results if result.name == name)
     return result

@@ -12,7 +12,7 @@ from typing import Any
 
 import pytest
 
-from pepper_driver.backends.naoqi import angles, backend, handover, ownership
+from pepper_driver.backends.naoqi import angles, backend, handover, ownership, robot
 from pepper_driver.backends.naoqi.timing import RoundTrips
 from pepper_driver.backends.naoqi_server.black_box import BlackBox
 from pepper_driver.backends.naoqi_server.launch import StandIn
@@ -40,8 +40,8 @@ def patient_driver(**timing: Any) -> Iterator[None]:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(backend, "load_naoqi_settings", settings)
         patch.setattr(RoundTrips, "lead", lambda _, timing: timing.least_lead)
+        patch.setattr(robot, "load_safety_settings", lambda: PATIENT)
         for module in (handover, angles):
-            patch.setattr(module, "STALE", SILENCE)
             patch.setattr(module, "PATIENCE", SILENCE)
         patch.setattr(ownership, "ALIVE", SILENCE)
         patch.setattr(ownership, "SETTLE", 5 * SILENCE)

@@ -16,7 +16,7 @@ import pytest
 from pepper_driver.backends.naoqi import ownership
 from pepper_driver.backends.naoqi.connection import Connection, connect
 from pepper_driver.backends.naoqi.ownership import ConsentError, TakeOver
-from pepper_driver.backends.naoqi.preflight import UnfitError
+from pepper_driver.backends.readiness import NotReadyError
 from pepper_driver.config import NaoqiSettings, load_naoqi_settings
 from pepper_driver.config.naoqi import TakeOverSettings
 from support import ROOT as CHECKOUT
@@ -163,7 +163,7 @@ def test_a_switch_that_does_not_move(
     """It says yes, and stays on: this is why all are read again."""
     monkeypatch.setattr(ownership, "SETTLE", 0.2)
     fake.motion.stuck.add("SmartStiffness")
-    with pytest.raises(UnfitError, match="smart stiffness stays on; restart the robot"):
+    with pytest.raises(NotReadyError, match="smart stiffness stays on; restart the robot"):
         take_over(connection).begin()
     assert ("CollisionProtection", "LArm") in enabled(fake)
     assert fake.life.state == "solitary"
@@ -171,7 +171,7 @@ def test_a_switch_that_does_not_move(
 
 def test_life_that_does_not_end(fake: FakeRobot, connection: Connection) -> None:
     fake.life.stays = True
-    with pytest.raises(UnfitError, match="autonomous life does not end"):
+    with pytest.raises(NotReadyError, match="autonomous life does not end"):
         take_over(connection, IMPATIENT).begin()
 
 
@@ -191,7 +191,7 @@ def test_a_robot_at_rest_is_woken_up_on_request_and_rests_again(
 ) -> None:
     fake.motion.is_awake = False
     fake.life.state = "disabled"
-    with pytest.raises(UnfitError, match="wake=1"):
+    with pytest.raises(NotReadyError, match="wake=1"):
         take_over(connection).begin()
     assert ("wakeUp",) not in fake.log
     with take_over(connection, wake=True):
@@ -203,7 +203,7 @@ def test_a_robot_at_rest_is_woken_up_on_request_and_rests_again(
 def test_a_robot_that_does_not_wake_up(fake: FakeRobot, connection: Connection) -> None:
     fake.motion.is_awake = False
     fake.motion.stuck.add("wakeUp")
-    with pytest.raises(UnfitError, match="does not wake up"):
+    with pytest.raises(NotReadyError, match="does not wake up"):
         take_over(connection, IMPATIENT, wake=True).begin()
 
 

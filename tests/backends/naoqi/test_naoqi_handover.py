@@ -12,7 +12,10 @@ from pepper_driver.backends.interface import BackendError
 from pepper_driver.backends.naoqi import handover
 from pepper_driver.backends.naoqi.dcm_channel import Link
 from pepper_driver.backends.naoqi.memory_keys import Alias
+from pepper_driver.config import load_safety_settings
 from support.virtual_robot import ROBOT, SETTINGS, VirtualRobot, link_with
+
+SAFETY = load_safety_settings()
 
 
 @pytest.fixture
@@ -36,7 +39,7 @@ def link(robot: VirtualRobot) -> Link:
 def test_joints_and_wheels_get_stiff_and_nothing_moves(robot: VirtualRobot, link: Link) -> None:
     """The wheels as well, though each tick already has two commands on their way, and no more are allowed."""
     stands = ROBOT.posture("Stand")
-    hold, measurement = handover.ramp_up(link, ROBOT, SETTINGS, lambda: None)
+    hold, measurement = handover.ramp_up(link, ROBOT, SETTINGS, SAFETY, lambda: None)
     robot.pass_time(robot.time + 100.0)
     np.testing.assert_array_equal(link.commanded(Alias.WHEEL_STIFFNESS), 1.0)
     np.testing.assert_array_equal(link.commanded(Alias.STIFFNESS), 1.0)
@@ -57,7 +60,7 @@ def test_the_first_sample_that_counts_is_of_the_last_cycle(robot: VirtualRobot, 
         "ClearAll",
     )
     robot.pass_time(robot.time + 200.0)
-    hold, _ = handover.ramp_up(link, ROBOT, SETTINGS, lambda: None)
+    hold, _ = handover.ramp_up(link, ROBOT, SETTINGS, SAFETY, lambda: None)
     np.testing.assert_allclose(hold, ROBOT.posture("Stand") + 0.01)
 
 
@@ -73,7 +76,7 @@ def test_wheels_that_cannot_be_switched_on_are_an_error(
 
     monkeypatch.setattr(robot, "setAlias", lose)
     with pytest.raises(BackendError, match="switch its wheels on"):
-        handover.ramp_up(link, ROBOT, SETTINGS, lambda: None)
+        handover.ramp_up(link, ROBOT, SETTINGS, SAFETY, lambda: None)
 
 
 def test_a_robot_that_falls_silent_gets_no_more_stiffness(robot: VirtualRobot, link: Link) -> None:
@@ -85,7 +88,7 @@ def test_a_robot_that_falls_silent_gets_no_more_stiffness(robot: VirtualRobot, l
             robot.hang(robot.time + 10_000.0)
 
     with pytest.raises(BackendError, match="stopped answering"):
-        handover.ramp_up(link, ROBOT, SETTINGS, look)
+        handover.ramp_up(link, ROBOT, SETTINGS, SAFETY, look)
     assert looks[-1] - looks[29] <= 100.0, "[ms]"
 
 
@@ -97,7 +100,7 @@ def test_legs_are_led_back_unless_another_program_moves_them(
     robot: VirtualRobot, link: Link, begins: str | None
 ) -> None:
     """As one that sends the robot to rest: two would fight for them."""
-    hold, _ = handover.ramp_up(link, ROBOT, SETTINGS, lambda: None)
+    hold, _ = handover.ramp_up(link, ROBOT, SETTINGS, SAFETY, lambda: None)
     bowed = hold.copy()
     bowed[LEGS] += 0.3
 
@@ -112,7 +115,7 @@ def test_legs_are_led_back_unless_another_program_moves_them(
         link.exchange(hold + (bowed - hold) * min(tick / 100, 1.0), np.ones(17), np.zeros(3))
     if begins == "meanwhile":
         robot._plan(robot.time + 500.0, others_move_legs)
-    assert handover.let_go(link, ROBOT, SETTINGS, hold)
+    assert handover.let_go(link, ROBOT, SETTINGS, SAFETY, hold)
     left = robot.commanded[max(robot.commanded)][0][LEGS]
     if begins is None:
         np.testing.assert_allclose(left, hold[LEGS], atol=1e-6)
@@ -125,8 +128,8 @@ def test_legs_are_led_back_unless_another_program_moves_them(
 def test_a_robot_that_is_silent_in_the_end_is_not_waited_for(
     robot: VirtualRobot, link: Link
 ) -> None:
-    handover.ramp_up(link, ROBOT, SETTINGS, lambda: None)
+    handover.ramp_up(link, ROBOT, SETTINGS, SAFETY, lambda: None)
     hung = robot.time
     robot.hang(hung + 10_000.0)
-    assert not handover.let_go(link, ROBOT, SETTINGS, np.full(17, np.nan))
+    assert not handover.let_go(link, ROBOT, SETTINGS, SAFETY, np.full(17, np.nan))
     assert robot.time - hung < 200.0, "[ms]"

@@ -11,17 +11,17 @@ from pepper_driver.backends import DeviceError
 from pepper_driver.backends.naoqi.connection import Connection, connect
 from pepper_driver.backends.naoqi.preflight import (
     Preflight,
-    UnfitError,
-    check_fit,
+    check_robot,
     diagnosis,
     preflight,
 )
-from pepper_driver.config import load_naoqi_settings
+from pepper_driver.backends.readiness import NotReadyError
+from pepper_driver.config import load_naoqi_settings, load_safety_settings
 from support.naoqi_fakes import NAMES, ROBOT, FakeRobot, key
 
 pytestmark = pytest.mark.usefixtures("qi")
 
-SETTINGS = load_naoqi_settings()
+SETTINGS, SAFETY = load_naoqi_settings(), load_safety_settings()
 ELBOW = NAMES.position.format(joint="LElbowRoll")
 KEYS = [key(NAMES.position.format(joint=joint)) for joint in ROBOT.joint_names]
 
@@ -41,7 +41,7 @@ def asked(fake: FakeRobot, **more: Any) -> Preflight:
 
 
 def refused(fake: FakeRobot, **more: Any) -> str:
-    with pytest.raises(UnfitError) as caught:
+    with pytest.raises(NotReadyError) as caught:
         asked(fake, **more)
     return one_line(fake, caught.value)
 
@@ -49,8 +49,8 @@ def refused(fake: FakeRobot, **more: Any) -> str:
 def unfit(fake: FakeRobot, **more: Any) -> str:
     """Why a robot is not activated; it is told nothing meanwhile."""
     connection = connect(fake.address)
-    with pytest.raises(UnfitError) as caught:
-        check_fit(connection, ROBOT, **{"settings": SETTINGS, **more})
+    with pytest.raises(NotReadyError) as caught:
+        check_robot(connection, ROBOT, **{"settings": SETTINGS, "safety": SAFETY, **more})
     connection.close()
     assert not fake.log, "nothing may be done to it"
     return one_line(fake, caught.value)
@@ -110,7 +110,7 @@ def test_keys_that_are_missing(fake: FakeRobot, value: object) -> None:
 
 def test_a_robot_fit_to_move(fake: FakeRobot) -> None:
     connection = connect(fake.address)
-    check_fit(connection, ROBOT, SETTINGS)
+    check_robot(connection, ROBOT, SETTINGS, SAFETY)
     connection.close()
     assert not fake.log
 
@@ -118,10 +118,10 @@ def test_a_robot_fit_to_move(fake: FakeRobot) -> None:
 def test_motors_off(fake: FakeRobot) -> None:
     fake.motion.is_awake = False
     message = unfit(fake)
-    assert "motors are off" in message
+    assert "motors: off" in message
     assert "?wake=1" in message
     connection = connect(fake.address)
-    check_fit(connection, ROBOT, SETTINGS, may_sleep=True)
+    check_robot(connection, ROBOT, SETTINGS, SAFETY, may_sleep=True)
     connection.close()
 
 
@@ -130,33 +130,34 @@ def test_a_joint_outside_its_limits(fake: FakeRobot, beyond: float) -> None:
     joint = ROBOT.joints[ROBOT.joint_index("LElbowRoll")]
     fake.memory[key(ELBOW)] = joint.upper + 0.04
     connection = connect(fake.address)
-    check_fit(connection, ROBOT, SETTINGS)
+    check_robot(connection, ROBOT, SETTINGS, SAFETY)
     connection.close()
     fake.memory[key(ELBOW)] = joint.upper + beyond
     message = unfit(fake)
-    assert "LElbowRoll is at" in message
+    assert "LElbowRoll is" in message
+    assert "beyond its limit" in message
     assert "by hand" in message
 
 
 def test_a_joint_without_a_position(fake: FakeRobot) -> None:
     fake.memory[key(ELBOW)] = None
-    assert "LElbowRoll tells no position" in unfit(fake)
+    assert "no position of LElbowRoll" in unfit(fake)
 
 
 def test_a_low_battery(fake: FakeRobot) -> None:
     fake.memory[key(NAMES.battery_charge)] = 0.09
     message = unfit(fake)
-    assert "battery is at 9%" in message
+    assert "battery: 9%" in message
     assert "charge it" in message
 
 
 def test_an_open_charging_flap(fake: FakeRobot) -> None:
     fake.memory[key(NAMES.charging_flap)] = 1.0
     message = unfit(fake)
-    assert "charging flap is open" in message
+    assert "charging flap: open" in message
     assert "close the flap" in message
     connection = connect(fake.address)
-    check_fit(connection, ROBOT, replace(SETTINGS, charging_flap="stand"))
+    check_robot(connection, ROBOT, replace(SETTINGS, charging_flap="stand"), SAFETY)
     connection.close()
 
 
@@ -164,10 +165,10 @@ def test_a_motor_too_hot(fake: FakeRobot) -> None:
     name = key(NAMES.temperature_status.format(joint="KneePitch"))
     fake.memory[name] = 1.0
     connection = connect(fake.address)
-    check_fit(connection, ROBOT, SETTINGS)
+    check_robot(connection, ROBOT, SETTINGS, SAFETY)
     connection.close()
     fake.memory[name] = 2.0
-    assert "KneePitch is too hot" in unfit(fake)
+    assert "too hot, status 2 of 3: KneePitch" in unfit(fake)
 
 
 def test_a_broken_device_that_matters(fake: FakeRobot) -> None:

@@ -14,9 +14,9 @@ from pepper_driver.backends import BackendError, Command, NotConnectedError, mak
 from pepper_driver.backends.naoqi.angles import AnglesBackend
 from pepper_driver.backends.naoqi.connection import Connection, LoginError, connect
 from pepper_driver.backends.naoqi.ownership import ConsentError, TakeOver
-from pepper_driver.backends.naoqi.preflight import UnfitError
 from pepper_driver.backends.naoqi_server.launch import StandIn
 from pepper_driver.backends.naoqi_server.tls import Login
+from pepper_driver.backends.readiness import NotReadyError
 from pepper_driver.cli.app import run
 from pepper_driver.config import PepperError, load_naoqi_settings, load_robot
 from pepper_driver.config.arrays import FloatArray
@@ -111,7 +111,7 @@ def test_a_robot_at_rest(robot: StandIn, connection: Connection) -> None:
     """Is refused; on request woken up, and sent to rest again."""
     with make_backend(uri_of(robot)) as backend:
         backend.open()
-        with pytest.raises(UnfitError, match=r"\?wake=1"):
+        with pytest.raises(NotReadyError, match=r"\?wake=1"):
             backend.activate()
         assert quiet(robot)
     with TakeOver(connection, ROBOT, SETTINGS, wake=True):
@@ -171,7 +171,7 @@ def test_over_tls(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_another_robot(robot: StandIn) -> None:
     robot.set_fault("wrong-type")
     try:
-        with pytest.raises(UnfitError, match="is a 'Nao', and not a Pepper"):
+        with pytest.raises(NotReadyError, match="is a 'Nao', and not a Pepper"):
             make_backend(uri_of(robot)).open()
     finally:
         robot.clear_faults()
@@ -187,7 +187,7 @@ def test_what_the_robot_finds_broken(robot: StandIn) -> None:
         try:
             (error,) = backend.diagnosis() or ()
             assert (error.device, error.serious) == ("KneePitch", True)
-            with pytest.raises(UnfitError, match="KneePitch: its board does not answer"):
+            with pytest.raises(NotReadyError, match="KneePitch: its board does not answer"):
                 backend.activate()
         finally:
             connection.call("ALMemory", "insertData", "Diagnosis/Passive/KneePitch/Error", 0)
@@ -240,7 +240,7 @@ def angles(robot: StandIn) -> Iterator[AnglesBackend]:
 def test_angles_only_on_request(robot: StandIn) -> None:
     robot.set_fault("missing:DCM")
     try:
-        with pytest.raises(UnfitError, match=r"has no DCM.*\?mode=angles"):
+        with pytest.raises(NotReadyError, match=r"has no DCM.*\?mode=angles"):
             make_backend(uri_of(robot)).open()
         with make_backend(uri_of(robot, "?mode=angles")) as backend:
             assert backend.open().position == pytest.approx(position(robot), abs=0.01)
@@ -364,7 +364,7 @@ def test_settings_of_ones_own(robot: StandIn, tmp_path: Path) -> None:
     try:
         with make_backend(uri_of(robot, "?mode=angles")) as backend:
             assert backend.open().charging_flap == 1.0
-            with pytest.raises(UnfitError, match="charging flap is open"):
+            with pytest.raises(NotReadyError, match="charging flap: open"):
                 backend.activate()
         with make_backend(uri_of(robot, f"?mode=angles&settings={mine}")) as backend:
             backend.open()

@@ -228,13 +228,13 @@ def test_a_warning_comes_once_for_each_motor(caplog: pytest.LogCaptureFixture) -
 @pytest.mark.parametrize(
     ("harm", "word"),
     [
-        (drained(0.09), "battery is at 9%: charge it to 10%"),
+        (drained(0.09), "battery: 9% .charge it: below 10% the robot does not start"),
         (
             heated("LWristYaw", 74.0),
-            f"{ROBOT.joint_names[9]} has 74 deg C: let it cool to below 68",
+            f"{ROBOT.joint_names[9]} is warmest with 74 deg C .let {ROBOT.joint_names[9]} cool .* below 68",
         ),
         (pressed("buttons"), "chest button"),
-        (displaced("HeadPitch", np.nan), f"{ROBOT.joint_names[4]} does not answer"),
+        (displaced("HeadPitch", np.nan), f"no position of {ROBOT.joint_names[4]}"),
     ],
 )
 def test_a_robot_that_is_not_fit_is_not_activated(
@@ -254,8 +254,8 @@ def test_all_reasons_are_told_at_once() -> None:
     measurement = drained(0.02)(heated("HipPitch", 90.0)(standing_measurement()))
     with pytest.raises(NotReadyError) as caught:
         gate.check_ready(measurement)
-    assert "battery is at 2%" in str(caught.value)
-    assert f"{ROBOT.joint_names[1]} has 90 deg C" in str(caught.value)
+    assert "battery: 2%" in str(caught.value)
+    assert f"{ROBOT.joint_names[1]} is warmest with 90 deg C" in str(caught.value)
     gate.check_ready(drained(np.nan)(heated("HipPitch", np.nan)(measurement)))
 
 
@@ -266,6 +266,7 @@ def test_all_reasons_are_told_at_once() -> None:
         ("temperature_warning", "80.0"),
         ("battery_fault", "0.15"),
         ("battery_activate", "0.5"),
+        ("limit_activate", "0.001"),
         ("battery_warning", "1.5"),
         ("chest_button", "2"),
         ("speed_margin", "0.9"),
