@@ -1,4 +1,4 @@
-"""How near a force comes to tipping the robot over an edge between two of its wheels."""
+"""Margin of a force to tipping the robot over an edge between two of its wheels."""
 
 from __future__ import annotations
 
