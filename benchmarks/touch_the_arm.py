@@ -37,7 +37,7 @@ from pepper_driver.config.arrays import FloatArray
 from pepper_driver.config.contact_selector import MAX_TORQUE, TouchTrigger
 from pepper_driver.config.experiment import Reaction
 from pepper_driver.controller import RobotModel, Tick
-from pepper_driver.experiments.footing import Footing
+from pepper_driver.controller.support_polygon import Footing
 from pepper_driver.observer import RELEASE_GRACE
 
 ROOTS = {"development": 20261201, "test": 20261202}

@@ -13,7 +13,7 @@ from pepper_driver.config import PepperError, RobotConfig
 from pepper_driver.config.arrays import FloatArray
 from pepper_driver.config.contact_specs import STRONGEST_HAND
 from pepper_driver.controller import RobotModel
-from pepper_driver.experiments.footing import Footing
+from pepper_driver.controller.support_polygon import Footing
 
 SHORTEST_LEVER = 1e-3
 """[m] A force with less to turn a joint by does nothing to it."""

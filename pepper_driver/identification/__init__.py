@@ -10,7 +10,7 @@ from pepper_driver.identification.dataset import (
     mirror_joint,
     read_manifest,
 )
-from pepper_driver.identification.fit import CLOSED_FORM, Fit, FittedModels, SharedFit, fit_models
+from pepper_driver.identification.fit import CLOSED_FORM, FittedModels, SharedFit, fit_models
 from pepper_driver.identification.identify import (
     Confirm,
     Identification,
@@ -37,7 +37,6 @@ __all__ = [
     "Confirm",
     "DryRunError",
     "Finding",
-    "Fit",
     "FittedModels",
     "Identification",
     "IdentificationRecordings",

@@ -17,6 +17,7 @@ from pepper_driver.identification.dataset import (
 )
 from pepper_driver.observer import (
     BaseModel,
+    FitScore,
     FittingError,
     JointModel,
     ModelKind,
@@ -61,7 +62,7 @@ def shared_fits(
     kind: ModelKind,
     recordings: IdentificationRecordings,
     robot: RobotConfig,
-    fits: Mapping[str, Fit],
+    fits: Mapping[str, FitScore[float]],
 ) -> tuple[SharedFit, ...]:
     """The loss of each recorded joint that takes a model; ``fits`` are those of the shared models."""
     sources = model_sources(recordings, robot, mirror=False)
@@ -123,24 +124,11 @@ Predictor = Callable[[Recording], FloatArray]
 CLOSED_FORM = "closed form"
 
 
-@dataclass(frozen=True, kw_only=True)
-class Fit:
-    """Prediction quality of the tracking error of a joint, NRMSE [%].
-
-    Attributes:
-        estimation: Mean over the runs that the model was estimated from.
-        test: Of the joint's test run.
-    """
-
-    estimation: float
-    test: float
-
-
 class FittedModels(NamedTuple):
     """By joint: the models, how well they predict, and the thresholds of the residual [rad]; and the base's model."""
 
     models: dict[str, JointModel]
-    fits: dict[str, Fit]
+    fits: dict[str, FitScore[float]]
     thresholds: dict[str, float]
     base: BaseModel | None = None
 
@@ -218,7 +206,7 @@ def _fit_fusion(
         predict = predictor(models[entry.joint], entry.joint)
         test = mean_fit(entry, (entry.test,), predict)
         runs = entry.estimation
-        fits[entry.joint] = Fit(
+        fits[entry.joint] = FitScore(
             estimation=mean_fit(entry, runs, predict) if runs else test, test=test
         )
     return FittedModels(
@@ -239,7 +227,7 @@ def _add(
     """``estimation`` is that of the joint a shared model comes from."""
     predict = predictor(model, entry.joint)
     fitted.models[entry.joint] = model
-    fitted.fits[entry.joint] = Fit(
+    fitted.fits[entry.joint] = FitScore(
         estimation=mean_fit(entry, entry.estimation, predict) if estimation is None else estimation,
         test=mean_fit(entry, (entry.test,), predict),
     )
@@ -290,14 +278,14 @@ def closed_form_fits(
     robot: RobotConfig,
     *,
     mirror: bool,
-) -> dict[str, Fit]:
+) -> dict[str, FitScore[float]]:
     """Return by joint how well Eq. 11 predicts with the true parameters of a simulated robot; ``cycle`` in [s]."""
     fits = {}
     for entry in recordings.entries(robot, mirror=mirror):
         predict = _oracle(plant, cycle, robot, entry.joint)
         test = mean_fit(entry, (entry.test,), predict)
         runs = entry.estimation
-        fits[entry.joint] = Fit(
+        fits[entry.joint] = FitScore(
             estimation=mean_fit(entry, runs, predict) if runs else test, test=test
         )
     return fits

@@ -1,9 +1,10 @@
-"""How near a force comes to tipping the robot over an edge between two of its wheels."""
+"""Support polygon: the triangle of the wheels, and how near a force comes to tipping the robot over an edge of it."""
 
 from __future__ import annotations
 
 from functools import lru_cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -14,6 +15,19 @@ from pepper_driver.config.parts import Wheels
 
 WHEEL_LINK = "Tibia"
 """The link that ``wheels.yaml`` gives the wheels' positions in."""
+
+
+def wheel_triangle(carrier: Any, wheels: Wheels) -> tuple[FloatArray, tuple[str, ...]]:  # noqa: ANN401 Pinocchio has no types
+    """Return (3, 3) centres of the wheels [m] counter-clockwise seen from above, and their names.
+
+    Args:
+        carrier: Placement of ``WHEEL_LINK``, an SE3; the centres are in the frame that it leads to.
+        wheels: Places in this link.
+    """
+    centres = np.array([carrier.act(np.array(position)) for position in wheels.positions])
+    away = centres[:, :2] - centres[:, :2].mean(axis=0)
+    order = np.argsort([np.arctan2(y, x) % (2 * np.pi) for x, y in away])
+    return centres[order], tuple(wheels.names[i] for i in order)
 
 
 class Footing:
@@ -33,12 +47,10 @@ class Footing:
         self._columns = np.array([joint.idx_q for joint in joints], dtype=np.intp)
         self._weight = pin.computeTotalMass(self._pin) * np.linalg.norm(self._pin.gravity.linear)
         pin.framesForwardKinematics(self._pin, self._data, pin.neutral(self._pin))
-        carrier = self._data.oMf[self._pin.getFrameId(WHEEL_LINK)].translation
-        centres = carrier + np.array(wheels.positions)
-        corners = centres - [0.0, 0.0, wheels.radius]
+        carrier = self._data.oMf[self._pin.getFrameId(WHEEL_LINK)]
+        centres, _ = wheel_triangle(carrier, wheels)
         # In this order a moment that lifts the robot over an edge is positive about it.
-        angle = np.arctan2(*(corners - corners.mean(axis=0))[:, 1::-1].T)
-        self.corners: FloatArray = corners[np.argsort(angle)]
+        self.corners: FloatArray = centres - [0.0, 0.0, wheels.radius]
 
     @classmethod
     def of(cls, robot: RobotConfig) -> Footing:

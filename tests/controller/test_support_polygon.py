@@ -6,7 +6,7 @@ import pytest
 
 from pepper_driver.config import load_robot
 from pepper_driver.config.arrays import FloatArray
-from pepper_driver.experiments.footing import Footing
+from pepper_driver.controller.support_polygon import Footing
 
 ROBOT = load_robot()
 FOOTING = Footing.of(ROBOT)
