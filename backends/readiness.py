@@ -88,7 +88,7 @@ def rated(
     warning: bool = False,
     remedy: str = "",
 ) -> CheckResult:
-    """A result from what is wrong; the remedy counts only when something is."""
+    """Return a result from what is wrong; the remedy counts only when something is."""
     status = CheckStatus.WARNING if warning else CheckStatus.OK
     status = CheckStatus.FAILED if failure else status
     remedy = "" if status is CheckStatus.OK else remedy
@@ -96,19 +96,19 @@ def rated(
 
 
 def unknown(name: str, found: str) -> CheckResult:
-    """A result of a check that cannot be made."""
+    """Return a result of a check that cannot be made."""
     return CheckResult(name=name, status=CheckStatus.UNKNOWN, found=found)
 
 
 def named(names: Iterable[str], chosen: Iterable[bool]) -> str:
-    """The chosen names in one line."""
+    """Return the chosen names in one line."""
     there = [name for name, is_chosen in zip(names, chosen, strict=True) if is_chosen]
     more = len(there) - MAX_NAMED
     return ", ".join(there[:MAX_NAMED]) + (f" and {more} more" if more > 0 else "")
 
 
 def amount(robot: RobotConfig, joint: int, value: float) -> str:
-    """A change of a joint for people."""
+    """Return a change of a joint for people."""
     if robot.joint_names[joint] in robot.hands.joints:
         return f"{value:.2f} of its way"
     return f"{np.degrees(value):.1f} deg"

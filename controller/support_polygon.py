@@ -54,7 +54,7 @@ class Footing:
 
     @classmethod
     def of(cls, robot: RobotConfig) -> Footing:
-        """That of a robot; made once."""
+        """Return the footing of a robot; it is made once."""
         return _made(robot.urdf, robot.joint_names, robot.wheels)
 
     def share(self, posture: FloatArray, point: FloatArray, force: FloatArray) -> float:

@@ -7,7 +7,7 @@ pepper = Pepper("mujoco://?plant=integral", reflexes=[Hold()])  # Hold: stand st
 
 @pepper.on_contact()
 def touched(contact: Contact) -> None:
-    """Called on a thread of its own when a contact begins."""
+    """Print a contact that begins, on a thread of its own."""
     print(
         f"{contact.link}: {contact.joint} pushed {contact.direction:+d}, {contact.intensity:.1f} deg"
     )

@@ -36,13 +36,13 @@ def sensor(event: SensorEvent) -> None:
 
 @pepper.on_reflex(name="hold", phase=None)
 def reflex(event: ReflexEvent) -> None:
-    """The reflex itself has acted inside the tick; this only hears of it."""
+    """Print the reflex, which has acted inside the tick already."""
     print(f"{event.time:5.2f} s  {event.phase} of reflex {event.reflex}")
 
 
 @pepper.on_fault()
 def fault(event: FaultEvent) -> None:
-    """The robot stands still, and will not move before a new start."""
+    """Print the fault; the robot stands still until a new start."""
     print(f"{event.time:5.2f} s  stopped: {event.fault.text}")
 
 
@@ -65,7 +65,7 @@ async def listen() -> None:
 
 
 async def main() -> None:
-    """The robot runs in a thread of its own while the event loop does other things."""
+    """Run the robot in a thread of its own while the event loop does other things."""
     listener = asyncio.create_task(listen())
     with pepper:
         pepper.set_posture({"LShoulderRoll": 0.4}, duration=1.5)

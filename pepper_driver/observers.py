@@ -114,21 +114,21 @@ def contact_observer(
 def paper_observer(
     robot: RobotConfig, identities: Sequence[RobotIdentity], models: Path | None
 ) -> ContactObserver:
-    """The observer of the paper."""
+    """Return the observer of the paper."""
     return contact_observer("paper", robot, identities, models, load_observer_settings())
 
 
 def fusion_observer(
     robot: RobotConfig, identities: Sequence[RobotIdentity], models: Path | None
 ) -> ContactObserver:
-    """The observer that goes beyond the paper."""
+    """Return the observer that goes beyond the paper."""
     return contact_observer("fusion", robot, identities, models, load_observer_settings())
 
 
 def momentum_observer(
     robot: RobotConfig, identities: Sequence[RobotIdentity], models: Path | None
 ) -> ContactObserver:
-    """A momentum observer with the constants of fusion models: a baseline to compare with."""
+    """Return a momentum observer with the constants of fusion models: a baseline to compare with."""
     return contact_observer("momentum", robot, identities, models, load_observer_settings())
 
 

@@ -120,7 +120,7 @@ def _goal(robot: RobotConfig, posture: FloatArray, rng: np.random.Generator) -> 
 
 
 def _touch(backend: Backend, rng: np.random.Generator) -> None:
-    """A push of at most 15 N, or a hand that pulls at most 3 cm, somewhere in the period to come."""
+    """Order a push of at most 15 N, or a hand that pulls at most 3 cm, somewhere in the next period."""
     link, delay = str(rng.choice(TOUCHED)), float(rng.uniform(0.0, PERIOD / 3))
     direction = rng.standard_normal(3)
     direction /= np.linalg.norm(direction)

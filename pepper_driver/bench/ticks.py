@@ -79,7 +79,7 @@ def run_bench(
 
 
 def _whole(plant: str, seconds: float, log: Path) -> tuple[Statistics, float]:
-    """Times of the stages, and real-time factor of the whole loop."""
+    """Measure the times of the stages, and the real-time factor of the whole loop."""
     observer = "fusion" if plant in shipped("fusion") else None
     pepper = Pepper(f"mujoco://?plant={plant}", observer=observer, log=log, reflexes=[Hold()])
     rng = np.random.default_rng(0)

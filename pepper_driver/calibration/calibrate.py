@@ -173,7 +173,7 @@ def residual(errors: FloatArray, table: TrackingTable) -> float:
 
 
 def statistics(holds: HoldEnds, joint: str) -> HoldStatistics:
-    """The statistics of one joint, as they were taken of the recordings."""
+    """Return the statistics of one joint, as they were taken of the recordings."""
     column = holds.joints.index(joint)
     error, current = np.degrees(holds.error[:, column]), holds.current[:, column]
     median, p90 = np.percentile(np.abs(error), [50, 90])

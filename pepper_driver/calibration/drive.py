@@ -60,7 +60,7 @@ def drag(robot: RobotConfig, plant: PlantConfig, joint: str) -> float:
 
 
 def values_of(robot: RobotConfig, plant: PlantConfig, joint: str) -> DriveValues:
-    """The values that a joint has in a plant."""
+    """Return the values that a joint has in a plant."""
     drive = plant.actuator(joint)
     volts = robot.motors.of(joint).resistance / torque_constant(robot, joint)
     contact = drive.friction.contact
@@ -78,7 +78,7 @@ def with_values(
     values: Mapping[str, DriveValues],
     delay: int | None = None,
 ) -> PlantConfig:
-    """A plant whose drives have these values, and whose transport takes ``delay`` ticks in all.
+    """Return a plant whose drives have these values, and whose transport takes ``delay`` ticks in all.
 
     The other arm's drive is alike. Joints in :data:`OF_THE_SAME_MOTOR` follow, but get no integral part. Friction
     keeps the base plant's shares of motor, link and gap. Of the delay one tick lies on the encoder's side, which is
@@ -150,7 +150,7 @@ def _origin(drive: Actuator, joint: str) -> dict[Origin, tuple[str, ...]]:
 def plant_text(
     base: PlantConfig, plant: PlantConfig, *, name: str, extends: str, comment: str
 ) -> str:
-    """A plant file that says only what calibration changed.
+    """Return a plant file that says only what calibration changed.
 
     Args:
         base: What ``plant`` was made from.

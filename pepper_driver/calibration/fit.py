@@ -45,7 +45,7 @@ STIFFNESSES = np.geomspace(40.0, 250.0, 49)
 
 
 def ramp_error(values: DriveValues, drag: float, delay: float, table: TrackingTable) -> FloatArray:
-    """Closed form of the error in a steady ramp under load, (torques, moving velocities) [rad].
+    """Compute the error in a steady ramp under load in closed form, (torques, moving velocities) [rad].
 
     Eq. 11 of the paper at constant velocity v and load tau, with transport: delay v + (drag v + tau + F sign(v)) / K.
 
@@ -248,7 +248,7 @@ def _best(
     tried: Sequence[_Trial],
     delay: int,
 ) -> Fitted:
-    """The best trial of each joint: what one shows does not depend on the values of the others."""
+    """Return the best trial of each joint: what one shows does not depend on the values of the others."""
     values, room = {}, {}
     for target in wanted:
         found, scores = zip(*(trial[target.joint] for trial in tried), strict=True)
@@ -309,7 +309,7 @@ def _measure(
 def choose(
     robot: RobotConfig, plant: PlantConfig, wanted: Sequence[Target], measured: BenchResult
 ) -> tuple[dict[str, DriveValues], int]:
-    """The values and the delay that should do best, given what the bench shows of ``plant``.
+    """Return the values and the delay that should do best, given what the bench shows of ``plant``.
 
     For each joint, of all values that are tried: those with :data:`ENOUGH` room to every target, or the most there is;
     of them the one with the least sum of squares. The delay, at most one tick from what it was, is the one that leaves

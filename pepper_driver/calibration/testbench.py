@@ -65,7 +65,7 @@ def integration_error(
 
 
 def _integrate(robot: RobotConfig, plant: PlantConfig, steps: int, parts: int) -> FloatArray:
-    """(steps, 17) joint positions [rad] after each step of the boards, each integrated in ``parts`` parts."""
+    """Return (steps, 17) positions [rad] after each step of the boards, each integrated in ``parts`` parts."""
     period = plant.physics.timestep
     fixed = replace(plant, base="fixed")
     model = build_model(

@@ -256,7 +256,7 @@ def end_by(interrupt: KeyboardInterrupt) -> int:
 
 
 def _pepper_error() -> type[Any]:
-    """The root of the project's errors, imported only where there is an error to compare with."""
+    """Return the root of the project's errors, imported only where there is an error to compare with."""
     from pepper_driver.config import PepperError
 
     return PepperError

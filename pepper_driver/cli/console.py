@@ -71,7 +71,7 @@ def finite(value: float | None) -> float | None:
 
 
 def make_console() -> Console:
-    """The console commands print to: text as it is, square brackets too, and lines as long as they are."""
+    """Make the console that commands print to: plain text with square brackets, and lines that are not folded."""
     return Console(highlight=False, markup=False, soft_wrap=True)
 
 

@@ -127,7 +127,7 @@ def _print(console: Console, results: Sequence[CheckResult]) -> None:
 
 
 def _print_fits(console: Console, fits: Sequence[JointFit]) -> None:
-    """The figures of joints, where one is not as it should be."""
+    """Print the fits of the joints, if one is not as it should be."""
     if all(fit.verdict is Verdict.FITS for fit in fits):
         return
     table = Table(title="residual of each joint, over its threshold", title_justify="left")

@@ -138,7 +138,7 @@ def _names(text: str) -> tuple[str, ...]:
 
 
 def _print(console: Console, result: EvaluationResult) -> None:
-    """A table for each suite, with a column for each observer; what is missing below."""
+    """Print a table for each suite, with a column for each observer; missing results below."""
     where = "in simulation" if result.simulated else "in recordings"
     for suite in result.suites:
         columns = {

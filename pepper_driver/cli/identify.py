@@ -240,7 +240,7 @@ def _refuse_with_fit_only(**options: object) -> None:
 
 @contextmanager
 def _progress(console: Console) -> Iterator[tuple[Progress, Confirm]]:
-    """A bar over the time of the runs, and a question that makes room for itself."""
+    """Yield a bar over the time of the runs, and a question that makes room for itself."""
     with make_progress(console) as bars:
         bar = None
         begun = ""

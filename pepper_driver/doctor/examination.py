@@ -147,7 +147,7 @@ def _robot(
     safety: SafetySettings,
     on_progress: Callable[[float], None] | None,
 ) -> list[CheckResult]:
-    """The connection, and what is measured over it where it stands."""
+    """Return the connection, and what is measured over it where it stands."""
     info = backend.info
     if info.joint_names != robot.joint_names or info.cycle != robot.cycle:
         return [
@@ -201,7 +201,7 @@ def _checks(
 def _models(
     info: BackendInfo, path: Path | None, robot: RobotConfig
 ) -> tuple[ModelSet | None, CheckResult]:
-    """The models of a robot, of any kind if they are in a file."""
+    """Return the models of a robot, of any kind if they are in a file."""
     try:
         models = find_models(info.identities, path, "fusion", ("fusion", "affine", "cart"))
         models.check_robot(robot)

@@ -100,7 +100,7 @@ class ModelFitMonitor:
         self._highest = np.fmax(self._highest, both)
 
     def fits(self, settings: DoctorSettings) -> tuple[JointFit, ...]:
-        """The verdict on each joint."""
+        """Return the verdict on each joint."""
         way = np.maximum(self._highest - self._lowest, 0.0)
         with np.errstate(all="ignore"):
             follows = way[1] / way[0]

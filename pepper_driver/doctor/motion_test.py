@@ -40,7 +40,7 @@ class NoRoomError(PepperError, RuntimeError):
 
 
 def moving_joints(robot: RobotConfig) -> tuple[str, ...]:
-    """The joints of arms and head: those that cannot tip the robot over."""
+    """Return the joints of arms and head: those that cannot tip the robot over."""
     return tuple(name for name in robot.joint_names if name not in robot.chains["legs"])
 
 
@@ -127,7 +127,7 @@ class MotionTest:
 
 
 def make_pepper(uri: str, models: ModelSet, robot: RobotConfig) -> Pepper:
-    """The robot for a motion test, with the observer that everybody uses."""
+    """Return the robot for a motion test, with the observer that everybody uses."""
     observer = ContactObserver(robot, models, load_observer_settings())
     return Pepper(uri, observer=observer, robot=robot)
 

@@ -158,7 +158,7 @@ class FailedEpisode:
 
 
 def episode_uri(run: Run) -> str:
-    """The simulated robot of a run, with its noise."""
+    """Return the simulated robot of a run, with its noise."""
     query: dict[str, str | int] = {"plant": run.plant, "seed": _noise(run)}
     if run.draw is not None:
         query["draw"] = run.draw
@@ -296,7 +296,7 @@ def _performed(run: Run, pepper: Pepper) -> Episode:
 def _as_it_was(
     push: KnownPush, time: FloatArray, torque: FloatArray, stiffness: FloatArray, robot: RobotConfig
 ) -> KnownPush:
-    """A push with the largest torque that it really put on its joint: no joint is quite where it was planned for."""
+    """Return a push with the largest torque that really acted: no joint is quite where it was planned for."""
     if push.joint is None:
         return push
     index = robot.joint_index(push.joint)

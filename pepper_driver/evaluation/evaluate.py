@@ -73,7 +73,7 @@ def suite_jobs(
     quick: bool = False,
     cache: Path | None = None,
 ) -> tuple[Job, ...]:
-    """The episodes of suites.
+    """Return the episodes of suites.
 
     Args:
         evaluation: The frozen suites.
@@ -106,12 +106,12 @@ def suite_jobs(
 
 
 def suite_of(run: Run, robot: RobotConfig) -> str:
-    """The suite of a run, with its ending."""
+    """Return the suite of a run, with its ending."""
     return run.suite + (INTEGRAL if reference_plant(run.plant, robot) == "integral" else "")
 
 
 def _pictured(run: Run, robot: RobotConfig) -> str | None:
-    """The joint that a picture shows of a run; the pictures are the paper's."""
+    """Return the joint that a picture shows of a run; the pictures are the paper's."""
     if suite_of(run, robot) == "paper":
         return EXPERIMENT_JOINTS.get(run.entry)
     swept = run.entry == FIT_JOINT and run.task_stiffness > FASTEST_ESTIMATION
@@ -119,14 +119,14 @@ def _pictured(run: Run, robot: RobotConfig) -> str | None:
 
 
 def log_jobs(paths: Sequence[Path]) -> tuple[Job, ...]:
-    """Recordings of ``pepper record --label``."""
+    """Return recordings of ``pepper record --label``."""
     return tuple(
         Job(suite=LOG_SUITE, title=str(path), make=partial(episode_of_log, path)) for path in paths
     )
 
 
 def episode_of_log(path: Path) -> Episode:
-    """A labelled recording as an episode whose pushes have no size and whose torques nobody knows.
+    """Return a labelled recording as an episode whose pushes have no size and whose torques nobody knows.
 
     Raises:
         PepperError: The log is damaged, of another robot, or has no labels.
@@ -252,7 +252,7 @@ def run_job(job: Job, contestants: ObserversUnderTest) -> JobResult:
 
 @contextmanager
 def _unwarned(job: Job) -> Iterator[None]:
-    """Simulated robots are worn on purpose: nobody needs to be told to identify them anew."""
+    """Silence the advice to identify worn robots again: simulated ones are worn on purpose."""
     log = logging.getLogger("pepper_driver.observer")
     level = log.level
     if job.suite != LOG_SUITE:

@@ -123,7 +123,7 @@ def fit_figure(traces: Sequence[Trace]) -> Figure:
 
 
 def contact_figure(experiments: Mapping[str, Sequence[Trace]], robot: RobotConfig) -> Figure:
-    """A column for each experiment: trajectories, expected error, and r of each observer with its threshold."""
+    """Return a column for each experiment: trajectories, expected error, and r of each observer with its threshold."""
     from matplotlib.figure import Figure
 
     modes = [

@@ -169,7 +169,7 @@ def upper_bound(count: int, hours: float) -> float:
 
 
 def summarise(scores: Sequence[EpisodeScore], robot: RobotConfig) -> Metrics:
-    """The figures of one observer over episodes, at least one."""
+    """Return the figures of one observer over episodes, at least one."""
     pushes = [push for score in scores for push in score.pushes]
     plain = _group(pushes, "plain")
     felt = [push for push in plain if push.felt]
@@ -216,7 +216,7 @@ def summarise(scores: Sequence[EpisodeScore], robot: RobotConfig) -> Metrics:
 
 
 def with_gap_closed(metrics: Metrics, affine: Metrics | None, oracle: Metrics | None) -> Metrics:
-    """The figures, with the share of the way from the affine tree to the oracle that each test fit has gone."""
+    """Return the figures, with the share of the way from the affine tree to the oracle that each test fit has gone."""
     closed = {}
     for joint, fit in metrics.fit.items():
         low = affine.fit[joint].test if affine and joint in affine.fit else None

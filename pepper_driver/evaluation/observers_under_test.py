@@ -186,7 +186,7 @@ class ObserversUnderTest:
         return tuple(mode for mode in self.modes if mode != ORACLE or oracle)
 
     def observer(self, mode: str, episode: Episode, robot: RobotConfig) -> Observer:
-        """A new observer for one episode, with models of the robot that the episode's differs from.
+        """Return a new observer for one episode, with models of the robot that the episode's differs from.
 
         Raises:
             PepperError: There are no such models; the oracle cannot simulate a recording.
@@ -205,7 +205,7 @@ class ObserversUnderTest:
 
 
 def reference_plant(plant: str, robot: RobotConfig) -> str:
-    """The plant whose models are used on another one: they are of one kind of board."""
+    """Return the plant whose models are used on another one: they are of one kind of board."""
     integral = any(drive.ki for drive in load_plant(plant, robot).actuators)
     return _REFERENCES[int(integral)]
 
@@ -312,7 +312,7 @@ def _identity(plant: str, robot: RobotConfig) -> RobotIdentity:
 
 
 def _oracle_uri(episode: Episode) -> str:
-    """The plant of an episode; of one that was drawn, the one it was drawn from, since nobody knows which it is."""
+    """Return the plant of an episode; of a drawn one, the plant that it was drawn from."""
     if episode.plant == RECORDED:
         raise ModelFileError("the oracle knows simulated robots only")
     plant = episode.plant if episode.draw is None else _REFERENCES[0]

@@ -14,7 +14,7 @@ from pepper_driver.evaluation.results import EvaluationResult
 
 
 def table(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
-    """A Markdown table; all columns but the first are numbers."""
+    """Return a Markdown table; all columns but the first are numbers."""
     rows = list(rows)
     if not rows:
         return ""
@@ -23,12 +23,12 @@ def table(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
 
 
 def number(value: float | None, digits: int = 2) -> str:
-    """A figure, or a dash where there is none."""
+    """Return a figure, or a dash where there is none."""
     return "-" if value is None else f"{value:.{digits}f}"
 
 
 def section(title: str, *parts: str) -> list[str]:
-    """A section with its title; nothing at all when its first part is empty."""
+    """Return a section with its title; nothing at all when its first part is empty."""
     return [f"## {title}", *parts] if parts and parts[0] else []
 
 
@@ -81,7 +81,7 @@ def table1(evaluation: EvaluationResult, pictures: dict[str, str]) -> list[str]:
 
 
 def free(evaluation: EvaluationResult) -> list[str]:
-    """False contacts in free motion."""
+    """Write the section on false contacts in free motion."""
 
     def cells(metrics: Metrics) -> list[str] | None:
         free, coverage = metrics.free_motion, metrics.coverage
@@ -304,7 +304,7 @@ def _both(evaluation: EvaluationResult, suite: str, part: Callable[[str], str]) 
 def _rows(
     evaluation: EvaluationResult, suite: str, cells: Callable[[Metrics], Sequence[str] | None]
 ) -> list[list[str]]:
-    """A row for each observer that was evaluated in a suite and has something to say."""
+    """Return a row for each observer that was evaluated in a suite and has something to say."""
     rows = []
     for mode, by_suite in evaluation.modes.items():
         row = cells(by_suite[suite]) if suite in by_suite else None
@@ -357,7 +357,7 @@ def write_report(
 
 
 def page(evaluation: EvaluationResult, pictures: dict[str, str], command: str) -> str:
-    """The page as text; ``pictures`` has a caption for each path."""
+    """Return the page as text; ``pictures`` has a caption for each path."""
     kind = "simulated" if evaluation.simulated else "from recordings"
     parts = [
         f"*All figures here are {kind}. `{command}` wrote this page; do not edit it.*",

@@ -76,14 +76,14 @@ class EvaluationResult:
         return sum(episode.seconds for episode in self.episodes) / 3600.0
 
     def suite_of(self, key: str, mode: str) -> str:
-        """The suite whose answer counts for a figure: the one that is about it, else the first that has it."""
+        """Return the suite whose answer counts for a figure: the one that is about it, else the first that has it."""
         by_suite = self.modes[mode]
         home = next((suite for suite, keys in _HOME.items() if key in keys), _MAIN)
         order = [suite for suite in (home, *by_suite) if suite in by_suite]
         return next((s for s in order if not _empty(by_suite[s].as_json()[key])), order[0])
 
     def headline(self, mode: str) -> dict[str, Any]:
-        """The figures of a mode, each from its :meth:`suite_of`, which ``suite_of`` tells."""
+        """Return the figures of a mode, each from its :meth:`suite_of`, which ``suite_of`` tells."""
         by_suite = {suite: metrics.as_json() for suite, metrics in self.modes[mode].items()}
         keys = [field.name for field in fields(Metrics)]
         origin = {key: self.suite_of(key, mode) for key in keys}

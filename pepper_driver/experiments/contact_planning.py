@@ -168,7 +168,7 @@ class ContactPlanner:
         beside: Sequence[PlannedPush],
         rng: np.random.Generator,
     ) -> PlannedPush:
-        """A push of random place, size and direction that the robot can take at rest in all postures."""
+        """Return a push of random place, size and direction that the robot can take at rest in all postures."""
         joint = ""
         for attempt in range(TRIES):
             try:

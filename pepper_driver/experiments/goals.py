@@ -132,7 +132,7 @@ class MeasuredModel:
         self._model = RobotModel(robot)
 
     def at(self, measurement: Measurement, controller: WholeBodyController) -> RobotModel:
-        """The model at the measured joints, the base where the wheels have rolled to; at rest."""
+        """Return the model at the measured joints, the base where the wheels have rolled to; at rest."""
         model = self._model
         q = model.configuration(measurement.position)
         model.set_state(model.with_base_pose(q, controller.odometry.pose), np.zeros(model.nv))
@@ -141,7 +141,7 @@ class MeasuredModel:
 
 
 def expand(spec: TaskSpec, robot: RobotConfig) -> tuple[str, ...] | None:
-    """The joints that a task names, chains replaced by their joints; None for all."""
+    """Return the joints that a task names, chains replaced by their joints; None for all."""
     if spec.joints is None:
         return None
     names = (joint for name in spec.joints for joint in robot.chains.get(name, (name,)))

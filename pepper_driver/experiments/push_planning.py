@@ -97,7 +97,7 @@ def plan_push(
     bounds: PushLimits,
     beside: Sequence[PlannedPush] = (),
 ) -> PlannedPush:
-    """The smallest force at a point that puts ``degrees`` equivalent degrees on a joint.
+    """Return the smallest force at a point that puts ``degrees`` equivalent degrees on a joint.
 
     Equivalent degrees of a push: peak external torque on the joint divided by its proportional stiffness
     K = kp N Kt / R. The force points the way the joint would carry the point. With a bound on what joints further out
@@ -253,7 +253,7 @@ def _way(
 
 
 def _outer(robot: RobotConfig, joint: str) -> list[int]:
-    """The joints further out in the chain of a joint."""
+    """Return the joints further out in the chain of a joint."""
     chain = robot.chain_of(joint)
     return [robot.joint_index(name) for name in chain[chain.index(joint) + 1 :]]
 

@@ -73,7 +73,7 @@ class IdentificationRecordings:
     calibration: tuple[Recording, ...]
 
     def entries(self, robot: RobotConfig, *, mirror: bool = True) -> Iterator[JointRecordings]:
-        """The recordings of each joint that gets a model.
+        """Yield the recordings of each joint that gets a model.
 
         With ``mirror``, what was recorded of one side follows mirrored, where the other side was not recorded. Mirrored
         recordings are made when they are asked for: they take as much memory as the others.
@@ -86,7 +86,7 @@ class IdentificationRecordings:
 
 
 def mirror_joint(joint: str, robot: RobotConfig) -> str:
-    """The joint at the place of ``joint`` on the other side; joints of legs and head are their own."""
+    """Return the joint at the place of ``joint`` on the other side; joints of legs and head are their own."""
     return robot.joint_names[robot.mirror[robot.joint_index(joint)][0]]
 
 
@@ -172,7 +172,7 @@ def make_manifest(
     calibration: Experiment | None,
     seed: int,
 ) -> Manifest:
-    """The manifest of runs that are about to be made."""
+    """Return the manifest of runs that are about to be made."""
     estimated = {run.joint for run in runs if run.role == "estimation"}
     swept = [run.joint for run in runs if run.role == "test" and run.joint is not None]
     return Manifest(
@@ -216,7 +216,7 @@ def experiment_hash(experiment: Experiment) -> str:
 
 
 def recording_path(folder: Path, name: str) -> Path:
-    """The file of a run."""
+    """Return the file of a run."""
     return folder / f"{name}{SUFFIX}"
 
 
@@ -248,7 +248,7 @@ def open_folder(folder: Path, manifest: Manifest) -> None:
 
 
 def read_manifest(folder: Path) -> Manifest:
-    """The manifest in a folder.
+    """Return the manifest in a folder.
 
     Raises:
         RecordingFolderError: In one line: file, reason, remedy.
@@ -279,7 +279,7 @@ def finished(folder: Path, names: Sequence[str]) -> tuple[str, ...]:
 
 
 def load_recordings(folder: Path, robot: RobotConfig) -> IdentificationRecordings:
-    """The recordings of an identification that is complete.
+    """Return the recordings of an identification that is complete.
 
     Raises:
         RecordingFolderError: Runs are missing, or they are of another robot.

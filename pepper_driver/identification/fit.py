@@ -64,7 +64,7 @@ def shared_fits(
     robot: RobotConfig,
     fits: Mapping[str, FitScore[float]],
 ) -> tuple[SharedFit, ...]:
-    """The loss of each recorded joint that takes a model; ``fits`` are those of the shared models."""
+    """Return the loss of each recorded joint that takes a model; ``fits`` are those of the shared models."""
     sources = model_sources(recordings, robot, mirror=False)
     return tuple(
         SharedFit(
@@ -109,7 +109,7 @@ def _predicted(
 
 
 def part(recording: Recording, begin: int, end: int) -> Recording:
-    """The samples from ``begin`` to before ``end``."""
+    """Return the samples from ``begin`` to before ``end``."""
     arrays = {
         field.name: getattr(recording, field.name)[begin:end]
         for field in fields(recording)
@@ -176,7 +176,7 @@ def fit_models(
 def fit_one(
     kind: ModelKind, joint: str, recordings: Sequence[Recording], robot: RobotConfig
 ) -> JointModel:
-    """A model of one joint; of kind ``fusion``, without its thresholds."""
+    """Return a model of one joint; of kind ``fusion``, without its thresholds."""
     if kind == "fusion":
         return fit_joint_fusion(joint, recordings, robot)
     return fit_joint(joint, recordings, kind)

@@ -332,7 +332,7 @@ def fit_folder(
 def _closed_form(
     manifest: Manifest, recordings: IdentificationRecordings, robot: RobotConfig, *, mirror: bool
 ) -> dict[str, dict[str, FitScore[float]]]:
-    """That of a simulated robot whose motors are those of Eq. 11, unless its plant has changed since."""
+    """Return the closed-form fit of a simulated robot with the motors of Eq. 11, unless its plant has changed since."""
     if not manifest.simulated:
         return {}
     backend = make_backend(manifest.backend, robot)
@@ -347,7 +347,7 @@ def _closed_form(
 
 
 def _command(manifest: Manifest, kind: ModelKind, *, mirror: bool, share: bool) -> str:
-    """The command that makes these models again."""
+    """Return the command that makes these models again."""
     options = [
         f"--backend {manifest.backend}",
         f"--experiment {manifest.experiment}",

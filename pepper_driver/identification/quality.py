@@ -133,7 +133,7 @@ def _reversals(velocity: FloatArray) -> int:
 
 
 def _holes(name: str, run: Recording, joint: str | None) -> list[Finding]:
-    """Samples that are missing, stale, or answer a command the safety gate altered."""
+    """Find samples that are missing, stale, or answer a command that the safety gate altered."""
     found = []
     steps = np.diff(run.time)
     cycle = float(np.median(steps))
@@ -158,7 +158,7 @@ def _holes(name: str, run: Recording, joint: str | None) -> list[Finding]:
 
 
 def _flat_current(name: str, run: Recording, joint: str) -> list[Finding]:
-    """A current that stays at its maximum while the joint shall move: the board gives no more."""
+    """Return a current that stays at its maximum while the joint shall move: the board gives no more."""
     index = run.joint_names.index(joint)
     current, half = run.current[:, index], FLAT_WINDOW // 2
     if len(np.unique(current)) < MIN_LEVELS or len(current) < FLAT_WINDOW:
@@ -192,7 +192,7 @@ def _longest(flags: np.ndarray[tuple[int], np.dtype[np.bool_]]) -> tuple[int, in
 def _bursts(
     joint: str, names: Sequence[str], runs: Sequence[Recording], model: JointModel
 ) -> list[Finding]:
-    """Runs in which the residual strays far beyond what it does in the others: somebody touched the robot."""
+    """Find runs with a much larger residual than the others: somebody touched the robot."""
     window = load_observer_settings().median_window
     residuals = [np.abs(free_residual(joint, run, model, window)) for run in runs]
     largest = np.array([residual.max(initial=0.0) for residual in residuals])

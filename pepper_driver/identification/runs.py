@@ -165,7 +165,7 @@ def _run(
 
 
 def sweeps_of(experiment: Experiment) -> Sweeps:
-    """The sweeps of an experiment that can identify.
+    """Return the sweeps of an experiment that can identify.
 
     Raises:
         ConfigError: It has none.
@@ -202,7 +202,7 @@ def perform(uri: str, run: Run, *, on_progress: Callable[[float], None] | None =
 
 
 def seeded_uri(uri: str, run: Run) -> str:
-    """The URI of a simulated robot that takes a seed, with one of its own for the noise of this run."""
+    """Return the URI of a simulated robot that takes a seed, with one of its own for the noise of this run."""
     root = parse_uri(uri).integer("seed", 0)
     return with_query(uri, seed=int(np.random.SeedSequence((*run.seed, root)).generate_state(1)[0]))
 

@@ -66,7 +66,7 @@ def export_log(log: RunLog, path: Path | str, to: str, *, force: bool = False) -
 
 
 def _files(log: RunLog, path: Path, to: str) -> dict[Path, Write]:
-    """The files of an export, and what writes each."""
+    """Return the files of an export, and what writes each."""
     if to not in FORMATS:
         raise UnknownNameError("format", to, FORMATS)
     if path.suffix.lower() != f".{to}":

@@ -79,7 +79,7 @@ def mark_contacts(log: RunLog, joint: str, axes: Axes) -> None:
 
 
 def mark_pushes(log: RunLog, joint: str, axes: Axes) -> None:
-    """A bar at the bottom while something really touched the chain of a joint."""
+    """Draw a bar at the bottom while something really touched the chain of a joint."""
     if log.truth is None:
         return
     time = log.truth["time"]
@@ -287,7 +287,7 @@ def _rows(log: RunLog, start: float | None, stop: float | None) -> BoolArray:
 
 
 def _choose(log: RunLog) -> list[str]:
-    """The joints worth a look, at most as many as fit side by side, in joint order."""
+    """Return the joints worth a look, at most as many as fit side by side, in joint order."""
     felt = Counter(c.joint for c, _ in log.lasting_contacts() if c.joint is not None)
     best = [joint for joint, _ in felt.most_common(COLUMNS) if joint in log.joint_names]
     if not best:

@@ -71,7 +71,7 @@ class RunLog:
     missing: str = ""
 
     def __getitem__(self, name: str) -> Column:
-        """The array of one field.
+        """Return the array of one field.
 
         Raises:
             UnknownNameError: No such field.
@@ -91,12 +91,12 @@ class RunLog:
         return [(c, c.time if c.phase == "end" else end) for c in last.values()]
 
     def __len__(self) -> int:
-        """Number of ticks."""
+        """Return the number of ticks."""
         return len(self.fields["time"])
 
     @classmethod
     def of(cls, file: LogFile) -> Self:
-        """The log in a file.
+        """Return the log in a file.
 
         Raises:
             LogError: Its messages are not those of this package.
@@ -157,7 +157,7 @@ def tick_table(log: RunLog) -> Table:
 
 
 def truth_table(log: RunLog) -> Table | None:
-    """The same of the ground truth; None where there is none."""
+    """Return the arrays of the ground truth; None if the log has none."""
     return None if log.truth is None else _columns(log.truth, log.elements, "truth.")
 
 

@@ -56,7 +56,7 @@ def layout_fields(table: Iterable[TickField], robot: RobotConfig) -> tuple[Field
 
 
 def message_definition(fields: Iterable[Field]) -> str:
-    """The fields as a ROS 2 message definition, without empty ones: ROS has no array of size 0."""
+    """Return the fields as a ROS 2 message definition, without empty ones: ROS has no array of size 0."""
     lines = []
     for field in fields:
         if field.elements is None:
@@ -68,7 +68,7 @@ def message_definition(fields: Iterable[Field]) -> str:
 
 
 def layout_metadata(robot: RobotConfig) -> dict[str, str]:
-    """What the reader must know of rows and robot: text values of the file's ``layout`` record.
+    """Describe rows and robot to the reader: text values of the file's ``layout`` record.
 
     Channels have the numbers of their topics in ``topics``, from 1: no reader needs the records that say so.
     """
@@ -116,7 +116,7 @@ class Rows:
         ]
 
     def message(self, row: object) -> bytes:
-        """The bytes of a row, an object with the parts that the table names.
+        """Return the bytes of a row, an object with the parts that the table names.
 
         Raises:
             Exception: Values that are no row.
@@ -176,7 +176,7 @@ class TruthRow(NamedTuple):
 
 
 def unobserved(robot: RobotConfig) -> Observation:
-    """What is logged where no observer ran: nothing known, all joints blind."""
+    """Return the observation of a run without observer: nothing known, all joints blind."""
     nothing = np.full(len(robot.joints), np.nan)
     blind = np.full(len(robot.joints), JointState.BLIND, dtype=np.int8)
     return Observation(

@@ -97,7 +97,7 @@ def _text(value: object) -> str:
 
 
 def _plain(value: object) -> object:
-    """What JSON does not know: numbers of NumPy, and what reflexes of other packages are made with."""
+    """Convert a value that JSON does not know: numbers of NumPy, and arguments of reflexes of other packages."""
     return value.item() if isinstance(value, np.generic) else str(value)
 
 
@@ -171,7 +171,7 @@ class LogSummary:
 
 
 def summarise(log: RunLog) -> LogSummary:
-    """The figures of a log; one without ticks has none."""
+    """Return the figures of a log; one without ticks has none."""
     felt = [contact for contact, _ in log.lasting_contacts()]
     reflexes = (e.name for e in log.events if e.kind == "reflex" and e.phase == "begin")
     time, tick = log["time"], log["tick"]

@@ -70,7 +70,7 @@ class JsonTopic(Generic[T]):
         )
 
     def encode(self, item: T) -> bytes:
-        """A message; floats keep every bit.
+        """Return a message; floats keep every bit.
 
         Raises:
             TypeError: A value that is neither text nor number.
@@ -84,7 +84,7 @@ class JsonTopic(Generic[T]):
         return json.dumps(present, allow_nan=False).encode()
 
     def decode(self, message: bytes) -> T:
-        """The item of a message.
+        """Return the item of a message.
 
         Raises:
             TypeError: A value is missing or unknown.
@@ -202,7 +202,7 @@ class LogEvent:
 
     @classmethod
     def of(cls, event: Logged) -> LogEvent:
-        """The same as the callbacks are told of."""
+        """Return the event that callbacks get."""
         if isinstance(event, SensorEvent):
             phase: EventPhase = "begin" if event.pressed else "end"
             return cls(time=event.time, kind="sensor", name=event.name, phase=phase)

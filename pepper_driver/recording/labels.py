@@ -28,7 +28,7 @@ class LabelError(PepperError, ValueError):
 
 @checked_arguments
 def recording_of(log: RunLog, robot: RobotConfig) -> Recording:
-    """The recording that a log holds; ticks that repeat a cycle of the robot are left out.
+    """Return the recording that a log holds; ticks that repeat a cycle of the robot are left out.
 
     Raises:
         RecordingError: Another robot, fewer than two ticks, a value that is not finite.
@@ -46,7 +46,7 @@ def recording_of(log: RunLog, robot: RobotConfig) -> Recording:
 def pushes_of(
     log: RunLog, *, link: str | None = None, joint: str | None = None
 ) -> tuple[KnownPush, ...]:
-    """The touches that a log's labels tell of. Size and direction are not known: NaN and 0.
+    """Return the touches that a log's labels tell of. Size and direction are not known: NaN and 0.
 
     A touch that was not released counts until the end of the log, a release without an onset not at all; both are
     warned of.
@@ -134,7 +134,7 @@ class Labeller:
         return self._touched
 
     def step(self, measurement: Measurement) -> tuple[Label, ...]:
-        """The label of this tick, if there is one."""
+        """Return the label of this tick, if there is one."""
         pressed = self._pressed(measurement)
         self._ready = self._ready or not pressed
         if not self._ready or pressed == self._touched:
@@ -156,7 +156,7 @@ def make_labeller(
     link: str | None = None,
     joint: str | None = None,
 ) -> Labeller:
-    """A labeller of a source.
+    """Return a labeller of a source.
 
     Args:
         source: One of ``LabelSource``.

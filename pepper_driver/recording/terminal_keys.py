@@ -73,7 +73,7 @@ class Keys(ABC):
 
     @abstractmethod
     def _take(self, data: bytes) -> None:
-        """What was typed, on the thread that reads."""
+        """Handle typed text, on the thread that reads."""
 
     def _run(self) -> None:
         while not self._stop.is_set():

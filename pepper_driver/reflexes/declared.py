@@ -139,7 +139,7 @@ def make_reflex(entry: Mapping[str, Any], robot: RobotConfig, source: str, key: 
 
 
 def declare(reflex: Reflex) -> dict[str, Any]:
-    """The entry of a reflex, with all its arguments; ``class`` is there only where it is of none that is registered."""
+    """Return the entry of a reflex, with all its arguments, and ``class`` if its kind is not registered."""
     cls = type(reflex)
     rest = {field.name: getattr(reflex, field.name) for field in fields(reflex) if field.init}
     on = {}
@@ -160,7 +160,7 @@ def declare(reflex: Reflex) -> dict[str, Any]:
 
 @with_lines
 def load_reflexes(path: Path, robot: RobotConfig) -> tuple[Reflex, ...]:
-    """The reflexes of a YAML file that has nothing but the key ``reflexes``.
+    """Return the reflexes of a YAML file that has nothing but the key ``reflexes``.
 
     Raises:
         ConfigError: The file is missing, or wrong as for :func:`make_reflexes`.

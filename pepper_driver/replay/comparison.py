@@ -132,7 +132,7 @@ def compare(run: LoggedRun, found: Replayed) -> Comparison:
 
 
 def _comparable(run: LoggedRun, found: Sequence[tuple[int, T]], recorded: int) -> list[T]:
-    """What was found, without what a log that is cut short may have lost of its last tick."""
+    """Return the findings without those of the last tick, which a log that is cut short may have lost."""
     before = sum(row < len(run.log) - 1 for row, _ in found)
     kept = len(found) if run.log.complete else max(before, recorded)
     return [item for _, item in found[:kept]]
@@ -176,7 +176,7 @@ def _first_in_values(run: LoggedRun, found: Replayed) -> Difference | None:
 
 
 def _bits(values: NDArray[Any]) -> IntArray:
-    """The bits of floats, all that are not a number alike."""
+    """Return the bits of floats, all that are not a number alike."""
     if values.dtype != np.float64:
         return values.astype(np.int64)
     return np.where(np.isnan(values), np.nan, values).view(np.int64)

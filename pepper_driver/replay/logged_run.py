@@ -140,7 +140,7 @@ class LoggedRun:
         models: Path | None = None,
         settings: Path | None = None,
     ) -> Observer | None:
-        """An observer for these ticks: that of then, unless something else is asked for.
+        """Return an observer for these ticks: that of the recorded run, unless another one is given.
 
         Args:
             name: Another one, with the settings and models of today.
@@ -180,7 +180,7 @@ class LoggedRun:
         return observer
 
     def reflexes(self) -> Sequence[Reflex]:
-        """The reflexes of then, new.
+        """Return new copies of the reflexes of the recorded run.
 
         Raises:
             PepperError: One cannot be made here.
@@ -240,7 +240,7 @@ class LoggedRun:
 
 @checked_arguments
 def load_run(path: Path | str, robot: RobotConfig | None = None) -> LoggedRun:
-    """A log, ready for a replay.
+    """Return a log, ready for a replay.
 
     Raises:
         LogError: The file is missing, damaged, no log of this package, without a tick, or of another robot.

@@ -38,7 +38,7 @@ class RecordedController(WholeBodyController):
     def step(
         self, measurement: Measurement | None = None, answered: FloatArray | None = None
     ) -> Reference:
-        """The next reference."""
+        """Return the next reference."""
         model, dt = self.model, self._dt
         reference = next(self._references, None)
         if reference is None:

@@ -122,7 +122,7 @@ class SafetyGate:
         self._machine.fail(Fault(reason=reason, text=text))
 
     def hold(self) -> Command:
-        """The command that holds the joints where they were last sent and stops the wheels."""
+        """Return the command that holds the joints where they were last sent and stops the wheels."""
         self._joints.freeze()
         self._sent = Command(
             position=self._sent.position,
@@ -143,7 +143,7 @@ class SafetyGate:
     def gate(
         self, reference: Reference, stiffness: FloatArray, wheel_speed: FloatArray, age: float
     ) -> GatedCommand:
-        """The command to send for a reference.
+        """Return the command to send for a reference.
 
         Args:
             reference: What the controller wants.

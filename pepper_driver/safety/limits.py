@@ -115,7 +115,7 @@ class JointLimits:
         return changed
 
     def freeze(self) -> None:
-        """The last command stands from now on: joints have no speed any more."""
+        """Forget the speeds: the last command stands from now on."""
         self._last_step = np.zeros(self._n)
 
 
@@ -165,7 +165,7 @@ class BaseGuard:
         self.reset()
 
     def reset(self) -> None:
-        """The base stands, and may roll."""
+        """Start with a base that stands, and may roll."""
         self.stopped = ""
         self._wait = 0
         self._last, self._last_speeds = self._still, [0.0, 0.0, 0.0]

@@ -204,7 +204,7 @@ def _text(shape: tuple[int, ...]) -> str:
 
 
 def still_tick(measurement: Measurement, command: FloatArray | None = None) -> Tick:
-    """A tick of a robot that is told to stand still.
+    """Return a tick of a robot that is told to stand still.
 
     Args:
         measurement: What it measures.

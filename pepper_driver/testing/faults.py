@@ -11,12 +11,12 @@ from pepper_driver.config import load_robot
 
 
 def aged(seconds: float) -> Fault:
-    """A sample so much older [s]."""
+    """Set the age of a sample [s]."""
     return lambda measurement: replace(measurement, age=seconds)
 
 
 def displaced(joint: str, by: float) -> Fault:
-    """A joint is measured elsewhere, by an angle [rad]: as somebody pushes it, or its sensor fails.
+    """Displace the measurement of a joint by an angle [rad]: it is pushed, or its sensor fails.
 
     Raises:
         UnknownNameError: No such joint.
@@ -43,7 +43,7 @@ def pressed(sensor: Literal["touch", "bumpers", "buttons"], *numbers: int) -> Fa
 
 
 def heated(joint: str, temperature: float) -> Fault:
-    """The motor of a joint has a temperature [deg C].
+    """Set the temperature of a joint's motor [deg C].
 
     Raises:
         UnknownNameError: No such joint.
@@ -59,5 +59,5 @@ def heated(joint: str, temperature: float) -> Fault:
 
 
 def drained(charge: float) -> Fault:
-    """The battery has a charge, 0..1."""
+    """Set the charge of the battery, 0..1."""
     return lambda measurement: replace(measurement, battery=charge)

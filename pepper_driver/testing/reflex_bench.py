@@ -22,7 +22,7 @@ TORQUE_STD = 0.2
 
 
 def make_contact(number: int = 1, phase: Phase = "begin", **changes: Any) -> Contact:  # noqa: ANN401
-    """A contact of 3 degrees on the left upper arm, unless ``changes`` say otherwise; ``number`` is its id."""
+    """Return a contact of 3 degrees on the left upper arm, unless ``changes`` say otherwise; ``number`` is its id."""
     values: dict[str, Any] = {
         "id": number,
         "phase": phase,

@@ -15,7 +15,7 @@ from pepper_driver.safety.plugins import check_observation, still_tick
 
 
 def standing_measurement() -> Measurement:
-    """A sample of a robot that stands, and that nothing touches."""
+    """Return a sample of a robot that stands, and that nothing touches."""
     return MockBackend().open()
 
 

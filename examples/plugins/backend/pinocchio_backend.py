@@ -191,7 +191,7 @@ class PinocchioBackend(Serial, Backend):
     # -- physics ------------------------------------------------------------------------------------------------
 
     def _cycle(self) -> None:
-        """The boards lead their targets to the goal in even steps, as those of the robot do."""
+        """Lead the boards' targets to the goal in even steps, as the robot does."""
         self._forget_contacts()
         self.saturated[:] = 0.0
         now, dt = (self._tick - 1) * self.robot.cycle, self.robot.cycle / STEPS
@@ -274,7 +274,7 @@ class PinocchioBackend(Serial, Backend):
         return joints
 
     def _measure(self) -> Measurement:
-        """A sample of its own: log and callbacks read it later."""
+        """Return a sample of its own: log and callbacks read it later."""
         robot, count = self.robot, len(self._start)
         noisy = self.in_order(self.q) + self._random.normal(0.0, NOISE, count)
         return Measurement(

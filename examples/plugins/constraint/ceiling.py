@@ -42,7 +42,7 @@ class Ceiling(Constraint):
     def compute_inequality(
         self, model: RobotModel, braking_limits: BrakingLimits
     ) -> LinearInequality | None:
-        """The speed upwards after this cycle, z' + z'' dt, is at most APPROACH times the room below the ceiling."""
+        """Bound the speed upwards after this cycle, z' + z'' dt, by APPROACH times the room below the ceiling."""
         frame = model.body_frame(self._link)
         room = self._height - float(model.pose(frame).translation[2])
         if room > NEAR:

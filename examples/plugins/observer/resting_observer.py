@@ -100,5 +100,5 @@ class RestingObserver(Observer):
 
 
 def make(robot: RobotConfig, identity: str, models: Path | None) -> RestingObserver:
-    """Factory that the entry point names; this observer needs no models."""
+    """Make the observer, by the name of the entry point; it needs no models."""
     return RestingObserver(robot)

@@ -39,7 +39,7 @@ class BackendSuite:
 
     @pytest.fixture
     def backend(self) -> Iterator[Backend]:
-        """A new one, closed; closed again afterwards."""
+        """Yield a new one, closed; closed again afterwards."""
         backend = self.make_backend()
         yield backend
         backend.close()

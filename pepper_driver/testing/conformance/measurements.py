@@ -66,7 +66,7 @@ class MeasurementTests(BackendSuite):
 
     @pytest.fixture
     def course(self) -> Course:
-        """A short life of a robot: each sample, and a copy of it as it was then."""
+        """Return a short life of a robot: each sample, and a copy of it as it was then."""
         kept: Course = []
 
         def keep(*samples: Measurement) -> None:

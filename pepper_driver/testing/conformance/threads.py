@@ -86,7 +86,7 @@ def all_at_once(backend: Backend, wanted: Command) -> None:
 
 
 def within(call: Callable[[], object]) -> None:
-    """A call in a thread of its own, so that a test ends even if it hangs."""
+    """Make a call in a thread of its own, so that a test ends even if the call hangs."""
     thread = threading.Thread(target=call, daemon=True)
     thread.start()
     thread.join(2 * LATEST)
