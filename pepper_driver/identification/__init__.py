@@ -2,8 +2,8 @@
 
 from pepper_driver.identification.dataset import (
     MANIFEST,
-    IdentificationRecordings,
-    JointRecordings,
+    IdentificationDataset,
+    JointDataset,
     RecordingFolderError,
     finished,
     load_recordings,
@@ -39,8 +39,8 @@ __all__ = [
     "Finding",
     "FittedModels",
     "Identification",
-    "IdentificationRecordings",
-    "JointRecordings",
+    "IdentificationDataset",
+    "JointDataset",
     "Progress",
     "RecordingFolderError",
     "Run",

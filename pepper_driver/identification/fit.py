@@ -11,8 +11,8 @@ import numpy as np
 from pepper_driver.config import PlantConfig, RobotConfig, load_observer_settings
 from pepper_driver.config.arrays import FloatArray
 from pepper_driver.identification.dataset import (
-    IdentificationRecordings,
-    JointRecordings,
+    IdentificationDataset,
+    JointDataset,
     mirror_joint,
 )
 from pepper_driver.observer import (
@@ -60,7 +60,7 @@ class SharedFit:
 
 def shared_fits(
     kind: ModelKind,
-    recordings: IdentificationRecordings,
+    recordings: IdentificationDataset,
     robot: RobotConfig,
     fits: Mapping[str, FitScore[float]],
 ) -> tuple[SharedFit, ...]:
@@ -79,7 +79,7 @@ def shared_fits(
     )
 
 
-def _own_fit(kind: ModelKind, entry: JointRecordings, robot: RobotConfig) -> float | None:
+def _own_fit(kind: ModelKind, entry: JointDataset, robot: RobotConfig) -> float | None:
     try:
         if entry.estimation:
             model = fit_one(kind, entry.joint, entry.estimation, robot)
@@ -100,7 +100,7 @@ def _own_fit(kind: ModelKind, entry: JointRecordings, robot: RobotConfig) -> flo
 
 def _predicted(
     kind: ModelKind,
-    entry: JointRecordings,
+    entry: JointDataset,
     known: Recording,
     unknown: Recording,
     robot: RobotConfig,
@@ -135,7 +135,7 @@ class FittedModels(NamedTuple):
 
 def fit_models(
     kind: ModelKind,
-    recordings: IdentificationRecordings,
+    recordings: IdentificationDataset,
     robot: RobotConfig,
     *,
     mirror: bool = True,
@@ -183,7 +183,7 @@ def fit_one(
 
 
 def _fit_fusion(
-    recordings: IdentificationRecordings, robot: RobotConfig, *, mirror: bool, share: bool
+    recordings: IdentificationDataset, robot: RobotConfig, *, mirror: bool, share: bool
 ) -> FittedModels:
     """Fusion models; their thresholds are chosen on the calibration runs or, without these, on the test runs."""
     sources = model_sources(recordings, robot, mirror=mirror) if share else {}
@@ -219,7 +219,7 @@ def _fit_fusion(
 
 def _add(
     fitted: FittedModels,
-    entry: JointRecordings,
+    entry: JointDataset,
     model: JointModel,
     estimation: float | None,
     window: int,
@@ -241,7 +241,7 @@ def _add(
 
 
 def model_sources(
-    recordings: IdentificationRecordings, robot: RobotConfig, *, mirror: bool = True
+    recordings: IdentificationDataset, robot: RobotConfig, *, mirror: bool = True
 ) -> dict[str, str]:
     """By joint, whose model it gets where motor types share: of each type the first joint with estimation runs.
 
@@ -274,7 +274,7 @@ def model_sources(
 def closed_form_fits(
     plant: PlantConfig,
     cycle: float,
-    recordings: IdentificationRecordings,
+    recordings: IdentificationDataset,
     robot: RobotConfig,
     *,
     mirror: bool,
@@ -291,7 +291,7 @@ def closed_form_fits(
     return fits
 
 
-def mean_fit(entry: JointRecordings, runs: Sequence[Recording], predict: Predictor) -> float:
+def mean_fit(entry: JointDataset, runs: Sequence[Recording], predict: Predictor) -> float:
     """Mean NRMSE fit over runs of a joint [%], as the paper has it.
 
     Raises:

@@ -24,7 +24,7 @@ from pepper_driver.config import (
 from pepper_driver.config.file_lock import lock_folder
 from pepper_driver.experiments.plan import experiment_uri
 from pepper_driver.identification.dataset import (
-    IdentificationRecordings,
+    IdentificationDataset,
     Manifest,
     finished,
     load_recordings,
@@ -231,7 +231,7 @@ def record_joints(
     workers: int = -1,
     confirm: Confirm | None = None,
     progress: Progress | None = None,
-) -> IdentificationRecordings:
+) -> IdentificationDataset:
     """Drive each joint through its runs, then the whole body; what is in the folder already is not made again.
 
     Args:
@@ -330,7 +330,7 @@ def fit_folder(
 
 
 def _closed_form(
-    manifest: Manifest, recordings: IdentificationRecordings, robot: RobotConfig, *, mirror: bool
+    manifest: Manifest, recordings: IdentificationDataset, robot: RobotConfig, *, mirror: bool
 ) -> dict[str, dict[str, FitScore[float]]]:
     """Return the closed-form fit of a simulated robot with the motors of Eq. 11, unless its plant has changed since."""
     if not manifest.simulated:
