@@ -154,6 +154,10 @@ _M, _IMU, _R, _O, _T = "measurement", "measurement.imu", "reference", "observati
 _F = TickField
 
 
+_GATED = "true where the safety gate altered the position"
+_CHANGED = _F("", "changed", "joints", "", _GATED, "bool", column="changed", mirror="size")
+
+
 def _command(meaning: str) -> tuple[TickField, ...]:
     return (
         _F("sent", "position", "joints", "[rad]", meaning, column="sent_position", mirror="angle"),
@@ -167,8 +171,6 @@ def _command(meaning: str) -> tuple[TickField, ...]:
     )
 
 
-_GATED = "true where the safety gate altered the position"
-_CHANGED = _F("", "changed", "joints", "", _GATED, "bool", column="changed", mirror="size")
 _STATES = "0 free, 1 contact, 2 release, 3 rebound, 4 settling, 5 blind"
 _ANSWERS = "ticks before this one in which the command was given that this sample answers; -1 for response_delay"
 _STEP = "number of the tick since the log began, also of ticks not in it"
@@ -229,6 +231,9 @@ TRUTH_FIELDS: tuple[TickField, ...] = (
     _F(_T, "saturated", "joints", "", "true where the motor board was at a limit", "bool"),
 )
 """One row a tick of a simulation whose ground truth is logged."""
+
+COMMAND_FIELDS: tuple[TickField, ...] = (*_command(""), _CHANGED)
+"""Of a command as it was sent: those of :class:`pepper_driver.controller.tick.Sent`, in any table."""
 
 RECORDED_FIELDS = tuple(field for field in TICK_FIELDS if field.column)
 """Columns of a recording."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import copy
 from abc import ABC, abstractmethod
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Any, ClassVar, Literal
 
 import numpy as np
@@ -180,16 +180,7 @@ class Truth(ABC):
 
     def sample(self) -> TruthSample:
         """Return what goes into a log, as it is now."""
-        return TruthSample(
-            contact_torque=self.contact_torque,
-            peak_torque=self.peak_torque,
-            position=self.position,
-            base=self.base,
-            tilt=self.tilt,
-            wheel_load=self.wheel_load,
-            in_gap=self.in_gap,
-            saturated=self.saturated,
-        )
+        return TruthSample(**{part.name: getattr(self, part.name) for part in fields(TruthSample)})
 
 
 class Resumable:

@@ -54,8 +54,11 @@ def is_number(value: object) -> TypeGuard[float]:
     return True
 
 
-def real_array(value: object) -> FloatArray | None:
-    """Return a new array of real numbers, or None for anything else: truth values, texts, objects, complex numbers."""
+def real_array(value: object, *shapes: tuple[int, ...]) -> FloatArray | None:
+    """Return a new array of real numbers, of one of these shapes or any.
+
+    None for anything else: truth values, texts, objects, complex numbers.
+    """
     if isinstance(value, np.ndarray):
         array = value
     else:
@@ -65,7 +68,8 @@ def real_array(value: object) -> FloatArray | None:
             array = np.asarray(value)
         except (TypeError, ValueError):
             return None
-    return array.astype(np.float64) if array.dtype.kind in "fiu" else None
+    fits = array.dtype.kind in "fiu" and (not shapes or array.shape in shapes)
+    return array.astype(np.float64) if fits else None
 
 
 def _holds_truth_value(value: object) -> bool:

@@ -62,7 +62,7 @@ class HoldStatistics:
 
 
 @dataclass(frozen=True, kw_only=True, config=STRICT)
-class Recordings:
+class ReferenceData:
     """Recorded values, by joint; see ``recordings.yaml`` for the sources. ``hold_time`` in [s]."""
 
     tables: dict[str, TrackingTable]
@@ -106,21 +106,21 @@ class Calibration:
         seed: Of the holds in a check.
     """
 
-    recordings: Recordings
+    recordings: ReferenceData
     settings: CalibrationSettings
     holds: Holds
     seed: int
 
 
 @with_lines
-def load_recordings(robot: RobotConfig, path: Path | str | None = None) -> Recordings:
-    """Return the figures in ``path``, by default the shipped ``recordings.yaml``.
+def load_recordings(robot: RobotConfig, path: Path | str | None = None) -> ReferenceData:
+    """Load the figures in ``path``, by default the shipped ``recordings.yaml``.
 
     Raises:
         ConfigError: The file is wrong: a key, a joint, or a table whose rows and columns do not fit.
     """
     path = own_or_shipped(path, "recordings.yaml")
-    recordings = load(Recordings, path)
+    recordings = load(ReferenceData, path)
     for key, joints in (("tables", recordings.tables), ("holds", recordings.holds)):
         for name in joints:
             if name not in robot.joint_names:

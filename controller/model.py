@@ -286,8 +286,8 @@ class RobotModel:
         """
         frame = self.frame_id(link)
         data, count = self._elsewhere, len(self.robot.joint_names)
-        position = real_array(joint_position)
-        if position is None or position.shape != (count,):
+        position = real_array(joint_position, (count,))
+        if position is None:
             raise ArgumentError(f"link_pose takes {count} angles, got {shown(joint_position)}")
         pin.forwardKinematics(self.pin, data, self.configuration(position))
         pose: FloatArray = pin.updateFramePlacement(self.pin, data, frame).homogeneous

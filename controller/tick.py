@@ -33,28 +33,24 @@ class Sent:
     """A command as it was sent.
 
     Attributes:
-        command: What the robot was told.
         reference: What the controller wanted when the command was made.
-        changed: (17,) where the safety gate altered the position, so that ``command`` differs from ``reference``.
+        sent: What the robot was told.
+        changed: (17,) where the safety gate altered the position, so that ``sent`` differs from ``reference``.
     """
 
-    command: Command
     reference: Reference
+    sent: Command
     changed: BoolArray
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class Tick:
-    """One cycle. Nothing reachable from here leads to the ground truth of a simulation, nor is ever changed.
+class Tick(Sent):
+    """One cycle: a command as it was sent, and the measurement that answers it.
+
+    Nothing reachable from here leads to the ground truth of a simulation, nor is ever changed.
 
     Attributes:
         measurement: What the robot measured.
-        reference: What the controller wanted when it made the command this measurement answers.
-        sent: That command, as it was really sent.
-        changed: (17,) where the safety gate altered the position, so that ``sent`` differs from ``reference``.
     """
 
     measurement: Measurement
-    reference: Reference
-    sent: Command
-    changed: BoolArray

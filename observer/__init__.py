@@ -3,7 +3,7 @@
 from pepper_driver.observer.contact_observer import ContactObserver
 from pepper_driver.observer.fitting.bounds import free_threshold
 from pepper_driver.observer.fitting.fusion import fit_fusion, fit_joint_fusion
-from pepper_driver.observer.fitting.tree import FittingError, fit_joint, nrmse_fit
+from pepper_driver.observer.fitting.tree import FitScore, FittingError, fit_joint, nrmse_fit
 from pepper_driver.observer.interface import Contact, HandLoad, JointState, Observation, Observer
 from pepper_driver.observer.models.closed_form import (
     MotorParameters,
@@ -40,8 +40,8 @@ __all__ = [
     "CartTree",
     "Contact",
     "ContactObserver",
-    "DetectedPush",
     "ExpectedErrorModel",
+    "FitScore",
     "FittingError",
     "FusionModel",
     "HandLoad",

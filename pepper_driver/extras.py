@@ -57,8 +57,8 @@ class RobotExtras:
             PepperError: An argument is none of these, or the robot cannot be reached or refuses.
         """
         _check_text("group", group)
-        rgb = real_array(colour)
-        if rgb is None or rgb.shape != (3,) or not all(0 <= part <= 1 for part in rgb):
+        rgb = real_array(colour, (3,))
+        if rgb is None or not all(0 <= part <= 1 for part in rgb):
             raise ExtrasError(f"a colour is (r, g, b), each from 0 to 1, got {shown(colour)}")
         if not (is_number(duration) and 0 <= duration <= 60):
             raise ExtrasError(f"lights fade within a time from 0 to 60 s, got {shown(duration)}")

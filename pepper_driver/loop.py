@@ -106,13 +106,13 @@ class Loop:
             load_torque=controller.model.gravity_torque(controller.position),
             base_twist=np.zeros(3),
         )
-        sent = Sent(reference=standing, command=gate.sent, changed=np.zeros(n, dtype=np.bool_))
+        sent = Sent(reference=standing, sent=gate.sent, changed=np.zeros(n, dtype=np.bool_))
         # The last one is in force.
         self._in_flight = deque([sent], maxlen=max(LONGEST_WAY, backend.info.response_delay) + 1)
         # Numbers of the last command, and of the last one answered.
         self._written = self._matched = 0
         self.latest = TickRecord(tick=_tick(first, sent))
-        backend.write(sent.command)
+        backend.write(sent.sent)
 
     @property
     def time(self) -> float:
@@ -122,7 +122,7 @@ class Loop:
     @property
     def commanded(self) -> FloatArray:
         """(17,) joint positions commanded last [rad]."""
-        return self._in_flight[-1].command.position
+        return self._in_flight[-1].sent.position
 
     def start_log(self, log: LogWriter, label: Labelling | None = None) -> None:
         """Log every tick from the next one on, with the labels made of its measurement."""
@@ -185,7 +185,7 @@ class Loop:
             gate.stop(FaultReason.EXCEPTION, describe_failure(error))
             cause = error
         else:
-            self._backend.write(sent.command)
+            self._backend.write(sent.sent)
             self._in_flight.append(sent)
             self._written += 1
             marks.append(perf_counter_ns())
@@ -240,7 +240,7 @@ class Loop:
             self._controller.override_state(sent.position, wheels.inverse @ sent.wheel_speed)
         elif gated.joints_changed:
             self._controller.override_state(sent.position)
-        return Sent(reference=reference, command=sent, changed=gated.changed)
+        return Sent(reference=reference, sent=sent, changed=gated.changed)
 
     def halt(self) -> None:
         """Tell the robot once, after a fault, to hold its joints and stop its wheels."""
@@ -259,6 +259,6 @@ def _tick(measurement: Measurement, sent: Sent) -> Tick:
     return Tick(
         measurement=measurement,
         reference=sent.reference,
-        sent=sent.command,
+        sent=sent.sent,
         changed=sent.changed,
     )

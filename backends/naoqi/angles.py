@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import logging
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -19,6 +19,7 @@ from pepper_driver.backends.fields import Measurement
 from pepper_driver.backends.interface import BackendError
 from pepper_driver.backends.naoqi.address import Address
 from pepper_driver.backends.naoqi.connection import Call, Connection
+from pepper_driver.backends.naoqi.handover import cycle_timer
 from pepper_driver.backends.naoqi.memory_keys import VALUES, SensorKeys, Values
 from pepper_driver.backends.naoqi.preflight import Preflight
 from pepper_driver.backends.naoqi.robot import NaoqiRobot
@@ -257,12 +258,13 @@ class AnglesBackend(NaoqiRobot):
         )
         before = np.ones(len(self._robot.joint_names))
         before[link.places] = connection.call("ALMotion", "getStiffnesses", link.soft)
-        for _ in self._beats(FRESH):  # taking over may have lasted, and moved the robot
+        cycle = self._robot.cycle
+        for _ in cycle_timer(cycle, FRESH):  # taking over may have lasted, and moved the robot
             measurement = link.exchange(None, None)
         hold = np.clip(measurement.position, self._robot.lower, self._robot.upper)
         link.start(before)
-        ticks = round(self._settings.timing.ramp_up / self._robot.cycle)
-        for tick in self._beats(ticks):
+        ticks = round(self._settings.timing.ramp_up / cycle)
+        for tick in cycle_timer(cycle, ticks):
             self._connected()
             check_signals()
             measurement = link.exchange(hold, np.maximum(before, (tick + 1) / ticks))
@@ -294,21 +296,13 @@ class AnglesBackend(NaoqiRobot):
         told, ones = link.newest.stiffness, np.ones(len(posture))
         had = ones if told is None else np.fmin(told, ones)  # 1 where nobody knows
         ticks = round(self._settings.timing.ramp_down / self._robot.cycle)
-        for tick in self._beats(ticks + LAST):
+        for tick in cycle_timer(self._robot.cycle, ticks + LAST):
             measurement = link.exchange(None, had * max(0.0, 1.0 - (tick + 1) / ticks))
             if self._lost or measurement.age > PATIENCE:
                 return False
             if tick >= ticks and link.idle:
                 return True
         return False
-
-    def _beats(self, ticks: int) -> Iterator[int]:
-        """Ticks a cycle apart, by number."""
-        due = time.monotonic()
-        for tick in range(ticks):
-            yield tick
-            due = max(due + self._robot.cycle, time.monotonic())
-            time.sleep(due - time.monotonic() if due > time.monotonic() else 0.0)
 
     @property
     def _open_link(self) -> AnglesLink:

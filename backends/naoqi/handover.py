@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 import time
 from collections.abc import Callable, Iterator
+from itertools import count
 
 import numpy as np
 
@@ -59,7 +60,7 @@ def ramp_up(
     Raises:
         BackendError: The robot stopped answering meanwhile.
     """
-    paced_ticks, cycle = _paced_ticks(link, robot.cycle), robot.cycle
+    paced_ticks, cycle = cycle_timer(robot.cycle, link=link), robot.cycle
     measurement = link.newest
     for _ in range(3):  # taking the robot over may have lasted: what was measured before is old
         next(paced_ticks)
@@ -113,7 +114,7 @@ def let_go(
         Whether the robot took part; False as soon as it does not answer.
     """
     legs = np.array([name in robot.chains["legs"] for name in robot.joint_names])
-    paced_ticks, begin = _paced_ticks(link, robot.cycle), time.monotonic()
+    paced_ticks, begin = cycle_timer(robot.cycle, link=link), time.monotonic()
 
     def tick(position: FloatArray | None, wanted: FloatArray) -> Measurement | None:
         """None where the robot does not answer."""
@@ -212,16 +213,22 @@ def _lead_back(
     return True
 
 
-def _paced_ticks(link: Link, cycle: float) -> Iterator[None]:
-    """Ticks a cycle apart that follow the robot's, each with its sample requested in time; the first at once."""
+def cycle_timer(
+    cycle: float, ticks: int | None = None, *, link: Link | None = None
+) -> Iterator[int]:
+    """Yield the number of each tick when it begins, ``cycle`` [s] apart, the first at once; wait after the last too.
+
+    With a link they follow the robot's, each with its sample requested in time. What was missed is not made up for.
+    """
     due = time.perf_counter_ns()
-    while True:
-        yield
-        due += round(1e9 * (cycle + np.clip(link.phase_error(due), -0.001, 0.001)))
-        if link.request_lead:
+    for tick in count() if ticks is None else range(ticks):
+        yield tick
+        shift = 0.0 if link is None else np.clip(link.phase_error(due), -0.001, 0.001)
+        due += round(1e9 * (cycle + shift))
+        if link is not None and link.request_lead:
             _sleep_until(due - round(1e9 * link.request_lead))
             link.request()
-        due = max(due, time.perf_counter_ns())  # what was missed is not made up for
+        due = max(due, time.perf_counter_ns())
         _sleep_until(due)
 
 

@@ -24,7 +24,7 @@ something to choose, so they do not exclude each other.
 
 from __future__ import annotations
 
-from math import inf, pi, sqrt
+from math import inf, sqrt
 from typing import NamedTuple
 
 import numpy as np
@@ -40,6 +40,7 @@ from pepper_driver.controller.constraints.constraint import (
 )
 from pepper_driver.controller.errors import LimitError
 from pepper_driver.controller.model import BASE, RobotModel
+from pepper_driver.controller.support_polygon import WHEEL_LINK, wheel_triangle
 
 GRAVITY = 9.81
 """[m/s2]"""
@@ -228,16 +229,12 @@ class Balance(Constraint):
 
 def _triangle(model: RobotModel) -> tuple[FloatArray, FloatArray, tuple[str, ...]]:
     """(3, 2) corners in base_link [m], (3, 2) inward normals of the edges from each to the next, and their names."""
-    wheels = model.robot.wheels
-    placement = model.body_frame("Tibia").placement
-    points = np.array([placement.act(np.array(position))[:2] for position in wheels.positions])
-    middle = points.mean(axis=0)
-    order = np.argsort([np.arctan2(*(point - middle)[::-1]) % (2 * pi) for point in points])
-    corners = points[order]
+    placement = model.body_frame(WHEEL_LINK).placement
+    centres, labels = wheel_triangle(placement, model.robot.wheels)
+    corners = centres[:, :2]
     following = np.roll(corners, -1, axis=0)
     along = following - corners
     along /= np.linalg.norm(along, axis=1)[:, None]
     inwards = np.column_stack([-along[:, 1], along[:, 0]])
-    labels = [wheels.names[i] for i in order]
     names = tuple(f"{a}-{b}" for a, b in zip(labels, labels[1:] + labels[:1], strict=True))
     return corners, inwards, names

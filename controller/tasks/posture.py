@@ -296,11 +296,10 @@ class ComplianceTask(PostureTask):
     def _each(self, name: str, value: ArrayLike, *, above_zero: bool = False) -> FloatArray:
         """(joints,) one number for all or one a joint."""
         what = f"one or {self.rows} finite numbers {'above' if above_zero else 'not below'} 0"
-        numbers = real_array(value)
-        if numbers is None:
+        numbers = real_array(value, (), (self.rows,))
+        if numbers is None or not np.isfinite(numbers).all():
             raise GainError(name, value, what)
-        good = np.isfinite(numbers) & ((numbers > 0) if above_zero else (numbers >= 0))
-        if numbers.shape not in ((), (self.rows,)) or not good.all():
+        if not (numbers > 0 if above_zero else numbers >= 0).all():
             raise GainError(name, value, what)
         return np.full(self.rows, numbers)
 

@@ -123,12 +123,8 @@ class GainsMixin:
     def dim_weight(self, value: ArrayLike) -> None:
         rows = len(self._dim_weight)
         what = f"{rows} finite numbers that are not negative"
-        weights = real_array(value)
-        if (
-            weights is None
-            or weights.shape != (rows,)
-            or not (np.isfinite(weights) & (weights >= 0)).all()
-        ):
+        weights = real_array(value, (rows,))
+        if weights is None or not (np.isfinite(weights) & (weights >= 0)).all():
             raise GainError("dim_weight", value, what)
 
         def change() -> None:
@@ -415,12 +411,8 @@ class Task(GainsMixin, ABC):
         return self._rate
 
     def _tolerance(self, value: ArrayLike) -> FloatArray:
-        tolerance = real_array(value)
-        if (
-            tolerance is None
-            or tolerance.shape not in ((), (self.rows,))
-            or not (tolerance > 0).all()
-        ):
+        tolerance = real_array(value, (), (self.rows,))
+        if tolerance is None or not (tolerance > 0).all():
             raise TargetError(
                 f"{self.name} takes one tolerance or {self.rows}, above 0, got {shown(value)}"
             )

@@ -5,6 +5,7 @@ from __future__ import annotations
 import heapq
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Generic, TypeVar
 
 import numpy as np
 
@@ -295,6 +296,22 @@ SHRINKAGES = (1000.0, 100.0, 10.0)
 
 class FittingError(PepperError, ValueError):
     """The data do not determine what was asked for."""
+
+
+F = TypeVar("F", bound=float | None)
+
+
+@dataclass(frozen=True, kw_only=True)
+class FitScore(Generic[F]):
+    """Quality with which a model predicts the tracking error of a joint, by :func:`nrmse_fit` [%].
+
+    Attributes:
+        estimation: Mean over the runs that the model was estimated from.
+        test: Of test runs.
+    """
+
+    estimation: F
+    test: F
 
 
 def nrmse_fit(measured: FloatArray, predicted: FloatArray) -> float:

@@ -17,6 +17,7 @@ from pepper_driver.evaluation.episode_score import (
     PushScore,
     TorqueSums,
 )
+from pepper_driver.observer import FitScore
 
 PAPER_SUITE = "paper"
 RECALL_BINS = {"1-1.5": (1.0, 1.5), "1.5-2": (1.5, 2.0), "2-3": (2.0, 3.0), "3-": (3.0, math.inf)}
@@ -25,14 +26,6 @@ DELAY_DEGREES = 3.0
 """[deg] Delays are those of pushes that leave no doubt."""
 ISOLATION_DEGREES = 2.0
 CONFIDENCE = 0.95
-
-
-@dataclass(frozen=True, kw_only=True)
-class Fit:
-    """NRMSE of the expected tracking error [%]: mean over estimation runs, mean over test runs; None without runs."""
-
-    estimation: float | None
-    test: float | None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -54,20 +47,18 @@ class FalseAlarms:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Quantiles:
-    """Median and 90 % quantile."""
+class DelayQuantiles:
+    """Median and 90 % quantile [ms]."""
 
     median: float
     p90: float
 
 
 @dataclass(frozen=True, kw_only=True)
-class Delay:
+class Delay(DelayQuantiles):
     """From the onset of the force to the alarm, and from 1 equivalent degree [ms]."""
 
-    median: float
-    p90: float
-    from_1deg: Quantiles | None
+    from_1deg: DelayQuantiles | None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -90,7 +81,7 @@ class Rebound:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Spread:
+class ThresholdSpread:
     """Quantiles."""
 
     p05: float
@@ -119,7 +110,7 @@ class Metrics:
     """All figures of one observer; None, or no entry, where the episodes say nothing of it.
 
     Attributes:
-        fit: By joint.
+        fit: By joint: means over runs; None without runs.
         fit_gap_closed: By joint, how far its test fit is on the way from the affine tree to the oracle.
         table1: Counts by experiment of the suite ``paper``, and ``total``.
         counts: Counts over all episodes.
@@ -144,7 +135,7 @@ class Metrics:
         coverage: What it watched.
     """
 
-    fit: dict[str, Fit]
+    fit: dict[str, FitScore[float | None]]
     fit_gap_closed: dict[str, float]
     table1: dict[str, Counts]
     counts: Counts
@@ -162,7 +153,7 @@ class Metrics:
     isolation: dict[str, float | None]
     torque: Torque | None
     rebound: Rebound | None
-    threshold_deg: Spread | None
+    threshold_deg: ThresholdSpread | None
     threshold_nm: dict[str, float]
     latency_us: Latency
     coverage: Coverage
@@ -264,13 +255,13 @@ def _table1(scores: Sequence[EpisodeScore]) -> dict[str, Counts]:
     return {**table, "total": _counts([score for group in rows.values() for score in group])}
 
 
-def _fit(scores: Sequence[EpisodeScore]) -> dict[str, Fit]:
+def _fit(scores: Sequence[EpisodeScore]) -> dict[str, FitScore[float | None]]:
     runs: dict[str, dict[bool, list[float]]] = {}
     for score in scores:
         for joint, fit in score.fit.items():
             runs.setdefault(joint, {False: [], True: []})[score.fast].append(fit)
     return {
-        joint: Fit(
+        joint: FitScore(
             estimation=float(np.mean(by_speed[False])) if by_speed[False] else None,
             test=float(np.mean(by_speed[True])) if by_speed[True] else None,
         )
@@ -285,11 +276,11 @@ def _false_alarms(scores: Sequence[EpisodeScore]) -> FalseAlarms | None:
     return FalseAlarms(hours=hours, fp=count, fp_per_hour_upper95=upper_bound(count, hours))
 
 
-def _quantiles(seconds: Sequence[float]) -> Quantiles | None:
+def _quantiles(seconds: Sequence[float]) -> DelayQuantiles | None:
     if not seconds:
         return None
     median, p90 = 1e3 * np.percentile(seconds, (50, 90))
-    return Quantiles(median=float(median), p90=float(p90))
+    return DelayQuantiles(median=float(median), p90=float(p90))
 
 
 def _delay(pushes: Sequence[PushScore]) -> Delay | None:
@@ -335,7 +326,7 @@ def _thresholds(scores: Sequence[EpisodeScore], robot: RobotConfig) -> Mapping[s
         return {"threshold_deg": None, "threshold_nm": {}}
     p05, p50, p95 = np.degrees(np.percentile(known, (5, 50, 95)))
     return {
-        "threshold_deg": Spread(p05=float(p05), p50=float(p50), p95=float(p95)),
+        "threshold_deg": ThresholdSpread(p05=float(p05), p50=float(p50), p95=float(p95)),
         "threshold_nm": {
             name: float(np.median(column[np.isfinite(column)]))
             for name, column in zip(names, torque.T, strict=True)

@@ -2,15 +2,15 @@
 
 from pepper_driver.identification.dataset import (
     MANIFEST,
-    IdentificationRecordings,
-    JointRecordings,
+    IdentificationDataset,
+    JointDataset,
     RecordingFolderError,
     finished,
     load_recordings,
     mirror_joint,
     read_manifest,
 )
-from pepper_driver.identification.fit import CLOSED_FORM, Fit, FittedModels, SharedFit, fit_models
+from pepper_driver.identification.fit import CLOSED_FORM, FittedModels, SharedFit, fit_models
 from pepper_driver.identification.identify import (
     Confirm,
     Identification,
@@ -37,11 +37,10 @@ __all__ = [
     "Confirm",
     "DryRunError",
     "Finding",
-    "Fit",
     "FittedModels",
     "Identification",
-    "IdentificationRecordings",
-    "JointRecordings",
+    "IdentificationDataset",
+    "JointDataset",
     "Progress",
     "RecordingFolderError",
     "Run",

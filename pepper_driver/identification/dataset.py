@@ -24,7 +24,7 @@ from pepper_driver.observer import Recording
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class JointRecordings:
+class JointDataset:
     """Free motion of one joint: the estimation runs, in order of their stiffness, and the faster test run.
 
     Without estimation runs the joint has no model of its own: one that is shared is tried on the test run.
@@ -50,9 +50,9 @@ class JointRecordings:
         """Column of the joint."""
         return self.test.joint_names.index(self.joint)
 
-    def mirrored(self, robot: RobotConfig) -> JointRecordings:
+    def mirrored(self, robot: RobotConfig) -> JointDataset:
         """Mirror image of the dataset: that of the joint of the other side."""
-        return JointRecordings(
+        return JointDataset(
             joint=mirror_joint(self.joint, robot),
             estimation=tuple(run.mirrored(robot) for run in self.estimation),
             test=self.test.mirrored(robot),
@@ -60,7 +60,7 @@ class JointRecordings:
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class IdentificationRecordings:
+class IdentificationDataset:
     """All that was recorded of one robot.
 
     Attributes:
@@ -69,10 +69,10 @@ class IdentificationRecordings:
             channels are chosen; no model is fitted to it. May be empty.
     """
 
-    sweeps: tuple[JointRecordings, ...]
+    sweeps: tuple[JointDataset, ...]
     calibration: tuple[Recording, ...]
 
-    def entries(self, robot: RobotConfig, *, mirror: bool = True) -> Iterator[JointRecordings]:
+    def entries(self, robot: RobotConfig, *, mirror: bool = True) -> Iterator[JointDataset]:
         """Yield the recordings of each joint that gets a model.
 
         With ``mirror``, what was recorded of one side follows mirrored, where the other side was not recorded. Mirrored
@@ -278,7 +278,7 @@ def finished(folder: Path, names: Sequence[str]) -> tuple[str, ...]:
     return tuple(name for name in names if recording_path(folder, name).exists())
 
 
-def load_recordings(folder: Path, robot: RobotConfig) -> IdentificationRecordings:
+def load_recordings(folder: Path, robot: RobotConfig) -> IdentificationDataset:
     """Return the recordings of an identification that is complete.
 
     Raises:
@@ -302,9 +302,9 @@ def load_recordings(folder: Path, robot: RobotConfig) -> IdentificationRecording
         run.name: Recording.load(recording_path(folder, run.name), robot) for run in manifest.runs
     }
     swept = (*manifest.joints, *manifest.tested)
-    return IdentificationRecordings(
+    return IdentificationDataset(
         sweeps=tuple(
-            JointRecordings(
+            JointDataset(
                 joint=joint,
                 estimation=_of(manifest, runs, joint, "estimation"),
                 test=_of(manifest, runs, joint, "test")[0],

@@ -11,12 +11,13 @@ import numpy as np
 from pepper_driver.config import PlantConfig, RobotConfig, load_observer_settings
 from pepper_driver.config.arrays import FloatArray
 from pepper_driver.identification.dataset import (
-    IdentificationRecordings,
-    JointRecordings,
+    IdentificationDataset,
+    JointDataset,
     mirror_joint,
 )
 from pepper_driver.observer import (
     BaseModel,
+    FitScore,
     FittingError,
     JointModel,
     ModelKind,
@@ -59,9 +60,9 @@ class SharedFit:
 
 def shared_fits(
     kind: ModelKind,
-    recordings: IdentificationRecordings,
+    recordings: IdentificationDataset,
     robot: RobotConfig,
-    fits: Mapping[str, Fit],
+    fits: Mapping[str, FitScore[float]],
 ) -> tuple[SharedFit, ...]:
     """Return the loss of each recorded joint that takes a model; ``fits`` are those of the shared models."""
     sources = model_sources(recordings, robot, mirror=False)
@@ -78,7 +79,7 @@ def shared_fits(
     )
 
 
-def _own_fit(kind: ModelKind, entry: JointRecordings, robot: RobotConfig) -> float | None:
+def _own_fit(kind: ModelKind, entry: JointDataset, robot: RobotConfig) -> float | None:
     try:
         if entry.estimation:
             model = fit_one(kind, entry.joint, entry.estimation, robot)
@@ -99,7 +100,7 @@ def _own_fit(kind: ModelKind, entry: JointRecordings, robot: RobotConfig) -> flo
 
 def _predicted(
     kind: ModelKind,
-    entry: JointRecordings,
+    entry: JointDataset,
     known: Recording,
     unknown: Recording,
     robot: RobotConfig,
@@ -123,31 +124,18 @@ Predictor = Callable[[Recording], FloatArray]
 CLOSED_FORM = "closed form"
 
 
-@dataclass(frozen=True, kw_only=True)
-class Fit:
-    """Prediction quality of the tracking error of a joint, NRMSE [%].
-
-    Attributes:
-        estimation: Mean over the runs that the model was estimated from.
-        test: Of the joint's test run.
-    """
-
-    estimation: float
-    test: float
-
-
 class FittedModels(NamedTuple):
     """By joint: the models, how well they predict, and the thresholds of the residual [rad]; and the base's model."""
 
     models: dict[str, JointModel]
-    fits: dict[str, Fit]
+    fits: dict[str, FitScore[float]]
     thresholds: dict[str, float]
     base: BaseModel | None = None
 
 
 def fit_models(
     kind: ModelKind,
-    recordings: IdentificationRecordings,
+    recordings: IdentificationDataset,
     robot: RobotConfig,
     *,
     mirror: bool = True,
@@ -195,7 +183,7 @@ def fit_one(
 
 
 def _fit_fusion(
-    recordings: IdentificationRecordings, robot: RobotConfig, *, mirror: bool, share: bool
+    recordings: IdentificationDataset, robot: RobotConfig, *, mirror: bool, share: bool
 ) -> FittedModels:
     """Fusion models; their thresholds are chosen on the calibration runs or, without these, on the test runs."""
     sources = model_sources(recordings, robot, mirror=mirror) if share else {}
@@ -218,7 +206,7 @@ def _fit_fusion(
         predict = predictor(models[entry.joint], entry.joint)
         test = mean_fit(entry, (entry.test,), predict)
         runs = entry.estimation
-        fits[entry.joint] = Fit(
+        fits[entry.joint] = FitScore(
             estimation=mean_fit(entry, runs, predict) if runs else test, test=test
         )
     return FittedModels(
@@ -231,7 +219,7 @@ def _fit_fusion(
 
 def _add(
     fitted: FittedModels,
-    entry: JointRecordings,
+    entry: JointDataset,
     model: JointModel,
     estimation: float | None,
     window: int,
@@ -239,7 +227,7 @@ def _add(
     """``estimation`` is that of the joint a shared model comes from."""
     predict = predictor(model, entry.joint)
     fitted.models[entry.joint] = model
-    fitted.fits[entry.joint] = Fit(
+    fitted.fits[entry.joint] = FitScore(
         estimation=mean_fit(entry, entry.estimation, predict) if estimation is None else estimation,
         test=mean_fit(entry, (entry.test,), predict),
     )
@@ -253,7 +241,7 @@ def _add(
 
 
 def model_sources(
-    recordings: IdentificationRecordings, robot: RobotConfig, *, mirror: bool = True
+    recordings: IdentificationDataset, robot: RobotConfig, *, mirror: bool = True
 ) -> dict[str, str]:
     """By joint, whose model it gets where motor types share: of each type the first joint with estimation runs.
 
@@ -286,24 +274,24 @@ def model_sources(
 def closed_form_fits(
     plant: PlantConfig,
     cycle: float,
-    recordings: IdentificationRecordings,
+    recordings: IdentificationDataset,
     robot: RobotConfig,
     *,
     mirror: bool,
-) -> dict[str, Fit]:
+) -> dict[str, FitScore[float]]:
     """Return by joint how well Eq. 11 predicts with the true parameters of a simulated robot; ``cycle`` in [s]."""
     fits = {}
     for entry in recordings.entries(robot, mirror=mirror):
         predict = _oracle(plant, cycle, robot, entry.joint)
         test = mean_fit(entry, (entry.test,), predict)
         runs = entry.estimation
-        fits[entry.joint] = Fit(
+        fits[entry.joint] = FitScore(
             estimation=mean_fit(entry, runs, predict) if runs else test, test=test
         )
     return fits
 
 
-def mean_fit(entry: JointRecordings, runs: Sequence[Recording], predict: Predictor) -> float:
+def mean_fit(entry: JointDataset, runs: Sequence[Recording], predict: Predictor) -> float:
     """Mean NRMSE fit over runs of a joint [%], as the paper has it.
 
     Raises:

@@ -24,7 +24,7 @@ from pepper_driver.config import (
 from pepper_driver.config.file_lock import lock_folder
 from pepper_driver.experiments.plan import experiment_uri
 from pepper_driver.identification.dataset import (
-    IdentificationRecordings,
+    IdentificationDataset,
     Manifest,
     finished,
     load_recordings,
@@ -36,7 +36,6 @@ from pepper_driver.identification.dataset import (
 )
 from pepper_driver.identification.fit import (
     CLOSED_FORM,
-    Fit,
     SharedFit,
     closed_form_fits,
     fit_models,
@@ -51,7 +50,7 @@ from pepper_driver.identification.runs import (
     seeded_uri,
     sweeps_of,
 )
-from pepper_driver.observer import TREE_TYPES, ModelKind, ModelSet
+from pepper_driver.observer import TREE_TYPES, FitScore, ModelKind, ModelSet
 
 Progress = Callable[[str, float, float], None]
 """Called with (what is under way, seconds of runs done, seconds in all)."""
@@ -167,7 +166,7 @@ class Identification:
     """
 
     models: ModelSet
-    fits: dict[str, dict[str, Fit]]
+    fits: dict[str, dict[str, FitScore[float]]]
     recorded: tuple[str, ...]
     shared: tuple[SharedFit, ...]
     findings: tuple[Finding, ...]
@@ -232,7 +231,7 @@ def record_joints(
     workers: int = -1,
     confirm: Confirm | None = None,
     progress: Progress | None = None,
-) -> IdentificationRecordings:
+) -> IdentificationDataset:
     """Drive each joint through its runs, then the whole body; what is in the folder already is not made again.
 
     Args:
@@ -303,7 +302,7 @@ def fit_folder(
     manifest, recordings = read_manifest(folder), load_recordings(folder, robot)
     share = share or bool(manifest.tested)
     fitted = fit_models(kind, recordings, robot, mirror=mirror, share=share)
-    fits: dict[str, dict[str, Fit]] = {kind: fitted.fits}
+    fits: dict[str, dict[str, FitScore[float]]] = {kind: fitted.fits}
     for other in TREE_TYPES:
         if other != kind:
             fits[other] = fit_models(other, recordings, robot, mirror=mirror, share=share).fits
@@ -331,8 +330,8 @@ def fit_folder(
 
 
 def _closed_form(
-    manifest: Manifest, recordings: IdentificationRecordings, robot: RobotConfig, *, mirror: bool
-) -> dict[str, dict[str, Fit]]:
+    manifest: Manifest, recordings: IdentificationDataset, robot: RobotConfig, *, mirror: bool
+) -> dict[str, dict[str, FitScore[float]]]:
     """Return the closed-form fit of a simulated robot with the motors of Eq. 11, unless its plant has changed since."""
     if not manifest.simulated:
         return {}

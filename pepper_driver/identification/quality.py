@@ -10,7 +10,7 @@ import numpy as np
 
 from pepper_driver.config import load_observer_settings
 from pepper_driver.config.arrays import FloatArray
-from pepper_driver.identification.dataset import IdentificationRecordings, JointRecordings
+from pepper_driver.identification.dataset import IdentificationDataset, JointDataset
 from pepper_driver.identification.runs import run_name
 from pepper_driver.observer import JointModel, Recording
 from pepper_driver.observer.fitting.bounds import free_residual
@@ -82,7 +82,7 @@ class Finding:
 
 
 def inspect_recordings(
-    recordings: IdentificationRecordings, models: Mapping[str, JointModel]
+    recordings: IdentificationDataset, models: Mapping[str, JointModel]
 ) -> tuple[Finding, ...]:
     """All that is wrong with recordings; empty when they are good.
 
@@ -108,7 +108,7 @@ def inspect_recordings(
     return tuple(found)
 
 
-def _excitation(entry: JointRecordings) -> list[Finding]:
+def _excitation(entry: JointDataset) -> list[Finding]:
     position = np.concatenate([run.position[:, entry.index] for run in entry.estimation])
     speed = max(float(np.abs(run.velocity[:, entry.index]).max()) for run in entry.estimation)
     turns = sum(_reversals(run.velocity[:, entry.index]) for run in entry.estimation)

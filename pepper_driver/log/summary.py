@@ -23,6 +23,7 @@ from pepper_driver.config.arrays import FloatArray
 from pepper_driver.config.passwords import without_secrets
 from pepper_driver.log.reader import RunLog
 from pepper_driver.observer import Observer
+from pepper_driver.realtime import Quantiles
 
 LIBRARIES = ("numpy", "mujoco", "pin", "daqp", "mcap")
 """Whose versions decide what a run gives, or how it was written."""
@@ -101,15 +102,6 @@ def _plain(value: object) -> object:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Spread:
-    """Median, 99th percentile and largest of a time [ms]."""
-
-    median: float
-    p99: float
-    max: float
-
-
-@dataclass(frozen=True, kw_only=True)
 class LogSummary:
     """Figures of one log.
 
@@ -124,8 +116,8 @@ class LogSummary:
         dropped: Ticks between the first and the last that did not get into the log.
         missed: Ticks that were missed, as the run counted them.
         withheld_writes: Commands that the backend held back.
-        tick_end: From the deadline of a tick to its end; None where ticks were not paced.
-        sample_age: Of the samples that ticks worked with; None without ticks.
+        tick_end: From the deadline of a tick to its end [ms]; None where ticks were not paced.
+        sample_age: Of the samples that ticks worked with [ms]; None without ticks.
         contacts: How many there were, by kind.
         joints: The same by the joint that felt them; ``trunk`` for those of none.
         reflexes: How often each began to act.
@@ -144,8 +136,8 @@ class LogSummary:
     dropped: int
     missed: int
     withheld_writes: int
-    tick_end: Spread | None
-    sample_age: Spread | None
+    tick_end: Quantiles | None
+    sample_age: Quantiles | None
     contacts: dict[str, int]
     joints: dict[str, int]
     reflexes: dict[str, int]
@@ -196,8 +188,8 @@ def summarise(log: RunLog) -> LogSummary:
         dropped=int((np.diff(log["step"]) - 1).sum()),
         missed=int(log["missed"].max(initial=0)),
         withheld_writes=int(log["withheld"].max(initial=0)),
-        tick_end=_spread(log["tick_end"]),
-        sample_age=_spread(log["age"]),
+        tick_end=_milliseconds(log["tick_end"]),
+        sample_age=_milliseconds(log["age"]),
         contacts=_counted(contact.kind for contact in felt),
         joints=_counted(contact.joint or "trunk" for contact in felt),
         reflexes=_counted(reflexes),
@@ -211,12 +203,9 @@ def summarise(log: RunLog) -> LogSummary:
     )
 
 
-def _spread(seconds: FloatArray) -> Spread | None:
+def _milliseconds(seconds: FloatArray) -> Quantiles | None:
     known = 1e3 * seconds[np.isfinite(seconds)]
-    if not len(known):
-        return None
-    median, p99 = np.percentile(known, (50, 99))
-    return Spread(median=float(median), p99=float(p99), max=float(known.max()))
+    return Quantiles.from_values(known) if len(known) else None
 
 
 def _counted(names: Iterable[str]) -> dict[str, int]:

@@ -374,7 +374,7 @@ class LogWriter:
             )
             passed_over = [
                 self._unanswered_rows.message(
-                    UnansweredRow(time, step - ago, sent.command, sent.reference, sent.changed)
+                    UnansweredRow(time, step - ago, sent.sent, sent.reference, sent.changed)
                 )
                 for ago, sent in record.unmatched
             ]

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import TypeVar
 
 from pepper_driver.backends import Command
-from pepper_driver.backends.fields import fields_of, objects
+from pepper_driver.backends.fields import COMMAND_FIELDS, Column, objects
 from pepper_driver.backends.log_file import read_log_file
 from pepper_driver.backends.replay import ReplayBackend
 from pepper_driver.config import (
@@ -58,31 +58,22 @@ class LoggedRun:
     @cached_property
     def ticks(self) -> tuple[Tick, ...]:
         """All that an observer saw. Their arrays are those of the log."""
-        log, backend = self.log, self.backend
-        references = objects(
-            Reference, "reference", {f: log[f.name] for f in fields_of("reference")}
-        )
-        return tuple(
-            Tick(measurement=measurement, reference=reference, sent=sent, changed=changed)
-            for measurement, reference, sent, changed in zip(
-                backend.measurements, references, backend.commands, log["changed"], strict=True
-            )
-        )
+        return tuple(self._commands(Tick, self.log.fields, measurement=self.backend.measurements))
 
     @cached_property
     def unanswered(self) -> dict[int, Sent]:
         """Commands that no tick answers, by the step in which they were given."""
         table = self.log.unanswered
-        columns = {
-            field: table[field.name] for field in (*fields_of("sent"), *fields_of("reference"))
-        }
-        commands = objects(Command, "sent", columns)
-        references = objects(Reference, "reference", columns)
-        rows = zip(table["step"].tolist(), commands, references, table["changed"], strict=True)
-        return {
-            step: Sent(command=command, reference=reference, changed=changed)
-            for step, command, reference, changed in rows
-        }
+        return dict(zip(table["step"].tolist(), self._commands(Sent, table), strict=True))
+
+    def _commands(
+        self, make: Callable[..., T], table: Mapping[str, Column], **more: Iterable[object]
+    ) -> Iterator[T]:
+        """Commands of a table as they were sent, and more of each."""
+        columns = {field: table[field.name] for field in COMMAND_FIELDS}
+        reference = objects(Reference, "reference", columns)
+        sent = objects(Command, "sent", columns)
+        return objects(make, "", columns, reference=reference, sent=sent, **more)
 
     @property
     def references(self) -> list[Reference | None]:

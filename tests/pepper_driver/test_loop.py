@@ -106,7 +106,7 @@ def test_each_command_is_answered_or_known_not_to_be(answers: list[int]) -> None
         assert len(set(written)) == len(written)
         assert record.tick.sent.position.tobytes() == written[place]
         first = max(answered, default=0) + 1
-        late = [(ago, entry.command.position.tobytes()) for ago, entry in record.unmatched]
+        late = [(ago, entry.sent.position.tobytes()) for ago, entry in record.unmatched]
         expected = range(max(first, step - LONGEST_WAY), place)
         assert late == [(step - k, written[k]) for k in expected]
         answered.append(place)

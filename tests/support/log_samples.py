@@ -78,7 +78,7 @@ class Samples:
     def sent(self) -> Sent:
         """A command that no tick answers."""
         reference = self.tick(0).reference
-        return Sent(command=self.command(), reference=reference, changed=self.flags(N))
+        return Sent(sent=self.command(), reference=reference, changed=self.flags(N))
 
     def command(self) -> Command:
         """What a robot might be told."""
@@ -153,7 +153,7 @@ def flatten(tick: Tick, observation: Observation, step: int = 0) -> dict[str, ob
 
 def flatten_sent(sent: Sent, time: float, step: int) -> dict[str, object]:
     """The values of a command that no tick answers, under the names they have in the log."""
-    values = {f"sent_{f.name}": getattr(sent.command, f.name) for f in fields(Command)}
+    values = {f"sent_{f.name}": getattr(sent.sent, f.name) for f in fields(Command)}
     values |= {f"reference_{f.name}": getattr(sent.reference, f.name) for f in fields(Reference)}
     return {**values, "changed": sent.changed, "time": time, "step": step}
 

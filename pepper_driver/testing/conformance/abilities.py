@@ -21,6 +21,7 @@ from pepper_driver.backends import (
     make_backend,
     with_query,
 )
+from pepper_driver.backends.fields import TRUTH_FIELDS
 from pepper_driver.config import PepperError, UnknownNameError
 from pepper_driver.controller import RobotModel
 from pepper_driver.testing.conformance.driving import ROBOT, BackendSuite, bits, hold, run
@@ -53,18 +54,6 @@ EXTRAS: dict[Capability, Callable[[Extras], None]] = {
     "tablet": lambda extras: extras.show_image("http://198.18.0.1/a.png"),
     "postures": lambda extras: extras.go_to_posture("Stand", 0.9),
     "wake": lambda extras: extras.wake_up(),
-}
-
-
-TRUTH_SHAPES = {
-    "contact_torque": (17,),
-    "peak_torque": (17,),
-    "position": (17,),
-    "base": (3,),
-    "tilt": (2,),
-    "wheel_load": (3,),
-    "in_gap": (17,),
-    "saturated": (17,),
 }
 
 
@@ -127,10 +116,10 @@ class AbilityTests(BackendSuite):
         assert isinstance(truth, Truth)
         run(backend, hold(first), 0.1)
         sample = truth.sample()
-        for name, shape in TRUTH_SHAPES.items():
-            assert getattr(sample, name).shape == shape, name
-            assert np.isfinite(getattr(sample, name)).all(), name
-        assert sample.in_gap.dtype == sample.saturated.dtype == np.bool_
+        for field in TRUTH_FIELDS[1:]:
+            array, elements = getattr(sample, field.attribute), field.elements(ROBOT) or ()
+            assert (array.shape, array.dtype) == ((len(elements),), field.type), field.source
+            assert np.isfinite(array).all(), field.source
         assert truth.kinetic_energy >= 0.0
         assert not truth.fallen
         assert truth.contacts == ()

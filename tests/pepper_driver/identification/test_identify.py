@@ -11,7 +11,7 @@ from pepper_driver.experiments.segments import swept_range
 from pepper_driver.identification import (
     CALIBRATION_STIFFNESS,
     CLOSED_FORM,
-    IdentificationRecordings,
+    IdentificationDataset,
     chosen_joints,
     fit_folder,
     fit_models,
@@ -40,7 +40,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def recordings(folder: Path) -> IdentificationRecordings:
+def recordings(folder: Path) -> IdentificationDataset:
     return load_recordings(folder, ROBOT)
 
 
@@ -184,14 +184,14 @@ def test_the_plant_of_the_experiment_is_the_one_identified(tmp_path: Path) -> No
 
 
 def test_the_result_does_not_depend_on_who_does_the_work(
-    recordings: IdentificationRecordings, tmp_path: Path
+    recordings: IdentificationDataset, tmp_path: Path
 ) -> None:
     together = record_joints("mujoco", ["RElbowRoll"], LONGER, tmp_path / "new", workers=2)
     for a, b in zip(recordings.sweeps[1].runs, together.sweeps[0].runs, strict=True):
         assert a.position.tobytes() == b.position.tobytes()
 
 
-def test_the_test_run_is_the_fastest_and_runs_differ(recordings: IdentificationRecordings) -> None:
+def test_the_test_run_is_the_fastest_and_runs_differ(recordings: IdentificationDataset) -> None:
     entry = recordings.sweeps[1]
     # Of the same error, a stiffer task makes the larger acceleration.
     peaks = [np.abs(run.acceleration[:, entry.index]).max() for run in entry.runs]
@@ -201,10 +201,10 @@ def test_the_test_run_is_the_fastest_and_runs_differ(recordings: IdentificationR
 
 
 def test_a_mirrored_model_predicts_the_joint_of_the_other_side(
-    recordings: IdentificationRecordings,
+    recordings: IdentificationDataset,
 ) -> None:
     left, right = recordings.sweeps[:2]
-    only_left = IdentificationRecordings(sweeps=(left,), calibration=())
+    only_left = IdentificationDataset(sweeps=(left,), calibration=())
     fitted = fit_models("affine", only_left, ROBOT)
     assert set(fitted.models) == {"LElbowRoll", "RElbowRoll"}
     assert fitted.fits["RElbowRoll"].test == pytest.approx(fitted.fits["LElbowRoll"].test, abs=1.0)
@@ -231,7 +231,7 @@ def test_a_shared_model_is_that_of_the_first_joint_and_its_cost_is_told(folder: 
     ]
     own = fit_models(
         "affine",
-        IdentificationRecordings(sweeps=load_recordings(folder, ROBOT).sweeps[1:2], calibration=()),
+        IdentificationDataset(sweeps=load_recordings(folder, ROBOT).sweeps[1:2], calibration=()),
         ROBOT,
     )
     right = result.shared[0]
@@ -243,22 +243,22 @@ def test_a_shared_model_is_that_of_the_first_joint_and_its_cost_is_told(folder: 
 
 
 def test_a_joint_without_estimation_runs_needs_one_that_shares(
-    recordings: IdentificationRecordings,
+    recordings: IdentificationDataset,
 ) -> None:
-    head = IdentificationRecordings(sweeps=recordings.sweeps[2:], calibration=())
+    head = IdentificationDataset(sweeps=recordings.sweeps[2:], calibration=())
     with pytest.raises(FittingError, match="HeadPitch: no joint with a motor of type 2"):
         fit_models("affine", head, ROBOT, share=True)
     with pytest.raises(FittingError, match="HeadPitch: 0 usable samples"):
         fit_models("affine", head, ROBOT)
 
 
-def test_a_joint_that_stands_still_is_refused(recordings: IdentificationRecordings) -> None:
+def test_a_joint_that_stands_still_is_refused(recordings: IdentificationDataset) -> None:
     entry = replace(recordings.sweeps[0], joint="RHand")
     still = tuple(replace(run, velocity=np.zeros_like(run.velocity)) for run in entry.estimation)
     with pytest.raises(FittingError, match="RHand: the joint does not move"):
         fit_models(
             "affine",
-            IdentificationRecordings(sweeps=(replace(entry, estimation=still),), calibration=()),
+            IdentificationDataset(sweeps=(replace(entry, estimation=still),), calibration=()),
             ROBOT,
         )
 

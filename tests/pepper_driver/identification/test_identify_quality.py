@@ -9,7 +9,7 @@ import pytest
 
 from pepper_driver.identification import (
     Finding,
-    IdentificationRecordings,
+    IdentificationDataset,
     fit_models,
     inspect_recordings,
     record_joints,
@@ -27,19 +27,19 @@ Change = Callable[[Recording], Recording]
 
 
 @pytest.fixture(scope="module")
-def good(tmp_path_factory: pytest.TempPathFactory) -> IdentificationRecordings:
+def good(tmp_path_factory: pytest.TempPathFactory) -> IdentificationDataset:
     folder = tmp_path_factory.mktemp("good") / "recordings"
     return record_joints("mujoco", [JOINT], EXPERIMENT, folder, calibration=short_body(), workers=1)
 
 
-def findings(recordings: IdentificationRecordings) -> tuple[Finding, ...]:
+def findings(recordings: IdentificationDataset) -> tuple[Finding, ...]:
     models = fit_models("affine", recordings, ROBOT, mirror=False).models
     return inspect_recordings(recordings, models)
 
 
 def with_run(
-    recordings: IdentificationRecordings, number: int, change: Change
-) -> IdentificationRecordings:
+    recordings: IdentificationDataset, number: int, change: Change
+) -> IdentificationDataset:
     """Another recording in place of the run ``number``."""
     entry = recordings.sweeps[0]
     runs = list(entry.runs)
@@ -94,12 +94,12 @@ def altered(run: Recording) -> Recording:
     return replace(run, changed=changed)
 
 
-def test_good_recordings_give_no_warning(good: IdentificationRecordings) -> None:
+def test_good_recordings_give_no_warning(good: IdentificationDataset) -> None:
     assert findings(good) == ()
 
 
 @pytest.mark.parametrize("number", [0, 2, 4])
-def test_a_touch_is_noticed_and_named(good: IdentificationRecordings, number: int) -> None:
+def test_a_touch_is_noticed_and_named(good: IdentificationDataset, number: int) -> None:
     found = findings(with_run(good, number, pushed(3.0)))
     name = ("-1", "-2", "-3", "-4", "-test")[number]
     assert [(f.kind, f.joint, f.run) for f in found] == [("contact", JOINT, f"{JOINT}{name}")]
@@ -108,11 +108,11 @@ def test_a_touch_is_noticed_and_named(good: IdentificationRecordings, number: in
     assert f"{when} s after its start" in found[0].text or f"{when + 1} s after" in found[0].text
 
 
-def test_a_touch_of_another_joint_is_that_joints_affair(good: IdentificationRecordings) -> None:
+def test_a_touch_of_another_joint_is_that_joints_affair(good: IdentificationDataset) -> None:
     assert findings(with_run(good, 1, pushed(3.0, ROBOT.joint_index("RHand")))) == ()
 
 
-def test_a_touch_during_the_calibration_is_noticed(good: IdentificationRecordings) -> None:
+def test_a_touch_during_the_calibration_is_noticed(good: IdentificationDataset) -> None:
     runs = list(good.calibration)
     runs[1] = pushed(8.0)(runs[1])
     found = findings(replace(good, calibration=tuple(runs)))
@@ -129,14 +129,14 @@ def test_a_touch_during_the_calibration_is_noticed(good: IdentificationRecording
     ],
 )
 def test_what_is_wrong_with_a_run_is_said(
-    good: IdentificationRecordings, change: Change, kind: str, word: str
+    good: IdentificationDataset, change: Change, kind: str, word: str
 ) -> None:
     found = [f for f in findings(with_run(good, 1, change)) if f.kind != "contact"]
     assert [(f.kind, f.run) for f in found] == [(kind, f"{JOINT}-2")]
     assert re.search(word, found[0].text), found[0].text
 
 
-def test_too_little_motion_is_said(good: IdentificationRecordings) -> None:
+def test_too_little_motion_is_said(good: IdentificationDataset) -> None:
     def slow(run: Recording) -> Recording:
         quiet_bound = {}
         for name in ("velocity", "position", "sent_position"):
@@ -161,7 +161,7 @@ def test_too_little_motion_is_said(good: IdentificationRecordings) -> None:
     assert "rad only" not in found.text
 
 
-def test_holes_in_the_calibration_are_said(good: IdentificationRecordings) -> None:
+def test_holes_in_the_calibration_are_said(good: IdentificationDataset) -> None:
     runs = (*good.calibration[:3], stale(with_gap(good.calibration[3])))
     found = findings(replace(good, calibration=runs))
     assert [(f.kind, f.run) for f in found] == [

@@ -161,7 +161,7 @@ def test_several_commands_may_be_left_unanswered(tmp_path: Path) -> None:
     assert read["answers"].tolist() == [3, -1, 4, 1]
     assert read.unanswered["step"].tolist() == [0, 1], "that of step 2 is answered in step 3"
     for row, (_, one) in enumerate(sent):
-        assert same_bits(read.unanswered["sent_position"][row], one.command.position)
+        assert same_bits(read.unanswered["sent_position"][row], one.sent.position)
 
 
 def test_a_row_that_is_none_keeps_its_events(tmp_path: Path) -> None:

@@ -1,9 +1,10 @@
-"""Margin of a force to tipping the robot over an edge between two of its wheels."""
+"""Support polygon: the triangle of the wheels, and margin of a force to tipping the robot over an edge of it."""
 
 from __future__ import annotations
 
 from functools import lru_cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -16,7 +17,20 @@ WHEEL_LINK = "Tibia"
 """The link that ``wheels.yaml`` gives the wheels' positions in."""
 
 
-class Footing:
+def wheel_triangle(carrier: Any, wheels: Wheels) -> tuple[FloatArray, tuple[str, ...]]:  # noqa: ANN401 Pinocchio has no types
+    """Return (3, 3) centres of the wheels [m] counter-clockwise seen from above, and their names.
+
+    Args:
+        carrier: Placement of ``WHEEL_LINK``, an SE3; the centres are in the frame that it leads to.
+        wheels: Places in this link.
+    """
+    centres = np.array([carrier.act(np.array(position)) for position in wheels.positions])
+    away = centres[:, :2] - centres[:, :2].mean(axis=0)
+    order = np.argsort([np.arctan2(y, x) % (2 * np.pi) for x, y in away])
+    return centres[order], tuple(wheels.names[i] for i in order)
+
+
+class SupportPolygon:
     """The triangle of the wheels on the floor, and the weight that holds the robot on it.
 
     Frames: base_link, with its origin on the floor and z up. The robot stands still; masses are those of the URDF.
@@ -33,15 +47,13 @@ class Footing:
         self._columns = np.array([joint.idx_q for joint in joints], dtype=np.intp)
         self._weight = pin.computeTotalMass(self._pin) * np.linalg.norm(self._pin.gravity.linear)
         pin.framesForwardKinematics(self._pin, self._data, pin.neutral(self._pin))
-        carrier = self._data.oMf[self._pin.getFrameId(WHEEL_LINK)].translation
-        centres = carrier + np.array(wheels.positions)
-        corners = centres - [0.0, 0.0, wheels.radius]
+        carrier = self._data.oMf[self._pin.getFrameId(WHEEL_LINK)]
+        centres, _ = wheel_triangle(carrier, wheels)
         # In this order a moment that lifts the robot over an edge is positive about it.
-        angle = np.arctan2(*(corners - corners.mean(axis=0))[:, 1::-1].T)
-        self.corners: FloatArray = corners[np.argsort(angle)]
+        self.corners: FloatArray = centres - [0.0, 0.0, wheels.radius]
 
     @classmethod
-    def of(cls, robot: RobotConfig) -> Footing:
+    def of(cls, robot: RobotConfig) -> SupportPolygon:
         """Return the footing of a robot; it is made once."""
         return _made(robot.urdf, robot.joint_names, robot.wheels)
 
@@ -67,5 +79,5 @@ class Footing:
 
 
 @lru_cache(maxsize=8)
-def _made(urdf: Path, joint_names: tuple[str, ...], wheels: Wheels) -> Footing:
-    return Footing(urdf, joint_names, wheels)
+def _made(urdf: Path, joint_names: tuple[str, ...], wheels: Wheels) -> SupportPolygon:
+    return SupportPolygon(urdf, joint_names, wheels)
