@@ -40,6 +40,7 @@ __all__ = [
     "CartTree",
     "Contact",
     "ContactObserver",
+    "DetectedPush",
     "ExpectedErrorModel",
     "FitScore",
     "FittingError",
