@@ -1,6 +1,6 @@
 """Real signals to real programs: exit code, what is said, the log, and that no process of theirs is left.
 
-Bounds of time are for busy machines; docs/realtime.md has what was measured.
+Bounds of time are for busy machines; docs/results/realtime.md has what was measured.
 """
 
 from __future__ import annotations

@@ -71,7 +71,7 @@ def test_an_arm_goes_away_from_a_hand_that_holds_on() -> None:
             pepper.run(1.0)
             [hand] = truth.contacts
             forces[bool(reflexes)] = float(np.linalg.norm(hand.force))
-    assert forces[True] < 0.5 * forces[False]  # docs/reflexes.md has the figures
+    assert forces[True] < 0.5 * forces[False]  # docs/results/reflexes.md has the figures
 
 
 def test_the_base_rolls_where_its_hand_is_pulled_to_and_stops_when_let_go() -> None:
