@@ -9,7 +9,7 @@ from pepper_driver.config import RobotConfig
 
 
 class CommandDifferences:
-    """How the commands of a program differ from those of a recording, bit by bit.
+    """Differences between the commands of a program and those of a recording, bit by bit.
 
     Args:
         robot: Names joints and wheels.

@@ -1,4 +1,4 @@
-"""What every backend asks of a command."""
+"""Checks of commands that all backends make."""
 
 from __future__ import annotations
 

@@ -131,7 +131,7 @@ def fields_of(layout: Mapping[str, str]) -> dict[str, tuple[Field, ...]]:
 
 
 def row_type(fields: Iterable[Field]) -> np.dtype[Any]:
-    """A message of ``fields``, behind the CDR header, as a NumPy record."""
+    """Return a message of ``fields``, behind the CDR header, as a NumPy record."""
     return np.dtype(
         [
             (
@@ -189,7 +189,7 @@ def decode_records(
 
 
 def misfit(path: Path, error: Exception) -> LogError:
-    """The error of a log whose messages are not what its layout says."""
+    """Return the error of a log whose messages are not what its layout says."""
     what = (str(error) or type(error).__name__).splitlines()[0]
     return LogError(f"{path}: its rows do not fit its layout ({what})")
 

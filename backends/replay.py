@@ -229,7 +229,7 @@ def parents_in(path: Path, metadata: Mapping[str, str]) -> tuple[RobotIdentity, 
 
 
 def _match_command(table: dict[str, Column], delay: int) -> IntArray:
-    """Of each row the step whose command it answers; -1 where it is before the first, or too old to be known."""
+    """Return for each row the step whose command it answers; -1 before the first, or if it is too old to be known."""
     answers = np.where(table["answers"] < 0, delay, table["answers"])
     step = np.where(answers > max(LONGEST_WAY, delay), -1, table["step"] - answers)
     return np.maximum(step, -1)

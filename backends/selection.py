@@ -60,7 +60,7 @@ class BackendUri:
                 raise ConfigError(f"backend '{self.text}': unknown key '{key}'{possible}")
 
     def integer(self, key: str, default: int, most: int | None = None) -> int:
-        """A query value as a whole number from 0 to ``most``, where there is a most.
+        """Return a query value as a whole number from 0 to ``most``, where there is a most.
 
         Raises:
             ConfigError: It is none.
@@ -115,7 +115,7 @@ def parse_uri(text: str) -> BackendUri:
 
 
 def with_query(uri: str, **values: str | int) -> str:
-    """A backend URI with values of query keys, in place of those that it has."""
+    """Return a backend URI with values of query keys, in place of those that it has."""
     parsed = parse_uri(uri)
     query = urlencode({**parsed.query, **values})
     return f"{parsed.scheme}://{parsed.host}{parsed.path}?{query}"
@@ -123,7 +123,7 @@ def with_query(uri: str, **values: str | int) -> str:
 
 @checked_arguments
 def make_backend(uri: str, robot: RobotConfig | None = None) -> Backend:
-    """The backend that ``uri`` names, not yet opened.
+    """Return the backend that ``uri`` names, not yet opened.
 
     Args:
         uri: ``scheme`` or ``scheme://host?key=value&...``.

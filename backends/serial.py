@@ -9,7 +9,7 @@ from typing import Concatenate, ParamSpec, TypeVar
 
 
 class Serial:
-    """What has methods that are marked with :func:`serial`."""
+    """Base of classes with methods that are marked with :func:`serial`."""
 
     def __init__(self) -> None:
         self._lock = (
@@ -23,7 +23,7 @@ R = TypeVar("R")
 
 
 def serial(method: Callable[Concatenate[S, P], R]) -> Callable[Concatenate[S, P], R]:
-    """Decorator: the method runs while no other one of this object does in another thread."""
+    """Let a method run only while no other thread runs a serial method of the same object."""
 
     @functools.wraps(method)
     def alone(self: S, /, *args: P.args, **kwargs: P.kwargs) -> R:

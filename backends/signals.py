@@ -54,7 +54,7 @@ def describe_interrupt(error: KeyboardInterrupt) -> str:
 
 
 class _Blocks:
-    """Those of :func:`raised_signals` that are open."""
+    """Open blocks of :func:`raised_signals`."""
 
     lock = threading.RLock()
     open: ClassVar[set[object]] = set()

@@ -189,7 +189,7 @@ class Resumable:
     STATE: ClassVar[tuple[str, ...]] = ()
 
     def save(self) -> dict[str, Any]:
-        """A copy of the state."""
+        """Return a copy of the state."""
         return {name: copy.deepcopy(getattr(self, name)) for name in self.STATE}
 
     def restore(self, saved: dict[str, Any]) -> None:

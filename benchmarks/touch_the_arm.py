@@ -37,7 +37,7 @@ from pepper_driver.config.arrays import FloatArray
 from pepper_driver.config.contact_selector import MAX_TORQUE, TouchTrigger
 from pepper_driver.config.experiment import Reaction
 from pepper_driver.controller import RobotModel, Tick
-from pepper_driver.controller.support_polygon import Footing
+from pepper_driver.controller.support_polygon import SupportPolygon
 from pepper_driver.observer import RELEASE_GRACE
 
 ROOTS = {"development": 20261201, "test": 20261202}
@@ -99,7 +99,7 @@ class RandomHand:
         robot = load_robot()
         self._untouched, self._max_tipping = untouched, experiment.max_tipping
         self._rng = np.random.default_rng(seed)
-        self._model, self._footing = RobotModel(robot), Footing.of(robot)
+        self._model, self._footing = RobotModel(robot), SupportPolygon.of(robot)
         self._named = np.isin(robot.joint_names, MOVED_JOINTS)
         self._kinds: list[tuple[float, str]] = []
         self._open: set[int] = set()

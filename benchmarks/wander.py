@@ -167,7 +167,7 @@ def wander(
     wanderer, judge = Wanderer(robot, seed, constraints), Judge(robot)
     control, model = wanderer.controller, wanderer.controller.model
     outcomes: Counter[str] = Counter()
-    unmet: Counter[str] = Counter()
+    violated: Counter[str] = Counter()
     least = dict.fromkeys(("distance", "centre of mass", "zero moment point"), np.inf)
     overshoot, nans, errors, change = -np.inf, 0, 0, 0
     times = np.zeros(ticks)
@@ -185,7 +185,7 @@ def wander(
         times[tick] = time.perf_counter() - start
         status = control.status
         outcomes[status.solver] += 1
-        unmet.update({name.split(",")[0] for name in status.unmet})
+        violated.update({name.split(",")[0] for name in status.violated})
         vectors = (model.q, model.v, reference.acceleration, reference.load_torque)
         nans += not all(np.isfinite(vector).all() for vector in vectors)
         a = (model.v - v) / robot.cycle
@@ -213,7 +213,7 @@ def wander(
         "outcomes": {
             name: outcomes[name] for name in ("solved", "relaxed", "infeasible", "failed")
         },
-        "unmet": dict(unmet.most_common()),
+        "violated": dict(violated.most_common()),
         "tick_us": {
             "median": 1e6 * float(np.median(times)),
             "p99": 1e6 * float(np.percentile(times, 99)),

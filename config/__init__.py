@@ -1,4 +1,4 @@
-"""What the robot is, and how the software is set: files in, typed objects out."""
+"""Facts of the robot and settings of the software: files in, typed objects out."""
 
 from pepper_driver.config.doctor import DoctorSettings, load_doctor_settings
 from pepper_driver.config.errors import (

@@ -165,7 +165,7 @@ class RandomTouch:
 
     @property
     def latest(self) -> float:
-        """When the last of them may be over, after the goal was set [s]."""
+        """Latest end of the last push, after the goal was set [s]."""
         return max(self.times) + self.jitter / 2 + self.duration[1]
 
 

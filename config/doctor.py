@@ -16,7 +16,7 @@ Share = Annotated[float, Field(ge=0, le=1)]
 
 @dataclass(frozen=True, kw_only=True, config=STRICT)
 class DoctorSettings:
-    """What is taken for well; see ``doctor.yaml`` for the meaning of each."""
+    """Limits of the checks; see ``doctor.yaml`` for the meaning of each."""
 
     inspection_time: Annotated[float, Field(ge=0.5)]
     rest: Positive
@@ -41,7 +41,7 @@ class DoctorSettings:
     misfit_median: Positive
 
     def __post_init__(self) -> None:
-        """What a single field cannot know: warnings come before failures."""
+        """Check what spans fields: warnings come before failures."""
         if self.tilt_warning > self.tilt_failure:
             raise ValueError("'tilt_warning' must not be above 'tilt_failure'")
         if self.gravity[0] > self.gravity[1]:

@@ -49,7 +49,7 @@ class PepperError(Exception):
 
 
 def _rebuilt(kind: type[PepperError], args: tuple[Any, ...], state: dict[str, Any]) -> PepperError:
-    """An error from its message and data, without the constructor that composed the message."""
+    """Return an error from its message and data, without the constructor that composed the message."""
     error = kind.__new__(kind, *args)
     error.args = args
     error.__dict__.update(state)
@@ -100,7 +100,7 @@ def check_name(kind: str, name: object, choices: Iterable[str]) -> None:
 
 
 def suggestion(name: object, choices: Iterable[str]) -> str:
-    """The tail of an error message: close matches of ``name``, and the choices, or the first of many."""
+    """Return the tail of an error message: close matches of ``name``, and the choices, or the first of many."""
     known = sorted({str(choice) for choice in choices})
     close = get_close_matches(str(name), known, n=3, cutoff=0.5)
     parts = []

@@ -39,7 +39,7 @@ _CURE = "python -m pepper_driver.config.evaluation"
 
 @dataclass(frozen=True, kw_only=True, config=STRICT)
 class SuiteEntry:
-    """What is performed, and on which robots.
+    """Runs of a suite and their robots.
 
     Attributes:
         name: As it is called in results. With ``joints`` each of them is an experiment, and called like that.
@@ -144,11 +144,11 @@ class EvaluationSuites:
 
     @cached_property
     def names(self) -> tuple[str, ...]:
-        """Of the suites."""
+        """Names of the suites."""
         return tuple(self.suites)
 
     def runs(self, suite: str, *, share: float = 1.0) -> tuple[Run, ...]:
-        """The episodes of a suite, in their order.
+        """Return the episodes of a suite, in their order.
 
         Args:
             suite: Its name.
@@ -205,7 +205,7 @@ def _each(entry: SuiteEntry) -> Iterator[tuple[int | None, float, int]]:
 
 
 def _shorter(run: Run, share: float) -> Run | None:
-    """A run with fewer goals after the free motion it begins with; None where the motion has none."""
+    """Return a run with fewer goals after the free motion it begins with; None where the motion has none."""
     motion = _goals(run.experiment)
     if isinstance(motion, Sweeps):
         return None
@@ -218,7 +218,7 @@ def _shorter(run: Run, share: float) -> Run | None:
 
 @with_lines
 def load_evaluation(robot: RobotConfig, path: Path | str | None = None) -> EvaluationSuites:
-    """The suites, by default those of the package; experiments lie in the folder beside the file.
+    """Return the suites, by default those of the package; experiments lie in the folder beside the file.
 
     Raises:
         ConfigError: The file or an experiment is wrong, or was changed since it was frozen.
@@ -277,7 +277,7 @@ def _check(
 
 
 def _goals(experiment: Experiment) -> Setpoints | Holds | Sweeps:
-    """The random goals of an experiment."""
+    """Return the random goals of an experiment."""
     step = experiment.random_step
     if step is None:
         raise experiment.error("steps", "a suite performs random goals, and no step has any")
@@ -311,7 +311,7 @@ def _text(path: Path) -> str:
 
 
 def _unfrozen(path: Path) -> str:
-    """The file as far as its own hash goes."""
+    """Return the file as far as its own hash goes."""
     text = _text(path)
     return text.split("\nfrozen:")[0].rstrip("\n") + "\n"
 

@@ -71,7 +71,7 @@ def content_hash(content: object) -> str:
 
 @contextmanager
 def replacing(path: Path, *, keep: bool = True) -> Iterator[Path]:
-    """A file to write beside ``path``, which takes its place when the block ends well, and is gone when it does not.
+    """Yield a temporary file; it replaces ``path`` when the block ends well, and is removed when it does not.
 
     Args:
         path: The file.

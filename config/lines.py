@@ -41,7 +41,7 @@ def with_lines(loader: Callable[P, T]) -> Callable[P, T]:
 
 
 def located(message: str) -> str:
-    """A message that begins with ``FILE: key 'KEY'``, with the line after the file; any other as it is."""
+    """Return a message that begins with ``FILE: key 'KEY'``, with the line after the file; any other as it is."""
     found = _PROBLEM.match(message)
     if found is None:
         return message
@@ -52,7 +52,7 @@ def located(message: str) -> str:
 
 
 def _line_of(path: Path, key: list[str]) -> int | None:
-    """Where a key stands, from 1; of a missing one, where what should have it begins."""
+    """Return the line of a key, from 1; of a missing key, that of the mapping that should have it."""
     try:
         node = yaml.compose(path.read_text(encoding="utf-8"), Loader=SafeLoader)
     except (OSError, ValueError, RecursionError, yaml.YAMLError):

@@ -91,7 +91,7 @@ def shipped_names(folder: str) -> tuple[str, ...]:
 
 
 def named_file(kind: str, name: str | Path, folder: str) -> Path:
-    """The file that a name shipped in ``folder`` stands for, or the path given, which ends in ``.yaml``.
+    """Return the file that a name shipped in ``folder`` stands for, or the path given, which ends in ``.yaml``.
 
     Raises:
         UnknownNameError: No shipped file has this name.
@@ -105,7 +105,7 @@ def named_file(kind: str, name: str | Path, folder: str) -> Path:
 
 
 def read_yaml(path: Path) -> dict[str, Any]:
-    """The mapping in a YAML file.
+    """Return the mapping in a YAML file.
 
     Raises:
         ConfigError: The file is missing, unreadable, no YAML, or not a mapping.
@@ -167,7 +167,7 @@ def _count(value: object, known: dict[int, int]) -> int:
 def parse(
     cls: type[T], data: dict[str, Any], source: str, hidden: Mapping[str, object] | None = None
 ) -> T:
-    """``data`` as an instance of the configuration dataclass ``cls``.
+    """Return ``data`` as an instance of the configuration dataclass ``cls``.
 
     Args:
         cls: A pydantic dataclass made with ``STRICT``.
@@ -196,7 +196,7 @@ def parse(
 
 
 def by_kind(union: object) -> WrapValidator:
-    """A mapping becomes the one dataclass of ``union`` that its key ``kind`` names; errors are those of that class."""
+    """Return a validator that makes of a mapping the dataclass of ``union`` that its key ``kind`` names."""
     classes = {get_args(get_type_hints(cls)["kind"])[0]: cls for cls in get_args(union)}
 
     def build(value: object, _: object) -> object:
@@ -221,7 +221,7 @@ def parse_part(
     value: object,
     hidden: Mapping[str, object] | None = None,
 ) -> Any:  # noqa: ANN401 an instance of it
-    """A part of what :func:`parse` is given, in a validator: through JSON, where strict mode takes lists for tuples."""
+    """Parse a part in a validator: through JSON, where strict mode takes lists for tuples."""
     refuse_hidden(cls, value)
     if hidden and isinstance(value, dict):
         value = {**value, **hidden}

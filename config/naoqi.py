@@ -1,4 +1,4 @@
-"""How the driver gets on with NAOqi on a real robot: times, what it takes over, when it refuses."""
+"""Settings of the driver for NAOqi: times, takeover, readiness."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ Simple = Literal["off", "keep"]
 
 @dataclass(frozen=True, kw_only=True, config=STRICT)
 class TakeOverSettings:
-    """What of NAOqi is switched off while the robot is active; see ``naoqi_settings.yaml`` for the meaning of each."""
+    """Parts of NAOqi that are switched off while the robot is active; see ``naoqi_settings.yaml`` for each meaning."""
 
     autonomous_life: Simple
     touch: Simple
@@ -43,14 +43,14 @@ class WheelTimes:
     stop: Positive
 
     def __post_init__(self) -> None:
-        """What a single field cannot know: the order."""
+        """Check what spans fields: the order."""
         if not self.reach <= self.hold < self.stop:
             raise ValueError("'reach' must not be after 'hold', nor 'hold' at or after 'stop'")
 
 
 @dataclass(frozen=True, kw_only=True, config=STRICT)
 class TimingSettings:
-    """When commands are to be reached and samples are good; see ``naoqi_settings.yaml`` for the meaning of each."""
+    """Execution times of commands and ages of samples; see ``naoqi_settings.yaml`` for the meaning of each."""
 
     response_delay: Annotated[int, Field(ge=0, le=20)]
     burst: Annotated[float, Field(ge=0.05, le=5.0)]
@@ -65,14 +65,14 @@ class TimingSettings:
     legs_back_speed: Positive
 
     def __post_init__(self) -> None:
-        """What a single field cannot know: the least comes before the largest."""
+        """Check what spans fields: the smallest comes before the largest."""
         if self.least_lead > self.longest_lead:
             raise ValueError("'least_lead' must not be above 'longest_lead'")
 
 
 @dataclass(frozen=True, kw_only=True, config=STRICT)
 class AnglesSettings:
-    """How joints are moved through ALMotion, without the DCM; see ``naoqi_settings.yaml`` for the meaning of each."""
+    """Motion of joints through ALMotion, without the DCM; see ``naoqi_settings.yaml`` for the meaning of each."""
 
     every: Annotated[int, Field(ge=2, le=4)]
     speed: Annotated[float, Field(gt=0, le=1)]
@@ -81,7 +81,7 @@ class AnglesSettings:
 
 @dataclass(frozen=True, kw_only=True, config=STRICT)
 class ForeignCommandSettings:
-    """How other programs that command joints or wheels are noticed; see ``naoqi_settings.yaml`` for each meaning."""
+    """Detection of other programs that command joints or wheels; see ``naoqi_settings.yaml`` for each meaning."""
 
     action: Literal["stop", "ignore"]
     joint_tolerance: Positive
@@ -106,5 +106,5 @@ class NaoqiSettings:
 
 
 def load_naoqi_settings(path: Path | str | None = None) -> NaoqiSettings:
-    """Settings from ``path``, by default the shipped ``naoqi_settings.yaml``."""
+    """Load settings from ``path``, by default the shipped ``naoqi_settings.yaml``."""
     return load(NaoqiSettings, own_or_shipped(path, "naoqi_settings.yaml"))

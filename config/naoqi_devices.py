@@ -27,7 +27,7 @@ class _DeviceFile:
 
 
 class NaoqiDevices:
-    """What the DCM lists; see ``naoqi_devices.yaml``.
+    """Devices that the DCM lists; see ``naoqi_devices.yaml``.
 
     Attributes:
         values: Value at the start by full key, sensors and actuators, in the order of the file.
@@ -85,7 +85,7 @@ def _expanded(pattern: str, names: Mapping[str, tuple[str, ...]]) -> list[tuple[
 
 
 def load_naoqi_devices(robot: RobotConfig, path: Path | str | None = None) -> NaoqiDevices:
-    """The device list from ``path``, by default the shipped ``naoqi_devices.yaml``.
+    """Return the device list from ``path``, by default the shipped ``naoqi_devices.yaml``.
 
     Raises:
         ConfigError: One line naming the file, the key and what is possible.

@@ -57,7 +57,7 @@ class Drive:
     MaxJerkTheta: Range
 
     def __post_init__(self) -> None:
-        """What a single field cannot know."""
+        """Check what spans fields."""
         for name, (least, usual, most) in vars(self).items():
             if not least <= usual <= most:
                 raise ValueError(f"'{name}' must be minimum, default, maximum")
@@ -90,7 +90,7 @@ class NaoqiServices:
 
 @with_lines
 def load_naoqi_services(robot: RobotConfig, path: Path | str | None = None) -> NaoqiServices:
-    """Settings from ``path``, by default the shipped ``naoqi_services.yaml``.
+    """Load settings from ``path``, by default the shipped ``naoqi_services.yaml``.
 
     Raises:
         ConfigError: A mistake in the file, a joint that ``robot`` lacks or that is in no chain, an unknown posture.

@@ -1,4 +1,4 @@
-"""What the way between a program and the stand-in robot costs: ``networks/*.yaml``, or a file of the user's own."""
+"""Delays of the connection between a program and the stand-in: ``networks/*.yaml``, or a file of the user's own."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def network_names() -> tuple[str, ...]:
 
 @with_lines
 def load_network(name: str) -> Network:
-    """The network that ``name`` stands for: a shipped one, or a path that ends in ``.yaml``.
+    """Return the network that ``name`` stands for: a shipped one, or a path that ends in ``.yaml``.
 
     Raises:
         UnknownNameError: No shipped network of this name.

@@ -36,7 +36,7 @@ class MotorType:
 
 @dataclass(frozen=True, kw_only=True, config=STRICT)
 class Drive:
-    """Which motor drives a joint, through which reduction."""
+    """Motor and reduction of a joint."""
 
     type: str
     ratio: Positive
@@ -50,7 +50,7 @@ class Motors:
     joints: dict[str, Drive]
 
     def of(self, joint: str) -> MotorType:
-        """The motor type that drives ``joint``."""
+        """Return the motor type that drives ``joint``."""
         return self.types[self.joints[joint].type]
 
 
@@ -97,7 +97,7 @@ class CurrentSensor:
 
 @dataclass(frozen=True, kw_only=True, config=STRICT)
 class Sensors:
-    """What the robot measures."""
+    """Sensors of the robot."""
 
     encoder: Encoder
     current: CurrentSensor

@@ -76,7 +76,7 @@ class PlantConfig:
         return self.transport.command_delay + self.transport.encoder_delay
 
     def actuator(self, joint: str) -> Actuator:
-        """The drive of a joint."""
+        """Return the drive of a joint."""
         return next(entry for entry in self.actuators if joint in entry.joints)
 
     def per_joint(self, field: str, robot: RobotConfig) -> FloatArray:
@@ -126,7 +126,7 @@ def load_plant(name: str, robot: RobotConfig, *, draw: int | None = None) -> Pla
 
 
 def draws(name: str, robot: RobotConfig) -> bool:
-    """Whether a plant, by name or path, is drawn anew for each ``draw``."""
+    """Return true if a plant, by name or path, is drawn again for each ``draw``."""
     data, _ = resolve(_plant_path(name), _plant_path, robot)
     return "randomise" in data
 
@@ -165,7 +165,7 @@ def _plant_path(name: str) -> Path:
 
 
 def _check(plant: PlantConfig, robot: RobotConfig, source: str) -> None:
-    """What a single field cannot know: joints complete, steps whole, gaps narrower than the joint's range."""
+    """Check what spans fields: joints complete, steps whole, gaps narrower than the joint's range."""
     for key, names, known in (
         ("board.brakes", plant.board.brakes, robot.joint_names),
         ("flexibilities", [f.joint for f in plant.flexibilities], robot.joint_names),

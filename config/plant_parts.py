@@ -48,7 +48,7 @@ class Board:
 
 @dataclass(frozen=True, kw_only=True, config=STRICT)
 class Transport:
-    """What lies between the physics and the reader, in ticks, and noise as standard deviations.
+    """Delays between the physics and the reader, in ticks, and noise as standard deviations.
 
     A command acts ``command_delay`` ticks late, a sample arrives ``encoder_delay`` ticks late. With probability
     ``late`` a sample is later still: the one before is read again, up to ``longest_late`` ticks in a row.
@@ -142,7 +142,7 @@ class Payload:
 
 @dataclass(frozen=True, kw_only=True, config=STRICT)
 class Body:
-    """How the links differ from the URDF: the controller does not know of it.
+    """Differences between the links and the URDF, which the controller does not know.
 
     ``masses`` are factors on mass and inertia by link, ``coms`` shifts of centres of mass [m].
     """

@@ -27,7 +27,7 @@ Tree = dict[str, Any]
 
 @dataclass(frozen=True, kw_only=True, config=STRICT)
 class Randomisation:
-    """What is drawn anew for each robot.
+    """Parameters that are drawn again for each robot.
 
     ``factors``: on values of the actuators by dotted key, log-uniform between two bounds, each joint its own.
     ``values``: other values by dotted key, uniform between two bounds. ``model_error``: smallest and largest share by
@@ -146,7 +146,7 @@ def _mapping(value: object, where: str) -> Tree:
 
 
 def _one_joint_each(actuators: object, where: str) -> list[Tree]:
-    """A copy of each drive for every joint it stands for, so that joints can differ."""
+    """Return a copy of each drive for every joint it stands for, so that joints can differ."""
     if not isinstance(actuators, list) or not all(
         isinstance(entry, dict) and isinstance(entry.get("joints"), list) for entry in actuators
     ):
@@ -182,7 +182,7 @@ def _scale(actuators: list[Tree], key: str, factor: object, robot: RobotConfig, 
 
 
 def _place(tree: Tree, key: str, where: str) -> tuple[Any, Any]:
-    """The mapping or list that holds the number of a dotted key, and its last part; lists are counted from 0."""
+    """Return the mapping or list that holds the number of a dotted key, and its last part; lists are counted from 0."""
     *path, last = key.split(".")
     holder: Any = tree
     for part in path:

@@ -22,7 +22,7 @@ class PluginInterfaceError(PepperError, TypeError):
 def load_plugin(
     kind: str, group: str, name: str, builtin: Mapping[str, str]
 ) -> Callable[..., object]:
-    """The class or factory registered as ``name``.
+    """Return the class or factory registered as ``name``.
 
     Args:
         kind: What it is, for messages, for example ``"backend"``.

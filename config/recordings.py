@@ -1,4 +1,4 @@
-"""What recordings of real Peppers show of free motion, and how the simulated one is measured against it."""
+"""Free motion in recordings of real Peppers, and the comparison with simulated ones."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ class HoldStatistics:
 
 @dataclass(frozen=True, kw_only=True, config=STRICT)
 class ReferenceData:
-    """What was recorded, by joint; see ``recordings.yaml`` for the sources. ``hold_time`` in [s]."""
+    """Recorded values, by joint; see ``recordings.yaml`` for the sources. ``hold_time`` in [s]."""
 
     tables: dict[str, TrackingTable]
     hold_count: Count
@@ -86,7 +86,7 @@ class RampProtocol:
 
 @dataclass(frozen=True, kw_only=True, config=STRICT)
 class CalibrationSettings:
-    """How the simulated robot is measured, and what counts as a match; see ``calibration.yaml`` for each key."""
+    """Measurement of the simulated robot, and limits of a match; see ``calibration.yaml`` for each key."""
 
     ramps: RampProtocol
     fit_seed: Annotated[int, Field(ge=0)]
@@ -97,7 +97,7 @@ class CalibrationSettings:
 
 @plain_dataclass(frozen=True, kw_only=True)
 class Calibration:
-    """What a simulated robot is compared with, and how.
+    """Reference of a simulated robot, and the way of comparison.
 
     Attributes:
         recordings: Of real robots.
@@ -114,7 +114,7 @@ class Calibration:
 
 @with_lines
 def load_recordings(robot: RobotConfig, path: Path | str | None = None) -> ReferenceData:
-    """The figures in ``path``, by default the shipped ``recordings.yaml``.
+    """Load the figures in ``path``, by default the shipped ``recordings.yaml``.
 
     Raises:
         ConfigError: The file is wrong: a key, a joint, or a table whose rows and columns do not fit.
@@ -137,7 +137,7 @@ def load_recordings(robot: RobotConfig, path: Path | str | None = None) -> Refer
 
 @with_lines
 def load_calibration(robot: RobotConfig) -> Calibration:
-    """The shipped recordings, with ``calibration.yaml`` and ``experiments/calibrate.yaml``."""
+    """Return the shipped recordings, with ``calibration.yaml`` and ``experiments/calibrate.yaml``."""
     experiment = load_experiment("calibrate", robot)
     step = experiment.random_step
     if step is None or not isinstance(step.goals, Holds):

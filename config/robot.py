@@ -1,4 +1,4 @@
-"""What the robot is: joints, motors, sensors, limits, wheels, postures, names of the DCM."""
+"""Facts of the robot: joints, motors, sensors, limits, wheels, postures, names of the DCM."""
 
 from __future__ import annotations
 
@@ -205,7 +205,7 @@ class RobotConfig:
             raise UnknownNameError("joint", name, self.joint_names) from None
 
     def chain_of(self, joint: str) -> tuple[str, ...]:
-        """The chain that ``joint`` belongs to, from the trunk outwards."""
+        """Return the chain that ``joint`` belongs to, from the trunk outwards."""
         return next(chain for chain in self.chains.values() if joint in chain)
 
     def resolve_posture(self, posture: Posture, current: FloatArray) -> ArrayLike:

@@ -1,4 +1,4 @@
-"""Which parts of the robot must not touch one another: capsules of links, pairs of links, distances."""
+"""Parts of the robot that must not touch one another: capsules of links, pairs of links, distances."""
 
 from __future__ import annotations
 

@@ -29,7 +29,7 @@ class TaskGains:
 
 @dataclass(frozen=True, kw_only=True, config=STRICT)
 class ConstraintSwitches:
-    """Which constraints the controller starts with, beyond the limits of single joints."""
+    """Constraints that the controller starts with, beyond the limits of single joints."""
 
     coupled_limits: bool
     wheel_speed: bool
@@ -159,7 +159,7 @@ class SafetySettings:
     chest_button: bool
 
     def __post_init__(self) -> None:
-        """What a single field cannot know: warnings come before what they warn of."""
+        """Check what spans fields: warnings come before faults."""
         for less, more in (
             ("stale_hold", "stale_fault"),
             ("temperature_warning", "temperature_fault"),
@@ -176,7 +176,7 @@ class SafetySettings:
 def load_controller_settings(
     robot: RobotConfig, path: Path | str | None = None
 ) -> ControllerSettings:
-    """Controller settings from ``path``, by default the shipped ``controller.yaml``."""
+    """Load controller settings from ``path``, by default the shipped ``controller.yaml``."""
     path = own_or_shipped(path, "controller.yaml")
     settings = load(ControllerSettings, path)
     for key in ("velocity_limit", "acceleration_limit", "jerk_limit"):
@@ -187,12 +187,12 @@ def load_controller_settings(
 
 
 def load_observer_settings(path: Path | str | None = None) -> ObserverSettings:
-    """Observer settings from ``path``, by default the shipped ``observer.yaml``."""
+    """Load observer settings from ``path``, by default the shipped ``observer.yaml``."""
     return load(ObserverSettings, own_or_shipped(path, "observer.yaml"))
 
 
 def load_safety_settings(path: Path | str | None = None) -> SafetySettings:
-    """Safety settings from ``path``, by default the shipped ``safety.yaml``."""
+    """Load safety settings from ``path``, by default the shipped ``safety.yaml``."""
     return load(SafetySettings, own_or_shipped(path, "safety.yaml"))
 
 

@@ -59,7 +59,7 @@ class AnyStep:
         return iter(())
 
     def blocks(self) -> Iterator[tuple[str, tuple[AnyStep, ...]]]:
-        """Steps that it holds, with their keys."""
+        """Yield the steps that it holds, with their keys."""
         return iter(())
 
     def with_blocks(self, *blocks: tuple[AnyStep, ...]) -> Self:
@@ -80,7 +80,7 @@ def changed_steps(
 
 
 def _by_key(value: object, _: object) -> object:
-    """A mapping becomes the kind of step that one of its keys names, or else a step of motion."""
+    """Return a mapping becomes the kind of step that one of its keys names, or else a step of motion."""
     if isinstance(value, AnyStep):
         return value
     if not isinstance(value, dict):
@@ -427,7 +427,7 @@ class PlayStep(AnyStep):
     steps: OptionalSteps = field(default=(), metadata=HIDDEN)
 
     def blocks(self) -> Iterator[tuple[str, tuple[AnyStep, ...]]]:
-        """Steps that it holds, with their keys."""
+        """Yield the steps that it holds, with their keys."""
         yield "play", self.steps
 
     def with_blocks(self, *blocks: tuple[AnyStep, ...]) -> Self:
@@ -456,7 +456,7 @@ class RepeatStep(AnyStep):
             yield "repeat.until", self.repeat.until
 
     def blocks(self) -> Iterator[tuple[str, tuple[AnyStep, ...]]]:
-        """Steps that it holds, with their keys."""
+        """Yield the steps that it holds, with their keys."""
         yield "repeat.steps", self.repeat.steps
 
     def with_blocks(self, *blocks: tuple[AnyStep, ...]) -> Self:
@@ -500,7 +500,7 @@ class BranchStep(AnyStep):
         yield from ((f"branch.cases.{n}.on", case.on) for n, case in enumerate(self.branch.cases))
 
     def blocks(self) -> Iterator[tuple[str, tuple[AnyStep, ...]]]:
-        """Steps that it holds, with their keys."""
+        """Yield the steps that it holds, with their keys."""
         yield from ((f"branch.cases.{n}.steps", c.steps) for n, c in enumerate(self.branch.cases))
         yield "branch.otherwise", self.branch.otherwise
 

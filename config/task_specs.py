@@ -37,7 +37,7 @@ Named = tuple[str, NamedKind, str]
 
 @dataclass(frozen=True, kw_only=True, config=STRICT)
 class TaskSpec:
-    """What the tasks of a step have in common.
+    """Common fields of the tasks of a step.
 
     Attributes:
         name: By default the kind, and the link where there is one. Takes the place of a kept task of that name.
@@ -62,7 +62,7 @@ class TaskSpec:
 
     @property
     def usual_name(self) -> str:
-        """What it is called without a name of its own."""
+        """Default name of the task."""
         raise NotImplementedError
 
     def names(self) -> Iterator[Named]:

@@ -1,4 +1,4 @@
-"""What stands, hangs or flies around a simulated robot: ``worlds/*.yaml``, or a file of the user's own."""
+"""Objects around a simulated robot: ``worlds/*.yaml``, or a file of the user's own."""
 
 from __future__ import annotations
 

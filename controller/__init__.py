@@ -18,7 +18,7 @@ from pepper_driver.controller.errors import (
     TaskCountError,
 )
 from pepper_driver.controller.model import LoadTorque, RobotModel
-from pepper_driver.controller.odometry import Odometry, desaturated
+from pepper_driver.controller.odometry import Odometry, desaturate
 from pepper_driver.controller.report import ControllerStatus, TaskReport
 from pepper_driver.controller.tasks import (
     BasePoseTask,
@@ -73,5 +73,5 @@ __all__ = [
     "TaskRows",
     "Tick",
     "WholeBodyController",
-    "desaturated",
+    "desaturate",
 ]

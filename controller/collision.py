@@ -79,7 +79,7 @@ class CapsuleDistances:
         pin.updateGeometryPlacements(self._model, data, self._geometry, self._data)
 
     def any_near(self) -> bool:
-        """Whether any pair is nearer than the margin."""
+        """Return true if any pair is nearer than the margin."""
         near: bool = pin.computeCollisions(self._geometry, self._data, True)
         return near
 

@@ -119,7 +119,7 @@ class RobotModel:
     def body_frame(
         self, link: str, xyz: ArrayLike | None = None, rotation: FloatArray | None = None
     ) -> BodyFrame:
-        """A frame at ``xyz`` (3,) [m] in a link, turned by ``rotation`` (3, 3); by default the link's own.
+        """Return a frame at ``xyz`` (3,) [m] in a link, turned by ``rotation`` (3, 3); by default the link's own.
 
         Raises:
             UnknownNameError: No such link.
@@ -181,19 +181,19 @@ class RobotModel:
     # -- conversion ---------------------------------------------------------------------------------------------
 
     def configuration(self, joint_position: FloatArray) -> FloatArray:
-        """Configuration with the base at the origin and the joints at (17,) positions [rad]."""
+        """Return the configuration with the base at the origin and the joints at (17,) positions [rad]."""
         q: FloatArray = pin.neutral(self.pin)
         q[self._position_columns] = joint_position
         return q
 
     def with_joint_position(self, q: FloatArray, joint_position: FloatArray) -> FloatArray:
-        """A copy of ``q`` with other joint positions (17,) [rad]."""
+        """Return a copy of ``q`` with other joint positions (17,) [rad]."""
         changed = q.copy()
         changed[self._position_columns] = joint_position
         return changed
 
     def with_base_pose(self, q: FloatArray, pose: FloatArray) -> FloatArray:
-        """A copy of ``q`` with the base at (3,) x [m], y [m], heading [rad] in the world."""
+        """Return a copy of ``q`` with the base at (3,) x [m], y [m], heading [rad] in the world."""
         changed = q.copy()
         changed[0], changed[1] = pose[0], pose[1]
         changed[2], changed[3] = np.cos(pose[2]), np.sin(pose[2])
@@ -216,7 +216,7 @@ class RobotModel:
         return self.joints_of(torque)
 
     def load_torque_parts(self, q: FloatArray, v: FloatArray, a: FloatArray) -> LoadTorque:
-        """The parts of :meth:`load_torque` at the same state."""
+        """Return the parts of :meth:`load_torque` at the same state."""
         gravity = self.load_torque(q, self._zero, self._zero)
         still = self.load_torque(q, self._zero, a)
         return LoadTorque(
@@ -317,7 +317,7 @@ class RobotModel:
 
 
 def _selection(columns: list[int]) -> slice | IndexArray:
-    """A slice, which costs no copy, where the columns follow one another."""
+    """Return a slice, which costs no copy, where the columns follow one another."""
     if columns == list(range(columns[0], columns[0] + len(columns))):
         return slice(columns[0], columns[0] + len(columns))
     return np.array(columns, dtype=np.intp)

@@ -36,7 +36,7 @@ class Feedback:
     def configuration(
         self, q: FloatArray, measurement: Measurement, answered: FloatArray | None
     ) -> FloatArray:
-        """What tasks see in place of the controller's configuration ``q``.
+        """Return the configuration that tasks see in place of the controller's ``q``.
 
         Args:
             q: Configuration of the controller.
@@ -52,7 +52,7 @@ class Feedback:
         return model.with_base_pose(shifted, self._odometry.pose)
 
 
-def desaturated(wheel_speed: FloatArray, limit: float) -> FloatArray:
+def desaturate(wheel_speed: FloatArray, limit: float) -> FloatArray:
     """Wheel speeds (3,) within a limit [rad/s]: all slowed by one factor, so that the base keeps its direction."""
     fastest = float(np.abs(wheel_speed).max())
     if fastest <= limit:
@@ -62,7 +62,7 @@ def desaturated(wheel_speed: FloatArray, limit: float) -> FloatArray:
 
 
 class Odometry:
-    """Where the base has rolled to, from its wheel speeds. Slip is not seen, nor is being pushed with wheels that slip.
+    """Pose of the base from its wheel speeds. Slip is not seen, nor is a push with wheels that slip.
 
     Args:
         robot: Its description.
@@ -77,7 +77,7 @@ class Odometry:
         self.reset()
 
     def reset(self) -> None:
-        """The base is at the origin from now on."""
+        """Put the base at the origin."""
         self.pose: FloatArray = np.zeros(3)
         self.twist: FloatArray = np.zeros(3)
 

@@ -18,7 +18,7 @@ from pepper_driver.controller.solvers.solver import NO_BOUNDS, NO_ROWS
 from pepper_driver.controller.tasks import Task
 from pepper_driver.controller.tasks.task import Gains, TaskRows
 
-LEAST_COST = 1e-4
+MIN_COST = 1e-4
 """Of the largest diagonal entry of the cost: an acceleration that tasks care less for is regularised as this one."""
 
 REST_RATE = 4.0
@@ -27,26 +27,26 @@ REST_RATE = 4.0
 SLACK_WEIGHT = 1e4
 """Of the largest diagonal entry of the cost: what breaking a row that was given up costs, per (rad/s2)^2."""
 
-TIE = 1e-6
+SLACK_MARGIN = 1e-6
 """[rad/s2] What a row that was given up may be broken by beyond its least, so that the next solution has room."""
 
 multiply = np.multiply
 
 NOTHING = LinearInequality(NO_ROWS, NO_BOUNDS, ())
 
-Outcome = Literal["solved", "relaxed", "infeasible", "failed"]
+QpStatus = Literal["solved", "relaxed", "infeasible", "failed"]
 
 
-class Answer(NamedTuple):
+class QpResult(NamedTuple):
     """Accelerations (20,), to be used only when the outcome is solved or relaxed."""
 
     acceleration: FloatArray
-    outcome: Outcome
+    outcome: QpStatus
 
 
 @dataclass(slots=True)
-class Slot:
-    """Where a task stands: its rows, (20,) what may move for it, and the gains that its rows have by now."""
+class TaskBlock:
+    """Block of a task: its rows, the (20,) mask of its velocities, and the present gains of its rows."""
 
     task: Task
     place: slice
@@ -55,7 +55,7 @@ class Slot:
     gains: Gains | None = None
 
 
-class Program:
+class QuadraticProgram:
     """Stacks the tasks' rows in one matrix, so that the cost is one product; nothing else is allocated in a cycle.
 
     Args:
@@ -69,16 +69,16 @@ class Program:
         self._diagonal = self.hessian.ravel()[:: nv + 1]
         self._regularisation, self._resting, self._rest = np.zeros((3, nv))
         self._exact = DaqpSolver()
-        self.lay_out((), None)
+        self.allocate((), None)
 
-    def lay_out(self, tasks: Sequence[Task], model: RobotModel | None) -> None:
+    def allocate(self, tasks: Sequence[Task], model: RobotModel | None) -> None:
         """Give every task its rows."""
         nv, count = self._nv, sum(task.rows for task in tasks)
         self._jacobian, self._mask, self._masked = np.zeros((3, count, nv))
         self._weight, self._weighted = np.zeros((2, count, nv))
         self._error, self._rate, self._bias, self._wanted = np.zeros((4, count))
         self._stiffness, self._damping, self._damped = np.zeros((3, count))
-        self._slots: list[Slot] = []
+        self._slots: list[TaskBlock] = []
         start = 0
         for task in tasks:
             place = slice(start, start + task.rows)
@@ -87,7 +87,7 @@ class Program:
                 arrays = (self._jacobian, self._error, self._rate, self._bias, self._wanted)
                 rows = TaskRows(*(array[place] for array in arrays))
                 task.attach(model, rows)
-                self._slots.append(Slot(task, place, rows, task.joint_mask(model)))
+                self._slots.append(TaskBlock(task, place, rows, task.joint_mask(model)))
         if all(slot.joint_mask.all() for slot in self._slots):
             self._masked = self._jacobian
 
@@ -125,7 +125,7 @@ class Program:
         multiply(self._resting, v, self._rest)
         np.subtract(self._rest, g, g)
 
-    def _take_gains(self, slot: Slot) -> None:
+    def _take_gains(self, slot: TaskBlock) -> None:
         gains, place = slot.task.gains, slot.place
         slot.gains = gains
         self._stiffness[place], self._damping[place] = gains.stiffness, gains.damping
@@ -133,8 +133,8 @@ class Program:
         self._mask[place] = slot.joint_mask
 
     def _regularise(self) -> None:
-        """A share of each variable's own cost is to be added to it; what no task asks for comes to rest."""
-        least, regularisation = LEAST_COST * self._diagonal.max(), self._regularisation
+        """Add a fraction of each variable's own cost to it; movements that no task asks for come to rest."""
+        least, regularisation = MIN_COST * self._diagonal.max(), self._regularisation
         np.maximum(self._diagonal, least if least > 0 else 1.0, out=regularisation)
         multiply(self._share, regularisation, regularisation)
         multiply(REST_RATE, regularisation, self._resting)
@@ -145,7 +145,7 @@ class Program:
         lower: FloatArray,
         upper: FloatArray,
         groups: Sequence[tuple[int, LinearInequality]],
-    ) -> Answer:
+    ) -> QpResult:
         """Minimise the cost inside the box and the rows.
 
         Rows that cannot all be kept are relaxed: those of the lowest priority first may be broken at a high price, then
@@ -165,14 +165,14 @@ class Program:
         ):  # not converged: what can be solved is no reason to give anything up
             solution = self._exact.solve(*problem)
         if solution.status == "solved" or not groups:
-            return Answer(solution.x, solution.status)
+            return QpResult(solution.x, solution.status)
         priorities = np.concatenate(
             [np.full(len(part.bound), priority) for priority, part in groups]
         )
-        x = self._give_up(lower, upper, rows, priorities)
-        return Answer(solution.x, solution.status) if x is None else Answer(x, "relaxed")
+        x = self._relax_constraints(lower, upper, rows, priorities)
+        return QpResult(solution.x, solution.status) if x is None else QpResult(x, "relaxed")
 
-    def _give_up(
+    def _relax_constraints(
         self,
         lower: FloatArray,
         upper: FloatArray,
@@ -204,7 +204,7 @@ class Program:
     def _soft(
         self, lower: FloatArray, upper: FloatArray, rows: LinearInequality, soft: BoolArray
     ) -> tuple[FloatArray | None, FloatArray]:
-        """The solution where the ``soft`` rows may be broken by a slack, and by how much each of them is, or would be.
+        """Return the solution in which slacks may break the ``soft`` rows, and the slack of each row.
 
         Slacks are priced in units of each row's largest entry. Found by DAQP whatever solver is in use: with costs as
         far apart as these, OSQP does not converge.
@@ -228,10 +228,12 @@ class Program:
         )
         if solution.status != "solved":
             return None, np.zeros(count)
-        return solution.x[:nv], (solution.x[nv:] + TIE) * size[soft]
+        return solution.x[:nv], (solution.x[nv:] + SLACK_MARGIN) * size[soft]
 
-    def misses(self, acceleration: FloatArray) -> list[tuple[Task, FloatArray, float]]:
+    def acceleration_errors(self, acceleration: FloatArray) -> list[tuple[Task, FloatArray, float]]:
         """Every task with what (20,) accelerations miss of its rows and what that costs, in the last cycle's rows."""
-        missed = self._masked @ acceleration - self._wanted
-        price = self._weight[:, 0] * missed**2
-        return [(s.task, missed[s.place], float(price[s.place].sum())) for s in self._slots]
+        acceleration_error = self._masked @ acceleration - self._wanted
+        price = self._weight[:, 0] * acceleration_error**2
+        return [
+            (s.task, acceleration_error[s.place], float(price[s.place].sum())) for s in self._slots
+        ]

@@ -1,4 +1,4 @@
-"""What the controller tells about its last cycle."""
+"""Reports of the controller on its last cycle."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pepper_driver.config.arrays import FloatArray
-from pepper_driver.controller.qp import Outcome
+from pepper_driver.controller.qp import QpStatus
 
 NOTICEABLE = 0.01
 """[m/s2], [rad/s2] What a task may miss without being mentioned."""
@@ -16,7 +16,7 @@ NOTICEABLE = 0.01
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class ControllerStatus:
-    """How the last cycle went.
+    """State of the controller after the last cycle.
 
     Attributes:
         solver: ``solved``; ``relaxed``: not all rows could be kept, some were broken as little as possible;
@@ -24,45 +24,45 @@ class ControllerStatus:
         at_limit: Joints and base axes at a bound of their acceleration box, each with the limit that it is:
             ``position``, ``velocity``, ``acceleration`` or ``jerk``.
         active: Names of the constraints' rows that hold the motion back.
-        unmet: Names of the constraints' rows that the accelerations break.
+        violated: Names of the constraints' rows that the accelerations break.
         relaxed: Limits of the box that could not be kept, as ``"LHand acceleration"``: one that matters more prevailed,
             or the joint was beyond it.
     """
 
-    solver: Outcome
+    solver: QpStatus
     at_limit: tuple[tuple[str, str], ...]
     active: tuple[str, ...]
-    unmet: tuple[str, ...]
+    violated: tuple[str, ...]
     relaxed: tuple[str, ...]
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class TaskReport:
-    """What a task cost in the last cycle.
+    """Cost of a task in the last cycle.
 
     Attributes:
         name: Of the task.
         error: (rows,) target minus value.
-        missed: (rows,) J qdd + Jdot qd - a*: by how much the accelerations are not those the task asks for.
-        cost: weight * sum of dim_weight missed^2.
+        acceleration_error: (rows,) J qdd + Jdot qd - a*: by how much the accelerations are not those the task asks for.
+        cost: weight * sum of dim_weight acceleration_error^2.
         share: Of the cost of all tasks, 0..1.
     """
 
     name: str
     error: FloatArray
-    missed: FloatArray
+    acceleration_error: FloatArray
     cost: float
     share: float
 
 
 def explain(status: ControllerStatus, reports: Sequence[TaskReport]) -> str:
-    """What limits the motion, in a few lines for people."""
+    """Describe in a few lines what limits the motion."""
     lines = []
     if status.solver == "relaxed":
-        lines.append(f"Not all constraints can be kept: {_list(status.unmet)} given up.")
+        lines.append(f"Not all constraints can be kept: {_list(status.violated)} given up.")
     elif status.solver != "solved":
         lines.append(
-            f"The problem is {status.solver}: braking to rest. Broken: {_list(status.unmet)}."
+            f"The problem is {status.solver}: braking to rest. Broken: {_list(status.violated)}."
         )
     if status.relaxed:
         lines.append(f"Limits not kept: {_list(status.relaxed)}.")
@@ -77,7 +77,7 @@ def explain(status: ControllerStatus, reports: Sequence[TaskReport]) -> str:
     dear = [
         report
         for report in reports
-        if report.share > 0.01 and np.abs(report.missed).max() > NOTICEABLE
+        if report.share > 0.01 and np.abs(report.acceleration_error).max() > NOTICEABLE
     ]
     if dear:
         costs = [

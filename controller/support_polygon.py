@@ -1,4 +1,4 @@
-"""Support polygon: the triangle of the wheels, and how near a force comes to tipping the robot over an edge of it."""
+"""Support polygon: the triangle of the wheels, and margin of a force to tipping the robot over an edge of it."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def wheel_triangle(carrier: Any, wheels: Wheels) -> tuple[FloatArray, tuple[str,
     return centres[order], tuple(wheels.names[i] for i in order)
 
 
-class Footing:
+class SupportPolygon:
     """The triangle of the wheels on the floor, and the weight that holds the robot on it.
 
     Frames: base_link, with its origin on the floor and z up. The robot stands still; masses are those of the URDF.
@@ -53,7 +53,7 @@ class Footing:
         self.corners: FloatArray = centres - [0.0, 0.0, wheels.radius]
 
     @classmethod
-    def of(cls, robot: RobotConfig) -> Footing:
+    def of(cls, robot: RobotConfig) -> SupportPolygon:
         """Return the footing of a robot; it is made once."""
         return _made(robot.urdf, robot.joint_names, robot.wheels)
 
@@ -79,5 +79,5 @@ class Footing:
 
 
 @lru_cache(maxsize=8)
-def _made(urdf: Path, joint_names: tuple[str, ...], wheels: Wheels) -> Footing:
-    return Footing(urdf, joint_names, wheels)
+def _made(urdf: Path, joint_names: tuple[str, ...], wheels: Wheels) -> SupportPolygon:
+    return SupportPolygon(urdf, joint_names, wheels)

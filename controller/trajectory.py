@@ -14,7 +14,7 @@ from pepper_driver.config.arrays import FloatArray
 Motion = Callable[[FloatArray], tuple[FloatArray, FloatArray]]
 """From (n,) times [s] to (n, ...) targets as a task keeps them and (n, rows) velocities."""
 
-AHEAD = 128
+SAMPLED_CYCLES = 128
 """Cycles sampled at once: few enough that a motion of an hour does not stop the robot when it begins."""
 
 
@@ -37,21 +37,21 @@ class Trajectory:
 
     @property
     def over(self) -> bool:
-        """Whether the last sample has been read."""
+        """True when the last sample has been read."""
         return self._cycle > self._last
 
     def next(self) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Target, velocity and acceleration of the next cycle; the last are the end at rest."""
         if self._cycle == self._sampled:
             self._sample()
-        index = self._cycle % AHEAD
+        index = self._cycle % SAMPLED_CYCLES
         self._cycle += 1
         targets, velocities, accelerations = self._samples
         return targets[index], velocities[index], accelerations[index]
 
     def _sample(self) -> None:
         first, dt = self._sampled, self._dt
-        self._sampled = first + AHEAD
+        self._sampled = first + SAMPLED_CYCLES
         cycles = np.arange(first, self._sampled + 1)
         times = np.minimum(cycles * dt, self._duration)
         times[cycles >= self._last] = self._duration
@@ -60,7 +60,7 @@ class Trajectory:
 
 
 def spline(points: FloatArray, velocity: FloatArray, durations: Sequence[float]) -> Motion:
-    """A quintic spline through points.
+    """Return a quintic spline through points.
 
     It starts with a given velocity, ends at rest, and has no acceleration at either end: between two points and from
     rest, the motion of least jerk.
@@ -117,7 +117,7 @@ def rotation_spline(
 
 
 def _nearest(vector: FloatArray, before: FloatArray) -> FloatArray:
-    """The rotation vector nearest to another among those that mean the same rotation: whole turns apart."""
+    """Return the rotation vector nearest to another among those that mean the same rotation: whole turns apart."""
     angle = float(np.linalg.norm(vector))
     if angle < 1e-9:
         return vector

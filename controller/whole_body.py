@@ -31,21 +31,21 @@ from pepper_driver.controller.errors import (
 )
 from pepper_driver.controller.model import BASE, LoadTorque, RobotModel
 from pepper_driver.controller.odometry import Feedback, Odometry
-from pepper_driver.controller.qp import Answer, Outcome, Program
+from pepper_driver.controller.qp import QpResult, QpStatus, QuadraticProgram
 from pepper_driver.controller.report import ControllerStatus, TaskReport, explain
 from pepper_driver.controller.solvers import make_solver
 from pepper_driver.controller.tasks import BaseVelocityTask, PostureTask, Task
 from pepper_driver.controller.tasks.targets import finite_vector
 from pepper_driver.controller.tick import Reference
 
-STANDING = 400.0
+BASE_HOLD_STIFFNESS = 400.0
 """[1/s2] Of the base that is held: it brakes as fast as its acceleration limits allow."""
 
 MAX_TASKS = 64
 """Tasks in use at a time, the two own ones among them: as many of the most expensive kind take 2.4 ms of a cycle."""
 
-MET = 1e-6
-"""[rad/s2] By how much a row may be missed and still count as kept."""
+VIOLATION_TOLERANCE = 1e-6
+"""[rad/s2] By how much a row may be violated and still count as kept."""
 
 
 @checked_arguments
@@ -100,7 +100,7 @@ class WholeBodyController:
         self._box = AccelerationBox(robot, settings, self.model, self._dt)
         self._braking_limits = BrakingLimits(self._box.acceleration_limit, self._dt)
         self._solver = make_solver(settings.solver)
-        self._program = Program(self.model.nv, settings.regularisation)
+        self._program = QuadraticProgram(self.model.nv, settings.regularisation)
         self.odometry = Odometry(robot)
         self.dither = Dither(robot, settings.attentive, self._dt)
         self._feedback: Feedback | None = None
@@ -114,7 +114,7 @@ class WholeBodyController:
             stiffness=settings.base.stiffness, weight=settings.base.weight
         )
         self._standing = BaseVelocityTask(
-            stiffness=STANDING, weight=settings.base.weight, name="base at rest"
+            stiffness=BASE_HOLD_STIFFNESS, weight=settings.base.weight, name="base at rest"
         )
         self._tasks: list[Task] = []
         self._constraints: list[Constraint] = []
@@ -223,7 +223,7 @@ class WholeBodyController:
         self._acceleration = np.zeros(self.model.nv)
         if self._feedback is not None:
             self._feedback.reset()
-        self._outcome: Outcome = "solved"
+        self._outcome: QpStatus = "solved"
         self._active: list[tuple[Constraint, LinearInequality]] = []
         self.model.set_state(self._q, self._v)
         self._box.update(self._q, self._v, self._acceleration)
@@ -253,7 +253,7 @@ class WholeBodyController:
         """(17,) upper position limits of the robot [rad]."""
         return self._robot.upper
 
-    def rest(self, stiffness: float, *, dither: bool = True) -> FloatArray:
+    def stopping_position(self, stiffness: float, *, dither: bool = True) -> FloatArray:
         """(17,) where the joints come to rest without turning round, led by tasks of this stiffness [1/s2], in rad.
 
         A critically damped joint at q with velocity v decays exponentially towards q + v / sqrt(stiffness).
@@ -268,7 +268,7 @@ class WholeBodyController:
         rest: FloatArray = position + velocity / sqrt(stiffness)
         return np.clip(rest, self.lower, self.upper)
 
-    def accept(self, position: ArrayLike, base_twist: ArrayLike | None = None) -> None:
+    def override_state(self, position: ArrayLike, base_twist: ArrayLike | None = None) -> None:
         """Go on from a command that the safety gate changed.
 
         The integrated joint positions become what was sent, the velocities of the joints concerned those that lead
@@ -393,7 +393,7 @@ class WholeBodyController:
             self._active.append((constraint, rows))
         return len(self._active) > before
 
-    def _optimise(self, q: FloatArray, v: FloatArray) -> Answer:
+    def _optimise(self, q: FloatArray, v: FloatArray) -> QpResult:
         """Solve for the rows there are."""
         box, program = self._box, self._program
         groups = [(constraint.priority, rows) for constraint, rows in self._active]
@@ -410,7 +410,7 @@ class WholeBodyController:
         own = (self.posture, self._standing)
         tasks: Sequence[Task] = own if self._holding else self._tasks
         self.base_velocity.relax(any(task.moves_base for task in tasks))
-        self._program.lay_out(tasks, self.model)
+        self._program.allocate(tasks, self.model)
         parts: Sequence[Task | Constraint] = [*tasks, *self._constraints]
         self._needs_kinematics = any(part.needs_kinematics for part in parts)
 
@@ -420,34 +420,34 @@ class WholeBodyController:
     def status(self) -> ControllerStatus:
         """Status of the last cycle."""
         active: list[str] = []
-        unmet: list[str] = []
+        violated: list[str] = []
         for _, rows in self._active:
             for name, excess in zip(rows.names, self._excess(rows).tolist(), strict=True):
-                if not excess <= MET:  # no number is not met either
-                    unmet.append(name)
-                elif excess >= -MET:
+                if not excess <= VIOLATION_TOLERANCE:  # no number is not met either
+                    violated.append(name)
+                elif excess >= -VIOLATION_TOLERANCE:
                     active.append(name)
         return ControllerStatus(
             solver=self._outcome,
             at_limit=self._box.binding(self._acceleration),
             active=tuple(dict.fromkeys(active)),
-            unmet=tuple(dict.fromkeys(unmet)),
+            violated=tuple(dict.fromkeys(violated)),
             relaxed=self._box.relaxed(self._acceleration),
         )
 
     def report(self) -> tuple[TaskReport, ...]:
         """Return the cost of every task in the last cycle, the most expensive first."""
-        misses = self._program.misses(self._acceleration)
-        whole = sum(cost for _, _, cost in misses)
+        acceleration_errors = self._program.acceleration_errors(self._acceleration)
+        whole = sum(cost for _, _, cost in acceleration_errors)
         reports = [
             TaskReport(
                 name=task.name,
                 error=task.error,
-                missed=missed,
+                acceleration_error=acceleration_error,
                 cost=cost,
                 share=cost / whole if whole > 0 else 0.0,
             )
-            for task, missed, cost in misses
+            for task, acceleration_error, cost in acceleration_errors
         ]
         return tuple(sorted(reports, key=lambda report: -report.cost))
 
@@ -456,7 +456,7 @@ class WholeBodyController:
         return explain(self.status, self.report())
 
     def load_torque_parts(self) -> LoadTorque:
-        """The load torque of the last reference, in parts, at the state it belongs to: the end of the cycle."""
+        """Return the load torque of the last reference, in parts, at the state it belongs to: the end of the cycle."""
         return self.model.load_torque_parts(self._q, self._v, self._acceleration)
 
     def _excess(self, rows: LinearInequality) -> FloatArray:

@@ -29,7 +29,7 @@ from pepper_driver.observer.models.tree import (
     TreeKind,
 )
 from pepper_driver.observer.recording import Recording, RecordingBuilder, RecordingError
-from pepper_driver.observer.scoring import RELEASE_GRACE, Felt, KnownPush, Score, score
+from pepper_driver.observer.scoring import RELEASE_GRACE, DetectedPush, KnownPush, Score, score
 
 __all__ = [
     "MODEL_TYPES",
@@ -40,8 +40,8 @@ __all__ = [
     "CartTree",
     "Contact",
     "ContactObserver",
+    "DetectedPush",
     "ExpectedErrorModel",
-    "Felt",
     "FitScore",
     "FittingError",
     "FusionModel",

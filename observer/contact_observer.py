@@ -24,18 +24,18 @@ from pepper_driver.observer.interface import (
     JointState,
     Observation,
     Observer,
-    ResidualSignal,
-    Signal,
+    ResidualGenerator,
+    Residuals,
 )
 from pepper_driver.observer.models.fusion_model import FusionModel
 from pepper_driver.observer.models.model_file import ModelSet, predict_recording
 from pepper_driver.observer.models.tree import AffineTree, CartTree
 from pepper_driver.observer.recording import Recording
 from pepper_driver.observer.residuals.adaptation import HandLoads
-from pepper_driver.observer.residuals.fusion import FusionSignal
-from pepper_driver.observer.residuals.mobile_base import BaseSignal
-from pepper_driver.observer.residuals.momentum import MomentumSignal
-from pepper_driver.observer.residuals.paper import PaperSignal
+from pepper_driver.observer.residuals.fusion import FusionGenerator
+from pepper_driver.observer.residuals.mobile_base import BaseGenerator
+from pepper_driver.observer.residuals.momentum import MomentumGenerator
+from pepper_driver.observer.residuals.paper import PaperGenerator
 
 ONSET_LOOKBACK = 0.5
 """[s] before the median window; a touch that grows more slowly is dated too late."""
@@ -52,13 +52,13 @@ class Tracker(Protocol):
 
     @property
     def idle(self) -> bool:
-        """Whether nothing is going on: with all residuals within their thresholds, a step would change nothing."""
+        """True if a step with all residuals within their thresholds would change nothing."""
         ...
 
     def step(
         self,
         time: float,
-        signal: Signal,
+        signal: Residuals,
         state: list[JointState],
         settled: list[bool],
     ) -> Sequence[Contact]:
@@ -71,11 +71,12 @@ class Tracker(Protocol):
 
 
 class ContactObserver(Observer):
-    """Feels contacts: mode ``paper`` with trees, modes ``fusion`` and ``momentum`` with fusion models.
+    """Observer of contacts: mode ``paper`` with trees, modes ``fusion`` and ``momentum`` with fusion models.
 
-    The stages are the same: a signal makes residuals and thresholds of ticks (:class:`PaperSignal`,
-    :class:`FusionSignal`, :class:`MomentumSignal`), a tracker makes events of them (:class:`ChainTrackers`, for fusion
-    :class:`BodyTracker`). A joint that cannot be judged is BLIND, its values NaN, and takes part in no contact.
+    The stages are the same: a generator computes residuals and thresholds of ticks (:class:`PaperGenerator`,
+    :class:`FusionGenerator`, :class:`MomentumGenerator`), a tracker derives events from them (:class:`ChainTrackers`,
+    for fusion :class:`BodyTracker`). A joint that cannot be judged is BLIND: its values are NaN, and it takes part in
+    no contact.
 
     Args:
         robot: Description of the robot.
@@ -149,7 +150,7 @@ class ContactObserver(Observer):
 
     @property
     def held(self) -> dict[str, HandLoad]:
-        """What each hand holds that the robot's description does not know of, by arm; mode ``fusion`` only."""
+        """Load of each hand beyond the robot's description, by arm; mode ``fusion`` only."""
         return self._signal.held
 
     def _look_for_wear(self) -> None:
@@ -198,7 +199,7 @@ class ContactObserver(Observer):
         )
 
     def _events(
-        self, signal: Signal
+        self, signal: Residuals
     ) -> tuple[Sequence[Contact], NDArray[np.int8], BoolArray, BoolArray]:
         """Events of this tick; (n,) states; joints that nothing touches; joints just let go."""
         no_model = self._signal.no_model
@@ -216,21 +217,21 @@ class ContactObserver(Observer):
 
 def _signal(
     mode: str, robot: RobotConfig, models: ModelSet, settings: ObserverSettings
-) -> tuple[ResidualSignal, int]:
-    """The residual stage that the models are for, and the window of its filter."""
+) -> tuple[ResidualGenerator, int]:
+    """Return the residual stage that the models are for, and the window of its filter."""
     of_joint = [models.models.get(name) for name in robot.joint_names]
     fusion = [model if isinstance(model, FusionModel) else None for model in of_joint]
     if mode == "momentum":
         own = np.array([np.nan if m is None else m.momentum_bound for m in fusion])
         window = settings.median_window
-        return MomentumSignal(fusion, robot.cycle, own, window), window
+        return MomentumGenerator(fusion, robot.cycle, own, window), window
     if mode == "fusion":
         window = settings.fusion_window
         adapt = settings.adapt
         base = None
         if models.base is not None:
-            base = BaseSignal(models.base, robot, window, adapt=adapt)
-        signal = FusionSignal(
+            base = BaseGenerator(models.base, robot, window, adapt=adapt)
+        signal = FusionGenerator(
             fusion,
             robot.cycle,
             window=window,
@@ -243,4 +244,4 @@ def _signal(
     threshold = np.array(
         [settings.threshold or models.threshold.get(name, np.nan) for name in robot.joint_names]
     )
-    return PaperSignal(trees, threshold, settings.median_window), settings.median_window
+    return PaperGenerator(trees, threshold, settings.median_window), settings.median_window

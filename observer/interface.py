@@ -17,7 +17,7 @@ from pepper_driver.controller.tick import Tick
 
 @dataclass(frozen=True, kw_only=True)
 class HandLoad:
-    """What one hand holds.
+    """Load of one hand.
 
     Attributes:
         mass: [kg]; below 0 where the robot's own masses are less than its description says.
@@ -78,7 +78,7 @@ class Contact:
 
 
 class JointState(IntEnum):
-    """What an observer thinks of one joint."""
+    """State of one joint, as the observer classifies it."""
 
     FREE = 0
     CONTACT = 1
@@ -128,7 +128,7 @@ class Observer(ABC):
         """One line: kind, models, thresholds."""
 
     def provenance(self) -> dict[str, str]:
-        """What a log must say of it so that its results can be had again: values by name, as text."""
+        """Return what a log needs so that the results can be computed again: values by name, as text."""
         return {}
 
 
@@ -137,7 +137,7 @@ FULL_STIFFNESS = 0.99
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class Signal:
+class Residuals:
     """Arrays (n,), NaN where a joint is blind.
 
     Attributes:
@@ -167,8 +167,8 @@ class Signal:
     detail: object = None
 
 
-class Unchanging:
-    """What a signal has to say that follows neither joints nor loads: the second half of :class:`ResidualSignal`."""
+class StaticGeneratorMixin:
+    """Second half of a :class:`ResidualGenerator` that adapts to neither joints nor loads."""
 
     no_model: BoolArray
 
@@ -182,11 +182,13 @@ class Unchanging:
         """Nothing."""
         return {}
 
-    def learn(self, signal: Signal, free: BoolArray, settled: BoolArray, untouched: bool) -> None:
+    def learn(
+        self, signal: Residuals, free: BoolArray, settled: BoolArray, untouched: bool
+    ) -> None:
         """Nothing: its constants stay as they are."""
 
 
-class ResidualSignal(Protocol):
+class ResidualGenerator(Protocol):
     """Makes residuals of ticks.
 
     Attributes:
@@ -197,7 +199,7 @@ class ResidualSignal(Protocol):
     no_model: BoolArray
     bounds: FloatArray
 
-    def step(self, tick: Tick) -> Signal:
+    def step(self, tick: Tick) -> Residuals:
         """Take in one tick; never raises for bad sensor values."""
         ...
 
@@ -208,10 +210,12 @@ class ResidualSignal(Protocol):
 
     @property
     def held(self) -> dict[str, HandLoad]:
-        """What is known of what the hands hold, by arm; empty in modes that do not follow it."""
+        """Estimated loads of the hands, by arm; empty in modes without this estimate."""
         ...
 
-    def learn(self, signal: Signal, free: BoolArray, settled: BoolArray, untouched: bool) -> None:
+    def learn(
+        self, signal: Residuals, free: BoolArray, settled: BoolArray, untouched: bool
+    ) -> None:
         """Take in what the events make of a tick.
 
         Args:

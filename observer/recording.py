@@ -239,7 +239,7 @@ class Recording:
         return ~self.changed[:, joint_index] & (self.age <= STALE_AGE)
 
     def ticks(self) -> Iterator[Tick]:
-        """The ticks again, to step an observer over them. Their arrays are read-only rows of the recording.
+        """Yield the ticks again, to step an observer over them. Their arrays are read-only rows of the recording.
 
         What is not recorded is neutral: nothing touched or pressed, warm motors, a full battery, ticks counted from 0.
         """
@@ -265,7 +265,7 @@ class Recording:
         )
 
     def mirrored(self, robot: RobotConfig) -> Self:
-        """The same run seen in a mirror: left and right swapped, signs by ``robot.mirror``.
+        """Return the mirror image of the run: left and right swapped, signs by ``robot.mirror``.
 
         Raises:
             RecordingError: It is of another robot.
@@ -371,7 +371,7 @@ class RecordingBuilder:
         self._count += 1
 
     def finish(self) -> Recording:
-        """The recording of the ticks so far; the builder may go on.
+        """Return the recording of the ticks so far; the builder may go on.
 
         Raises:
             RecordingError: See :class:`Recording`.

@@ -49,7 +49,7 @@ class RunningMedian:
         self._count = 0
 
 
-class RecentLargest:
+class RunningMaximum:
     """Largest sample of each of ``width`` signals over the last ``memory`` [s]; NaN where one of them is.
 
     Args:

@@ -12,7 +12,7 @@ from pepper_driver.observer.interface import Contact
 
 
 @dataclass(frozen=True, kw_only=True)
-class Alarm:
+class ContactTrack:
     """One contact as it was told: ``begin``, the ``updates`` in their order, ``end`` [s].
 
     While it lasts, ``end`` is the time of the last event.
@@ -23,17 +23,17 @@ class Alarm:
     end: float
 
     def at(self, time: float) -> Contact:
-        """What was known of the contact at a time [s]: the last event until then; ``begin`` before it."""
+        """Return the report of the contact at a time [s]: the last event until then; ``begin`` before it."""
         return next((event for event in reversed(self.updates) if event.time <= time), self.begin)
 
     def limbs(self, until: float, robot: RobotConfig) -> frozenset[str]:
-        """The limbs it was put on until a time [s], that of its begin always."""
+        """Return the limbs it was put on until a time [s], that of its begin always."""
         told = (self.begin, *(event for event in self.updates if event.time <= until))
         return frozenset(robot.limb_of(event.joint) for event in told)
 
 
-def alarms_of(contacts: Iterable[Contact]) -> tuple[Alarm, ...]:
-    """The contacts that the events of one run tell of, in the order in which they begin.
+def group_events(contacts: Iterable[Contact]) -> tuple[ContactTrack, ...]:
+    """Return the contacts that the events of one run tell of, in the order in which they begin.
 
     Events of a contact whose begin is missing are left out.
     """
@@ -46,7 +46,7 @@ def alarms_of(contacts: Iterable[Contact]) -> tuple[Alarm, ...]:
         elif event.id in current:
             current[event.id].append(event)
     return tuple(
-        Alarm(
+        ContactTrack(
             begin=life[0],
             updates=tuple(event for event in life if event.phase == "update"),
             end=life[-1].time,
@@ -101,12 +101,12 @@ class KnownPush:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Felt:
+class DetectedPush:
     """A push with the contact that reported it: as it began, and with all that was told of it later."""
 
     push: KnownPush
     contact: Contact
-    alarm: Alarm
+    alarm: ContactTrack
 
     @property
     def delay(self) -> float:
@@ -133,7 +133,7 @@ class Score:
         on_trunk: Contacts told on the trunk while a limb was pushed: it carries the limb. Neither felt nor false.
     """
 
-    felt: tuple[Felt, ...]
+    felt: tuple[DetectedPush, ...]
     missed: tuple[KnownPush, ...]
     false: tuple[Contact, ...]
     rebounds: tuple[Contact, ...]
@@ -150,13 +150,13 @@ def score(pushes: Sequence[KnownPush], contacts: Sequence[Contact], robot: Robot
     push too: a rebound, or a repetition of what was felt; so does one on the trunk, which carries the limb. Any other
     contact is false, unless it goes on with another on the same limb within RUN_GAP.
     """
-    felt: dict[int, Felt] = {}
+    felt: dict[int, DetectedPush] = {}
     false: list[Contact] = []
     rebounds: list[Contact] = []
     repeated: list[Contact] = []
     on_trunk: list[Contact] = []
     over: dict[str, float] = {}
-    for alarm in alarms_of(contacts):
+    for alarm in group_events(contacts):
         contact = alarm.begin
         time, limb = contact.detection_time, robot.limb_of(contact.joint)
         continues = time - over.get(limb, -math.inf) < RUN_GAP
@@ -177,7 +177,7 @@ def score(pushes: Sequence[KnownPush], contacts: Sequence[Contact], robot: Robot
         elif number in felt:
             repeated.append(contact)
         else:
-            felt[number] = Felt(push=pushes[number], contact=contact, alarm=alarm)
+            felt[number] = DetectedPush(push=pushes[number], contact=contact, alarm=alarm)
     return Score(
         felt=tuple(felt[number] for number in sorted(felt)),
         missed=tuple(push for number, push in enumerate(pushes) if number not in felt),

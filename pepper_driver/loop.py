@@ -237,9 +237,9 @@ class Loop:
         gated = gate.gate(reference, self.arbiter.stiffness, wheel_speed, measurement.age)
         sent = gated.command
         if gated.wheels_changed:
-            self._controller.accept(sent.position, wheels.inverse @ sent.wheel_speed)
+            self._controller.override_state(sent.position, wheels.inverse @ sent.wheel_speed)
         elif gated.joints_changed:
-            self._controller.accept(sent.position)
+            self._controller.override_state(sent.position)
         return Sent(reference=reference, sent=sent, changed=gated.changed)
 
     def halt(self) -> None:

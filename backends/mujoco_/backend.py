@@ -163,7 +163,7 @@ class MujocoBackend(Serial, Backend):
 
     @property
     def plant(self) -> SimulatedPlant:
-        """Which robot this is."""
+        """Identity of the simulated robot."""
         boards, plant = self._simulation.boards, self._plant
         friction = [plant.actuator(name).friction.contact for name in self._robot.joint_names]
         return SimulatedPlant(
@@ -176,7 +176,7 @@ class MujocoBackend(Serial, Backend):
 
     @property
     def truth(self) -> Truth:
-        """What really happens in the simulation."""
+        """Ground truth of the simulation."""
         return self._truth
 
     @serial
@@ -201,7 +201,7 @@ class MujocoBackend(Serial, Backend):
 
     @serial
     def snapshot(self) -> Snapshot:
-        """The state of simulation, sensors and noise, to go back to with :meth:`restore`."""
+        """Return the state of simulation, sensors and noise, to go back to with :meth:`restore`."""
         self._check_open()
         own = {name: copy.deepcopy(getattr(self, name)) for name in _OWN_STATE}
         parts = {name: part.save() for name, part in self._parts().items()}
@@ -241,7 +241,7 @@ class MujocoBackend(Serial, Backend):
         }
 
     def _begin(self) -> Measurement:
-        """Simulation, sensors and noise as they start."""
+        """Start simulation, sensors and noise."""
         self._simulation.reset(self._start)
         self._commands.reset(self._start)
         self._write(self._start, np.zeros(len(self._start)), np.zeros(3))

@@ -103,7 +103,7 @@ class Contacts(Resumable):
 
     @property
     def acted(self) -> tuple[TrueContact, ...]:
-        """What touched the robot in the last cycle."""
+        """True contacts of the last cycle."""
         return self._tally.contacts
 
     def reset(self) -> None:

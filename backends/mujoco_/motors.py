@@ -177,14 +177,14 @@ class Supply(Resumable):
 
     @property
     def voltage(self) -> float:
-        """Of the battery under its load [V]."""
+        """Voltage of the battery under its load [V]."""
         battery = self._battery
         span = battery.full_voltage - battery.empty_voltage
         return max(0.0, battery.empty_voltage + span * self.charge - self._sag)
 
     @property
     def warmth(self) -> Warmth:
-        """What the temperatures do; the same object as long as no motor is a tenth of a degree off."""
+        """Effect of the temperatures; the same object as long as no motor is a tenth of a degree off."""
         tenths = np.rint(10.0 * self.temperature)
         if self._warmth is None or not np.array_equal(tenths, self._tenths):
             self._tenths = tenths
@@ -286,7 +286,7 @@ class MotorBoards(Resumable):
         self._full_drop = self._resistance * self._current_limit
 
     def begin_cycle(self, stiffness: FloatArray, supply: float) -> None:
-        """Settings for the updates to come, none of which has met a bound.
+        """Set the parameters of the next updates, none of which has met a bound.
 
         Args:
             stiffness: (17,) 0..1.

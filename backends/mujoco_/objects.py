@@ -138,7 +138,7 @@ class Throws:
 
     @property
     def waiting(self) -> bool:
-        """Whether any object is still to be thrown."""
+        """True while an object is still to be thrown."""
         return self._last >= 0 and round(self._data.time / self._step) <= self._last
 
     def hold(self) -> None:

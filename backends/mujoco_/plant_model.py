@@ -112,7 +112,7 @@ def add_drive(spec: mujoco.MjSpec, name: str, robot: RobotConfig, plant: PlantCo
 
 
 def add_flexibility(spec: mujoco.MjSpec, number: int, plant: PlantConfig) -> None:
-    """A spring hinge behind a joint, in the link that the joint carries."""
+    """Add a spring hinge behind a joint, in the link that the joint carries."""
     flexibility = plant.flexibilities[number]
     joint = spec.joint(flexibility.joint)
     along = abs(np.dot(joint.axis, flexibility.axis)) / np.linalg.norm(flexibility.axis)
@@ -209,7 +209,7 @@ class PlantModel:
     bodies: dict[str, int]
 
     def diverged(self, data: mujoco.MjData) -> bool:
-        """Whether the simulation has met values that are not finite, or huge."""
+        """Check if the simulation has met values that are not finite, or huge."""
         return any(data.warning[kind].number for kind in _DIVERGENCE)
 
     def in_gap(self, data: mujoco.MjData) -> BoolArray:
@@ -310,7 +310,7 @@ _HINGES = {"base_yaw": (0, 0, 1), "base_pitch": (0, 1, 0), "base_roll": (1, 0, 0
 
 
 def add_wheel_drives(spec: mujoco.MjSpec, robot: RobotConfig, plant: PlantConfig) -> None:
-    """A motor under speed control for each wheel: torque = gain (ctrl - speed), within the torque limit."""
+    """Add a motor under speed control for each wheel: torque = gain (ctrl - speed), within the torque limit."""
     drive, motor = plant.wheels, robot.motors.types[robot.wheels.motor_type]
     for name in robot.wheels.names:
         joint = spec.joint(name)

@@ -38,7 +38,7 @@ class Pushes(Resumable):
         self._pending.clear()
 
     def begin_cycle(self, now: float, end: float) -> bool:
-        """Whether any may act between ``now`` and ``end`` [s]; forgets those that are over."""
+        """Return true if any may act between ``now`` and ``end`` [s]; forget those that are over."""
         if not self._pending:
             self._due.clear()
             return False
@@ -95,7 +95,7 @@ class ScheduledGrab(Grab):
 
     @property
     def end(self) -> float:
-        """When it has let go [s]."""
+        """Time at which the hand has let go [s]."""
         return self.start + self.rise + self.hold + self.release
 
 
@@ -105,7 +105,7 @@ def centres_of_mass(model: PlantModel) -> dict[str, FloatArray]:
 
 
 def first_overlap(holds: Iterable[tuple[str, float, float]]) -> tuple[str, float] | None:
-    """The first (link, time [s]) at which two hands hold one link, None if there is none; holds are (link, start, end).
+    """Return the first (link, time [s]) at which two hands hold one link, or None; holds are (link, start, end).
 
     One may take the link at the very moment the other has let go.
     """
@@ -184,7 +184,7 @@ class GrabForces(Resumable):
         self._pending.clear()
 
     def begin_cycle(self, now: float, end: float) -> bool:
-        """Whether any may act between ``now`` and ``end`` [s]; forgets those that have let go."""
+        """Return true if any may act between ``now`` and ``end`` [s]; forget those that have let go."""
         if not self._pending:
             self._due.clear()
             return False
@@ -238,7 +238,7 @@ class GrabForces(Resumable):
             joint_torque += tally.put(entry, where, force, share * size)
 
     def _close(self, grip: _Grip, where: Point) -> Point:
-        """The hand closes at ``where`` in the world: there it stays from now on, but for its own pull."""
+        """Return the hand closes at ``where`` in the world: there it stays from now on, but for its own pull."""
         hand, step = grip.hand, float(self._mj.opt.timestep)
         pull = hand.pull
         if hand.frame == "link":

@@ -135,7 +135,7 @@ class TouchSensors(Resumable):
         self._felt = True
 
     def end(self, steps: int) -> None:
-        """The cycle of ``steps`` is over: answer."""
+        """End the cycle of ``steps``: make the readings."""
         if self._felt:
             mean = np.array(self._force) / steps
             self._answer = (mean > self._threshold).astype(np.float64)

@@ -44,7 +44,7 @@ class MujocoTruth(Truth):
 
     @property
     def contacts(self) -> tuple[TrueContact, ...]:
-        """What touched the robot in the last cycle."""
+        """True contacts of the last cycle."""
         return self._simulation.contacts.acted
 
     @property
@@ -59,7 +59,7 @@ class MujocoTruth(Truth):
 
     @property
     def fallen(self) -> bool:
-        """Whether the base has come to lie."""
+        """True when the base has come to lie."""
         return bool(np.abs(self.tilt).max() > FALLEN - LYING)
 
     @property
@@ -69,7 +69,7 @@ class MujocoTruth(Truth):
 
     @property
     def kinetic_energy(self) -> float:
-        """Of all links, rotors and wheels, with the objects of the world [J]."""
+        """Kinetic energy of all links, rotors and wheels, with the objects of the world [J]."""
         mj, data = self._simulation.model.mj, self._simulation.data
         momentum = np.empty(mj.nv)
         mujoco.mj_mulM(mj, data, momentum, data.qvel)
@@ -275,7 +275,7 @@ class Readings(Resumable):
         self.begin(0)
 
     def begin(self, seed: int) -> Measurement:
-        """The first measurement of a robot at rest, with noise of this seed to come."""
+        """Return the first measurement of a robot at rest, with noise of this seed to come."""
         # One stream for each kind of sensor: a change in one leaves the noise of the others as it was.
         streams = np.random.SeedSequence(seed).spawn(2)
         rngs = [np.random.Generator(np.random.PCG64(stream)) for stream in streams]
@@ -288,7 +288,7 @@ class Readings(Resumable):
         )
 
     def read(self) -> Measurement:
-        """The measurement one cycle later."""
+        """Return the measurement one cycle later."""
         self._tick += 1
         simulation = self._simulation
         return self._measurement(

@@ -16,7 +16,7 @@ Point = tuple[float, float, float]
 
 
 class Entry:
-    """What one thing does to one link in the steps of a cycle.
+    """Effect of one object on one link in the steps of a cycle.
 
     Attributes:
         kind, body, thing: See :class:`~pepper_driver.backends.interface.TrueContact`; ``body`` is the link's number.
@@ -70,15 +70,15 @@ class Tally(Resumable):
         self.torque, self.peak = np.zeros(len(self._link_dof)), np.zeros(len(self._link_dof))
 
     def begin(self) -> None:
-        """A cycle begins."""
+        """Begin a cycle."""
         self._step = 0
 
     def next_step(self) -> None:
-        """A step of physics is over."""
+        """End a step of physics."""
         self._step += 1
 
     def entry(self, key: Hashable, kind: ContactKind, body: int, thing: str | None = None) -> Entry:
-        """The entry under ``key``; a new one when it has not acted in this cycle yet."""
+        """Return the entry under ``key``; a new one when it has not acted in this cycle yet."""
         entry = self._entries.get(key)
         if entry is None:
             entry = Entry(kind, body, thing, self._steps, self._mj.nv)
@@ -121,7 +121,7 @@ class Tally(Resumable):
         entry.last = step
 
     def end(self) -> None:
-        """The cycle is over: make its truth."""
+        """End the cycle: make its truth."""
         if not self._entries:
             if self.contacts:
                 self.reset()
@@ -136,7 +136,7 @@ class Tally(Resumable):
         self._entries.clear()
 
     def _summary(self, entry: Entry, torque: FloatArray) -> TrueContact:
-        """An entry in one; ``torque`` is the (steps, 17) part of its own. NumPy's shortest calls: time matters."""
+        """Sum an entry up; ``torque`` is its own (steps, 17) part. NumPy's shortest calls: time matters."""
         sizes = entry.size.tolist()
         whole = sum(sizes)
         if whole > 0.0:

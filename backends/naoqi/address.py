@@ -34,7 +34,7 @@ class Secret:
 
 
 def find_secret(address: Address) -> Secret | None:
-    """The password for a robot with TLS: that of the environment, else of the keyring, else asked for on a terminal.
+    """Return the password for a robot with TLS: of the environment, else the keyring, else from a terminal.
 
     None for a robot that asks for none.
 
@@ -84,7 +84,7 @@ USER = "nao"
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Address:
-    """Of a NAOqi.
+    """Address of a NAOqi.
 
     Attributes:
         uri: As the user wrote it; holds no secret.
@@ -110,7 +110,7 @@ class Address:
 
 
 def naoqi_address(uri: BackendUri, options: set[str]) -> Address:
-    """The address that a URI means.
+    """Return the address that a URI means.
 
     Args:
         uri: With the scheme ``naoqi`` or ``naoqis``.

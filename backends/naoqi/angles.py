@@ -88,7 +88,7 @@ class AnglesLink:
 
     @property
     def idle(self) -> bool:
-        """Whether the robot has taken the last stiffness it was told."""
+        """True when the robot has taken the last stiffness that was sent."""
         return self._stiffness_order.over
 
     def read(self) -> Measurement:

@@ -88,7 +88,7 @@ def refusal(address: Address, *, silent: bool) -> NotConnectedError:
 
 
 def _peer(address: Address) -> Literal["tls", "plain", "silent"]:
-    """What whoever listens makes of the begin of TLS. Nothing is said in it, and no certificate is believed."""
+    """Return the peer's answer to the begin of TLS. Nothing is sent in it, and no certificate is trusted."""
     context = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
     context.check_hostname = False
     context.verify_mode = ssl.CERT_NONE
@@ -159,7 +159,7 @@ class Connection:
 
     @property
     def connected(self) -> bool:
-        """Whether the link stands, as far as the library noticed.
+        """True while the connection stands, as far as the library noticed.
 
         It notices at once that the robot's program ended, after 10 s that a network was cut, never that a robot hangs.
         """
@@ -205,7 +205,7 @@ class Connection:
         self._wait(lambda: self._session.unregisterService(number, _async=True), what, timeout)
 
     def service(self, name: str, timeout: float | None = None) -> Proxy:
-        """The proxy of a service, as ``qi`` makes it: its errors are RuntimeErrors.
+        """Return the proxy of a service, as ``qi`` makes it: its errors are RuntimeErrors.
 
         Raises:
             MissingServiceError: The robot has none of this name.
@@ -221,7 +221,7 @@ class Connection:
     def call(
         self, service: str, method: str, *arguments: object, timeout: float | None = None
     ) -> Answer:
-        """What a method of a service answers.
+        """Return the answer of a method of a service.
 
         Args:
             service: Its name.
@@ -274,7 +274,7 @@ class Connection:
             self._on_lost()
 
     def _wait(self, start: Callable[[], Future], what: str, timeout: float | None) -> Answer:
-        """The value of the future that ``start`` gives."""
+        """Return the value of the future that ``start`` gives."""
         limit = self.call_time if timeout is None else timeout
         uri = self.address.uri
         if not self.connected:

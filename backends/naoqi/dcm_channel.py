@@ -382,7 +382,7 @@ class Link:
         return self._writer.send(Alias.WHEEL_STIFFNESS, "ClearAll", dates, values)
 
     def commanded(self, alias: Alias, timeout: float | None = None) -> FloatArray:
-        """What the DCM commands now. Waits for the answer, at most ``timeout`` [s].
+        """Return the present commands of the DCM. Wait for the answer, at most ``timeout`` [s].
 
         Raises:
             BackendError: The robot does not say.
@@ -407,7 +407,7 @@ class Link:
 
     @property
     def connected(self) -> bool:
-        """Whether the connection stands, as far as it has been noticed."""
+        """True while the connection stands, as far as it has been noticed."""
         return self._connection.connected
 
     @property
@@ -417,7 +417,7 @@ class Link:
 
     @property
     def idle(self) -> bool:
-        """Whether nothing is on its way."""
+        """True while no command or answer is in flight."""
         self._writer.collect()
         return self._writer.idle
 

@@ -125,7 +125,7 @@ class Reader:
 
 
 class _TimeQuestion:
-    """What time is it by the DCM? Asked and answered on threads of the library.
+    """Question for the DCM's time, asked and answered on threads of the library.
 
     Attributes:
         over: Whether nothing more is to come.
@@ -194,12 +194,12 @@ class Writer:
 
     @property
     def free(self) -> int:
-        """How many commands may be sent now."""
+        """Return the number of commands that may be sent now."""
         return OUTSTANDING - len(self._in_flight)
 
     @property
     def idle(self) -> bool:
-        """Whether nothing is on its way."""
+        """True while no command is in flight."""
         return not self._in_flight
 
     @property
@@ -247,7 +247,7 @@ class Writer:
         return self.send(Alias.POSITION, "ClearAfter", [date], values, acknowledged)
 
     def _near(self, wanted: FloatArray) -> bool:
-        """Whether what is on its way, and this, move no joint far from what the robot took last."""
+        """Check that this command, and those in flight, move no joint far from the last one that the robot took."""
         taken = self._taken
         return taken is not None and float(np.abs(wanted - taken).max()) <= self._largest_step
 

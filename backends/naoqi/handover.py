@@ -1,4 +1,4 @@
-"""How the stiffness goes up at the begin, and how wheels, legs and joints are given back in the end."""
+"""Handover: stiffness up at the begin; wheels, legs and joints given back in the end."""
 
 from __future__ import annotations
 

@@ -138,7 +138,7 @@ class SensorKeys:
         )
 
     def _without(self, places: list[int]) -> str:
-        """What it means that there is no number at some places."""
+        """Explain values that are not numbers."""
         more = f" and {len(places) - 1} more" if len(places) > 1 else ""
         lacking = f"no number for {self.names[places[0]]}{more}"
         joints = list(dict.fromkeys(self._joint_at.get(place, "") for place in places))

@@ -61,12 +61,12 @@ class Switch:
 
     @property
     def arguments(self) -> tuple[str, ...]:
-        """What both methods take first."""
+        """First arguments of both methods."""
         return () if self.chain is None else (self.chain,)
 
     @property
     def consent(self) -> bool:
-        """Whether the robot's owner must have allowed that it is switched off."""
+        """True if the robot's owner must have allowed that it is switched off."""
         return self.setting in CRITICAL
 
 
@@ -106,7 +106,7 @@ SWITCHES = (
 
 
 def chosen(settings: TakeOverSettings) -> list[tuple[Switch, bool]]:
-    """Those to be switched off, and whether each must be."""
+    """Return the switches to turn off, each with true if it must be."""
     policies = {switch: getattr(settings, switch.setting) for switch in SWITCHES}
     return [(switch, policy == "off") for switch, policy in policies.items() if policy != "keep"]
 
@@ -137,7 +137,7 @@ class Restoration:
     def note(
         self, text: str, service: str, method: str, *arguments: object, timeout: float
     ) -> None:
-        """How a change is undone. To be said before it is made: what is half done is undone too.
+        """Record how a change is undone. To be called before it is made: half a change is undone too.
 
         Args:
             text: What is given back, for people.
@@ -303,7 +303,7 @@ class TakeOver:
             self.posture = np.array(posture, dtype=float)
 
     def _end_life(self) -> None:
-        """Some robots lie down to rest by it."""
+        """Turn a switch by which some robots lie down to rest."""
         state = self._call_if_there("ALAutonomousLife", "getState")
         if state in (None, "disabled"):
             return
@@ -336,7 +336,7 @@ class TakeOver:
         )
 
     def _is_on(self, switch: Switch) -> bool:
-        """Whether it is. What a robot does not have is off."""
+        """Return true if the switch is on. A switch that a robot does not have is off."""
         return bool(self._call_if_there("ALMotion", f"get{switch.name}Enabled", *switch.arguments))
 
     def _switch_off(self, switch: Switch, *, must: bool) -> None:
@@ -377,7 +377,7 @@ class TakeOver:
         self._changes.note(text, service, method, *arguments, timeout=limit)
 
     def _call_if_there(self, service: str, method: str, *arguments: object) -> Answer:
-        """The answer; None where the robot has no such thing, or not of this kind."""
+        """Return the answer; None where the robot has no such thing, or not of this kind."""
         try:
             return self._connection.call(service, method, *arguments)
         except (MissingServiceError, ServiceError) as error:

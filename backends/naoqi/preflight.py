@@ -52,7 +52,7 @@ class _Finding:
 
 
 def diagnosis(connection: Connection, robot: RobotConfig) -> tuple[DeviceError, ...] | None:
-    """What the robot finds broken now; None where it has no diagnosis. A few calls, so not for the tick.
+    """Return the parts that the robot finds broken; None without a diagnosis. A few calls, so not for the tick.
 
     Raises:
         NotConnectedError: The connection is lost.
@@ -174,7 +174,7 @@ def _checks(
 
 
 def awake(connection: Connection) -> bool:
-    """Whether the motors are on: woken up, and not at rest. A robot that does not say so counts as awake."""
+    """Check if the motors are on: woken up, and not at rest. A robot that does not report it counts as awake."""
     try:
         return bool(connection.call("ALMotion", "robotIsWakeUp"))
     except (MissingServiceError, ServiceError):
@@ -197,7 +197,7 @@ BODY_KEY = "Device/DeviceList/ChestBoard/BodyId"
 
 @dataclass(frozen=True, kw_only=True)
 class Preflight:
-    """What was found at ``open``.
+    """Findings of ``open``.
 
     Attributes:
         version: Of NAOqi, such as ``"2.5.10.7"``; ``"?"`` where it does not say.
@@ -247,17 +247,17 @@ def preflight(
 
 
 def is_number(value: object) -> bool:
-    """Whether a value of the robot's memory is one; what is not there, or broken, is None."""
+    """Return true if a value of the robot's memory is a number; one that is missing or broken is None."""
     return isinstance(value, int | float) and math.isfinite(value)
 
 
 def _text(connection: Connection, key: str) -> str:
-    """A text in the memory; empty where there is none."""
+    """Return a text in the memory; empty where there is none."""
     return _answer(connection, "ALMemory", "getData", key)
 
 
 def _answer(connection: Connection, service: str, method: str, *arguments: object) -> str:
-    """A text that a service gives; empty where it does not."""
+    """Return a text that a service gives; empty where it does not."""
     try:
         answer = connection.call(service, method, *arguments)
     except (MissingServiceError, ServiceError):

@@ -30,7 +30,7 @@ class SecondDriverError(BackendError):
 
 
 class DriverService:
-    """What other programs can ask of the one that drives; nothing of it is secret."""
+    """Service by which other programs can ask the driving one; nothing of it is secret."""
 
     def __init__(self) -> None:
         self._since = datetime.now(UTC).isoformat(timespec="seconds")

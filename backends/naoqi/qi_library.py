@@ -36,19 +36,19 @@ class Future(Protocol):
     """The answer of a service, to come."""
 
     def isRunning(self) -> bool:
-        """Whether the answer is still to come."""
+        """Return true while the answer is still to come."""
 
     def wait(self, timeout: int) -> object:
         """Wait for the answer, at most so many [ms]; returns the state it is in then, one of ``qi.FutureState``."""
 
     def hasError(self) -> bool:
-        """Whether it failed; waits for it."""
+        """Return true if the call failed; wait for it."""
 
     def error(self) -> str:
         """Why it failed."""
 
     def value(self) -> Answer:
-        """The answer; waits for it, and raises a RuntimeError where it failed."""
+        """Return the answer; waits for it, and raises a RuntimeError where it failed."""
 
     def addCallback(self, callback: Callable[[Self], object]) -> object:
         """Have ``callback`` called with this once it is over, on a thread of the library."""
@@ -67,13 +67,13 @@ class Session(Protocol):
     disconnected: Signal
 
     def isConnected(self) -> bool:
-        """Whether the link stands."""
+        """Return true while the connection stands."""
 
     def service(self, name: str, *, _async: bool) -> Future:
-        """The :data:`Proxy` of a service."""
+        """Return the :data:`Proxy` of a service."""
 
     def services(self, *, _async: bool) -> Future:
-        """What services there are."""
+        """Return the services."""
 
     def registerService(self, name: str, service: object, *, _async: bool) -> Future:
         """Offer a service to others; its number."""
@@ -103,7 +103,7 @@ class ImportOrderError(PepperError, ImportError):
 
 
 def load_qi() -> ModuleType:
-    """The module ``qi``, quiet, and set to notice a link that was cut within about ten seconds.
+    """Return the module ``qi``, quiet, and set to notice a link that was cut within about ten seconds.
 
     Raises:
         NoQiError: It is not installed.
@@ -140,7 +140,7 @@ def preload_qi() -> None:
 
 
 def one_line(error: str) -> str:
-    """What a service said went wrong, without its traceback."""
+    """Return the error of a service in one line, without its traceback."""
     text = " ".join(error.partition("\n\nAt:")[0].split())
     return text if len(text) <= 300 else f"{text[:300]}..."
 

@@ -246,7 +246,7 @@ class NaoqiRobot(Serial, Handled):
         return NaoqiExtras(self._address.uri, self._connected, lambda: self._state == "active")
 
     def diagnosis(self) -> tuple[DeviceError, ...] | None:
-        """What the robot's own diagnosis finds broken now."""
+        """Return the parts that the robot's own diagnosis finds broken."""
         return diagnosis(self._connected(), self._robot)
 
     # -- inside -------------------------------------------------------------------------------------------------
@@ -301,7 +301,7 @@ class NaoqiRobot(Serial, Handled):
             self._connected()
 
     def _connected(self) -> Connection:
-        """The connection of an open robot."""
+        """Return the connection of an open robot."""
         if self._state == "closed" or self._connection is None:
             raise NotConnectedError(f"'{self._address.uri}' is not open")
         if self._lost or not self._connection.connected:

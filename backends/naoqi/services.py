@@ -25,12 +25,12 @@ POSTURE_TIME = 60.0
 
 
 def abilities(service_names: Collection[str]) -> frozenset[Capability]:
-    """What a robot with these services can do."""
+    """Return the abilities of a robot with these services."""
     return frozenset(ability for ability, name in SERVICES.items() if name in service_names)
 
 
 class NaoqiExtras(Extras):
-    """Of a robot over NAOqi; see :class:`~pepper_driver.backends.extras.Extras` for what each does and raises.
+    """Services of a robot over NAOqi; see :class:`~pepper_driver.backends.extras.Extras` for what each does and raises.
 
     ``say`` and ``leds`` only begin: what the robot refuses later is logged.
 

@@ -1,4 +1,4 @@
-"""What only a stand-in can do, and no robot: be pushed and grabbed by its own program, and say what it is made of."""
+"""Abilities of a stand-in alone: pushes and grabs by its own program, and the parameters of its plant."""
 
 from __future__ import annotations
 
@@ -29,11 +29,11 @@ class Handled(Backend):
 
     @abstractmethod
     def _connected(self) -> Connection:
-        """The connection of an open robot."""
+        """Return the connection of an open robot."""
 
     @abstractmethod
     def _met(self) -> Connection:
-        """The connection of a robot, made if there is none."""
+        """Return the connection of a robot, made if there is none."""
 
     def schedule_push(self, push: Push) -> None:
         """Have a link of a stand-in pushed."""
@@ -45,7 +45,7 @@ class Handled(Backend):
 
     @property
     def plant(self) -> SimulatedPlant:
-        """What a stand-in simulates."""
+        """Robot that a stand-in simulates."""
         if "push" not in self.info.capabilities:
             return super().plant
         if self._plant is None:
@@ -75,7 +75,7 @@ class Handled(Backend):
 
 
 def simulated_plant(connection: Connection, robot: RobotConfig) -> SimulatedPlant:
-    """The robot that the stand-in simulates, from its URI.
+    """Return the robot that the stand-in simulates, from its URI.
 
     Raises:
         CapabilityError: It cannot be simulated here, for example as its plant is a file of another computer.

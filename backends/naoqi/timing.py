@@ -31,12 +31,12 @@ KEPT_REPLIES = 8
 
 
 def shown(date: int) -> int:
-    """A date as the robot's clock shows it: -2^31 to 2^31 - 1."""
+    """Return a date as the robot's clock shows it: -2^31 to 2^31 - 1."""
     return (date + SPAN // 2) % SPAN - SPAN // 2
 
 
 def dated(shown_: int, near: float) -> int:
-    """The date nearest to ``near`` that the robot's clock shows as ``shown_``."""
+    """Return the date nearest to ``near`` that the robot's clock shows as ``shown_``."""
     base = round(near)
     return base + shown(shown_ - base)
 
@@ -84,11 +84,11 @@ class DcmClock:
         self._offset = min(self._replies, key=doubt)[1]
 
     def now(self, here: int) -> float:
-        """The DCM's date [ms] when this computer's clock shows ``here`` [ns]."""
+        """Return the DCM's date [ms] when this computer's clock shows ``here`` [ns]."""
         return here * 1e-6 + self._offset
 
     def date(self, shown_: int, here: int) -> int:
-        """The date near ``here`` [ns of this computer's clock] that the robot's clock shows as ``shown_``."""
+        """Return the date near ``here`` [ns of this computer's clock] that the robot's clock shows as ``shown_``."""
         return dated(shown_, self.now(here))
 
 
@@ -121,7 +121,7 @@ class Cycles:
         self._first = float(first)
 
     def number(self, date: float) -> int:
-        """The cycle nearest to a date [ms]."""
+        """Return the cycle nearest to a date [ms]."""
         return round((date - self._first) / self.length)
 
     def date(self, number: int) -> int:
@@ -133,7 +133,7 @@ class Cycles:
         return (date - self._first) % self.length
 
     def see(self, date: int) -> int:
-        """The number of the cycle that a sample of this date is of."""
+        """Return the number of the cycle that a sample of this date is of."""
         number = self.number(date)
         self._first += FOLLOW * (date - self._first - number * self.length)
         return number
@@ -182,7 +182,7 @@ class CommandScheduler:
         return self._number
 
     def given(self, step: int, number: int, *, sent: bool) -> None:
-        """The command of a step was for this cycle, and was sent, or withheld."""
+        """Record that the command of a step was for this cycle, and was sent, or withheld."""
         self._given[number] = (step, sent)
         for old in list(self._given):
             if old > number - KEPT_CYCLES:
@@ -190,7 +190,7 @@ class CommandScheduler:
             del self._given[old]
 
     def refused(self, number: int) -> None:
-        """The robot did not take the command for this cycle."""
+        """Record that the robot did not take the command for this cycle."""
         if number in self._given:
             self._given[number] = (self._given[number][0], False)
 
@@ -234,7 +234,7 @@ class SlowLinkError(BackendError):
 
 @dataclass(frozen=True, kw_only=True)
 class RoundTrips:
-    """Of calls to the robot [s]."""
+    """Round trips of calls to the robot [s]."""
 
     calls: int
     median: float
@@ -244,7 +244,7 @@ class RoundTrips:
 
     @classmethod
     def of(cls, replies: Sequence[TimeReply]) -> Self:
-        """Of answers; ``jitter`` is what the slowest in a hundred took longer than the quickest.
+        """Compute them from answers; ``jitter`` is the time of the slowest in a hundred beyond that of the quickest.
 
         The quickest and this one together bound how much one way can vary. The very slowest call says more of what else
         the two computers did at that moment than of the way.

@@ -1,1 +1,1 @@
-"""How robots are moved and pushed, one YAML file each."""
+"""Experiments, one YAML file each."""

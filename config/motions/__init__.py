@@ -1,1 +1,1 @@
-"""What the robot can do, one YAML file each."""
+"""Motions, one YAML file each."""

@@ -1,1 +1,1 @@
-"""What the way between a program and the robot costs, one YAML file each."""
+"""Delays of the connection between a program and the robot, one YAML file each."""

@@ -1,1 +1,1 @@
-"""What may stand, hang or fly around a simulated robot, one YAML file each."""
+"""Objects around a simulated robot, one YAML file each."""

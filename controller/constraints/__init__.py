@@ -1,4 +1,4 @@
-"""What the robot must not do: bounds on accelerations, and rows of inequalities."""
+"""Constraints: bounds on accelerations, and rows of inequalities."""
 
 from pepper_driver.config import ControllerSettings, RobotConfig
 from pepper_driver.controller.constraints.balance import Balance
@@ -27,7 +27,7 @@ __all__ = [
 
 
 def standard_constraints(robot: RobotConfig, settings: ControllerSettings) -> list[Constraint]:
-    """New objects of those that the settings switch on."""
+    """Make the constraints that the settings switch on."""
     switches, constraints = settings.constraints, list[Constraint]()
     if switches.coupled_limits:
         constraints.append(CoupledLimits(robot, settings.position_margin))

@@ -48,13 +48,13 @@ GRAVITY = 9.81
 LEAST_ROOM = 0.005
 """[m] What the row for rest leaves to the zero moment point beyond its margin."""
 
-BASE_SHARE = 0.5
+BASE_RATIO = 0.5
 """Of the acceleration of the base: what rest and motion may ask of it where they disagree."""
 
-BACK_SHARE = 0.3
+RETURN_RATIO = 0.3
 """Of the acceleration of the joints: what they return with when the centre of mass is too far out to be caught."""
 
-LEAST_SIZE = 1e-9
+MIN_ROW_SIZE = 1e-9
 """A row of smaller entries moves nothing."""
 
 
@@ -75,7 +75,7 @@ class _Place(NamedTuple):
 
 
 def _product(a: list[float], b: list[float]) -> float:
-    """Of two lists of six; the last entry of moments is zero."""
+    """Multiply two lists of six; the last entry of moments is zero."""
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2] + a[3] * b[3] + a[4] * b[4]
 
 
@@ -130,7 +130,7 @@ class Balance(Constraint):
     def is_satisfied(
         self, model: RobotModel, braking_limits: BrakingLimits, acceleration: FloatArray
     ) -> bool:
-        """Whether zero moment point and capture point stay inside with (20,) accelerations."""
+        """Check that zero moment point and capture point stay inside with (20,) accelerations."""
         own, dt = self._own, braking_limits.dt
         pin.computeCentroidalMomentumTimeVariation(model.pin, own, model.q, model.v, acceleration)
         place = self._place(model, own.com[0].tolist())
@@ -169,7 +169,7 @@ class Balance(Constraint):
         force[2] += self._mass * GRAVITY
         pushed = [_product(row, force) - self._moving_margin * force[2] for row in moments]
         # What is asked for by both must be possible together. The base alone can do this much, either way.
-        base_reach = (BASE_SHARE * acceleration[:BASE]).tolist()
+        base_reach = (BASE_RATIO * acceleration[:BASE]).tolist()
         base = [
             sum(abs(entry) * reach for entry, reach in zip(row, base_reach, strict=True))
             for row in outwards[:, :BASE].tolist()
@@ -184,14 +184,14 @@ class Balance(Constraint):
             allowed = min(self._least - pushed[i] - base[i], 0.0)
             if inside[i] < self._moving_margin:
                 # The robot tips already, or would: it goes back, wherever the floor pushes meanwhile.
-                allowed = -BACK_SHARE * float(np.abs(outwards[i]) @ acceleration)
+                allowed = -RETURN_RATIO * float(np.abs(outwards[i]) @ acceleration)
                 pushed[i] = inf
             free = self._mass * height * rate * (caught - self._margin) / dt
             room.append(max(free - momentum[i] * (rate + 1 / dt), allowed))
         return self._that_matter(matrix, room + pushed, acceleration)
 
     def _place(self, model: RobotModel, com: list[float]) -> _Place:
-        """Where the centre of mass (3,) in the world is between the edges."""
+        """Return the place of the centre of mass (3,) in the world between the edges."""
         x, y, cosine, sine = model.q[:4].tolist()
         cx, cy, height = com
         cx, cy = cosine * (cx - x) + sine * (cy - y), cosine * (cy - y) - sine * (cx - x)
@@ -219,7 +219,7 @@ class Balance(Constraint):
         matters = [i for i, least in enumerate(room) if least < reach[i]]
         if not matters:
             return None
-        scale = [1.0 / max(row.max(), LEAST_SIZE) for row in size[matters]]
+        scale = [1.0 / max(row.max(), MIN_ROW_SIZE) for row in size[matters]]
         return LinearInequality(
             matrix[matters] * np.array(scale)[:, None],
             np.array([room[i] * s for i, s in zip(matters, scale, strict=True)]),

@@ -14,8 +14,8 @@ from pepper_driver.config.arrays import FloatArray
 from pepper_driver.controller.constraints.braking import BrakingDistance, VelocityDamper
 from pepper_driver.controller.model import BASE, RobotModel
 
-TOLERANCE = 1e-9
-"""By how much a bound may be missed and still count as kept."""
+BOX_TOLERANCE = 1e-9
+"""By how much a bound may be violated and still count as kept."""
 
 ANYWHERE = 1e9
 """[m], [rad] Position limit of the base."""
@@ -107,7 +107,7 @@ class AccelerationBox:
             self._limit_jerk(before)
         np.minimum(bounds, self._velocity_40, out=bounds)
         np.maximum(bounds, self._against_velocity, out=bounds)
-        reach = self._position_limit.highest_velocity(self._state)
+        reach = self._position_limit.max_velocity(self._state)
         np.minimum(bounds, reach, out=bounds)
         np.negative(reach[nv:], self._other_high)
         np.negative(reach[:nv], self._other_low)
@@ -135,17 +135,17 @@ class AccelerationBox:
                 without it jerk is named where no acceleration in the box keeps it.
         """
         v, dt, limit = self._v, self._dt, self.acceleration_limit
-        fast = (v + self.lower * dt > self._velocity + TOLERANCE) | (
-            v + self.upper * dt < -self._velocity - TOLERANCE
+        fast = (v + self.lower * dt > self._velocity + BOX_TOLERANCE) | (
+            v + self.upper * dt < -self._velocity - BOX_TOLERANCE
         )
-        hard = (self.lower > limit + TOLERANCE) | (self.upper < -limit - TOLERANCE)
-        beyond = (self._position < self._low - TOLERANCE) | (
-            self._position > self._high + TOLERANCE
+        hard = (self.lower > limit + BOX_TOLERANCE) | (self.upper < -limit - BOX_TOLERANCE)
+        beyond = (self._position < self._low - BOX_TOLERANCE) | (
+            self._position > self._high + BOX_TOLERANCE
         )
         kinds = {"position": beyond, "velocity": fast, "acceleration": hard}
         if self._jerk_step is not None:
             low, high = (self.lower, self.upper) if acceleration is None else (acceleration,) * 2
-            most = self._jerk_step + TOLERANCE
+            most = self._jerk_step + BOX_TOLERANCE
             kinds["jerk"] = (low - self._before > most) | (high - self._before < -most)
         return tuple(
             f"{name} {kind}"
@@ -155,19 +155,19 @@ class AccelerationBox:
         )
 
     def binding(self, acceleration: FloatArray) -> tuple[tuple[str, str], ...]:
-        """Where (20,) accelerations stand at the box: names of joint or base axis, each with the limit that it is."""
+        """Return the active bounds of (20,) accelerations: names of joint or base axis, each with its limit."""
         found = []
         after = np.abs(self._v + acceleration * self._dt)
         jerk = np.abs(acceleration - self._before)
         for i, name in enumerate(self._names):
             a = acceleration[i]
-            if self.lower[i] + TOLERANCE < a < self.upper[i] - TOLERANCE:
+            if self.lower[i] + BOX_TOLERANCE < a < self.upper[i] - BOX_TOLERANCE:
                 continue
-            if abs(a) >= self.acceleration_limit[i] - TOLERANCE:
+            if abs(a) >= self.acceleration_limit[i] - BOX_TOLERANCE:
                 kind = "acceleration"
-            elif after[i] >= self._velocity[i] - TOLERANCE:
+            elif after[i] >= self._velocity[i] - BOX_TOLERANCE:
                 kind = "velocity"
-            elif self._jerk_step is not None and jerk[i] >= self._jerk_step[i] - TOLERANCE:
+            elif self._jerk_step is not None and jerk[i] >= self._jerk_step[i] - BOX_TOLERANCE:
                 kind = "jerk"
             else:
                 kind = "position"

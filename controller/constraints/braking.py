@@ -40,7 +40,7 @@ import numpy as np
 
 from pepper_driver.config.arrays import FloatArray
 
-BRAKE_SHARE = 0.9
+BRAKE_RATIO = 0.9
 """Of the acceleration limit: what the braking distance is reckoned with."""
 
 
@@ -60,7 +60,7 @@ class BrakingDistance:
         self, lower: FloatArray, upper: FloatArray, acceleration: FloatArray, dt: float
     ) -> None:
         n = len(lower)
-        step = np.tile(BRAKE_SHARE * acceleration * dt, 2)  # b dt, for both sides
+        step = np.tile(BRAKE_RATIO * acceleration * dt, 2)  # b dt, for both sides
         self._floor = -step / 2
         self._least = 2.25 * step**2
         # w of both sides, then 3 b dt w - 3/4 (b dt)^2 of both, linear in (position, velocity): one product for all.
@@ -72,7 +72,7 @@ class BrakingDistance:
         self._result = np.zeros(4 * n)
         self._w, self._stop = self._result[: 2 * n], self._result[2 * n :]
 
-    def highest_velocity(self, state: FloatArray) -> FloatArray:
+    def max_velocity(self, state: FloatArray) -> FloatArray:
         """(2 n,) velocity after this cycle towards the upper, then towards the lower limits [rad/s].
 
         Args:
@@ -158,7 +158,7 @@ class VelocityDamper:
         self._width = self._interaction - self._security
         self._xi = np.zeros((2, len(lower)))  # 0 outside the zone
 
-    def highest_velocity(self, state: FloatArray) -> FloatArray:
+    def max_velocity(self, state: FloatArray) -> FloatArray:
         """(2 n,) velocity after this cycle towards the upper, then towards the lower limits [rad/s].
 
         Args:

@@ -14,13 +14,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from pepper_driver.config.arrays import FloatArray
-from pepper_driver.controller.constraints.braking import BRAKE_SHARE
+from pepper_driver.controller.constraints.braking import BRAKE_RATIO
 from pepper_driver.controller.model import RobotModel
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BrakingLimits:
-    """How fast base and joints can change their speed.
+    """Accelerations by which base and joints can change their speed.
 
     Attributes:
         acceleration: (20,) limits [m/s2], [rad/s2].
@@ -33,7 +33,7 @@ class BrakingLimits:
     @property
     def brake(self) -> FloatArray:
         """(20,) deceleration that the way to rest is computed with [m/s2], [rad/s2]."""
-        return BRAKE_SHARE * self.acceleration
+        return BRAKE_RATIO * self.acceleration
 
 
 @dataclass(frozen=True, slots=True)

@@ -30,7 +30,7 @@ import numpy as np
 
 from pepper_driver.config import ConfigError, RobotConfig
 from pepper_driver.config.arguments import checked_arguments, is_number
-from pepper_driver.controller.constraints.braking import BRAKE_SHARE
+from pepper_driver.controller.constraints.braking import BRAKE_RATIO
 from pepper_driver.controller.constraints.constraint import (
     BrakingLimits,
     Constraint,
@@ -45,12 +45,12 @@ Line = tuple[float, float, float, float]
 Row = tuple[str, int, float, int, float, float]
 """Name; column and entry of the driven joint, and of the driver; bound."""
 
-SAME = 1e-6
+SLOPE_TOLERANCE = 1e-6
 """[rad], or as a slope: two limits nearer than this are the same one, written with fewer digits."""
 
 
 class Span:
-    """How far a joint goes in one direction until it rests, as a function of its acceleration in this cycle.
+    """Distance of a joint in one direction until it rests, as a function of its acceleration in this cycle.
 
     Args:
         acceleration: Limit [rad/s2].
@@ -59,7 +59,7 @@ class Span:
 
     def __init__(self, acceleration: float, dt: float) -> None:
         self.acceleration, self.dt = acceleration, dt
-        self.brake = BRAKE_SHARE * acceleration
+        self.brake = BRAKE_RATIO * acceleration
         self._step = acceleration * dt
         self._half = self._step * dt / 2
         # Furthest at speed |v|, whatever the acceleration: a polynomial, at least as far as `furthest`.
@@ -70,7 +70,7 @@ class Span:
         )
 
     def way(self, velocity: float) -> float:
-        """The way to rest in the positive direction from a velocity [rad/s]; 0 when it is negative [rad]."""
+        """Return the way to rest in the positive direction from a velocity [rad/s]; 0 when it is negative [rad]."""
         if velocity <= self.brake * self.dt:
             return velocity * self.dt if velocity > 0 else 0.0
         return velocity**2 / (2 * self.brake) + self.brake * self.dt**2 / 2
@@ -88,7 +88,7 @@ class Span:
         return (most + least) / 2, (most - least) / (2 * limit), back
 
     def rest(self, velocity: float) -> tuple[float, float, float]:
-        """The ways to the end of this cycle and to rest when it brakes at its limit [rad]; that acceleration."""
+        """Return the ways to the end of this cycle and to rest when it brakes at its limit [rad]; that acceleration."""
         change = max(-self._step, min(self._step, -velocity))
         after = velocity + change
         end = (velocity + change / 2) * self.dt
@@ -117,9 +117,9 @@ class Ceiling:
             slopes.append((y1 - y0) / (x1 - x0))
         falling = False
         for slope in slopes:
-            if falling and slope > SAME:
+            if falling and slope > SLOPE_TOLERANCE:
                 raise ConfigError("a coupled limit: it must rise to one peak and fall from it")
-            falling = falling or slope < -SAME
+            falling = falling or slope < -SLOPE_TOLERANCE
         self.tightest = min(limit)
         self._ends: list[float] = []
         self._pieces: list[list[Line]] = []
@@ -127,7 +127,7 @@ class Ceiling:
             first = points[i][0] if i else -np.inf
             last = points[i + 1][0] if i + 1 < len(slopes) else np.inf
             line = (slope, points[i][1] - slope * points[i][0], first, last)
-            if i and slope <= slopes[i - 1] + SAME:
+            if i and slope <= slopes[i - 1] + SLOPE_TOLERANCE:
                 self._pieces[-1].append(line)
             else:
                 if i:
@@ -135,7 +135,7 @@ class Ceiling:
                 self._pieces.append([line])
 
     def piece(self, driver: float) -> list[Line]:
-        """The lines of the concave piece that holds at an angle of the driver [rad]."""
+        """Return the lines of the concave piece that holds at an angle of the driver [rad]."""
         for end, lines in zip(self._ends, self._pieces, strict=False):
             if driver < end:
                 return lines
@@ -154,9 +154,9 @@ class Pair:
         sides = [(1.0, upper, float(top)), (-1.0, [-x for x in lower], float(bottom))]
         # A limit nowhere tighter than the joint's own is left to the box, and so is a line of one (``levels``).
         self.sides = [
-            (sign, Ceiling(driver, [x - margin for x in limits]), own - margin - SAME)
+            (sign, Ceiling(driver, [x - margin for x in limits]), own - margin - SLOPE_TOLERANCE)
             for sign, limits, own in sides
-            if min(limits) < own - SAME
+            if min(limits) < own - SLOPE_TOLERANCE
         ]
         self.high = min((c.tightest for sign, c, _ in self.sides if sign > 0), default=np.inf)
         self.low = -min((c.tightest for sign, c, _ in self.sides if sign < 0), default=np.inf)
@@ -208,7 +208,7 @@ class CoupledLimits(Constraint):
     def compute_inequality(
         self, model: RobotModel, braking_limits: BrakingLimits
     ) -> LinearInequality | None:
-        """The lines that the joints could get beyond; none while the driven joints are far from all of them."""
+        """Return the lines that the joints could get beyond; none while the driven joints are far from all of them."""
         if self._for is None or self._for[0] is not model or self._for[1] is not braking_limits:
             self._prepare(model, braking_limits)
         position, velocity, offset = model.q.item, model.v.item, self._offset

@@ -23,7 +23,7 @@ from pepper_driver.config import RobotConfig, SelfCollisionSettings, load_self_c
 from pepper_driver.config.arguments import checked_arguments
 from pepper_driver.config.arrays import FloatArray
 from pepper_driver.controller.collision import CapsuleDistances
-from pepper_driver.controller.constraints.braking import BRAKE_SHARE, BrakingPath
+from pepper_driver.controller.constraints.braking import BRAKE_RATIO, BrakingPath
 from pepper_driver.controller.constraints.constraint import (
     BrakingLimits,
     Constraint,
@@ -38,7 +38,7 @@ CYCLES = (1.0, 3.0)
 WATCHED = 20
 """[cycles] For how long all of the way is looked at after anything was near at its end: longer than braking takes."""
 
-LEAST_SIZE = 1e-9
+MIN_ROW_SIZE = 1e-9
 """[m s2/rad] A row of smaller entries moves nothing."""
 
 
@@ -72,7 +72,7 @@ class SelfCollision(Constraint):
     def is_satisfied(
         self, model: RobotModel, braking_limits: BrakingLimits, acceleration: FloatArray
     ) -> bool:
-        """Whether all pairs keep the security distance on the way to rest from where (20,) accelerations lead."""
+        """Check that all pairs keep the security distance until rest, after a cycle with (20,) accelerations."""
         if braking_limits is not self._prepared:
             self._prepare(braking_limits)
         rest = self._rest
@@ -103,7 +103,7 @@ class SelfCollision(Constraint):
         return stack(found) if found else None
 
     def _places(self, model: RobotModel, braking_limits: BrakingLimits) -> list[BrakingPath]:
-        """The places on the way to rest that are looked at: rest, and those before it."""
+        """Return the places on the way to rest that are looked at: rest, and those before it."""
         places, longest = [self._rest], self._rest.longest
         for cycles, place in self._in_flight:
             if longest > cycles * braking_limits.dt:  # else the robot is at rest there
@@ -112,7 +112,7 @@ class SelfCollision(Constraint):
         return places
 
     def _near(self, capsules: CapsuleDistances, q: FloatArray, way: FloatArray) -> bool:
-        """Whether any pair is nearer than the capsules' margin at the end of a (20,) way from ``q``."""
+        """Return true if any pair is nearer than the capsules' margin after a (20,) displacement from ``q``."""
         data = self._data
         pin.forwardKinematics(self._pin, data, pin.integrate(self._pin, q, way))
         capsules.place(data)
@@ -122,7 +122,7 @@ class SelfCollision(Constraint):
         brake, dt = braking_limits.brake, braking_limits.dt
         self._rest = BrakingPath(brake, dt, inf)
         self._in_flight = [(cycles, BrakingPath(brake, dt, cycles)) for cycles in CYCLES]
-        self._acceleration = brake / BRAKE_SHARE
+        self._acceleration = brake / BRAKE_RATIO
         self._reach = self._capsules.levers * self._acceleration
         self._prepared = braking_limits
 
@@ -152,7 +152,7 @@ class SelfCollision(Constraint):
         matrix *= capsules.signs[near]
         matrix *= -gain
         size, room = np.abs(matrix), room[near]
-        matters = (room < size @ self._acceleration) & (size.max(axis=1) > LEAST_SIZE)
+        matters = (room < size @ self._acceleration) & (size.max(axis=1) > MIN_ROW_SIZE)
         if not matters.any():
             return None
         # Solvers judge rows by one tolerance, meant for entries near 1.

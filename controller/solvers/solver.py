@@ -1,4 +1,4 @@
-"""What a solver is."""
+"""Interface of a solver."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from pepper_driver.config.arrays import FloatArray
 
 Status = Literal["solved", "infeasible", "failed"]
 
-TOLERANCE = 1e-5
+BOUND_TOLERANCE = 1e-5
 """By how much a solution may leave its bounds; a solver that says solved and returns worse has failed."""
 
 UNBOUNDED = 1e30
@@ -53,7 +53,7 @@ def checked(
     """
     inside = np.minimum(np.maximum(x, lower), upper)
     off = inside - x
-    ok = off.dot(off) <= TOLERANCE**2  # False for NaN
+    ok = off.dot(off) <= BOUND_TOLERANCE**2  # False for NaN
     if ok and len(bound):
-        ok = bool((matrix @ x - bound).max() <= TOLERANCE * (1.0 + np.abs(x).max()))
+        ok = bool((matrix @ x - bound).max() <= BOUND_TOLERANCE * (1.0 + np.abs(x).max()))
     return Solution(inside, "solved") if ok else Solution(x, "failed")

@@ -1,4 +1,4 @@
-"""What the robot shall do: each task is a small object the user makes and hands to the controller."""
+"""Tasks of the robot: each is a small object that the user makes and hands to the controller."""
 
 from pepper_driver.controller.tasks.base_pose import BasePoseTask
 from pepper_driver.controller.tasks.com import ComTask

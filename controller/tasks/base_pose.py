@@ -57,7 +57,7 @@ class BasePoseTask(Task):
         self.change(change)
 
     def checked(self, target: Target) -> FloatArray:
-        """The target; see :meth:`Task.checked`."""
+        """Return the target; see :meth:`Task.checked`."""
         return finite_vector("a base pose (x, y, heading)", target, BASE)
 
     def compute(self, model: RobotModel, rows: TaskRows) -> None:

@@ -67,7 +67,7 @@ class ComTask(Task):
         self._set_target(self.checked(value))
 
     def compute(self, model: RobotModel, rows: TaskRows) -> None:
-        """The error is target minus centre of mass [m]."""
+        """Compute the error: target minus centre of mass [m]."""
         position, full, velocity, bias = model.com()
         if self._in_base:
             position, _, bias = _in_base_link(model, position, velocity, bias)

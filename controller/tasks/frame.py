@@ -156,7 +156,7 @@ class _FrameTask(Task):
 
     @property
     def target(self) -> FloatArray:
-        """Where to go, a copy; until it is set, where the frame was when the task was first used (NaN before that).
+        """Target, a copy; until it is set, the frame's place when the task was first used (NaN before that).
 
         Raises:
             TargetError: It is none; the old target stays.
@@ -221,7 +221,7 @@ class PositionTask(_FrameTask):
         )
 
     def compute(self, model: RobotModel, rows: TaskRows) -> None:
-        """The error is target minus position [m]."""
+        """Compute the error: target minus position [m]."""
         motion = self._motion
         motion.update(model)
         if self._target is None:
@@ -282,7 +282,7 @@ class OrientationTask(_FrameTask):
         return checked_rotation(f"the target of {self.name}", target)
 
     def compute(self, model: RobotModel, rows: TaskRows) -> None:
-        """The error is the rotation vector from the orientation to the target [rad]."""
+        """Compute the error: the rotation vector from the orientation to the target [rad]."""
         motion = self._motion
         motion.update(model)
         if self._target is None:
@@ -352,7 +352,7 @@ class FrameTask(_FrameTask):
         self._place, self._back = target[:3, 3].copy(), target[:3, :3].T.copy()
 
     def compute(self, model: RobotModel, rows: TaskRows) -> None:
-        """The error is the way to the target [m], then the rotation vector to it [rad]."""
+        """Compute the error: the distance vector to the target [m], then the rotation vector [rad]."""
         motion = self._motion
         motion.update(model)
         if self._target is None:

@@ -19,10 +19,10 @@ from pepper_driver.controller.tasks.targets import Target, check_link, finite_ve
 from pepper_driver.controller.tasks.task import Task, TaskRows
 from pepper_driver.controller.trajectory import Trajectory, vector_trajectory
 
-NEAREST = 0.05
+MIN_GAZE_DISTANCE = 0.05
 """[m] A target nearer to the eye than this has no direction to speak of: the line of sight stops turning."""
 
-AHEAD = 1.0
+DEFAULT_GAZE_DISTANCE = 1.0
 """[m] How far ahead a link looks that was given nothing to look at."""
 
 
@@ -107,7 +107,7 @@ class LookAtTask(Task):
         self._set_target(self.checked(value))
 
     def checked(self, target: Target) -> FloatArray:
-        """The target; see :meth:`Task.checked`."""
+        """Return the target; see :meth:`Task.checked`."""
         return finite_vector(f"the target of {self.name}", target, 3)
 
     def attach(self, model: RobotModel, rows: TaskRows) -> None:
@@ -130,7 +130,7 @@ class LookAtTask(Task):
         rotation = eye.rotation
         place = self._target
         if place is None:
-            place = self._target = eye.translation + AHEAD * rotation[:, 2]
+            place = self._target = eye.translation + DEFAULT_GAZE_DISTANCE * rotation[:, 2]
         of_frame = (model.pin, model.data, frame.joint, frame.placement, OWN_AXES)
         jacobian = pin.getFrameJacobian(*of_frame)
         bias = pin.getFrameClassicalAcceleration(*of_frame).vector
@@ -153,7 +153,7 @@ class LookAtTask(Task):
             acceleration = motion[1] if acceleration is None else acceleration + motion[1]
         x, y, z = (place - eye.translation).dot(rotation).tolist()
         square = x * x + y * y + z * z
-        if square < NEAREST**2:
+        if square < MIN_GAZE_DISTANCE**2:
             rows.error[:] = 0.0
             rows.jacobian[:], rows.bias[:] = jacobian[3:5], bias[3:5]
             if motion is not None:
@@ -185,7 +185,7 @@ class LookAtTask(Task):
         rows.error[:] = _turn_left(x, y, z)
 
     def _frame_of_target(self, model: RobotModel, link: str) -> BodyFrame:
-        """The frame at the target; found again only when the target was set."""
+        """Return the frame at the target; found again only when the target was set."""
         if self._seen is None or self._seen_point is not self._target:
             self._seen, self._seen_point = model.body_frame(link, self._target), self._target
         return self._seen
@@ -193,7 +193,7 @@ class LookAtTask(Task):
     def _plan(
         self, model: RobotModel, targets: list[FloatArray], durations: list[float], dt: float
     ) -> Trajectory:
-        """The way starts on the line of sight as far away as the first target, and moves with it."""
+        """Return the way starts on the line of sight as far away as the first target, and moves with it."""
         pose, twist = model.pose(self._frame), model.velocity(self._frame)
         place, velocity = pose.translation, twist[:3]
         back, origin, origin_twist = np.eye(3), np.zeros(3), np.zeros(6)
@@ -202,7 +202,7 @@ class LookAtTask(Task):
             at, origin_twist = model.pose(frame), model.velocity(frame)
             back, origin = at.rotation.T, at.translation
         distance = float(np.linalg.norm(back.T @ targets[0] + origin - place))
-        ahead = max(distance, 2 * NEAREST) * pose.rotation[:, 2]
+        ahead = max(distance, 2 * MIN_GAZE_DISTANCE) * pose.rotation[:, 2]
         way = place + ahead - origin
         speed = velocity + cross(twist[3:], ahead) - origin_twist[:3] - cross(origin_twist[3:], way)
         return vector_trajectory(np.array([back @ way, *targets]), back @ speed, durations, dt)
@@ -211,7 +211,7 @@ class LookAtTask(Task):
         self._target = target
 
     def _refer_to(self, velocity: FloatArray | None, acceleration: FloatArray | None) -> None:
-        """The target's own motion is no motion of the rows: :meth:`compute` makes it one."""
+        """Add nothing: the target's own motion is part of the rows, by :meth:`compute`."""
         if velocity is None or acceleration is None:
             self._target_motion = None
         else:

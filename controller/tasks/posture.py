@@ -20,7 +20,7 @@ from pepper_driver.controller.tasks.targets import Target, checked_joints, finit
 from pepper_driver.controller.tasks.task import Task, TaskRows
 from pepper_driver.controller.trajectory import Trajectory, vector_trajectory
 
-TOLERANCE = 1e-6
+LIMIT_TOLERANCE = 1e-6
 """[rad] A target may lie this far beyond a limit: what rounding does to a limit itself."""
 
 
@@ -111,7 +111,9 @@ class PostureTask(Task):
             posture[[self.joints.index(name) for name in names]] = angles
         else:
             posture = finite_vector("a posture", target, self.rows, names=self.joints)
-        outside = (posture < self._lower - TOLERANCE) | (posture > self._upper + TOLERANCE)
+        outside = (posture < self._lower - LIMIT_TOLERANCE) | (
+            posture > self._upper + LIMIT_TOLERANCE
+        )
         if outside.any():
             index = int(np.argmax(outside))
             joint, angle = self.joints[index], float(posture[index])
@@ -142,7 +144,7 @@ class PostureTask(Task):
         self.driven = self.driven or self._superposed is not None
 
     def compute(self, model: RobotModel, rows: TaskRows) -> None:
-        """The error is target minus position [rad]; a superposed motion is part of the target."""
+        """Compute the error: target minus position [rad]; a superposed motion is part of the target."""
         np.subtract(self._target, model.joint_position[self._indices], rows.error)
         if self._superposed is not None:
             rows.error += self._superposed.position[self._indices]
@@ -225,10 +227,10 @@ class HandTask(PostureTask):
         return value
 
 
-HOLD = 0.1
+TORQUE_HOLD_TIME = 0.1
 """[s] How long a torque acts that is not renewed: a reflex that stops must not leave the robot drifting."""
 
-SLIP = 1e-9
+TIME_ROUNDING = 1e-9
 """[s] What sums of cycles may be off by."""
 
 
@@ -252,7 +254,7 @@ class ComplianceTask(PostureTask):
         stiffness: Towards the rest posture [1/s2].
         damping: [1/s], also without stiffness; None for the critical one.
         dead_band: Torque that moves nothing [N m], one number or one a joint: above what the estimate is off by.
-        largest_torque: Beyond the dead band [N m], one number or one a joint; by default half the joints' effort.
+        max_torque: Beyond the dead band [N m], one number or one a joint; by default half the joints' effort.
         weight: In the cost.
         name: For reports.
         robot: Description of the robot, by default the shipped Pepper's.
@@ -271,7 +273,7 @@ class ComplianceTask(PostureTask):
         stiffness: float = 0.0,
         damping: float | None = 5.0,
         dead_band: ArrayLike = 0.3,
-        largest_torque: ArrayLike | None = None,
+        max_torque: ArrayLike | None = None,
         weight: float = 1e4,
         name: str | None = None,
         robot: RobotConfig | None = None,
@@ -281,11 +283,11 @@ class ComplianceTask(PostureTask):
         if name is None:
             self.name = "compliance" if joints is None else f"compliance {', '.join(self.joints)}"
         self.damping = damping
-        if largest_torque is None:
-            largest_torque = [0.5 * robot.joints[robot.joint_index(j)].effort for j in self.joints]
+        if max_torque is None:
+            max_torque = [0.5 * robot.joints[robot.joint_index(j)].effort for j in self.joints]
         self._inertia = self._each("inertia", inertia, above_zero=True)
         self._dead_band = self._each("dead_band", dead_band)
-        self._largest = self._each("largest_torque", largest_torque, above_zero=True)
+        self._largest = self._each("max_torque", max_torque, above_zero=True)
         self._torque, self._left = np.zeros(self.rows), 0.0
         self._push: FloatArray | None = None
         self._target = np.full(self.rows, np.nan)
@@ -321,7 +323,7 @@ class ComplianceTask(PostureTask):
         push = np.copysign(np.minimum(beyond, self._largest), torque) / self._inertia
 
         def change() -> None:
-            self._torque, self._left = torque, HOLD
+            self._torque, self._left = torque, TORQUE_HOLD_TIME
             self._push = push if torque.any() else None
             self._update_driven()
 
@@ -339,12 +341,12 @@ class ComplianceTask(PostureTask):
         """Let the torque grow old, and a motion of the rest posture go on."""
         super().advance(model, dt)
         self._left -= dt
-        if self._left < -SLIP and self._push is not None:
+        if self._left < -TIME_ROUNDING and self._push is not None:
             self._torque, self._push = np.zeros(self.rows), None
             self._update_driven()
 
     def compute(self, model: RobotModel, rows: TaskRows) -> None:
-        """The error is rest posture minus position [rad]."""
+        """Compute the error: rest posture minus position [rad]."""
         if not self._rest_known:
             self._follow(np.clip(model.joint_position[self._indices], self._lower, self._upper))
         super().compute(model, rows)

@@ -54,7 +54,7 @@ def check_link(robot: RobotConfig, link: str) -> None:
 
 
 def finite_vector(what: str, value: Target, size: int, *, names: Sequence[str] = ()) -> FloatArray:
-    """A copy of ``value`` (size,) as floats.
+    """Return a copy of ``value`` (size,) as floats.
 
     Args:
         what: For the message.

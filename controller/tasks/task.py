@@ -69,7 +69,7 @@ class GainsMixin:
 
     @property
     def stiffness(self) -> float:
-        """Of the error [1/s2]."""
+        """Stiffness [1/s2]: gain of the error."""
         return self._stiffness
 
     @stiffness.setter
@@ -85,7 +85,7 @@ class GainsMixin:
 
     @property
     def damping(self) -> float:
-        """Of the velocity [1/s]; 2 sqrt(stiffness) unless set; None makes it follow the stiffness again."""
+        """Damping [1/s]; 2 sqrt(stiffness) unless set; None makes it follow the stiffness again."""
         return self._damping
 
     @damping.setter
@@ -151,7 +151,7 @@ class GainsMixin:
 
 
 def checked_stiffness(value: float) -> float:
-    """A stiffness [1/s2] as a float.
+    """Return a stiffness [1/s2] as a float.
 
     Raises:
         GainError: Not a number from 0 to 3000.
@@ -314,7 +314,7 @@ class Task(GainsMixin, ABC):
         return parts
 
     def checked(self, target: Target) -> FloatArray:
-        """The target as the task keeps it; the task does not change.
+        """Return the target as the task keeps it; the task does not change.
 
         Raises:
             TargetError: It is none.
@@ -366,7 +366,7 @@ class Task(GainsMixin, ABC):
     def _plan(
         self, model: RobotModel, targets: list[FloatArray], durations: list[float], dt: float
     ) -> Trajectory:
-        """A trajectory from the model's state through the targets. For tasks whose targets can be moved to."""
+        """Return a trajectory from the model's state through the targets. For tasks whose targets can be moved to."""
         raise NotImplementedError
 
     def _follow(self, target: FloatArray) -> None:
@@ -386,7 +386,7 @@ class Task(GainsMixin, ABC):
 
     @checked_arguments
     def reached(self, tolerance: ArrayLike) -> bool:
-        """Whether every row that has weight, one at least, is within a tolerance of its target and has come to rest.
+        """Return true if every row with weight, at least one, is within a tolerance of its target and at rest.
 
         At rest means that the velocity is below tolerance * sqrt(stiffness), or the tolerance per second if that is
         more: what is left of the motion is less than the tolerance. A motion by :meth:`move_to` must have ended, and
@@ -441,7 +441,7 @@ class Task(GainsMixin, ABC):
         return columns
 
     def attach(self, model: RobotModel, rows: TaskRows) -> None:
-        """Called when the controller lays out the tasks' rows, before the first :meth:`compute` with them.
+        """Prepare the rows when the controller allocates them, before the first :meth:`compute`.
 
         Rows are zero at first and keep what is written: what never changes can be written here.
         """

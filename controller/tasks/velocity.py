@@ -36,7 +36,7 @@ class LagTask(Task):
 
     @checked_arguments
     def reached(self, tolerance: ArrayLike) -> bool:
-        """Whether every row that has weight is within a tolerance of its target.
+        """Return true if every row with weight is within a tolerance of its target.
 
         Args:
             tolerance: One number or (rows,), in the unit of the task.
@@ -108,7 +108,7 @@ class BaseVelocityTask(LagTask):
         rows.jacobian[:, :BASE] = np.eye(BASE)
 
     def compute(self, model: RobotModel, rows: TaskRows) -> None:
-        """What there is to know is the rate, and that is the model's velocity."""
+        """Compute nothing: the rate is the model's velocity."""
 
 
 @checked_arguments
@@ -158,5 +158,5 @@ class MomentumTask(LagTask):
         self.reference_velocity = finite_vector("a momentum (linear, angular)", value, self.rows)
 
     def compute(self, model: RobotModel, rows: TaskRows) -> None:
-        """The rate is the momentum: it is linear in the velocities."""
+        """Compute the rate, the momentum: it is linear in the velocities."""
         rows.jacobian[:], _, rows.bias[:] = model.centroidal_momentum()

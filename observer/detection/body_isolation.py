@@ -1,4 +1,4 @@
-"""Which part of the whole body a contact is on, and the events that tell of it: the rules of mode ``fusion``."""
+"""Isolation of contacts on the whole body, and their events: the rules of mode ``fusion``."""
 
 from __future__ import annotations
 
@@ -22,10 +22,10 @@ from pepper_driver.observer.interface import (
     Contact,
     JointState,
     Phase,
-    Signal,
+    Residuals,
 )
 
-RELATIVE_SHARE = 0.35
+RELATIVE_RATIO = 0.35
 """Of the chain's largest ratio of residual and threshold: joints that stay below it are only shaken by the contact."""
 
 RATIO_MEMORY = 12
@@ -83,7 +83,7 @@ class _Limb:
 class BodyTracker:
     """Contacts on the whole body: one at a time on each limb, and one on the trunk.
 
-    - On a limb, a contact is on the last joint whose ratio of residual and threshold has exceeded 1 and RELATIVE_SHARE
+    - On a limb, a contact is on the last joint whose ratio of residual and threshold has exceeded 1 and RELATIVE_RATIO
       of the limb's largest, within the last RATIO_MEMORY ticks: joints beyond the hand are shaken, but less. It is
       named at the alarm, and again REISOLATION_TIMES later; then it stays, unless it goes blind.
     - The trunk carries the limbs: while one is touched, or had been when the trunk's joints began to feel it, what they
@@ -130,13 +130,13 @@ class BodyTracker:
 
     @property
     def idle(self) -> bool:
-        """Whether nothing is going on: with all residuals within their thresholds, a step would change nothing."""
+        """True if a step with all residuals within their thresholds would change nothing."""
         return self._idle
 
     def step(
         self,
         time: float,
-        signal: Signal,
+        signal: Residuals,
         state: list[JointState],
         settled: list[bool],
     ) -> list[Contact]:
@@ -300,7 +300,7 @@ class BodyTracker:
     def _locate(self, limb: _Limb, touch: ActiveContact, over: Sequence[Excursion]) -> None:
         """Name joint and link."""
         peaks = [max(column) for column in zip(*limb.ratios, strict=True)]
-        bound = RELATIVE_SHARE * max(peaks)
+        bound = RELATIVE_RATIO * max(peaks)
         if limb is not self._trunk:
             bound = max(1.0, bound)
         by_joint = {excursion.joint: excursion for excursion in over}

@@ -1,4 +1,4 @@
-"""Which joint of a chain a contact is on, and the events that tell of it. Sec. III and V of the paper."""
+"""Isolation of contacts on the joints of a chain, and their events. Sec. III and V of the paper."""
 
 from __future__ import annotations
 
@@ -14,11 +14,17 @@ from pepper_driver.observer.detection.excursions import (
     JointMonitor,
     Onset,
 )
-from pepper_driver.observer.interface import INTENSITY_STEP_DEG, Contact, JointState, Phase, Signal
+from pepper_driver.observer.interface import (
+    INTENSITY_STEP_DEG,
+    Contact,
+    JointState,
+    Phase,
+    Residuals,
+)
 
 
 def last_in_chain(excursions: Sequence[Excursion]) -> Excursion:
-    """The paper's rule: the last joint of the chain whose residual is over the threshold.
+    """Return the paper's rule: the last joint of the chain whose residual is over the threshold.
 
     A contact turns the joints between it and the trunk, and none beyond it.
 
@@ -50,7 +56,7 @@ class ActiveContact:
         self.located = excursion
 
     def event(self, phase: Phase, time: float, robot: RobotConfig) -> Contact:
-        """The contact as it stands."""
+        """Return the contact as it stands."""
         self.peak = max(self.peak, self.located.peak)
         self.report_time, self.reported_peak = time, self.peak
         joint = robot.joints[self.located.joint]
@@ -113,7 +119,7 @@ class ChainTracker:
 
     @property
     def idle(self) -> bool:
-        """Whether nothing is going on: with all residuals within their thresholds, a step would change nothing."""
+        """True if a step with all residuals within their thresholds would change nothing."""
         return self._touch is None
 
     def step(
@@ -212,11 +218,11 @@ class ChainTrackers:
 
     @property
     def idle(self) -> bool:
-        """Whether nothing is going on: with all residuals within their thresholds, a step would change nothing."""
+        """True if a step with all residuals within their thresholds would change nothing."""
         return all(chain.idle for chain in self._chains)
 
     def step(
-        self, time: float, signal: Signal, state: list[JointState], settled: list[bool]
+        self, time: float, signal: Residuals, state: list[JointState], settled: list[bool]
     ) -> list[Contact]:
         """Take in one tick; see :meth:`ChainTracker.step`. Nothing settles here: the paper knows no such state."""
         residuals, thresholds = signal.residual.tolist(), signal.threshold.tolist()

@@ -79,14 +79,14 @@ class ResidualHistory:
 TIME_TOLERANCE = 1e-6
 """[s] Clocks count in 12 ms steps that are no exact floats; spans are compared with this much grace."""
 
-STUCK_SHARE = 0.85
+STUCK_RATIO = 0.85
 """Of its peak: a residual that has fallen below it, then stands still, and is no larger than friction can hold, is no
 hand, but friction that holds the joint off its place after the hand has gone."""
 
 STUCK_TIME = 0.25
 """[s] For which it stands still then."""
 
-STUCK_LONGEST = 1.0
+MAX_STUCK_TIME = 1.0
 """[s] After which one that stands still without having fallen counts as well: a hand no stronger than friction may
 have gone without the joint's moving."""
 
@@ -126,7 +126,7 @@ class Excursion:
 
     @property
     def over(self) -> bool:
-        """Whether the residual is over the threshold now."""
+        """True while the residual is over the threshold."""
         return self.fall_time is None
 
 
@@ -143,7 +143,7 @@ class JointMonitor:
       of five rebounds are shorter; and a touch that is not told is worse than a rebound that is.)
     - BLIND: the residual is NaN. Everything is forgotten: an excursion ends at once, and what follows is no rebound.
     - SETTLING, if the observer can start anew from where the joint rests: a contact has ended. It also ends when the
-      residual stands still, no larger than friction can hold, having fallen below STUCK_SHARE of its peak.
+      residual stands still, no larger than friction can hold, having fallen below STUCK_RATIO of its peak.
 
     Args:
         joint: Index of the joint.
@@ -219,7 +219,7 @@ class JointMonitor:
         return JointState.RELEASE
 
     def idle(self, time: float) -> bool:
-        """Whether a residual within its threshold would change nothing."""
+        """Return true if a residual within its threshold would change nothing."""
         return self.excursion is None and time > self._settling_until
 
     def _begin(self, time: float, sign: int, threshold: float) -> Excursion:
@@ -248,7 +248,7 @@ class JointMonitor:
     def _stuck(
         self, current: Excursion, time: float, residual: float, threshold: float, band: float
     ) -> bool:
-        """Whether friction alone holds the joint off its place."""
+        """Return true if friction alone holds the joint away from its target."""
         recent, spread = self._recent, STUCK_SPREAD * threshold
         if current.fall_time is not None or abs(residual) > band:
             recent.clear()
@@ -259,8 +259,8 @@ class JointMonitor:
                 recent.clear()
                 return False
         still = time - recent[0][0] + TIME_TOLERANCE
-        fallen = abs(residual) < STUCK_SHARE * current.peak
-        return still >= (STUCK_TIME if fallen else STUCK_LONGEST)
+        fallen = abs(residual) < STUCK_RATIO * current.peak
+        return still >= (STUCK_TIME if fallen else MAX_STUCK_TIME)
 
     def reset(self) -> None:
         """Forget everything."""

@@ -6,13 +6,13 @@ import numpy as np
 
 from pepper_driver.config.arrays import BoolArray, FloatArray
 from pepper_driver.observer.models.fusion_model import FusionModel
-from pepper_driver.observer.models.tree import FEATURES, Forest
-from pepper_driver.observer.running_filters import RecentLargest
+from pepper_driver.observer.models.tree import FEATURES, BatchedTrees
+from pepper_driver.observer.running_filters import RunningMaximum
 
-BLOCK = 42
+BLOCK_TICKS = 42
 """Samples in motion, half a second, of which the largest residual is kept."""
 
-BLOCKS = 60
+MAX_BLOCKS = 60
 """That are remembered: half a minute of a joint's own motion."""
 
 RANK = 3
@@ -21,36 +21,36 @@ RANK = 3
 FIRST_BLOCKS = 15
 """Of so many the largest counts, of twice as many the second largest."""
 
-FEW_MARGIN = 4.0
+FEW_BLOCKS_FACTOR = 4.0
 """Over the median of fewer blocks, and no more: the largest of them may be a touch, or how a joint set off."""
 
-MARGIN = 3.0
+ENVELOPE_FACTOR = 3.0
 """Over it: how much larger the residual may still get."""
 
-MEDIAN_MARGIN = 16.0
+MEDIAN_FACTOR = 16.0
 """Over the median of the blocks, and no more: where every fourth one holds a touch, the largest are all touches."""
 
-START = 2.0
+START_FACTOR = 2.0
 """Factor on identified thresholds when nothing is known of how the robot is today."""
 
-FIRST_MOTION = FIRST_BLOCKS * BLOCK
+FIRST_MOTION = FIRST_BLOCKS * BLOCK_TICKS
 """Samples in motion until something is known of how the robot is today. Touches do not make it longer."""
 
-LARGEST = 10.0
+MAX_FACTOR = 10.0
 """Factor that no stray raises a threshold beyond: a push that grows slowly enough looks like one."""
 
-TOUCH_SHARE = 0.6
+TOUCH_RATIO = 0.6
 """Of the threshold of today: among touches, a block with more may well be one that was too light to be felt."""
 
-TOUCHED_LATELY = 5000
+SUSPECT_TICKS = 5000
 """Ticks, a minute, for which that is suspected after a touch."""
 
-PAUSE = 170
+POST_CONTACT_TICKS = 170
 """Ticks after a touch, two seconds, in which friction may still hold a joint where the touch has left it."""
 
 
-class Strays:
-    """MARGIN times the RANK-th largest residual of the last BLOCKS of a joint's motion, within MEDIAN_MARGIN medians.
+class ResidualEnvelope:
+    """ENVELOPE_FACTOR times the RANK-th largest residual of a joint's last MAX_BLOCKS, within MEDIAN_FACTOR medians.
 
     What a robot strays by when worn or laden differs from joint to joint and from day to day; that it will stray as far
     in the next minute as in the last is a better guess than any made at its identification. It learns most in the
@@ -68,7 +68,7 @@ class Strays:
 
     def __init__(self, identified: FloatArray, start: FloatArray) -> None:
         self._identified, self._start = identified, start
-        self._largest = np.zeros((len(identified), BLOCKS))
+        self._largest = np.zeros((len(identified), MAX_BLOCKS))
         self.reset()
 
     def reset(self) -> None:
@@ -80,7 +80,7 @@ class Strays:
         self.bound, self.known = np.zeros(width), np.zeros(width)
         self._usual = np.zeros(width)
         self.factor = self._start
-        self._pause, self._untouched = 0, TOUCHED_LATELY
+        self._pause, self._untouched = 0, SUSPECT_TICKS
         self._drop()
 
     def _drop(self) -> None:
@@ -92,8 +92,8 @@ class Strays:
     def touched(self) -> None:
         """Take in one tick in which something touches the robot: what was seen just before may be its beginning."""
         self._untouched = 0
-        if self._pause < PAUSE:
-            self._pause = PAUSE
+        if self._pause < POST_CONTACT_TICKS:
+            self._pause = POST_CONTACT_TICKS
             self._drop()
 
     def learn(self, residual: FloatArray, seen: BoolArray, moving: BoolArray) -> None:
@@ -117,12 +117,12 @@ class Strays:
             return
         self._now = np.maximum(self._now, np.where(seen, np.abs(residual), 0.0))
         self._samples += counts
-        over = self._samples >= BLOCK
+        over = self._samples >= BLOCK_TICKS
         if not np.count_nonzero(over):
             return
         keep = over & ~np.isnan(self._before)
-        if self._untouched < TOUCHED_LATELY:
-            suspect = self._before > TOUCH_SHARE * self.factor * self._identified
+        if self._untouched < SUSPECT_TICKS:
+            suspect = self._before > TOUCH_RATIO * self.factor * self._identified
             keep &= ~(suspect & (self.known == 1.0))
         for joint in np.flatnonzero(keep).tolist():
             self._keep(joint)
@@ -131,23 +131,23 @@ class Strays:
 
     def _widen(self) -> None:
         """Bring the factor up to date."""
-        few = np.maximum(self._start, FEW_MARGIN * self._usual / self._identified)
-        most = np.where(self._blocks < FIRST_BLOCKS, np.minimum(few, LARGEST), LARGEST)
+        few = np.maximum(self._start, FEW_BLOCKS_FACTOR * self._usual / self._identified)
+        most = np.where(self._blocks < FIRST_BLOCKS, np.minimum(few, MAX_FACTOR), MAX_FACTOR)
         today = np.maximum(self._start * (1.0 - self.known), self.bound / self._identified)
         self.factor = np.minimum(np.maximum(today, 1.0), most)
 
     def _keep(self, joint: int) -> None:
         """Remember the block before this one: no touch has followed it."""
-        self._largest[joint, self._blocks[joint] % BLOCKS] = self._before[joint]
+        self._largest[joint, self._blocks[joint] % MAX_BLOCKS] = self._before[joint]
         self._blocks[joint] += 1
-        blocks = min(int(self._blocks[joint]), BLOCKS)
+        blocks = min(int(self._blocks[joint]), MAX_BLOCKS)
         seen = np.sort(self._largest[joint, :blocks])
         rank = min(RANK, max(blocks // FIRST_BLOCKS, 1))
         self._usual[joint] = seen[blocks // 2]
-        self.bound[joint] = min(MARGIN * seen[-rank], MEDIAN_MARGIN * self._usual[joint])
+        self.bound[joint] = min(ENVELOPE_FACTOR * seen[-rank], MEDIAN_FACTOR * self._usual[joint])
 
 
-RESTING = 0.05
+REST_SPEED = 0.05
 """[rad/s] Desired; a joint that shall move no faster can be held by its friction."""
 
 SPEED_MEMORY = 0.5
@@ -159,16 +159,16 @@ THRESHOLD_MEMORY = 0.25
 CHANGED_FACTOR = 2.0
 """While the safety gate alters a command: the load torque belongs to the command that was wanted."""
 
-UNSETTLED = 0.5
+UNSETTLED_RATIO = 0.5
 """By this share a threshold is higher just after a touch where a board sums errors up: it lets go of them later."""
 
 UNCERTAINTY_FACTOR = 2.0
 """Standard deviations, of not knowing the constants better, that a threshold rises by."""
 
-START_LEAST = np.radians(1.8)
+MIN_START_THRESHOLD = np.radians(1.8)
 """[rad] Thresholds begin here at least: a worn joint strays so far, however quiet it was when it was identified."""
 
-CALM = 0.5
+QUIET_RATIO = 0.5
 """Share of a threshold below which a residual may teach something."""
 
 
@@ -183,26 +183,26 @@ class FusionThreshold:
     Attributes:
         bounds: (n,) largest bound of each model [rad].
         speed: (n,) desired, of the last tick [rad/s].
-        calm: (n,) size of a residual that may teach how a joint is today [rad].
-        bearable: (n,) size of one that may teach what the hands hold: as large as joints stray today [rad].
+        quiet_bound: (n,) size of a residual that may teach how a joint is today [rad].
+        learning_bound: (n,) size of one that may teach what the hands hold: as large as joints stray today [rad].
     """
 
     def __init__(self, models: list[FusionModel | None], cycle: float, *, adapt: bool) -> None:
         self._cycle, self._adapt = cycle, adapt
-        self._bounds = Forest([None if m is None else m.bound for m in models])
+        self._bounds = BatchedTrees([None if m is None else m.bound for m in models])
         self._phase = np.zeros((FEATURES, len(models)))
         self.bounds = np.array([np.nan if m is None else m.largest_bound for m in models])
-        start = np.fmax(START, START_LEAST / self.bounds)
-        self._strays = Strays(self.bounds, start)
+        start = np.fmax(START_FACTOR, MIN_START_THRESHOLD / self.bounds)
+        self._strays = ResidualEnvelope(self.bounds, start)
         self.reset()
 
     def reset(self) -> None:
         """Forget the session."""
         n = len(self.bounds)
         self._strays.reset()
-        self._speeds = RecentLargest(SPEED_MEMORY, self._cycle, n)
-        self._recent = RecentLargest(THRESHOLD_MEMORY, self._cycle, n)
-        self.speed, self.calm, self.bearable = np.zeros(n), np.zeros(n), np.zeros(n)
+        self._speeds = RunningMaximum(SPEED_MEMORY, self._cycle, n)
+        self._recent = RunningMaximum(THRESHOLD_MEMORY, self._cycle, n)
+        self.speed, self.quiet_bound, self.learning_bound = np.zeros(n), np.zeros(n), np.zeros(n)
 
     def step(
         self,
@@ -227,16 +227,16 @@ class FusionThreshold:
         largest[:] = self._speeds.push(speed)
         self.speed = speed
         bound = self._bounds.predict(self._phase)
-        self.calm = CALM * bound
+        self.quiet_bound = QUIET_RATIO * bound
         if self._adapt:
             doubt = UNCERTAINTY_FACTOR * uncertainty
-            self.calm = CALM * (bound + doubt)
+            self.quiet_bound = QUIET_RATIO * (bound + doubt)
             bound = bound * self._strays.factor + doubt
-        self.bearable = CALM * bound
+        self.learning_bound = QUIET_RATIO * bound
         if np.count_nonzero(changed):
             bound = np.where(changed, CHANGED_FACTOR * bound, bound)
         if unsettled is not None:
-            bound = bound * (1.0 + UNSETTLED * unsettled)
+            bound = bound * (1.0 + UNSETTLED_RATIO * unsettled)
         return self._recent.push(bound)
 
     def learn(self, residual: FloatArray, seen: BoolArray | None) -> None:
@@ -246,4 +246,4 @@ class FusionThreshold:
         if seen is None:
             self._strays.touched()
         else:
-            self._strays.learn(residual, seen, self.speed > RESTING)
+            self._strays.learn(residual, seen, self.speed > REST_SPEED)

@@ -9,23 +9,23 @@ import numpy as np
 
 from pepper_driver.config.arrays import FloatArray
 from pepper_driver.observer.detection.threshold import SPEED_MEMORY
-from pepper_driver.observer.fitting.stick_slip import START_UP
+from pepper_driver.observer.fitting.stick_slip import START_UP_TIME
 from pepper_driver.observer.fitting.tree import fit_cart
 from pepper_driver.observer.models.fusion_model import FusionModel
 from pepper_driver.observer.models.model_file import JointModel, predict_recording
 from pepper_driver.observer.models.tree import LEAF, CartTree
 from pepper_driver.observer.recording import Recording
 from pepper_driver.observer.residuals.adaptation import HandLoads
-from pepper_driver.observer.residuals.fusion import FusionSignal
-from pepper_driver.observer.residuals.momentum import MomentumSignal
-from pepper_driver.observer.running_filters import RecentLargest
+from pepper_driver.observer.residuals.fusion import FusionGenerator
+from pepper_driver.observer.residuals.momentum import MomentumGenerator
+from pepper_driver.observer.running_filters import RunningMaximum
 
 THRESHOLD_FACTOR = 1.25
 """Over the largest residual of the recordings: the next motion may be a little worse than all of them."""
 
 
 def free_residual(joint: str, recording: Recording, model: JointModel, window: int) -> FloatArray:
-    """The residual of free motion as the observer would see it: Eq. 13, running median of ``window`` samples [rad].
+    """Compute the residual of free motion as the observer does: Eq. 13, running median of ``window`` samples [rad].
 
     Only windows without a sample that is stale or whose command the safety gate altered.
     """
@@ -65,7 +65,7 @@ FLOOR = np.radians(0.6)
 FLATNESS = 0.75
 """No leaf of a threshold lies below this share of the highest one: the largest of few samples is no bound."""
 
-GETTING_USED = 12.0
+LEARNING_TIME = 12.0
 """[s] After which the observer has learned how the robot is today; until then thresholds are higher in use."""
 
 MOMENTUM_WINDOW = 11
@@ -83,7 +83,7 @@ def fit_bounds(
     window: int,
     hands: HandLoads | None = None,
 ) -> dict[str, FusionModel]:
-    """The models with thresholds: BOUND_FACTOR times the largest residual of calibration runs, by phase of the motion.
+    """Add thresholds to models: BOUND_FACTOR times the largest residual of calibration runs, by phase of the motion.
 
     The residual is that of use: with adaptation, filter, and all joints moving at once. The runs must be free motion
     that no model was fitted to.
@@ -99,7 +99,7 @@ def fit_bounds(
     ordered = [models.get(name) for name in names]
     residuals, phases = [], []
     for recording in calibration:
-        signal = FusionSignal(ordered, cycle, window=window, adapt=True, hands=hands)
+        signal = FusionGenerator(ordered, cycle, window=window, adapt=True, hands=hands)
         everything, nothing = np.ones(len(names), dtype=bool), np.zeros(len(names), dtype=bool)
         rows = []
         for tick in recording.ticks():
@@ -107,9 +107,9 @@ def fit_bounds(
             rows.append(made.residual)
             signal.learn(made, everything, nothing, True)
         residual = np.abs(np.array(rows))
-        residual[: min(round(GETTING_USED / cycle), len(residual) // 2)] = np.nan
+        residual[: min(round(LEARNING_TIME / cycle), len(residual) // 2)] = np.nan
         speed = np.abs(recording.velocity)
-        largest = RecentLargest(SPEED_MEMORY, cycle, len(names))
+        largest = RunningMaximum(SPEED_MEMORY, cycle, len(names))
         held = np.array([largest.push(row) for row in speed])
         residuals.append(residual)
         phases.append(np.stack((speed, np.abs(recording.acceleration), held), axis=2))
@@ -155,7 +155,7 @@ def _momentum_strays(
     unbounded = np.full(len(models), np.inf)
     largest = np.zeros(len(models))
     for recording in calibration:
-        signal = MomentumSignal(models, cycle, unbounded, MOMENTUM_WINDOW)
+        signal = MomentumGenerator(models, cycle, unbounded, MOMENTUM_WINDOW)
         rows = np.abs([signal.step(tick).residual for tick in recording.ticks()])
-        largest = np.fmax(largest, np.fmax.reduce(rows[round(START_UP / cycle) :]))
+        largest = np.fmax(largest, np.fmax.reduce(rows[round(START_UP_TIME / cycle) :]))
     return largest

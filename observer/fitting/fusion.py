@@ -12,15 +12,15 @@ from pepper_driver.config import RobotConfig
 from pepper_driver.config.arrays import BoolArray, FloatArray
 from pepper_driver.observer.fitting.bounds import fit_bounds
 from pepper_driver.observer.fitting.mobile_base import fit_base
-from pepper_driver.observer.fitting.stick_slip import START_UP, fit_twin
+from pepper_driver.observer.fitting.stick_slip import START_UP_TIME, fit_twin
 from pepper_driver.observer.fitting.tree import AffineGrowth
 from pepper_driver.observer.models.fusion_model import BaseModel, FusionModel, MomentumParameters
-from pepper_driver.observer.models.stick_slip import TwinParameters, Twins
+from pepper_driver.observer.models.stick_slip import StickSlipModel, StickSlipParameters
 from pepper_driver.observer.models.tree import LEAF, CartTree
 from pepper_driver.observer.recording import Recording
 from pepper_driver.observer.residuals.adaptation import HandLoads
 from pepper_driver.observer.residuals.momentum import ErrorDerivatives
-from pepper_driver.observer.residuals.prediction import MOVING
+from pepper_driver.observer.residuals.prediction import MIN_MOVING_SPEED
 
 REMAINDER_LEAVES = 8
 REMAINDER_SHRINKAGE = 1000.0
@@ -42,9 +42,11 @@ class _Played:
     current: FloatArray
 
 
-def _play(joint: str, recording: Recording, parameters: TwinParameters, cycle: float) -> _Played:
+def _play(
+    joint: str, recording: Recording, parameters: StickSlipParameters, cycle: float
+) -> _Played:
     index = recording.joint_names.index(joint)
-    twins, derivatives = Twins.of([parameters], cycle), ErrorDerivatives(cycle)
+    twins, derivatives = StickSlipModel.of([parameters], cycle), ErrorDerivatives(cycle)
     sent, measured = recording.sent_position[:, [index]], recording.position[:, [index]]
     twins.start(measured[0], sent[0])
     rows = []
@@ -59,13 +61,13 @@ def _play(joint: str, recording: Recording, parameters: TwinParameters, cycle: f
     at, speed, friction, integral, change, curvature = np.array(rows).T
     error = recording.tracking_error(index)
     counts = recording.usable(index).copy()
-    counts[: round(START_UP / cycle)] = False
+    counts[: round(START_UP_TIME / cycle)] = False
     features = recording.features(index)
     played = _Played(
         features=features,
         twin=at - recording.position[:, index],
         drive=error + integral,
-        moves=np.abs(speed) > MOVING,
+        moves=np.abs(speed) > MIN_MOVING_SPEED,
         friction=friction,
         load=parameters.load_gain * features[:, 2],
         velocity=features[:, 0] - change,
@@ -127,8 +129,8 @@ def _joined(parts: Sequence[_Played]) -> _Played:
 
 def fit_joint_twin(
     joint: str, recordings: Sequence[Recording], robot: RobotConfig
-) -> TwinParameters:
-    """The twin of a joint, with what is known of its motor; see :func:`fit_twin`."""
+) -> StickSlipParameters:
+    """Return the twin of a joint, with what is known of its motor; see :func:`fit_twin`."""
     torque_constant = robot.motors.of(joint).torque_constant * robot.motors.joints[joint].ratio
     return fit_twin(joint, recordings, robot.cycle, torque_constant=torque_constant)
 
@@ -138,7 +140,7 @@ def fit_joint_fusion(
     recordings: Sequence[Recording],
     robot: RobotConfig,
     *,
-    twin: TwinParameters | None = None,
+    twin: StickSlipParameters | None = None,
 ) -> FusionModel:
     """Everything but the threshold, which takes all joints at once; see :func:`fit_bounds`.
 
@@ -176,7 +178,7 @@ def fit_joint_fusion(
 
 
 def _weight(pair: FloatArray) -> float:
-    """Of the first of two errors (2, n): the share that makes the least mean square, within 0 and 1."""
+    """Return the weight of the first of two errors (2, n) with the least mean square, within 0 and 1."""
     square = pair @ pair.T / pair.shape[1]
     spread = square[0, 0] + square[1, 1] - 2.0 * square[0, 1]
     if spread <= 0.0:

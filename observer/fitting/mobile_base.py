@@ -10,7 +10,7 @@ from pepper_driver.config import RobotConfig
 from pepper_driver.config.arrays import FloatArray
 from pepper_driver.observer.models.fusion_model import TAPS, BaseModel, Triple
 from pepper_driver.observer.recording import Recording
-from pepper_driver.observer.residuals.mobile_base import STANDING, leg_indices
+from pepper_driver.observer.residuals.mobile_base import STANDSTILL_SPEED, leg_indices
 
 RIDGE = 1e-3  # of the mean square of the inputs
 
@@ -39,7 +39,7 @@ def fit_base(robot: RobotConfig, recordings: Sequence[Recording], *, window: int
         error = known @ coefficients - twist
         median = np.median(np.lib.stride_tricks.sliding_window_view(error, window, axis=0), axis=-1)
         sent = np.abs(known.reshape(len(known), TAPS, -1)[:, :, :3]).max(axis=(1, 2))
-        stands = sent[window - 1 :] < STANDING
+        stands = sent[window - 1 :] < STANDSTILL_SPEED
         for case in (True, False):
             seen = np.abs(median[stands == case])
             if len(seen):

@@ -8,22 +8,22 @@ from dataclasses import dataclass
 import numpy as np
 
 from pepper_driver.config.arrays import FloatArray
-from pepper_driver.observer.models.stick_slip import PARAMETERS, TwinParameters, Twins
+from pepper_driver.observer.models.stick_slip import PARAMETERS, StickSlipModel, StickSlipParameters
 from pepper_driver.observer.recording import Recording
 
-START_UP = 0.6
+START_UP_TIME = 0.6
 """[s] at the start of a run that do not count: the twin does not know where in its friction the joint rests."""
 
 ROBUSTNESS = np.radians(0.15)
 """[rad] Errors beyond this count by their size, no longer by its square: no rare slip sets a constant."""
 
-WORTH = 0.05
+MIN_IMPROVEMENT = 0.05
 """By which share another constant must make the rest smaller."""
 
 LEAST_LOAD_EFFECT = np.radians(0.05)
 """[rad] of tracking error: a load that makes less of it tells less of the stiffness than the current does."""
 
-SLOW = 0.03
+REST_SPEED = 0.03
 """[rad/s] Desired; below it the error at rest is seen."""
 
 _STEP = 1e-3  # of the scales below, for the differences
@@ -78,9 +78,9 @@ class _Runs:
         self.counts = np.zeros(self.position.shape, dtype=np.bool_)
         for run, (recording, index) in enumerate(columns):
             self.counts[: len(recording), run] = recording.usable(index)
-        self.counts[: round(START_UP / cycle)] = False
+        self.counts[: round(START_UP_TIME / cycle)] = False
         self.current = side_by_side("current")
-        self.slow = self.counts & (np.abs(side_by_side("velocity")) < SLOW)
+        self.slow = self.counts & (np.abs(side_by_side("velocity")) < REST_SPEED)
 
     def load_gain_at_rest(self, torque_constant: float) -> float | None:
         """1 / K [rad/(N m)] of a board that makes its current of the error alone; None without current."""
@@ -92,7 +92,7 @@ class _Runs:
 
     def play(self, parameters: dict[str, FloatArray]) -> FloatArray:
         """(n, p, r) positions of twins with p sets of parameters (p, 1) on all r runs [rad]."""
-        twins = Twins(parameters, self.cycle)
+        twins = StickSlipModel(parameters, self.cycle)
         sets = len(parameters["lag"])
         start = np.broadcast_to(self.position[0], (sets, self.position.shape[1]))
         twins.start(start, np.broadcast_to(self.target[0], start.shape))
@@ -110,11 +110,11 @@ def fit_twin(
     cycle: float,
     *,
     torque_constant: float | None = None,
-) -> TwinParameters:
+) -> StickSlipParameters:
     """Least squares of the twin's position against the encoder, over whole runs: its errors feed back on it.
 
     A dead band looks much like friction, and an integral part like neither droop nor friction: each is taken in only if
-    it makes the rest smaller by WORTH.
+    it makes the rest smaller by MIN_IMPROVEMENT.
 
     Args:
         joint: Name of the joint.
@@ -127,10 +127,10 @@ def fit_twin(
     best, cost = fit.solve(_LEAN, {})
     for extra in _EXTRAS:
         trial, its_cost = fit.solve((*_LEAN, *extra), best)
-        if its_cost < (1.0 - WORTH) * cost:
+        if its_cost < (1.0 - MIN_IMPROVEMENT) * cost:
             best, cost = trial, its_cost
             break
-    return TwinParameters(**{name: best.get(name, 0.0) for name in PARAMETERS})
+    return StickSlipParameters(**{name: best.get(name, 0.0) for name in PARAMETERS})
 
 
 class _Fit:

@@ -209,7 +209,7 @@ class AffineGrowth:
         return error
 
     def cut(self, leaves: int, shrinkage: float) -> AffineTree:
-        """The tree of at most ``leaves`` leaves.
+        """Return the tree of at most ``leaves`` leaves.
 
         Args:
             leaves: Number of leaves wanted; fewer if the data gave no more.

@@ -90,7 +90,7 @@ class MotorParameters:
 def expected_error(
     parameters: MotorParameters, features: FloatArray, cycle: float, *, delay: int = 0
 ) -> FloatArray:
-    """Expected tracking error of one joint over a run: Eq. 11, with its derivative term integrated.
+    """Compute the expected tracking error of one joint over a run: Eq. 11, with its derivative term integrated.
 
     Between ticks the right-hand side is taken as linear; at the first tick the error is taken as settled.
 

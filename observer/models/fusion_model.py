@@ -10,7 +10,7 @@ from pydantic import ConfigDict, Field
 
 from pepper_driver.config import PepperError
 from pepper_driver.config.loading import STRICT
-from pepper_driver.observer.models.stick_slip import TwinParameters
+from pepper_driver.observer.models.stick_slip import StickSlipParameters
 from pepper_driver.observer.models.tree import AffineTree, CartTree
 
 Triple = tuple[float, float, float]
@@ -26,7 +26,7 @@ class BaseModelError(PepperError, ValueError):
 
 @dataclass(frozen=True, kw_only=True)
 class BaseModel:
-    """Of the base's twist: vx [m/s], vy [m/s], wz [rad/s].
+    """Model of the base's twist: vx [m/s], vy [m/s], wz [rad/s].
 
     Attributes:
         coefficients: One row of three per input: first those of this tick, then of the one before, and so on.
@@ -108,7 +108,7 @@ class FusionModel:
 
     __pydantic_config__: ClassVar[ConfigDict] = STRICT
 
-    twin: TwinParameters
+    twin: StickSlipParameters
     remainder: AffineTree
     momentum: MomentumParameters
     weight: Pair

@@ -22,7 +22,7 @@ from pepper_driver.config.files import replacing
 from pepper_driver.config.loading import STRICT, parse
 from pepper_driver.config.parts import Positive
 from pepper_driver.observer.models.fusion_model import BaseModel, FusionModel
-from pepper_driver.observer.models.stick_slip import Twins
+from pepper_driver.observer.models.stick_slip import StickSlipModel
 from pepper_driver.observer.models.tree import AffineTree, CartTree, Tree
 from pepper_driver.observer.recording import Recording
 
@@ -148,7 +148,7 @@ class ModelSet:
             partial.write_text(self._text(), encoding="utf-8")
 
     def sha256(self) -> str:
-        """Of the file that :meth:`save` writes, in hexadecimal digits."""
+        """Return the hash of the file that :meth:`save` writes, in hexadecimal digits."""
         return hashlib.sha256(self._text().encode()).hexdigest()
 
     def _text(self) -> str:
@@ -296,7 +296,7 @@ def predict_recording(model: JointModel, joint: str, recording: Recording) -> Fl
     features = recording.features(index)
     if not isinstance(model, FusionModel):
         return model.predict(features)
-    twins = Twins.of([model.twin], recording.cycle)
+    twins = StickSlipModel.of([model.twin], recording.cycle)
     sent = recording.sent_position[:, [index]]
     twins.start(recording.position[0, [index]], sent[0])
     at = [

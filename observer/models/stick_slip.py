@@ -29,7 +29,7 @@ class TwinError(PepperError, ValueError):
 
 
 @dataclass(frozen=True, kw_only=True)
-class TwinParameters:
+class StickSlipParameters:
     """One joint's constants, lumped: torques are divided by its stiffness K and so are angles.
 
     Attributes:
@@ -74,14 +74,14 @@ class TwinParameters:
         return 1.0 / self.load_gain
 
 
-PARAMETERS = tuple(field.name for field in fields(TwinParameters))
+PARAMETERS = tuple(field.name for field in fields(StickSlipParameters))
 
 
-class Twins:
+class StickSlipModel:
     """Several twins side by side; arrays broadcast against the shape of the inputs.
 
     Args:
-        parameters: By name of :class:`TwinParameters`, arrays of one shape, NaN for a joint without a model.
+        parameters: By name of :class:`StickSlipParameters`, arrays of one shape, NaN for a joint without a model.
         cycle: Period of the ticks [s].
 
     Attributes:
@@ -96,8 +96,8 @@ class Twins:
         self.set(parameters)
 
     @classmethod
-    def of(cls, models: list[TwinParameters | None], cycle: float) -> Self:
-        """Twins of the joints that have parameters."""
+    def of(cls, models: list[StickSlipParameters | None], cycle: float) -> Self:
+        """Stick-slip models of the joints that have parameters."""
         return cls(
             {
                 name: np.array([np.nan if m is None else getattr(m, name) for m in models])
@@ -178,7 +178,7 @@ class Twins:
     def _within_dead_band(
         self, velocity: FloatArray, push: FloatArray, drive: FloatArray
     ) -> FloatArray:
-        """The velocity where the error that the board ignores is the one after the step."""
+        """Return the velocity where the error that the board ignores is the one after the step."""
         p = self._p
         alone = push / np.maximum(self._momentum + p["lag"], 1e-9)
         band = p["dead_band"] * self._gain
@@ -187,7 +187,7 @@ class Twins:
         return np.where(velocity * drive > 0.0, velocity, 0.0)
 
     def _delayed(self, target: FloatArray) -> FloatArray:
-        """The target as old as the response, between ticks by a line; one that is to come, by the last two."""
+        """Return the target as old as the response, between ticks by a line; one that is to come, by the last two."""
         _, before, now = self._targets = (*self._targets[1:], target)
         older = self._targets[0]
         delayed: FloatArray = now + self._first * (before - now) + self._second * (older - before)

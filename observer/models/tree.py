@@ -37,7 +37,7 @@ class ExpectedErrorModel(Protocol):
     """Predicts the tracking error of one joint in free motion."""
 
     def predict_one(self, velocity: float, acceleration: float, load_torque: float) -> float:
-        """Expected tracking error [rad] of one sample: [rad/s], [rad/s2], [N m], all desired.
+        """Predict the tracking error [rad] of one sample: [rad/s], [rad/s2], [N m], all desired.
 
         For use inside a tick: about a microsecond, and never raises. Not finite values in, any value out.
         """
@@ -227,7 +227,7 @@ TREE_TYPES: dict[TreeKind, type[CartTree] | type[AffineTree]] = {
 Box = tuple[int, list[float], list[float]]
 
 
-class Forest:
+class BatchedTrees:
     """Several trees side by side, each leaf as the box of features that lead to it.
 
     Args:

@@ -17,7 +17,7 @@ from pepper_driver.config.arrays import BoolArray, FloatArray
 from pepper_driver.controller.model import RobotModel
 from pepper_driver.observer.interface import HandLoad
 from pepper_driver.observer.models.fusion_model import FusionModel
-from pepper_driver.observer.models.stick_slip import TwinParameters
+from pepper_driver.observer.models.stick_slip import StickSlipParameters
 
 PRIOR_STD = np.array([0.25, 0.25, 0.1, 1.0])
 """Standard deviation before anything is known, as shares of the identified values; the offset in OFFSET_UNIT."""
@@ -29,10 +29,10 @@ PROCESS_NOISE = np.array([0.04, 0.02, 0.02, 0.1])
 """By how much each may change in a minute."""
 
 OFFSET_UNIT = np.radians(0.1)
-NOISE = 3.0
+NOISE_FACTOR = 3.0
 """Times the spread of the free residual: its errors last for many samples, and count once."""
 
-WORN = 0.4
+WEAR_RATIO = 0.4
 """Friction or lag beyond this share of what was identified: the joint is worn, and should be identified anew."""
 
 
@@ -50,13 +50,13 @@ class Adaptation:
 
     def __init__(
         self,
-        models: list[TwinParameters | None],
+        models: list[StickSlipParameters | None],
         spread: FloatArray,
         cycle: float,
     ) -> None:
         self._prior = np.tile(PRIOR_STD, (len(models), 1))
         self._lag = np.array([np.nan if m is None else m.lag for m in models])
-        self._noise = (NOISE * spread) ** 2
+        self._noise = (NOISE_FACTOR * spread) ** 2
         self._wander = np.diag(PROCESS_NOISE**2 * LEARN_PERIOD * cycle / 60.0)
         self._count = len(models)
         self.reset()
@@ -114,9 +114,9 @@ class Adaptation:
 
     @property
     def worn(self) -> BoolArray:
-        """(n,) where friction or lag has surely grown beyond WORN: by two standard deviations of what is known."""
+        """(n,) true where friction or lag has grown beyond WEAR_RATIO, by two standard deviations of its estimate."""
         spread = np.sqrt(np.maximum(np.einsum("nii->ni", self._covariance)[:, :2], 0.0))
-        grown: BoolArray = (self.share[:, :2] - 2.0 * spread > WORN).any(axis=1)
+        grown: BoolArray = (self.share[:, :2] - 2.0 * spread > WEAR_RATIO).any(axis=1)
         return grown
 
 
@@ -126,7 +126,7 @@ LOAD_PRIOR_STD = np.array([0.3, 0.03, 0.03, 0.03])
 LOAD_PROCESS_NOISE = np.array([0.02, 0.002, 0.002, 0.002])
 """By how much each may change in a minute, as long as no contact is felt."""
 
-LARGEST_EFFECT = 200.0
+MAX_EFFECT = 200.0
 """[N m] per kilogram and per kilogram metre: a metre of arm at ten times gravity, or an arm that is flung."""
 
 SLOW_CHECK_PERIOD = 2
@@ -135,13 +135,13 @@ SLOW_CHECK_PERIOD = 2
 LEAST_NOISE = np.radians(0.3) ** 2
 """[rad2] Of a residual: what else is wrong with the models is not noise, and does not average out."""
 
-FRICTION_DOUBT = 0.5
+FRICTION_UNCERTAINTY = 0.5
 """Share of a joint's friction that counts as noise too."""
 
-LOAD_DOUBT = 0.15
+LOAD_UNCERTAINTY = 0.15
 """Share of what the hands' load does to a joint that nobody foresees: gears rub harder under load."""
 
-UNDER_WAY = 20
+MIN_MOVING_TICKS = 20
 """Ticks for which a joint must have moved: before, nobody knows what its friction holds."""
 
 
@@ -166,7 +166,7 @@ class HandLoads:
         gain = np.array([0.0 if m is None else m.twin.load_gain for m in models])
         self._gain = np.where(tells, gain, 0.0)
         friction = np.array([0.0 if m is None else m.twin.friction for m in models])
-        self._noise = LEAST_NOISE + (FRICTION_DOUBT * friction) ** 2
+        self._noise = LEAST_NOISE + (FRICTION_UNCERTAINTY * friction) ** 2
         breakaway = np.array([1.0 if m is None else m.twin.breakaway for m in models])
         self._held = (breakaway * friction) ** 2
         arms = len(self._wrists)
@@ -198,7 +198,7 @@ class HandLoads:
                     self._wrists, position, velocity, acceleration
                 )
                 # Not finite, or beyond what any arm can do: better the last one.
-                if np.abs(regressor).max() < LARGEST_EFFECT:
+                if np.abs(regressor).max() < MAX_EFFECT:
                     self._regressor = regressor
         self._ticks += 1
         torque: FloatArray = self._regressor @ self._load
@@ -213,7 +213,7 @@ class HandLoads:
 
     def _unforeseen(self) -> FloatArray:
         """(n,) variance of the load torque that no estimate of the hands explains [(N m)2]."""
-        torque: FloatArray = LOAD_DOUBT * (self._regressor @ self._load)
+        torque: FloatArray = LOAD_UNCERTAINTY * (self._regressor @ self._load)
         return torque**2
 
     def update(self, residual: FloatArray, noise: FloatArray, use: BoolArray) -> FloatArray:

@@ -8,27 +8,31 @@ import numpy as np
 
 from pepper_driver.config.arrays import BoolArray, FloatArray
 from pepper_driver.controller.tick import Tick
-from pepper_driver.observer.detection.threshold import PAUSE, RESTING, FusionThreshold
-from pepper_driver.observer.interface import FULL_STIFFNESS, HandLoad, Signal
+from pepper_driver.observer.detection.threshold import (
+    POST_CONTACT_TICKS,
+    REST_SPEED,
+    FusionThreshold,
+)
+from pepper_driver.observer.interface import FULL_STIFFNESS, HandLoad, Residuals
 from pepper_driver.observer.models.fusion_model import FusionModel
 from pepper_driver.observer.residuals.adaptation import (
     LEARN_PERIOD,
-    UNDER_WAY,
+    MIN_MOVING_TICKS,
     Adaptation,
     HandLoads,
 )
-from pepper_driver.observer.residuals.mobile_base import BaseSignal
+from pepper_driver.observer.residuals.mobile_base import BaseGenerator
 from pepper_driver.observer.residuals.momentum import ErrorDerivatives, MomentumChannel
-from pepper_driver.observer.residuals.prediction import LATEST, Expectation, Expected
+from pepper_driver.observer.residuals.prediction import MAX_LATE_TICKS, ErrorPredictor, Prediction
 from pepper_driver.observer.running_filters import RunningMedian
 
-FRICTION_SHARE = 0.5
+FRICTION_RATIO = 0.5
 """Of the friction that a push has turned round: gears hold some of it back."""
 
-DAHL = 0.003
+DAHL_DISTANCE = 0.003
 """[rad] of motion within which friction turns round."""
 
-TOUCHED = 0.5
+TOUCHED_RATIO = 0.5
 """Share of its threshold beyond which a residual counts as touched."""
 
 
@@ -69,27 +73,27 @@ class TorqueEstimate:
         """
         size = self._friction
         last, self._last = self._last, residual.copy()
-        touched = np.abs(residual) > TOUCHED * threshold
+        touched = np.abs(residual) > TOUCHED_RATIO * threshold
         if not np.count_nonzero(touched):
             self._slip = friction
             return self._push * residual, self._certain.copy()
         motion = last - residual  # of the joint, away from where it would be
-        slip = np.clip(self._slip + motion * (size / DAHL), -size, size)
+        slip = np.clip(self._slip + motion * (size / DAHL_DISTANCE), -size, size)
         self._slip = np.where(touched, slip, friction)
-        turned = np.where(touched, FRICTION_SHARE * (self._slip - friction), 0.0)
-        unsure = np.where(touched, FRICTION_SHARE * size, 0.0)
+        turned = np.where(touched, FRICTION_RATIO * (self._slip - friction), 0.0)
+        unsure = np.where(touched, FRICTION_RATIO * size, 0.0)
         return self._stiffness * (turned - residual), self._stiffness * np.hypot(
             self._spread, unsure
         )
 
 
-ABSURD = 1e4
+MAX_PLAUSIBLE = 1e4
 """[rad], [rad/s], [rad/s2], [N m] or [A]: no robot is, does, wants or measures so much."""
 
 SETTLING_TICKS = 40
 """After a contact has ended, within which its joint must have come to rest for its twin to start anew there."""
 
-DOUBT_PERIOD = 4
+UNCERTAINTY_PERIOD = 4
 """Ticks between two looks at how sure all this is; a threshold that it raises stays up longer."""
 
 
@@ -97,20 +101,20 @@ DOUBT_PERIOD = 4
 class _Detail:
     """Values of a tick, (n,) each: what was expected, measured [rad], and changed by the safety gate."""
 
-    then: Expected
+    then: Prediction
     measured: FloatArray
     changed: BoolArray
 
 
-class FusionSignal:
+class FusionGenerator:
     """r = w r_twin + (1 - w) r_momentum, filtered by a short running median.
 
     A joint is blind
 
     - as long as it has no model;
-    - in a tick whose stiffness is below FULL_STIFFNESS, whose sample is later than LATEST ticks, or whose values are
-      not finite, and until the median window holds none of these samples any more. Its twin then starts from where
-      the joint is.
+    - in a tick whose stiffness is below FULL_STIFFNESS, whose sample is later than MAX_LATE_TICKS, or whose values
+      are not finite, and until the median window holds none of these samples any more. Its model then starts from
+      where the joint is.
 
     While the safety gate alters the command of a joint, and shortly after, its threshold rises by CHANGED_FACTOR.
 
@@ -131,12 +135,12 @@ class FusionSignal:
         window: int,
         adapt: bool,
         hands: HandLoads | None = None,
-        base: BaseSignal | None = None,
+        base: BaseGenerator | None = None,
     ) -> None:
         self._cycle, self._window, self._adapt = cycle, window, adapt
         self._hands = hands if adapt else None
         self._base = base
-        self._expectation = Expectation(models, cycle)
+        self._expectation = ErrorPredictor(models, cycle)
         self._momentum = MomentumChannel(
             [None if m is None else m.momentum for m in models], self._expectation.integrates
         )
@@ -177,11 +181,11 @@ class FusionSignal:
         self._change = np.zeros(n)
         self._due = np.zeros(n, dtype=np.int64)
         self._under_way = np.zeros(n, dtype=np.int64)
-        self._untouched = PAUSE
+        self._untouched = POST_CONTACT_TICKS
         self._doubt = np.zeros(n)
         self._count = 0
 
-    def step(self, tick: Tick) -> Signal:
+    def step(self, tick: Tick) -> Residuals:
         """Take in one tick."""
         measurement, reference = tick.measurement, tick.reference
         target, load_torque = tick.sent.position, reference.load_torque
@@ -195,9 +199,9 @@ class FusionSignal:
                 + measurement.current
             )
             # NaN is not below anything either.
-            good = (np.abs(inputs) < ABSURD) & (tick.sent.stiffness >= FULL_STIFFNESS)
+            good = (np.abs(inputs) < MAX_PLAUSIBLE) & (tick.sent.stiffness >= FULL_STIFFNESS)
         late = measurement.age / self._cycle
-        lost = not 0.0 <= late < LATEST + 0.5  # NaN is lost too
+        lost = not 0.0 <= late < MAX_LATE_TICKS + 0.5  # NaN is lost too
         late_ticks = 0 if lost else round(late)
         if lost:
             good[:] = False
@@ -205,9 +209,9 @@ class FusionSignal:
         measured = measurement.position
         velocity, acceleration = reference.velocity, reference.acceleration
         if bad is not None:
-            target, measured = self._mended(target, measured)
-            load_torque = _harmless(load_torque)
-            velocity, acceleration = _harmless(velocity), _harmless(acceleration)
+            target, measured = self._replace_invalid(target, measured)
+            load_torque = _zero_invalid(load_torque)
+            velocity, acceleration = _zero_invalid(velocity), _zero_invalid(acceleration)
         if self._hands is not None:
             load_torque = load_torque + self._hands.step(measured, velocity, acceleration)
         self._expectation.step(target, load_torque, velocity, acceleration, measured)
@@ -224,7 +228,7 @@ class FusionSignal:
             filtered = self._median.push(np.where(bad, 0.0, residual))
             residual[bad] = np.nan
         blind = self._blind(bad, measured)
-        if self._adapt and self._count % DOUBT_PERIOD == 0:
+        if self._adapt and self._count % UNCERTAINTY_PERIOD == 0:
             self._doubt = self._uncertainty(then)
         threshold = self._threshold.step(
             velocity, acceleration, tick.changed, self._doubt, self._unsettled()
@@ -237,14 +241,14 @@ class FusionSignal:
         base = (np.nan, np.nan)
         if self._base is not None:
             base = self._base.step(tick, lost or late_ticks > 0)
-        return Signal(
+        return Residuals(
             expected=expected_error,
             raw=residual,
             residual=filtered,
             threshold=threshold,
             torque=torque,
             torque_std=torque_std,
-            band=np.where(self._threshold.speed > RESTING, 0.0, self._expectation.band(then)),
+            band=np.where(self._threshold.speed > REST_SPEED, 0.0, self._expectation.band(then)),
             blind=blind,
             base_raw=base[0],
             base_residual=base[1],
@@ -253,9 +257,9 @@ class FusionSignal:
 
     def _unsettled(self) -> FloatArray | None:
         """(n,) 0..1, how lately joints were let go whose boards sum errors up; None where all have settled."""
-        if not 0 < self._untouched < PAUSE:
+        if not 0 < self._untouched < POST_CONTACT_TICKS:
             return None
-        return self._expectation.integrates * (1.0 - self._untouched / PAUSE)
+        return self._expectation.integrates * (1.0 - self._untouched / POST_CONTACT_TICKS)
 
     def _blind(self, bad: BoolArray | None, measured: FloatArray) -> BoolArray:
         """(n,) joints that cannot be judged; their twins stay where they are."""
@@ -267,19 +271,21 @@ class FusionSignal:
         self._waking -= 1
         self._blind_ticks = np.maximum(self._blind_ticks - 1, 0)
         waking = self._blind_ticks > 0
-        self._relatch(waking & ~self.no_model, measured)
+        self._reset_models(waking & ~self.no_model, measured)
         blind: BoolArray = waking | self.no_model
         return blind
 
-    def _mended(self, target: FloatArray, measured: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def _replace_invalid(
+        self, target: FloatArray, measured: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
         """Both with something harmless where they are not finite."""
         here = self._expectation.position
         harmless = np.zeros(len(measured)) if here is None else np.nan_to_num(here)
-        measured = np.where(np.abs(measured) < ABSURD, measured, harmless)
-        return np.where(np.abs(target) < ABSURD, target, measured), measured
+        measured = np.where(np.abs(measured) < MAX_PLAUSIBLE, measured, harmless)
+        return np.where(np.abs(target) < MAX_PLAUSIBLE, target, measured), measured
 
     def _residual(
-        self, then: Expected, measured: FloatArray, current: FloatArray, bad: BoolArray | None
+        self, then: Prediction, measured: FloatArray, current: FloatArray, bad: BoolArray | None
     ) -> FloatArray:
         """Fused residual [rad]."""
         error = then.target - measured
@@ -294,7 +300,7 @@ class FusionSignal:
             resistance=self._expectation.resistance(then),
             twin_residual=twin,
         )
-        self._expectation.follow_boards(error, motor, bad)
+        self._expectation.update_integrals(error, motor, bad)
         weight = np.where(then.moves, self._weight[1], self._weight[0])
         return weight * twin + (1.0 - weight) * momentum
 
@@ -305,60 +311,62 @@ class FusionSignal:
 
     @property
     def held(self) -> dict[str, HandLoad]:
-        """What each hand holds, by arm."""
+        """Load of each hand, by arm."""
         return {} if self._hands is None else self._hands.held()
 
-    def learn(self, signal: Signal, free: BoolArray, settled: BoolArray, untouched: bool) -> None:
-        """Take in what the events make of a tick; see :class:`ResidualSignal`."""
+    def learn(
+        self, signal: Residuals, free: BoolArray, settled: BoolArray, untouched: bool
+    ) -> None:
+        """Take in what the events make of a tick; see :class:`ResidualGenerator`."""
         detail, residual, blind = signal.detail, signal.residual, signal.blind
         assert isinstance(detail, _Detail)
         then, measured, changed = detail.then, detail.measured, detail.changed
         self._settle(settled, blind, measured)
         judged = ~(blind | changed)
         seen, size = free & judged, np.abs(residual)
-        calm = seen & (size < self._threshold.calm)
-        self._expectation.rest(calm & ~then.moves, residual)
+        quiet_bound = seen & (size < self._threshold.quiet_bound)
+        self._expectation.rest(quiet_bound & ~then.moves, residual)
         if not self._adapt:
             return
         self._under_way = np.where(seen & then.moves, self._under_way + 1, 0)
         self._untouched = self._untouched + 1 if untouched else 0
         self._threshold.learn(residual, judged if untouched else None)
         if self._base is not None:
-            moving = bool(np.count_nonzero(self._threshold.speed > RESTING))
+            moving = bool(np.count_nonzero(self._threshold.speed > REST_SPEED))
             self._base.learn(untouched, moving)
         self._count += 1
-        if self._count % LEARN_PERIOD == LEARN_PERIOD // 2 and self._untouched > PAUSE:
-            use = seen & (size < self._threshold.bearable)
+        if self._count % LEARN_PERIOD == LEARN_PERIOD // 2 and self._untouched > POST_CONTACT_TICKS:
+            use = seen & (size < self._threshold.learning_bound)
             self._reconcile_hands(use, detail)
             self._learn_hands(use, then, residual)
         if self._count % LEARN_PERIOD == 0:
             other = 0.0 if self._hands is None else self._hands.variance()
-            self._adaptation.update(residual, self._effects(then), other, calm)
+            self._adaptation.update(residual, self._effects(then), other, quiet_bound)
             self._expectation.adopt(self._adaptation.share)
 
-    def _learn_hands(self, use: BoolArray, then: Expected, residual: FloatArray) -> None:
+    def _learn_hands(self, use: BoolArray, then: Prediction, residual: FloatArray) -> None:
         """One touch on an arm would be a load to all its joints: only a robot that nothing touches tells."""
         if self._hands is None:
             return
         noise = self._adaptation.variance(self._effects(then))
-        explained = self._hands.update(residual, noise, use & (self._under_way >= UNDER_WAY))
+        explained = self._hands.update(residual, noise, use & (self._under_way >= MIN_MOVING_TICKS))
         # At once: until the twins had moved there, the same residual would be learned from again.
         self._expectation.shift(explained)
 
     def _reconcile_hands(self, use: BoolArray, detail: _Detail) -> None:
-        """A joint at rest teaches no load, but it may contradict the load that other joints have taught."""
+        """Correct the loads by joints at rest: these teach no load, but may contradict one."""
         if self._hands is None:
             return
-        still = (self._threshold.speed <= RESTING) & (np.abs(self._change) <= RESTING)
+        still = (self._threshold.speed <= REST_SPEED) & (np.abs(self._change) <= REST_SPEED)
         beyond = self._expectation.beyond_friction(detail.then, detail.measured)
         explained = self._hands.reconcile(beyond, use & still & (self._under_way == 0))
         if explained is not None:
             self._expectation.shift(explained)
 
-    def _effects(self, then: Expected) -> FloatArray:
+    def _effects(self, then: Prediction) -> FloatArray:
         return self._adaptation.effects(then.friction, self._expectation.twin_velocity, then.load)
 
-    def _uncertainty(self, then: Expected) -> FloatArray:
+    def _uncertainty(self, then: Prediction) -> FloatArray:
         """(n,) standard deviation of the expected tracking error, for not knowing robot and load better [rad]."""
         variance = self._adaptation.variance(self._effects(then))
         if self._hands is not None:
@@ -372,12 +380,12 @@ class FusionSignal:
         elif not np.count_nonzero(self._due):
             return
         self._due = np.maximum(self._due - 1, 0)
-        rests = (self._threshold.speed <= RESTING) & (np.abs(self._change) <= RESTING)
+        rests = (self._threshold.speed <= REST_SPEED) & (np.abs(self._change) <= REST_SPEED)
         settles = (self._due > 0) & rests & ~blind
         self._due[settles] = 0
-        self._relatch(settles, measured)
+        self._reset_models(settles, measured)
 
-    def _relatch(self, where: BoolArray, measured: FloatArray) -> None:
+    def _reset_models(self, where: BoolArray, measured: FloatArray) -> None:
         """Start the twins anew from where the joints are."""
         if np.count_nonzero(where):
             self._median.clear(where)
@@ -385,6 +393,6 @@ class FusionSignal:
             self._expectation.put(where, measured)
 
 
-def _harmless(values: FloatArray) -> FloatArray:
+def _zero_invalid(values: FloatArray) -> FloatArray:
     """``values`` with 0 where they are absurd or not finite."""
-    return np.where(np.abs(values) < ABSURD, values, 0.0)
+    return np.where(np.abs(values) < MAX_PLAUSIBLE, values, 0.0)

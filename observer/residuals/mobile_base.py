@@ -1,4 +1,4 @@
-"""What the wheels should do in free motion, and how far they are from it: contacts on the base, and on a stiff trunk.
+"""Expected and measured motion of the wheels: contacts on the base, and on a stiff trunk.
 
 The wheels' speed controllers answer their set-points nearly linearly, and so does the base to the limbs that the robot
 throws about: a finite impulse response from what was sent, and from the load on the legs, foretells the measured twist.
@@ -13,7 +13,7 @@ import numpy as np
 from pepper_driver.config import RobotConfig
 from pepper_driver.config.arrays import FloatArray
 from pepper_driver.controller.tick import Tick
-from pepper_driver.observer.detection.threshold import START, Strays
+from pepper_driver.observer.detection.threshold import START_FACTOR, ResidualEnvelope
 from pepper_driver.observer.models.fusion_model import TAPS, BaseModel
 from pepper_driver.observer.running_filters import RunningMedian
 
@@ -21,18 +21,18 @@ ROWS = 10 * TAPS
 """Of the memory of inputs: it is moved once in nine responses."""
 
 
-STANDING = 0.005
+STANDSTILL_SPEED = 0.005
 """[m/s], [rad/s] A base that has been sent no faster for the length of the response stands."""
 
 
-SAME_AXIS = 0.5
+AXIS_HYSTERESIS = 0.5
 """Share of the largest residual at which the axis that told before goes on to tell."""
 
-HOLD = 0.3
+POST_DRIVE_TIME = 0.3
 """[s] After the response to a drive, for which its bound stays."""
 
 
-class BaseSignal:
+class BaseGenerator:
     """Residual of the base, as a share of its bound: beyond 1 in size, something pushes.
 
     Args:
@@ -51,11 +51,11 @@ class BaseSignal:
         self._standing, self._driving = np.array(model.standing), np.array(model.driving)
         self._legs = leg_indices(robot)
         self._inverse = np.asarray(robot.wheels.inverse)
-        self._window, self._still = window, TAPS + round(HOLD / robot.cycle)
+        self._window, self._still = window, TAPS + round(POST_DRIVE_TIME / robot.cycle)
         self._adapt = adapt
         # Of the residual as a share of its bound: standing is the second.
-        bound, start = np.ones(3), np.full(3, START)
-        self._strays = (Strays(bound, start), Strays(bound, start))
+        bound, start = np.ones(3), np.full(3, START_FACTOR)
+        self._strays = (ResidualEnvelope(bound, start), ResidualEnvelope(bound, start))
         self._everything = np.ones(3, dtype=np.bool_)
         self.reset()
 
@@ -97,7 +97,7 @@ class BaseSignal:
         share, filtered = share / wider, self._filtered / wider
         size = np.abs(filtered)
         # An axis keeps telling while it tells nearly as much as any: its sign is that of the contact.
-        if size[self._axis] < SAME_AXIS * size.max():
+        if size[self._axis] < AXIS_HYSTERESIS * size.max():
             self._axis = int(np.argmax(size))
         return float(share[self._axis]), float(filtered[self._axis])
 
@@ -128,7 +128,7 @@ class BaseSignal:
             inputs[:, 3:] = now[3:]
         self._count += 1
         fastest = max(abs(sent) for sent in now[:3].tolist())
-        self._standing_ticks = self._standing_ticks + 1 if fastest < STANDING else 0
+        self._standing_ticks = self._standing_ticks + 1 if fastest < STANDSTILL_SPEED else 0
         return inputs
 
 

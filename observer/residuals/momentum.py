@@ -16,7 +16,7 @@ import numpy as np
 
 from pepper_driver.config.arrays import BoolArray, FloatArray
 from pepper_driver.controller.tick import Tick
-from pepper_driver.observer.interface import FULL_STIFFNESS, Signal, Unchanging
+from pepper_driver.observer.interface import FULL_STIFFNESS, Residuals, StaticGeneratorMixin
 from pepper_driver.observer.models.fusion_model import FusionModel, MomentumParameters
 from pepper_driver.observer.recording import STALE_AGE
 from pepper_driver.observer.running_filters import RunningMedian
@@ -112,8 +112,8 @@ SIGN_VELOCITY = 0.03
 """[rad/s] Below which the sign of the friction is smoothed."""
 
 
-class MomentumSignal(Unchanging):
-    """What a momentum observer without memory makes of the same sensors and constants.
+class MomentumGenerator(StaticGeneratorMixin):
+    """Residuals of a momentum observer without memory, from the same sensors and constants.
 
     r = eps - (J a + d v + F sign(v) + g tau_ld + offset), as in Eq. 10 over the stiffness, with measured velocity and
     acceleration: friction at rest is unknown to it. Running median and a constant threshold as in mode ``paper``.
@@ -153,7 +153,7 @@ class MomentumSignal(Unchanging):
         self._median.reset()
         self._blind_ticks = np.zeros(len(self.no_model), dtype=np.int64)
 
-    def step(self, tick: Tick) -> Signal:
+    def step(self, tick: Tick) -> Residuals:
         """Take in one tick; never raises for bad sensor values."""
         measurement, reference = tick.measurement, tick.reference
         with np.errstate(invalid="ignore", over="ignore"):
@@ -182,7 +182,7 @@ class MomentumSignal(Unchanging):
         torque = -residual / self._load_gain
         for values in (expected, residual, threshold, torque):
             values[blind] = np.nan
-        return Signal(
+        return Residuals(
             expected=expected,
             raw=raw,
             residual=residual,

@@ -8,13 +8,13 @@ import numpy as np
 
 from pepper_driver.config.arrays import FloatArray
 from pepper_driver.controller.tick import Tick
-from pepper_driver.observer.interface import FULL_STIFFNESS, Signal, Unchanging
+from pepper_driver.observer.interface import FULL_STIFFNESS, Residuals, StaticGeneratorMixin
 from pepper_driver.observer.models.tree import Tree
 from pepper_driver.observer.recording import STALE_AGE
 from pepper_driver.observer.running_filters import RunningMedian
 
 
-class PaperSignal(Unchanging):
+class PaperGenerator(StaticGeneratorMixin):
     """Sec. III to V of the paper.
 
     A joint is blind
@@ -47,7 +47,7 @@ class PaperSignal(Unchanging):
         self._blind_ticks = np.zeros(len(self._predict), dtype=np.int64)
         self._median.reset()
 
-    def step(self, tick: Tick) -> Signal:
+    def step(self, tick: Tick) -> Residuals:
         """Take in one tick; never raises for bad sensor values."""
         measurement, reference = tick.measurement, tick.reference
         expected = self._expected(tick)
@@ -66,7 +66,7 @@ class PaperSignal(Unchanging):
         threshold = self._threshold.copy()
         for values in (expected, residual, threshold):
             values[blind] = np.nan
-        return Signal(
+        return Residuals(
             expected=expected,
             raw=raw,
             residual=residual,

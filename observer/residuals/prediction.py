@@ -1,4 +1,4 @@
-"""What mode ``fusion`` expects of every joint in a tick: twins, what their boards have summed up, and remainders."""
+"""Expected errors of mode ``fusion`` in a tick: stick-slip models, integrals of their boards, and remainders."""
 
 from __future__ import annotations
 
@@ -9,16 +9,16 @@ from dataclasses import dataclass
 import numpy as np
 
 from pepper_driver.config.arrays import BoolArray, FloatArray
-from pepper_driver.observer.detection.threshold import RESTING
+from pepper_driver.observer.detection.threshold import REST_SPEED
 from pepper_driver.observer.models.fusion_model import FusionModel
-from pepper_driver.observer.models.stick_slip import PARAMETERS, Twins
-from pepper_driver.observer.models.tree import FEATURES, Forest
+from pepper_driver.observer.models.stick_slip import PARAMETERS, StickSlipModel
+from pepper_driver.observer.models.tree import FEATURES, BatchedTrees
 from pepper_driver.observer.residuals.adaptation import OFFSET_UNIT
 
-LATEST = 3
+MAX_LATE_TICKS = 3
 """Ticks by which a sample may be late and still be compared with what was expected for its time."""
 
-MOVING = 0.02
+MIN_MOVING_SPEED = 0.02
 """[rad/s] Of the twin: a joint that is faster moves."""
 
 BOARD_TIME = 1.0
@@ -30,8 +30,8 @@ REST_CORRECTION = 1.5
 
 
 @dataclass(slots=True)
-class Expected:
-    """What is expected of one tick; arrays (n,).
+class Prediction:
+    """Prediction of one tick; arrays (n,).
 
     Attributes:
         target: Position sent [rad].
@@ -54,7 +54,7 @@ class Expected:
     remainder: FloatArray
 
 
-class Expectation:
+class ErrorPredictor:
     """Lets the twins take every tick, and holds them to what is known of the joints.
 
     Args:
@@ -62,7 +62,7 @@ class Expectation:
         cycle: Period of the ticks [s].
 
     Attributes:
-        identified: By name of ``TwinParameters``, (n,) constants as identified.
+        identified: By name of ``StickSlipParameters``, (n,) constants as identified.
         integrates: (n,) joints whose boards have an integral part that currents tell of.
         board: (n,) what the boards have summed up of the measured error [rad].
     """
@@ -74,7 +74,7 @@ class Expectation:
             name: np.array([np.nan if t is None else getattr(t, name) for t in twins])
             for name in PARAMETERS
         }
-        self._twins = Twins(self.identified, cycle)
+        self._twins = StickSlipModel(self.identified, cycle)
         self.integrates = np.array(
             [
                 m is not None and m.twin.integral_rate > 0.0 and m.momentum.source == "current"
@@ -82,7 +82,7 @@ class Expectation:
             ]
         )
         self._any_integrates = bool(self.integrates.any())
-        self._remainders = Forest([None if m is None else m.remainder for m in models])
+        self._remainders = BatchedTrees([None if m is None else m.remainder for m in models])
         self._features = np.zeros((FEATURES, len(models)))
         self._correction = cycle / REST_CORRECTION
         both = 1.0 + self.identified["breakaway"]
@@ -94,7 +94,7 @@ class Expectation:
         """Forget everything but the models."""
         n = len(self.integrates)
         self.board = np.zeros(n)
-        self._past: deque[Expected] = deque(maxlen=LATEST + 1)
+        self._past: deque[Prediction] = deque(maxlen=MAX_LATE_TICKS + 1)
         self.adopt(np.zeros((n, 4)))
 
     @property
@@ -136,10 +136,10 @@ class Expectation:
         features = self._features
         features[0], features[1], features[2] = velocity, acceleration, load_torque
         self._past.append(
-            Expected(
+            Prediction(
                 target=target,
                 position=position,
-                moves=np.abs(twins.velocity) > MOVING,
+                moves=np.abs(twins.velocity) > MIN_MOVING_SPEED,
                 friction=twins.friction,
                 load=load,
                 velocity=velocity,
@@ -148,26 +148,26 @@ class Expectation:
             )
         )
 
-    def before(self, ticks: int) -> Expected:
-        """What was expected so many ticks ago, or of the oldest tick there is."""
+    def before(self, ticks: int) -> Prediction:
+        """Return the prediction of so many ticks ago, or of the oldest tick there is."""
         return self._past[max(-1 - ticks, -len(self._past))]
 
-    def resistance(self, then: Expected) -> FloatArray:
+    def resistance(self, then: Prediction) -> FloatArray:
         """(n,) friction and load of today / K [rad]."""
         resistance: FloatArray = then.friction + then.load * self._load_factor + self._extra_load
         return resistance
 
-    def band(self, then: Expected) -> FloatArray:
+    def band(self, then: Prediction) -> FloatArray:
         """(n,) from friction at rest in one direction to that in the other [rad]."""
         band: FloatArray = self._band_unloaded + self._band_per_load * np.abs(then.load)
         return band
 
-    def beyond_friction(self, then: Expected, measured: FloatArray) -> FloatArray:
+    def beyond_friction(self, then: Prediction, measured: FloatArray) -> FloatArray:
         """(n,) part of the tracking error of joints that stand still which friction cannot hold [rad]."""
         error = then.target - measured - then.remainder
         return self._twins.beyond_friction(error, then.load * self._load_factor + self._offset)
 
-    def follow_boards(self, error: FloatArray, motor: FloatArray, bad: BoolArray | None) -> None:
+    def update_integrals(self, error: FloatArray, motor: FloatArray, bad: BoolArray | None) -> None:
         """Take in what the boards sum up.
 
         Args:
@@ -199,7 +199,7 @@ class Expectation:
         self._twins.put(
             where,
             measured,
-            np.where(np.abs(velocity) > RESTING, velocity, 0.0),
+            np.where(np.abs(velocity) > REST_SPEED, velocity, 0.0),
             np.where(self.integrates, self.board, self._twins.integral),
         )
 

@@ -28,7 +28,7 @@ from pepper_driver.config.task_specs import BaseSpec, LookAtSpec, OrientationSpe
 from pepper_driver.experiments.experiment import ExperimentRun
 from pepper_driver.experiments.reports import ExperimentReport, StepReport
 from pepper_driver.observer import Contact, score
-from pepper_driver.observer.scoring import alarms_of
+from pepper_driver.observer.scoring import group_events
 from pepper_driver.recording.terminal_keys import StopKey
 
 
@@ -184,7 +184,7 @@ def push_table(report: ExperimentReport, robot: RobotConfig) -> Table:
     felt = {id(f.push): f for f in result.felt}
     last = {
         alarm.begin.id: alarm.updates[-1].link if alarm.updates else alarm.begin.link
-        for alarm in alarms_of(report.contacts)
+        for alarm in group_events(report.contacts)
     }
     title = f"{len(felt)} of {len(report.pushes)} pushes felt, {len(result.false)} false contacts"
     table = Table("from", "pushed", "force", "felt after", "at first", "at last", title=title)

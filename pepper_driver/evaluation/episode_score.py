@@ -24,7 +24,7 @@ from pepper_driver.observer import (
     nrmse_fit,
     score,
 )
-from pepper_driver.observer.scoring import REBOUND_TIME, Alarm, Felt, alarms_of
+from pepper_driver.observer.scoring import REBOUND_TIME, ContactTrack, DetectedPush, group_events
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -268,7 +268,7 @@ def score_episode(episode: Episode, watched: ObserverRun, robot: RobotConfig) ->
 
 
 def _score_push(
-    episode: Episode, push: KnownPush, felt: Felt | None, robot: RobotConfig
+    episode: Episode, push: KnownPush, felt: DetectedPush | None, robot: RobotConfig
 ) -> PushScore:
     group = _group(push, robot)
     if felt is None:
@@ -296,7 +296,7 @@ def _group(push: KnownPush, robot: RobotConfig) -> Group:
     return "axis" if push.degrees < AXIS_DEGREES else "plain"
 
 
-def _is_there(felt: Felt, after: float, robot: RobotConfig) -> bool:
+def _is_there(felt: DetectedPush, after: float, robot: RobotConfig) -> bool:
     """Check if the contact was on the right joint some time after the alarm, by the first tick that is so late."""
     grace = robot.cycle if after else 0.0
     joint = felt.alarm.at(felt.contact.detection_time + after + grace).joint
@@ -305,7 +305,7 @@ def _is_there(felt: Felt, after: float, robot: RobotConfig) -> bool:
     return joint == felt.push.joint
 
 
-def _direction(episode: Episode, felt: Felt, robot: RobotConfig) -> bool | None:
+def _direction(episode: Episode, felt: DetectedPush, robot: RobotConfig) -> bool | None:
     """Compare the alarm's sign with that of the true torque on its joint; None for a torque near zero."""
     push, contact = felt.push, felt.contact
     if contact.joint is None or push.direction == 0:
@@ -348,12 +348,12 @@ def _untouched(episode: Episode) -> BoolArray:
 
 
 def _swings_and_touches(
-    episode: Episode, watched: ObserverRun, felt: tuple[Felt, ...], robot: RobotConfig
-) -> tuple[list[Alarm], list[Alarm]]:
+    episode: Episode, watched: ObserverRun, felt: tuple[DetectedPush, ...], robot: RobotConfig
+) -> tuple[list[ContactTrack], list[ContactTrack]]:
     """Alarms on the pushed limb that began after the release, and those that began before it."""
     swings, touches = [], []
     first = {(f.contact.id, f.contact.detection_time) for f in felt}
-    for alarm in alarms_of(watched.contacts):
+    for alarm in group_events(watched.contacts):
         begin = alarm.begin
         near = [
             push

@@ -478,5 +478,5 @@ class Player:
 
     def _stay(self, joints: BoolArray) -> None:
         """Want those joints, a mask (17,), where they come to rest without turning round."""
-        rest = self._controller.rest(self._arbiter.posture_stiffness, dither=False)
+        rest = self._controller.stopping_position(self._arbiter.posture_stiffness, dither=False)
         self._arbiter.move_to(np.where(joints, rest, self._arbiter.target))

@@ -13,7 +13,7 @@ from pepper_driver.config import PepperError, RobotConfig
 from pepper_driver.config.arrays import FloatArray
 from pepper_driver.config.contact_specs import STRONGEST_HAND
 from pepper_driver.controller import RobotModel
-from pepper_driver.controller.support_polygon import Footing
+from pepper_driver.controller.support_polygon import SupportPolygon
 
 SHORTEST_LEVER = 1e-3
 """[m] A force with less to turn a joint by does nothing to it."""
@@ -223,7 +223,7 @@ def evaluate_push(
     tipping = 0.0
     if plant.rolling:
         where = pose[:3, :3] @ point + pose[:3, 3]
-        tipping = Footing.of(robot).share(posture, where, in_world)
+        tipping = SupportPolygon.of(robot).share(posture, where, in_world)
     planned = PlannedPush(
         joint=joint,
         link=link,

@@ -228,7 +228,7 @@ def check_dry_run(run: Run) -> None:
         # Of the last cycle: it is the command of the next one.
         status = pepper.controller.status
         if status.solver != "solved":
-            lost = ", ".join(status.unmet) or status.solver
+            lost = ", ".join(status.violated) or status.solver
             raise DryRunError(f"the controller cannot keep its limits ({lost})")
         if tick.changed.any():
             joint = robot.joint_names[int(np.argmax(tick.changed))]

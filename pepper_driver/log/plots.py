@@ -356,7 +356,7 @@ def _draw_joint(log: RunLog, rows: BoolArray, joint: str, panels: NDArray[np.obj
 
 
 def _limits(time: FloatArray) -> tuple[float, float]:
-    """Of the axis of time [s]; as wide as a tick where there is but one."""
+    """Return the limits of the axis of time [s]; as wide as a tick for a single one."""
     first, last = float(np.nanmin(time)), float(np.nanmax(time))
     return first, max(last, first + 0.012)
 

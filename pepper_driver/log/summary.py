@@ -39,7 +39,7 @@ def run_metadata(
     observer_name: str | None = None,
     reflexes: Sequence[Mapping[str, object]] = (),
 ) -> dict[str, str]:
-    """Who runs what on which robot, with which settings and versions, as text; no name of a person or a machine.
+    """Return program, robot, settings and versions of a run as text; no name of a person or a machine.
 
     Args:
         backend: Of the robot.
@@ -85,7 +85,7 @@ def run_metadata(
 
 
 def _version(package: str) -> str:
-    """Of an installed package; some systems install without saying so, which must stop no run."""
+    """Return the version of an installed package; a system without metadata must stop no run."""
     try:
         return version(package)
     except PackageNotFoundError:
@@ -209,5 +209,5 @@ def _milliseconds(seconds: FloatArray) -> Quantiles | None:
 
 
 def _counted(names: Iterable[str]) -> dict[str, int]:
-    """How often each name comes, the most frequent first."""
+    """Count each name, the most frequent first."""
     return dict(Counter(names).most_common())

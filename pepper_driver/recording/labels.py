@@ -130,7 +130,7 @@ class Labeller:
 
     @property
     def touched(self) -> bool:
-        """Whether the last label was an onset."""
+        """True if the last label was an onset."""
         return self._touched
 
     def step(self, measurement: Measurement) -> tuple[Label, ...]:

@@ -24,7 +24,7 @@ from pepper_driver.robot import Pepper
 
 @dataclass(frozen=True, kw_only=True)
 class LabelledRun:
-    """What was recorded.
+    """Result of a labelled run.
 
     Attributes:
         seconds: Length [s].

@@ -102,7 +102,7 @@ class SpaceBar(Keys):
 
     @property
     def on(self) -> bool:
-        """Whether it was pressed an odd number of times."""
+        """True if the key was pressed an odd number of times."""
         return self._presses % 2 == 1
 
     def forget(self) -> None:

@@ -198,12 +198,12 @@ class Arbiter:
         """Lead the posture task to the posture of user or motion, or to the one that holds the whole robot."""
         controller, requests, task = self.controller, self._requests, self.controller.posture
         if np.count_nonzero(requests.released_in_place):
-            rest = controller.rest(self.posture_stiffness, dither=False)
+            rest = controller.stopping_position(self.posture_stiffness, dither=False)
             self.target = np.where(requests.released_in_place, rest, self.target)
         held, stiffness = requests.posture, requests.posture_stiffness
         if self.paused:
             if self._rest is None:
-                self._rest = controller.rest(BRAKING_STIFFNESS)
+                self._rest = controller.stopping_position(BRAKING_STIFFNESS)
             held, stiffness = self._rest, BRAKING_STIFFNESS
         else:
             self._rest = None

@@ -42,7 +42,7 @@ class Hold(Reflex):
             self._posture = None  # the robot moves meanwhile
             return
         if self._posture is None:
-            self._posture = requests.controller.rest(BRAKING_STIFFNESS)
+            self._posture = requests.controller.stopping_position(BRAKING_STIFFNESS)
         requests.claim_base()
         requests.hold_posture(self._posture, BRAKING_STIFFNESS)
 

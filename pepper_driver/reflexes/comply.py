@@ -82,7 +82,7 @@ class Comply(Reflex):
             stiffness=spring,
             damping=self._damping,
             dead_band=0.0,
-            largest_torque=self.max_torque,
+            max_torque=self.max_torque,
             name=f"reflex: {self.name}",
             robot=self.robot,
         )

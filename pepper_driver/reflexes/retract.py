@@ -66,7 +66,7 @@ class Retract(Reflex):
                 name=f"reflex: {self.name}",
                 robot=self.robot,
             )
-            self._task.target = requests.controller.rest(BRAKING_STIFFNESS)[joints]
+            self._task.target = requests.controller.stopping_position(BRAKING_STIFFNESS)[joints]
         self._answers, self._way, self._left = contact, np.zeros(len(joints)), 0.0
         self._waited = False
 
@@ -82,7 +82,7 @@ class Retract(Reflex):
         if self._waited:  # the limb has been led elsewhere meanwhile
             self._waited, self._task.target = (
                 False,
-                requests.controller.rest(BRAKING_STIFFNESS)[self.joints],
+                requests.controller.stopping_position(BRAKING_STIFFNESS)[self.joints],
             )
             self._way[:] = 0.0
         if not self._way.any():
@@ -95,7 +95,10 @@ class Retract(Reflex):
             self._left -= step
             target = self._task.target + step * self._way[self.joints]
             if felt < self.stop_torque_ratio * self._peak:
-                self._left, target = 0.0, requests.controller.rest(BRAKING_STIFFNESS)[self.joints]
+                self._left, target = (
+                    0.0,
+                    requests.controller.stopping_position(BRAKING_STIFFNESS)[self.joints],
+                )
             controller = requests.controller
             lower, upper = controller.lower[self.joints], controller.upper[self.joints]
             self._task.target = np.clip(target, lower, upper)

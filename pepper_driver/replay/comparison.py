@@ -1,4 +1,4 @@
-"""What a replay found beside what was recorded: bit for bit, and contact by contact."""
+"""Comparison of a replay with its recording: bit for bit, and contact by contact."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ class Difference:
 
 @dataclass(frozen=True, kw_only=True)
 class Pair(Generic[T]):
-    """The same thing in the recording and in the replay; None where it is only in the other."""
+    """Matching items of the recording and the replay; None for an item that only the other has."""
 
     recorded: T | None
     found: T | None
@@ -83,7 +83,7 @@ class Comparison:
 
     @property
     def identical(self) -> bool:
-        """Whether all that was compared is the same bit for bit."""
+        """True if everything compared is the same bit for bit."""
         return not self.differences
 
     def as_json(self) -> dict[str, Any]:
@@ -220,7 +220,7 @@ def _lasting(contacts: Sequence[Contact]) -> list[Contact]:
 def _pairs(
     recorded: Sequence[T], found: Sequence[T], distance: Callable[[T, T], float | None]
 ) -> tuple[Pair[T], ...]:
-    """Those that are the same thing, the nearest first; then what is left of either."""
+    """Yield the matching items, the nearest first; then the rest of both."""
     near = sorted(
         (apart, i, j)
         for i, then in enumerate(recorded)

@@ -1,4 +1,4 @@
-"""What a log holds of a run, as objects: its ticks, settings, observer, reflexes."""
+"""Run of a log, as objects: its ticks, settings, observer, reflexes."""
 
 from __future__ import annotations
 
@@ -77,7 +77,7 @@ class LoggedRun:
 
     @property
     def references(self) -> list[Reference | None]:
-        """What the controller wanted at the end of each tick, as far as the log says it."""
+        """References of the controller at the end of each tick, as far as the log has them."""
         made = {step: sent.reference for step, sent in self.unanswered.items()}
         for step, tick in zip(self.backend.answered.tolist(), self.ticks, strict=True):
             made.setdefault(step, tick.reference)
@@ -97,7 +97,7 @@ class LoggedRun:
 
     @property
     def controller_settings(self) -> ControllerSettings:
-        """Those of then.
+        """Controller settings of the recorded run.
 
         Raises:
             PepperError: They are missing, or not to be understood.
@@ -106,7 +106,7 @@ class LoggedRun:
 
     @property
     def safety_settings(self) -> SafetySettings:
-        """Those of then.
+        """Safety settings of the recorded run.
 
         Raises:
             PepperError: They are missing, or not to be understood.
@@ -115,14 +115,14 @@ class LoggedRun:
 
     @property
     def from_start(self) -> bool:
-        """Whether the log begins as a run does: at rest, with stiff motors."""
+        """True if the log begins as a run does: at rest, with stiff motors."""
         first = self.ticks[0]
         moving = first.reference.velocity.any() or first.reference.base_twist.any()
         return not moving and bool((first.sent.stiffness == 1.0).all())
 
     @property
     def felt(self) -> bool:
-        """Whether there was an observer."""
+        """True if there was an observer."""
         return self.log.metadata.get("observer", "none") != "none"
 
     def observer(

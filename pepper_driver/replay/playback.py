@@ -14,7 +14,7 @@ from pepper_driver.controller.tick import Reference
 from pepper_driver.controller.whole_body import WholeBodyController
 
 
-class RecordedController(WholeBodyController):
+class PlaybackController(WholeBodyController):
     """Goes from reference to reference, and is in the state that they were made in.
 
     Tasks can be added and removed, and change nothing. Where no reference is known it stays as it is.

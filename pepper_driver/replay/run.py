@@ -21,13 +21,13 @@ from pepper_driver.observer import Contact, Observation, Observer
 from pepper_driver.reflexes import Arbiter, Reflex, prepare_reflexes
 from pepper_driver.reflexes.declared import declare
 from pepper_driver.replay.logged_run import LoggedRun, ReplayError
-from pepper_driver.replay.playback import RecordedController
+from pepper_driver.replay.playback import PlaybackController
 from pepper_driver.safety import Fault, FaultError, SafetyGate
 
 
 @dataclass(frozen=True, kw_only=True)
 class Replayed:
-    """What observer and reflexes made of a recording.
+    """Outputs of observer and reflexes over a recording.
 
     Attributes:
         ticks: How many were replayed.
@@ -77,7 +77,7 @@ def replay(
         raise ReplayError(f"{out}: is the recording itself; give another file")
     robot, backend = run.robot, run.backend
     prepared = prepare_reflexes(reflexes, robot)
-    controller = RecordedController(robot, run.controller_settings, run.references)
+    controller = PlaybackController(robot, run.controller_settings, run.references)
     gate = SafetyGate(robot, run.safety_settings, run.controller_settings)
     seen = _Taken(run)
     with ExitStack() as stack:
@@ -137,7 +137,7 @@ class _OnRecordedTicks(Observer):
 
 
 class _Taken:
-    """What the loop hands over."""
+    """Listener that keeps the records of the loop."""
 
     def __init__(self, run: LoggedRun) -> None:
         self.log: LogWriter | None = None
@@ -149,7 +149,7 @@ class _Taken:
 
     @property
     def ticks(self) -> int:
-        """How many so far."""
+        """Number of ticks so far."""
         return len(self._observations)
 
     def take(self, record: TickRecord) -> None:
@@ -177,7 +177,7 @@ class _Taken:
 def _metadata(
     run: LoggedRun, observer: Observer | None, reflexes: Sequence[Reflex]
 ) -> dict[str, str]:
-    """Of the log of a replay: the robot is that of then."""
+    """Return the metadata of the log of a replay: the robot is the recorded one."""
     then = run.log.metadata
     now = run_metadata(
         run.backend,

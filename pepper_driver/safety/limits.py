@@ -23,7 +23,7 @@ import numpy as np
 from pepper_driver.backends import Measurement
 from pepper_driver.config import RobotConfig, SafetySettings
 from pepper_driver.config.arrays import BoolArray, FloatArray
-from pepper_driver.controller import desaturated
+from pepper_driver.controller import desaturate
 
 ANGLE_ROUNDING = 1e-9
 """[rad] A reference may lie this far beyond a limit: what rounding does."""
@@ -208,7 +208,7 @@ class BaseGuard:
         limit = self._speed_limit + SPEED_ROUNDING
         speeds = wanted
         if not (-limit <= a <= limit and -limit <= b <= limit and -limit <= c <= limit):
-            speeds = desaturated(wanted, self._speed_limit)
+            speeds = desaturate(wanted, self._speed_limit)
             a, b, c = speeds.tolist()
         share = 1.0
         for speed, last, most in zip(

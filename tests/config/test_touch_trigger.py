@@ -84,7 +84,7 @@ def test_a_wait_is_as_long_as_its_touch_lasts(tmp_path: Path) -> None:
 
 
 @dataclass(frozen=True)
-class Felt:
+class DetectedPush:
     """A touch of constant strength. Times in eighths of a second."""
 
     begin: int
@@ -96,7 +96,7 @@ class Felt:
     torque: float
 
 
-def is_chosen(touch: Felt, on: TouchTrigger) -> bool:
+def is_chosen(touch: DetectedPush, on: TouchTrigger) -> bool:
     return (
         (not on.limb or ROBOT.limb_of_link(touch.link) in on.limb)
         and (not on.link or touch.link in on.link)
@@ -107,7 +107,7 @@ def is_chosen(touch: Felt, on: TouchTrigger) -> bool:
     )
 
 
-def first_time(on: TouchTrigger, touches: list[Felt]) -> float:
+def first_time(on: TouchTrigger, touches: list[DetectedPush]) -> float:
     """When touches, in the order in which they begin, first are as a trigger says [s / 8]; infinity for never."""
     begun = [t.begin for t in touches if is_chosen(t, on) and t.length >= 8 * on.lasting]
     times = [inf]
@@ -161,7 +161,7 @@ def looser(draw: st.DrawFn, on: dict[str, Any]) -> dict[str, Any]:
 
 FELT = st.lists(
     st.builds(
-        Felt,
+        DetectedPush,
         begin=st.integers(0, 40),
         length=st.integers(1, 12),
         link=st.sampled_from(LINKS),
@@ -176,7 +176,7 @@ FELT = st.lists(
 
 @given(data=st.data(), given_on=conditions(), touches=FELT)
 def test_a_looser_trigger_is_set_off_first(
-    data: st.DataObject, given_on: dict[str, Any], touches: list[Felt]
+    data: st.DataObject, given_on: dict[str, Any], touches: list[DetectedPush]
 ) -> None:
     on, loose = TouchTrigger(**given_on), TouchTrigger(**data.draw(looser(given_on)))
     assert loose.includes(on, ROBOT)
@@ -185,7 +185,7 @@ def test_a_looser_trigger_is_set_off_first(
 
 @given(one=conditions(), other=conditions(), touches=FELT)
 def test_what_includes_another_is_never_set_off_later(
-    one: dict[str, Any], other: dict[str, Any], touches: list[Felt]
+    one: dict[str, Any], other: dict[str, Any], touches: list[DetectedPush]
 ) -> None:
     first, second = TouchTrigger(**one), TouchTrigger(**other)
     if first.includes(second, ROBOT):

@@ -21,7 +21,7 @@ from support.controller import (
 
 def outcome(control: WholeBodyController) -> tuple[str, tuple[str, ...]]:
     status = control.status
-    return status.solver, (*status.relaxed, *status.unmet)
+    return status.solver, (*status.relaxed, *status.violated)
 
 
 def test_nothing_is_relaxed_in_an_ordinary_cycle() -> None:
@@ -74,7 +74,7 @@ def test_a_sent_position_that_is_none_changes_nothing(position: FloatArray) -> N
         for _ in range(10):
             c.step()
     with pytest.raises(TargetError):
-        control.accept(position)
+        control.override_state(position)
     for _ in range(5):
         assert np.array_equal(control.step().position, other.step().position)
 
@@ -89,7 +89,7 @@ def test_after_a_clamped_command_the_reference_goes_on_from_it(cut: float) -> No
     joint = ROBOT.joint_index("RElbowYaw")
     sent = reference.position.copy()
     sent[joint] -= cut
-    control.accept(sent)
+    control.override_state(sent)
     assert np.array_equal(control.position, sent)
     speed = np.clip((sent - before) / DT, -VELOCITY, VELOCITY)[joint]
     after = control.step()
@@ -110,7 +110,7 @@ def test_a_command_held_again_and_again_stops_the_reference() -> None:
     held = reference.position
     for _ in range(5):
         reference = control.step()
-        control.accept(held)
+        control.override_state(held)
         assert np.abs(reference.velocity).max() <= (ACCELERATION * DT).max() + VELOCITY.max()
     reference = control.step()
     assert (np.abs(reference.velocity) <= ACCELERATION * DT + 1e-9).all()

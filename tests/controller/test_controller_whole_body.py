@@ -75,7 +75,7 @@ def test_references_do_not_change_afterwards() -> None:
     control.position[:] = 0.0
     for _ in range(5):
         control.step()
-    control.accept(MIDDLE)
+    control.override_state(MIDDLE)
     assert all(np.array_equal(getattr(reference, field), kept[field]) for field in fields)
 
 
@@ -227,7 +227,7 @@ def test_rows_without_solution_brake_to_rest(
     for _ in range(int(slowest) + 2):
         reference = control.step()
         assert control.status.solver == ("failed" if np.isnan(bound).any() else "infeasible")
-        assert control.status.unmet == (("rows",) if np.isnan(bound).any() else ("row 0",))
+        assert control.status.violated == (("rows",) if np.isnan(bound).any() else ("row 0",))
         assert (np.abs(reference.velocity) <= np.abs(before.velocity) + 1e-12).all()
         assert (np.abs(reference.acceleration) <= ACCELERATION + 1e-9).all()
         change = np.abs(reference.base_twist - before.base_twist)
@@ -261,7 +261,7 @@ def test_rows_that_contradict_each_other_are_relaxed_and_the_rest_goes_on(
     for _ in range(1500):
         reference = control.step()
         assert control.status.solver == "relaxed"
-        assert set(control.status.unmet) & {"row 0", "row 1"}
+        assert set(control.status.violated) & {"row 0", "row 1"}
         assert (np.abs(reference.acceleration) <= ACCELERATION + 1e-9).all()
         assert (np.abs(reference.velocity) <= VELOCITY + 1e-9).all()
     others = np.arange(JOINTS) != ROBOT.joint_index("HeadYaw")
@@ -289,7 +289,7 @@ def test_a_clamped_joint_goes_on_from_what_was_sent() -> None:
     sent = reference.position.copy()
     sent[joint] = before[joint] + 0.25 * (sent[joint] - before[joint])
     assert sent[joint] != reference.position[joint]
-    control.accept(sent)
+    control.override_state(sent)
     assert np.array_equal(control.position, sent)
     following, free = control.step(), twin.step()
     step = following.position - sent
@@ -309,7 +309,7 @@ def test_a_clamped_joint_goes_on_from_what_was_sent() -> None:
 def test_a_gate_that_changes_nothing_is_not_felt() -> None:
     control, twin = moving(), moving()
     for _ in range(20):
-        control.accept(control.step().position)
+        control.override_state(control.step().position)
         twin.step()
     assert np.array_equal(control.position, twin.position)
 
@@ -319,7 +319,7 @@ def test_a_gate_that_holds_the_robot_holds_the_controller() -> None:
     held = control.position
     for _ in range(100):
         reference = control.step()
-        control.accept(held)
+        control.override_state(held)
         assert np.array_equal(control.position, held)
     # From rest, one cycle's acceleration: no speed has wound up behind the gate.
     assert (np.abs(reference.position - held) <= ACCELERATION * DT**2 / 2 + 1e-12).all()
@@ -329,7 +329,7 @@ def test_a_gate_that_jumps_does_not_throw_the_joint() -> None:
     control = moving()
     control.step()
     far = MIDDLE - 0.2
-    control.accept(far)
+    control.override_state(far)
     previous = far
     for _ in range(300):
         reference = control.step()
@@ -348,7 +348,7 @@ def test_a_gate_that_limits_the_speed_slows_the_controller_without_winding_it_up
     for _ in range(1500):
         reference = control.step()
         sent = sent + np.clip(reference.position - sent, -allowed, allowed)
-        control.accept(sent)
+        control.override_state(sent)
         assert (np.abs(reference.position - sent) <= VELOCITY * DT).all()
     expected = ROBOT.upper - SETTINGS.position_margin
     assert np.abs(sent - expected).max() < 5e-3

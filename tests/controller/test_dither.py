@@ -234,8 +234,10 @@ def test_rest_without_it_is_the_place_about_which_the_joints_oscillate() -> None
     control = make_controller()
     control.dither.enabled = True
     steps(control, 5.3)
-    assert np.abs(control.rest(5.0) - BENT).max() > 0.5 * AMPLITUDE
-    np.testing.assert_allclose(control.rest(5.0, dither=False), BENT, atol=np.radians(0.01))
+    assert np.abs(control.stopping_position(5.0) - BENT).max() > 0.5 * AMPLITUDE
+    np.testing.assert_allclose(
+        control.stopping_position(5.0, dither=False), BENT, atol=np.radians(0.01)
+    )
 
 
 # -- limits ---------------------------------------------------------------------------------------------------------

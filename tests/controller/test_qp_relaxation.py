@@ -121,7 +121,7 @@ def test_rows_that_are_none_brake_the_robot_and_are_named(rows: LinearInequality
     for _ in range(100):
         reference = control.step()
         assert control.status.solver == "failed"
-        assert control.status.unmet == ("mine",)
+        assert control.status.violated == ("mine",)
     assert np.abs(reference.velocity).max() < 1e-9
     assert "mine" in control.explain()
     control.remove(mine)

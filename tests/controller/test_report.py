@@ -33,7 +33,7 @@ def test_two_tasks_that_disagree_share_the_cost_by_hand() -> None:
     assert control.report()[0].name == "posture"  # the dearer one first
     by_name = {report.name: report for report in control.report()}
     assert by_name["other"].error == pytest.approx([0.2])
-    assert by_name["other"].missed == pytest.approx([mean - k * 0.2], rel=1e-4)
+    assert by_name["other"].acceleration_error == pytest.approx([mean - k * 0.2], rel=1e-4)
     assert "posture" in control.explain()
     assert "other" in control.explain()
 
@@ -66,7 +66,7 @@ def test_rows_that_hold_back_and_rows_that_break_are_told_apart() -> None:
     control.add(rows)
     control.step()
     assert control.status.active == ("row 0",)
-    assert control.status.unmet == ()
+    assert control.status.violated == ()
     assert "Held back by: row 0" in control.explain()
     control.remove(rows)
     impossible = FixedRows(np.vstack([matrix, -matrix]), np.array([-1.0, -1.0]))

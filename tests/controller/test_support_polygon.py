@@ -6,10 +6,10 @@ import pytest
 
 from pepper_driver.config import load_robot
 from pepper_driver.config.arrays import FloatArray
-from pepper_driver.controller.support_polygon import Footing
+from pepper_driver.controller.support_polygon import SupportPolygon
 
 ROBOT = load_robot()
-FOOTING = Footing.of(ROBOT)
+SUPPORT_POLYGON = SupportPolygon.of(ROBOT)
 
 
 def mass_centre(posture: FloatArray) -> tuple[FloatArray, float]:
@@ -30,7 +30,7 @@ def test_a_push_forwards_works_against_the_weight_over_the_front_wheels(name: st
     centre, weight = mass_centre(posture)
     front = ROBOT.wheels.positions[0][0]
     expected = 20.0 * 0.8 / (weight * (front - centre[0]))
-    share = FOOTING.share(posture, np.array([0.1, 0.0, 0.8]), np.array([20.0, 0.0, 0.0]))
+    share = SUPPORT_POLYGON.share(posture, np.array([0.1, 0.0, 0.8]), np.array([20.0, 0.0, 0.0]))
     assert share == pytest.approx(expected, rel=1e-3)
 
 
@@ -46,20 +46,25 @@ def test_a_push_sideways_tips_over_the_edge_to_the_rear_wheel(side: float) -> No
     distance = float((corner - centre[:2]) @ outwards)
     expected = 20.0 * 0.8 * abs(outwards[1]) / (weight * distance)
     force = np.array([0.0, side * 20.0, 0.0])
-    share = FOOTING.share(posture, np.array([0.0, side * 0.2, 0.8]), force)
+    share = SUPPORT_POLYGON.share(posture, np.array([0.0, side * 0.2, 0.8]), force)
     assert share == pytest.approx(expected, rel=1e-3)
 
 
 def test_a_push_at_the_floor_or_down_between_the_wheels_does_not_tip() -> None:
     posture = ROBOT.posture("Stand")
-    assert FOOTING.share(posture, np.zeros(3), np.array([50.0, 20.0, 0.0])) == pytest.approx(0.0)
-    assert FOOTING.share(posture, np.array([0.0, 0.0, 1.0]), np.array([0.0, 0.0, -100.0])) == 0.0
+    assert SUPPORT_POLYGON.share(
+        posture, np.zeros(3), np.array([50.0, 20.0, 0.0])
+    ) == pytest.approx(0.0)
+    assert (
+        SUPPORT_POLYGON.share(posture, np.array([0.0, 0.0, 1.0]), np.array([0.0, 0.0, -100.0]))
+        == 0.0
+    )
 
 
 def test_lifting_by_the_whole_weight_is_beyond_standing() -> None:
     posture = ROBOT.posture("Stand")
     centre, weight = mass_centre(posture)
-    share = FOOTING.share(posture, centre, np.array([0.0, 0.0, weight]))
+    share = SUPPORT_POLYGON.share(posture, centre, np.array([0.0, 0.0, weight]))
     assert share == pytest.approx(1.0, rel=1e-3)
 
 
@@ -68,4 +73,7 @@ def test_a_robot_that_leans_out_over_its_wheels_falls_without_a_push() -> None:
     for name in ("HipPitch", "KneePitch"):
         posture[ROBOT.joint_index(name)] = ROBOT.lower[ROBOT.joint_index(name)]
     assert mass_centre(posture)[0][0] > ROBOT.wheels.positions[0][0]
-    assert FOOTING.share(posture, np.array([0.0, 0.0, 0.8]), np.array([-1.0, 0.0, 0.0])) == np.inf
+    assert (
+        SUPPORT_POLYGON.share(posture, np.array([0.0, 0.0, 0.8]), np.array([-1.0, 0.0, 0.0]))
+        == np.inf
+    )

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pepper_driver.config.arrays import FloatArray
-from pepper_driver.controller import Odometry, desaturated
+from pepper_driver.controller import Odometry, desaturate
 from support.controller import DT, ROBOT
 
 LIMIT = ROBOT.wheels.speed_limit
@@ -20,7 +20,7 @@ twists = st.tuples(*[st.floats(-5, 5, allow_nan=False)] * 3).map(np.array)
 @given(twist=twists)
 def test_wheels_too_fast_are_slowed_along_the_same_direction(twist: FloatArray) -> None:
     speed = MATRIX @ twist
-    sent = desaturated(speed, LIMIT)
+    sent = desaturate(speed, LIMIT)
     assert np.abs(sent).max() <= LIMIT
     slower = np.linalg.solve(MATRIX, sent)
     share = min(1.0, LIMIT / max(np.abs(speed).max(), 1e-12))
@@ -32,7 +32,7 @@ def test_wheels_too_fast_are_slowed_along_the_same_direction(twist: FloatArray) 
 @given(twist=twists.map(lambda t: 0.05 * t))
 def test_wheels_within_their_limit_are_left_alone(twist: FloatArray) -> None:
     speed = np.clip(MATRIX @ twist, -LIMIT, LIMIT)
-    assert desaturated(speed, LIMIT) is speed
+    assert desaturate(speed, LIMIT) is speed
 
 
 @pytest.mark.parametrize("turn", [0.0, 0.8, -0.3, 1e-9])

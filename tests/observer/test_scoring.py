@@ -6,7 +6,7 @@ import pytest
 
 from pepper_driver.config import load_robot
 from pepper_driver.observer import Contact, KnownPush, score
-from pepper_driver.observer.scoring import alarms_of
+from pepper_driver.observer.scoring import group_events
 
 ROBOT = load_robot()
 
@@ -186,4 +186,4 @@ def test_a_false_alarm_shortly_before_a_push_does_not_hide_it() -> None:
 
 
 def test_events_without_a_begin_are_left_out() -> None:
-    assert alarms_of([at(1.0, phase="update"), at(2.0, phase="end")]) == ()
+    assert group_events([at(1.0, phase="update"), at(2.0, phase="end")]) == ()

@@ -12,14 +12,14 @@ from pepper_driver.config.arrays import FloatArray
 from pepper_driver.controller.tick import Tick
 from pepper_driver.observer.contact_observer import ContactObserver
 from pepper_driver.observer.detection.body_isolation import BASE_LINK, TRUNK_LINK
-from pepper_driver.observer.interface import Contact, Signal
+from pepper_driver.observer.interface import Contact, Residuals
 from pepper_driver.observer.models.fusion_model import BaseModel, FusionModel, MomentumParameters
 from pepper_driver.observer.models.model_file import ModelSet
-from pepper_driver.observer.models.stick_slip import TwinParameters
+from pepper_driver.observer.models.stick_slip import StickSlipParameters
 from pepper_driver.observer.models.tree import AffineTree, CartTree
 from pepper_driver.observer.recording import Recording
 from pepper_driver.observer.residuals.adaptation import HandLoads
-from pepper_driver.observer.residuals.fusion import FusionSignal
+from pepper_driver.observer.residuals.fusion import FusionGenerator
 from support.observer import CYCLE, JOINTS, ROBOT, SETTINGS, models, tick
 
 ELBOW = ROBOT.joint_index("LElbowRoll")
@@ -29,7 +29,7 @@ TORQUE_CONSTANT = (
 )
 ENCODER = 2 * np.pi / 4096
 
-TWIN = TwinParameters(
+TWIN = StickSlipParameters(
     inertia=4e-4,
     lag=0.02,
     friction=0.008,
@@ -59,7 +59,7 @@ def constant_tree(value: float) -> CartTree:
     return CartTree(feature=(-1,), threshold=(0.0,), left=(-1,), right=(-1,), value=(value,))
 
 
-def fusion_model(twin: TwinParameters = TWIN, **changes: Any) -> FusionModel:
+def fusion_model(twin: StickSlipParameters = TWIN, **changes: Any) -> FusionModel:
     """A model that knows the joint with these constants exactly."""
     values: dict[str, Any] = {
         "twin": twin,
@@ -97,8 +97,8 @@ def fusion_observer(
 
 def fusion_signal(
     model: FusionModel = MODEL, *, adapt: bool = False, hands: HandLoads | None = None
-) -> FusionSignal:
-    return FusionSignal(
+) -> FusionGenerator:
+    return FusionGenerator(
         [model] * JOINTS, CYCLE, window=SETTINGS.fusion_window, adapt=adapt, hands=hands
     )
 
@@ -157,7 +157,7 @@ class Driven:
 
 def drive(
     motion: Motion,
-    twin: TwinParameters = TWIN,
+    twin: StickSlipParameters = TWIN,
     *,
     torque: FloatArray | float = 0.0,
     start: float | None = None,
@@ -287,7 +287,7 @@ def recording_of(motion: Motion, driven: Driven, joint: int = ELBOW) -> Recordin
     )
 
 
-def play(signal: FusionSignal, ticks: Sequence[Tick]) -> list[Signal]:
+def play(signal: FusionGenerator, ticks: Sequence[Tick]) -> list[Residuals]:
     """Signals of a robot that nothing touches."""
     free, nothing = np.ones(JOINTS, dtype=np.bool_), np.zeros(JOINTS, dtype=np.bool_)
     signals = []

@@ -33,7 +33,7 @@ EMPTY = BlackBox.of(np.zeros(0, row_type(ROBOT)))
 
 
 @dataclass
-class Outcome:
+class QpStatus:
     """What came of it. Times are of ``time.monotonic()``.
 
     Attributes:
@@ -68,19 +68,19 @@ def quick_settings() -> Iterator[None]:
         yield
 
 
-def drive(stand_in: StandIn, fault: str, seconds: float, *, watch: float = 0.3) -> Outcome:
+def drive(stand_in: StandIn, fault: str, seconds: float, *, watch: float = 0.3) -> QpStatus:
     """Move arms and wheels, set a fault, run on for some time or until the run ends; watch the robot, then leave it."""
     return drive_through(stand_in, [fault], seconds, watch=watch)[0]
 
 
 def drive_through(
     stand_in: StandIn, faults: Sequence[str], seconds: float, *, watch: float = 0.0
-) -> list[Outcome]:
+) -> list[QpStatus]:
     """The same with one fault after the other, each cleared before the next, in one run of the robot."""
     why: list[str] = []
     for _ in range(TRIES):
         stand_in.clear_faults()
-        outcomes: list[Outcome] = []
+        outcomes: list[QpStatus] = []
         try:
             with Pepper(url(stand_in), observer=None, safety=PATIENT) as pepper:
                 begin_to_move(pepper)
@@ -92,7 +92,7 @@ def drive_through(
                     continue
                 for fault in faults:
                     move_arms(pepper)
-                    outcome = Outcome(begun=time.monotonic())
+                    outcome = QpStatus(begun=time.monotonic())
                     stand_in.set_fault(fault)
                     outcome.wrong = time.monotonic()
                     outcome.error = run(pepper, seconds, outcome)
@@ -118,7 +118,7 @@ def wait_for_cycles(stand_in: StandIn, number: int) -> None:
     assert wait_until(lambda: len(since(stand_in, now)) >= number)
 
 
-def run(pepper: Pepper, seconds: float, outcome: Outcome) -> PepperError | None:
+def run(pepper: Pepper, seconds: float, outcome: QpStatus) -> PepperError | None:
     """What ended the run, if anything did."""
 
     def on_tick(tick: Tick, _: object) -> None:

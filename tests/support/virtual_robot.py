@@ -190,7 +190,7 @@ class VirtualRobot:
         self._plan(self._at(date + CYCLE), self._cycle)
 
     def hang(self, until: float) -> None:
-        """Answer nothing until a time [ms], then all that has come meanwhile. The DCM goes on."""
+        """QpResult nothing until a time [ms], then all that has come meanwhile. The DCM goes on."""
         self._hung_until = until
 
     def order(

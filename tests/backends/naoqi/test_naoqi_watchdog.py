@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pepper_driver.backends.naoqi.dcm_channel import sample_age
-from pepper_driver.observer.residuals.prediction import LATEST as MAX_COUNTED
+from pepper_driver.observer.residuals.prediction import MAX_LATE_TICKS as MAX_COUNTED
 
 CYCLE = 0.012
 HOUR = 3600.0

@@ -306,14 +306,14 @@ def test_what_matters_less_gives_way() -> None:
     push = np.zeros((1, 20))
     push[0, bare().model.joint_columns[0]] = 1.0
     control = bare(Balance(ROBOT), FixedRows(push, np.array([-1.0])))
-    unmet: set[str] = set()
+    violated: set[str] = set()
     for _ in range(120):
         q, v = control.model.q, control.model.v
         control.step()
         a = (control.model.v - v) / DT
         assert inside(FREE.zero_moment_point(q, v, a)).min() > MOVING - 1e-3
-        unmet.update(control.status.unmet)
-    assert unmet == {"row 0"}
+        violated.update(control.status.violated)
+    assert violated == {"row 0"}
 
 
 def test_a_robot_that_starts_beyond_its_wheels_comes_back() -> None:

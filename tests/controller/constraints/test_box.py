@@ -112,7 +112,7 @@ def test_no_way_through_the_box_breaks_a_limit(seed: int, mode: str, dt: float) 
         assert (np.abs(a[model.joint_columns]) <= ACCELERATION + TINY).all()
 
 
-def highest_velocity(distance: float, velocity: float, brake: float) -> float:
+def max_velocity(distance: float, velocity: float, brake: float) -> float:
     """The largest v+ after which the joint can still stop in time, by bisection on what is asked for."""
 
     def in_time(after: float) -> bool:
@@ -142,7 +142,7 @@ def test_the_bound_is_the_largest_velocity_that_can_be_stopped(side: float) -> N
         box = box_at(limit - side * distance, side * velocity)
         edge = box.upper[columns] if side > 0 else -box.lower[columns]
         for joint in range(JOINTS):
-            after = highest_velocity(distance[joint], velocity[joint], brake[joint])
+            after = max_velocity(distance[joint], velocity[joint], brake[joint])
             wanted = (after - velocity[joint]) / DT
             free = min(ACCELERATION[joint], (VELOCITY[joint] - velocity[joint]) / DT)
             bound_by_position[joint] += wanted < free

@@ -10,7 +10,7 @@ import pytest
 from pepper_driver.config.arrays import FloatArray
 from pepper_driver.controller import RobotModel, WholeBodyController
 from pepper_driver.controller.constraints import BrakingLimits, LinearInequality, WheelSpeedLimit
-from pepper_driver.controller.odometry import desaturated
+from pepper_driver.controller.odometry import desaturate
 from support.controller import (
     ACCELERATION,
     BASE_ACCELERATION,
@@ -62,7 +62,7 @@ def test_flat_out_the_wheels_keep_their_limit_and_the_base_its_own() -> None:
     assert (np.abs(np.diff(twists, axis=0)) <= BASE_ACCELERATION * DT + TINY).all()
     for twist in twists:
         commanded = ROBOT.wheels.matrix @ twist
-        assert np.abs(desaturated(commanded, LIMIT) - commanded).max() < TINY
+        assert np.abs(desaturate(commanded, LIMIT) - commanded).max() < TINY
 
 
 def test_without_it_wheels_would_have_to_be_slowed() -> None:
@@ -128,7 +128,7 @@ def test_a_base_that_is_too_fast_is_braked_as_it_may_brake(turn: float) -> None:
     before = np.abs(wheel_speeds(start)).max()
     assert before > 1.05 * LIMIT
     control.step()
-    control.accept(control.position, start)
+    control.override_state(control.position, start)
     share = 0.9 * (BASE_ACCELERATION * DT / np.abs(start + 1e-12)).min()
     for _ in range(150):
         twist = control.step().base_twist

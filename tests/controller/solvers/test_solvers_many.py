@@ -139,5 +139,5 @@ def test_daqp_is_right_about_twenty_thousand_problems() -> None:
             assert solver.solve(*contradiction(problem)).status == "infeasible", number
         solution = solver.solve(*problem)
         assert solution.status == "solved", number
-        # The cost is as good as 1e-9; a row may be missed by a few times that.
+        # The cost is as good as 1e-9; a row may be violated by a few times that.
         assert optimality_gap(problem, solution.x) < 1e-8, number

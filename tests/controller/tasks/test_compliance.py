@@ -101,7 +101,7 @@ def test_the_dead_band_is_subtracted_without_a_jump() -> None:
 
 def test_beyond_the_largest_torque_nothing_is_added() -> None:
     for torque in (1.0, 1.1, 50.0):
-        control, task = compliant(dead_band=0.3, largest_torque=0.7)
+        control, task = compliant(dead_band=0.3, max_torque=0.7)
         speed = pushed(control, task, torque, 1)[0]
         assert speed == pytest.approx(0.7 / INERTIA * DT, rel=1e-5)
 
@@ -161,7 +161,7 @@ def test_without_stiffness_there_must_be_damping() -> None:
     assert (task.stiffness, task.damping) == (0.0, 3.0)
 
 
-@pytest.mark.parametrize("name", ["inertia", "dead_band", "largest_torque"])
+@pytest.mark.parametrize("name", ["inertia", "dead_band", "max_torque"])
 @pytest.mark.parametrize("wrong", [-0.1, np.nan, np.inf, [0.1, 0.2], "soft"])
 def test_numbers_that_are_none_are_refused(name: str, wrong: Any) -> None:
     with pytest.raises(GainError, match=name):
@@ -171,8 +171,8 @@ def test_numbers_that_are_none_are_refused(name: str, wrong: Any) -> None:
 def test_what_else_makes_no_sense_is_refused() -> None:
     with pytest.raises(GainError, match="inertia"):
         ComplianceTask(inertia=0.0)
-    with pytest.raises(GainError, match="largest_torque"):
-        ComplianceTask(largest_torque=0.0)
+    with pytest.raises(GainError, match="max_torque"):
+        ComplianceTask(max_torque=0.0)
     with pytest.raises(UnknownNameError, match="LElbowYaw"):
         ComplianceTask(("LElbowYwa",))
     task = ComplianceTask((JOINT,))

@@ -15,7 +15,7 @@ from pepper_driver.observer.detection.body_isolation import (
     HOLD_BACK,
     RATIO_MEMORY,
     REISOLATION_TIMES,
-    RELATIVE_SHARE,
+    RELATIVE_RATIO,
     TRUNK_LINK,
     BodyTracker,
 )
@@ -25,7 +25,7 @@ from pepper_driver.observer.interface import (
     TORQUE_STEP_STDS,
     Contact,
     JointState,
-    Signal,
+    Residuals,
 )
 from support.fusion import check_lives
 from support.observer import CYCLE, JOINTS, ROBOT, SETTINGS
@@ -57,7 +57,7 @@ class Player:
         for name, value in residuals.items():
             ratio[ROBOT.joint_index(name)] = value
         residual = ratio * THRESHOLDS
-        signal = Signal(
+        signal = Residuals(
             expected=np.zeros(JOINTS),
             raw=residual,
             residual=residual,
@@ -110,7 +110,7 @@ def test_a_touch_on_one_joint() -> None:
 
 
 def test_joints_beyond_the_hand_are_shaken_but_less() -> None:
-    weak, strong = 0.8 * RELATIVE_SHARE * 10.0, 1.2 * RELATIVE_SHARE * 10.0
+    weak, strong = 0.8 * RELATIVE_RATIO * 10.0, 1.2 * RELATIVE_RATIO * 10.0
     assert weak > 1.0
     events = Player().play(1, LShoulderRoll=10.0, LWristYaw=weak)
     assert story(events) == [(1, "begin", "LShoulderRoll")]

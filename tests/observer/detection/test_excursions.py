@@ -7,9 +7,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pepper_driver.observer.detection.excursions import (
+    MAX_STUCK_TIME,
     SETTLING_FACTOR,
     SETTLING_TIME,
-    STUCK_LONGEST,
     STUCK_TIME,
     JointMonitor,
 )
@@ -186,7 +186,7 @@ class Settler:
 
 
 STUCK = math.ceil(STUCK_TIME / CYCLE)
-LONGEST = math.ceil(STUCK_LONGEST / CYCLE)
+LONGEST = math.ceil(MAX_STUCK_TIME / CYCLE)
 
 
 def test_a_joint_that_friction_holds_off_its_place_is_let_go() -> None:

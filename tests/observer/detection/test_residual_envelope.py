@@ -9,45 +9,45 @@ from hypothesis import strategies as st
 
 from pepper_driver.config.arrays import BoolArray, FloatArray
 from pepper_driver.observer.detection.threshold import (
-    BLOCK,
-    BLOCKS,
-    FEW_MARGIN,
+    BLOCK_TICKS,
+    ENVELOPE_FACTOR,
+    FEW_BLOCKS_FACTOR,
     FIRST_BLOCKS,
     FIRST_MOTION,
-    LARGEST,
-    MARGIN,
-    MEDIAN_MARGIN,
-    PAUSE,
+    MAX_BLOCKS,
+    MAX_FACTOR,
+    MEDIAN_FACTOR,
+    POST_CONTACT_TICKS,
     RANK,
-    START,
-    TOUCHED_LATELY,
-    Strays,
+    START_FACTOR,
+    SUSPECT_TICKS,
+    ResidualEnvelope,
 )
 
 YES, NO = np.array([True]), np.array([False])
 QUIET = 1e-3
 
 
-def strays(width: int = 1, identified: float = np.inf) -> Strays:
+def strays(width: int = 1, identified: float = np.inf) -> ResidualEnvelope:
     """With thresholds so high, if nothing else is said, that nothing is suspected to be a touch."""
-    return Strays(np.full(width, identified), np.full(width, START))
+    return ResidualEnvelope(np.full(width, identified), np.full(width, START_FACTOR))
 
 
-def learn_blocks(target: Strays, sizes: list[float]) -> None:
+def learn_blocks(target: ResidualEnvelope, sizes: list[float]) -> None:
     """Half a second of motion for each of ``sizes``, the largest somewhere in it and the others less.
 
     And one more, quiet: a block counts when no touch has come in the next one.
     """
     for k, size in enumerate([*sizes, QUIET]):
-        for sample in range(BLOCK):
-            here = sample == (7 * k) % BLOCK
+        for sample in range(BLOCK_TICKS):
+            here = sample == (7 * k) % BLOCK_TICKS
             target.learn(np.array([-size if here else 0.3 * size]), YES, YES)
 
 
 def of_run(residual: FloatArray, seen: BoolArray, moving: BoolArray) -> list[float]:
     """Maxima of the blocks of one joint in a run that nothing touches, but for the last one."""
     maxima, begin = [], 0
-    for end in (np.flatnonzero(seen & moving)[BLOCK - 1 :: BLOCK] + 1).tolist():
+    for end in (np.flatnonzero(seen & moving)[BLOCK_TICKS - 1 :: BLOCK_TICKS] + 1).tolist():
         inside = slice(begin, end)
         maxima.append(float(np.abs(residual[inside][seen[inside]]).max()))
         begin = end
@@ -60,16 +60,16 @@ def defined(
     """Bound and share known of one joint, from all samples at once."""
     maxima: list[float] = []
     for begin, end in zip([-1, *touches], [*touches, len(residual)], strict=True):
-        run = slice(0 if begin < 0 else begin + 1 + PAUSE, end)
+        run = slice(0 if begin < 0 else begin + 1 + POST_CONTACT_TICKS, end)
         maxima += of_run(residual[run], seen[run], moving[run])
     untouched = np.ones(len(residual), dtype=np.bool_)
     untouched[touches] = False
     known = min((seen & moving & untouched).sum() / FIRST_MOTION, 1.0)
-    kept = sorted(maxima[-BLOCKS:])
+    kept = sorted(maxima[-MAX_BLOCKS:])
     if not kept:
         return 0.0, known
     largest = kept[-min(max(len(kept) // FIRST_BLOCKS, 1), RANK)]
-    return min(MARGIN * largest, MEDIAN_MARGIN * kept[len(kept) // 2]), known
+    return min(ENVELOPE_FACTOR * largest, MEDIAN_FACTOR * kept[len(kept) // 2]), known
 
 
 @settings(max_examples=25)
@@ -101,42 +101,46 @@ def test_is_the_margin_over_a_high_rank_of_the_blocks(
 
 def test_forgets_what_was_longer_ago_than_it_remembers() -> None:
     target = strays()
-    learn_blocks(target, [0.2] * RANK + [0.1] * (BLOCKS - RANK))
-    assert target.bound[0] == pytest.approx(MARGIN * 0.2)
+    learn_blocks(target, [0.2] * RANK + [0.1] * (MAX_BLOCKS - RANK))
+    assert target.bound[0] == pytest.approx(ENVELOPE_FACTOR * 0.2)
     learn_blocks(target, [0.1] * RANK)
-    assert target.bound[0] == pytest.approx(MARGIN * 0.1)
+    assert target.bound[0] == pytest.approx(ENVELOPE_FACTOR * 0.1)
 
 
 def test_two_touches_that_were_not_felt_leave_no_trace() -> None:
     quiet = [0.1] * (FIRST_BLOCKS * RANK)
     target = strays()
     learn_blocks(target, [*quiet, 0.2, *quiet[:5], 0.3])
-    assert target.bound[0] == pytest.approx(MARGIN * 0.1)
+    assert target.bound[0] == pytest.approx(ENVELOPE_FACTOR * 0.1)
     learn_blocks(target, [0.2])
-    assert target.bound[0] == pytest.approx(MARGIN * 0.2)
+    assert target.bound[0] == pytest.approx(ENVELOPE_FACTOR * 0.2)
 
 
 def test_touches_in_every_fourth_block_do_not_make_it_deaf() -> None:
     target = strays()
     learn_blocks(target, [9.0, 0.1, 0.1, 0.1] * 12)
-    assert target.bound[0] == pytest.approx(MEDIAN_MARGIN * 0.1)
+    assert target.bound[0] == pytest.approx(MEDIAN_FACTOR * 0.1)
 
 
 def test_of_the_first_blocks_the_largest_counts() -> None:
-    """As long as they are too few, within FEW_MARGIN medians: a touch is in few of them."""
-    for identified, few in (0.1, FEW_MARGIN), (0.05, 2 * FEW_MARGIN), (0.5, START):
+    """As long as they are too few, within FEW_BLOCKS_FACTOR medians: a touch is in few of them."""
+    for identified, few in (
+        (0.1, FEW_BLOCKS_FACTOR),
+        (0.05, 2 * FEW_BLOCKS_FACTOR),
+        (0.5, START_FACTOR),
+    ):
         target = strays(identified=identified)
         learn_blocks(target, [0.9, *[0.1] * (FIRST_BLOCKS - 2)])
-        assert target.bound[0] == pytest.approx(MEDIAN_MARGIN * 0.1)
+        assert target.bound[0] == pytest.approx(MEDIAN_FACTOR * 0.1)
         assert target.factor[0] == pytest.approx(few)
         learn_blocks(target, [0.1])
-        assert target.factor[0] == pytest.approx(min(MEDIAN_MARGIN * 0.1 / identified, LARGEST))
+        assert target.factor[0] == pytest.approx(min(MEDIAN_FACTOR * 0.1 / identified, MAX_FACTOR))
     target = strays(identified=0.1)
     learn_blocks(target, [0.2, *[0.1] * (FIRST_BLOCKS - 1)])
-    assert target.bound[0] == pytest.approx(MARGIN * 0.2)
+    assert target.bound[0] == pytest.approx(ENVELOPE_FACTOR * 0.2)
     learn_blocks(target, [0.1] * FIRST_BLOCKS)
-    assert target.bound[0] == pytest.approx(MARGIN * 0.1)
-    assert target.factor[0] == pytest.approx(MARGIN)
+    assert target.bound[0] == pytest.approx(ENVELOPE_FACTOR * 0.1)
+    assert target.factor[0] == pytest.approx(ENVELOPE_FACTOR)
 
 
 def test_all_is_known_after_the_first_blocks_of_motion() -> None:
@@ -144,33 +148,33 @@ def test_all_is_known_after_the_first_blocks_of_motion() -> None:
     for k in range(FIRST_BLOCKS):
         assert target.known[0] == pytest.approx(k / FIRST_BLOCKS)
         target.touched()  # takes nothing of it away
-        for _ in range(BLOCK):
+        for _ in range(BLOCK_TICKS):
             target.learn(np.array([QUIET]), YES, YES)
     assert target.known[0] == 1.0
-    learn_blocks(target, [QUIET] * BLOCKS)
+    learn_blocks(target, [QUIET] * MAX_BLOCKS)
     assert target.known[0] == 1.0
 
 
 def test_rest_alone_proves_nothing_but_counts_with_motion() -> None:
     target = strays()
-    for _ in range(20 * BLOCK):
+    for _ in range(20 * BLOCK_TICKS):
         target.learn(np.array([0.2]), YES, NO)
     assert (target.bound[0], target.known[0]) == (0.0, 0.0)
     learn_blocks(target, [0.1] * FIRST_BLOCKS)
-    assert target.bound[0] == pytest.approx(MARGIN * 0.2)
+    assert target.bound[0] == pytest.approx(ENVELOPE_FACTOR * 0.2)
 
 
 def test_the_beginning_of_a_touch_teaches_nothing() -> None:
     """It grows for a while before it is felt, and here the robot was at rest before."""
     target = strays()
     learn_blocks(target, [0.1] * FIRST_BLOCKS)
-    for _ in range(BLOCK + BLOCK // 2):
+    for _ in range(BLOCK_TICKS + BLOCK_TICKS // 2):
         target.learn(np.array([0.2]), YES, YES)
     target.touched()
-    for _ in range(PAUSE):
+    for _ in range(POST_CONTACT_TICKS):
         target.learn(np.array([0.1]), YES, YES)
     learn_blocks(target, [0.1] * 3)
-    assert target.bound[0] == pytest.approx(MARGIN * 0.1)
+    assert target.bound[0] == pytest.approx(ENVELOPE_FACTOR * 0.1)
 
 
 def test_after_a_touch_nothing_is_learned_for_a_while() -> None:
@@ -179,51 +183,51 @@ def test_after_a_touch_nothing_is_learned_for_a_while() -> None:
         for _ in range(50):
             target.touched()
         # The last of them counts.
-        for _ in range(PAUSE if touch == 2 else PAUSE // 2):
+        for _ in range(POST_CONTACT_TICKS if touch == 2 else POST_CONTACT_TICKS // 2):
             target.learn(np.array([0.4]), YES, YES)
     learn_blocks(target, [0.1])
-    assert target.bound[0] == pytest.approx(MARGIN * 0.1)
+    assert target.bound[0] == pytest.approx(ENVELOPE_FACTOR * 0.1)
 
 
 def test_a_touch_takes_nothing_of_what_was_learned_before() -> None:
     target = strays()
     learn_blocks(target, [0.1] * FIRST_BLOCKS)
     target.touched()
-    assert (target.bound[0], target.known[0]) == (pytest.approx(MARGIN * 0.1), 1.0)
+    assert (target.bound[0], target.known[0]) == (pytest.approx(ENVELOPE_FACTOR * 0.1), 1.0)
 
 
 def test_joints_that_cannot_be_judged_disturb_no_other() -> None:
     target = strays(2)
-    for _ in range((FIRST_BLOCKS + 1) * BLOCK):
+    for _ in range((FIRST_BLOCKS + 1) * BLOCK_TICKS):
         target.learn(np.array([np.nan, 0.1]), np.array([False, True]), np.array([True, True]))
-    np.testing.assert_allclose(target.bound, [0.0, MARGIN * 0.1])
+    np.testing.assert_allclose(target.bound, [0.0, ENVELOPE_FACTOR * 0.1])
     # Nor does it matter later that there was nothing.
-    for _ in range(2 * BLOCK):
+    for _ in range(2 * BLOCK_TICKS):
         target.learn(np.array([0.2, 0.1]), np.array([True, True]), np.array([True, True]))
-    np.testing.assert_allclose(target.bound, [MARGIN * 0.2, MARGIN * 0.1])
+    np.testing.assert_allclose(target.bound, [ENVELOPE_FACTOR * 0.2, ENVELOPE_FACTOR * 0.1])
 
 
 def test_reset_forgets() -> None:
     target = strays()
     learn_blocks(target, [9.0] * 30)
-    for _ in range(BLOCK // 2):  # of a block that is not full
+    for _ in range(BLOCK_TICKS // 2):  # of a block that is not full
         target.learn(np.array([9.0]), YES, YES)
     target.touched()
     target.reset()
     assert (target.bound[0], target.known[0]) == (0.0, 0.0)
     learn_blocks(target, [0.1] * FIRST_BLOCKS)
-    assert target.bound[0] == pytest.approx(MARGIN * 0.1)
+    assert target.bound[0] == pytest.approx(ENVELOPE_FACTOR * 0.1)
 
 
 def test_long_after_a_touch_what_is_nearly_felt_counts_again() -> None:
-    identified = 3.0 * MARGIN * QUIET
+    identified = 3.0 * ENVELOPE_FACTOR * QUIET
     target = strays(identified=identified)
     learn_blocks(target, [QUIET] * (FIRST_BLOCKS + 2))
     target.touched()
-    for _ in range(TOUCHED_LATELY + PAUSE):
+    for _ in range(SUSPECT_TICKS + POST_CONTACT_TICKS):
         target.learn(np.array([QUIET]), YES, NO)
     before = float(target.bound[0])
-    for _ in range(3 * BLOCK):
+    for _ in range(3 * BLOCK_TICKS):
         target.learn(np.array([0.9 * identified]), YES, YES)
     assert float(target.bound[0]) > before
 
@@ -236,16 +240,16 @@ def test_what_is_nearly_felt_among_touches_widens_nothing(
     share: float, touched: bool, counts: bool
 ) -> None:
     """Once today's strays are known; of a robot that nobody touches, all of it is what it strays by."""
-    identified = 3.0 * MARGIN * QUIET
+    identified = 3.0 * ENVELOPE_FACTOR * QUIET
     target = strays(identified=identified)
-    for _ in range((FIRST_BLOCKS + 2) * BLOCK):
+    for _ in range((FIRST_BLOCKS + 2) * BLOCK_TICKS):
         target.learn(np.array([QUIET]), YES, YES)
     before = float(target.bound[0])
     assert target.known[0] == 1.0
     if touched:
         target.touched()
-        for _ in range(PAUSE):
+        for _ in range(POST_CONTACT_TICKS):
             target.learn(np.array([share * identified]), YES, YES)
-    for _ in range(10 * BLOCK):
+    for _ in range(10 * BLOCK_TICKS):
         target.learn(np.array([share * identified]), YES, YES)
     assert (float(target.bound[0]) > before) == counts

@@ -12,16 +12,16 @@ from pepper_driver.observer.fitting.bounds import (
     BOUND_FACTOR,
     FLATNESS,
     FLOOR,
-    GETTING_USED,
+    LEARNING_TIME,
     fit_bounds,
 )
 from pepper_driver.observer.fitting.fusion import fit_fusion, fit_joint_fusion
-from pepper_driver.observer.fitting.stick_slip import START_UP
+from pepper_driver.observer.fitting.stick_slip import START_UP_TIME
 from pepper_driver.observer.interface import JointState
 from pepper_driver.observer.models.fusion_model import FusionModel
 from pepper_driver.observer.models.model_file import predict_recording
 from pepper_driver.observer.recording import Recording
-from pepper_driver.observer.residuals.fusion import FusionSignal
+from pepper_driver.observer.residuals.fusion import FusionGenerator
 from support.fusion import (
     ELBOW,
     PER_AMPERE,
@@ -85,7 +85,7 @@ def test_it_predicts_a_motion_that_it_has_not_seen(found: FusionModel) -> None:
     driven = drive(motion, TRUE)
     error = motion.position - driven.position
     predicted = predict_recording(found, JOINT, recording_of(motion, driven))
-    settled = slice(round(START_UP / CYCLE), None)
+    settled = slice(round(START_UP_TIME / CYCLE), None)
     assert np.sqrt(np.mean((predicted - error)[settled] ** 2)) < 0.12 * error.std()
 
 
@@ -106,14 +106,14 @@ def bounded() -> FusionModel:
 def residuals(model: FusionModel, run: Recording) -> list[float]:
     """In use, when the observer has got used to the robot; of short runs the second half."""
     ordered = [model if name == JOINT else None for name in ROBOT.joint_names]
-    signal = FusionSignal(ordered, CYCLE, window=WINDOW, adapt=True)
+    signal = FusionGenerator(ordered, CYCLE, window=WINDOW, adapt=True)
     everything, nothing = np.ones(JOINTS, dtype=np.bool_), np.zeros(JOINTS, dtype=np.bool_)
     sizes = []
     for tick in run.ticks():
         made = signal.step(tick)
         sizes.append(abs(float(made.residual[ELBOW])))
         signal.learn(made, everything, nothing, True)
-    return sizes[min(round(GETTING_USED / CYCLE), len(sizes) // 2) :]
+    return sizes[min(round(LEARNING_TIME / CYCLE), len(sizes) // 2) :]
 
 
 def test_thresholds_keep_their_margin_on_the_calibration(bounded: FusionModel) -> None:

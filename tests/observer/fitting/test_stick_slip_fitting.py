@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pepper_driver.observer.fitting.stick_slip import START_UP, fit_twin
-from pepper_driver.observer.models.stick_slip import TwinParameters
+from pepper_driver.observer.fitting.stick_slip import START_UP_TIME, fit_twin
+from pepper_driver.observer.models.stick_slip import StickSlipParameters
 from pepper_driver.observer.recording import Recording
 from support.fusion import ELBOW, TORQUE_CONSTANT, TWIN, drive, recording_of, swing
 from support.observer import CYCLE
@@ -25,7 +25,7 @@ TRUE = replace(
 )
 
 
-def runs(twin: TwinParameters = TRUE, seconds: float = 6.0) -> list[Recording]:
+def runs(twin: StickSlipParameters = TRUE, seconds: float = 6.0) -> list[Recording]:
     """Free motion of different speeds, with the encoder's steps."""
     made = []
     for size, rate, gravity, rest in ((0.5, 1.0, 3.0, 1.0), (0.4, 2.2, -3.0, 0.5)):
@@ -34,16 +34,16 @@ def runs(twin: TwinParameters = TRUE, seconds: float = 6.0) -> list[Recording]:
     return made
 
 
-def total_lag(twin: TwinParameters) -> float:
+def total_lag(twin: StickSlipParameters) -> float:
     return twin.lag + twin.transport * CYCLE
 
 
 @pytest.fixture(scope="module")
-def found() -> TwinParameters:
+def found() -> StickSlipParameters:
     return fit_twin(JOINT, runs(), CYCLE)
 
 
-def test_finds_the_constants_of_the_joint(found: TwinParameters) -> None:
+def test_finds_the_constants_of_the_joint(found: StickSlipParameters) -> None:
     # At these speeds a lag in time looks like one of the motor: only their sum is known well.
     assert total_lag(found) == pytest.approx(TRUE.lag, abs=0.0015)
     assert found.friction == pytest.approx(TRUE.friction, rel=0.12)
@@ -54,7 +54,7 @@ def test_finds_the_constants_of_the_joint(found: TwinParameters) -> None:
     assert found.dead_band == found.integral_rate == 0.0
 
 
-def test_what_comes_a_tick_late_is_found_as_late(found: TwinParameters) -> None:
+def test_what_comes_a_tick_late_is_found_as_late(found: StickSlipParameters) -> None:
     late = []
     for run in runs():
         position = run.position.copy()
@@ -98,7 +98,7 @@ def test_samples_that_cannot_be_used_do_not_count() -> None:
     clean = fit_twin(JOINT, [run for run, _ in spoilt], CYCLE)
     garbage = []
     for run, position in spoilt:
-        for span in (slice(1, round(START_UP / CYCLE)), slice(90, 100), slice(70, 75)):
+        for span in (slice(1, round(START_UP_TIME / CYCLE)), slice(90, 100), slice(70, 75)):
             position[span, ELBOW] += 0.5
         garbage.append(replace(run, position=position))
     assert fit_twin(JOINT, garbage, CYCLE) == clean

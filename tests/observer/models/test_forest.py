@@ -14,7 +14,14 @@ from hypothesis import strategies as st
 
 from pepper_driver.config.arrays import FloatArray
 from pepper_driver.observer.fitting.tree import fit_affine, fit_cart
-from pepper_driver.observer.models.tree import FEATURES, LEAF, AffineTree, CartTree, Forest, Tree
+from pepper_driver.observer.models.tree import (
+    FEATURES,
+    LEAF,
+    AffineTree,
+    BatchedTrees,
+    CartTree,
+    Tree,
+)
 from support.observer import AFFINE, SILENT
 
 Random = np.random.Generator
@@ -79,7 +86,7 @@ def one_by_one(trees: Sequence[Tree | None], features: FloatArray) -> list[float
 
 
 def check(trees: Sequence[Tree | None], samples: FloatArray) -> None:
-    forest = Forest(trees)
+    forest = BatchedTrees(trees)
     together = np.array([forest.predict(features) for features in samples])
     alone = [one_by_one(trees, features) for features in samples]
     np.testing.assert_array_equal(together, alone)
@@ -126,7 +133,7 @@ def test_a_sample_on_a_threshold_goes_left() -> None:
     )  # fmt: skip
     above = float(np.nextafter(0.5, 1.0))
     features = np.array([[9.0] * 2, [0.5, above], [9.0] * 2])
-    np.testing.assert_array_equal(Forest([tree] * 2).predict(features), [3.0, 4.0])
+    np.testing.assert_array_equal(BatchedTrees([tree] * 2).predict(features), [3.0, 4.0])
 
 
 def test_features_are_clamped_to_the_bounds_of_their_own_tree() -> None:
@@ -134,13 +141,17 @@ def test_features_are_clamped_to_the_bounds_of_their_own_tree() -> None:
     features = np.array([[9.0] * 2, [-99.0] * 2, [9.0] * 2])
     # Clamped to (2, -10, 5) and (9, -20, 9), in the leaf 0.2 - acceleration + 3 load.
     np.testing.assert_allclose(
-        Forest([AFFINE, wide]).predict(features), [0.2 + 10 + 15, 0.2 + 20 + 27]
+        BatchedTrees([AFFINE, wide]).predict(features), [0.2 + 10 + 15, 0.2 + 20 + 27]
     )
 
 
 def test_a_joint_without_a_tree_gets_nan() -> None:
-    np.testing.assert_array_equal(Forest([None, SILENT]).predict(np.zeros((3, 2))), [np.nan, 0.0])
-    np.testing.assert_array_equal(Forest([None, None]).predict(np.zeros((3, 2))), [np.nan] * 2)
+    np.testing.assert_array_equal(
+        BatchedTrees([None, SILENT]).predict(np.zeros((3, 2))), [np.nan, 0.0]
+    )
+    np.testing.assert_array_equal(
+        BatchedTrees([None, None]).predict(np.zeros((3, 2))), [np.nan] * 2
+    )
 
 
 @pytest.mark.parametrize("tree", [AFFINE, random_cart(np.random.default_rng(3))])
@@ -153,7 +164,7 @@ def test_values_that_are_not_finite_harm_no_other_joint(
     features[place, 1] = value
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        values = Forest([tree] * 3).predict(features)
+        values = BatchedTrees([tree] * 3).predict(features)
     expected = tree.predict_one(0.1, 0.1, 0.1)
     np.testing.assert_array_equal(values[[0, 2]], [expected] * 2)
     if isinstance(tree, AffineTree):
@@ -166,5 +177,5 @@ def test_values_that_are_not_finite_harm_no_other_joint(
 
 def test_what_goes_in_is_only_read() -> None:
     features = np.full((FEATURES, 2), 50.0)
-    Forest([AFFINE, None]).predict(features)
+    BatchedTrees([AFFINE, None]).predict(features)
     assert (features == 50.0).all()

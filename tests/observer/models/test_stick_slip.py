@@ -12,7 +12,12 @@ from scipy.integrate import solve_ivp
 
 from pepper_driver.config import PepperError
 from pepper_driver.config.arrays import FloatArray
-from pepper_driver.observer.models.stick_slip import PARAMETERS, TwinError, TwinParameters, Twins
+from pepper_driver.observer.models.stick_slip import (
+    PARAMETERS,
+    StickSlipModel,
+    StickSlipParameters,
+    TwinError,
+)
 from support.fusion import TWIN, Motion, drive, swing
 from support.observer import CYCLE
 
@@ -20,7 +25,7 @@ SMOOTH = replace(TWIN, friction=0.0, load_friction=0.0, breakaway=1.0)
 
 
 def play(
-    twin: TwinParameters,
+    twin: StickSlipParameters,
     target: FloatArray,
     load: FloatArray | float = 0.0,
     *,
@@ -28,7 +33,7 @@ def play(
     cycle: float = CYCLE,
 ) -> FloatArray:
     """(n,) positions of one twin [rad]."""
-    twins = Twins.of([twin], cycle)
+    twins = StickSlipModel.of([twin], cycle)
     twins.start(np.array([target[0] if start is None else start]), target[:1])
     loads = np.broadcast_to(load, len(target))
     rows = [
@@ -88,7 +93,9 @@ INTEGRATING = replace(SMOOTH, integral_rate=0.8, offset=0.002)
 
 
 @pytest.mark.parametrize("board", [SMOOTH, INTEGRATING])
-def test_without_friction_it_converges_to_the_differential_equation(board: TwinParameters) -> None:
+def test_without_friction_it_converges_to_the_differential_equation(
+    board: StickSlipParameters,
+) -> None:
     def law(t: float, state: FloatArray) -> tuple[float, float, float]:
         q, v, integral = state
         x, load = analytic(np.asarray(t))
@@ -178,7 +185,7 @@ def test_what_friction_cannot_hold_is_what_would_move_a_twin(
     error: float, load: float, changes: dict[str, float]
 ) -> None:
     twin = replace(TWIN, **changes)
-    twins = Twins.of([twin], CYCLE)
+    twins = StickSlipModel.of([twin], CYCLE)
     borne = twin.load_gain * load + twin.offset
     [beyond] = twins.beyond_friction(np.array([error]), np.array([borne]))
     [at] = play(twin, np.array([error, error]), load, start=0.0)[-1:]
@@ -190,7 +197,7 @@ def test_what_friction_cannot_hold_is_what_would_move_a_twin(
 
 
 def test_friction_is_what_holds_it_and_opposes_motion() -> None:
-    twins = Twins.of([TWIN], CYCLE)
+    twins = StickSlipModel.of([TWIN], CYCLE)
     twins.start(np.zeros(1), np.zeros(1))
     twins.step(np.array([0.006]), np.array([0.2]))
     assert twins.velocity[0] == 0.0
@@ -221,7 +228,7 @@ PARAMETER_SETS = st.builds(
 @settings(max_examples=25)
 @given(PARAMETER_SETS, st.floats(-1.0, 1.0), st.floats(-2.0, 2.0))
 def test_always_comes_to_rest_where_friction_can_hold_it(
-    twin: TwinParameters, goal: float, load: float
+    twin: StickSlipParameters, goal: float, load: float
 ) -> None:
     n = round(6.0 / CYCLE)
     at = play(twin, np.full(n, goal), load, start=0.0)
@@ -250,7 +257,7 @@ def test_negative_transport_looks_ahead_along_the_last_step() -> None:
 
 
 def test_put_moves_only_the_joints_named() -> None:
-    twins = Twins.of([TWIN, TWIN, TWIN], CYCLE)
+    twins = StickSlipModel.of([TWIN, TWIN, TWIN], CYCLE)
     twins.start(np.zeros(3), np.zeros(3))
     goal, nothing = np.full(3, 0.1), np.zeros(3)
     for _ in range(5):
@@ -268,7 +275,7 @@ def test_put_moves_only_the_joints_named() -> None:
 
 def test_put_gives_the_board_its_integral() -> None:
     board = replace(TWIN, integral_rate=0.5)
-    twins = Twins.of([board, board], CYCLE)
+    twins = StickSlipModel.of([board, board], CYCLE)
     twins.start(np.zeros(2), np.zeros(2))
     # Exactly what the load needs: there it stays, and without it it sinks.
     twins.put(np.array([True, False]), np.zeros(2), np.zeros(2), np.full(2, 0.05))
@@ -281,7 +288,7 @@ def test_put_gives_the_board_its_integral() -> None:
 def test_twins_side_by_side_know_nothing_of_each_other() -> None:
     motion = swing(2.0)
     kinds = [TWIN, None, replace(TWIN, integral_rate=0.6), replace(TWIN, dead_band=0.004)]
-    twins = Twins.of(kinds, CYCLE)
+    twins = StickSlipModel.of(kinds, CYCLE)
     start = np.full(4, motion.position[0])
     twins.start(start, start)
     rows = [
@@ -296,7 +303,7 @@ def test_twins_side_by_side_know_nothing_of_each_other() -> None:
 
 
 def test_positions_handed_out_are_not_written_to_later() -> None:
-    twins = Twins.of([TWIN], CYCLE)
+    twins = StickSlipModel.of([TWIN], CYCLE)
     twins.start(np.zeros(1), np.zeros(1))
     first = twins.step(np.array([0.2]), np.zeros(1))
     kept = first.copy()

@@ -12,10 +12,10 @@ from hypothesis import strategies as st
 from pepper_driver.config.arrays import FloatArray
 from pepper_driver.observer.residuals import adaptation
 from pepper_driver.observer.residuals.adaptation import (
-    NOISE,
+    NOISE_FACTOR,
     OFFSET_UNIT,
     PRIOR_STD,
-    WORN,
+    WEAR_RATIO,
     Adaptation,
 )
 from support.fusion import TWIN
@@ -42,7 +42,7 @@ def samples(n: int, seed: int, joints: int = 2) -> FloatArray:
 
 def ridge(effects: FloatArray, residual: FloatArray, prior: FloatArray) -> FloatArray:
     """(4,) least squares of one joint with the prior as penalty."""
-    noise = (NOISE * SPREAD) ** 2
+    noise = (NOISE_FACTOR * SPREAD) ** 2
     precision = effects.T @ effects / noise + np.diag(prior**-2)
     return np.asarray(np.linalg.solve(precision, effects.T @ residual / noise), dtype=np.float64)
 
@@ -79,7 +79,7 @@ def test_variance_is_that_of_ridge_regression(monkeypatch: pytest.MonkeyPatch) -
         target.update(np.zeros(2), row, 0.0, np.ones(2, dtype=np.bool_))
     asked = samples(1, 3)[0]
     for joint in range(2):
-        precision = effects[:, joint].T @ effects[:, joint] / (NOISE * SPREAD) ** 2
+        precision = effects[:, joint].T @ effects[:, joint] / (NOISE_FACTOR * SPREAD) ** 2
         covariance = np.linalg.inv(precision + np.diag(PRIOR_STD**-2.0))
         expected = asked[joint] @ covariance @ asked[joint]
         assert target.variance(asked)[joint] == pytest.approx(expected, rel=1e-6)
@@ -98,7 +98,7 @@ def test_what_else_is_not_known_counts_as_noise(monkeypatch: pytest.MonkeyPatch)
         target.update(left, effects[k], other[k], np.ones(2, dtype=np.bool_))
     asked = samples(1, 15)[0]
     for joint in range(2):
-        rows = effects[:, joint] / ((NOISE * SPREAD) ** 2 + other[:, joint])[:, None]
+        rows = effects[:, joint] / ((NOISE_FACTOR * SPREAD) ** 2 + other[:, joint])[:, None]
         covariance = np.linalg.inv(rows.T @ effects[:, joint] + np.diag(PRIOR_STD**-2.0))
         batch = covariance @ rows.T @ residual[:, joint]
         np.testing.assert_allclose(target.share[joint], batch, rtol=1e-6, atol=1e-9)
@@ -165,11 +165,11 @@ def test_worn_is_surely_more_friction_or_lag_than_identified() -> None:
     """By two standard deviations of what is known: at first those of PRIOR_STD."""
     target = adapt(4)
     assert not target.worn.any()
-    target.share[:2, :2] = WORN + 2.0 * PRIOR_STD[:2] - 0.01
+    target.share[:2, :2] = WEAR_RATIO + 2.0 * PRIOR_STD[:2] - 0.01
     assert not target.worn.any()
     target.share[:2] = 0.0
-    target.share[0, 0] = WORN + 2.0 * PRIOR_STD[0] + 0.01
-    target.share[1, 1] = WORN + 2.0 * PRIOR_STD[1] + 0.01
+    target.share[0, 0] = WEAR_RATIO + 2.0 * PRIOR_STD[0] + 0.01
+    target.share[1, 1] = WEAR_RATIO + 2.0 * PRIOR_STD[1] + 0.01
     target.share[2, 2:] = 10.0
     target.share[3, :2] = -1.0
     np.testing.assert_array_equal(target.worn, [True, True, False, False])

@@ -20,13 +20,13 @@ from pepper_driver.observer.detection.excursions import SETTLING_FACTOR
 from pepper_driver.observer.detection.threshold import (
     CHANGED_FACTOR,
     SPEED_MEMORY,
-    START,
+    START_FACTOR,
     THRESHOLD_MEMORY,
     FusionThreshold,
 )
 from pepper_driver.observer.interface import FULL_STIFFNESS, Contact, JointState, Observation
 from pepper_driver.observer.models.tree import CartTree
-from pepper_driver.observer.residuals.prediction import LATEST
+from pepper_driver.observer.residuals.prediction import MAX_LATE_TICKS
 from support.fusion import (
     BOUND,
     ELBOW,
@@ -250,7 +250,7 @@ def test_a_bad_tick_makes_its_joint_blind_for_a_window(part: str, name: str, val
     assert np.abs(after).max() < 0.6 * BOUND
 
 
-@pytest.mark.parametrize("age", [(LATEST + 1) * CYCLE, 5.0, math.nan, math.inf])
+@pytest.mark.parametrize("age", [(MAX_LATE_TICKS + 1) * CYCLE, 5.0, math.nan, math.inf])
 def test_a_lost_sample_makes_all_joints_blind_for_a_window(age: float) -> None:
     motion = swing(4.0)
     made = ticks_of(motion, drive(motion))
@@ -262,7 +262,7 @@ def test_a_lost_sample_makes_all_joints_blind_for_a_window(age: float) -> None:
         assert (one.state == (JointState.BLIND if blind else JointState.FREE)).all()
 
 
-@pytest.mark.parametrize("late", range(1, LATEST + 1))
+@pytest.mark.parametrize("late", range(1, MAX_LATE_TICKS + 1))
 def test_late_samples_are_compared_with_what_was_expected_for_their_time(late: int) -> None:
     motion = swing(6.0, 0.5, 3.0)
     driven = drive(motion)
@@ -283,8 +283,8 @@ def test_a_frozen_link_is_no_contact() -> None:
     observations, events = run(fusion_observer(), ticks_of(motion, drive(motion), late=delays))
     assert events == []
     states = [JointState(int(one.state[ELBOW])) for one in observations]
-    assert set(states[: 200 + LATEST + 1]) == {JointState.FREE}
-    assert set(states[200 + LATEST + 1 : 229 + WINDOW]) == {JointState.BLIND}
+    assert set(states[: 200 + MAX_LATE_TICKS + 1]) == {JointState.FREE}
+    assert set(states[200 + MAX_LATE_TICKS + 1 : 229 + WINDOW]) == {JointState.BLIND}
     assert set(states[230 + WINDOW :]) == {JointState.FREE}
 
 
@@ -424,14 +424,14 @@ def test_a_joint_that_strays_more_today_gets_a_wider_threshold() -> None:
     last = threshold[-round(10.0 / CYCLE) :]
     assert last.max() > 2.0 * largest
     # The head has not moved: of it nothing is known yet.
-    assert other[-1] >= START * 0.004
+    assert other[-1] >= START_FACTOR * 0.004
 
 
 def test_thresholds_begin_wide_and_come_down_in_free_motion() -> None:
     motion = swing(40.0)
     signals = play(fusion_signal(adapt=True), ticks_of(motion, drive(motion)))
     threshold = np.array([one.threshold[ELBOW] for one in signals])
-    assert threshold[0] >= START * BOUND
+    assert threshold[0] >= START_FACTOR * BOUND
     assert threshold[-50:].min() >= BOUND
     assert threshold[-50:].max() < 0.6 * threshold[0]
 
@@ -444,7 +444,7 @@ def test_thresholds_stay_wide_while_something_touches_the_robot() -> None:
     free[HEAD] = False
     for one in ticks_of(motion, drive(motion)):
         made = signal.step(one)
-        assert made.threshold[ELBOW] >= START * BOUND
+        assert made.threshold[ELBOW] >= START_FACTOR * BOUND
         signal.learn(made, free, nothing, False)
 
 

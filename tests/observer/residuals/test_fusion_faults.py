@@ -126,7 +126,7 @@ def test_a_long_push_on_the_base_does_not_make_it_deaf(adapt: bool) -> None:
 
 
 def test_a_push_that_grows_for_long_is_felt_in_the_end() -> None:
-    """However slowly: strays raise no threshold beyond LARGEST."""
+    """However slowly: strays raise no threshold beyond MAX_FACTOR."""
     motion = swing(60.0, rate=1.5)
     growth = 1.2 ** (np.arange(len(motion)) * CYCLE)  # of torque, 20 % a second
     made = ticks_of(motion, drive(motion, steps=20))

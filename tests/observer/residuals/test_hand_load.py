@@ -15,13 +15,13 @@ from pepper_driver.controller.tick import Reference, Tick
 from pepper_driver.observer.models.fusion_model import FusionModel
 from pepper_driver.observer.residuals import adaptation
 from pepper_driver.observer.residuals.adaptation import (
-    FRICTION_DOUBT,
+    FRICTION_UNCERTAINTY,
     LEARN_PERIOD,
     LEAST_NOISE,
     LOAD_PRIOR_STD,
     HandLoads,
 )
-from pepper_driver.observer.residuals.fusion import FusionSignal
+from pepper_driver.observer.residuals.fusion import FusionGenerator
 from support.fusion import (
     MODEL,
     TWIN,
@@ -44,7 +44,7 @@ MIDDLE = 0.5 * (
 GAIN = TWIN.load_gain
 MASS, PLACE = 0.4, np.array([0.07, -0.01, -0.025])
 EVERYTHING = np.ones(JOINTS, dtype=np.bool_)
-NOISE = np.full(JOINTS, LEAST_NOISE)
+NOISE_FACTOR = np.full(JOINTS, LEAST_NOISE)
 
 
 def loaded(loads: dict[str, Any]) -> RobotModel:
@@ -191,8 +191,8 @@ def follow(
         known = target.step(q, v, a)
         if k % LEARN_PERIOD == 0:
             residual = GAIN * (added(load, q, v, a) - known)
-            residual += 0.5 * np.sqrt(NOISE) * rng.standard_normal(JOINTS)
-            target.update(residual, NOISE, EVERYTHING)
+            residual += 0.5 * np.sqrt(NOISE_FACTOR) * rng.standard_normal(JOINTS)
+            target.update(residual, NOISE_FACTOR, EVERYTHING)
 
 
 def hands() -> HandLoads:
@@ -214,8 +214,8 @@ def test_finds_the_load_of_an_arm_that_moves(arm: str, joint: str) -> None:
         if k % LEARN_PERIOD == 0:
             deviations.append(target.held()[arm].mass_std)
             residual = GAIN * (added(load, q, v, a) - known)
-            residual += 0.5 * np.sqrt(NOISE) * rng.standard_normal(JOINTS)
-            target.update(residual, NOISE, EVERYTHING)
+            residual += 0.5 * np.sqrt(NOISE_FACTOR) * rng.standard_normal(JOINTS)
+            target.update(residual, NOISE_FACTOR, EVERYTHING)
     held = target.held()
     assert held[arm].mass == pytest.approx(MASS, abs=0.03)
     np.testing.assert_allclose(held[arm].first_moment, MASS * PLACE, atol=0.004)
@@ -231,14 +231,14 @@ def test_finds_the_load_of_an_arm_that_moves(arm: str, joint: str) -> None:
 def test_without_wandering_it_is_ridge_regression(monkeypatch: pytest.MonkeyPatch) -> None:
     """All samples at once, each with its noise, and the prior as penalty."""
     monkeypatch.setattr(adaptation, "LOAD_PROCESS_NOISE", np.zeros(4))
-    monkeypatch.setattr(adaptation, "LOAD_DOUBT", 0.0)
+    monkeypatch.setattr(adaptation, "LOAD_UNCERTAINTY", 0.0)
     gains = np.linspace(0.005, 0.02, JOINTS)
     gains[3] = 0.0
     of_joint: list[FusionModel | None] = [
         fusion_model(replace(TWIN, load_gain=float(gain))) if gain else None for gain in gains
     ]
     target = HandLoads(ROBOT, of_joint)
-    floor = LEAST_NOISE + (FRICTION_DOUBT * TWIN.friction) ** 2
+    floor = LEAST_NOISE + (FRICTION_UNCERTAINTY * TWIN.friction) ** 2
     rng = np.random.default_rng(2)
     carriers = [PLAIN.joint_id(wrist) for wrist in WRISTS.values()]
     precision, pull = np.diag(np.tile(LOAD_PRIOR_STD, 2) ** -2.0), np.zeros(8)
@@ -272,14 +272,14 @@ def test_it_knows_less_with_time_but_never_less_than_at_the_start(rng: np.random
     target = hands()
     nobody = np.zeros(JOINTS, dtype=np.bool_)
     target.step(MIDDLE, ZERO, ZERO)
-    target.update(rng.normal(size=JOINTS), NOISE, nobody)
+    target.update(rng.normal(size=JOINTS), NOISE_FACTOR, nobody)
     assert target.held()["left_arm"].mass_std == pytest.approx(LOAD_PRIOR_STD[0], rel=1e-9)
     for _ in range(100):
-        target.update(np.zeros(JOINTS), NOISE, EVERYTHING)
+        target.update(np.zeros(JOINTS), NOISE_FACTOR, EVERYTHING)
     before = target.held()["left_arm"].mass_std
     assert before < 0.9 * LOAD_PRIOR_STD[0]
     for _ in range(round(60.0 / CYCLE / LEARN_PERIOD)):
-        target.update(rng.normal(size=JOINTS), NOISE, nobody)
+        target.update(rng.normal(size=JOINTS), NOISE_FACTOR, nobody)
     expected = np.hypot(before, adaptation.LOAD_PROCESS_NOISE[0])
     assert target.held()["left_arm"].mass_std == pytest.approx(expected, rel=1e-2)
 
@@ -290,7 +290,7 @@ def test_a_share_of_what_the_load_does_stays_doubtful(monkeypatch: pytest.Monkey
     follow(target, loaded({"LWristYaw": point(MASS, PLACE)}), 10.0)
     torque = target.step(MIDDLE, ZERO, ZERO)
     variance = target.variance()
-    monkeypatch.setattr(adaptation, "LOAD_DOUBT", 0.0)
+    monkeypatch.setattr(adaptation, "LOAD_UNCERTAINTY", 0.0)
     unforeseen = variance - target.variance()
     np.testing.assert_allclose(unforeseen, (0.15 * GAIN * torque) ** 2, rtol=1e-6, atol=1e-15)
     assert unforeseen.max() > 1e-7
@@ -306,14 +306,14 @@ def test_joints_that_are_not_used_teach_nothing() -> None:
     learned, spared = hands(), hands()
     for target, seen in ((learned, residual), (spared, spoilt)):
         target.step(q, v, a)
-        explained = target.update(seen, NOISE, use)
+        explained = target.update(seen, NOISE_FACTOR, use)
         np.testing.assert_array_equal(explained[~use], 0.0)
     assert learned.held() == spared.held()
     assert learned.held()["left_arm"].mass > 0.1
     # And none at all teach nothing at all.
     idle = hands()
     idle.step(q, v, a)
-    explained = idle.update(residual, NOISE, np.zeros(JOINTS, dtype=np.bool_))
+    explained = idle.update(residual, NOISE_FACTOR, np.zeros(JOINTS, dtype=np.bool_))
     np.testing.assert_array_equal(explained, 0.0)
     assert idle.held()["left_arm"].mass == 0.0
     assert (idle.step(q, v, a) == 0.0).all()
@@ -325,7 +325,7 @@ def test_what_an_update_explains_is_what_the_twins_will_bear_more() -> None:
     follow(target, loaded({"LWristYaw": point(MASS, PLACE)}), 1.0)
     for _ in range(2):
         before = target.step(q, v, a)
-    explained = target.update(np.full(JOINTS, 0.01), NOISE, EVERYTHING)
+    explained = target.update(np.full(JOINTS, 0.01), NOISE_FACTOR, EVERYTHING)
     for _ in range(2):
         after = target.step(q, v, a)
     np.testing.assert_allclose(explained, GAIN * (after - before), rtol=1e-9, atol=1e-12)
@@ -383,7 +383,7 @@ def weak_wrist() -> HandLoads:
     use = np.isin(np.arange(JOINTS), ARM[:3])
     for _ in range(200):
         known = target.step(MIDDLE, ZERO, ZERO)
-        target.update(GAIN * (added(TAUGHT, MIDDLE) - known), NOISE, use)
+        target.update(GAIN * (added(TAUGHT, MIDDLE) - known), NOISE_FACTOR, use)
     return target
 
 
@@ -442,7 +442,7 @@ def test_what_says_nothing_against_the_load_changes_nothing() -> None:
         [fusion_model(replace(TWIN, friction=0.5)) if j != WRIST else WEAK for j in range(JOINTS)],
     )
     rough.step(MIDDLE, ZERO, ZERO)
-    rough.update(np.full(JOINTS, 0.05), NOISE, np.isin(np.arange(JOINTS), ARM[:3]))
+    rough.update(np.full(JOINTS, 0.05), NOISE_FACTOR, np.isin(np.arange(JOINTS), ARM[:3]))
     there = rough.held()
     assert rough.reconcile(strong, ~at(WRIST)) is None
     assert rough.held() == there
@@ -512,7 +512,9 @@ def waved(mass: float, seconds: float = 32.0, size: float = 0.5) -> list[Tick]:
 def last_residuals(made: list[Tick], target: HandLoads | None) -> FloatArray:
     """(n, 3) of the joints that move, from the 20th second to the 30th."""
     of_joint = [fusion_model(weight=(1.0, 1.0)) if j in MOVED else None for j in range(JOINTS)]
-    signal = FusionSignal(of_joint, CYCLE, window=SETTINGS.fusion_window, adapt=True, hands=target)
+    signal = FusionGenerator(
+        of_joint, CYCLE, window=SETTINGS.fusion_window, adapt=True, hands=target
+    )
     rows = np.array([one.residual[MOVED] for one in play(signal, made)])
     return rows[round(20.0 / CYCLE) : round(30.0 / CYCLE)]
 
@@ -549,14 +551,14 @@ class Jolted(HandLoads):
 
 
 def test_what_the_load_explains_is_gone_from_the_residual_at_once() -> None:
-    """Twins need several ticks to where a new load takes them, in which it would be learned again."""
+    """Stick-slip models need several ticks to where a new load takes them, in which it would be learned again."""
     made = waved(0.0, 5.0)
     of_joint = [fusion_model(weight=(1.0, 1.0)) if j in MOVED else None for j in range(JOINTS)]
     rows = []
-    jolted, calm = Jolted(ROBOT, of_joint), Jolted(ROBOT, of_joint)
-    calm.explains = 0.0
-    for target in (jolted, calm):
-        signal = FusionSignal(of_joint, CYCLE, window=1, adapt=True, hands=target)
+    jolted, quiet_bound = Jolted(ROBOT, of_joint), Jolted(ROBOT, of_joint)
+    quiet_bound.explains = 0.0
+    for target in (jolted, quiet_bound):
+        signal = FusionGenerator(of_joint, CYCLE, window=1, adapt=True, hands=target)
         rows.append(np.array([one.raw for one in play(signal, made)]))
     change = rows[0] - rows[1]
     [used] = np.flatnonzero(jolted.used)[None]
@@ -587,7 +589,7 @@ def test_the_wrist_of_an_arm_that_swings_in_one_place_does_not_pay_for_the_shoul
             if not asked:
                 patch.setattr(HandLoads, "reconcile", lambda *_: None)
             target = HandLoads(ROBOT, of_joint)
-            signal = FusionSignal(of_joint, CYCLE, window=1, adapt=True, hands=target)
+            signal = FusionGenerator(of_joint, CYCLE, window=1, adapt=True, hands=target)
             rows = np.array([one.residual[WRIST] for one in play(signal, made)])
         largest.append(float(np.abs(rows[len(rows) // 2 :]).max()))
     assert largest[0] > 2.0 * HELD

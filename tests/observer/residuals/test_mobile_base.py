@@ -13,16 +13,21 @@ from pepper_driver.config import PepperError
 from pepper_driver.config.arrays import FloatArray
 from pepper_driver.controller.tick import Tick
 from pepper_driver.observer.detection.threshold import (
-    BLOCK,
+    BLOCK_TICKS,
     FIRST_BLOCKS,
     FIRST_MOTION,
-    PAUSE,
-    START,
+    POST_CONTACT_TICKS,
+    START_FACTOR,
 )
 from pepper_driver.observer.fitting.mobile_base import BASE_BOUND_FACTOR, fit_base
 from pepper_driver.observer.models.fusion_model import TAPS, BaseModel, BaseModelError
 from pepper_driver.observer.recording import Recording, RecordingBuilder
-from pepper_driver.observer.residuals.mobile_base import HOLD, ROWS, STANDING, BaseSignal
+from pepper_driver.observer.residuals.mobile_base import (
+    POST_DRIVE_TIME,
+    ROWS,
+    STANDSTILL_SPEED,
+    BaseGenerator,
+)
 from support.observer import CYCLE, JOINTS, ROBOT, tick
 
 WINDOW = 5
@@ -93,22 +98,24 @@ def test_finds_the_impulse_response(model: BaseModel) -> None:
     assert np.abs(taps[:-1, 3:, 1:]).max() < 2e-3
 
 
-def residuals(signal: BaseSignal, made: Sequence[Tick], late: Sequence[int] = ()) -> FloatArray:
+def residuals(signal: BaseGenerator, made: Sequence[Tick], late: Sequence[int] = ()) -> FloatArray:
     """(n, 2) before and after the filter."""
     return np.array([signal.step(one, k in late) for k, one in enumerate(made)])
 
 
-def settled(model: BaseModel, made: Sequence[Tick]) -> BaseSignal:
+def settled(model: BaseModel, made: Sequence[Tick]) -> BaseGenerator:
     """After a first motion, driving and standing, in which nothing strayed; with the legs' load of ``made``."""
-    signal, first = BaseSignal(model, ROBOT, WINDOW, adapt=True), made[0]
+    signal, first = BaseGenerator(model, ROBOT, WINDOW, adapt=True), made[0]
     gain = np.array(model.coefficients).reshape(TAPS, -1, 3)[:, :3].sum(axis=0)
-    for sent in (np.array([2.0 * STANDING, 0.0, 0.0]), np.zeros(3)):
+    for sent in (np.array([2.0 * STANDSTILL_SPEED, 0.0, 0.0]), np.zeros(3)):
         steady = replace(
             first,
             sent=replace(first.sent, wheel_speed=MATRIX @ sent),
             measurement=replace(first.measurement, wheel_speed=MATRIX @ (sent @ gain)),
         )
-        for k in range(2 * TAPS + round(HOLD / CYCLE) + WINDOW + (FIRST_BLOCKS + 1) * BLOCK):
+        for k in range(
+            2 * TAPS + round(POST_DRIVE_TIME / CYCLE) + WINDOW + (FIRST_BLOCKS + 1) * BLOCK_TICKS
+        ):
             signal.step(steady, False)
             if k >= TAPS + WINDOW:
                 signal.learn(True, True)
@@ -129,7 +136,7 @@ def test_residual_is_that_of_the_impulse_response(axis: int) -> None:
         driving=(bounds[0], bounds[1], bounds[2]),
     )
     sent, load, twist = (rng.normal(size=(n, 3)) for _ in range(3))
-    seen = residuals(BaseSignal(made_of, ROBOT, WINDOW, adapt=True), ticks(sent, load, twist))
+    seen = residuals(BaseGenerator(made_of, ROBOT, WINDOW, adapt=True), ticks(sent, load, twist))
     error = np.full(n, np.nan)
     for k in range(TAPS - 1, n):
         expected = 0.0
@@ -138,22 +145,22 @@ def test_residual_is_that_of_the_impulse_response(axis: int) -> None:
             expected += sent[k - age] @ taps[age, :3, axis] + change @ taps[age, 3:, axis]
         error[k] = expected - twist[k, axis]
     judged = slice(TAPS + WINDOW, None)
-    share = error / (START * bound)
+    share = error / (START_FACTOR * bound)
     np.testing.assert_allclose(seen[judged, 0], share[judged], rtol=1e-9, atol=1e-6)
     median = [np.median(share[k + 1 - WINDOW : k + 1]) for k in range(TAPS + WINDOW, n)]
     np.testing.assert_allclose(seen[judged, 1], median, rtol=1e-9, atol=1e-6)
 
 
 def test_bounds_are_wide_until_the_first_motion_has_been_seen(model: BaseModel) -> None:
-    n = TAPS + WINDOW + (FIRST_BLOCKS + 3) * BLOCK
+    n = TAPS + WINDOW + (FIRST_BLOCKS + 3) * BLOCK_TICKS
     quiet = ticks(np.zeros((n, 3)), np.zeros((n, 3)), np.zeros((n, 3)))
     pushed = 1.5 * np.array([model.standing[0], 0.0, 0.0])
     [push] = ticks(np.zeros((1, 3)), np.zeros((1, 3)), pushed[None])
-    signal = BaseSignal(model, ROBOT, WINDOW, adapt=True)
+    signal = BaseGenerator(model, ROBOT, WINDOW, adapt=True)
     for k, one in enumerate(quiet):
-        if k % (4 * BLOCK) == TAPS + WINDOW + 1:
+        if k % (4 * BLOCK_TICKS) == TAPS + WINDOW + 1:
             known = max(k - TAPS - WINDOW, 0) / FIRST_MOTION
-            expected = 1.5 / max(START * (1.0 - known), 1.0)
+            expected = 1.5 / max(START_FACTOR * (1.0 - known), 1.0)
             # One sample that the filter takes out again.
             assert abs(signal.step(push, False)[0]) == pytest.approx(expected, rel=0.15)
         signal.step(one, False)
@@ -169,20 +176,20 @@ def test_a_base_that_strays_more_today_gets_wider_bounds(model: BaseModel, movin
     twist = np.zeros((n, 3))
     twist[:, 1] = 1.5 * model.standing[1] * np.sin(np.arange(n) * CYCLE * 2 * np.pi / 0.4)
     made = ticks(np.zeros((n, 3)), np.zeros((n, 3)), twist)
-    signal = BaseSignal(model, ROBOT, WINDOW, adapt=True)
+    signal = BaseGenerator(model, ROBOT, WINDOW, adapt=True)
     sizes = []
     for one in made:
         sizes.append(abs(signal.step(one, False)[1]))
         signal.learn(True, moving)
-    # In no moment a contact, and of the widened bound it is 1 / Strays' margin.
+    # In no moment a contact, and of the widened bound it is 1 / ResidualEnvelope' margin.
     assert np.nanmax(sizes) < 1.0
     last = np.max(sizes[-100:])
-    assert last == pytest.approx(1.0 / 3.0 if moving else 1.5 / START, rel=0.02)
+    assert last == pytest.approx(1.0 / 3.0 if moving else 1.5 / START_FACTOR, rel=0.02)
     # The other axes are as sensitive as ever, if it is known that they are quiet.
     push = np.zeros((WINDOW, 3))
     push[:, 0] = 1.5 * model.standing[0]
     seen = residuals(signal, ticks(np.zeros((WINDOW, 3)), np.zeros((WINDOW, 3)), push))
-    assert abs(seen[-1, 1]) == pytest.approx(1.5 if moving else 1.5 / START, rel=1e-6)
+    assert abs(seen[-1, 1]) == pytest.approx(1.5 if moving else 1.5 / START_FACTOR, rel=1e-6)
 
 
 def test_a_touch_widens_no_bound(model: BaseModel) -> None:
@@ -190,10 +197,10 @@ def test_a_touch_widens_no_bound(model: BaseModel) -> None:
     still, pushed = np.zeros((1, 3)), 3.0 * np.array([model.standing])
     [quiet], [push] = (ticks(still, still, twist) for twist in (still, pushed))
     signal = settled(model, [quiet])
-    for k in range(4 * BLOCK):
+    for k in range(4 * BLOCK_TICKS):
         signal.step(push, False)
-        signal.learn(k < 2 * BLOCK + BLOCK // 2, True)
-    for _ in range(PAUSE + 4 * BLOCK):
+        signal.learn(k < 2 * BLOCK_TICKS + BLOCK_TICKS // 2, True)
+    for _ in range(POST_CONTACT_TICKS + 4 * BLOCK_TICKS):
         signal.step(quiet, False)
         signal.learn(True, True)
     assert abs(signal.step(push, False)[0]) == pytest.approx(3.0, rel=1e-6)
@@ -250,14 +257,14 @@ def test_the_bound_of_a_base_that_drives_stays_until_it_stands(model: BaseModel)
     twist[:, 1] = -0.005
     made = ticks(sent, np.zeros((n, 3)), twist)
     seen = residuals(settled(wide, made), made)
-    after = stop + TAPS + round(HOLD / CYCLE)
+    after = stop + TAPS + round(POST_DRIVE_TIME / CYCLE)
     assert seen[after - 3, 0] == pytest.approx(0.5)
     assert seen[after + 2, 0] == pytest.approx(5.0)
 
 
 def test_late_samples_and_the_start_are_not_judged(model: BaseModel) -> None:
     made = drive(3.0, 5)
-    seen = residuals(BaseSignal(model, ROBOT, WINDOW, adapt=True), made, late=(100,))
+    seen = residuals(BaseGenerator(model, ROBOT, WINDOW, adapt=True), made, late=(100,))
     judged = np.asarray(np.isfinite(seen).all(axis=1))
     np.testing.assert_array_equal(np.isfinite(seen).any(axis=1), judged)
     assert not judged[: TAPS - 1].any()
@@ -279,7 +286,7 @@ def test_values_that_are_not_finite_do_no_lasting_harm(
     with np.errstate(invalid="ignore"):
         seen = residuals(settled(model, clean), made)
     expected = residuals(settled(model, clean), clean)
-    after = slice(100 + TAPS + round(HOLD / CYCLE), None)
+    after = slice(100 + TAPS + round(POST_DRIVE_TIME / CYCLE), None)
     np.testing.assert_allclose(seen[after], expected[after])
     # What is said meanwhile is no push.
     assert np.nanmax(np.abs(seen[90:, 1])) < 1.0
@@ -291,7 +298,7 @@ def test_reset_forgets(model: BaseModel) -> None:
     signal.reset()
     first = residuals(signal, made)
     np.testing.assert_array_equal(
-        residuals(BaseSignal(model, ROBOT, WINDOW, adapt=True), made), first
+        residuals(BaseGenerator(model, ROBOT, WINDOW, adapt=True), made), first
     )
     signal.reset()
     np.testing.assert_array_equal(residuals(signal, made), first)
@@ -315,6 +322,6 @@ def test_other_joints_are_nothing_to_the_base(model: BaseModel) -> None:
     for one in other:
         one.reference.load_torque[[j for j in range(JOINTS) if j not in LEGS]] = 50.0
     np.testing.assert_array_equal(
-        residuals(BaseSignal(model, ROBOT, WINDOW, adapt=True), made),
-        residuals(BaseSignal(model, ROBOT, WINDOW, adapt=True), other),
+        residuals(BaseGenerator(model, ROBOT, WINDOW, adapt=True), made),
+        residuals(BaseGenerator(model, ROBOT, WINDOW, adapt=True), other),
     )

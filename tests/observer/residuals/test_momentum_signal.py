@@ -5,14 +5,14 @@ import pytest
 
 from pepper_driver.observer.contact_observer import ContactObserver
 from pepper_driver.observer.models.model_file import ModelSet
-from pepper_driver.observer.residuals.momentum import MomentumSignal
+from pepper_driver.observer.residuals.momentum import MomentumGenerator
 from support.fusion import ELBOW, TWIN, drive, fusion_model, push_profile, swing, ticks_of
 from support.observer import CYCLE, JOINTS, ROBOT, SETTINGS
 
 
-def signal(threshold: float = 0.02) -> MomentumSignal:
+def signal(threshold: float = 0.02) -> MomentumGenerator:
     models = [fusion_model(TWIN) if joint == ELBOW else None for joint in range(JOINTS)]
-    return MomentumSignal(models, CYCLE, np.full(JOINTS, threshold), 5)
+    return MomentumGenerator(models, CYCLE, np.full(JOINTS, threshold), 5)
 
 
 def test_a_push_in_motion_shows_as_its_torque_over_the_stiffness() -> None:

@@ -211,7 +211,7 @@ def test_a_rehearsal_refuses_what_the_controller_or_the_gate_would_stop(
 ) -> None:
     knee = plan_runs(ROBOT, ["KneePitch"], SHORT)[0]
     lost = ControllerStatus(
-        solver="relaxed", at_limit=(), active=(), unmet=("balance at rest",), relaxed=()
+        solver="relaxed", at_limit=(), active=(), violated=("balance at rest",), relaxed=()
     )
     with monkeypatch.context() as patch:
         patch.setattr(WholeBodyController, "status", lost)

@@ -138,12 +138,12 @@ def test_what_is_wrong_with_a_run_is_said(
 
 def test_too_little_motion_is_said(good: IdentificationDataset) -> None:
     def slow(run: Recording) -> Recording:
-        calm = {}
+        quiet_bound = {}
         for name in ("velocity", "position", "sent_position"):
             array = getattr(run, name).copy()
             array[:, INDEX] = array[0, INDEX] + 0.04 * (array[:, INDEX] - array[0, INDEX])
-            calm[name] = array
-        return replace(run, **calm)
+            quiet_bound[name] = array
+        return replace(run, **quiet_bound)
 
     recordings = good
     for number in range(5):

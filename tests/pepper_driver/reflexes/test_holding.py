@@ -132,7 +132,7 @@ def test_a_base_that_was_held_keeps_what_the_motion_left_open() -> None:
     """A twist that came to rest beside the way: the base is to return to the line it began on."""
 
     def shove(position: FloatArray) -> FloatArray:
-        pepper.controller.accept(position, [0.0, 0.1, 0.0])
+        pepper.controller.override_state(position, [0.0, 0.1, 0.0])
         return position
 
     step = {"duration": 2.0, "until": "reached", "timeout": 6.0, "base": {"x": 0.3}}

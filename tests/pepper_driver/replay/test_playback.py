@@ -6,7 +6,7 @@ import numpy as np
 
 from pepper_driver.config import load_controller_settings
 from pepper_driver.controller import Reference, WholeBodyController
-from pepper_driver.replay.playback import RecordedController
+from pepper_driver.replay.playback import PlaybackController
 from support.controller import ROBOT
 
 SETTINGS = load_controller_settings(ROBOT)
@@ -29,7 +29,7 @@ def test_it_goes_through_the_same_states_bit_for_bit() -> None:
     for _ in range(100):
         references.append(then.step())
         states.append((then.position, then.velocity, then.base_pose))
-    now = RecordedController(ROBOT, SETTINGS, references)
+    now = PlaybackController(ROBOT, SETTINGS, references)
     now.reset(ROBOT.posture("Stand"))
     for reference, (position, velocity, base) in zip(references, states, strict=True):
         assert now.step() is reference
@@ -47,13 +47,13 @@ def test_what_the_gate_changes_leads_to_the_same_state() -> None:
         if step in (5, 6, 20):
             position = controller.position
             position[3] -= 0.004
-            controller.accept(position, np.zeros(3) if step == 20 else None)
+            controller.override_state(position, np.zeros(3) if step == 20 else None)
 
     for step in range(40):
         references.append(then.step())
         changed(step, then)
         states.append((then.position, then.velocity))
-    now = RecordedController(ROBOT, SETTINGS, references)
+    now = PlaybackController(ROBOT, SETTINGS, references)
     now.reset(ROBOT.posture("Stand"))
     for step, (position, velocity) in enumerate(states):
         now.step()
@@ -64,7 +64,7 @@ def test_what_the_gate_changes_leads_to_the_same_state() -> None:
 
 def test_tasks_change_nothing() -> None:
     references = [moving().step() for _ in range(3)]
-    now = RecordedController(ROBOT, SETTINGS, references)
+    now = PlaybackController(ROBOT, SETTINGS, references)
     now.reset(ROBOT.posture("Stand"))
     now.posture.target = ROBOT.posture("StandZero")
     now.hold = True
@@ -72,7 +72,7 @@ def test_tasks_change_nothing() -> None:
 
 
 def test_without_references_it_is_a_controller_like_any_other() -> None:
-    now, then = RecordedController(ROBOT, SETTINGS, []), WholeBodyController(ROBOT, SETTINGS)
+    now, then = PlaybackController(ROBOT, SETTINGS, []), WholeBodyController(ROBOT, SETTINGS)
     for controller in (now, then):
         controller.reset(ROBOT.posture("Stand"))
         controller.posture.target = ROBOT.posture("StandZero")

@@ -151,7 +151,7 @@ def test_what_the_gate_changed_is_found_again_with_wheels_and_base(tmp_path: Pat
         pepper.run(1.0)
         leap = pepper.controller.position
         leap[ROBOT.joint_index("LShoulderRoll")] += 0.05
-        pepper.controller.accept(leap)
+        pepper.controller.override_state(leap)
         pepper.run(0.6)
         pepper.push("LBicep", [0, 40, 0], point=[0.16, 0, 0], duration=0.4)
         pepper.run(0.8)

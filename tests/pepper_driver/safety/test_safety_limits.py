@@ -209,5 +209,5 @@ def test_the_law_that_overshoots_is_stopped_at_the_limit() -> None:
             assert (gated.command.position >= ROBOT.lower).all()
             if gated.joints_changed:
                 clamped += 1
-                controller.accept(gated.command.position)
+                controller.override_state(gated.command.position)
     assert clamped > 0
