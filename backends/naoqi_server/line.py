@@ -13,8 +13,8 @@ from pepper_driver.backends.interface import BackendError
 from pepper_driver.backends.naoqi_server.messages import receive, send
 from pepper_driver.config import PepperError
 
-PATIENCE = 2.0
-"""[s] for an answer; a process that was stopped gives none."""
+REPLY_TIMEOUT = 2.0
+"""[s] for an answer, which takes a millisecond; a process that was stopped gives none."""
 
 
 class Line:
@@ -52,9 +52,9 @@ class Line:
             number = next(self._numbers)
             try:
                 send(self._end, {"number": number, "ask": what, "arguments": arguments}, wait=False)
-                answer = self._answers.get(timeout=PATIENCE)
+                answer = self._answers.get(timeout=REPLY_TIMEOUT)
                 while answer["number"] != number:
-                    answer = self._answers.get(timeout=PATIENCE)  # to one that was given up
+                    answer = self._answers.get(timeout=REPLY_TIMEOUT)  # to one that was given up
             except (OSError, Empty):
                 raise BackendError(f"the stand-in's {self._other} does not answer") from None
         if "error" in answer:

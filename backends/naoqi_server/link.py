@@ -15,9 +15,6 @@ from pepper_driver.backends.naoqi_server.dcm import TimedCommand, UpdateType
 from pepper_driver.backends.naoqi_server.messages import PACKET, receive, send
 from pepper_driver.backends.naoqi_server.table import Table
 
-PATIENCE = 2.0
-"""[s] The robot process answers within a millisecond; it is gone, or was stopped, when it takes so long."""
-
 _MOST_COMMANDS = PACKET // 64
 """In one packet; a longer order is given in parts."""
 
@@ -32,7 +29,7 @@ class RobotLink:
         self._keys, self._actuators = keys, actuators
         self._lock = Lock()
         self._numbers = count(time.monotonic_ns())  # no other process had them
-        end.settimeout(PATIENCE)
+        end.settimeout(REPLY_TIMEOUT)
 
     @property
     def keys(self) -> Mapping[str, int]:

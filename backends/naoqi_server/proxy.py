@@ -23,7 +23,7 @@ from pepper_driver.backends.naoqi_server.relay import LinkState, Relay
 from pepper_driver.backends.naoqi_server.tls import Login, make_certificate
 from pepper_driver.config import PepperError, load_network
 
-PATIENCE = 10.0
+PROCESS_TIMEOUT = 10.0
 """[s] for the process to do as it is told, on a busy machine."""
 
 
@@ -73,7 +73,7 @@ class NetworkProxy:
         self._lock = threading.Lock()
         self._process, self._end = spawn("proxy", {}, {}, setup)
         ready = wait_until_ready(self._process, self._end)
-        self._end.settimeout(PATIENCE)
+        self._end.settimeout(PROCESS_TIMEOUT)
         self.pid = self._process.pid
         self.address: tuple[str, int] = (host, int(ready["port"]))
 
