@@ -201,7 +201,7 @@ class NetworkProxy:
         }
         load_network(network)  # says here what is wrong with it
         self._lock = threading.Lock()
-        self._process, self._end = spawn("proxy", {}, {}, setup)
+        self._process, self._end = spawn("network", {}, {}, setup)
         ready = wait_until_ready(self._process, self._end)
         self._end.settimeout(PROCESS_TIMEOUT)
         self.pid = self._process.pid

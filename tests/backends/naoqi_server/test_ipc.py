@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from pepper_driver.backends import BackendError
-from pepper_driver.backends.naoqi_server import ipc as link_module
+from pepper_driver.backends.naoqi_server import ipc
 from pepper_driver.backends.naoqi_server.ipc import PACKET, RobotClient, make_pair, receive, send
 from pepper_driver.backends.naoqi_server.shared_values import Table
 from pepper_driver.config import load_robot
@@ -66,7 +66,7 @@ def test_the_answer_to_somebody_who_died_is_not_taken_for_ours(
 def test_a_robot_that_does_not_answer(
     table: Table, ends: tuple[socket.socket, socket.socket], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(link_module, "PATIENCE", 0.05)
+    monkeypatch.setattr(ipc, "REPLY_TIMEOUT", 0.05)
     link = RobotClient(table, ends[0], {}, frozenset())
     with pytest.raises(BackendError, match="does not answer"):
         link.clear_faults()
