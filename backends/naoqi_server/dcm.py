@@ -30,7 +30,7 @@ def wrapped(milliseconds: int) -> int:
 
 
 def unwrapped(shown: int, near: int) -> int:
-    """The count of milliseconds that the clock shows as ``shown``, at most 2^31 ms from ``near``."""
+    """Return the count of milliseconds that the clock shows as ``shown``, at most 2^31 ms from ``near``."""
     return near + wrapped(shown - near)
 
 
@@ -75,7 +75,7 @@ class BufferFullError(BackendError):
 def after_order(
     waiting: Mapping[int, float], update: UpdateType, commands: Sequence[TimedCommand]
 ) -> dict[int, float]:
-    """The commands that wait for an actuator after an order, values by date.
+    """Return the commands that wait for an actuator after an order, values by date.
 
     Two commands at one date are "unpredictable" in the documentation: here the later order counts, and within an order
     the last one.
@@ -118,7 +118,7 @@ class DcmActuator:
         self._values = [waiting[date] for date in self._dates]
 
     def advance(self, date: int) -> float:
-        """The value at the date of a cycle, which is then sent; later than all dates before.
+        """Return the value at the date of a cycle, which is then sent; later than all dates before.
 
         Commands whose date has come are used up. The value goes in a straight line from the value last sent, or from a
         command whose date came since then, to the next command. After the last one it stays.
@@ -191,7 +191,7 @@ class Dcm:
             self.actuators[key].take(waiting)
 
     def advance(self, date: int) -> list[float]:
-        """The value of each actuator at the date of a cycle, in the order of the keys."""
+        """Return the value of each actuator at the date of a cycle, in the order of the keys."""
         return [actuator.advance(date) for actuator in self.actuators.values()]
 
 

@@ -178,7 +178,7 @@ class InjectedFault:
 
 
 def make_fault(name: str, arguments: Mapping[str, object] | None = None) -> InjectedFault:
-    """A fault by name; arguments that are not given have their defaults.
+    """Return a fault by name; arguments that are not given have their defaults.
 
     Raises:
         UnknownNameError: No fault of this name.
@@ -202,7 +202,7 @@ def make_fault(name: str, arguments: Mapping[str, object] | None = None) -> Inje
 
 
 def parse_fault(text: str) -> InjectedFault:
-    """A fault as on a command line: ``NAME[:ARGUMENT,...]``, arguments in their order or as ``key=value``.
+    """Return a fault as on a command line: ``NAME[:ARGUMENT,...]``, arguments in their order or as ``key=value``.
 
     For example ``hang:seconds=2,after=5`` or ``slow:0.02,DCM.setAlias``.
 
@@ -236,7 +236,7 @@ def _check_range(fault: str, key: str, value: float, least: float, most: float) 
 
 
 def _checked(fault: str, key: str, value: object, default: Value) -> Value:
-    """An argument in the type of its default."""
+    """Return an argument in the type of its default."""
     if isinstance(default, str):
         if isinstance(value, str):
             return value

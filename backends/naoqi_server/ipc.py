@@ -44,7 +44,7 @@ def send(end: socket.socket, message: dict[str, Any], *, wait: bool = True) -> N
 
 
 def receive(end: socket.socket) -> dict[str, Any] | None:
-    """The next message; None once the other end is gone for good."""
+    """Return the next message; None once the other end is gone for good."""
     packet = end.recv(PACKET)
     if not packet:
         return None
@@ -126,7 +126,7 @@ def spawn(
     descriptors: Mapping[str, int],
     first: Mapping[str, Any] | None = None,
 ) -> tuple[subprocess.Popen[bytes], socket.socket]:
-    """A process of this package, and the line on which it says it is ready and hears that we are gone.
+    """Return a process of this package, and the line on which it says it is ready and hears that we are gone.
 
     Args:
         module: Its name in this package.
@@ -192,7 +192,7 @@ class Robot(Protocol):
         """Newest value of one key."""
 
     def time(self) -> int:
-        """The DCM's time now [ms], 32 bits with a sign."""
+        """Return the DCM's time now [ms], 32 bits with a sign."""
 
     def order(
         self,
@@ -275,7 +275,7 @@ class RobotClient:
         return float(self._table.read()[self._keys[key]])
 
     def time(self) -> int:
-        """The DCM's time now [ms], 32 bits with a sign."""
+        """Return the DCM's time now [ms], 32 bits with a sign."""
         return self._table.clock.shown
 
     def order(

@@ -51,7 +51,7 @@ class Memory:
         self._lock = RLock()
 
     def get(self, key: str) -> Value:
-        """The value of a key.
+        """Return the value of a key.
 
         Raises:
             NoDataError: There is none.

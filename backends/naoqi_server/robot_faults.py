@@ -111,7 +111,7 @@ class Shown(RobotFault):
 
 
 def hot(robot: RobotConfig, keys: Mapping[str, int], arguments: Mapping[str, Value]) -> RobotFault:
-    """The temperature of a joint or a wheel."""
+    """Return the temperature of a joint or a wheel."""
     joint, motors = str(arguments["joint"]), (*robot.joint_names, *robot.wheels.names)
     if joint not in motors:
         raise UnknownNameError("motor", joint, motors)

@@ -100,7 +100,7 @@ class ServiceFaults:
         return answer
 
     def _active(self, name: str, service: str, method: str) -> list[_Switch]:
-        """The faults of this name that are on now and concern this call."""
+        """Return the faults of this name that are on now and concern this call."""
         now = self._clock()
         return [
             switch
@@ -119,7 +119,7 @@ def _replaced(
     chosen: Callable[[str], bool],
     value: object,
 ) -> Value:
-    """The answer of ALMemory with another value for some keys."""
+    """Return the answer of ALMemory with another value for some keys."""
     if service == "ALMemory" and method == "getData" and chosen(arguments[0]):
         return value
     if service == "ALMemory" and method == "getListData":

@@ -164,7 +164,7 @@ class Table:
         return int(self._header[_COUNT])
 
     def read(self) -> FloatArray:
-        """A copy of the newest values of all keys, all of one cycle."""
+        """Return a copy of the newest values of all keys, all of one cycle."""
         for _ in range(100):
             count = int(self._header[_COUNT])
             values: FloatArray = self._values[count & 1].copy()
@@ -184,7 +184,7 @@ class Table:
         return info
 
     def black_box(self, last: int | None = None) -> BlackBox:
-        """The last cycles in the black box; all that is kept, or that many."""
+        """Return the last cycles in the black box; all that is kept, or that many."""
         count = int(self._header[_ROWS])
         first = max(0, count - CYCLES, count - last if last is not None else 0)
         rows: NDArray[np.void] = self._rows[np.arange(first, count) % CYCLES]

@@ -69,7 +69,7 @@ class Login:
 
 
 def read_capabilities(body: bytes) -> dict[str, object]:
-    """The scalars and texts of a map from text to dynamic values, ``{sm}``, up to the first value that is neither."""
+    """Return the scalars and texts of a map from text to dynamic values, ``{sm}``, up to the first value that is neither."""
     found: dict[str, object] = {}
     try:
         (count,) = struct.unpack_from("<I", body)

@@ -132,7 +132,7 @@ class AlmotionReflexes:
         self.orthogonal, self.tangential = 0.4, 0.1
 
     def arms(self, name: object, where: str) -> tuple[str, ...]:
-        """The arms that "LArm", "RArm" or "Arms" stands for.
+        """Return the arms that "LArm", "RArm" or "Arms" stands for.
 
         Raises:
             CallError: Another name.
@@ -144,7 +144,7 @@ class AlmotionReflexes:
         raise CallError(where, f"unknown chain name: {name} (possible: Arms, LArm, RArm)")
 
     def externals(self, name: object, where: str) -> tuple[str, ...]:
-        """The parts of the external collision protection that a name stands for.
+        """Return the parts of the external collision protection that a name stands for.
 
         Raises:
             CallError: Another name.

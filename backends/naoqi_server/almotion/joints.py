@@ -166,7 +166,7 @@ class Idle:
         self.alive = self.looking = False
 
     def chains(self, name: object, where: str) -> tuple[str, ...]:
-        """The chains that a call's name stands for.
+        """Return the chains that a call's name stands for.
 
         Raises:
             CallError: Another name.

@@ -103,12 +103,12 @@ class JointGroups:
         return found
 
     def clipped(self, index: int, angle: float) -> float:
-        """An angle within the limits of its joint."""
+        """Return an angle within the limits of its joint."""
         return min(max(angle, self.lower[index]), self.upper[index])
 
 
 def number(value: object, where: str, what: str) -> float:
-    """A finite number; NAOqi's values may come as whole numbers too.
+    """Return a finite number; NAOqi's values may come as whole numbers too.
 
     Raises:
         CallError: It is something else.
@@ -132,7 +132,7 @@ def numbers(values: object, count: int, where: str, what: str) -> list[float]:
 
 
 def lists(values: object, count: int, where: str, what: str) -> list[list[float]]:
-    """A list of numbers for each of ``count`` joints.
+    """Return a list of numbers for each of ``count`` joints.
 
     Takes what NAOqi takes: a number for one joint or all, a list of them for one joint, a number for each joint, or a
     list for each joint.

@@ -162,7 +162,7 @@ class Waking:
             self._set_awake(False)
 
     def _ramp(self, stiffness: float) -> AlmotionTask:
-        """A straight line for all joints: that is what Bezier segments without handles are."""
+        """Return a straight line for all joints: that is what Bezier segments without handles are."""
         point = Point(time=self._settings.stiffness_ramp, value=stiffness)
         task = AlmotionTask(
             name="stiffness",

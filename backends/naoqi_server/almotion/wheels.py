@@ -33,7 +33,7 @@ class DriveLimits:
 
     @classmethod
     def of(cls, settings: NaoqiServices, given: Mapping[str, float]) -> DriveLimits:
-        """The defaults, replaced by what a move config gives; that is brought into its range."""
+        """Return the defaults, replaced by what a move config gives; that is brought into its range."""
         values = {}
         for name, (least, usual, most) in vars(settings.drive).items():
             values[name] = min(max(given.get(name, usual), least), most)
@@ -202,7 +202,7 @@ class AlmotionBase:
 
 
 def _rolled(pose: FloatArray, twist: FloatArray, dt: float) -> FloatArray:
-    """A pose after ``dt`` [s] at a velocity in its own axes, by the heading in the middle."""
+    """Return a pose after ``dt`` [s] at a velocity in its own axes, by the heading in the middle."""
     heading = pose[2] + twist[2] * dt / 2
     c, s = cos(heading), sin(heading)
     step = np.array([c * twist[0] - s * twist[1], s * twist[0] + c * twist[1], twist[2]])
@@ -210,5 +210,5 @@ def _rolled(pose: FloatArray, twist: FloatArray, dt: float) -> FloatArray:
 
 
 def wrapped_angle(angle: float) -> float:
-    """An angle in -pi to pi [rad]."""
+    """Return an angle in -pi to pi [rad]."""
     return (angle + pi) % (2 * pi) - pi

@@ -74,7 +74,7 @@ _log = logging.getLogger(__name__)
 
 
 def named(name: str) -> Callable[[T], T]:
-    """A decorator: clients call the method ``name``. Several of one name must differ in how much they take."""
+    """Return a decorator: clients call the method ``name``. Several of one name must differ in how much they take."""
 
     def give(method: T) -> T:
         bound: T = qi.bind(methodName=name)(method)
@@ -84,7 +84,7 @@ def named(name: str) -> Callable[[T], T]:
 
 
 def make_front(name: str, service: object, faults: ServiceFaults) -> object:
-    """An object for ``registerService``: the public methods, signals and properties of ``service``.
+    """Return an object for ``registerService``: the public methods, signals and properties of ``service``.
 
     Public are those whose name does not begin with an underscore, and those under :func:`named`. A class under
     ``qi.multiThreaded()`` stays so. Errors reach the client as their message alone.

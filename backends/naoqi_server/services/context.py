@@ -182,7 +182,7 @@ def rising(times: Sequence[float], where: str) -> list[float]:
 
 
 def switch(value: object, where: str) -> bool:
-    """True or False, also as 1 or 0.
+    """Return True or False, also as 1 or 0.
 
     Raises:
         CallError: It is something else.

@@ -33,7 +33,7 @@ class DcmService:
         return [self._prefix, DEVICE_LIST]
 
     def getTime(self, offset: int) -> int:
-        """The DCM's time [ms], 32 bits with a sign, and ``offset`` ms more."""
+        """Return the DCM's time [ms], 32 bits with a sign, and ``offset`` ms more."""
         if not isinstance(offset, int) or isinstance(offset, bool):
             raise RequestError(f"the offset must be a whole number of ms, got {offset!r}")
         return wrapped(self._robot.time() + offset)
@@ -73,7 +73,7 @@ class DcmService:
         )
 
     def _key(self, name: str) -> str:
-        """The full key of an actuator, given with or without its prefix; "" if there is none."""
+        """Return the full key of an actuator, given with or without its prefix; "" if there is none."""
         for key in (name, self._prefix + name):
             if key in self._robot.actuators:
                 return key
@@ -172,7 +172,7 @@ class MemoryService:
         self._memory.raise_event(_text(name), value, "MicroEvent")
 
     def subscriber(self, name: str) -> Subscriber:
-        """An object whose ``signal`` is emitted with the value each time the event is raised."""
+        """Return an object whose ``signal`` is emitted with the value each time the event is raised."""
         if name not in self._subscribers:
             made = self._subscribers[_text(name)] = Subscriber()
             self._memory.listen(name, made.signal)

@@ -91,7 +91,7 @@ def _eye_groups(made: dict[str, list[str]], side: str) -> None:
 
 
 def channel(actuator: str) -> str:
-    """The colour of an LED. Those of the ears are blue."""
+    """Return the colour of an LED. Those of the ears are blue."""
     return next((colour for colour in COLOURS if f"/{colour}/" in actuator), "Blue")
 
 

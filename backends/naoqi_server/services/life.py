@@ -46,7 +46,7 @@ class PostureService:
         return list(NAMES)
 
     def getPosture(self) -> str:
-        """The posture the robot has, or "Unknown"."""
+        """Return the posture the robot has, or "Unknown"."""
         return self._postures.now
 
     def getPostureFamilyList(self) -> list[str]:

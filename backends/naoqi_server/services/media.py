@@ -151,7 +151,7 @@ class VideoService:
 
     @qi.bind(IMAGE, ["m"])  # type: ignore[untyped-decorator]  # qi has no types
     def getImageRemote(self, handle: object) -> tuple[object, ...]:
-        """A picture, as the tuple of NAOqi with its bytes."""
+        """Return a picture, as the tuple of NAOqi with its bytes."""
         stream = self._stream(handle, "getImageRemote")
         width, height = SIZES[stream.resolution]
         now = time.time()

@@ -308,7 +308,7 @@ class ToolCalls(MotionCalls):
         return round(1000 * self._shared.settings.cycle)
 
     def getSummary(self) -> str:
-        """A table of stiffnesses, commands and sensors, for people."""
+        """Return a table of stiffnesses, commands and sensors, for people."""
         with self._motion.lock:
             joints = self._motion.joints
             rows = [
@@ -370,7 +370,7 @@ class ToolCalls(MotionCalls):
         return position6(self._pose(name, frame, sensors, "ALMotion::getPosition"))
 
     def getTransform(self, name: object, frame: object, sensors: object) -> list[float]:
-        """The same as a matrix: 16 numbers, line by line."""
+        """Return the same as a matrix: 16 numbers, line by line."""
         pose = self._pose(name, frame, sensors, "ALMotion::getTransform")
         numbers: list[float] = pose.ravel().tolist()
         return numbers

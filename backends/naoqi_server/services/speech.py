@@ -68,7 +68,7 @@ class SpeechService:
         self._voice.language = _language(language, "ALTextToSpeech::setLanguage")
 
     def getLanguage(self) -> str:
-        """The language."""
+        """Return the language."""
         return self._voice.language
 
     def locale(self) -> str:
@@ -265,7 +265,7 @@ class LogManagerService:
         self._listeners: list[LogListener] = []
 
     def getListener(self) -> LogListener:
-        """An object that tells log messages."""
+        """Return an object that tells log messages."""
         self._listeners.append(LogListener())
         return self._listeners[-1]
 

@@ -109,7 +109,7 @@ class BodyTemperatureService:
         return self._notifies
 
     def getTemperatureDiagnosis(self) -> list[object]:
-        """The worst level, 0 to 3, and the joints that have it; empty while all is well."""
+        """Return the worst level, 0 to 3, and the joints that have it; empty while all is well."""
         levels = {joint: int(self._robot.value(key)) for joint, key in self._status.items()}
         worst = max(levels.values())
         return [worst, [j for j, level in levels.items() if level == worst]] if worst else []
@@ -236,11 +236,11 @@ class DiagnosisService:
                 context.memory.insert(_key(kind, device), 0)
 
     def getPassiveDiagnosis(self) -> list[object]:
-        """The highest level of failure, and the devices that have it; empty while all is well."""
+        """Return the highest level of failure, and the devices that have it; empty while all is well."""
         return self._summary("Passive")
 
     def getActiveDiagnosis(self) -> list[object]:
-        """The same, of the test at waking up."""
+        """Return the same, of the test at waking up."""
         return self._summary("Active")
 
     def _summary(self, kind: str) -> list[object]:
