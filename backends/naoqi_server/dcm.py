@@ -52,7 +52,7 @@ class DcmClock:
 
     @property
     def shown(self) -> int:
-        """What the robot's clock shows now."""
+        """Present value of the robot's clock."""
         return wrapped(self.count)
 
 

@@ -163,7 +163,7 @@ class InjectedFault:
 
     @property
     def kind(self) -> FaultKind:
-        """What it is."""
+        """Kind of the fault."""
         return FAULTS[self.name]
 
     @property

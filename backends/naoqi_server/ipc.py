@@ -151,7 +151,7 @@ def spawn(
 
 
 def wait_until_ready(process: subprocess.Popen[bytes], line: socket.socket) -> dict[str, Any]:
-    """What a process says when it is ready.
+    """Wait for a process, and return its first message.
 
     Raises:
         BackendError: It refuses, for the reason given, or ended.
@@ -179,11 +179,11 @@ class Robot(Protocol):
 
     @property
     def actuators(self) -> frozenset[str]:
-        """Those among the keys that :meth:`order` takes."""
+        """Keys that :meth:`order` takes."""
 
     @property
     def info(self) -> Mapping[str, Any]:
-        """What the robot says of itself: ``identity``, ``plant``, ``links``, ``posture``, ..."""
+        """Description of the robot: ``identity``, ``plant``, ``links``, ``posture``, ..."""
 
     def values(self) -> list[float]:
         """Newest values of all keys, of one cycle, in the order of ``keys``."""
@@ -231,7 +231,7 @@ class Robot(Protocol):
         """End all faults that can end."""
 
     def black_box(self, last: int | None = None) -> BlackBox:
-        """What the robot really did in the last cycles; all that is kept, or that many."""
+        """Return the truth of the last cycles; all that are kept, or so many."""
 
 
 _MOST_COMMANDS = PACKET // 64
@@ -262,7 +262,7 @@ class RobotClient:
 
     @property
     def info(self) -> dict[str, Any]:
-        """What the robot says of itself."""
+        """Description of the robot."""
         return self._table.info
 
     def values(self) -> list[float]:
@@ -314,7 +314,7 @@ class RobotClient:
         self.ask("clear_faults")
 
     def black_box(self, last: int | None = None) -> BlackBox:
-        """What the robot really did in the last cycles."""
+        """Return the truth of the last cycles."""
         return self._table.black_box(last)
 
     def ask(self, what: str, **arguments: object) -> None:

@@ -57,7 +57,7 @@ class Parts(Protocol):
 
     @property
     def proxy(self) -> NetworkProxy | None:
-        """What the link goes through, if anything."""
+        """Proxy of the connection, if there is one."""
 
     @property
     def network(self) -> str:
@@ -363,12 +363,12 @@ class StandIn:
 
     @property
     def port(self) -> int:
-        """Where NAOqi listens."""
+        """Port of NAOqi."""
         return self._port
 
     @property
     def url(self) -> str:
-        """The same, as ``qi.Session.connect`` takes it."""
+        """Address of NAOqi, as ``qi.Session.connect`` takes it."""
         return f"{'tcps' if self._login else 'tcp'}://{self._host}:{self._port}"
 
     @property
@@ -383,7 +383,7 @@ class StandIn:
 
     @checked_arguments
     def black_box(self, last: int | None = None) -> BlackBox:
-        """What the robot really did in the last two minutes, or ``last`` cycles; also after its process ended."""
+        """Return the truth of the last two minutes, or ``last`` cycles; also after its process ended."""
         return self.robot.black_box(last)
 
     def wait(self) -> str:

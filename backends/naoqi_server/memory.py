@@ -77,7 +77,7 @@ class Memory:
         return found
 
     def stamp(self, key: str) -> float:
-        """When the value was written, by the robot's clock [s since 1970].
+        """Return the time at which the value was written, by the robot's clock [s since 1970].
 
         Raises:
             NoDataError: There is none.
@@ -95,7 +95,7 @@ class Memory:
         return sorted(key for key in (*robots, *own) if part in key)
 
     def kind(self, key: str) -> Kind:
-        """Whether a key is data or an event.
+        """Return the kind of a key: data or an event.
 
         Raises:
             NoDataError: There is none.
@@ -183,7 +183,7 @@ class SensorEvents:
 
     @property
     def touched(self) -> dict[str, bool]:
-        """Whether each sensor is touched, by its name in ``TouchChanged``."""
+        """State of each sensor, true if touched, by its name in ``TouchChanged``."""
         names = (touch for _, touch in self._events.values())
         return dict(zip(names, (value > 0.0 for value in self._last), strict=True))
 

@@ -259,7 +259,7 @@ class NetworkProxy:
 
 
 async def _serve(owner: socket.socket) -> None:
-    """The process: serves until the other end of ``owner`` closes."""
+    """Serve until the other end of ``owner`` closes."""
     setup = receive(owner)
     if setup is None:
         return

@@ -89,7 +89,7 @@ class DcmHardware:
 
     @property
     def actuator_values(self) -> dict[str, float]:
-        """What was last sent to each actuator, in the order of the DCM."""
+        """Last values of the actuators, in the order of the DCM."""
         return dict(zip(self.keys, self.values[: self._actuators].tolist(), strict=False))
 
     def cycle(self, actuators: list[float], date: int) -> None:
@@ -111,7 +111,7 @@ class DcmHardware:
         self.values[self._date] = date
 
     def _command(self) -> Command:
-        """What the boards make of it: a joint's goes no farther than the joint."""
+        """Return the command of the boards: targets of joints stay within the joints' ranges."""
         robot, values = self._robot, self.values
         limit = robot.wheels.speed_limit
         return Command(
@@ -134,7 +134,7 @@ class DcmHardware:
 
     @property
     def info(self) -> dict[str, Any]:
-        """What the robot says of itself, for the other processes."""
+        """Description of the robot, for the other processes."""
         info, plant = self.backend.info, self.backend.plant.config
         assert plant is not None  # of MuJoCo
         return {
@@ -152,7 +152,7 @@ class DcmHardware:
         return truth.position, self.measurement.wheel_speed, truth.base
 
     def commanded(self) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-        """What the DCM sent: positions (17,), hardness (17,), wheel speeds (3,) and wheel stiffness (3,)."""
+        """Return the DCM's commands: positions (17,), hardness (17,), wheel speeds (3,), wheel stiffness (3,)."""
         values = self.values
         return (
             values[self._position_command],
@@ -267,7 +267,7 @@ class RobotProcess:
         return True
 
     def _know_naoqi(self, pid: int) -> None:
-        """Who is to end with this process: a NAOqi process that was stopped does not see that its owner is gone."""
+        """Remember the NAOqi process, which ends with this one: a stopped one does not see that its owner is gone."""
         self._naoqi = os.pidfd_open(pid)
 
     def end(self) -> None:
@@ -287,7 +287,7 @@ class RobotProcess:
 
 
 def _arrays(arguments: dict[str, Any], *names: str) -> dict[str, Any]:
-    """Lists into arrays."""
+    """Convert lists into arrays."""
     return {
         name: np.array(value, dtype=np.float64) if name in names and value is not None else value
         for name, value in arguments.items()

@@ -179,7 +179,7 @@ class Table:
 
     @property
     def info(self) -> dict[str, Any]:
-        """What the robot says of itself."""
+        """Description of the robot."""
         info: dict[str, Any] = json.loads(self._info[: self._header[_INFO_SIZE]].tobytes())
         return info
 

@@ -28,7 +28,7 @@ _SCALARS = {
 
 @dataclass(frozen=True, kw_only=True)
 class Login:
-    """Who may come in. On the robot the token is the password of its user ``nao``."""
+    """Credentials of a client. On the robot the token is the password of its user ``nao``."""
 
     user: str
     token: str = field(repr=False)
@@ -69,7 +69,7 @@ class Login:
 
 
 def read_capabilities(body: bytes) -> dict[str, object]:
-    """Return the scalars and texts of a map from text to dynamic values, ``{sm}``, up to the first value that is neither."""
+    """Return the scalars and texts of a map of dynamic values, ``{sm}``, up to the first value that is neither."""
     found: dict[str, object] = {}
     try:
         (count,) = struct.unpack_from("<I", body)

@@ -100,7 +100,7 @@ class Bezier:
 
     @staticmethod
     def _ordered(left: Point, right: Point) -> tuple[float, float, float, float]:
-        """Times of a segment's four points; handles beyond the other end are cut, or time would run backwards."""
+        """Return the times of a segment's four points; handles beyond the other end are cut."""
         after = min(max(left.time + left.after[0], left.time), right.time)
         before = max(min(right.time + right.before[0], right.time), left.time)
         return left.time, after, before, right.time

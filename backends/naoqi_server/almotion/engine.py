@@ -167,7 +167,7 @@ class AlmotionReflexes:
             raise CallError(where, CONSENT)
 
     def wake_up(self) -> None:
-        """What waking up switches on again: all but diagnosis effect and smart stiffness."""
+        """Switch on what waking up switches on: all but diagnosis effect and smart stiffness."""
         self.self_collision = dict.fromkeys(ARMS, True)
         self.external = dict.fromkeys(("Move", *ARMS), True)
         self.fall_manager = self.push_recovery = True
@@ -187,7 +187,7 @@ class AlmotionReflexes:
 
     @property
     def wheels(self) -> bool:
-        """Whether the speeds of the wheels are written in every cycle."""
+        """True if the speeds of the wheels are written in every cycle."""
         return self.external["Move"] or self.push_recovery
 
 
@@ -202,7 +202,7 @@ SMART_STIFFNESS_DELAY = 0.5
 
 @dataclass(frozen=True, kw_only=True)
 class MotionOutput:
-    """What one cycle orders, by joint: angles of joints that start anew, of others, stiffnesses; and of the wheels."""
+    """Output of one cycle, by joint: angles of joints that start again, of others, stiffnesses; and of the wheels."""
 
     fresh: dict[int, float]
     angles: dict[int, float]
@@ -212,7 +212,7 @@ class MotionOutput:
 
 
 class MotionEngine:
-    """What ALMotion commands. Services change its parts under ``lock``; a cycle is worked out under it too.
+    """Commands of ALMotion. Services change its parts under ``lock``; a cycle is computed under it too.
 
     Args:
         robot: What to move.
@@ -321,7 +321,7 @@ class MotionEngine:
         )
 
     def _stiffnesses(self) -> dict[int, float]:
-        """Those to be ordered: with smart stiffness all, in every cycle; else those that changed."""
+        """Return the stiffnesses to write: with smart stiffness all, in every cycle; else those that changed."""
         smart = self.awake and self.reflexes.smart_stiffness
         share = (
             self._settings.smart_stiffness if smart and self._still > SMART_STIFFNESS_DELAY else 1.0

@@ -59,12 +59,12 @@ class AlmotionTask:
 
     @property
     def running(self) -> bool:
-        """Whether it has begun."""
+        """True if it has begun."""
         return self._curves is not None
 
     @property
     def over(self) -> bool:
-        """Whether it has ended, of itself or by being killed."""
+        """True if it has ended, of itself or by being killed."""
         return self._over.is_set()
 
     def begin(self, start: Mapping[int, tuple[float, float]]) -> None:
@@ -79,7 +79,7 @@ class AlmotionTask:
 
     @property
     def finished(self) -> bool:
-        """Whether all curves are at their end."""
+        """True if all curves are at their end."""
         curves = self._curves or {}
         return all(self.elapsed >= curve.duration for curve in curves.values())
 
@@ -108,7 +108,7 @@ class AlmotionTasks:
         self._tasks.append(task)
 
     def runnable(self) -> list[AlmotionTask]:
-        """Those that have their joints to themselves."""
+        """Return the tasks that have their joints to themselves."""
         taken: set[tuple[str, int]] = set()
         free = []
         for task in self._tasks:
@@ -119,7 +119,7 @@ class AlmotionTasks:
         return free
 
     def of(self, joints: set[int] | frozenset[int]) -> list[AlmotionTask]:
-        """Those that have, or wait for, any of the joints."""
+        """Return the tasks that have, or wait for, any of the joints."""
         return [task for task in self._tasks if task.joints & joints]
 
     def end(self, task: AlmotionTask, *, completed: bool) -> None:
@@ -140,7 +140,7 @@ GROUPS = {
 
 
 class Idle:
-    """Which chains breathe or keep a posture, and where idle joints are to be now.
+    """Idle motion: chains that breathe or keep a posture, and the targets of idle joints.
 
     Attributes:
         breathing: Chains that breathe because of a call.
@@ -176,13 +176,13 @@ class Idle:
         return GROUPS[name]
 
     def moves(self, joint: int) -> bool:
-        """Whether a joint that nobody uses is moved by this now."""
+        """Return true if a joint that nobody uses is moved by this now."""
         chain = self._chain_of[joint]
         breathes = chain in self.breathing or self.alive
         return breathes or chain in self.posture or (self.looking and joint in self._head)
 
     def target(self, joint: int, anchor: float, time: float) -> float:
-        """Where an idle joint is to be at a time [s], where ``anchor`` is the angle it was left at."""
+        """Return the target of an idle joint at a time [s]; ``anchor`` is the angle at which it was left."""
         if self.looking and joint in self._head:
             self._look(time)
             return self._glance[joint]
@@ -250,11 +250,11 @@ class Joints:
 
     @property
     def moving(self) -> bool:
-        """Whether any joint with stiffness is commanded to move."""
+        """True if any joint with stiffness is commanded to move."""
         return any(abs(self.velocity[joint]) > MOVING for joint in self.stiff)
 
     def target(self, joint: int) -> float:
-        """Where a joint is going, or is."""
+        """Return the target of a joint, or its position."""
         return self._targets.get(joint, (self.command[joint], 0.0))[0]
 
     def set_target(self, joint: int, angle: float, fraction: float) -> None:

@@ -67,7 +67,7 @@ class JointGroups:
         self.torque = [joint.effort for joint in config.joints]
 
     def name(self, index: int) -> str:
-        """Of a joint."""
+        """Return the name of a joint."""
         return self._names[index]
 
     def names(self, group: object, where: str) -> list[str]:
@@ -81,7 +81,7 @@ class JointGroups:
         return [self._names[index] for index in self.joints(group, where)]
 
     def joints(self, names: object, where: str) -> list[int]:
-        """Indices of joints from a name of a joint or group, or a list of such names.
+        """Return the indices of joints from a name of a joint or group, or a list of such names.
 
         Raises:
             CallError: An unknown name, or the same joint twice.
@@ -161,7 +161,7 @@ TORSO, WORLD, ROBOT = 0, 1, 2
 
 @dataclass(frozen=True, kw_only=True)
 class _Link:
-    """How a link hangs on its parent: fixed transform, then a turn of ``joint`` about ``axis``."""
+    """Place of a link on its parent: fixed transform, then a rotation of ``joint`` about ``axis``."""
 
     parent: str
     origin: FloatArray
@@ -259,7 +259,7 @@ def _turned(axis: FloatArray, angle: float) -> FloatArray:
 
 
 def _read_links(config: RobotConfig) -> dict[str, _Link]:
-    """How each link but the root hangs on its parent."""
+    """Read the place of each link on its parent, but of the root."""
     links = {}
     axes = {joint.name: joint.axis for joint in config.joints}
     for element in ElementTree.parse(config.urdf).getroot().iter("joint"):

@@ -46,7 +46,7 @@ class Postures:
         return task
 
     def reached(self, name: str) -> bool:
-        """Whether the robot has a posture, by its sensors."""
+        """Return true if the robot has a posture, by its sensors."""
         with self._motion.lock:
             sensed = self._motion.joints.sensed
         hands = self._motion.body.hands
@@ -91,7 +91,7 @@ class Life:
         self.paused = False
 
     def running(self, ability: str) -> bool:
-        """Whether an ability is at work."""
+        """Return true if an ability is at work."""
         return self.enabled[ability] and not (ability == "BasicAwareness" and self.paused)
 
     def enter(self, state: str) -> None:

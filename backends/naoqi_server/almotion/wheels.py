@@ -95,7 +95,7 @@ class Move:
 
 
 class AlmotionBase:
-    """What the wheels are told, and where they say the robot is. Not safe for several threads: the engine locks.
+    """Commands of the wheels, and odometry. Not safe for several threads: the engine locks.
 
     Attributes:
         twist: (3,) commanded velocity of the base in its own axes: [m/s], [m/s], [rad/s].
@@ -117,7 +117,7 @@ class AlmotionBase:
 
     @property
     def active(self) -> bool:
-        """Whether it drives, or wants to."""
+        """True if it drives, or wants to."""
         return bool(
             self._move is not None
             or np.abs(self._target).max() > TWIST_EPSILON

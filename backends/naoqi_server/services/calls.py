@@ -23,7 +23,7 @@ Method = TypeVar("Method", bound=Callable[..., Any])
 
 
 class Record:
-    """What services were told to do that nobody sees: speech, lights, the tablet. The oldest entries are forgotten."""
+    """Record of calls without a visible effect: speech, lights, the tablet. The oldest entries are forgotten."""
 
     def __init__(self) -> None:
         self._lock = Lock()

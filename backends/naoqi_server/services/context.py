@@ -85,7 +85,7 @@ class Voice:
 
 
 def spoken(text: str) -> str:
-    """What is said of a text: without tags."""
+    """Return the spoken part of a text: without tags."""
     return " ".join(_TAGS.sub(" ", text).split())
 
 
@@ -135,7 +135,7 @@ class Shared:
 
 @dataclass(frozen=True, kw_only=True)
 class Context:
-    """What services share.
+    """Objects that services share.
 
     Attributes:
         robot: The robot.
@@ -171,7 +171,7 @@ class MotionCalls:
 
 
 def rising(times: Sequence[float], where: str) -> list[float]:
-    """Times of a motion [s].
+    """Return the times of a motion [s].
 
     Raises:
         CallError: They are not positive, or do not rise.

@@ -29,7 +29,7 @@ class DcmService:
         self._aliases: dict[str, list[str]] = {}
 
     def getPrefix(self) -> list[str]:
-        """What stands before the names of sub-devices, and of devices."""
+        """Return the prefixes of the names of sub-devices, and of devices."""
         return [self._prefix, DEVICE_LIST]
 
     def getTime(self, offset: int) -> int:
@@ -49,7 +49,7 @@ class DcmService:
         return [name, found]
 
     def set(self, request: object) -> None:
-        """The same commands for an actuator, or for all of an alias: ``[name, update type, [[value, time], ...]]``."""
+        """Set commands of an actuator, or of all in an alias: ``[name, update type, [[value, time], ...]]``."""
         name, update, commands = set_request(request)
         keys = [self._key(name)] if self._key(name) else self._alias(name)
         self._order(keys, update, [commands] * len(keys))
@@ -86,7 +86,7 @@ class DcmService:
 
 
 class Subscriber:
-    """What ``subscriber`` returns: connect to its ``signal``."""
+    """Result of ``subscriber``: connect to its ``signal``."""
 
     def __init__(self) -> None:
         self.signal = qi.Signal("(m)")
@@ -138,7 +138,7 @@ class MemoryService:
         return self._memory.names(kind="MicroEvent")
 
     def getType(self, key: str) -> str:
-        """Whether a key is "Data", an "Event" or a "MicroEvent"."""
+        """Return the type of a key: "Data", "Event" or "MicroEvent"."""
         return self._memory.kind(_text(key))
 
     def insertData(self, key: str, value: Value) -> None:
@@ -160,7 +160,7 @@ class MemoryService:
 
     @named("declareEvent")
     def _declare_event(self, name: str, extractor: str) -> None:
-        """Likewise, with the name of who will raise it."""
+        """Declare an event, with the name of the module that will raise it."""
         self.declareEvent(name)
 
     def raiseEvent(self, name: str, value: Value) -> None:
@@ -168,7 +168,7 @@ class MemoryService:
         self._memory.raise_event(_text(name), value)
 
     def raiseMicroEvent(self, name: str, value: Value) -> None:
-        """Likewise for a micro-event."""
+        """Raise a micro-event."""
         self._memory.raise_event(_text(name), value, "MicroEvent")
 
     def subscriber(self, name: str) -> Subscriber:
@@ -184,7 +184,7 @@ class MemoryService:
 
     @named("subscribeToEvent")
     def _subscribe_to_event(self, name: str, module: str, message: str, method: str) -> None:
-        """Likewise, with a message for the method."""
+        """Subscribe to an event, with a message for the method."""
         self._subscribe(name, module, method, message, "Event")
 
     def subscribeToMicroEvent(self, name: str, module: str, message: str, method: str) -> None:

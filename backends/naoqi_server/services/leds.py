@@ -143,14 +143,14 @@ class LedsService:
         return self._actuators(name, "ALLeds::listLED")
 
     def createGroup(self, name: object, leds: Sequence[object]) -> None:
-        """A group of LEDs, given by any names."""
+        """Make a group of LEDs, given by any names."""
         where = "ALLeds::createGroup"
         if not isinstance(name, str) or not isinstance(leds, list | tuple):
             raise CallError(where, "expected a name and a list of LEDs")
         self._groups[name] = [found for led in leds for found in self._actuators(led, where)]
 
     def getIntensity(self, name: object) -> float:
-        """Of an LED; of a group the mean."""
+        """Return the intensity of an LED; of a group the mean."""
         actuators = self._actuators(name, "ALLeds::getIntensity")
         values = [self._robot.value(self._prefix + actuator) for actuator in actuators]
         return sum(values) / len(values)

@@ -54,7 +54,7 @@ class PostureService:
         return sorted(set(FAMILIES.values()))
 
     def getPostureFamily(self) -> str:
-        """That of the robot, or "Unknown"."""
+        """Return the posture of the robot, or "Unknown"."""
         return FAMILIES.get(self._postures.now, "Unknown")
 
     @blocking
@@ -76,7 +76,7 @@ class PostureService:
                 self._motion.joints.kill([task])
 
     def setMaxTryNumber(self, tries: object) -> None:
-        """How often to try. Once is enough here."""
+        """Set the number of tries. Once is enough here."""
         number(tries, "ALRobotPosture::setMaxTryNumber", "the number of tries")
 
     def _go(self, name: object, speed: object, where: str) -> bool:
@@ -144,7 +144,7 @@ class LifeService:
         self._life.apply()
 
     def getAutonomousAbilityEnabled(self, ability: object) -> bool:
-        """Whether an ability, or each of "All", is enabled."""
+        """Return true if an ability, or each of "All", is enabled."""
         names = self._abilities(ability, "ALAutonomousLife::getAutonomousAbilityEnabled")
         return all(self._life.enabled[name] for name in names)
 
@@ -171,7 +171,7 @@ class LifeService:
 
 
 class AbilityService:
-    """What the services of the abilities share."""
+    """Common part of the services of abilities."""
 
     ability = ""
 
@@ -184,11 +184,11 @@ class AbilityService:
         self._life.apply()
 
     def isEnabled(self) -> bool:
-        """Whether it is enabled."""
+        """Return true if it is enabled."""
         return self._life.enabled[self.ability]
 
     def isRunning(self) -> bool:
-        """Whether it is at work."""
+        """Return true if it is at work."""
         return self._life.running(self.ability)
 
 
@@ -248,7 +248,7 @@ class AwarenessService(AbilityService):
         self._pause(False)
 
     def isAwarenessPaused(self) -> bool:
-        """Whether it was paused."""
+        """Return true if it was paused."""
         return self._life.paused
 
     def setEngagementMode(self, mode: object) -> None:
@@ -256,7 +256,7 @@ class AwarenessService(AbilityService):
         self._set("engagement", mode, "ALBasicAwareness::setEngagementMode")
 
     def getEngagementMode(self) -> str:
-        """What was set."""
+        """Return the value that was set."""
         return self._modes["engagement"]
 
     def setTrackingMode(self, mode: object) -> None:
@@ -264,15 +264,15 @@ class AwarenessService(AbilityService):
         self._set("tracking", mode, "ALBasicAwareness::setTrackingMode")
 
     def getTrackingMode(self) -> str:
-        """What was set."""
+        """Return the value that was set."""
         return self._modes["tracking"]
 
     def setStimulusDetectionEnabled(self, stimulus: str, enabled: bool) -> None:
-        """Whether a kind of stimulus counts."""
+        """Set if a kind of stimulus counts."""
         self._stimuli[stimulus] = enabled
 
     def isStimulusDetectionEnabled(self, stimulus: str) -> bool:
-        """Whether it does."""
+        """Return true if it is switched on."""
         return self._stimuli.get(stimulus, True)
 
     def setParameter(self, name: object, value: object) -> None:
@@ -285,7 +285,7 @@ class AwarenessService(AbilityService):
         self._parameters[str(name)] = number(value, where, str(name))
 
     def getParameter(self, name: object) -> float:
-        """What was set."""
+        """Return the value that was set."""
         if name not in self._parameters:
             raise CallError("ALBasicAwareness::getParameter", f"unknown parameter: {name}")
         return self._parameters[str(name)]

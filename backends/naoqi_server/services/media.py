@@ -101,7 +101,7 @@ class VideoService:
         return self._streams.pop(str(handle), None) is not None
 
     def getSubscribers(self) -> list[str]:
-        """Handles."""
+        """Return the handles."""
         return list(self._streams)
 
     def getCameraIndexes(self) -> list[int]:
@@ -119,7 +119,7 @@ class VideoService:
         return True
 
     def getActiveCamera(self, *handle: object) -> int:
-        """Number of the camera."""
+        """Return the number of the camera."""
         return self._stream(handle[0], "getActiveCamera").camera if handle else 0
 
     def setActiveCamera(self, handle: object, camera: object) -> bool:
@@ -142,7 +142,7 @@ class VideoService:
         return self._stream(handle, "getFrameRate").rate
 
     def getParameter(self, camera: object, parameter: object) -> int:
-        """Settings of cameras are not kept: 0."""
+        """Return 0: settings of cameras are not kept."""
         return 0
 
     def setParameter(self, camera: object, parameter: object, value: object) -> bool:
@@ -305,7 +305,7 @@ class TabletService:
         return True
 
     def getBrightness(self) -> float:
-        """What was set."""
+        """Return the value that was set."""
         return self._brightness
 
     def turnScreenOn(self, on: object) -> None:
@@ -334,11 +334,11 @@ class TabletService:
         )
 
     def getWifiStatus(self) -> str:
-        """Of the tablet's own network."""
+        """Return the state of the tablet's own network."""
         return "DISCONNECTED"
 
     def version(self) -> str:
-        """Of the tablet's browser."""
+        """Return the version of the tablet's browser."""
         return "stand-in"
 
     def _show(self, method: str, what: object) -> bool:

@@ -189,7 +189,7 @@ class StiffnessCalls(MotionCalls):
         self._shared.waking.rest()
 
     def robotIsWakeUp(self) -> bool:
-        """Whether the motors are on."""
+        """Return true if the motors are on."""
         return self._motion.awake
 
     def setStiffnesses(self, names: object, stiffnesses: object) -> None:
@@ -237,7 +237,7 @@ class StiffnessCalls(MotionCalls):
         task.wait()
 
     def _allowed(self, joints: Sequence[int], where: str) -> frozenset[int]:
-        """Those of the joints whose stiffness can be set: not the leg's. "Body" then stands for the others."""
+        """Return the joints whose stiffness can be set: not the leg's. "Body" then stands for the others."""
         allowed = frozenset(joints) - self._motion.body.legs
         if not allowed:
             raise CallError(where, "the stiffness of the leg cannot be set: use wakeUp or rest")
@@ -298,7 +298,7 @@ class ToolCalls(MotionCalls):
         ]
 
     def getLimits(self, names: object) -> list[list[float]]:
-        """Of each joint: least and largest angle [rad], largest speed [rad/s] and torque [N m]."""
+        """Return for each joint the smallest and largest angle [rad], largest speed [rad/s] and torque [N m]."""
         body = self._motion.body
         joints = body.joints(names, "ALMotion::getLimits")
         return [[body.lower[j], body.upper[j], body.speed[j], body.torque[j]] for j in joints]
@@ -340,7 +340,7 @@ class ToolCalls(MotionCalls):
             return [[task.name, task.number] for task in self._motion.joints.tasks]
 
     def areResourcesAvailable(self, names: object) -> bool:
-        """Whether no task has any of the joints."""
+        """Return true if no task has any of the joints."""
         joints = self._motion.body.joints(names, "ALMotion::areResourcesAvailable")
         with self._motion.lock:
             return not self._motion.joints.tasks.of(set(joints))

@@ -91,7 +91,7 @@ class BaseCalls(MotionCalls):
         """Get ready to drive: a base on wheels is."""
 
     def moveIsActive(self) -> bool:
-        """Whether the base drives, or is about to."""
+        """Return true if the base drives, or is about to."""
         with self._motion.lock:
             return self._motion.base.active
 
@@ -103,7 +103,7 @@ class BaseCalls(MotionCalls):
         return [x, y, wrapped_angle(heading)]
 
     def getNextRobotPosition(self) -> list[float]:
-        """Where the robot will be once nothing can be changed any more: on wheels, where it is."""
+        """Return the place that the robot cannot avoid any more: on wheels, its present one."""
         return self.getRobotPosition(False)
 
     def getRobotVelocity(self) -> list[float]:
@@ -124,12 +124,12 @@ class BaseCalls(MotionCalls):
         return [[name, values[place]] for name, values in drive.items()]
 
     def setMoveArmsEnabled(self, left: object, right: object) -> None:
-        """Whether the arms swing while the base drives. They do not here; it is only kept."""
+        """Set if the arms swing while the base drives. They do not here; it is only kept."""
         where = "ALMotion::setMoveArmsEnabled"
         self._move_arms = {"LArm": switch(left, where), "RArm": switch(right, where)}
 
     def getMoveArmsEnabled(self, arm: object) -> bool:
-        """What was set for an arm, or "Arms"."""
+        """Return the value that was set for an arm, or "Arms"."""
         arms = self._motion.reflexes.arms(arm, "ALMotion::getMoveArmsEnabled")
         return all(self._move_arms[name] for name in arms)
 
@@ -192,7 +192,7 @@ class ReflexCalls(MotionCalls):
         return True
 
     def getCollisionProtectionEnabled(self, chain: object) -> bool:
-        """Whether it is on."""
+        """Return true if it is switched on."""
         reflexes = self._motion.reflexes
         arms = reflexes.arms(chain, "ALMotion::getCollisionProtectionEnabled")
         return all(reflexes.self_collision[arm] for arm in arms)
@@ -208,34 +208,34 @@ class ReflexCalls(MotionCalls):
             reflexes.external.update(dict.fromkeys(parts, on))
 
     def getExternalCollisionProtectionEnabled(self, name: object) -> bool:
-        """Whether it is on."""
+        """Return true if it is switched on."""
         reflexes = self._motion.reflexes
         parts = reflexes.externals(name, "ALMotion::getExternalCollisionProtectionEnabled")
         return all(reflexes.external[part] for part in parts)
 
     def setDiagnosisEffectEnabled(self, enable: object) -> None:
-        """Whether broken devices make the robot rest."""
+        """Set if broken devices make the robot rest."""
         on = switch(enable, "ALMotion::setDiagnosisEffectEnabled")
         with self._motion.lock:
             self._motion.reflexes.diagnosis = on
 
     def getDiagnosisEffectEnabled(self) -> bool:
-        """Whether it is on."""
+        """Return true if it is switched on."""
         return self._motion.reflexes.diagnosis
 
     def setSmartStiffnessEnabled(self, enable: object) -> bool:
-        """Whether stiffness is reduced while nothing moves."""
+        """Set if stiffness is reduced while nothing moves."""
         on = switch(enable, "ALMotion::setSmartStiffnessEnabled")
         with self._motion.lock:
             self._motion.reflexes.smart_stiffness = on
         return True
 
     def getSmartStiffnessEnabled(self) -> bool:
-        """Whether it is on."""
+        """Return true if it is switched on."""
         return self._motion.reflexes.smart_stiffness
 
     def setFallManagerEnabled(self, enable: object) -> None:
-        """What the robot does when it falls. Critical."""
+        """Set the reaction to a fall. Critical."""
         where = "ALMotion::setFallManagerEnabled"
         on = switch(enable, where)
         self._motion.reflexes.check_consent(on, where)
@@ -243,11 +243,11 @@ class ReflexCalls(MotionCalls):
             self._motion.reflexes.fall_manager = on
 
     def getFallManagerEnabled(self) -> bool:
-        """Whether it is on."""
+        """Return true if it is switched on."""
         return self._motion.reflexes.fall_manager
 
     def setPushRecoveryEnabled(self, enable: object) -> None:
-        """What the robot does when it is pushed. Critical."""
+        """Set the reaction to a push. Critical."""
         where = "ALMotion::setPushRecoveryEnabled"
         on = switch(enable, where)
         self._motion.reflexes.check_consent(on, where)
@@ -255,7 +255,7 @@ class ReflexCalls(MotionCalls):
             self._motion.reflexes.push_recovery = on
 
     def getPushRecoveryEnabled(self) -> bool:
-        """Whether it is on."""
+        """Return true if it is switched on."""
         return self._motion.reflexes.push_recovery
 
     def setOrthogonalSecurityDistance(self, distance: object) -> None:
@@ -264,7 +264,7 @@ class ReflexCalls(MotionCalls):
         self._motion.reflexes.orthogonal = number(distance, where, "the distance")
 
     def getOrthogonalSecurityDistance(self) -> float:
-        """What was set [m]."""
+        """Return the value that was set [m]."""
         return self._motion.reflexes.orthogonal
 
     def setTangentialSecurityDistance(self, distance: object) -> None:
@@ -273,29 +273,29 @@ class ReflexCalls(MotionCalls):
         self._motion.reflexes.tangential = number(distance, where, "the distance")
 
     def getTangentialSecurityDistance(self) -> float:
-        """What was set [m]."""
+        """Return the value that was set [m]."""
         return self._motion.reflexes.tangential
 
     def setBreathEnabled(self, chain: object, enable: object) -> None:
-        """Whether the idle joints of a chain breathe."""
+        """Set if the idle joints of a chain breathe."""
         self._idle(chain, enable, "setBreathEnabled", breathe=True)
 
     def getBreathEnabled(self, chain: object) -> bool:
-        """Whether they do."""
+        """Return true if it is switched on."""
         chains = self._motion.idle.chains(chain, "ALMotion::getBreathEnabled")
         return set(chains) <= self._motion.idle.breathing
 
     def setIdlePostureEnabled(self, chain: object, enable: object) -> None:
-        """Whether the idle joints of a chain go back to the posture Stand."""
+        """Set if the idle joints of a chain go back to the posture Stand."""
         self._idle(chain, enable, "setIdlePostureEnabled", breathe=False)
 
     def getIdlePostureEnabled(self, chain: object) -> bool:
-        """Whether they do."""
+        """Return true if it is switched on."""
         chains = self._motion.idle.chains(chain, "ALMotion::getIdlePostureEnabled")
         return set(chains) <= self._motion.idle.posture
 
     def _idle(self, chain: object, enable: object, method: str, *, breathe: bool) -> None:
-        """The last of the two calls says how a chain idles."""
+        """Set the idle motion of a chain: the last of the two calls counts."""
         where = f"ALMotion::{method}"
         idle, on = self._motion.idle, switch(enable, where)
         chains = set(idle.chains(chain, where))

@@ -109,7 +109,7 @@ class SpeechService:
             self.resetSpeed()
 
     def getParameter(self, name: object) -> float:
-        """What was set."""
+        """Return the value that was set."""
         if name not in self._voice.parameters:
             raise CallError("ALTextToSpeech::getParameter", f"unknown parameter: {name}")
         return self._voice.parameters[str(name)]
@@ -161,7 +161,7 @@ class AnimatedSpeechService:
         self._mode = str(mode)
 
     def getBodyLanguageModeToStr(self) -> str:
-        """What was set."""
+        """Return the value that was set."""
         return self._mode
 
 
@@ -203,7 +203,7 @@ class AudioService:
         self._volume = round(level)
 
     def getOutputVolume(self) -> int:
-        """What was set."""
+        """Return the value that was set."""
         return self._volume
 
     def muteAudioOut(self, mute: object) -> None:
@@ -211,11 +211,11 @@ class AudioService:
         self._muted = switch(mute, "ALAudioDevice::muteAudioOut")
 
     def isAudioOutMuted(self) -> bool:
-        """Whether they are."""
+        """Return true if it is switched on."""
         return self._muted
 
     def playSine(self, frequency: object, gain: object, pan: object, duration: object) -> None:
-        """A tone that nobody hears."""
+        """Play a tone, silently."""
         self._record.add("ALAudioDevice", "playSine", frequency, gain, pan, duration)
 
     def enableEnergyComputation(self) -> None:
@@ -242,17 +242,17 @@ class AudioService:
 
 
 class LogListener:
-    """What ``LogManager.getListener`` returns: connect to its signals. No messages come."""
+    """Result of ``LogManager.getListener``: connect to its signals. No messages come."""
 
     def __init__(self) -> None:
         self.onLogMessage = qi.Signal("(m)")
         self.onLogMessages = qi.Signal("(m)")
 
     def setLevel(self, level: object) -> None:
-        """Which messages to send."""
+        """Set the level of messages to send."""
 
     def addFilter(self, category: object, level: object) -> None:
-        """The same of a category."""
+        """Set the level of a category."""
 
     def clearFilters(self) -> None:
         """Forget what was set."""

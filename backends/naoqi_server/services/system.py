@@ -27,7 +27,7 @@ class SystemService:
         self._zone = "UTC"
 
     def systemVersion(self) -> str:
-        """Of NAOqi."""
+        """Return the version of NAOqi."""
         return self._version
 
     def robotName(self) -> str:
@@ -70,11 +70,11 @@ class BatteryService:
         context.shared.motion.on_cycle.append(self._tell)
 
     def getBatteryCharge(self) -> int:
-        """Of the battery [%]."""
+        """Return the charge of the battery [%]."""
         return round(100 * self._robot.value(self._key))
 
     def enablePowerMonitoring(self, enable: object) -> None:
-        """Whether it tells its events."""
+        """Set if it tells its events."""
         self._monitored = switch(enable, "ALBattery::enablePowerMonitoring")
 
     def _tell(self) -> None:
@@ -101,11 +101,11 @@ class BodyTemperatureService:
         self._notifies = True
 
     def setEnableNotifications(self, enable: object) -> None:
-        """Whether it warns by itself. It never does; it is only kept."""
+        """Set if it warns by itself. It never does; it is only kept."""
         self._notifies = switch(enable, "ALBodyTemperature::setEnableNotifications")
 
     def areNotificationsEnabled(self) -> bool:
-        """What was set."""
+        """Return the value that was set."""
         return self._notifies
 
     def getTemperatureDiagnosis(self) -> list[object]:
@@ -122,7 +122,7 @@ class LauncherService:
         self._offered = context.services
 
     def isModulePresent(self, name: object) -> bool:
-        """Whether a module runs."""
+        """Return true if a module runs."""
         return name in self._offered()
 
     def getGlobalModuleList(self) -> list[str]:
@@ -284,7 +284,7 @@ class StandInService:
         self._record = context.shared.record
 
     def info(self) -> dict[str, Any]:
-        """Which robot this is: ``identity``, ``plant``, ``parents``, ``uri``, ``response_delay``, ``pid``, ..."""
+        """Return the description: ``identity``, ``plant``, ``parents``, ``uri``, ``response_delay``, ``pid``, ..."""
         return dict(self._robot.info)
 
     def push(self, arguments: dict[str, Any]) -> None:
@@ -304,9 +304,9 @@ class StandInService:
         self._faults.clear()
 
     def record(self) -> list[list[Any]]:
-        """What was said and shown: ``[seconds since the start, service, method, [arguments]]``, oldest first."""
+        """Return what was said and shown: ``[seconds since the start, service, method, [arguments]]``, oldest first."""
         return self._record.entries
 
     def blackBox(self, last: int) -> dict[str, Any]:
-        """What the robot really did in the ``last`` cycles: lists by name, see ``BlackBox``."""
+        """Return the truth of the ``last`` cycles: lists by name, see ``BlackBox``."""
         return {name: rows.tolist() for name, rows in asdict(self._robot.black_box(last)).items()}
