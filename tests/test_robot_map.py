@@ -1,5 +1,6 @@
 """The map of limbs, joints and links in docs/robot.md is that of the robot's description."""
 
+from runpy import run_path
 from xml.etree import ElementTree
 
 import numpy as np
@@ -77,3 +78,14 @@ def test_links_point_where_the_page_says() -> None:
     shoulders = [model.link_pose(f"{side}Shoulder", np.zeros(17))[:3, 3] for side in "LR"]
     for hand, shoulder in zip(hands, shoulders, strict=True):
         assert hand[0] - shoulder[0] > 0.3  # the arm is stretched forward, along x
+
+
+def test_the_picture_is_that_of_the_description() -> None:
+    drawn = run_path(str(ROOT / "docs" / "robot_map.py"))["RobotMap"](ROBOT).svg()
+    picture = (ROOT / "docs" / "robot_map.svg").read_text()
+    assert picture == drawn, "run: python docs/robot_map.py"
+    words = [
+        element.text or "" for element in ElementTree.fromstring(picture).iter() if element.text
+    ]
+    names = {*ROBOT.joint_names, *ROBOT.links, *ROBOT.limbs}
+    assert names <= {word.split(" (")[0] for word in words}
