@@ -131,6 +131,6 @@ def test_docstrings_are_imperatives_or_noun_phrases(folder: str) -> None:
     assert files, f"no sources found for {folder}"
     for path in files:
         for node in ast.walk(ast.parse(path.read_text())):
-            first = (isinstance(node, documented) and ast.get_docstring(node) or "").split(" ")[0]
+            first = ((isinstance(node, documented) and ast.get_docstring(node)) or "").split(" ")[0]
             where = f"{path.relative_to(ROOT)}: {getattr(node, 'name', 'module')}"
             assert first.rstrip(",.:") not in NO_BEGIN, f"{where} begins with {first}"
