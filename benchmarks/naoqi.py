@@ -40,8 +40,8 @@ from pepper_driver.backends import Backend, Command, make_backend
 from pepper_driver.backends.interface import LONGEST_WAY
 from pepper_driver.backends.naoqi.backend import NaoqiBackend
 from pepper_driver.backends.naoqi.dcm_channel import NORMAL_AGE
-from pepper_driver.backends.naoqi_server.black_box import BlackBox
 from pepper_driver.backends.naoqi_server.launch import StandIn
+from pepper_driver.backends.naoqi_server.shared_values import BlackBox
 from pepper_driver.bench.ticks import compute
 from pepper_driver.config import (
     PepperError,

@@ -26,8 +26,8 @@ from rich.table import Table
 
 from pepper_driver import Pepper
 from pepper_driver.backends.naoqi.qi_library import Proxy, load_qi
-from pepper_driver.backends.naoqi_server.black_box import BlackBox
 from pepper_driver.backends.naoqi_server.launch import StandIn
+from pepper_driver.backends.naoqi_server.shared_values import BlackBox
 from pepper_driver.config import PepperError, load_doctor_settings, load_robot
 from pepper_driver.config.arrays import FloatArray
 

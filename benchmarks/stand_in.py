@@ -23,7 +23,7 @@ from rich.console import Console
 from rich.table import Table
 
 from pepper_driver.backends.naoqi.qi_library import load_qi
-from pepper_driver.backends.naoqi_server.clock import wrapped
+from pepper_driver.backends.naoqi_server.dcm import wrapped
 from pepper_driver.backends.naoqi_server.launch import StandIn
 from pepper_driver.config import PepperError, load_robot
 from pepper_driver.config.files import check_writable, write_json

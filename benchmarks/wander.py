@@ -65,7 +65,7 @@ class Judge:
         return self._inside(com[:2])
 
     def zero_moment_point(self, q: FloatArray, v: FloatArray, a: FloatArray) -> float:
-        """How far it is inside the triangle of the wheels [m]."""
+        """Return its distance inside the triangle of the wheels [m]."""
         velocity, acceleration = (np.r_[x[:2], 0.0, 0.0, 0.0, x[2:]] for x in (v, a))
         push = pin.rnea(self._free, self._data, self._posture(q), velocity, acceleration)[:6]
         return self._inside(np.array([-push[4], push[3]]) / push[2])

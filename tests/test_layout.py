@@ -118,3 +118,19 @@ def test_no_pickle_and_no_path_of_a_machine() -> None:
             words += ["import pickle", "allow_pickle=True"]
         for word in words:
             assert word not in text, f"{name} holds '{word}'"
+
+
+NO_BEGIN = ("What", "Who", "How", "Whether", "When", "Where", "Which", "Of", "Those", "Likewise")
+"""First words of docstrings that are neither imperatives nor noun phrases."""
+
+
+@pytest.mark.parametrize("folder", [*LAYERS, "benchmarks", "examples"])
+def test_docstrings_are_imperatives_or_noun_phrases(folder: str) -> None:
+    documented = (ast.Module, ast.ClassDef, ast.FunctionDef, ast.AsyncFunctionDef)
+    files = sources(folder)
+    assert files, f"no sources found for {folder}"
+    for path in files:
+        for node in ast.walk(ast.parse(path.read_text())):
+            first = ((isinstance(node, documented) and ast.get_docstring(node)) or "").split(" ")[0]
+            where = f"{path.relative_to(ROOT)}: {getattr(node, 'name', 'module')}"
+            assert first.rstrip(",.:") not in NO_BEGIN, f"{where} begins with {first}"

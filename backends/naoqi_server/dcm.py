@@ -1,4 +1,6 @@
-"""The device manager (DCM): timed commands of each actuator, and the value it has at a date.
+"""The DCM of the stand-in: its 32-bit clock, timed commands, and the requests of clients.
+
+The driver's ``naoqi.clock`` has the same arithmetic, apart on purpose: shared, no test would see a mistake in it.
 
 Follows NAOqi 2.5.10, pages "DCM", "DCM API" and "DCM advanced". Inside, dates are counts of milliseconds that do not
 roll over, so that nothing happens when the robot's clock does.
@@ -6,13 +8,53 @@ roll over, so that nothing happens when the robot's clock does.
 
 from __future__ import annotations
 
+import math
+import time
 from bisect import bisect_right
 from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass
 from math import isfinite
 from typing import Literal, get_args
 
 from pepper_driver.backends.interface import BackendError
-from pepper_driver.backends.naoqi_server.clock import unwrapped
+
+SPAN = 1 << 32
+"""[ms] after which the clock shows the same again."""
+
+_HALF = SPAN >> 1
+
+
+def wrapped(milliseconds: int) -> int:
+    """Any count of milliseconds as the clock shows it: -2^31 to 2^31 - 1."""
+    return (milliseconds + _HALF) % SPAN - _HALF
+
+
+def unwrapped(shown: int, near: int) -> int:
+    """Return the count of milliseconds that the clock shows as ``shown``, at most 2^31 ms from ``near``."""
+    return near + wrapped(shown - near)
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class DcmClock:
+    """Counts milliseconds from ``origin`` on, beginning when the monotonic clock shows ``begin`` [ns].
+
+    The count does not roll over; what the robot shows of it does. All processes of one machine share the monotonic
+    clock, so each can tell the robot's time without asking.
+    """
+
+    begin: int
+    origin: int
+
+    @property
+    def count(self) -> int:
+        """Milliseconds now."""
+        return self.origin + (time.monotonic_ns() - self.begin) // 1_000_000
+
+    @property
+    def shown(self) -> int:
+        """Present value of the robot's clock."""
+        return wrapped(self.count)
+
 
 UpdateType = Literal["Merge", "ClearAll", "ClearAfter", "ClearBefore"]
 """What an order does to the commands that wait already."""
@@ -33,7 +75,7 @@ class BufferFullError(BackendError):
 def after_order(
     waiting: Mapping[int, float], update: UpdateType, commands: Sequence[TimedCommand]
 ) -> dict[int, float]:
-    """The commands that wait for an actuator after an order, values by date.
+    """Return the commands that wait for an actuator after an order, values by date.
 
     Two commands at one date are "unpredictable" in the documentation: here the later order counts, and within an order
     the last one.
@@ -49,7 +91,7 @@ def after_order(
     return after
 
 
-class Actuator:
+class DcmActuator:
     """One actuator: its commands in the order of their dates, and the value last sent.
 
     Attributes:
@@ -76,7 +118,7 @@ class Actuator:
         self._values = [waiting[date] for date in self._dates]
 
     def advance(self, date: int) -> float:
-        """The value at the date of a cycle, which is then sent; later than all dates before.
+        """Return the value at the date of a cycle, which is then sent; later than all dates before.
 
         Commands whose date has come are used up. The value goes in a straight line from the value last sent, or from a
         command whose date came since then, to the next command. After the last one it stays.
@@ -108,7 +150,7 @@ class Dcm:
         self, values: Mapping[str, float], date: int, *, steps: Collection[str] = ()
     ) -> None:
         self.actuators = {
-            key: Actuator(value, date, interpolates=key not in steps)
+            key: DcmActuator(value, date, interpolates=key not in steps)
             for key, value in values.items()
         }
 
@@ -149,5 +191,105 @@ class Dcm:
             self.actuators[key].take(waiting)
 
     def advance(self, date: int) -> list[float]:
-        """The value of each actuator at the date of a cycle, in the order of the keys."""
+        """Return the value of each actuator at the date of a cycle, in the order of the keys."""
         return [actuator.advance(date) for actuator in self.actuators.values()]
+
+
+ALIAS_FORM = "[name, [actuator, ...]]"
+SET_FORM = "[actuator or alias, update type, [[value, time], ...]]"
+MIXED_FORM = '[alias, update type, "time-mixed", [[[value, time], ...], ...]]'
+SEPARATE_FORM = '[alias, update type, "time-separate", 0, [time, ...], [[value, ...], ...]]'
+
+
+class RequestError(ValueError):
+    """A request that is not as documented; the message says where."""
+
+
+def alias_request(request: object) -> tuple[str, list[str]]:
+    """Name and actuators of ``createAlias``, of ``ALIAS_FORM``."""
+    name, actuators = _items(request, 2, ALIAS_FORM)
+    return _text(name, "the name"), [
+        _text(actuator, f"actuator {number}")
+        for number, actuator in enumerate(_list(actuators, "the actuators"))
+    ]
+
+
+def set_request(request: object) -> tuple[str, UpdateType, list[TimedCommand]]:
+    """Name, update type and commands of ``set``, of ``SET_FORM``."""
+    name, update, commands = _items(request, 3, SET_FORM)
+    return _text(name, "the name"), _update(update), _timed(commands, "the commands")
+
+
+def set_alias_request(request: object) -> tuple[str, UpdateType, list[list[TimedCommand]]]:
+    """Name, update type and a list of commands for each actuator, of ``MIXED_FORM`` or ``SEPARATE_FORM``."""
+    kind = _list(request, "the request")[2:3]
+    if kind == ["time-mixed"]:
+        name, update, _, lists = _items(request, 4, MIXED_FORM)
+        commands = [
+            _timed(its, f"list {number}") for number, its in enumerate(_list(lists, "the commands"))
+        ]
+    elif kind == ["time-separate"]:
+        name, update, _, _, times, lists = _items(request, 6, SEPARATE_FORM)
+        dates = [_date(time) for time in _list(times, "the times")]
+        commands = [
+            _dated(its, dates, f"list {number}")
+            for number, its in enumerate(_list(lists, "the values"))
+        ]
+    else:
+        raise RequestError(f"expected {MIXED_FORM} or {SEPARATE_FORM}, got {request!r}")
+    return _text(name, "the alias"), _update(update), commands
+
+
+def _dated(values: object, dates: list[int], where: str) -> list[TimedCommand]:
+    values = _list(values, where)
+    if len(values) != len(dates):
+        raise RequestError(f"{where} has {len(values)} values for {len(dates)} times")
+    return [(_value(value), date) for value, date in zip(values, dates, strict=True)]
+
+
+def _timed(commands: object, where: str) -> list[TimedCommand]:
+    timed = []
+    for command in _list(commands, where):
+        if not isinstance(command, list | tuple) or len(command) not in (2, 3):
+            raise RequestError(f"{where}: a command is [value, time], got {command!r}")
+        timed.append((_value(command[0]), _date(command[1])))  # the DCM ignores the importance
+    return timed
+
+
+def _list(value: object, where: str) -> list[object]:
+    if not isinstance(value, list | tuple):
+        raise RequestError(f"{where}: expected a list, got {value!r}")
+    return list(value)
+
+
+def _items(request: object, number: int, form: str) -> list[object]:
+    if not isinstance(request, list | tuple) or len(request) != number:
+        raise RequestError(f"expected {form}, got {request!r}")
+    return list(request)
+
+
+def _text(value: object, where: str) -> str:
+    if not isinstance(value, str) or not value:
+        raise RequestError(f"{where}: expected text, got {value!r}")
+    return value
+
+
+def _update(value: object) -> UpdateType:
+    for known in UPDATE_TYPES:
+        if known == value:
+            return known
+    raise RequestError(f"unknown update type {value!r} (possible: {', '.join(UPDATE_TYPES)})")
+
+
+def _value(value: object) -> float:
+    if not isinstance(value, int | float) or isinstance(value, bool) or not math.isfinite(value):
+        raise RequestError(f"a value must be a finite number, got {value!r}")
+    return float(value)
+
+
+def _date(value: object) -> int:
+    if not isinstance(value, int | float) or isinstance(value, bool) or value % 1 != 0:
+        raise RequestError(f"a time must be a whole number of ms, got {value!r}")
+    if not -SPAN // 2 <= value < SPAN // 2:
+        raise RequestError(f"time {value!r} does not fit into 32 bits: the DCM's clock rolls over")
+    return int(value)

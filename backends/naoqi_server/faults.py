@@ -1,13 +1,15 @@
-"""Everything that can be made to go wrong with the stand-in robot: names, arguments, what each does, and where."""
+"""Faults that can be injected: their catalogue, and the schedule of those that act."""
 
 from __future__ import annotations
 
+import logging
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from threading import RLock, Timer
 from typing import Literal
 
-from pepper_driver.config import ConfigError, UnknownNameError, suggestion
+from pepper_driver.config import ConfigError, PepperError, UnknownNameError, suggestion
 from pepper_driver.config.errors import shown
 
 Place = Literal["link", "process", "services", "robot", "start"]
@@ -151,7 +153,7 @@ FAULTS: Mapping[str, FaultKind] = {
 
 
 @dataclass(frozen=True, kw_only=True)
-class Fault:
+class InjectedFault:
     """A switch that is set: begins ``after`` [s] from when it was set, and lasts ``seconds`` [s]."""
 
     name: str
@@ -161,7 +163,7 @@ class Fault:
 
     @property
     def kind(self) -> FaultKind:
-        """What it is."""
+        """Kind of the fault."""
         return FAULTS[self.name]
 
     @property
@@ -175,8 +177,8 @@ class Fault:
         return (self.name, *(text for text in self.arguments.values() if isinstance(text, str)))
 
 
-def make_fault(name: str, arguments: Mapping[str, object] | None = None) -> Fault:
-    """A fault by name; arguments that are not given have their defaults.
+def make_fault(name: str, arguments: Mapping[str, object] | None = None) -> InjectedFault:
+    """Return a fault by name; arguments that are not given have their defaults.
 
     Raises:
         UnknownNameError: No fault of this name.
@@ -196,11 +198,11 @@ def make_fault(name: str, arguments: Mapping[str, object] | None = None) -> Faul
         _check_range(name, key, value, 0.0, math.inf)
     for key, (least, most) in kind.ranges.items():
         _check_range(name, key, float(given[key]), least, most)
-    return Fault(name=name, arguments=given, **timing)
+    return InjectedFault(name=name, arguments=given, **timing)
 
 
-def parse_fault(text: str) -> Fault:
-    """A fault as on a command line: ``NAME[:ARGUMENT,...]``, arguments in their order or as ``key=value``.
+def parse_fault(text: str) -> InjectedFault:
+    """Return a fault as on a command line: ``NAME[:ARGUMENT,...]``, arguments in their order or as ``key=value``.
 
     For example ``hang:seconds=2,after=5`` or ``slow:0.02,DCM.setAlias``.
 
@@ -234,7 +236,7 @@ def _check_range(fault: str, key: str, value: float, least: float, most: float) 
 
 
 def _checked(fault: str, key: str, value: object, default: Value) -> Value:
-    """An argument in the type of its default."""
+    """Return an argument in the type of its default."""
     if isinstance(default, str):
         if isinstance(value, str):
             return value
@@ -246,3 +248,86 @@ def _checked(fault: str, key: str, value: object, default: Value) -> Value:
     if math.isnan(number):
         raise ConfigError(f"fault '{fault}': {key} must be a number, got {value!r}")
     return number
+
+
+logger = logging.getLogger("pepper_driver")
+
+
+@dataclass(eq=False)
+class _Entry:
+    end: Callable[[], None]
+    timers: list[Timer] = field(default_factory=list)
+    begun: bool = False
+
+
+class Schedule:
+    """Begins each fault ``after`` some time, at once where that is 0, and ends it after its ``seconds``.
+
+    One takes the place of another of the same name and the same texts, which ends. Safe to use from several threads.
+    """
+
+    def __init__(self) -> None:
+        self._lock = RLock()
+        self._entries: dict[tuple[str, ...], _Entry] = {}
+
+    def set(self, fault: InjectedFault, begin: Callable[[], None], end: Callable[[], None]) -> None:
+        """Let a fault happen.
+
+        Raises:
+            PepperError: What ``begin`` raises, where that is called at once. Later it is only logged.
+        """
+        with self._lock:
+            self._finish(fault.identity)
+            entry = self._entries[fault.identity] = _Entry(end)
+            if fault.after == 0.0:
+                self._begin(entry, begin)
+            else:
+                self._later(entry, fault.after, lambda: self._begin(entry, begin))
+            if math.isfinite(fault.seconds):
+                at = fault.after + fault.seconds
+                self._later(entry, at, lambda: self._finish(fault.identity))
+
+    def clear(self) -> None:
+        """End all that have begun; the others never begin."""
+        with self._lock:
+            for identity in list(self._entries):
+                self._finish(identity)
+
+    def close(self) -> None:
+        """Leave everything as it is: nothing begins or ends any more."""
+        with self._lock:
+            for entry in self._entries.values():
+                _cancel(entry)
+            self._entries.clear()
+
+    def _begin(self, entry: _Entry, begin: Callable[[], None]) -> None:
+        begin()
+        entry.begun = True
+
+    def _finish(self, identity: tuple[str, ...]) -> None:
+        entry = self._entries.pop(identity, None)
+        if entry is not None:
+            _cancel(entry)
+            if entry.begun:
+                entry.end()
+
+    def _later(self, entry: _Entry, seconds: float, action: Callable[[], None]) -> None:
+        def act() -> None:
+            with self._lock:
+                if timer not in entry.timers:
+                    return  # cancelled while it waited for the lock
+                try:
+                    action()
+                except PepperError as error:
+                    logger.error("%s", error)
+
+        timer = Timer(seconds, act)
+        timer.daemon = True
+        entry.timers.append(timer)
+        timer.start()
+
+
+def _cancel(entry: _Entry) -> None:
+    for timer in entry.timers:
+        timer.cancel()
+    entry.timers.clear()

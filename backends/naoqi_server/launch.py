@@ -1,4 +1,4 @@
-"""Starts and ends a stand-in: two processes, one robot."""
+"""Starts and stops the processes of the stand-in; injects faults of connection and process."""
 
 from __future__ import annotations
 
@@ -9,26 +9,33 @@ import signal
 import socket
 import subprocess
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack, suppress
+from dataclasses import replace
 from importlib.util import find_spec
 from types import TracebackType
-from typing import Self, TypeVar
+from typing import Protocol, Self, TypeVar
 
 from pepper_driver.backends.interface import BackendError
 from pepper_driver.backends.mujoco_.backend import MujocoBackend
-from pepper_driver.backends.naoqi_server.black_box import BlackBox
-from pepper_driver.backends.naoqi_server.clock import SPAN, wrapped
-from pepper_driver.backends.naoqi_server.fault_control import FaultControl
-from pepper_driver.backends.naoqi_server.faults import Fault, parse_fault
-from pepper_driver.backends.naoqi_server.keys import table_keys
-from pepper_driver.backends.naoqi_server.line import Line
-from pepper_driver.backends.naoqi_server.link import RobotLink
-from pepper_driver.backends.naoqi_server.messages import make_pair
-from pepper_driver.backends.naoqi_server.processes import spawn, wait_until_ready
-from pepper_driver.backends.naoqi_server.proxy import NetworkProxy
+from pepper_driver.backends.naoqi_server.dcm import SPAN, wrapped
+from pepper_driver.backends.naoqi_server.faults import (
+    InjectedFault,
+    Schedule,
+    make_fault,
+    parse_fault,
+)
+from pepper_driver.backends.naoqi_server.ipc import (
+    Line,
+    Robot,
+    RobotClient,
+    make_pair,
+    spawn,
+    wait_until_ready,
+)
+from pepper_driver.backends.naoqi_server.network import NetworkProxy
 from pepper_driver.backends.naoqi_server.robot_faults import RobotFaults
-from pepper_driver.backends.naoqi_server.table import Table
+from pepper_driver.backends.naoqi_server.shared_values import BlackBox, Table, table_keys
 from pepper_driver.backends.naoqi_server.tls import Login
 from pepper_driver.backends.selection import make_backend
 from pepper_driver.backends.signals import deferred_signals
@@ -36,6 +43,100 @@ from pepper_driver.config import ConfigError, MissingExtraError, load_network, l
 from pepper_driver.config.arguments import as_tuple, checked_arguments, is_number
 from pepper_driver.config.errors import shown
 from pepper_driver.config.naoqi_devices import load_naoqi_devices
+
+MOMENT = 0.05
+"""[s] from the answer to a client to the fault that may be its last."""
+
+
+class Parts(Protocol):
+    """The parts of a stand-in that faults are about."""
+
+    @property
+    def robot(self) -> Robot:
+        """Past NAOqi."""
+
+    @property
+    def proxy(self) -> NetworkProxy | None:
+        """Proxy of the connection, if there is one."""
+
+    @property
+    def network(self) -> str:
+        """Name or file of the network that it had at the start."""
+
+    def signal_naoqi(self, number: int) -> None:
+        """Send the NAOqi process a signal; after SIGKILL it is gone when this returns."""
+
+    def start_naoqi(self) -> None:
+        """Start it anew."""
+
+    def tell_naoqi(self, fault: InjectedFault | None) -> None:
+        """Let it set a fault of its services, or clear them."""
+
+
+class FaultControl:
+    """Sets and clears faults of every place."""
+
+    def __init__(self, parts: Parts) -> None:
+        self._parts = parts
+        self._schedule = Schedule()
+
+    def set(self, fault: InjectedFault) -> None:
+        """Set a fault.
+
+        Raises:
+            PepperError: Not possible, for the reason given.
+        """
+        place = fault.kind.place
+        if place == "robot":
+            self._parts.robot.set_fault(fault.name, **fault.all_arguments)
+        elif place == "services":
+            self._parts.tell_naoqi(fault)
+        elif place == "start":
+            raise BackendError(f"fault '{fault.name}' is possible only at the start")
+        else:
+            begin, end = self._link(fault) if place == "link" else self._process(fault)
+            self._schedule.set(fault, begin, end)
+
+    def clear(self) -> None:
+        """End all faults that can end; a NAOqi that was killed is started anew."""
+        self._schedule.clear()
+        self._parts.robot.clear_faults()
+        self._parts.tell_naoqi(None)
+
+    def handle_request(
+        self, what: str, name: str = "", arguments: Mapping[str, object] | None = None
+    ) -> None:
+        """Do what a client asked of NAOqi that is not NAOqi's own affair; set faults begin once it has its answer."""
+        if what == "set_fault":
+            fault = make_fault(name, arguments)
+            self.set(replace(fault, after=max(fault.after, MOMENT)))
+        else:
+            self._schedule.clear()
+
+    def close(self) -> None:
+        """Nothing begins or ends any more."""
+        self._schedule.close()
+
+    def _link(self, fault: InjectedFault) -> tuple[Callable[[], None], Callable[[], None]]:
+        proxy = self._parts.proxy
+        if proxy is None:
+            raise BackendError(
+                f"fault '{fault.name}' needs a link: start the stand-in with the network 'clear', or another"
+            )
+        if fault.name == "network":
+            name, before = str(fault.arguments["name"]), self._parts.network
+            return lambda: proxy.network(name), lambda: proxy.network(before)
+        if fault.name == "cut":
+            return lambda: proxy.link("cut"), lambda: proxy.link("open")
+        return lambda: proxy.link("blocked"), lambda: proxy.link("open")
+
+    def _process(self, fault: InjectedFault) -> tuple[Callable[[], None], Callable[[], None]]:
+        parts = self._parts
+        if fault.name == "hang":
+            stop, go_on = signal.SIGSTOP, signal.SIGCONT
+            return lambda: parts.signal_naoqi(stop), lambda: parts.signal_naoqi(go_on)
+        return lambda: parts.signal_naoqi(signal.SIGKILL), parts.start_naoqi
+
 
 T = TypeVar("T")
 
@@ -79,7 +180,7 @@ class StandIn:
         outlive: float = 1.0,
         network: str | None = None,
         login: Login | None = None,
-        faults: Sequence[Fault] = (),
+        faults: Sequence[InjectedFault] = (),
     ) -> None:
         for name, value, least, most in (("port", port, 0, 65535), ("clock", clock, -SPAN, SPAN)):
             if value is not None or name == "port":
@@ -92,7 +193,7 @@ class StandIn:
         if as_tuple(faults) is None:
             raise ConfigError(f"faults must be a list: [parse_fault('hang')], got {shown(faults)}")
         for fault in faults:
-            if not isinstance(fault, Fault):
+            if not isinstance(fault, InjectedFault):
                 raise ConfigError(
                     f"each of faults comes from parse_fault('hang'), got {shown(fault)}"
                 )
@@ -108,7 +209,7 @@ class StandIn:
                 trial.set(fault.name, fault.all_arguments)
             elif fault.name == "network":
                 load_network(str(fault.arguments["name"]))
-        self._link: RobotLink | None = None
+        self._link: RobotClient | None = None
         self._uri, self._host, self._port = uri, host, port
         self._clock, self._outlive = clock, outlive
         self._network, self._login, self._faults = network, login, faults
@@ -156,7 +257,7 @@ class StandIn:
             naoqis = self._spawn_naoqi()  # at the same time: both take a while
             wait_until_ready(self._robot, owner)
             table = Table(self._file, len(keys), config)
-            self._link = RobotLink(table, owner, keys, frozenset(devices.actuators))
+            self._link = RobotClient(table, owner, keys, frozenset(devices.actuators))
             self._take_naoqi(naoqis)
             if proxied:
                 self.proxy = NetworkProxy(
@@ -209,7 +310,7 @@ class StandIn:
     def _take_naoqi(self, end: socket.socket) -> None:
         """Wait until NAOqi is there."""
         ready = wait_until_ready(self.naoqi_process, end)
-        self._naoqis_line = Line(end, "NAOqi process", self._control.obey)
+        self._naoqis_line = Line(end, "NAOqi process", self._control.handle_request)
         self._naoqi_at = (self._naoqi_at[0], int(ready["port"]))
         self._naoqi_killed = False
 
@@ -244,7 +345,7 @@ class StandIn:
         elif number == signal.SIGSTOP:  # some of its threads may be in the middle of an answer
             os.waitid(os.P_PID, process.pid, os.WSTOPPED | os.WEXITED | os.WNOWAIT)
 
-    def tell_naoqi(self, fault: Fault | None) -> None:
+    def tell_naoqi(self, fault: InjectedFault | None) -> None:
         """Let NAOqi set a fault of its services, or clear them."""
         if fault is None:
             self._naoqis_line.ask("clear_faults")
@@ -252,7 +353,7 @@ class StandIn:
             self._naoqis_line.ask("set_fault", name=fault.name, arguments=fault.all_arguments)
 
     @property
-    def robot(self) -> RobotLink:
+    def robot(self) -> RobotClient:
         """The robot, past NAOqi.
 
         Raises:
@@ -262,12 +363,12 @@ class StandIn:
 
     @property
     def port(self) -> int:
-        """Where NAOqi listens."""
+        """Port of NAOqi."""
         return self._port
 
     @property
     def url(self) -> str:
-        """The same, as ``qi.Session.connect`` takes it."""
+        """Address of NAOqi, as ``qi.Session.connect`` takes it."""
         return f"{'tcps' if self._login else 'tcp'}://{self._host}:{self._port}"
 
     @property
@@ -282,7 +383,7 @@ class StandIn:
 
     @checked_arguments
     def black_box(self, last: int | None = None) -> BlackBox:
-        """What the robot really did in the last two minutes, or ``last`` cycles; also after its process ended."""
+        """Return the truth of the last two minutes, or ``last`` cycles; also after its process ended."""
         return self.robot.black_box(last)
 
     def wait(self) -> str:

@@ -1,4 +1,4 @@
-"""What can be wrong with the stand-in robot itself; ``faults.FAULTS`` has the names and arguments."""
+"""Faults of the stand-in robot itself; ``faults.FAULTS`` has the names and arguments."""
 
 from __future__ import annotations
 
@@ -84,7 +84,7 @@ class Dropped(RobotFault):
         self._shown: FloatArray | None = None
 
     def sensors(self, values: FloatArray) -> None:
-        """The sample before, whole."""
+        """Repeat the previous sample."""
         if self._shown is not None and self._random.random() < self._share:
             values[:] = self._shown
         else:
@@ -111,7 +111,7 @@ class Shown(RobotFault):
 
 
 def hot(robot: RobotConfig, keys: Mapping[str, int], arguments: Mapping[str, Value]) -> RobotFault:
-    """The temperature of a joint or a wheel."""
+    """Return the temperature of a joint or a wheel."""
     joint, motors = str(arguments["joint"]), (*robot.joint_names, *robot.wheels.names)
     if joint not in motors:
         raise UnknownNameError("motor", joint, motors)

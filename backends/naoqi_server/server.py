@@ -1,4 +1,4 @@
-"""The NAOqi process: a qi session that offers the services of the stand-in.
+"""Process of NAOqi: the services that clients see.
 
 Started by ``launch.StandIn``. It ends when told to, and when whoever started it is gone.
 """
@@ -12,27 +12,85 @@ import select
 import signal
 import socket
 import sys
+from collections.abc import Callable
 from contextlib import suppress
-
-os.environ.setdefault("QI_LOG_LEVEL", "0")  # libqi logs to stdout
+from typing import Any
 
 import qi
 
 from pepper_driver.backends.interface import BackendError
-from pepper_driver.backends.naoqi_server.context import Context
-from pepper_driver.backends.naoqi_server.fault_desk import FaultDesk
 from pepper_driver.backends.naoqi_server.faults import make_fault
-from pepper_driver.backends.naoqi_server.front import make_front
-from pepper_driver.backends.naoqi_server.keys import table_keys
-from pepper_driver.backends.naoqi_server.link import RobotLink
-from pepper_driver.backends.naoqi_server.memory import Memory
-from pepper_driver.backends.naoqi_server.messages import send
-from pepper_driver.backends.naoqi_server.modules.shared import Shared
-from pepper_driver.backends.naoqi_server.sensor_events import SensorEvents
-from pepper_driver.backends.naoqi_server.services import SERVICES
-from pepper_driver.backends.naoqi_server.table import Table
+from pepper_driver.backends.naoqi_server.ipc import RobotClient, send
+from pepper_driver.backends.naoqi_server.memory import Memory, SensorEvents
+from pepper_driver.backends.naoqi_server.service_faults import FaultRouter
+from pepper_driver.backends.naoqi_server.services.calls import make_front
+from pepper_driver.backends.naoqi_server.services.context import Context, Shared
+from pepper_driver.backends.naoqi_server.services.dcm_memory import DcmService, MemoryService
+from pepper_driver.backends.naoqi_server.services.leds import LedsService
+from pepper_driver.backends.naoqi_server.services.life import (
+    AwarenessService,
+    BackgroundMovementService,
+    BlinkingService,
+    LifeService,
+    ListeningMovementService,
+    PostureService,
+    SpeakingMovementService,
+)
+from pepper_driver.backends.naoqi_server.services.media import TabletService, VideoService
+from pepper_driver.backends.naoqi_server.services.motion import MotionService
+from pepper_driver.backends.naoqi_server.services.speech import (
+    AnimatedSpeechService,
+    AudioService,
+    LogManagerService,
+    SpeechService,
+)
+from pepper_driver.backends.naoqi_server.services.system import (
+    BatteryService,
+    BodyTemperatureService,
+    DiagnosisService,
+    LauncherService,
+    RobotModelService,
+    SonarService,
+    StandInService,
+    SystemService,
+    TouchService,
+)
+from pepper_driver.backends.naoqi_server.shared_values import Table, table_keys
 from pepper_driver.config import PepperError, UnknownNameError, load_robot
 from pepper_driver.config.naoqi_devices import load_naoqi_devices
+
+SERVICES: dict[str, Callable[[Context], Any]] = {
+    "DCM": DcmService,
+    "ALMemory": MemoryService,
+    "StandIn": StandInService,
+    "ALMotion": MotionService,
+    "ALRobotPosture": PostureService,
+    "ALAutonomousLife": LifeService,
+    "ALBasicAwareness": AwarenessService,
+    "ALBackgroundMovement": BackgroundMovementService,
+    "ALAutonomousBlinking": BlinkingService,
+    "ALSpeakingMovement": SpeakingMovementService,
+    "ALListeningMovement": ListeningMovementService,
+    "ALDiagnosis": DiagnosisService,
+    "ALTouch": TouchService,
+    "ALLeds": LedsService,
+    "ALTextToSpeech": SpeechService,
+    "ALAnimatedSpeech": AnimatedSpeechService,
+    "ALTabletService": TabletService,
+    "ALSystem": SystemService,
+    "ALBattery": BatteryService,
+    "ALBodyTemperature": BodyTemperatureService,
+    "ALLauncher": LauncherService,
+    "ALSonar": SonarService,
+    "ALRobotModel": RobotModelService,
+    "ALVideoDevice": VideoService,
+    "ALAudioDevice": AudioService,
+    "LogManager": LogManagerService,
+}
+"""One line each. All public methods of the class can be called by clients."""
+
+
+os.environ.setdefault("QI_LOG_LEVEL", "0")  # libqi logs to stdout
 
 
 class NaoqiServer:
@@ -52,7 +110,7 @@ class NaoqiServer:
 
     def __init__(
         self,
-        robot: RobotLink,
+        robot: RobotClient,
         host: str,
         port: int,
         owner: socket.socket,
@@ -70,7 +128,7 @@ class NaoqiServer:
             memory=memory,
             config=config,
             events=SensorEvents(robot, memory, devices),
-            faults=FaultDesk(robot, owner, self._offer, _end),
+            faults=FaultRouter(robot, owner, self._offer, _end),
             shared=Shared(robot, memory, config, consent=consent, version=version),
             services=lambda: self._offered,
             call=self._call,
@@ -143,7 +201,7 @@ def main(arguments: list[str]) -> int:
         if select.select([owner], [], [], 0.01)[0]:
             return 1
     try:
-        link = RobotLink(table, robot, keys, frozenset(devices.actuators))
+        link = RobotClient(table, robot, keys, frozenset(devices.actuators))
         server = NaoqiServer(
             link,
             given.host,

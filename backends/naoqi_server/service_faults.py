@@ -1,15 +1,18 @@
-"""What can be wrong with the services of NAOqi: each call may be late, refused, or answered wrongly."""
+"""Faults of services, and the router that applies every kind of fault."""
 
 from __future__ import annotations
 
 import functools
+import socket
 import threading
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 from pepper_driver.backends.interface import BackendError
-from pepper_driver.backends.naoqi_server.faults import Fault
+from pepper_driver.backends.naoqi_server.faults import InjectedFault, Schedule, make_fault
+from pepper_driver.backends.naoqi_server.ipc import Line, Robot
 from pepper_driver.backends.naoqi_server.memory import Value
 
 BODY_TYPE = "RobotConfig/Body/Type"
@@ -18,7 +21,7 @@ BODY_TYPE = "RobotConfig/Body/Type"
 
 @dataclass(frozen=True)
 class _Switch:
-    fault: Fault
+    fault: InjectedFault
     begin: float
     end: float
 
@@ -41,7 +44,7 @@ class ServiceFaults:
         self._switches: dict[tuple[str, ...], _Switch] = {}
         self._changed = threading.Condition()
 
-    def set(self, fault: Fault) -> None:
+    def set(self, fault: InjectedFault) -> None:
         """Set a fault."""
         begin = self._clock() + fault.after
         with self._changed:
@@ -97,7 +100,7 @@ class ServiceFaults:
         return answer
 
     def _active(self, name: str, service: str, method: str) -> list[_Switch]:
-        """The faults of this name that are on now and concern this call."""
+        """Return the faults of this name that are on now and concern this call."""
         now = self._clock()
         return [
             switch
@@ -116,7 +119,7 @@ def _replaced(
     chosen: Callable[[str], bool],
     value: object,
 ) -> Value:
-    """The answer of ALMemory with another value for some keys."""
+    """Return the answer of ALMemory with another value for some keys."""
     if service == "ALMemory" and method == "getData" and chosen(arguments[0]):
         return value
     if service == "ALMemory" and method == "getListData":
@@ -126,3 +129,80 @@ def _replaced(
 
 def _holds(part: str, key: str) -> bool:
     return part in key
+
+
+class FaultRouter:
+    """Sets and clears faults of every place.
+
+    Args:
+        robot: Has its own.
+        owner: End of the line to whoever started this process, who has those of the link and of the process as a whole.
+        offer: ``offer(service, there)`` lets a service be there or not.
+        gone: Called when whoever started this is gone.
+
+    Attributes:
+        services: What calls of services pass.
+    """
+
+    def __init__(
+        self,
+        robot: Robot,
+        owner: socket.socket,
+        offer: Callable[[str, bool], None],
+        gone: Callable[[], None],
+    ) -> None:
+        self.services = ServiceFaults()
+        self._robot, self._offer = robot, offer
+        self._schedule = Schedule()
+        self._owner = Line(owner, "launcher", self._obey, gone)
+
+    def set(self, name: str, arguments: Mapping[str, Any]) -> None:
+        """Set a fault. One of the link or of the process begins a moment after this returns.
+
+        Raises:
+            UnknownNameError: No such fault, or no such joint or sensor.
+            ConfigError: Arguments that it does not take.
+            BackendError: Not possible while the stand-in runs.
+        """
+        fault = make_fault(name, arguments)
+        if fault.kind.place == "robot":
+            self._robot.set_fault(name, **arguments)
+        elif fault.kind.place == "services":
+            self.set_service_fault(fault)
+        elif fault.kind.place == "start":
+            raise BackendError(f"fault '{name}' is possible only at the start of the stand-in")
+        else:
+            self._owner.ask("set_fault", name=name, arguments=dict(arguments))
+
+    def set_service_fault(self, fault: InjectedFault) -> None:
+        """Set one of services.
+
+        Raises:
+            UnknownNameError: No such service.
+        """
+        if fault.name != "missing":
+            self.services.set(fault)
+            return
+        service = str(fault.arguments["service"])
+        self._schedule.set(
+            fault, lambda: self._offer(service, False), lambda: self._offer(service, True)
+        )
+
+    def clear(self) -> None:
+        """End all faults that can end."""
+        self.clear_service_faults()
+        self._robot.clear_faults()
+        self._owner.ask("clear_faults")
+
+    def clear_service_faults(self) -> None:
+        """End those of services."""
+        self.services.clear()
+        self._schedule.clear()
+
+    def _obey(
+        self, what: str, name: str = "", arguments: Mapping[str, object] | None = None
+    ) -> None:
+        if what == "set_fault":
+            self.set_service_fault(make_fault(name, arguments))
+        else:
+            self.clear_service_faults()

@@ -18,7 +18,7 @@ MAGIC = 0x42ADDE42
 CALL, ERROR = 1, 3
 SERVER, AUTHENTICATE = 0, 8  # service and action of the first message
 LARGEST = 65536  # [B] of the first message; a real one has about 300
-PATIENCE = 10.0  # [s] for a client to say who it is
+LOGIN_TIMEOUT = 10.0  # [s] for a client to say who it is
 
 # Scalars of qi's signatures, and their form on the wire.
 _SCALARS = {
@@ -28,7 +28,7 @@ _SCALARS = {
 
 @dataclass(frozen=True, kw_only=True)
 class Login:
-    """Who may come in. On the robot the token is the password of its user ``nao``."""
+    """Credentials of a client. On the robot the token is the password of its user ``nao``."""
 
     user: str
     token: str = field(repr=False)
@@ -38,7 +38,7 @@ class Login:
     ) -> bytes | None:
         """Read the first message of a client; None where it is refused, which it is told as libqi does."""
         try:
-            async with asyncio.timeout(PATIENCE):
+            async with asyncio.timeout(LOGIN_TIMEOUT):
                 header = await reader.readexactly(HEADER.size)
                 magic, number, size, version, kind, _, service, obj, action = HEADER.unpack(header)
                 if magic != MAGIC or size > LARGEST:
@@ -69,7 +69,7 @@ class Login:
 
 
 def read_capabilities(body: bytes) -> dict[str, object]:
-    """The scalars and texts of a map from text to dynamic values, ``{sm}``, up to the first value that is neither."""
+    """Return the scalars and texts of a map of dynamic values, ``{sm}``, up to the first value that is neither."""
     found: dict[str, object] = {}
     try:
         (count,) = struct.unpack_from("<I", body)

@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pepper_driver.backends.naoqi_server.black_box import BlackBox
 from pepper_driver.backends.naoqi_server.launch import StandIn
+from pepper_driver.backends.naoqi_server.shared_values import BlackBox
 from pepper_driver.log import read_log
 from support import ROOT
 from support.naoqi_faults import ROBOT, STANDS, url

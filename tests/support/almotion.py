@@ -4,12 +4,10 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from pepper_driver.backends.naoqi_server.black_box import BlackBox
-from pepper_driver.backends.naoqi_server.clock import wrapped
-from pepper_driver.backends.naoqi_server.dcm import Dcm, TimedCommand, UpdateType
-from pepper_driver.backends.naoqi_server.keys import table_keys
-from pepper_driver.backends.naoqi_server.motion.engine import Motion
-from pepper_driver.backends.naoqi_server.motion.tasks import Task
+from pepper_driver.backends.naoqi_server.almotion.engine import MotionEngine
+from pepper_driver.backends.naoqi_server.almotion.joints import AlmotionTask
+from pepper_driver.backends.naoqi_server.dcm import Dcm, TimedCommand, UpdateType, wrapped
+from pepper_driver.backends.naoqi_server.shared_values import BlackBox, table_keys
 from pepper_driver.config import load_naoqi_services, load_robot
 from pepper_driver.config.naoqi_devices import load_naoqi_devices
 
@@ -123,7 +121,7 @@ class Stage:
         self, *, posture: str = "Stand", clock: int = 5_000, consent: bool = False
     ) -> None:
         self.robot = IdealRobot(posture, clock)
-        self.motion = Motion(self.robot, CONFIG, SETTINGS, consent=consent)
+        self.motion = MotionEngine(self.robot, CONFIG, SETTINGS, consent=consent)
         self._passed = 0
 
     def run(self, seconds: float, each: Callable[[], object] = lambda: None) -> None:
@@ -152,7 +150,7 @@ class Stage:
         reflexes.diagnosis = reflexes.smart_stiffness = False
         reflexes.fall_manager = reflexes.push_recovery = False
 
-    def add(self, task: Task) -> Task:
+    def add(self, task: AlmotionTask) -> AlmotionTask:
         self.motion.joints.tasks.add(task)
         return task
 

@@ -11,8 +11,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from pepper_driver import Pepper
-from pepper_driver.backends.naoqi_server.black_box import BlackBox, row_type
 from pepper_driver.backends.naoqi_server.launch import StandIn
+from pepper_driver.backends.naoqi_server.shared_values import BlackBox, row_type
 from pepper_driver.config import (
     PepperError,
     load_doctor_settings,

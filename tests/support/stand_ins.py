@@ -14,8 +14,8 @@ import pytest
 
 from pepper_driver.backends.naoqi import angles, backend, handover, ownership, robot
 from pepper_driver.backends.naoqi.timing import RoundTrips
-from pepper_driver.backends.naoqi_server.black_box import BlackBox
 from pepper_driver.backends.naoqi_server.launch import StandIn
+from pepper_driver.backends.naoqi_server.shared_values import BlackBox
 from pepper_driver.config import NaoqiSettings, load_naoqi_settings, load_safety_settings
 
 SILENCE = 1.0

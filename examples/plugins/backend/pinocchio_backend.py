@@ -265,7 +265,7 @@ class PinocchioBackend(Serial, Backend):
 
     @property
     def kinetic_energy(self) -> float:
-        """Of links and rotors [J]."""
+        """Kinetic energy of links and rotors [J]."""
         return 0.5 * float(self.v @ pin.crba(self._model, self._data, self.q) @ self.v)
 
     def in_order(self, vector: Array) -> Array:
@@ -336,7 +336,7 @@ class PinocchioTruth(Truth):
 
     @property
     def kinetic_energy(self) -> float:
-        """Of links and rotors [J]."""
+        """Kinetic energy of links and rotors [J]."""
         return self._backend.kinetic_energy
 
     @property

@@ -11,7 +11,7 @@ HEIGHT = 0.95
 
 
 def highest(pepper: Pepper) -> float:
-    """Of the left wrist while it is told to go to 1.15 m, as commanded."""
+    """Return the largest commanded height of the left wrist on its motion to 1.15 m."""
     hand = PositionTask("l_wrist", root="base_link")
     hand.target = [0.25, 0.2, 1.15]
     heights: list[float] = []

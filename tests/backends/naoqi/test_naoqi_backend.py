@@ -24,8 +24,8 @@ from pepper_driver.backends import (
     make_backend,
 )
 from pepper_driver.backends.naoqi.qi_library import PRIORITY, THREADS, preferred
-from pepper_driver.backends.naoqi_server.black_box import BlackBox
 from pepper_driver.backends.naoqi_server.launch import StandIn
+from pepper_driver.backends.naoqi_server.shared_values import BlackBox
 from pepper_driver.config import (
     ConfigError,
     UnknownNameError,

@@ -12,8 +12,8 @@ import pytest
 
 from pepper_driver.backends import Backend, Command, Measurement, make_backend
 from pepper_driver.backends.naoqi.memory_keys import Alias, actuator_keys
-from pepper_driver.backends.naoqi_server.black_box import BlackBox
 from pepper_driver.backends.naoqi_server.launch import StandIn
+from pepper_driver.backends.naoqi_server.shared_values import BlackBox
 from pepper_driver.config import (
     load_controller_settings,
     load_safety_settings,

@@ -23,7 +23,7 @@ SEED = 1
 FILE = ROOT / "examples" / "experiments" / "touch_the_arm.yaml"
 HAND, POINT = "l_wrist", np.array([0.07, 0.0, 0.0])  # [m] in the link
 LIGHT, STRONG = 10.0, 25.0
-"""[N] Clear cases of docs/results/touch_the_arm.md: light sideways, strong inwards. Else it depends."""
+"""[N] Without doubt in the tables of docs/results/touch_the_arm.md: light sideways, strong inwards. Else it depends."""
 PUSH_TIME, GRACE = 1.0, 0.15  # [s]
 MOVED = 0.01  # [m]
 SENTENCE = "You are touching my arm."

@@ -1,0 +1,1 @@
+"""ALMotion of the stand-in: how its joints and wheels move."""

@@ -1,0 +1,1 @@
+"""Services of NAOqi that clients of the stand-in call."""

@@ -1,0 +1,192 @@
+"""Shared parts of the services: robot, memory, ALMotion, voice."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Collection, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from threading import Condition, Lock
+from typing import Any
+
+from pepper_driver.backends.naoqi_server.almotion.engine import MotionEngine
+from pepper_driver.backends.naoqi_server.almotion.kinematics import CallError
+from pepper_driver.backends.naoqi_server.almotion.postures import Life, Postures, Waking
+from pepper_driver.backends.naoqi_server.ipc import Robot
+from pepper_driver.backends.naoqi_server.memory import Memory, SensorEvents
+from pepper_driver.backends.naoqi_server.service_faults import FaultRouter
+from pepper_driver.backends.naoqi_server.services.calls import Record
+from pepper_driver.config import RobotConfig, load_naoqi_services
+from pepper_driver.config.naoqi_services import Speech
+
+PARAMETERS = {
+    "pitchShift": 0.0,
+    "doubleVoice": 0.0,
+    "doubleVoiceLevel": 0.0,
+    "doubleVoiceTimeShift": 0.0,
+    "speed": 100.0,
+    "defaultVoiceSpeed": 100.0,
+    "volume": 80.0,
+    "pitch": 100.0,
+}
+
+_TAGS = re.compile(r"\\+\w+(?:=[^\\]*)?\\+|\^\w+(?:\([^)]*\))?")
+"""Of the voice, with backslashes, and of animations, ``^start(animations/...)``: they are not spoken."""
+
+PREFIX = "ALTextToSpeech/"
+
+
+class Voice:
+    """Says one text after the other. Safe to use from several threads.
+
+    Attributes:
+        language: By its English name.
+        parameters: Of the voice, by NAOqi's names; ``speed`` 100 is as usual.
+    """
+
+    def __init__(self, memory: Memory, record: Record, settings: Speech) -> None:
+        self._memory, self._record, self._settings = memory, record, settings
+        self.language = "English"
+        self.parameters = dict(PARAMETERS)
+        self._turn = Lock()
+        self._changed = Condition()
+        self._last = self._stopped = 0
+        for event in ("TextStarted", "TextDone", "TextInterrupted"):
+            memory.raise_event(PREFIX + event, 0)
+
+    def speak(self, text: str, language: str, service: str) -> None:
+        """Say a text for a service; waits until it is said, or stopped."""
+        with self._changed:
+            number = self._last = self._last + 1
+        self._tell("Status", [number, "enqueued"])
+        with self._turn:
+            self._record.add(service, "say", text, language)
+            plain = spoken(text)
+            self._tell("CurrentSentence", plain)
+            self._tell("Status", [number, "started"])
+            self._tell("TextDone", 0)
+            self._tell("TextStarted", 1)
+            rate = self._settings.characters * self.parameters["speed"] / 100
+            seconds = self._settings.start + len(plain) / rate
+            with self._changed:
+                stopped = self._changed.wait_for(lambda: number <= self._stopped, seconds)
+            self._tell("TextInterrupted" if stopped else "TextDone", 1)
+            self._tell("TextStarted", 0)
+            self._tell("Status", [number, "stopped" if stopped else "done"])
+
+    def stop(self) -> None:
+        """End what is being said, and what waits to be."""
+        with self._changed:
+            self._stopped = self._last
+            self._changed.notify_all()
+
+    def _tell(self, event: str, value: object) -> None:
+        self._memory.raise_event(PREFIX + event, value)
+
+
+def spoken(text: str) -> str:
+    """Return the spoken part of a text: without tags."""
+    return " ".join(_TAGS.sub(" ", text).split())
+
+
+class Shared:
+    """Made once by the server. The writer of ALMotion begins with :meth:`start`.
+
+    Args:
+        robot: The robot.
+        memory: What ALMemory holds.
+        config: What the robot is.
+        consent: Whether its owner lets safety reflexes be switched off.
+        version: Of NAOqi, as ``ALSystem.systemVersion`` tells it; "" for that of the settings.
+
+    Attributes:
+        settings: Of the services.
+        motion: What ALMotion commands.
+        postures: Ways to postures.
+        waking: Motors on and off.
+        life: Its state and abilities.
+        record: What was done that nobody can see.
+        voice: That all services speak with.
+        version: Of NAOqi.
+    """
+
+    def __init__(
+        self,
+        robot: Robot,
+        memory: Memory,
+        config: RobotConfig,
+        *,
+        consent: bool = False,
+        version: str = "",
+    ) -> None:
+        self.settings = load_naoqi_services(config)
+        self.motion = MotionEngine(robot, config, self.settings, consent=consent)
+        self.postures = Postures(self.motion, config, self.settings)
+        self.waking = Waking(self.motion, self.postures, memory, self.settings)
+        self.life = Life(self.motion)
+        self.record = Record()
+        self.voice = Voice(memory, self.record, self.settings.speech)
+        self.version = version or self.settings.version
+
+    def start(self) -> None:
+        """Begin to move the robot."""
+        self.motion.start()
+
+
+@dataclass(frozen=True, kw_only=True)
+class Context:
+    """Objects that services share.
+
+    Attributes:
+        robot: The robot.
+        memory: What ALMemory holds; raises events.
+        config: What the robot is.
+        events: Raises events of its touch sensors.
+        faults: Takes what is to go wrong.
+        shared: What the services of the package ``modules`` share.
+        services: Names of the services that this session offers.
+        call: ``call(service, method, *arguments)`` calls a service of this session without waiting for it.
+    """
+
+    robot: Robot
+    memory: Memory
+    config: RobotConfig
+    events: SensorEvents
+    faults: FaultRouter
+    shared: Shared
+    services: Callable[[], Collection[str]]
+    call: Callable[..., Any]
+
+
+class MotionCalls:
+    """Calls that use the writer of ALMotion. A motion that takes its time does not hold up the others."""
+
+    __qi_threading__ = "multi"
+
+    def __init__(self, context: Context) -> None:
+        self._context = context
+        self._shared = context.shared
+        self._motion = context.shared.motion
+        self._memory = context.memory
+
+
+def rising(times: Sequence[float], where: str) -> list[float]:
+    """Return the times of a motion [s].
+
+    Raises:
+        CallError: They are not positive, or do not rise.
+    """
+    if not times or times[0] <= 0 or any(a >= b for a, b in pairwise(times)):
+        raise CallError(where, f"times must be above 0 and rise: {list(times)}")
+    return list(times)
+
+
+def switch(value: object, where: str) -> bool:
+    """Return True or False, also as 1 or 0.
+
+    Raises:
+        CallError: It is something else.
+    """
+    if value not in (True, False):
+        raise CallError(where, f"expected true or false, got {value!r}")
+    return bool(value)
