@@ -19,7 +19,7 @@ class DoctorSettings:
     """Limits of the checks; see ``doctor.yaml`` for the meaning of each."""
 
     inspection_time: Annotated[float, Field(ge=0.5)]
-    rest: Positive
+    max_drift: Positive
     tilt_warning: Positive
     tilt_failure: Positive
     gravity: tuple[Positive, Positive]
@@ -28,13 +28,13 @@ class DoctorSettings:
     clock_jump: Positive
     late_share: Share
     motion: Annotated[float, Field(ge=5.0, le=60.0)]
-    stretch: Annotated[float, Field(ge=1.0)]
+    segment_time: Annotated[float, Field(ge=1.0)]
     amplitude: Annotated[float, Field(gt=0, le=0.2)]
     hand_amplitude: Annotated[float, Field(gt=0, le=0.5)]
     limit_distance: Positive
     clearance: Positive
-    aside: dict[str, float]
-    follow: Share
+    clearance_motion: dict[str, float]
+    min_following_ratio: Share
     worn_rms: Positive
     worn_peak: Positive
     misfit_peak: Positive

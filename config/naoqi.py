@@ -54,27 +54,27 @@ class TimingSettings:
 
     response_delay: Annotated[int, Field(ge=0, le=20)]
     burst: Annotated[float, Field(ge=0.05, le=5.0)]
-    longest_round_trip: Positive
+    max_round_trip: Positive
     lead_margin: NotNegative
-    least_lead: Positive
-    longest_lead: Positive
-    largest_step: Positive
+    min_lead_time: Positive
+    max_lead_time: Positive
+    max_step: Positive
     wheels: WheelTimes
     ramp_up: Positive
     ramp_down: Positive
-    legs_back_speed: Positive
+    leg_return_speed: Positive
 
     def __post_init__(self) -> None:
         """Check what spans fields: the smallest comes before the largest."""
-        if self.least_lead > self.longest_lead:
-            raise ValueError("'least_lead' must not be above 'longest_lead'")
+        if self.min_lead_time > self.max_lead_time:
+            raise ValueError("'min_lead_time' must not be above 'max_lead_time'")
 
 
 @dataclass(frozen=True, kw_only=True, config=STRICT)
 class AnglesSettings:
     """Motion of joints through ALMotion, without the DCM; see ``naoqi_settings.yaml`` for the meaning of each."""
 
-    every: Annotated[int, Field(ge=2, le=4)]
+    command_period: Annotated[int, Field(ge=2, le=4)]
     speed: Annotated[float, Field(gt=0, le=1)]
     response_delay: Annotated[int, Field(ge=0, le=20)]
 
@@ -98,7 +98,7 @@ class NaoqiSettings:
     take_over_time: Positive
     temperature_status: Annotated[int, Field(ge=0, le=3)]
     charging_flap: Literal["refuse", "stand"]
-    legs_go_soft: bool
+    release_legs: bool
     take_over: TakeOverSettings
     timing: TimingSettings
     foreign_commands: ForeignCommandSettings

@@ -70,7 +70,7 @@ class NaoqiServices:
     version: str
     robot_name: str
     cycle: Positive
-    lead: Positive
+    lead_time: Positive
     chains: dict[str, tuple[str, ...]]
     torso: Vector3
     hand: Vector3

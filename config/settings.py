@@ -139,12 +139,12 @@ class SafetySettings:
 
     speed_margin: Annotated[float, Field(ge=1)]
     acceleration_margin: Annotated[float, Field(ge=1)]
-    divergence: Positive
-    divergence_time: Positive
-    stiffness_taken: Positive
+    following_error: Positive
+    following_error_time: Positive
+    stiffness_loss: Positive
     stiffness_time: NotNegative
-    silent: Positive
-    silent_time: Positive
+    frozen_distance: Positive
+    frozen_time: Positive
     stale_hold: Positive
     stale_fault: Positive
     stiffness_ramp: Positive

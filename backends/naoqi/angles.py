@@ -96,14 +96,14 @@ class AnglesLink:
         self._step += 1
         self._count()
         self._take()
-        if self._step % self._settings.every == 0:
+        if self._step % self._settings.command_period == 0:
             self._ask()
         self.newest = self._measurement()
         return self.newest
 
     def write(self, position: FloatArray | None, stiffness: FloatArray | None) -> None:
         """Tell the robot where that is due; what is None is not told."""
-        if self._step % self._settings.every == 1:
+        if self._step % self._settings.command_period == 1:
             if position is not None and not self._order.begin(
                 self._joints, position.tolist(), self._settings.speed
             ):
@@ -138,7 +138,7 @@ class AnglesLink:
     def _ask(self) -> None:
         if self._angles.begin(self._joints, True):
             self._asked = time.monotonic()
-        if self._step % (SENSORS * self._settings.every) == 0:
+        if self._step % (SENSORS * self._settings.command_period) == 0:
             self._sensors.begin(self._keys.names)
             if self._stiffness_order.over and self._stiffnesses.begin(self.soft):
                 self._told_meanwhile = False
@@ -175,7 +175,7 @@ class AnglesLink:
         return position
 
     def _measurement(self) -> Measurement:
-        usual = (self._settings.every + 1) * self._cycle
+        usual = (self._settings.command_period + 1) * self._cycle
         values = {name: getattr(self._values, name) for name in VALUES} | {
             "position": self._position,
             "stiffness": self._found,

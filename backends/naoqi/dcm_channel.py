@@ -288,7 +288,7 @@ class Link:
         self._cycles = Cycles(1e3 * robot.cycle, date)
         self._playout = Playout(1e3 * robot.cycle, first)
         self._reader = Reader(memory, dcm, keys, self._clock, first=first, date=date, now=now)
-        self._writer = Writer(dcm, timing.largest_step, now)
+        self._writer = Writer(dcm, timing.max_step, now)
         self._orders: Orders | None = None
         self._foreign: ForeignCommands | None = None
         self._written = 0

@@ -176,17 +176,17 @@ class Writer:
 
     Args:
         dcm: Its proxy.
-        largest_step: What commands on their way may move a joint, all together [rad].
+        max_step: What commands on their way may move a joint, all together [rad].
         now: This computer's clock [ns].
     """
 
     def __init__(
         self,
         dcm: Proxy,
-        largest_step: float,
+        max_step: float,
         now: Callable[[], int] = time.perf_counter_ns,
     ) -> None:
-        self._dcm, self._largest_step, self._now = dcm, largest_step, now
+        self._dcm, self._max_step, self._now = dcm, max_step, now
         self._in_flight: list[_Sent] = []
         self._unheard: dict[Alias, int] = {}
         self._refused_before: set[Alias] = set()
@@ -249,7 +249,7 @@ class Writer:
     def _near(self, wanted: FloatArray) -> bool:
         """Check that this command, and those in flight, move no joint far from the last one that the robot took."""
         taken = self._taken
-        return taken is not None and float(np.abs(wanted - taken).max()) <= self._largest_step
+        return taken is not None and float(np.abs(wanted - taken).max()) <= self._max_step
 
     def send(
         self,

@@ -134,18 +134,18 @@ def let_go(
     wheels_off = link.switch_wheels(off)
 
     stiffness = link.stiffness
-    taken = _shown(link, stiffness) < stiffness - safety.stiffness_taken
+    taken = _shown(link, stiffness) < stiffness - safety.stiffness_loss
     legs_home = np.full(len(legs), np.nan)
     if (taken & legs).any():
         logger.warning("somebody else made the legs soft: they are not moved any more")
     elif not _moved_by_others(link.newest, robot):
         legs_home = np.where(legs & np.isfinite(posture), posture, np.nan)
     stiffness = np.where(taken, _shown(link, stiffness), stiffness)
-    speed = settings.timing.legs_back_speed
+    speed = settings.timing.leg_return_speed
     if not _lead_back(link, robot, legs_home, speed, stiffness, safety.stale_fault, tick):
         return False
 
-    soft = np.zeros(len(legs)) if settings.legs_go_soft else np.where(legs, stiffness, 0.0)
+    soft = np.zeros(len(legs)) if settings.release_legs else np.where(legs, stiffness, 0.0)
     ticks = round(settings.timing.ramp_down / robot.cycle)
     for number in range(1, ticks + 1):
         wheels_off = wheels_off or link.switch_wheels(off)

@@ -255,7 +255,7 @@ class RoundTrips:
 
     def lead(self, settings: TimingSettings) -> float:
         """[s] from sending a command to its date, so that it arrives before."""
-        return max(self.jitter + settings.lead_margin, settings.least_lead)
+        return max(self.jitter + settings.lead_margin, settings.min_lead_time)
 
 
 def burst(ask: Callable[[], int], seconds: float, clock: Callable[[], int]) -> list[TimeReply]:
@@ -299,15 +299,15 @@ def measure(
         replies = burst(ask, settings.burst, clock)
         trips = RoundTrips.of(replies)
         lead = trips.lead(settings)
-        if trips.p99 <= settings.longest_round_trip and lead <= settings.longest_lead:
+        if trips.p99 <= settings.max_round_trip and lead <= settings.max_lead_time:
             return trips, replies
-    slow = trips.p99 > settings.longest_round_trip
+    slow = trips.p99 > settings.max_round_trip
     what = (
         f"one call in a hundred takes {1e3 * trips.p99:.0f} ms or more"
         if slow
         else f"calls vary by {1e3 * trips.jitter:.0f} ms, so commands would have to be sent {1e3 * lead:.0f} ms ahead"
     )
-    limit = settings.longest_round_trip if slow else settings.longest_lead
+    limit = settings.max_round_trip if slow else settings.max_lead_time
     raise SlowLinkError(
         f"'{uri}' is too slow for control every 12 ms: {what}, and at most {1e3 * limit:.0f} ms are possible; {CURE}"
     )

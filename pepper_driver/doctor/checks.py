@@ -72,7 +72,7 @@ def check_joints(
     if answer.status is CheckStatus.FAILED:
         return answer
     ranges = np.ptp(positions, axis=0)
-    moving = ranges > settings.rest
+    moving = ranges > settings.max_drift
     worst = int(ranges.argmax())
     seconds = len(inspection.samples) * robot.cycle
     found = (
@@ -197,7 +197,8 @@ def check_samples(
 def check_settings(safety: SafetySettings, controller: ControllerSettings) -> CheckResult:
     """Check that no protection is switched off."""
     found = (
-        f"fault at {np.degrees(safety.divergence):.0f} deg from the command for {safety.divergence_time:g} s, "
+        f"fault at {np.degrees(safety.following_error):.0f} deg from the command for "
+        f"{safety.following_error_time:g} s, "
         f"at samples {safety.stale_fault * 1e3:.0f} ms old, at {safety.temperature_fault:.0f} deg C"
     )
     off = []

@@ -121,7 +121,7 @@ class ModelFitMonitor:
         known = bool(self._known[number])
         peak = float(self._peak[number]) if known else np.nan
         today = float(self._today[number]) if known else np.nan
-        if not follows[number] >= settings.follow:
+        if not follows[number] >= settings.min_following_ratio:
             verdict = Verdict.STUCK
         elif not known:
             verdict = Verdict.NO_MODEL

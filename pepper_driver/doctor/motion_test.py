@@ -60,7 +60,7 @@ def plan_goals(start: FloatArray, robot: RobotConfig, settings: DoctorSettings) 
     """
     room = _Room(robot, settings.clearance)
     aside = np.zeros(len(start))
-    for joint, angle in settings.aside.items():
+    for joint, angle in settings.clearance_motion.items():
         aside[robot.joint_index(joint)] = angle
     for share in np.linspace(0.0, 1.0, STEPS):
         goals = _goals_around(start + share * aside, robot, settings)
@@ -83,7 +83,7 @@ def _goals_around(
     rng = np.random.default_rng(SEED)
     side = rng.choice([-1.0, 1.0], len(posture))
     goals = [middle]
-    for _ in range(round(settings.motion / settings.stretch) - 2):
+    for _ in range(round(settings.motion / settings.segment_time) - 2):
         side = -side
         goals.append(middle + side * amplitude * rng.uniform(LEAST_SHARE, 1.0, len(posture)))
     return goals
@@ -157,7 +157,7 @@ def try_motion(
             steps = [
                 Step(
                     joints=dict(zip(robot.joint_names, goal.tolist(), strict=True)),
-                    duration=settings.stretch - REST,
+                    duration=settings.segment_time - REST,
                     hold=REST,
                 )
                 for goal in goals

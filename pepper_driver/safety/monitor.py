@@ -32,7 +32,7 @@ class MotorMonitor:
         self._names = robot.joint_names
         self._settings = settings
         self._taken_ticks = round(settings.stiffness_time / robot.cycle)
-        self._silent_ticks = round(settings.silent_time / robot.cycle)
+        self._silent_ticks = round(settings.frozen_time / robot.cycle)
         # A hand stands still around what it holds, far from where it was to close.
         self._judged = np.array([name not in robot.hands.joints for name in robot.joint_names])
         self.reset()
@@ -55,7 +55,7 @@ class MotorMonitor:
         if told is None:
             return None
         wanted = np.minimum(answered.stiffness, newest.stiffness)
-        less = told < wanted - self._settings.stiffness_taken  # never where nobody knows: NaN
+        less = told < wanted - self._settings.stiffness_loss  # never where nobody knows: NaN
         if not np.count_nonzero(less):
             self._taken = 0
             return None
@@ -96,7 +96,7 @@ class MotorMonitor:
         stands = measurement.current == last.current
         if np.count_nonzero(stands) == len(stands):
             return None  # the same sample once more
-        far = np.abs(distance) > self._settings.silent
+        far = np.abs(distance) > self._settings.frozen_distance
         should = far & self._judged & (answered.stiffness > FULL_STIFFNESS)
         stands &= should & (measurement.position == last.position)
         self._silent = np.where(stands, self._silent + 1, 0)
@@ -140,8 +140,8 @@ class MeasurementMonitor:
     def __init__(self, robot: RobotConfig, settings: SafetySettings) -> None:
         self._names = robot.joint_names
         self._settings = settings
-        self._divergence_ticks = round(settings.divergence_time / robot.cycle)
-        self._square = min(settings.divergence, settings.silent) ** 2
+        self._divergence_ticks = round(settings.following_error_time / robot.cycle)
+        self._square = min(settings.following_error, settings.frozen_distance) ** 2
         self._motors = MotorMonitor(robot, settings)
         self._look_ticks = round(SLOW_CHECK_PERIOD / robot.cycle)
         self._distance = np.zeros(len(self._names))
@@ -208,14 +208,14 @@ class MeasurementMonitor:
         if not np.isfinite(distance).all():
             text = f"the position of {self._broken(measurement)} is not a number"
             return Fault(reason=FaultReason.SENSOR, text=text)
-        far = (distance > self._settings.divergence) & (answered.stiffness > FULL_STIFFNESS)
+        far = (distance > self._settings.following_error) & (answered.stiffness > FULL_STIFFNESS)
         self._diverging = np.where(far, self._diverging + 1, 0)
         self._far = bool(far.any())
         worst = int(self._diverging.argmax())
         if self._diverging[worst] <= self._divergence_ticks:
             return None
         text = f"{self._names[worst]} stays {np.degrees(distance[worst]):.0f} deg from its command"
-        return Fault(reason=FaultReason.DIVERGENCE, text=text)
+        return Fault(reason=FaultReason.FOLLOWING_ERROR, text=text)
 
     def _look(self, measurement: Measurement) -> Fault | None:
         """At what changes slowly. What cannot be read is not judged: no robot is hot for lack of a thermometer."""

@@ -18,7 +18,7 @@ def test_the_shipped_levels_load() -> None:
         ("tilt_failure: 0.14", "tilt_failure: 0.01", "tilt_warning"),
         ("gravity: [9.3, 10.3]", "gravity: [10.3, 9.3]", "gravity"),
         ("amplitude: 0.09", "amplitude: 1.0", "amplitude"),
-        ("follow: 0.3", "follow: 0.3\nfolow: 0.3", "folow"),
+        ("min_following_ratio: 0.3", "min_following_ratio: 0.3\nmin_folowing: 0.3", "min_folowing"),
     ],
 )
 def test_wrong_levels_are_refused(tmp_path: Path, old: str, new: str, word: str) -> None:

@@ -332,11 +332,15 @@ CASES: list[tuple[str, str, str]] = [
         "speed_margin: true",
         "mine.yaml line 4: key 'speed_margin': must be a number, got true",
     ),
-    ("safety", "divergence: -1", "mine.yaml line 6: key 'divergence': must be above 0, got -1"),
     (
         "safety",
-        "divergence: null",
-        "mine.yaml line 6: key 'divergence': must be a number, got null",
+        "following_error: -1",
+        "mine.yaml line 6: key 'following_error': must be above 0, got -1",
+    ),
+    (
+        "safety",
+        "following_error: null",
+        "mine.yaml line 6: key 'following_error': must be a number, got null",
     ),
     (
         "safety",
@@ -351,12 +355,12 @@ CASES: list[tuple[str, str, str]] = [
     (
         "safety",
         "chest_button: maybe",
-        "mine.yaml line 21: key 'chest_button': must be true or false, got \"maybe\"",
+        "mine.yaml line 23: key 'chest_button': must be true or false, got \"maybe\"",
     ),
     (
         "safety",
-        "divergenc: 0.6",
-        "mine.yaml line 23: unknown key 'divergenc' (did you mean divergence or divergence_time?",
+        "following_eror: 0.6",
+        "mine.yaml line 25: unknown key 'following_eror' (did you mean following_error or following_error_time?",
     ),
     (
         "observer",
@@ -427,11 +431,19 @@ CASES: list[tuple[str, str, str]] = [
         "constraints: []",
         "mine.yaml line 37: key 'constraints': must be a mapping of keys to values",
     ),
-    ("doctor", "look: -1", "mine.yaml line 2: key 'look': must be 0.5 or more, got -1"),
-    ("doctor", "gravity: [9.8]", "mine.yaml line 8: key 'gravity': needs at least 2 entries"),
-    ("doctor", "gravity: 9.8", "mine.yaml line 8: key 'gravity': must be a list, got 9.8"),
-    ("doctor", "motion: long", "mine.yaml line 13: key 'motion': must be a number, got \"long\""),
-    ("doctor", "lok: 1", "mine.yaml line 26: unknown key 'lok' (did you mean look?"),
+    (
+        "doctor",
+        "inspection_time: -1",
+        "mine.yaml line 2: key 'inspection_time': must be 0.5 or more, got -1",
+    ),
+    ("doctor", "gravity: [9.8]", "mine.yaml line 6: key 'gravity': needs at least 2 entries"),
+    ("doctor", "gravity: 9.8", "mine.yaml line 6: key 'gravity': must be a list, got 9.8"),
+    ("doctor", "motion: long", "mine.yaml line 11: key 'motion': must be a number, got \"long\""),
+    (
+        "doctor",
+        "inspektion_time: 1",
+        "mine.yaml line 24: unknown key 'inspektion_time' (did you mean inspection_time or segment_time?",
+    ),
     ("robot", "name: 3", "robot/pepper.yaml line 2: key 'name': must be a text, got 3"),
     ("robot", "cycle: 0", "robot/pepper.yaml line 4: key 'cycle': must be above 0, got 0"),
     (
@@ -519,18 +531,18 @@ CASES: list[tuple[str, str, str]] = [
     ),
     (
         "reflexes",
-        "reflexes: [{do: hold, pause: -1}]\n",
+        "reflexes: [{do: hold, release_delay: -1}]\n",
         "mine.yaml line 1: key 'reflexes.0': hold: release_delay is a number from 0 to 3600, got -1",
     ),
     (
         "reflexes",
-        "reflexes: [{do: hold, pause: true}]\n",
+        "reflexes: [{do: hold, release_delay: true}]\n",
         "mine.yaml line 1: key 'reflexes.0': hold: release_delay is a number from 0 to 3600, got True",
     ),
     (
         "reflexes",
-        "reflexes: [{do: hold, paus: 1}]\n",
-        "mine.yaml line 1: unknown key 'reflexes.0.paus' (did you mean pause?",
+        "reflexes: [{do: hold, release_dely: 1}]\n",
+        "mine.yaml line 1: unknown key 'reflexes.0.release_dely' (did you mean release_delay?",
     ),
     (
         "reflexes",

@@ -154,7 +154,9 @@ def test_a_disconnected_joint_is_told_and_sinks(robot: StandIn) -> None:
     box = outcome.box
     dead = int(np.argmax(box.stiffness[:, place] == 0.0))
     way = np.abs(box.position_command[:, place] - box.position_command[dead, place]).max()
-    assert SAFETY.silent - 0.05 < way < SAFETY.divergence, "sooner than by its distance alone"
+    assert SAFETY.frozen_distance - 0.05 < way < SAFETY.following_error, (
+        "sooner than by its distance alone"
+    )
     assert_wheels_stop(box)
     assert_joints_hold(box, outcome.ended, but=["LShoulderPitch"])
 

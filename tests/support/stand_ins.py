@@ -34,12 +34,12 @@ def patient_driver(**timing: Any) -> Iterator[None]:
 
     def settings(path: Path | None = None) -> NaoqiSettings:
         loaded = load_naoqi_settings(path)
-        changes = {"longest_round_trip": SILENCE, **timing}
+        changes = {"max_round_trip": SILENCE, **timing}
         return replace(loaded, timing=replace(loaded.timing, **changes))
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(backend, "load_naoqi_settings", settings)
-        patch.setattr(RoundTrips, "lead", lambda _, timing: timing.least_lead)
+        patch.setattr(RoundTrips, "lead", lambda _, timing: timing.min_lead_time)
         patch.setattr(robot, "load_safety_settings", lambda: PATIENT)
         for module in (handover, angles):
             patch.setattr(module, "PATIENCE", SILENCE)

@@ -238,7 +238,7 @@ class MotionEngine:
     ) -> None:
         self._robot = robot
         self._settings = settings
-        self._actuators = Actuators(robot, config, round(settings.lead * 1000))
+        self._actuators = Actuators(robot, config, round(settings.lead_time * 1000))
         self.lock = RLock()
         self.body = JointGroups(config, settings)
         self.reflexes = AlmotionReflexes(self.body, consent=consent)

@@ -267,9 +267,9 @@ def test_legs_go_back_to_where_almotion_left_them(robot: StandIn, backend: Backe
     box = recent(robot, time.monotonic() - begun + 0.2)
     assert box.position_command[-1, hip] == pytest.approx(start[hip], abs=0.01)
     steps = np.diff(box.position_command[:, hip]) / np.diff(box.cycle)
-    assert np.abs(steps).max() <= settings.largest_step
+    assert np.abs(steps).max() <= settings.max_step
     on_way = np.ptp(box.cycle[np.abs(steps).nonzero()[0]]) * ROBOT.cycle
-    assert on_way > 0.1 / (1.5 * settings.legs_back_speed)
+    assert on_way > 0.1 / (1.5 * settings.leg_return_speed)
     assert_let_go(box)
 
 

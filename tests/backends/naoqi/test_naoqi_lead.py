@@ -52,7 +52,7 @@ def test_rare_stalls_of_a_wireless_way_are_borne() -> None:
         rng = np.random.default_rng(seed)
         times = 3.0 + rng.exponential(2.0, 1000) + 60.0 * (rng.random(1000) < 0.003)
         trips = Way(iter(times.tolist()).__next__).measure()
-        assert trips.lead(TIMING) < TIMING.longest_lead
+        assert trips.lead(TIMING) < TIMING.max_lead_time
 
 
 def test_a_way_too_slow_is_refused_with_the_remedy() -> None:
@@ -61,7 +61,7 @@ def test_a_way_too_slow_is_refused_with_the_remedy() -> None:
 
 
 def test_a_way_that_varies_too_much_is_refused_where_a_slow_call_is_allowed() -> None:
-    patient = replace(TIMING, longest_round_trip=1.0)
+    patient = replace(TIMING, max_round_trip=1.0)
     way = Way(lambda: 1.0 + RNG.uniform(0.0, 70.0))
     with pytest.raises(SlowLinkError, match=r"vary by \d+ ms.*at most 60 ms.*cable"):
         measure(way.ask, patient, "naoqi://here", clock=way.clock)

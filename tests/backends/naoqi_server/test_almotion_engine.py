@@ -313,7 +313,7 @@ def test_closing_lets_go_whoever_waits(stage: Stage) -> None:
         ("rest: Crouch", "rest: Crouhc", "Crouch"),
         ("MaxVelXY: [0.1, 0.35, 0.55]", "MaxVelXY: [0.1, 0.65, 0.55]", "MaxVelXY"),
         ("HipPitch: 0.4", "HipPich: 0.4", "HipPitch"),
-        ("lead: 0.040", "leed: 0.040", "leed"),
+        ("lead_time: 0.040", "leed_time: 0.040", "leed_time"),
     ],
 )
 def test_wrong_settings_are_refused(tmp_path: Path, old: str, new: str, word: str) -> None:

@@ -55,7 +55,7 @@ def test_goals_are_within_the_limits_from_any_posture_and_legs_stand(shares: lis
     assert (goals[:, LEGS] == start[LEGS]).all()
     np.testing.assert_array_equal(goals[-1], start)
     amplitude = max(SETTINGS.amplitude, SETTINGS.hand_amplitude)
-    largest = 2 * amplitude + SETTINGS.limit_distance + max(SETTINGS.aside.values())
+    largest = 2 * amplitude + SETTINGS.limit_distance + max(SETTINGS.clearance_motion.values())
     assert (np.abs(goals - start) <= largest + 1e-9).all()
 
 
@@ -86,7 +86,9 @@ def test_all_of_arms_and_head_move_by_a_few_degrees_for_the_time_that_was_told()
     assert len(MOVED) == 14
     start = ROBOT.posture("Stand")
     goals = np.array(plan_goals(start, ROBOT, SETTINGS))
-    assert len(goals) * SETTINGS.stretch == pytest.approx(SETTINGS.motion, abs=SETTINGS.stretch)
+    assert len(goals) * SETTINGS.segment_time == pytest.approx(
+        SETTINGS.motion, abs=SETTINGS.segment_time
+    )
     turns = np.diff(np.sign(goals[1:-1, MOVED] - goals[0, MOVED]), axis=0)
     assert (turns != 0).all(), "from one side of the middle to the other each time"
     assert (np.ptp(goals[:, MOVED], axis=0) > SETTINGS.amplitude).all()

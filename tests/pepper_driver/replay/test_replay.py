@@ -504,7 +504,7 @@ def edited(path: Path, to: Path, **metadata: str | None) -> Path:
         ({"reflexes": "3"}, "reflexes"),
         ({"reflexes": '[{"do": "juggle"}]'}, "unknown reflex 'juggle'"),
         ({"controller_settings": None}, "controller_settings"),
-        ({"safety_settings": '{"divergence": -1}'}, "safety_settings"),
+        ({"safety_settings": '{"following_error": -1}'}, "safety_settings"),
     ],
 )
 def test_what_is_missing_is_one_line(

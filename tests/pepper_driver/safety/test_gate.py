@@ -165,9 +165,9 @@ def test_a_sensor_that_is_no_number_is_a_fault() -> None:
 
 def test_a_joint_far_from_its_command_is_a_fault_after_a_while() -> None:
     g = gate()
-    far = displaced("LShoulderRoll", SAFETY.divergence + 0.1)(standing_measurement())
+    far = displaced("LShoulderRoll", SAFETY.following_error + 0.1)(standing_measurement())
     near = standing_measurement()
-    ticks = round(SAFETY.divergence_time / ROBOT.cycle)
+    ticks = round(SAFETY.following_error_time / ROBOT.cycle)
     for _ in range(ticks):
         g.watch(far, g.sent)
     assert g.state is RobotState.ACTIVE
@@ -176,7 +176,7 @@ def test_a_joint_far_from_its_command_is_a_fault_after_a_while() -> None:
         g.watch(far, g.sent)
     assert g.state is RobotState.ACTIVE
     g.watch(far, g.sent)
-    assert_fault(g, FaultReason.DIVERGENCE, "LShoulderRoll")
+    assert_fault(g, FaultReason.FOLLOWING_ERROR, "LShoulderRoll")
 
 
 def test_a_joint_without_stiffness_may_be_moved_by_hand() -> None:

@@ -77,7 +77,7 @@ def drive(
         (displaced("HeadPitch", np.nan), FaultReason.SENSOR, ROBOT.joint_names[4], 1),
         (displaced("HeadPitch", np.inf), FaultReason.SENSOR, ROBOT.joint_names[4], 1),
         (pressed("buttons"), FaultReason.CHEST_BUTTON, "chest", 1),
-        (displaced("LShoulderRoll", 0.7), FaultReason.DIVERGENCE, ROBOT.joint_names[6], 43),
+        (displaced("LShoulderRoll", 0.7), FaultReason.FOLLOWING_ERROR, ROBOT.joint_names[6], 43),
         (
             heated("LWristYaw", 75.0),
             FaultReason.TEMPERATURE,

@@ -19,7 +19,7 @@ STAND = ROBOT.posture("Stand")
 ONES, STILL = np.ones(17), np.zeros(3)
 HEAD, ELBOW, HAND = (ROBOT.joint_index(name) for name in ("HeadYaw", "RElbowYaw", "RHand"))
 TAKEN_TICKS = round(SAFETY.stiffness_time / ROBOT.cycle)
-SILENT_TICKS = round(SAFETY.silent_time / ROBOT.cycle)
+SILENT_TICKS = round(SAFETY.frozen_time / ROBOT.cycle)
 
 
 def gate() -> SafetyGate:
@@ -64,7 +64,7 @@ def test_stiffness_that_somebody_took_away_stops_the_robot(
 
 @pytest.mark.parametrize(
     "stiffness",
-    [None, np.full(17, np.nan), less(SAFETY.stiffness_taken - 0.01), ONES, np.full(17, 1.5)],
+    [None, np.full(17, np.nan), less(SAFETY.stiffness_loss - 0.01), ONES, np.full(17, 1.5)],
 )
 def test_stiffness_that_is_there_or_not_known_stops_nothing(stiffness: FloatArray | None) -> None:
     g = gate()
@@ -113,7 +113,7 @@ def watched(
     """A gate that has seen ``joint`` stand far from its command, with currents that tremble, but where changed."""
     g = gate()
     random = np.random.default_rng(1)
-    far = displaced(ROBOT.joint_names[joint], SAFETY.silent + 0.05)
+    far = displaced(ROBOT.joint_names[joint], SAFETY.frozen_distance + 0.05)
     for tick in range(ticks):
         current = np.float64(0.016) * random.integers(10, 14, 17)
         measurement = far(replace(standing_measurement(), current=current))
@@ -164,7 +164,7 @@ def test_a_count_in_between_is_an_answer() -> None:
 def test_a_joint_near_its_command_may_stand_for_ever() -> None:
     def near(tick: int, measurement: Measurement) -> Measurement:
         position = STAND.copy()
-        position[ELBOW] += SAFETY.silent - 0.01
+        position[ELBOW] += SAFETY.frozen_distance - 0.01
         return standing(ELBOW)(tick, replace(measurement, position=position))
 
     assert watched(near, ticks=100).state is RobotState.ACTIVE

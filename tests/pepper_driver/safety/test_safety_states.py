@@ -34,7 +34,7 @@ HARM = {
     FaultReason.STALE_SAMPLE: aged(0.15),
     FaultReason.SENSOR: displaced("HeadYaw", np.nan),
     FaultReason.CHEST_BUTTON: pressed("buttons"),
-    FaultReason.DIVERGENCE: displaced("HeadYaw", 2.0),
+    FaultReason.FOLLOWING_ERROR: displaced("HeadYaw", 2.0),
     FaultReason.TEMPERATURE: heated("HeadYaw", 90.0),
     FaultReason.BATTERY: drained(0.01),
 }
