@@ -161,7 +161,7 @@ def find_models(
         mode = "fusion" if models.kind == "fusion" else "paper"
         raise ModelFileError(
             f"{path}: these are models of kind '{models.kind}', for the observer '{mode}'; "
-            f"this one needs {' or '.join(kinds)}, from 'pepper identify --kind {kinds[-1]}'"
+            f"this one needs {' or '.join(kinds)}, from 'pepper identify --model-type {kinds[-1]}'"
         )
     return models
 

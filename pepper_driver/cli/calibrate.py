@@ -48,7 +48,9 @@ START = {"pd": "nominal", "integral": "integral"}
 
 
 def calibrate(
-    law: Annotated[Law, typer.Option(help="Control law of the boards to fit.")] = "pd",
+    law: Annotated[
+        Law, typer.Option("--control-law", help="Control law of the boards to fit.")
+    ] = "pd",
     plant: Annotated[
         str | None,
         typer.Option(

@@ -65,7 +65,8 @@ def demo(
     ] = None,
     models: ModelsOption = None,
     fresh: Annotated[
-        bool, typer.Option("--fresh", help="Identify the models anew; with --models, keep them.")
+        bool,
+        typer.Option("--identify", help="Identify the models first; with --models, keep them."),
     ] = False,
     show: Annotated[
         bool, typer.Option("--show", help="Show the robot in a window, in real time.")

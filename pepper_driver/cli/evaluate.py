@@ -47,6 +47,7 @@ def evaluate_command(
     mode: Annotated[
         str | None,
         typer.Option(
+            "--observer",
             metavar="A,B",
             help=f"Observers: {', '.join(DEFAULTS)}, or of other packages; by default all that have models.",
         ),
@@ -126,7 +127,7 @@ def evaluate_command(
         save_json(json_file, result.as_json(), console)
         if report is not None:
             what = f"--suite {suite}" if suite else f"--log {' '.join(path.name for path in logs)}"
-            options = (f" --mode {mode}" if mode else "") + (" --quick" if quick else "")
+            options = (f" --observer {mode}" if mode else "") + (" --quick" if quick else "")
             command = f"pepper evaluate {what}{options} --report {report.name}"
             write_report(result, report, robot, command)
             console.print(f"report: {report}")

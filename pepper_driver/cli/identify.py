@@ -113,7 +113,9 @@ def identify(
     ] = None,
     kind: Annotated[
         ModelKind,
-        typer.Option(help="Type of the models; affine and cart are the paper's trees."),
+        typer.Option(
+            "--model-type", help="Type of the models; affine and cart are the paper's trees."
+        ),
     ] = "fusion",
     mirror: Annotated[
         bool,

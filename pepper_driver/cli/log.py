@@ -94,10 +94,12 @@ def info(log: LogArgument, json_file: JsonOption = None) -> None:
     save_json(json_file, summary.as_json(), console)
 
 
-@app.command(epilog="Example: pepper log export run.mcap --to csv\n\nMore: docs/log.md")
+@app.command(epilog="Example: pepper log export run.mcap --format csv\n\nMore: docs/log.md")
 def export(
     log: LogArgument,
-    to: Annotated[Format, typer.Option(help="Format; Parquet needs the extra 'export'.")],
+    to: Annotated[
+        Format, typer.Option("--format", help="Format; Parquet needs the extra 'export'.")
+    ],
     out: Annotated[
         Path | None,
         typer.Option(metavar="FILE", help="File for the ticks; by default beside the log."),

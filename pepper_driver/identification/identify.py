@@ -352,7 +352,7 @@ def _command(manifest: Manifest, kind: ModelKind, *, mirror: bool, share: bool) 
         f"--backend {manifest.backend}",
         f"--experiment {manifest.experiment}",
         f"--joints {','.join((*manifest.joints, *manifest.tested))}",
-        f"--kind {kind}",
+        f"--model-type {kind}",
         f"--seed {manifest.seed}",
     ]
     if not mirror:

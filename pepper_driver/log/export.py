@@ -70,7 +70,7 @@ def _files(log: RunLog, path: Path, to: str) -> dict[Path, Write]:
     if to not in FORMATS:
         raise UnknownNameError("format", to, FORMATS)
     if path.suffix.lower() != f".{to}":
-        raise OutputError(f"{path}: a file for --to {to} must end in .{to}")
+        raise OutputError(f"{path}: a file of format {to} must end in .{to}")
     if to == "npz":
         return {path: lambda part: _write_npz(log, part)}
     tables: dict[str, tuple[JsonTopic[Any] | None, Table]] = {"": (None, tick_table(log))}

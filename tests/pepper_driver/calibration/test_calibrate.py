@@ -354,7 +354,7 @@ def test_a_fit_writes_a_plant_that_loads(
     law: str, tiny: Callable[[list[str]], int], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     out, metrics = tmp_path / "mine.yaml", tmp_path / "metrics.json"
-    assert tiny(["--law", law, "--out", str(out), "--json", str(metrics)]) == 0
+    assert tiny(["--control-law", law, "--out", str(out), "--json", str(metrics)]) == 0
     content = json.loads(metrics.read_text())
     plant = load_plant(str(out), ROBOT)
     for joint, values in content["fit"]["joints"].items():
@@ -372,9 +372,9 @@ def test_a_fit_writes_a_plant_that_loads(
     [
         (["--check", "--plant", "nominl"], "did you mean nominal"),
         (["--check", "--plant", "missing.yaml"], "missing.yaml"),
-        (["--law", "pid"], "must be pd or integral, got 'pid'"),
+        (["--control-law", "pid"], "must be pd or integral, got 'pid'"),
         (["--plant", "random"], "drawn anew"),
-        (["--law", "integral", "--plant", "nominal"], "no board has an integral part"),
+        (["--control-law", "integral", "--plant", "nominal"], "no board has an integral part"),
         (["--out", "/dev/null/x.yaml"], "/dev/null/x.yaml"),
         (["--out", "plant.txt"], ".yaml"),
         (["--check", "--out", "x.yaml"], "--check"),

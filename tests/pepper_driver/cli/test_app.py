@@ -66,7 +66,7 @@ def test_demo_without_the_plot_extra_says_so(
         (["identify", "--out", "x.json", "--joints", "LShoulderRol"], "LShoulderRoll"),
         (["identify", "--out", "x.json", "--joints", ""], "joint"),
         (["identify", "--out", "x.json", "--joints", "HeadYaw,HeadYaw"], "twice"),
-        (["identify", "--out", "x.json", "--kind", "oak"], "affine"),
+        (["identify", "--out", "x.json", "--model-type", "oak"], "affine"),
         (["identify", "--out", "/dev/null/x.json"], "/dev/null/x.json"),
         (["identify", "--out", "x.json", "--experiment", "demo"], "sweeps"),
         (["demo", "--experiment", "dmo"], "did you mean demo"),

@@ -57,7 +57,7 @@ def test_a_episode_from_simulation_to_page(
         tmp_path / "docs" / "results.md",
         tmp_path / "episodes",
     )
-    arguments = ["evaluate", "--suite", "paper", "--mode", "paper,oracle", "--workers", "1"]
+    arguments = ["evaluate", "--suite", "paper", "--observer", "paper,oracle", "--workers", "1"]
     arguments += ["--json", str(figures), "--cache", str(cache), "--report", str(page)]
     assert run(arguments) == 0
     shown = capsys.readouterr().out
@@ -90,7 +90,7 @@ def test_a_failed_episode_is_told_and_is_exit_code_1(
         raise episodes.EpisodeError("it tipped")
 
     monkeypatch.setattr(episodes, "_performed", falls)
-    arguments = ["evaluate", "--suite", "paper", "--mode", "paper", "--workers", "1"]
+    arguments = ["evaluate", "--suite", "paper", "--observer", "paper", "--workers", "1"]
     json_file = tmp_path / "f.json"
     assert run([*arguments, "--cache", str(tmp_path / "c"), "--json", str(json_file)]) == 1
     assert "failed: paper, LSRoll on swaying" in capsys.readouterr().out
@@ -128,7 +128,7 @@ def labelled(path: Path, *, labels: bool = True) -> Path:
 def test_labelled_recordings(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     log, bare = labelled(tmp_path / "a.mcap"), labelled(tmp_path / "b.mcap", labels=False)
     figures, page = tmp_path / "f.json", tmp_path / "r.md"
-    arguments = ["evaluate", "--mode", "paper", "--workers", "1", "--json", str(figures)]
+    arguments = ["evaluate", "--observer", "paper", "--workers", "1", "--json", str(figures)]
     arguments += ["--report", str(page), "--log", str(log)]
     assert run(arguments) == 0
     content = json.loads(figures.read_text())
@@ -152,7 +152,7 @@ def test_labelled_recordings(tmp_path: Path, capsys: pytest.CaptureFixture[str])
     [
         (["--suite", "pper"], "unknown suite 'pper' (did you mean paper"),
         (["--suite", "paper,fre"], "unknown suite 'fre' (did you mean free"),
-        (["--suite", "paper", "--mode", "papr"], "unknown mode 'papr' (did you mean paper"),
+        (["--suite", "paper", "--observer", "papr"], "unknown mode 'papr' (did you mean paper"),
         (["--suite", "paper", "--models", "nowhere.json"], "nowhere.json: cannot be read"),
         (["--suite", "paper", "--report", "page.html"], "ends in .md"),
         (["--suite", "paper", "--json", "/proc/x.json"], "cannot be written"),

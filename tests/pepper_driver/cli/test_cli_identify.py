@@ -38,7 +38,7 @@ def test_models_of_both_sides_are_written_and_recordings_kept(
     assert run(["identify", "--out", str(out), "--json", str(figures), *options]) == 0
     models = ModelSet.load(out)
     assert set(models.models) == {"LElbowRoll", "RElbowRoll", "HeadPitch"}
-    assert "--joints LElbowRoll,HeadPitch --kind fusion --seed 0" in models.created_by
+    assert "--joints LElbowRoll,HeadPitch --model-type fusion --seed 0" in models.created_by
     content = json.loads(figures.read_text())
     assert set(content["fit"]) == {"fusion", "affine", "cart", "closed form"}
     assert set(content["fit"]["affine"]) == set(models.models)
@@ -51,7 +51,13 @@ def test_models_of_both_sides_are_written_and_recordings_kept(
     assert len(load_recordings(tmp_path / "models-recordings", ROBOT).calibration) == 4
 
     # Other models from the same recordings; nothing is driven.
-    again = ["--fit-only", "--recordings", str(tmp_path / "models-recordings"), "--kind", "cart"]
+    again = [
+        "--fit-only",
+        "--recordings",
+        str(tmp_path / "models-recordings"),
+        "--model-type",
+        "cart",
+    ]
     again += ["--share-types", "--no-mirror"]
     assert run(["identify", "--out", str(tmp_path / "cart.json"), *again]) == 0
     other = ModelSet.load(tmp_path / "cart.json")

@@ -84,7 +84,7 @@ def test_a_log_of_another_robot_is_read_as_it_is(
         writer.append(TickRecord(tick=samples.tick(1)))
     assert run(["log", "info", str(path)]) == 0
     assert ": salt, " in capsys.readouterr().out
-    assert run(["log", "export", str(path), "--to", "csv"]) == 0
+    assert run(["log", "export", str(path), "--format", "csv"]) == 0
     assert "position.MyRHand," in (tmp_path / "a.csv").read_text()
     assert run(["plot", str(path), "--joint", "RHand"]) == 2
     assert "did you mean MyRHand" in capsys.readouterr().err
@@ -93,14 +93,16 @@ def test_a_log_of_another_robot_is_read_as_it_is(
 def test_export_goes_beside_the_log_once(
     log: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert run(["log", "export", str(log), "--to", "csv"]) == 0
+    assert run(["log", "export", str(log), "--format", "csv"]) == 0
     files = [Path(line) for line in capsys.readouterr().out.splitlines()]
     assert files[0] == log.with_suffix(".csv")
     assert all(file.exists() for file in files)
-    assert run(["log", "export", str(log), "--to", "csv"]) == 2
+    assert run(["log", "export", str(log), "--format", "csv"]) == 2
     assert "--force" in capsys.readouterr().err
-    assert run(["log", "export", str(log), "--to", "csv", "--force"]) == 0
-    assert run(["log", "export", str(log), "--to", "npz", "--out", str(tmp_path / "x.npz")]) == 0
+    assert run(["log", "export", str(log), "--format", "csv", "--force"]) == 0
+    assert (
+        run(["log", "export", str(log), "--format", "npz", "--out", str(tmp_path / "x.npz")]) == 0
+    )
     assert (tmp_path / "x.npz").exists()
 
 
@@ -132,7 +134,7 @@ def test_each_command_says_what_a_damaged_log_misses(
     assert capsys.readouterr().out == f"{repaired}: {missing}\n"
     for command in (
         ["log", "info", "LOG", "--json", str(tmp_path / "f.json")],
-        ["log", "export", "LOG", "--to", "npz"],
+        ["log", "export", "LOG", "--format", "npz"],
         ["plot", "LOG"],
         ["replay", "LOG"],
     ):
@@ -187,9 +189,12 @@ def test_the_page_on_logs_says_what_works(
         (["log", "info", "TEXT"], "is not an MCAP file"),
         (["log", "info", "none.mcap"], "there is no such file"),
         (["log", "info", "LOG", "--json", "none/f.json"], "cannot be written"),
-        (["log", "export", "LOG", "--to", "xls"], "'--to': must be parquet, csv or npz, got 'xls'"),
-        (["log", "export", "LOG", "--to", "npz", "--out", "a.csv"], "must end in .npz"),
-        (["log", "export", "LOG"], "--to"),
+        (
+            ["log", "export", "LOG", "--format", "xls"],
+            "'--format': must be parquet, csv or npz, got 'xls'",
+        ),
+        (["log", "export", "LOG", "--format", "npz", "--out", "a.csv"], "must end in .npz"),
+        (["log", "export", "LOG"], "--format"),
         (["log", "repair", "TEXT", "new.mcap"], "is not an MCAP file"),
         (["log", "repair", "LOG", "text"], "is there already; --force replaces it"),
         (["log", "repair", "LOG", "LOG"], "is the log itself"),

@@ -198,7 +198,7 @@ def test_a_failure_leaves_nothing_half_done(
 def test_wrong_names_are_refused(log: RunLog, tmp_path: Path) -> None:
     with pytest.raises(UnknownNameError, match=r"unknown format 'parket' \(did you mean parquet"):
         export_log(log, tmp_path / "run.parket", "parket")
-    with pytest.raises(OutputError, match=r"run\.csv: a file for --to npz must end in \.npz"):
+    with pytest.raises(OutputError, match=r"run\.csv: a file of format npz must end in \.npz"):
         export_log(log, tmp_path / "run.csv", "npz")
     (tmp_path / "file").write_text("")
     with pytest.raises(OutputError, match="cannot be made"):
