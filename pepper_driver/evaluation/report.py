@@ -330,9 +330,9 @@ _ABOUT = {
 }
 _RULES = """\
 Sizes of pushes are in equivalent degrees: largest torque on the joint divided by its stiffness K = Kp N Kt / R.
-A push is detected when a contact is reported on its limb from its onset until 0.15 s after its release. A false contact begins
-outside of every push and of the 0.8 s after it, or on another limb. Pushes that saturate a motor board, pushes on
-fingers or trunk and forces along a joint's axis are scored apart."""
+A push is detected when a contact is reported on its limb from its onset until 0.15 s after its release. A false
+contact begins outside of every push and of the 0.8 s after it, or on another limb. Pushes that saturate a motor board,
+pushes on fingers or trunk and forces along a joint's axis are scored separately."""
 
 
 def write_report(
