@@ -73,8 +73,8 @@ def write_figures(evaluation: EvaluationResult, folder: Path, robot: RobotConfig
     if first:
         drawn["figure3.png"] = (
             contact_figure(first, robot),
-            "Figure 3: trajectories, expected error, contact observer signal r with its threshold; grey while somebody "
-            "pushes the joint's limb, dashed blue where a contact begins.",
+            "Figure 3: trajectories, expected error, contact observer signal r with its threshold; grey while the "
+            "joint's limb is pushed, dashed blue where a contact begins.",
         )
     if touched["RSRoll"]:
         drawn["figure4.png"] = (
@@ -82,7 +82,10 @@ def write_figures(evaluation: EvaluationResult, folder: Path, robot: RobotConfig
             "Figure 4: the same of RShoulderRoll, whose model was identified on the left.",
         )
     if any(_recalls(evaluation, mode) for mode in evaluation.modes):
-        drawn["recall.png"] = (recall_figure(evaluation), "Share of pushes felt, by their size.")
+        drawn["recall.png"] = (
+            recall_figure(evaluation),
+            "Fraction of pushes detected, by their size.",
+        )
     for name in _NAMES:  # of an earlier run: they would not fit the new tables
         (folder / name).unlink(missing_ok=True)
     for name, (figure, _) in drawn.items():

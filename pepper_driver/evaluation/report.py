@@ -75,7 +75,7 @@ def table1(evaluation: EvaluationResult, pictures: dict[str, str]) -> list[str]:
     return section(
         "Table I of the paper",
         *parts,
-        "False contacts / pushes missed / pushes felt. The first row is the paper's, on a real Pepper.",
+        "False contacts / pushes missed / pushes detected. The first row is the paper's, on a real Pepper.",
         _picture(pictures, "figure3.png", "figure4.png"),
     )
 
@@ -100,7 +100,7 @@ def free(evaluation: EvaluationResult) -> list[str]:
         "hours",
         "false contacts",
         "per hour, 95 % bound",
-        "joints watched",
+        "joints observed",
         "of the time",
     )
     return section(
@@ -125,7 +125,7 @@ def collision(evaluation: EvaluationResult, pictures: dict[str, str]) -> list[st
         "joint right after 0 / 50 / 150 ms",
         "torque RMSE / K, deg",
         "torque R2",
-        "rebounds told (of)",
+        "rebounds reported (of)",
         "touches called rebounds (of)",
     )
 
@@ -140,7 +140,7 @@ def collision(evaluation: EvaluationResult, pictures: dict[str, str]) -> list[st
     return section(
         "Labelled recordings" if suite == "log" else "Random pushes",
         *parts,
-        "Share of pushes felt, and in brackets out of how many.",
+        "Fraction of pushes detected, and in brackets their number.",
         "Delays count from the onset of the force, for pushes of 3 deg and more; joints for pushes of 2 deg and more.",
         _picture(pictures, "recall.png"),
     )
@@ -261,9 +261,9 @@ def variants(evaluation: EvaluationResult) -> list[str]:
         "suite, observer",
         "false, free motion",
         "false, with pushes",
-        "felt 2-3 deg",
-        "felt 3 deg and more",
-        "felt on trunk",
+        "detected 2-3 deg",
+        "detected 3 deg and more",
+        "detected on trunk",
         "delay ms",
         "joint right, 150 ms",
         "test fit, mean",
@@ -281,7 +281,7 @@ def latency(evaluation: EvaluationResult) -> list[str]:
     return section(
         "Time for one tick",
         table(("observer", "median, us", "p99, us"), _rows(evaluation, suite, cells)),
-        "Wall time of the observer for all joints, while other processes evaluate other episodes beside it.",
+        "Wall time of the observer for all joints, while other processes evaluate other episodes.",
     )
 
 
@@ -322,17 +322,17 @@ def _picture(pictures: dict[str, str], *names: str) -> str:
 
 
 _ABOUT = {
-    "fusion": "the default observer: stick-slip twin, small tree, momentum channel, adaptive threshold",
+    "fusion": "the default observer: stick-slip model, small tree, momentum residual, adaptive threshold",
     "paper-affine": "the paper's observer with affine trees (Eq. 12-13), median of 11, threshold 2.5 deg",
     "paper-cart": "the same with piecewise constant trees",
     "momentum": "momentum observer from the voltage law and the encoders (Eq. 10)",
-    "oracle": "knows the plant: what the nominal robot would do untouched, simulated; paper's median and threshold",
+    "oracle": "has the true plant: simulation of the untouched robot; paper's median and threshold",
 }
 _RULES = """\
 Sizes of pushes are in equivalent degrees: largest torque on the joint divided by its stiffness K = Kp N Kt / R.
-A push is felt when a contact is told on its limb from its onset until 0.15 s after its release. A false contact begins
-outside of every push and of the 0.8 s after it, or on another limb. Pushes that saturate a motor board, pushes on
-fingers or trunk and forces along a joint's axis are scored apart."""
+A push is detected when a contact is reported on its limb from its onset until 0.15 s after its release. A false
+contact begins outside of every push and of the 0.8 s after it, or on another limb. Pushes that saturate a motor board,
+pushes on fingers or trunk and forces along a joint's axis are scored separately."""
 
 
 def write_report(
