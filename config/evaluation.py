@@ -81,7 +81,7 @@ class _File:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Run:
+class SuiteRun:
     """One episode that is to be performed.
 
     Attributes:
@@ -147,7 +147,7 @@ class EvaluationSuites:
         """Names of the suites."""
         return tuple(self.suites)
 
-    def runs(self, suite: str, *, share: float = 1.0) -> tuple[Run, ...]:
+    def runs(self, suite: str, *, share: float = 1.0) -> tuple[SuiteRun, ...]:
         """Return the episodes of a suite, in their order.
 
         Args:
@@ -171,13 +171,13 @@ class EvaluationSuites:
         shorter = ((run, _shorter(run, share)) for run in runs)
         return tuple(s if s is not None else run for run, s in shorter if s or id(run) in kept)
 
-    def _runs(self, suite: str, entry: SuiteEntry) -> Iterator[Run]:
+    def _runs(self, suite: str, entry: SuiteEntry) -> Iterator[SuiteRun]:
         experiment = self.experiments[entry.experiment]
         for name in entry.joints or (entry.name,):
             performed = experiment.with_goals(joints=(name,)) if entry.joints else experiment
             for number, (draw, stiffness, _) in enumerate(_each(entry)):
                 for plant in entry.plants:
-                    yield Run(
+                    yield SuiteRun(
                         suite=suite,
                         entry=name,
                         experiment=replace(performed, stiffness=stiffness),
@@ -204,7 +204,7 @@ def _each(entry: SuiteEntry) -> Iterator[tuple[int | None, float, int]]:
                 yield draw, stiffness, repetition
 
 
-def _shorter(run: Run, share: float) -> Run | None:
+def _shorter(run: SuiteRun, share: float) -> SuiteRun | None:
     """Return a run with fewer goals after the free motion it begins with; None where the motion has none."""
     motion = _goals(run.experiment)
     if isinstance(motion, Sweeps):

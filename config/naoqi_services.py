@@ -46,7 +46,7 @@ class Speech:
 
 
 @dataclass(frozen=True, kw_only=True, config=STRICT)
-class Drive:
+class DriveDefaults:
     """Drive parameters of Pepper's base, by NAOqi's names: minimum, default, maximum."""
 
     MaxVelXY: Range
@@ -81,7 +81,7 @@ class NaoqiServices:
     smart_stiffness: Share
     breathing: Breathing
     glance: Glance
-    drive: Drive
+    drive: DriveDefaults
     move_gain: NotNegative
     move_tolerance: tuple[Positive, Positive]
     move_patience: Positive

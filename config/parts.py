@@ -35,7 +35,7 @@ class MotorType:
 
 
 @dataclass(frozen=True, kw_only=True, config=STRICT)
-class Drive:
+class JointDrive:
     """Motor and reduction of a joint."""
 
     type: str
@@ -47,7 +47,7 @@ class Motors:
     """Motor types by name, and the drive of each joint."""
 
     types: dict[str, MotorType]
-    joints: dict[str, Drive]
+    joints: dict[str, JointDrive]
 
     def of(self, joint: str) -> MotorType:
         """Return the motor type that drives ``joint``."""

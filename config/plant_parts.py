@@ -174,7 +174,7 @@ class GapFriction(TouchingFriction):
 
 
 @dataclass(frozen=True, kw_only=True, config=STRICT)
-class Friction:
+class FrictionParameters:
     """Friction of one drive.
 
     ``breakaway`` is static over Coulomb friction, falling off over ``stribeck_velocity`` [rad/s]; ``load`` is the share
@@ -211,5 +211,5 @@ class Actuator:
     gear_stiffness: Positive
     gear_damping: NotNegative
     motor_damping: NotNegative
-    friction: Friction
+    friction: FrictionParameters
     origin: dict[Origin, tuple[str, ...]]

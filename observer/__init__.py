@@ -29,7 +29,13 @@ from pepper_driver.observer.models.tree import (
     TreeKind,
 )
 from pepper_driver.observer.recording import Recording, RecordingBuilder, RecordingError
-from pepper_driver.observer.scoring import RELEASE_GRACE, DetectedPush, KnownPush, Score, score
+from pepper_driver.observer.scoring import (
+    RELEASE_GRACE,
+    ContactScore,
+    DetectedPush,
+    KnownPush,
+    score,
+)
 
 __all__ = [
     "MODEL_TYPES",
@@ -40,6 +46,7 @@ __all__ = [
     "CartTree",
     "Contact",
     "ContactObserver",
+    "ContactScore",
     "DetectedPush",
     "ExpectedErrorModel",
     "FitScore",
@@ -58,7 +65,6 @@ __all__ = [
     "Recording",
     "RecordingBuilder",
     "RecordingError",
-    "Score",
     "TreeKind",
     "expected_error",
     "external_torque",

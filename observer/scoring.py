@@ -120,7 +120,7 @@ class DetectedPush:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Score:
+class ContactScore:
     """Outcome of a run.
 
     Attributes:
@@ -141,7 +141,9 @@ class Score:
     on_trunk: tuple[Contact, ...] = ()
 
 
-def score(pushes: Sequence[KnownPush], contacts: Sequence[Contact], robot: RobotConfig) -> Score:
+def score(
+    pushes: Sequence[KnownPush], contacts: Sequence[Contact], robot: RobotConfig
+) -> ContactScore:
     """Match the contacts that the events of a run tell of with ``pushes``.
 
     A push is felt when a contact begins from its onset until RELEASE_GRACE after its release, in whatever direction,
@@ -178,7 +180,7 @@ def score(pushes: Sequence[KnownPush], contacts: Sequence[Contact], robot: Robot
             repeated.append(contact)
         else:
             felt[number] = DetectedPush(push=pushes[number], contact=contact, alarm=alarm)
-    return Score(
+    return ContactScore(
         felt=tuple(felt[number] for number in sorted(felt)),
         missed=tuple(push for number, push in enumerate(pushes) if number not in felt),
         false=tuple(false),

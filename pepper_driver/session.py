@@ -54,7 +54,7 @@ OnTick = Callable[[Tick, Observation | None], object]
 
 
 @dataclass(eq=False)
-class Wait:
+class TickWait:
     """Ticks that a caller waits for.
 
     Attributes:
@@ -160,7 +160,7 @@ class Session:
         self.touches = Touches()
         self._failure: BaseException | None = None  # what ended the ticks
         self._failure_raised = False  # where somebody sees it
-        self._wait = Wait(0)  # the newest; over while no call waits
+        self._wait = TickWait(0)  # the newest; over while no call waits
         self._turn = threading.RLock()  # of who ticks, or waits for ticks; knows who has it
         self._runner: threading.Thread | None = None
         self._ticking: threading.Thread | None = None
@@ -338,7 +338,7 @@ class Session:
         *,
         begin: Change | None = None,
         end: Change | None = None,
-    ) -> Wait:
+    ) -> TickWait:
         """Wait for some ticks, and make them where no thread does.
 
         A tick that is missed is made up for at the end: motions count ticks and must not jump. Where time stands still
@@ -356,7 +356,7 @@ class Session:
             BackendError: Another thread runs it or has closed it, or it is called inside a tick or a callback.
             ChangesError: It is called inside a group of changes.
         """
-        wait = Wait(ticks, on_tick, until)
+        wait = TickWait(ticks, on_tick, until)
         outer = self._wait  # not over where a signal handler runs the robot inside a run
 
         def start_wait() -> None:

@@ -15,7 +15,7 @@ from pepper_driver.config import PlantConfig, RobotConfig
 from pepper_driver.config.arrays import FloatArray
 
 
-class Friction:
+class JointFriction:
     """Eq. 7 of the paper, its two sets of coefficients, with what a real gear adds.
 
     On each side, Coulomb friction C (1 + (b - 1) / (1 + (v / v_s)^2)) with the set of coefficients of the gap or of

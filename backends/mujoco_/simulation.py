@@ -9,10 +9,10 @@ import numpy as np
 
 from pepper_driver.backends.fields import Imu, Measurement
 from pepper_driver.backends.mujoco_.contacts import Contacts
-from pepper_driver.backends.mujoco_.motors import Friction, MotorBoards, Supply, Warmth
+from pepper_driver.backends.mujoco_.motors import JointFriction, MotorBoards, Supply, Warmth
 from pepper_driver.backends.mujoco_.plant_model import FALLEN, Slots, build_model
 from pepper_driver.backends.mujoco_.sensors import CurrentSensors, Encoders, InertialUnit
-from pepper_driver.backends.mujoco_.wheels import Wheels
+from pepper_driver.backends.mujoco_.wheels import WheelDynamics
 from pepper_driver.backends.simulated import Resumable, TrueContact, Truth
 from pepper_driver.config import PlantConfig, RobotConfig, World
 from pepper_driver.config.arrays import BoolArray, FloatArray
@@ -128,10 +128,10 @@ class Simulation(Resumable):
         mj = self.model.mj
         self.data = mujoco.MjData(mj)
         self.boards = MotorBoards(robot, plant)
-        self.wheels = Wheels(robot, plant, mj, self.data)
+        self.wheels = WheelDynamics(robot, plant, mj, self.data)
         self.supply = Supply(robot, plant)
         self.contacts = Contacts(robot, self.model, self.data, world)
-        self._friction = Friction(robot, plant, self.model, self.data)
+        self._friction = JointFriction(robot, plant, self.model, self.data)
         self._steps = round(robot.cycle / plant.physics.timestep)
         self._speed_limit = plant.board.speed_limit
         self._cycle = robot.cycle

@@ -20,7 +20,7 @@ from pepper_driver.config import PlantConfig, RobotConfig
 from pepper_driver.config.arrays import FloatArray
 
 
-class Wheels(Resumable):
+class WheelDynamics(Resumable):
     """Speed control and grip of the wheels, once a cycle.
 
     Attributes:

@@ -15,7 +15,7 @@ from pepper_driver.backends.naoqi.qi_library import (
     Answer,
     Future,
     Proxy,
-    Session,
+    QiSession,
     load_qi,
     one_line,
 )
@@ -144,7 +144,7 @@ class Connection:
     def __init__(
         self,
         address: Address,
-        session: Session,
+        session: QiSession,
         on_lost: Callable[[], None] | None,
         call_time: float,
     ) -> None:

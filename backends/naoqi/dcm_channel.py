@@ -19,7 +19,7 @@ from pepper_driver.backends.naoqi.timing import (
     CommandHistory,
     CommandScheduler,
     Cycles,
-    DcmClock,
+    DcmClockEstimate,
     Playout,
     RoundTrips,
     SentCommand,
@@ -268,7 +268,7 @@ class Link:
             clock=now,
         )
         self.lead = self.trips.lead(timing)
-        self._clock = DcmClock(min(replies, key=lambda reply: reply.round_trip))
+        self._clock = DcmClockEstimate(min(replies, key=lambda reply: reply.round_trip))
         dcm, memory = connection.service("DCM"), connection.service("ALMemory")
         keys = SensorKeys(robot)
         sample_trips, answer = self._measure_samples(keys)

@@ -17,7 +17,7 @@ import numpy as np
 
 from pepper_driver.backends.naoqi.memory_keys import Alias, SensorKeys, Values
 from pepper_driver.backends.naoqi.qi_library import Future, Proxy, one_line
-from pepper_driver.backends.naoqi.timing import DcmClock, TimeReply, shown
+from pepper_driver.backends.naoqi.timing import DcmClockEstimate, TimeReply, shown
 from pepper_driver.config.arrays import FloatArray
 
 logger = logging.getLogger("pepper_driver")
@@ -54,7 +54,7 @@ class Reader:
         memory: Proxy,
         dcm: Proxy,
         keys: SensorKeys,
-        clock: DcmClock,
+        clock: DcmClockEstimate,
         *,
         first: Values,
         date: int,

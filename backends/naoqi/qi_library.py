@@ -54,17 +54,17 @@ class Future(Protocol):
         """Have ``callback`` called with this once it is over, on a thread of the library."""
 
 
-class Signal(Protocol):
+class QiSignal(Protocol):
     """Something that happens, such as the loss of a connection."""
 
     def connect(self, callback: Callable[..., object]) -> object:
         """Have ``callback`` called each time, on a thread of the library."""
 
 
-class Session(Protocol):
+class QiSession(Protocol):
     """A connection with a NAOqi."""
 
-    disconnected: Signal
+    disconnected: QiSignal
 
     def isConnected(self) -> bool:
         """Return true while the connection stands."""

@@ -55,7 +55,7 @@ class TimeReply:
         return (self.received - self.asked) * 1e-6
 
 
-class DcmClock:
+class DcmClockEstimate:
     """This computer's clock and the DCM's, side by side.
 
     The robot read its clock at some time between question and answer: the shorter that was, the better. An answer

@@ -142,7 +142,7 @@ class Ceiling:
         return self._pieces[-1]
 
 
-class Pair:
+class CoupledPair:
     """A driven joint and its driver, with the limits of one ``CoupledLimit``, the margin taken off."""
 
     def __init__(self, robot: RobotConfig, index: int, margin: float) -> None:
@@ -186,7 +186,7 @@ class CoupledLimits(Constraint):
     def __init__(self, robot: RobotConfig, margin: float = 0.005) -> None:
         if not (is_number(margin) and 0.0 <= margin < inf):
             raise LimitError("margin", margin, "a finite angle that is not negative")
-        self._pairs = [Pair(robot, i, margin) for i in range(len(robot.limits.coupled))]
+        self._pairs = [CoupledPair(robot, i, margin) for i in range(len(robot.limits.coupled))]
         self._for: tuple[RobotModel, BrakingLimits] | None = None
         self._quick: list[tuple[int, int, float, float, float, float, float]] = []
 

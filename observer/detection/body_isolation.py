@@ -45,7 +45,7 @@ BASE_LINK = "base_link"
 """Of a contact that only the wheels feel."""
 
 
-class ActiveContact:
+class BodyContact:
     """A contact that has begun and not ended, on one limb; it has a number once it is reported."""
 
     def __init__(self, time: float, onset_time: float) -> None:
@@ -73,7 +73,7 @@ class _Limb:
         self.joints = tuple(joints)
         self.monitors = tuple(monitors)
         self.ratios: deque[list[float]] = deque(maxlen=RATIO_MEMORY)
-        self.touch: ActiveContact | None = None
+        self.touch: BodyContact | None = None
         self.explained = False
 
     def live(self) -> list[Excursion]:
@@ -225,7 +225,7 @@ class BodyTracker:
         ):
             self._report(touch, "update", time, events)
 
-    def _has_changed(self, touch: ActiveContact) -> bool:
+    def _has_changed(self, touch: BodyContact) -> bool:
         """Return True where intensity or torque are no longer what was reported last."""
         if abs(math.degrees(touch.peak - touch.reported_peak)) >= INTENSITY_STEP_DEG:
             return True
@@ -234,7 +234,7 @@ class BodyTracker:
             return torque is not touch.reported_torque
         return abs(torque - touch.reported_torque) >= TORQUE_STEP_STDS * std
 
-    def _torque(self, touch: ActiveContact) -> tuple[float | None, float | None]:
+    def _torque(self, touch: BodyContact) -> tuple[float | None, float | None]:
         """Return torque on the joint and its standard deviation [N m]; None where they are unknown."""
         if touch.joint is not None:
             torque = float(self._signal.torque[touch.joint])
@@ -244,7 +244,7 @@ class BodyTracker:
         return None, None
 
     def _end(
-        self, limb: _Limb, touch: ActiveContact, end: float, time: float, events: list[Contact]
+        self, limb: _Limb, touch: BodyContact, end: float, time: float, events: list[Contact]
     ) -> None:
         """Report at ``time`` that a contact has ended; one that was held back is reported first."""
         limb.touch = None
@@ -270,7 +270,7 @@ class BodyTracker:
             self._locate(limb, moved, over)
             self._report(moved, "begin" if moved.number is None else "update", time, events)
             return
-        touch = limb.touch = ActiveContact(time, first)
+        touch = limb.touch = BodyContact(time, first)
         if all(excursion.kind == "rebound" for excursion in over):
             touch.kind = "rebound"
         self._locate(limb, touch, over)
@@ -278,7 +278,7 @@ class BodyTracker:
             self._report(touch, "begin", time, events)
 
     def _revise(
-        self, limb: _Limb, touch: ActiveContact, over: Sequence[Excursion], time: float
+        self, limb: _Limb, touch: BodyContact, over: Sequence[Excursion], time: float
     ) -> bool:
         """Bring a contact up to date; whether there is something to tell."""
         before = (touch.joint, touch.link, touch.kind, touch.sign)
@@ -297,7 +297,7 @@ class BodyTracker:
                 touch.peak = max(touch.peak, excursion.peak)
         return (touch.joint, touch.link, touch.kind, touch.sign) != before
 
-    def _locate(self, limb: _Limb, touch: ActiveContact, over: Sequence[Excursion]) -> None:
+    def _locate(self, limb: _Limb, touch: BodyContact, over: Sequence[Excursion]) -> None:
         """Name joint and link."""
         peaks = [max(column) for column in zip(*limb.ratios, strict=True)]
         bound = RELATIVE_RATIO * max(peaks)
@@ -325,7 +325,7 @@ class BodyTracker:
             touch.limb, touch.link = self._robot.limb_of(joint.name), joint.child
 
     def _report(
-        self, touch: ActiveContact, phase: Phase, time: float, events: list[Contact]
+        self, touch: BodyContact, phase: Phase, time: float, events: list[Contact]
     ) -> None:
         if touch.number is None:
             touch.number, touch.detection_time = self._next_id(), time

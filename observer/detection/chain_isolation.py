@@ -34,7 +34,7 @@ def last_in_chain(excursions: Sequence[Excursion]) -> Excursion:
     return excursions[-1]
 
 
-class ActiveContact:
+class ChainContact:
     """A contact that has begun and not ended."""
 
     def __init__(self, number: int, time: float, kind: Kind, located: Excursion) -> None:
@@ -115,7 +115,7 @@ class ChainTracker:
         self._monitors = [JointMonitor(joint, settings, onset) for joint in self.joints]
         self._update_period = settings.update_period - TIME_TOLERANCE
         self._next_id = next_id
-        self._touch: ActiveContact | None = None
+        self._touch: ChainContact | None = None
 
     @property
     def idle(self) -> bool:
@@ -156,7 +156,7 @@ class ChainTracker:
         if touch is None:
             if over:
                 kind: Kind = "contact" if touching else "rebound"
-                touch = ActiveContact(self._next_id(), time, kind, last_in_chain(touching or over))
+                touch = ChainContact(self._next_id(), time, kind, last_in_chain(touching or over))
                 events.append(touch.event("begin", time, self._robot))
         elif over:
             news = self._follow(touch, touching or over, state)
@@ -175,7 +175,7 @@ class ChainTracker:
 
     def _follow(
         self,
-        touch: ActiveContact,
+        touch: ChainContact,
         over: Sequence[Excursion],
         state: Sequence[JointState],
     ) -> bool:

@@ -19,7 +19,7 @@ from pepper_driver.config import (
     TrackingTable,
 )
 from pepper_driver.config.arrays import FloatArray
-from pepper_driver.config.plant_parts import Actuator, Friction, Origin
+from pepper_driver.config.plant_parts import Actuator, FrictionParameters, Origin
 
 OF_THE_SAME_MOTOR = {"HeadYaw": "RElbowYaw", "HeadPitch": "RElbowRoll"}
 """Joints that nobody recorded, and the one with the same motor and reduction whose values they get."""
@@ -123,7 +123,7 @@ def _changed(robot: RobotConfig, drive: Actuator, joint: str, values: DriveValue
     )
 
 
-def _scaled(friction: Friction, share: float) -> Friction:
+def _scaled(friction: FrictionParameters, share: float) -> FrictionParameters:
     """Coulomb friction of both sides times ``share``, in the gap and out of it."""
     contact, gap = friction.contact, friction.gap
     return replace(
@@ -211,7 +211,7 @@ class Target:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Score:
+class CalibrationScore:
     """Scores of n sets of values: (n,) margin to the nearest target in standard deviations, sum of squares of all."""
 
     room: FloatArray
@@ -245,7 +245,9 @@ def shown_of(target: Target, measured: BenchResult) -> tuple[float, HoldStatisti
     return shown, statistics(measured.holds, target.joint)
 
 
-def score(robot: RobotConfig, target: Target, shown: float, holds: HoldStatistics) -> Score:
+def score(
+    robot: RobotConfig, target: Target, shown: float, holds: HoldStatistics
+) -> CalibrationScore:
     """Score of one measurement, arrays (1,).
 
     Args:
@@ -264,7 +266,7 @@ def scores(
     shown: FloatArray,
     quantiles: FloatArray,
     current: FloatArray,
-) -> Score:
+) -> CalibrationScore:
     """Scores of n sets of values.
 
     Args:
@@ -287,7 +289,7 @@ def scores(
         squares = squares + np.square(ratios / CURRENT_SCATTER).sum(axis=0)
     else:
         squares = squares + np.square(current / robot.sensors.current.step).sum(axis=0)
-    return Score(room=room, squares=squares)
+    return CalibrationScore(room=room, squares=squares)
 
 
 def pick(room: FloatArray, squares: FloatArray) -> int:

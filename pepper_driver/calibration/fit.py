@@ -19,8 +19,8 @@ from scipy.optimize import lsq_linear
 from pepper_driver.calibration.calibrate import BenchResult, Progress, law_of, measure, residual
 from pepper_driver.calibration.drive import (
     ENOUGH,
+    CalibrationScore,
     DriveValues,
-    Score,
     Target,
     drag,
     pick,
@@ -228,7 +228,7 @@ def fit_pd(
     return _best(robot, plant, wanted, tried[delay], delay)
 
 
-_Trial = dict[str, tuple[DriveValues, Score]]
+_Trial = dict[str, tuple[DriveValues, CalibrationScore]]
 """By joint, values and what they reached in the full plant."""
 
 

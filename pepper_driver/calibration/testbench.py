@@ -17,7 +17,7 @@ from joblib import Parallel, delayed
 from pepper_driver.backends.fields import Command
 from pepper_driver.backends.motion_profile import minimum_jerk
 from pepper_driver.backends.mujoco_.backend import MujocoBackend
-from pepper_driver.backends.mujoco_.motors import Friction, MotorBoards
+from pepper_driver.backends.mujoco_.motors import JointFriction, MotorBoards
 from pepper_driver.backends.mujoco_.plant_model import build_model
 from pepper_driver.backends.mujoco_.simulation import Simulation
 from pepper_driver.config import PlantConfig, RampProtocol, RobotConfig
@@ -72,7 +72,7 @@ def _integrate(robot: RobotConfig, plant: PlantConfig, steps: int, parts: int) -
         robot, replace(fixed, physics=replace(plant.physics, timestep=period / parts))
     )
     data = mujoco.MjData(model.mj)
-    boards, friction = MotorBoards(robot, fixed), Friction(robot, fixed, model, data)
+    boards, friction = MotorBoards(robot, fixed), JointFriction(robot, fixed, model, data)
     new = np.ones(len(robot.joint_names))
     boards.begin_cycle(new, plant.board.voltage)
     friction.warm(new)

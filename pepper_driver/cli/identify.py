@@ -32,9 +32,9 @@ from pepper_driver.identification import (
     MANIFEST,
     Confirm,
     Identification,
+    IdentificationRun,
     Progress,
     RecordingFolderError,
-    Run,
     chosen_joints,
     finished,
     fit_folder,
@@ -258,7 +258,7 @@ def _progress(console: Console) -> Iterator[tuple[Progress, Confirm]]:
             begun = what
             bars.update(bar, description=what, completed=done, total=total)
 
-        def confirm(run: Run) -> None:
+        def confirm(run: IdentificationRun) -> None:
             bars.stop()
             what = "the whole body and the base move" if run.joint is None else "the legs move"
             typer.confirm(

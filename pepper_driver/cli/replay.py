@@ -17,7 +17,7 @@ from pepper_driver.observer import Contact
 from pepper_driver.reflexes import Reflex
 from pepper_driver.reflexes.declared import load_reflexes
 from pepper_driver.replay import Comparison, LoggedRun, Replayed, compare, load_run, replay
-from pepper_driver.replay.comparison import Pair
+from pepper_driver.replay.comparison import MatchedPair
 
 NONE = "none"
 
@@ -88,7 +88,7 @@ def _print(console: Console, run: LoggedRun, found: Replayed, result: Comparison
         console.print(f"{start}, at {difference.time:.3f} s: {difference.text}")
 
 
-def _contacts(pairs: Sequence[Pair[Contact]]) -> Table:
+def _contacts(pairs: Sequence[MatchedPair[Contact]]) -> Table:
     table = _table(
         "contacts", ("felt by", "kind"), ("then s", "now s", "later ms", "deg", "now deg")
     )
@@ -104,7 +104,7 @@ def _contacts(pairs: Sequence[Pair[Contact]]) -> Table:
     return table
 
 
-def _events(pairs: Sequence[Pair[LogEvent]]) -> Table:
+def _events(pairs: Sequence[MatchedPair[LogEvent]]) -> Table:
     table = _table("reflexes", ("reflex", "phase"), ("then s", "now s", "later ms"))
     for pair in pairs:
         then, now = pair.recorded, pair.found
@@ -132,5 +132,5 @@ def _change(then: str | None, now: str | None) -> str:
     return f"now {now}" if different else then or now or "-"
 
 
-def _later(pair: Pair[Contact] | Pair[LogEvent]) -> str:
+def _later(pair: MatchedPair[Contact] | MatchedPair[LogEvent]) -> str:
     return "-" if pair.later is None else f"{1e3 * pair.later:.0f}"

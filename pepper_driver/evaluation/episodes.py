@@ -25,7 +25,7 @@ from pepper_driver.config import (
     load_safety_settings,
 )
 from pepper_driver.config.arrays import BoolArray, FloatArray
-from pepper_driver.config.evaluation import Run
+from pepper_driver.config.evaluation import SuiteRun
 from pepper_driver.config.files import content_hash, make_folder, replacing, write_json
 from pepper_driver.config.loading import package_file
 from pepper_driver.config.workers import run_jobs
@@ -153,11 +153,11 @@ class Episode:
 class FailedEpisode:
     """A run that came to nothing, and why."""
 
-    run: Run
+    run: SuiteRun
     reason: str
 
 
-def episode_uri(run: Run) -> str:
+def episode_uri(run: SuiteRun) -> str:
     """Return the simulated robot of a run, with its noise."""
     query: dict[str, str | int] = {"plant": run.plant, "seed": _noise(run)}
     if run.draw is not None:
@@ -165,7 +165,7 @@ def episode_uri(run: Run) -> str:
     return f"mujoco://?{urlencode(query)}"
 
 
-def perform(run: Run, cache: Path | None = None) -> Episode:
+def perform(run: SuiteRun, cache: Path | None = None) -> Episode:
     """Perform a run, or load it where it was performed before.
 
     Chance may put two pushes such that the robot tips, or is stopped: as in a laboratory, the run is then drawn anew.
@@ -205,18 +205,18 @@ def perform(run: Run, cache: Path | None = None) -> Episode:
     raise reasons[0]
 
 
-def _pepper(run: Run, robot: RobotConfig) -> Pepper:
+def _pepper(run: SuiteRun, robot: RobotConfig) -> Pepper:
     # Pushes on the chest are to be felt: the button that they press must not end them.
     safety = replace(load_safety_settings(), chest_button=False)
     return Pepper(episode_uri(run), observer=None, robot=robot, safety=safety)
 
 
-def _folder(run: Run, pepper: Pepper, cache: Path) -> Path:
+def _folder(run: SuiteRun, pepper: Pepper, cache: Path) -> Path:
     return cache / _key(run, pepper.backend.info.identity)
 
 
 def episodes(
-    runs: Sequence[Run],
+    runs: Sequence[SuiteRun],
     *,
     workers: int = -1,
     cache: Path | None = DEFAULT_CACHE,
@@ -237,14 +237,14 @@ def episodes(
         yield result
 
 
-def _attempt(run: Run, cache: Path | None) -> Episode | FailedEpisode:
+def _attempt(run: SuiteRun, cache: Path | None) -> Episode | FailedEpisode:
     try:
         return perform(run, cache)
     except EpisodeError as error:
         return FailedEpisode(run=run, reason=str(error))
 
 
-def _performed(run: Run, pepper: Pepper) -> Episode:
+def _performed(run: SuiteRun, pepper: Pepper) -> Episode:
     robot, truth = pepper.config, pepper.backend.truth
     builder = RecordingBuilder(robot)
     torque: list[FloatArray] = []
@@ -312,13 +312,13 @@ def _as_it_was(
     )
 
 
-def _noise(run: Run) -> int:
+def _noise(run: SuiteRun) -> int:
     """Seed of a run's noise."""
     where = (0 if run.draw is None else run.draw + 1, *run.plant.encode())
     return int(np.random.SeedSequence((*run.seed, *where)).generate_state(1)[0])
 
 
-def _key(run: Run, identity: str) -> str:
+def _key(run: SuiteRun, identity: str) -> str:
     """Name of the folder of a run: it changes with all that makes the episode."""
     experiment = asdict(run.experiment)
     for key in ("source", "description"):

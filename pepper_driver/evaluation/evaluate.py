@@ -15,7 +15,7 @@ import numpy as np
 
 from pepper_driver.backends.replay import parents_in
 from pepper_driver.config import PepperError, RobotConfig, load_robot
-from pepper_driver.config.evaluation import EvaluationSuites, Run
+from pepper_driver.config.evaluation import EvaluationSuites, SuiteRun
 from pepper_driver.config.workers import run_jobs
 from pepper_driver.evaluation.episode_score import (
     FASTEST_ESTIMATION,
@@ -105,12 +105,12 @@ def suite_jobs(
     return tuple(jobs)
 
 
-def suite_of(run: Run, robot: RobotConfig) -> str:
+def suite_of(run: SuiteRun, robot: RobotConfig) -> str:
     """Return the suite of a run, with its ending."""
     return run.suite + (INTEGRAL if reference_plant(run.plant, robot) == "integral" else "")
 
 
-def _pictured(run: Run, robot: RobotConfig) -> str | None:
+def _pictured(run: SuiteRun, robot: RobotConfig) -> str | None:
     """Return the joint that a picture shows of a run; the pictures are the paper's."""
     if suite_of(run, robot) == "paper":
         return EXPERIMENT_JOINTS.get(run.entry)

@@ -22,7 +22,7 @@ from pepper_driver.config.experiment import DAY
 from pepper_driver.config.files import check_writable, make_folder, write_json
 from pepper_driver.config.steps import Setpoints
 from pepper_driver.experiments.plan import experiment_uri, plan_experiment
-from pepper_driver.observer import Contact, KnownPush, Score, score
+from pepper_driver.observer import Contact, ContactScore, KnownPush, score
 from pepper_driver.realtime import Statistics
 from pepper_driver.reflexes import Hold
 from pepper_driver.robot import Pepper
@@ -45,7 +45,7 @@ class DemoResult:
     complete: bool
     pushes: tuple[KnownPush, ...]
     contacts: tuple[Contact, ...]
-    score: Score
+    score: ContactScore
     simulated_seconds: float
     timing: Statistics
 

@@ -19,7 +19,7 @@ from pepper_driver.config import ConfigError, Experiment, PepperError, RobotConf
 from pepper_driver.config.errors import reason
 from pepper_driver.config.files import content_hash, make_folder, write_json
 from pepper_driver.config.loading import STRICT, parse
-from pepper_driver.identification.runs import Role, Run, run_name
+from pepper_driver.identification.runs import IdentificationRun, Role, run_name
 from pepper_driver.observer import Recording
 
 
@@ -118,7 +118,7 @@ class RecordingFolderError(PepperError, ValueError):
 
 @dataclass(frozen=True, kw_only=True, config=STRICT)
 class RunEntry:
-    """One run in the manifest; see :class:`pepper_driver.identification.runs.Run`."""
+    """One run in the manifest; see :class:`pepper_driver.identification.runs.IdentificationRun`."""
 
     name: Annotated[str, Field(pattern=r"^\w+-\w+$")]
     joint: str | None
@@ -167,7 +167,7 @@ class Manifest:
 def make_manifest(
     robot: RobotConfig,
     backend: Backend,
-    runs: Sequence[Run],
+    runs: Sequence[IdentificationRun],
     experiment: Experiment,
     calibration: Experiment | None,
     seed: int,

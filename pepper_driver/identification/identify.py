@@ -43,7 +43,7 @@ from pepper_driver.identification.fit import (
 )
 from pepper_driver.identification.quality import Finding, inspect_recordings
 from pepper_driver.identification.runs import (
-    Run,
+    IdentificationRun,
     check_dry_run,
     perform,
     plan_runs,
@@ -56,13 +56,13 @@ Progress = Callable[[str, float, float], None]
 """Called with (what is under way, seconds of runs done, seconds in all)."""
 
 
-Confirm = Callable[[Run], None]
+Confirm = Callable[[IdentificationRun], None]
 """Called before a run that somebody must watch; raises to end the recording there."""
 
 
 def record_missing(
     uri: str,
-    runs: Sequence[Run],
+    runs: Sequence[IdentificationRun],
     folder: Path,
     robot: RobotConfig,
     *,
@@ -115,7 +115,7 @@ def record_missing(
             confirm(run)
         before = done
 
-        def advance(share: float, run: Run = run, before: float = before) -> None:
+        def advance(share: float, run: IdentificationRun = run, before: float = before) -> None:
             tell(run.name, before + share * run.seconds, total)
 
         advance(0.0)
@@ -124,13 +124,13 @@ def record_missing(
         tell(run.name, done, total)
 
 
-def _make(uri: str, run: Run, folder: Path) -> Run:
+def _make(uri: str, run: IdentificationRun, folder: Path) -> IdentificationRun:
     """Perform one run and keep it; returns the run."""
     perform(uri, run).save(recording_path(folder, run.name))
     return run
 
 
-def _rehearse_all(runs: Sequence[Run], workers: int, tell: Progress) -> None:
+def _rehearse_all(runs: Sequence[IdentificationRun], workers: int, tell: Progress) -> None:
     total, done = sum(run.seconds for run in runs), 0.0
     tell("rehearsing", done, total)
     jobs = (partial(_rehearse, run) for run in runs)
@@ -139,7 +139,7 @@ def _rehearse_all(runs: Sequence[Run], workers: int, tell: Progress) -> None:
         tell("rehearsing", done, total)
 
 
-def _rehearse(run: Run) -> float:
+def _rehearse(run: IdentificationRun) -> float:
     check_dry_run(run)
     return run.seconds
 

@@ -37,7 +37,7 @@ CALIBRATION_STIFFNESS = (3.0, 5.0, 8.0, 12.0)
 
 
 @dataclass(frozen=True, kw_only=True)
-class Run:
+class IdentificationRun:
     """One run of the robot, from its first posture to its last.
 
     Attributes:
@@ -69,7 +69,7 @@ def plan_runs(
     tested: Sequence[str] = (),
     calibration: Experiment | None = None,
     seed: int = 0,
-) -> tuple[Run, ...]:
+) -> tuple[IdentificationRun, ...]:
     """All runs of an identification, as Sec. IV of the paper has them, then those of the whole body.
 
     What a run is does not depend on the other runs.
@@ -122,7 +122,9 @@ def plan_runs(
     return tuple(runs)
 
 
-def _calibration_runs(robot: RobotConfig, experiment: Experiment, seed: int) -> list[Run]:
+def _calibration_runs(
+    robot: RobotConfig, experiment: Experiment, seed: int
+) -> list[IdentificationRun]:
     if experiment.contacts:
         raise experiment.error("contacts", "thresholds are chosen on free motion; leave them out")
     return [
@@ -148,11 +150,11 @@ def _run(
     joint: str | None,
     role: Role,
     seed: tuple[int, ...],
-) -> Run:
+) -> IdentificationRun:
     experiment = replace(experiment, stiffness=stiffness)
     plan = plan_experiment(experiment, robot, MockBackend(robot), seed=seed)
     ticks = sum(segment.ticks for segment in plan.segments)
-    return Run(
+    return IdentificationRun(
         name=name,
         joint=joint,
         role=role,
@@ -176,7 +178,9 @@ def sweeps_of(experiment: Experiment) -> Sweeps:
     return step.goals
 
 
-def perform(uri: str, run: Run, *, on_progress: Callable[[float], None] | None = None) -> Recording:
+def perform(
+    uri: str, run: IdentificationRun, *, on_progress: Callable[[float], None] | None = None
+) -> Recording:
     """Have a robot perform a run. However it ends, the robot is stopped safely.
 
     Args:
@@ -201,7 +205,7 @@ def perform(uri: str, run: Run, *, on_progress: Callable[[float], None] | None =
     return builder.finish()
 
 
-def seeded_uri(uri: str, run: Run) -> str:
+def seeded_uri(uri: str, run: IdentificationRun) -> str:
     """Return the URI of a simulated robot that takes a seed, with one of its own for the noise of this run."""
     root = parse_uri(uri).integer("seed", 0)
     return with_query(uri, seed=int(np.random.SeedSequence((*run.seed, root)).generate_state(1)[0]))
@@ -211,7 +215,7 @@ class DryRunError(PepperError, RuntimeError):
     """A run would not go as it should; nothing has moved."""
 
 
-def check_dry_run(run: Run) -> None:
+def check_dry_run(run: IdentificationRun) -> None:
     """Have controller and gate play a run.
 
     Raises:

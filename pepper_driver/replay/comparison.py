@@ -45,7 +45,7 @@ class Difference:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Pair(Generic[T]):
+class MatchedPair(Generic[T]):
     """Matching items of the recording and the replay; None for an item that only the other has."""
 
     recorded: T | None
@@ -74,8 +74,8 @@ class Comparison:
     """
 
     ticks: int
-    contacts: tuple[Pair[Contact], ...]
-    reflexes: tuple[Pair[LogEvent], ...]
+    contacts: tuple[MatchedPair[Contact], ...]
+    reflexes: tuple[MatchedPair[LogEvent], ...]
     contact_events: int
     differences: tuple[Difference, ...]
     commands: CommandDifferences
@@ -219,7 +219,7 @@ def _lasting(contacts: Sequence[Contact]) -> list[Contact]:
 
 def _pairs(
     recorded: Sequence[T], found: Sequence[T], distance: Callable[[T, T], float | None]
-) -> tuple[Pair[T], ...]:
+) -> tuple[MatchedPair[T], ...]:
     """Yield the matching items, the nearest first; then the rest of both."""
     near = sorted(
         (apart, i, j)
@@ -234,10 +234,12 @@ def _pairs(
             partner[i] = j
             taken.add(j)
     pairs = [
-        Pair(recorded=then, found=found[partner[i]] if i in partner else None)
+        MatchedPair(recorded=then, found=found[partner[i]] if i in partner else None)
         for i, then in enumerate(recorded)
     ]
-    pairs += [Pair(recorded=None, found=now) for j, now in enumerate(found) if j not in taken]
+    pairs += [
+        MatchedPair(recorded=None, found=now) for j, now in enumerate(found) if j not in taken
+    ]
     return tuple(sorted(pairs, key=lambda pair: _time(pair.recorded or pair.found)))
 
 
@@ -267,7 +269,7 @@ def _named(item: Contact | LogEvent) -> str:
     return f"{item.phase} of reflex {item.name}"
 
 
-def _counts(pairs: Sequence[Pair[T]]) -> dict[str, Any]:
+def _counts(pairs: Sequence[MatchedPair[T]]) -> dict[str, Any]:
     both = [pair.later for pair in pairs if pair.later is not None]
     return {
         "recorded": sum(pair.recorded is not None for pair in pairs),

@@ -8,7 +8,13 @@ import pytest
 
 from pepper_driver.config import ConfigError, UnknownNameError, load_robot
 from pepper_driver.config.contact_specs import RandomForces, RandomPushes
-from pepper_driver.config.evaluation import FOLDER, EvaluationSuites, Run, freeze, load_evaluation
+from pepper_driver.config.evaluation import (
+    FOLDER,
+    EvaluationSuites,
+    SuiteRun,
+    freeze,
+    load_evaluation,
+)
 from pepper_driver.config.loading import package_file
 from pepper_driver.config.steps import Setpoints, Sweeps
 
@@ -110,7 +116,7 @@ def test_no_two_episodes_share_a_seed_and_none_has_one_of_identification(
     assert all(len(run.seed) > 3 and run.seed[3] for run in runs)
 
 
-def goals_of(run: Run) -> Setpoints | Sweeps:
+def goals_of(run: SuiteRun) -> Setpoints | Sweeps:
     """The random goals of a run."""
     step = run.experiment.random_step
     assert step is not None
@@ -118,7 +124,7 @@ def goals_of(run: Run) -> Setpoints | Sweeps:
     return step.goals
 
 
-def count_of(run: Run) -> int:
+def count_of(run: SuiteRun) -> int:
     """Contacts of a run, as many of each kind."""
     motion = goals_of(run)
     assert isinstance(motion, Setpoints)

@@ -9,7 +9,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from pepper_driver.backends.mujoco_.motors import Friction as DriveFriction
+from pepper_driver.backends.mujoco_.motors import JointFriction
 from pepper_driver.backends.mujoco_.plant_model import build_model
 from pepper_driver.backends.mujoco_.simulation import Simulation
 from pepper_driver.config import PlantConfig, load_plant, load_robot
@@ -17,7 +17,7 @@ from pepper_driver.config.arrays import FloatArray
 from pepper_driver.config.plant_parts import (
     Battery,
     Body,
-    Friction,
+    FrictionParameters,
     GapFriction,
     TouchingFriction,
     Transport,
@@ -42,7 +42,7 @@ def friction(
     viscous: tuple[float, float] = (0.0, 0.0),
     gap: GapFriction | None = None,
     **rest: float,
-) -> Friction:
+) -> FrictionParameters:
     """Coulomb friction [N m] and ``viscous`` [N m s/rad] of the motor's side and the link's, in and out of the gap."""
     sides = {
         "motor": motor,
@@ -57,7 +57,7 @@ def friction(
         "ripple": 0.0,
         "ripple_count": 0.0,
     }
-    return Friction(
+    return FrictionParameters(
         contact=TouchingFriction(**sides),
         gap=gap or GapFriction(**sides, relative=0.0, relative_viscous=0.0),
         **{**shape, **rest},
@@ -137,7 +137,7 @@ class Bench:
         self.model.mj.opt.gravity[:] = 0.0
         self.data = mujoco.MjData(self.model.mj)
         self.step_time = plant.physics.timestep
-        self.friction = DriveFriction(ROBOT, plant, self.model, self.data)
+        self.friction = JointFriction(ROBOT, plant, self.model, self.data)
         self.friction.warm(np.full(N, warmth))
         index = ROBOT.joint_index(joint)
         self.link, self.motor = self.model.link_dof[index], self.model.motor_dof[index]

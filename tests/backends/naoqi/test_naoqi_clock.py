@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pepper_driver.backends.naoqi.timing import SPAN, DcmClock, TimeReply, dated, shown
+from pepper_driver.backends.naoqi.timing import SPAN, DcmClockEstimate, TimeReply, dated, shown
 
 COUNT = st.integers(-(2**40), 2**40)
 
@@ -53,7 +53,7 @@ def test_an_hour_of_drift_and_jitter(
         here = 1000.0 * second
         answer = reply(here, way, back, true(here + way))
         if clock is None:
-            clock = DcmClock(answer)
+            clock = DcmClockEstimate(answer)
         else:
             clock.add(answer)
         later = here + 999.0
@@ -65,7 +65,7 @@ def test_an_hour_of_drift_and_jitter(
 
 
 def test_a_quick_answer_counts_more_than_a_slow_one_and_a_new_one_more_than_an_old_one() -> None:
-    clock = DcmClock(reply(0.0, 0.1, 0.1, 500.0))
+    clock = DcmClockEstimate(reply(0.0, 0.1, 0.1, 500.0))
     clock.add(reply(1000.0, 30.0, 0.1, 1530.0 + 25.0))
     assert clock.now(1_100_000_000) == pytest.approx(1600.0, abs=1.0)
     for second in range(2, 20):

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import pepper_driver.calibration.testbench as reference
-from pepper_driver.backends.mujoco_.motors import Friction
+from pepper_driver.backends.mujoco_.motors import JointFriction
 from pepper_driver.config import load_plant
 from support.plant import ROBOT, plain, stepping
 
@@ -49,15 +49,15 @@ def test_all_joints_move_as_in_normal_use_and_turn_round() -> None:
 
 def test_an_error_of_the_integration_shows(monkeypatch: pytest.MonkeyPatch) -> None:
     """Friction that is set late, once in a while, as if once a cycle."""
-    update, calls = Friction.update, [0]
+    update, calls = JointFriction.update, [0]
 
-    def seldom(self: Friction) -> None:
+    def seldom(self: JointFriction) -> None:
         calls[0] += 1
         if calls[0] % 12 == 1:
             update(self)
 
     good = reference.integration_error(ROBOT, PLANT, seconds=0.5, fine_step=2.5e-4)
-    monkeypatch.setattr(Friction, "update", seldom)
+    monkeypatch.setattr(JointFriction, "update", seldom)
     assert reference.integration_error(ROBOT, PLANT, seconds=0.5, fine_step=2.5e-4) > 1.5 * good
 
 

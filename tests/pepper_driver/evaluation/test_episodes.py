@@ -8,7 +8,7 @@ import pytest
 
 from pepper_driver.config import load_robot
 from pepper_driver.config.contact_specs import PushSpec
-from pepper_driver.config.evaluation import Run, load_evaluation
+from pepper_driver.config.evaluation import SuiteRun, load_evaluation
 from pepper_driver.config.steps import Step
 from pepper_driver.evaluation.episodes import (
     REDRAWN,
@@ -35,7 +35,7 @@ def episode() -> Episode:
     return perform(RUN)
 
 
-def pushed_over() -> Run:
+def pushed_over() -> SuiteRun:
     """A push at the shoulders that no robot on wheels stands, asked for as one that it does."""
     push = PushSpec(
         kind="push",
@@ -155,7 +155,7 @@ def test_a_run_in_which_the_robot_fell_is_drawn_anew(
 ) -> None:
     drawn: list[int] = []
 
-    def falls_twice(run: Run, _: object) -> Episode:
+    def falls_twice(run: SuiteRun, _: object) -> Episode:
         drawn.append(run.seed[-1])
         if len(drawn) <= falls:
             raise StoppedEpisodeError("it tipped by 12 deg")

@@ -17,7 +17,7 @@ import pytest
 
 from pepper_driver.backends import make_backend
 from pepper_driver.config import Experiment, load_experiment, load_robot
-from pepper_driver.config.evaluation import Run, load_evaluation
+from pepper_driver.config.evaluation import SuiteRun, load_evaluation
 from pepper_driver.evaluation.episodes import episode_uri
 from pepper_driver.experiments.plan import plan_experiment
 from pepper_driver.experiments.segments import PlannedContact, Segment
@@ -91,7 +91,7 @@ def digest(experiment: Experiment, uri: str, seed: Sequence[int]) -> str:
 
 
 @cache
-def suites() -> dict[str, Run]:
+def suites() -> dict[str, SuiteRun]:
     """The runs of all suites, by name."""
     evaluation = load_evaluation(ROBOT)
     runs = [run for suite in evaluation.names for run in evaluation.runs(suite)]

@@ -16,7 +16,7 @@ from pepper_driver.identification import (
     record_joints,
 )
 from pepper_driver.identification import identify as identify_module
-from pepper_driver.identification.runs import Run, perform
+from pepper_driver.identification.runs import IdentificationRun, perform
 from pepper_driver.observer import Recording, RecordingError
 from support.identification import ROBOT, SHORT, SlowRobot, short_body, use_backends
 
@@ -47,7 +47,7 @@ def test_an_interrupted_recording_goes_on_and_ends_with_the_same_bytes(
 ) -> None:
     folder, done = tmp_path / "new", []
 
-    def third_time_interrupted(uri: str, run: Run) -> Recording:
+    def third_time_interrupted(uri: str, run: IdentificationRun) -> Recording:
         done.append(run.name)
         if len(done) == 3:
             raise KeyboardInterrupt

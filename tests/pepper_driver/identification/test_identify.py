@@ -21,7 +21,7 @@ from pepper_driver.identification import (
     record_joints,
     sweeps_of,
 )
-from pepper_driver.identification.runs import Run, perform
+from pepper_driver.identification.runs import IdentificationRun, perform
 from pepper_driver.observer import FittingError, Recording, nrmse_fit, predict_recording
 from support.identification import BODY, FULL, ROBOT, SHORT, short_body
 
@@ -44,7 +44,7 @@ def recordings(folder: Path) -> IdentificationDataset:
     return load_recordings(folder, ROBOT)
 
 
-def one_run(joint: str, stiffness: float = 9.0) -> Run:
+def one_run(joint: str, stiffness: float = 9.0) -> IdentificationRun:
     experiment = replace(SHORT, stiffness=stiffness)
     return plan_runs(ROBOT, [joint], experiment, seed=1)[-1]
 
