@@ -54,7 +54,7 @@ class Contact:
         link: The link that hangs on that joint.
         direction: Sign of the external torque on the joint, in the joint's positive sense: minus the sign of the
             residual r = eps - eps_exp.
-        intensity: Largest size of the residual so far [deg]; 0 where only the wheels feel it.
+        intensity_deg: Largest size of the residual so far [deg]; 0 where only the wheels feel it.
         torque: External torque estimate on the joint [N m], signed; None where no estimate exists.
         torque_std: Its standard deviation [N m]; None where no estimate exists.
         onset_time: Clock of the robot when the residual began to leave its free-motion band [s].
@@ -69,7 +69,7 @@ class Contact:
     joint: str | None
     link: str
     direction: Direction
-    intensity: float
+    intensity_deg: float
     torque: float | None
     torque_std: float | None
     onset_time: float

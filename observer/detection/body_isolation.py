@@ -324,9 +324,7 @@ class BodyTracker:
             joint = self._robot.joints[excursion.joint]
             touch.limb, touch.link = self._robot.limb_of(joint.name), joint.child
 
-    def _report(
-        self, touch: BodyContact, phase: Phase, time: float, events: list[Contact]
-    ) -> None:
+    def _report(self, touch: BodyContact, phase: Phase, time: float, events: list[Contact]) -> None:
         if touch.number is None:
             touch.number, touch.detection_time = self._next_id(), time
         torque, torque_std = self._torque(touch)
@@ -340,7 +338,7 @@ class BodyTracker:
                 joint=None if touch.joint is None else self._names[touch.joint],
                 link=touch.link,
                 direction=-1 if touch.sign > 0 else 1,
-                intensity=math.degrees(touch.peak),
+                intensity_deg=math.degrees(touch.peak),
                 torque=torque,
                 torque_std=torque_std,
                 onset_time=touch.onset_time,

@@ -68,7 +68,7 @@ class ChainContact:
             joint=joint.name,
             link=joint.child,
             direction=-1 if self.located.sign > 0 else 1,
-            intensity=math.degrees(self.peak),
+            intensity_deg=math.degrees(self.peak),
             torque=None,
             torque_std=None,
             onset_time=self.onset_time,

@@ -100,7 +100,7 @@ def meets(contact: Contact, selector: ContactSelector) -> bool:
         and (not selector.link or contact.link in selector.link)
         and (not selector.joint or contact.joint in selector.joint)
         and (contact.kind == selector.kind if selector.kind else contact.kind != "rebound")
-        and contact.intensity >= selector.min_intensity_deg
+        and contact.intensity_deg >= selector.min_intensity_deg
         and (not selector.min_torque or abs(contact.torque or 0.0) >= selector.min_torque)
     )
 

@@ -132,7 +132,7 @@ def describe_contact(contact: Contact, pushes: tuple[KnownPush, ...]) -> str:
 
 def _intensity(contact: Contact) -> str:
     """Return the intensity of a contact on a joint; trunk and base have none in degrees."""
-    return "-" if contact.joint is None else f"{contact.intensity:.1f} deg"
+    return "-" if contact.joint is None else f"{contact.intensity_deg:.1f} deg"
 
 
 def _figure(out: Path, joints: Sequence[str], console: Console) -> None:

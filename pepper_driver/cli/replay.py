@@ -99,7 +99,7 @@ def _contacts(pairs: Sequence[MatchedPair[Contact]]) -> Table:
             _change(*(None if c is None else c.kind for c in (then, now))),
             *("-" if c is None else f"{c.detection_time:.3f}" for c in (then, now)),
             _later(pair),
-            *(f"{c.intensity:.2f}" if c and c.intensity else "-" for c in (then, now)),
+            *(f"{c.intensity_deg:.2f}" if c and c.intensity_deg else "-" for c in (then, now)),
         )
     return table
 

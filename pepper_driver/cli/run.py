@@ -235,7 +235,7 @@ def event_text(event: Event) -> str | None:
         return f"reflex {event.reflex}: {event.phase}{held}"
     if event.phase == "update":
         return None
-    degrees = f"{event.intensity:.1f} deg" if event.intensity else "-"  # wheels have none
+    degrees = f"{event.intensity_deg:.1f} deg" if event.intensity_deg else "-"  # wheels have none
     torque = "" if event.torque is None else f", {abs(event.torque):.1f} N m"
     text = (
         f"{event.kind} {event.link}: {event.phase}, {event.joint or 'trunk'} {event.direction:+d}"

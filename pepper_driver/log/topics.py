@@ -121,7 +121,7 @@ CONTACTS = JsonTopic(
         "joint": {"type": "string"},
         "link": {"type": "string"},
         "direction": {"type": "integer", "enum": [-1, 1]},
-        "intensity": {"type": "number", "description": "[deg]"},
+        "intensity_deg": {"type": "number", "description": "[deg]"},
         "torque": {"type": "number", "description": "[N m]"},
         "torque_std": {"type": "number", "description": "[N m]"},
         "onset_time": {"type": "number", "description": "[s]"},

@@ -321,7 +321,7 @@ def _contacts(reflex: Reflex, robot: RobotConfig) -> Iterator[Contact]:
         contact = pretend_contact(joint, link, robot, reflex.kind or "contact")
         contact = replace(
             contact,
-            intensity=max(contact.intensity, reflex.min_intensity_deg),
+            intensity_deg=max(contact.intensity_deg, reflex.min_intensity_deg),
             torque=max(TORQUE, reflex.min_torque),
         )
         if reflex.matches(contact):
@@ -340,7 +340,7 @@ def pretend_contact(
         joint=joint,
         link=link,
         direction=1,
-        intensity=INTENSITY,
+        intensity_deg=INTENSITY,
         torque=TORQUE,
         torque_std=0.1 * TORQUE,
         onset_time=0.0,

@@ -31,7 +31,7 @@ def make_contact(number: int = 1, phase: Phase = "begin", **changes: Any) -> Con
         "joint": "LShoulderRoll",
         "link": "LBicep",
         "direction": 1,
-        "intensity": 3.0,
+        "intensity_deg": 3.0,
         "torque": None,
         "torque_std": None,
         "onset_time": 0.0,

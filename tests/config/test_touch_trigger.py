@@ -92,7 +92,7 @@ class DetectedPush:
     link: str
     joint: str
     kind: str
-    intensity: float
+    intensity_deg: float
     torque: float
 
 
@@ -102,7 +102,7 @@ def is_chosen(touch: DetectedPush, on: TouchTrigger) -> bool:
         and (not on.link or touch.link in on.link)
         and (not on.joint or touch.joint in on.joint)
         and on.kind in (None, touch.kind)
-        and touch.intensity >= on.min_intensity_deg
+        and touch.intensity_deg >= on.min_intensity_deg
         and touch.torque >= on.min_torque
     )
 
@@ -167,7 +167,7 @@ FELT = st.lists(
         link=st.sampled_from(LINKS),
         joint=st.sampled_from(JOINTS),
         kind=st.sampled_from(KINDS),
-        intensity=st.sampled_from([0.5, 1.0, 3.0]),
+        intensity_deg=st.sampled_from([0.5, 1.0, 3.0]),
         torque=st.sampled_from([0.5, 1.0, 3.0]),
     ),
     max_size=6,

@@ -99,7 +99,7 @@ def test_a_touch_from_begin_to_end() -> None:
     begin, end = events[0], events[-1]
     assert (begin.joint, begin.link, begin.kind) == ("LElbowRoll", "LForeArm", "contact")
     assert begin.direction == 1
-    assert begin.intensity == pytest.approx(math.degrees(0.08))
+    assert begin.intensity_deg == pytest.approx(math.degrees(0.08))
     # The median of 11 turns with the sixth sample, both ways.
     assert begin.detection_time == begin.time == pytest.approx(105 * CYCLE)
     assert begin.onset_time == pytest.approx(100 * CYCLE)
@@ -329,7 +329,7 @@ def test_feels_light_touches_and_nothing_else_in_fast_motion() -> None:
         assert 0.0 < begin.detection_time - onset < 0.2
         assert abs(begin.onset_time - onset) < 0.06
     ends = [event for event in events if event.phase == "end"]
-    assert [event.intensity for event in ends] == pytest.approx([4.0] * 6, abs=1.0)
+    assert [event.intensity_deg for event in ends] == pytest.approx([4.0] * 6, abs=1.0)
 
 
 def reachable(*roots: object) -> list[object]:

@@ -48,7 +48,7 @@ def test_the_dozen_lines_of_the_readme() -> None:
     assert len(ends) == 1
     # The largest residual is the torque over the stiffness, less what friction holds.
     lever = 0.16 * np.cos(0.6 - 0.57)  # the force is along the world's y
-    assert ends[0].intensity == pytest.approx(np.degrees(20.0 * lever / truth), rel=0.35)
+    assert ends[0].intensity_deg == pytest.approx(np.degrees(20.0 * lever / truth), rel=0.35)
 
 
 def test_hold_stops_the_motion_and_lets_it_go_on() -> None:

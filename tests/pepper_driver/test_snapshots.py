@@ -150,7 +150,7 @@ def test_wrong_links_and_kinds_of_poses_are_refused() -> None:
 
 
 def test_touches_are_the_contacts_that_last() -> None:
-    first, grown, second = touch(1), touch(1, "update", intensity=9.0), touch(2, link="Head")
+    first, grown, second = touch(1), touch(1, "update", intensity_deg=9.0), touch(2, link="Head")
     script: dict[int, tuple[Contact, ...]] = {
         2: (first,),
         3: (second,),

@@ -25,7 +25,7 @@ def contact(number: int = 0, **changes: Any) -> Contact:
         "joint": "LElbowRoll",
         "link": "LForeArm",
         "direction": 1,
-        "intensity": 3.0,
+        "intensity_deg": 3.0,
         "torque": None,
         "torque_std": None,
         "onset_time": 0.0,

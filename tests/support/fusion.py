@@ -333,12 +333,12 @@ def check_lives(events: list[Contact]) -> None:
             open_on[limb] = event.id
         assert event.limb == ROBOT.limb_of(event.joint)
         assert event.onset_time <= event.detection_time
-        assert event.intensity >= 0
+        assert event.intensity_deg >= 0
         if event.joint is None:
             assert event.link in (TRUNK_LINK, BASE_LINK)
         else:
             assert event.link == ROBOT.joints[ROBOT.joint_index(event.joint)].child
-            assert event.intensity > 0
+            assert event.intensity_deg > 0
         if life and life[-1].kind != "contact":
             assert event.kind == life[-1].kind
         life.append(event)

@@ -124,7 +124,7 @@ class Samples:
             joint=joint,
             link=ROBOT.links[0],
             direction=1 if known else -1,
-            intensity=float(random.random()),
+            intensity_deg=float(random.random()),
             torque=float(random.normal()) if known else None,
             torque_std=float(random.random()) if known else None,
             onset_time=float(random.random()),

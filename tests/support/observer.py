@@ -239,9 +239,9 @@ def check_life(events: Sequence[Contact]) -> None:
             assert event.joint is not None
             joint = ROBOT.joints[ROBOT.joint_index(event.joint)]
             assert event.link == joint.child
-            assert event.intensity > 0
+            assert event.intensity_deg > 0
             assert event.torque is None
             assert event.torque_std is None
         for before, after in pairwise(life):
             if (before.joint, before.direction) == (after.joint, after.direction):
-                assert after.intensity >= before.intensity
+                assert after.intensity_deg >= before.intensity_deg

@@ -28,7 +28,7 @@ def contact(
         joint="LShoulderRoll",
         link="LBicep",
         direction=1,
-        intensity=3.0,
+        intensity_deg=3.0,
         torque=None,
         torque_std=None,
         onset_time=0.0,

@@ -84,7 +84,7 @@ class RestingObserver(Observer):
             joint=self._robot.joint_names[joint],
             link=self._robot.joints[joint].child,
             direction=1 if residual < 0.0 else -1,  # of the torque: the joint gives way to it
-            intensity=float(np.degrees(abs(residual))),
+            intensity_deg=float(np.degrees(abs(residual))),
             torque=None,
             torque_std=None,
             onset_time=now - TICKS * self._robot.cycle,

@@ -18,7 +18,7 @@ def test_a_joint_that_is_pushed_aside_and_let_go_is_a_contact() -> None:
     begin, end = (contact for observation in observations for contact in observation.contacts)
     assert (begin.phase, end.phase, begin.id) == ("begin", "end", end.id)
     assert (begin.joint, begin.link, begin.direction) == ("LElbowRoll", "LForeArm", 1)
-    assert begin.intensity == pytest.approx(3.0, abs=0.01)
+    assert begin.intensity_deg == pytest.approx(3.0, abs=0.01)
     assert begin.time == pytest.approx((100 + TICKS - 1) * ROBOT.cycle)
     assert end.time == pytest.approx((150 + TICKS - 1) * ROBOT.cycle)
 

@@ -99,7 +99,7 @@ def test_a_touch_on_one_joint() -> None:
     )
     assert begin.direction == 1
     threshold = THRESHOLDS[ROBOT.joint_index("LElbowRoll")]
-    assert begin.intensity == pytest.approx(math.degrees(2.0 * threshold))
+    assert begin.intensity_deg == pytest.approx(math.degrees(2.0 * threshold))
     assert begin.torque == pytest.approx(20.0 * threshold)
     assert begin.torque_std == pytest.approx(0.1)
     assert begin.time == begin.detection_time == pytest.approx(5 * CYCLE)
@@ -139,7 +139,7 @@ def test_the_joint_is_named_anew_at_each_revision_and_not_between(revision: int)
     assert moved.time == pytest.approx(revision * CYCLE)
     assert moved.detection_time == 0.0
     elbow = THRESHOLDS[ROBOT.joint_index("LElbowRoll")]
-    assert moved.intensity == pytest.approx(math.degrees(4.0 * elbow))
+    assert moved.intensity_deg == pytest.approx(math.degrees(4.0 * elbow))
 
 
 def test_after_the_last_revision_it_stays() -> None:
@@ -174,7 +174,7 @@ def test_what_the_legs_feel_is_on_the_trunk() -> None:
     assert told == [(TRUNK, None, TRUNK_LINK, -1)]
     assert events[0].torque is None
     hip = THRESHOLDS[ROBOT.joint_index("HipRoll")]
-    assert events[0].intensity == pytest.approx(math.degrees(2.0 * hip))
+    assert events[0].intensity_deg == pytest.approx(math.degrees(2.0 * hip))
     # With the wheels beside it, it is still the trunk.
     [both] = Player().play(1 + HELD, base=1.5, HipPitch=3.0)
     assert (both.joint, both.link) == (None, TRUNK_LINK)
@@ -184,7 +184,7 @@ def test_what_only_the_wheels_feel_is_on_the_base() -> None:
     player = Player()
     [begin] = player.play(1 + HELD, base=1.5)
     assert (begin.joint, begin.link, begin.phase) == (None, BASE_LINK, "begin")
-    assert begin.intensity == 0.0  # wheels have no degrees
+    assert begin.intensity_deg == 0.0  # wheels have no degrees
     [end] = player.play(QUIET)
     assert (end.id, end.link, end.phase) == (1, BASE_LINK, "end")
     assert Player().play(5, base=0.99) == []
@@ -328,7 +328,7 @@ def test_updates_come_when_intensity_or_torque_have_changed() -> None:
     assert player.play(quiet, LElbowRoll=torque(abs(grown.torque) - 0.95 * step)) == []
     [less] = player.play(quiet, LElbowRoll=torque(abs(grown.torque) - 1.05 * step))
     assert less.torque == pytest.approx(grown.torque + 1.05 * step)
-    assert less.intensity == grown.intensity
+    assert less.intensity_deg == grown.intensity_deg
 
 
 def test_updates_of_a_contact_that_grows_are_a_period_apart() -> None:

@@ -60,7 +60,7 @@ def test_a_touch_on_one_joint() -> None:
     begin = events[0]
     assert begin.link == ROBOT.joints[ROBOT.joint_index("LElbowRoll")].child
     assert begin.direction == -1  # r > 0: the joint is held back
-    assert begin.intensity == pytest.approx(math.degrees(2.0 * THRESHOLD))
+    assert begin.intensity_deg == pytest.approx(math.degrees(2.0 * THRESHOLD))
     assert begin.time == begin.detection_time == pytest.approx(5 * CYCLE)
     # Raised after the gap, but the contact ended when the residual fell.
     assert (end.phase, end.id) == ("end", 1)
@@ -77,7 +77,7 @@ def test_direction_is_against_the_residual_and_intensity_its_largest() -> None:
     events += player.play(GAP + 2)
     assert [event.phase for event in events] == ["begin", "update", "end"]
     assert [event.direction for event in events] == [1, 1, 1]
-    assert [event.intensity for event in events] == pytest.approx(
+    assert [event.intensity_deg for event in events] == pytest.approx(
         [math.degrees(k * THRESHOLD) for k in (1.5, 4.0, 4.0)]
     )
 
@@ -92,7 +92,7 @@ def test_updates_come_a_period_after_another_and_when_the_contact_has_grown() ->
     assert first.time == pytest.approx(PERIOD * CYCLE)
     assert player.play(PERIOD, LElbowYaw=3.0 + 2.0 * step) == []
     [second] = player.play(1, LElbowYaw=3.0 + 2.2 * step)
-    assert second.intensity - first.intensity == pytest.approx(1.1 * INTENSITY_STEP_DEG)
+    assert second.intensity_deg - first.intensity_deg == pytest.approx(1.1 * INTENSITY_STEP_DEG)
     assert player.play(3 * PERIOD, LElbowYaw=2.0) == []  # the largest so far stays
 
 
@@ -137,7 +137,7 @@ def test_a_joint_further_out_takes_the_contact_over_at_once() -> None:
     assert moved.time == pytest.approx(2 * CYCLE)
     assert moved.detection_time == 0.0
     assert moved.direction == 1
-    assert moved.intensity == pytest.approx(math.degrees(1.5 * THRESHOLD))
+    assert moved.intensity_deg == pytest.approx(math.degrees(1.5 * THRESHOLD))
 
 
 def test_a_contact_does_not_move_inwards() -> None:

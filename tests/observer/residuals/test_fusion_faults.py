@@ -137,4 +137,4 @@ def test_a_push_that_grows_for_long_is_felt_in_the_end() -> None:
         contacts += observer.step(one).contacts
     assert contacts
     assert contacts[0].joint == ROBOT.joint_names[ELBOW]
-    assert contacts[0].intensity < 12.0 * np.degrees(MODEL.largest_bound)
+    assert contacts[0].intensity_deg < 12.0 * np.degrees(MODEL.largest_bound)

@@ -39,7 +39,7 @@ def test_touches_are_the_newest_events_of_the_contacts_that_last() -> None:
     assert list(touches.now) == []
     touches.step([contact(1), contact(2)])
     touches.step([])
-    stronger = contact(1, phase="update", intensity=9.0)
+    stronger = contact(1, phase="update", intensity_deg=9.0)
     touches.step([stronger, contact(3)])
     before = touches.now
     assert before == (stronger, contact(2), contact(3))

@@ -421,7 +421,7 @@ def test_sinks_take_events_at_once_while_they_are_attached(dispatcher: Dispatche
     woken = threading.Semaphore(0)
     early, late = (EventSink("a test", woken.release) for _ in range(2))
     fault = FaultEvent(fault=STOP, time=1.0)
-    strong = Subscription(Contact, lambda c: c.intensity > 1.0, 2)
+    strong = Subscription(Contact, lambda c: c.intensity_deg > 1.0, 2)
     with dispatcher.attached(late, strong, Subscription(FaultEvent), Subscription(EndEvent)):
         with dispatcher.attached(early, Subscription(FaultEvent)):
             assert dispatcher.has_receiver(Contact)
@@ -429,7 +429,7 @@ def test_sinks_take_events_at_once_while_they_are_attached(dispatcher: Dispatche
             dispatcher.publish(fault)
         for number in range(3):
             dispatcher.publish(contact(number))
-            dispatcher.publish(contact(number, intensity=0.5))
+            dispatcher.publish(contact(number, intensity_deg=0.5))
         assert [early.take(), early.take()] == [fault, None]
         assert list(late.events) == [fault, contact(0)]  # two may wait when a contact comes
         assert (early.dropped, late.dropped) == (0, 2)

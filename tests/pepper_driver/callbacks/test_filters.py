@@ -28,7 +28,7 @@ LINK = ROBOT.links[-1]
     ("wanted", "fits", "fits_not"),
     [
         ({}, {"phase": "begin"}, {"phase": "update"}),
-        ({"phase": None}, {"phase": "end"}, {"intensity": -1.0}),
+        ({"phase": None}, {"phase": "end"}, {"intensity_deg": -1.0}),
         ({}, {"kind": "collision"}, {"kind": "rebound"}),
         ({"phase": "end"}, {"phase": "end"}, {"phase": "begin"}),
         ({"link": LINK}, {"link": LINK}, {"link": "elsewhere"}),
@@ -50,8 +50,12 @@ LINK = ROBOT.links[-1]
             {"limb": "head", "torque": 1.0},
             {"limb": "left_arm", "torque": 1.0},
         ),
-        ({"min_intensity_deg": 2.5}, {"intensity": 2.5}, {"intensity": 2.4}),
-        ({"min_intensity_deg": np.float32(2.5)}, {"intensity": 2.6}, {"intensity": float("nan")}),
+        ({"min_intensity_deg": 2.5}, {"intensity_deg": 2.5}, {"intensity_deg": 2.4}),
+        (
+            {"min_intensity_deg": np.float32(2.5)},
+            {"intensity_deg": 2.6},
+            {"intensity_deg": float("nan")},
+        ),
         (
             {"joint": "RHand", "kind": "rebound"},
             {"joint": "RHand", "kind": "rebound"},
@@ -71,7 +75,7 @@ def test_contacts(wanted: dict[str, Any], fits: dict[str, Any], fits_not: dict[s
         ({"link": LINK}, {"link": LINK}),
         ({"joint": "RHand"}, {"joint": "RHand"}),
         ({"kind": "collision"}, {"kind": "collision"}),
-        ({"min_intensity_deg": 5.0}, {"intensity": 6.0}),
+        ({"min_intensity_deg": 5.0}, {"intensity_deg": 6.0}),
         ({"min_torque": 2.0}, {"torque": -2.5}),
         ({"limb": "right_arm"}, {"limb": "right_arm"}),
     ],
@@ -81,7 +85,7 @@ def test_a_contact_is_told_once_it_is_as_described(
 ) -> None:
     """The observer finds out where it is, and how strong, after its begin."""
     predicate = contact_filter(ROBOT, **wanted)
-    other = {"link": "elsewhere", "joint": None, "kind": "contact", "intensity": 1.0}
+    other = {"link": "elsewhere", "joint": None, "kind": "contact", "intensity_deg": 1.0}
     story = [
         ("begin", other, False),
         ("update", other, False),
@@ -113,10 +117,10 @@ def test_names_of_contacts_are_checked(wanted: dict[str, Any], hint: str) -> Non
         contact_filter(ROBOT, **wanted)
 
 
-@pytest.mark.parametrize("intensity", [-0.1, float("nan"), None, "3", [1.0]])
-def test_intensities_are_checked(intensity: Any) -> None:
+@pytest.mark.parametrize("intensity_deg", [-0.1, float("nan"), None, "3", [1.0]])
+def test_intensities_are_checked(intensity_deg: Any) -> None:
     with pytest.raises(SubscriptionError, match="min_intensity_deg") as caught:
-        contact_filter(ROBOT, min_intensity_deg=intensity)
+        contact_filter(ROBOT, min_intensity_deg=intensity_deg)
     assert isinstance(caught.value, PepperError)
 
 

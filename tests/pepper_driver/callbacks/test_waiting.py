@@ -90,7 +90,7 @@ def test_it_takes_what_is_asked_for_and_nothing_from_before() -> None:
     pepper = make_pepper(
         {
             2: (contact(1),),
-            4: (contact(2, kind="rebound"), contact(1, phase="update", intensity=9.0)),
+            4: (contact(2, kind="rebound"), contact(1, phase="update", intensity_deg=9.0)),
             6: (contact(1, phase="end"),),
         }
     )
@@ -296,7 +296,9 @@ async def started(pepper: Pepper) -> None:
 
 
 def test_contacts_come_until_the_robot_is_closed() -> None:
-    pepper = make_pepper({tick: (contact(tick, intensity=float(tick)),) for tick in range(1, 31)})
+    pepper = make_pepper(
+        {tick: (contact(tick, intensity_deg=float(tick)),) for tick in range(1, 31)}
+    )
 
     async def main() -> tuple[list[int], list[int]]:
         with pepper:

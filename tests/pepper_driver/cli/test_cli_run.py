@@ -132,7 +132,7 @@ def test_what_happens_is_printed_as_it_happens(
     _, observer = fake(monkeypatch)
     observer.at = {
         20: (contact(1, torque=-1.26),),
-        30: (contact(1, phase="end", intensity=4.0),),
+        30: (contact(1, phase="end", intensity_deg=4.0),),
     }
     path = write(
         tmp_path,
@@ -208,7 +208,7 @@ def test_what_steps_with_tasks_reached_is_printed(
 
 
 def test_a_contact_that_only_the_wheels_feel_has_no_degrees() -> None:
-    event = contact(joint=None, link="base_link", intensity=0.0)
+    event = contact(joint=None, link="base_link", intensity_deg=0.0)
     assert event_text(event) == "contact base_link: begin, trunk +1, -"
 
 

@@ -94,8 +94,8 @@ def test_a_wait_ends_with_the_contact_it_waits_for(
         20: (contact(1, phase="update"),),
         21: (contact(2, link="RForeArm"),),
         22: (contact(3, kind="rebound"),),
-        23: (contact(4, intensity=1.0),),
-        30: (contact(4, phase="update", intensity=2.5),),
+        23: (contact(4, intensity_deg=1.0),),
+        30: (contact(4, phase="update", intensity_deg=2.5),),
     }
     wanted = listen(link="LForeArm", min_intensity_deg=2.0, on_timeout="stop")
     run = make_run(monkeypatch, tmp_path, STAND, wanted, PAUSE, at=at)
@@ -124,7 +124,7 @@ def test_a_wait_in_vain(monkeypatch: pytest.MonkeyPatch, tmp_path: Path, on_time
 
 
 def test_each_wait_listens_anew(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    at = {20: (contact(1),), 60: (contact(1, phase="update", intensity=9.0),)}
+    at = {20: (contact(1),), 60: (contact(1, phase="update", intensity_deg=9.0),)}
     loop = {"repeat": {"times": 2, "steps": [listen()]}}
     report = make_run(monkeypatch, tmp_path, STAND, loop, at=at).perform()
     assert [wait.heard for wait in report.waits] == [True, False]

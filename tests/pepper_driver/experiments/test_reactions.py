@@ -106,7 +106,7 @@ def test_words_come_in_the_tick_of_the_touch_and_nothing_stops() -> None:
     ],
 )
 def test_they_answer_the_touches_that_are_chosen(on: dict[str, Any], tick: int) -> None:
-    at = tap(20) | tap(40, 2, limb="head") | tap(60, 3, intensity=6.0) | tap(80, 4, length=30)
+    at = tap(20) | tap(40, 2, limb="head") | tap(60, 3, intensity_deg=6.0) | tap(80, 4, length=30)
     experiment = reacting(STAND, TURN, END, reactions=[{"on": on, "cue": "touched"}])
     assert Played(experiment, at).cues[0] == ("cue: touched", tick)
 

@@ -38,7 +38,7 @@ def end(number: int = 1, **changes: Any) -> tuple[Contact, ...]:
 
 
 def test_a_touch_counts_when_it_begins_and_then_no_more() -> None:
-    assert met({5: begin(), 9: update(intensity=9.0), 12: end(intensity=9.0)}) == [5]
+    assert met({5: begin(), 9: update(intensity_deg=9.0), 12: end(intensity_deg=9.0)}) == [5]
 
 
 def test_each_touch_counts() -> None:
@@ -56,7 +56,7 @@ def test_a_number_that_comes_again_after_its_end_is_a_new_touch() -> None:
 @pytest.mark.parametrize(
     ("trigger", "weak", "strong"),
     [
-        ({"min_intensity_deg": 2.0}, {"intensity": 1.9}, {"intensity": 2.0}),
+        ({"min_intensity_deg": 2.0}, {"intensity_deg": 1.9}, {"intensity_deg": 2.0}),
         ({"min_torque": 1.5}, {"torque": 1.4}, {"torque": -1.5}),
         ({"min_torque": 1.5}, {"torque": None}, {"torque": 1.5}),
         ({"limb": "left_arm"}, {"limb": "right_arm"}, {"limb": "left_arm"}),
@@ -87,9 +87,9 @@ def test_a_touch_has_to_last(lasting: float, ticks: int) -> None:
 
 
 def test_a_touch_that_becomes_as_chosen_late_has_lasted_since_it_began() -> None:
-    events = {5: begin(intensity=1.0), 40: update(intensity=3.0)}
+    events = {5: begin(intensity_deg=1.0), 40: update(intensity_deg=3.0)}
     assert met(events, lasting=0.6, min_intensity_deg=2.0) == [55]
-    events = {5: begin(intensity=1.0), 90: update(intensity=3.0)}
+    events = {5: begin(intensity_deg=1.0), 90: update(intensity_deg=3.0)}
     assert met(events, lasting=0.6, min_intensity_deg=2.0) == [90]
 
 
@@ -137,9 +137,9 @@ def test_only_touches_as_chosen_are_counted() -> None:
 
 def test_touches_that_last_count_by_when_they_began() -> None:
     """The first began long before the others, and became strong last of all."""
-    strong = {"intensity": 3.0}
+    strong = {"intensity_deg": 3.0}
     events = {
-        10: begin(1, intensity=1.0),
+        10: begin(1, intensity_deg=1.0),
         90: begin(2, **strong),
         95: begin(3, **strong),
         99: update(1, **strong),
@@ -178,7 +178,7 @@ def test_it_fires_no_oftener_than_touches_come(
 ) -> None:
     script: dict[int, tuple[Contact, ...]] = {}
     for tick, number, phase, size, link in events:
-        event = contact(number, phase=phase, intensity=size, link=link)
+        event = contact(number, phase=phase, intensity_deg=size, link=link)
         script[tick] = (*script.get(tick, ()), event)
     begun = sum(event.phase == "begin" for felt in script.values() for event in felt)
     several: dict[str, Any] = {"touches": touches, "within": 0.5} if touches > 1 else {}

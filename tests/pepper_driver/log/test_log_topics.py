@@ -122,12 +122,12 @@ def test_any_event_comes_back(
 def test_no_message_holds_what_a_browser_cannot_read(tmp_path: Path) -> None:
     contact = Samples(2).contact(4)
     object.__setattr__(contact, "torque", math.nan)
-    object.__setattr__(contact, "intensity", math.inf)
+    object.__setattr__(contact, "intensity_deg", math.inf)
     message = CONTACTS.encode(contact)
     json.loads(message, parse_constant=lambda name: pytest.fail(f"{name} is no JSON"))
     read = CONTACTS.decode(message)
     assert read.torque is None
-    assert math.isnan(read.intensity)
+    assert math.isnan(read.intensity_deg)
 
 
 def test_events_are_logged_with_their_tick_and_without(tmp_path: Path) -> None:

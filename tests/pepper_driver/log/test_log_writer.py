@@ -281,7 +281,7 @@ def test_contact_that_is_no_json_is_dropped(
     bad, numpy_like, good = (samples.contact(i) for i in (2, 4, 6))
     object.__setattr__(bad, "torque", np.zeros(3))
     object.__setattr__(numpy_like, "direction", np.int8(1))
-    object.__setattr__(numpy_like, "intensity", np.float64(2.5))
+    object.__setattr__(numpy_like, "intensity_deg", np.float64(2.5))
     with LogWriter(tmp_path / "a.mcap", ROBOT, {}) as log:
         log.append(
             TickRecord(tick=samples.tick(0), observation=samples.observation(bad, numpy_like, good))

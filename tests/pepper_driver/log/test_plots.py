@@ -35,7 +35,7 @@ def contact(joint: str | None, onset: float, **changes: Any) -> Contact:
         "joint": joint,
         "link": "somewhere",
         "direction": 1,
-        "intensity": 3.0,
+        "intensity_deg": 3.0,
         "torque": None,
         "torque_std": None,
         "onset_time": onset,

@@ -165,7 +165,7 @@ def test_two_that_answer_one_contact_overlap(
     torque: float | None,
 ) -> None:
     reflexes = Comply(**one), FollowHand(**other)
-    contact = touch(link=place[0], joint=place[1], kind=kind, intensity=size, torque=torque)
+    contact = touch(link=place[0], joint=place[1], kind=kind, intensity_deg=size, torque=torque)
     for reflex in reflexes:
         try:
             reflex.setup(ROBOT)

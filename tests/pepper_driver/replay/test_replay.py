@@ -371,7 +371,7 @@ def test_a_changed_bit_of_a_measurement_is_told(log: Path) -> None:
     assert re.fullmatch(r"(residual|threshold|torque) of \w+: \S+ in place of \S+", first.text)
 
 
-@pytest.mark.parametrize("field", ["intensity", "torque", "onset_time"])
+@pytest.mark.parametrize("field", ["intensity_deg", "torque", "onset_time"])
 def test_a_changed_bit_of_a_contact_is_told(log: Path, field: str) -> None:
     run = load_run(log)
     place, contact = next((i, c) for i, c in enumerate(run.log.contacts) if c.torque is not None)

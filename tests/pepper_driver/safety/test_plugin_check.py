@@ -446,7 +446,7 @@ def test_the_fault_names_the_reflex_and_its_line() -> None:
         joint="LShoulderRoll",
         link="LBicep",
         direction=1,
-        intensity=3.0,
+        intensity_deg=3.0,
         torque=None,
         torque_std=None,
         onset_time=0.0,
