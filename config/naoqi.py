@@ -96,6 +96,10 @@ class NaoqiSettings:
     connect_time: Positive
     call_time: Positive
     take_over_time: Positive
+    switch_time: Positive
+    alive_time: Positive
+    end_silence: Positive
+    wheel_stop_time: Positive
     temperature_status: Annotated[int, Field(ge=0, le=3)]
     charging_flap: Literal["refuse", "stand"]
     release_legs: bool

@@ -191,8 +191,6 @@ class AnglesLink:
 
 logger = logging.getLogger("pepper_driver")
 
-PATIENCE = 0.3
-"""[s] age of samples at which the end waits for the robot no longer."""
 
 FRESH, LAST = 6, 40
 """Ticks in which a new sample comes, and in which the last change of stiffness is taken."""
@@ -298,7 +296,7 @@ class AnglesBackend(NaoqiRobot):
         ticks = round(self._settings.timing.ramp_down / self._robot.cycle)
         for tick in cycle_timer(self._robot.cycle, ticks + LAST):
             measurement = link.exchange(None, had * max(0.0, 1.0 - (tick + 1) / ticks))
-            if self._lost or measurement.age > PATIENCE:
+            if self._lost or measurement.age > 2.0 * self._settings.end_silence:
                 return False
             if tick >= ticks and link.idle:
                 return True

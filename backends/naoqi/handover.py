@@ -20,14 +20,8 @@ from pepper_driver.config.signals import check_signals
 
 logger = logging.getLogger("pepper_driver")
 
-PATIENCE = 0.15
-"""[s] without any answer after which nothing more is waited for in the end."""
-
 STANDING = 0.2
 """[rad/s] below which wheels stand: 14 mm/s."""
-
-LONGEST_STOP = 0.3
-"""[s] for wheels to stand."""
 
 ARRIVED = 0.03
 """[rad] within which legs are where they should be: what they droop by."""
@@ -120,10 +114,10 @@ def let_go(
         """None where the robot does not answer."""
         next(paced_ticks)
         measurement = link.exchange(position, wanted, _STILL)
-        patient = min(link.silence, time.monotonic() - begin) <= PATIENCE
+        patient = min(link.silence, time.monotonic() - begin) <= settings.end_silence
         return measurement if link.connected and patient else None
 
-    for number in range(round(LONGEST_STOP / robot.cycle)):
+    for number in range(round(settings.wheel_stop_time / robot.cycle)):
         measurement = tick(None, link.stiffness)
         if measurement is None:
             return False
@@ -141,8 +135,7 @@ def let_go(
     elif not _moved_by_others(link.newest, robot):
         legs_home = np.where(legs & np.isfinite(posture), posture, np.nan)
     stiffness = np.where(taken, _shown(link, stiffness), stiffness)
-    speed = settings.timing.leg_return_speed
-    if not _lead_back(link, robot, legs_home, speed, stiffness, safety.stale_fault, tick):
+    if not _lead_back(link, robot, legs_home, settings, stiffness, safety.stale_fault, tick):
         return False
 
     soft = np.zeros(len(legs)) if settings.release_legs else np.where(legs, stiffness, 0.0)
@@ -179,7 +172,7 @@ def _lead_back(
     link: Link,
     robot: RobotConfig,
     goal: FloatArray,
-    speed: float,
+    settings: NaoqiSettings,
     stiffness: FloatArray,
     stale: float,
     tick: Callable[[FloatArray | None, FloatArray], Measurement | None],
@@ -190,7 +183,7 @@ def _lead_back(
     looks after the robot any more.
     """
     try:
-        start = link.commanded(Alias.POSITION, PATIENCE)
+        start = link.commanded(Alias.POSITION, settings.end_silence)
     except PepperError as error:
         logger.warning("%s", error)
         return False
@@ -198,6 +191,7 @@ def _lead_back(
     farthest = float(np.abs(way).max())
     if farthest <= ARRIVED:
         return True
+    speed = settings.timing.leg_return_speed
     ticks = round(PEAK_SPEED_RATIO * farthest / speed / robot.cycle)
     for number in range(1, ticks + 1):
         measurement = tick(start + way * minimum_jerk(number / ticks), stiffness)

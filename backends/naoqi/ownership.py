@@ -113,9 +113,6 @@ def chosen(settings: TakeOverSettings) -> list[tuple[Switch, bool]]:
 
 logger = logging.getLogger("pepper_driver")
 
-ALIVE = 0.3
-"""[s] in which a robot that does not hang answers the simplest of questions. A program that ends cannot wait longer."""
-
 
 @dataclass(frozen=True, kw_only=True)
 class _Change:
@@ -131,8 +128,9 @@ class _Change:
 class Restoration:
     """Changes in their order, undone in reverse."""
 
-    def __init__(self) -> None:
+    def __init__(self, alive_time: float) -> None:
         self._changes: list[_Change] = []
+        self._alive_time = alive_time
 
     def note(
         self, text: str, service: str, method: str, *arguments: object, timeout: float
@@ -157,7 +155,7 @@ class Restoration:
         A robot that hangs, or is gone, is not waited for. Raises nothing.
         """
         left = []
-        answers = _alive(connection)
+        answers = _alive(connection, self._alive_time)
         for change in reversed(self._changes):
             if not answers:
                 left.append(change.text)
@@ -170,7 +168,7 @@ class Restoration:
                 left.append(change.text)
                 logger.warning("not given back: %s (%s)", change.text, error)
                 answers = not isinstance(error, CallTimeoutError | NotConnectedError) or _alive(
-                    connection
+                    connection, self._alive_time
                 )
         self._changes.clear()
         if left:
@@ -182,9 +180,9 @@ class Restoration:
         return tuple(left)
 
 
-def _alive(connection: Connection) -> bool:
+def _alive(connection: Connection, timeout: float) -> bool:
     try:
-        connection.call("ALMotion", "robotIsWakeUp", timeout=ALIVE)
+        connection.call("ALMotion", "robotIsWakeUp", timeout=timeout)
     except (MissingServiceError, ServiceError):
         return True
     except PepperError:
@@ -194,9 +192,6 @@ def _alive(connection: Connection) -> bool:
 
 POLL = 0.1
 """[s] between two looks at what takes its time."""
-
-SETTLE = 0.5
-"""[s] in which a switch of ALMotion shows; its documentation has one of its cycles, 20 ms."""
 
 
 class ConsentError(NotReadyError):
@@ -237,7 +232,7 @@ class TakeOver:
         self._settings = settings
         self._policy = policy or settings.take_over
         self._wake = wake
-        self._changes = Restoration()
+        self._changes = Restoration(settings.alive_time)
         self.posture: FloatArray = np.full(len(robot.joint_names), np.nan)
         self.kept: tuple[str, ...] = ()
         self.left: tuple[str, ...] = ()
@@ -347,7 +342,9 @@ class TakeOver:
             self._connection.call("ALMotion", setter, *switch.arguments, False)
         except ServiceError as error:
             reason = f" ({error.reason})"
-        if self._reached(lambda: not self._is_on(switch), 0.0 if reason else SETTLE):
+        if self._reached(
+            lambda: not self._is_on(switch), 0.0 if reason else self._settings.switch_time
+        ):
             return
         if not must:
             self.kept = (*self.kept, switch.text)

@@ -14,7 +14,7 @@ from typing import Any, Self
 
 from pepper_driver.config.errors import PepperError
 
-PATIENCE = 0.1
+POLL_PERIOD = 0.1
 """[s] between two looks at whether to stop."""
 
 _REFUSAL = "labels by key need a terminal to press keys in: start it in one, or give another --label, such as head"
@@ -77,7 +77,7 @@ class Keys(ABC):
 
     def _run(self) -> None:
         while not self._stop.is_set():
-            ready, _, _ = select.select([self._file], [], [], PATIENCE)
+            ready, _, _ = select.select([self._file], [], [], POLL_PERIOD)
             if not ready:
                 continue
             try:

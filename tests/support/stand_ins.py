@@ -12,7 +12,7 @@ from typing import Any
 
 import pytest
 
-from pepper_driver.backends.naoqi import angles, backend, handover, ownership, robot
+from pepper_driver.backends.naoqi import backend, robot
 from pepper_driver.backends.naoqi.timing import RoundTrips
 from pepper_driver.backends.naoqi_server.launch import StandIn
 from pepper_driver.backends.naoqi_server.shared_values import BlackBox
@@ -35,16 +35,18 @@ def patient_driver(**timing: Any) -> Iterator[None]:
     def settings(path: Path | None = None) -> NaoqiSettings:
         loaded = load_naoqi_settings(path)
         changes = {"max_round_trip": SILENCE, **timing}
-        return replace(loaded, timing=replace(loaded.timing, **changes))
+        return replace(
+            loaded,
+            timing=replace(loaded.timing, **changes),
+            end_silence=SILENCE,
+            alive_time=SILENCE,
+            switch_time=5 * SILENCE,
+        )
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(backend, "load_naoqi_settings", settings)
         patch.setattr(RoundTrips, "lead", lambda _, timing: timing.min_lead_time)
         patch.setattr(robot, "load_safety_settings", lambda: PATIENT)
-        for module in (handover, angles):
-            patch.setattr(module, "PATIENCE", SILENCE)
-        patch.setattr(ownership, "ALIVE", SILENCE)
-        patch.setattr(ownership, "SETTLE", 5 * SILENCE)
         yield
 
 

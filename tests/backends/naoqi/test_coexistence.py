@@ -13,7 +13,6 @@ from typing import Any
 
 import pytest
 
-from pepper_driver.backends.naoqi import ownership
 from pepper_driver.backends.naoqi.connection import Connection, connect
 from pepper_driver.backends.naoqi.ownership import ConsentError, TakeOver
 from pepper_driver.backends.readiness import NotReadyError
@@ -157,14 +156,11 @@ def test_without_consent_one_may_go_on_with_what_is_allowed(
     assert "/advanced/#/settings" in told
 
 
-def test_a_switch_that_does_not_move(
-    fake: FakeRobot, connection: Connection, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_switch_that_does_not_move(fake: FakeRobot, connection: Connection) -> None:
     """It says yes, and stays on: this is why all are read again."""
-    monkeypatch.setattr(ownership, "SETTLE", 0.2)
     fake.motion.stuck.add("SmartStiffness")
     with pytest.raises(NotReadyError, match="smart stiffness stays on; restart the robot"):
-        take_over(connection).begin()
+        take_over(connection, replace(SETTINGS, switch_time=0.2)).begin()
     assert ("CollisionProtection", "LArm") in enabled(fake)
     assert fake.life.state == "solitary"
 
