@@ -1,6 +1,5 @@
 """Robots, real and simulated, behind one interface."""
 
-from pepper_driver.backends.commands import checked_command
 from pepper_driver.backends.extras import Extras
 from pepper_driver.backends.fields import Command, Imu, Measurement
 from pepper_driver.backends.interface import (
@@ -13,10 +12,12 @@ from pepper_driver.backends.interface import (
     CommandError,
     DeviceError,
     NotConnectedError,
+    Serial,
+    checked_command,
+    serial,
 )
 from pepper_driver.backends.pushes import ScheduledPush
 from pepper_driver.backends.selection import BackendUri, make_backend, with_query
-from pepper_driver.backends.serial import Serial, serial
 from pepper_driver.backends.simulated import Grab, Push, SimulatedPlant, TrueContact, Truth
 
 __all__ = [

@@ -1,21 +1,53 @@
-"""Interface of a robot, real or simulated, to the layers above: one 12 ms cycle at a time."""
+"""The interface of a backend, checks of commands, and methods that exclude each other."""
 
 from __future__ import annotations
 
+import functools
+import threading
 from abc import ABC, abstractmethod
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from types import TracebackType
-from typing import Literal, Self
+from typing import Concatenate, Literal, ParamSpec, Self, TypeVar
 
+import numpy as np
 from numpy.typing import ArrayLike
 
 from pepper_driver.backends.extras import Extras
 from pepper_driver.backends.fields import Command, Measurement
 from pepper_driver.backends.simulated import Grab, Push, SimulatedPlant, Truth
 from pepper_driver.config import PepperError, RobotIdentity
+from pepper_driver.config.arguments import real_array
 from pepper_driver.config.arrays import FloatArray
 from pepper_driver.config.contact_specs import Axes
+from pepper_driver.config.errors import shown
+
+
+class Serial:
+    """Base of classes with methods that are marked with :func:`serial`."""
+
+    def __init__(self) -> None:
+        self._lock = (
+            threading.RLock()
+        )  # re-entrant: for signal handlers, and methods that call each other
+
+
+P = ParamSpec("P")
+S = TypeVar("S", bound=Serial)
+R = TypeVar("R")
+
+
+def serial(method: Callable[Concatenate[S, P], R]) -> Callable[Concatenate[S, P], R]:
+    """Let a method run only while no other thread runs a serial method of the same object."""
+
+    @functools.wraps(method)
+    def alone(self: S, /, *args: P.args, **kwargs: P.kwargs) -> R:
+        with self._lock:
+            return method(self, *args, **kwargs)
+
+    return alone
+
 
 LONGEST_WAY = 50
 """[commands] From a command to the sample that answers it, at most: by then the safety gate has stopped the robot."""
@@ -353,3 +385,32 @@ class Backend(ABC):
         traceback: TracebackType | None,
     ) -> None:
         self.close()
+
+
+def checked_command(command: Command, joints: int) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Position, stiffness and wheel speed, as given.
+
+    Raises:
+        CommandError: They are not what a robot with so many joints could take.
+    """
+    if not isinstance(command, Command):
+        raise CommandError(f"a command is expected, got {shown(command)}")
+    parts = []
+    for name, size in (("position", joints), ("stiffness", joints), ("wheel_speed", 3)):
+        parts.append(finite_numbers(f"command.{name}", getattr(command, name), size))
+    position, stiffness, wheel_speed = parts
+    return position, stiffness, wheel_speed
+
+
+def finite_numbers(name: str, values: object, size: int) -> FloatArray:
+    """``values`` as an array (size,): a float64 array itself, others as a new one.
+
+    Raises:
+        CommandError: They are no such numbers.
+    """
+    array = values if isinstance(values, np.ndarray) else real_array(values)
+    if array is not None and array.shape == (size,) and array.dtype.kind in "fiu":
+        array = array.astype(np.float64, copy=False)
+        if np.isfinite(array.sum()):
+            return array
+    raise CommandError(f"{name}: expected {size} finite numbers, got {shown(values)}")

@@ -8,7 +8,6 @@ from typing import Literal
 
 import numpy as np
 
-from pepper_driver.backends.commands import checked_command
 from pepper_driver.backends.fields import Command, Imu, Measurement
 from pepper_driver.backends.interface import (
     DEAD_MAN_CYCLES,
@@ -17,9 +16,11 @@ from pepper_driver.backends.interface import (
     BackendError,
     BackendInfo,
     NotConnectedError,
+    Serial,
+    checked_command,
+    serial,
 )
 from pepper_driver.backends.selection import BackendUri
-from pepper_driver.backends.serial import Serial, serial
 from pepper_driver.config import ConfigError, RobotConfig, load_robot
 from pepper_driver.config.arrays import FloatArray
 

@@ -10,8 +10,7 @@ from typing import Self, get_args
 import numpy as np
 from numpy.typing import ArrayLike
 
-from pepper_driver.backends.commands import finite_numbers
-from pepper_driver.backends.interface import CommandError
+from pepper_driver.backends.interface import CommandError, finite_numbers
 from pepper_driver.backends.simulated import Grab, Push
 from pepper_driver.config.arguments import is_number
 from pepper_driver.config.arrays import FloatArray

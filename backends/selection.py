@@ -7,12 +7,12 @@ from dataclasses import dataclass
 from urllib.parse import parse_qsl, urlencode, urlsplit
 
 from pepper_driver.backends.interface import Backend
-from pepper_driver.backends.signals import deferred_signals
 from pepper_driver.config import ConfigError, RobotConfig, load_robot, suggestion
 from pepper_driver.config.arguments import checked_arguments
 from pepper_driver.config.errors import shown
 from pepper_driver.config.passwords import check_no_password
 from pepper_driver.config.plugins import load_plugin, make_part
+from pepper_driver.config.signals import deferred_signals
 
 GROUP = "pepper_driver.backends"
 """Entry-point group for backends of other packages: ``scheme = "module:factory"``."""

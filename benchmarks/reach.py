@@ -20,9 +20,9 @@ from rich.progress import track
 from rich.table import Table
 
 from pepper_driver import Pepper
-from pepper_driver.backends.workers import run_jobs
 from pepper_driver.config import PepperError, load_controller_settings, load_robot
 from pepper_driver.config.arrays import FloatArray
+from pepper_driver.config.workers import run_jobs
 from pepper_driver.controller import PositionTask, RobotModel
 
 PLANTS = ("nominal", "integral", "worn", "cold", "payload", "soft-hip")

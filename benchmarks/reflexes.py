@@ -26,9 +26,9 @@ from rich.table import Table
 
 from pepper_driver import Comply, Pepper, Reflex, Retract
 from pepper_driver.backends import Truth
-from pepper_driver.backends.workers import run_jobs
 from pepper_driver.config import load_observer_settings, load_robot
 from pepper_driver.config.arrays import BoolArray, FloatArray
+from pepper_driver.config.workers import run_jobs
 from pepper_driver.controller import RobotModel, Tick
 from pepper_driver.observer import ContactObserver, ModelSet
 from pepper_driver.observer.models.model_file import shipped

@@ -13,8 +13,8 @@ import numpy as np
 from rich.console import Console
 from scipy.stats import binomtest, chi2
 
-from pepper_driver.backends.workers import run_jobs
 from pepper_driver.config.files import OutputError, check_writable, write_json
+from pepper_driver.config.workers import run_jobs
 
 FILE_WIDTH = 240  # columns
 MAX_RUNS = 1000

@@ -16,7 +16,7 @@ def main() -> None:
         from pepper_driver.cli.app import end_by, load_called, run
 
         if load_called(sys.argv[1:]):
-            from pepper_driver.backends.signals import raised_signals
+            from pepper_driver.config.signals import raised_signals
 
             signals = raised_signals()
     try:

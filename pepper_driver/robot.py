@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import Literal, ParamSpec, Self, Unpack
 
 from pepper_driver.backends import Backend, BackendError, Measurement, make_backend
-from pepper_driver.backends.signals import Terminated, describe_interrupt
 from pepper_driver.callbacks.callback_registry import CallbackRegistry
 from pepper_driver.callbacks.dispatcher import CallbackStatistics
 from pepper_driver.callbacks.events import ProgramEvent
@@ -36,6 +35,7 @@ from pepper_driver.config import (
 from pepper_driver.config.arguments import as_path, checked_arguments, is_number
 from pepper_driver.config.arrays import FloatArray
 from pepper_driver.config.errors import ArgumentError, shown
+from pepper_driver.config.signals import Terminated, describe_interrupt
 from pepper_driver.config.steps import MAX_STEP_TIME, MIN_DURATION
 from pepper_driver.controller import GainError, TargetError, Tick, WholeBodyController
 from pepper_driver.controller.changes import Changes

@@ -15,15 +15,15 @@ from typing import NoReturn
 import numpy as np
 
 from pepper_driver.backends import Backend, BackendError
-from pepper_driver.backends.signals import (
+from pepper_driver.callbacks.dispatcher import Dispatcher
+from pepper_driver.callbacks.events import EndEvent, FaultEvent, ProgramEvent, TickEvent, Touches
+from pepper_driver.config import ControllerSettings, RobotConfig, SafetySettings
+from pepper_driver.config.signals import (
     check_signals,
     deferred_signals,
     immediate_signals,
     raised_signals,
 )
-from pepper_driver.callbacks.dispatcher import Dispatcher
-from pepper_driver.callbacks.events import EndEvent, FaultEvent, ProgramEvent, TickEvent, Touches
-from pepper_driver.config import ControllerSettings, RobotConfig, SafetySettings
 from pepper_driver.controller import Tick, WholeBodyController
 from pepper_driver.controller.changes import Change, Changes
 from pepper_driver.controller.constraints import Constraint

@@ -12,7 +12,6 @@ from typing import Any, Literal
 import mujoco
 import numpy as np
 
-from pepper_driver.backends.commands import checked_command
 from pepper_driver.backends.fields import Command, Measurement
 from pepper_driver.backends.interface import (
     DEAD_MAN_CYCLES,
@@ -20,11 +19,13 @@ from pepper_driver.backends.interface import (
     BackendError,
     BackendInfo,
     NotConnectedError,
+    Serial,
+    checked_command,
+    serial,
 )
 from pepper_driver.backends.mujoco_.sensors import CommandLine
 from pepper_driver.backends.mujoco_.simulation import MujocoTruth, Readings, Simulation
 from pepper_driver.backends.selection import BackendUri
-from pepper_driver.backends.serial import Serial, serial
 from pepper_driver.backends.simulated import Grab, Push, Resumable, SimulatedPlant, Truth
 from pepper_driver.config import (
     ConfigError,

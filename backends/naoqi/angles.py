@@ -23,10 +23,10 @@ from pepper_driver.backends.naoqi.handover import cycle_timer
 from pepper_driver.backends.naoqi.memory_keys import VALUES, SensorKeys, Values
 from pepper_driver.backends.naoqi.preflight import Preflight
 from pepper_driver.backends.naoqi.robot import NaoqiRobot
-from pepper_driver.backends.signals import check_signals
 from pepper_driver.config import NaoqiSettings, RobotConfig
 from pepper_driver.config.arrays import FloatArray
 from pepper_driver.config.naoqi import AnglesSettings
+from pepper_driver.config.signals import check_signals
 
 SENSORS = 5
 """Questions for the angles to one for the stiffness and for all other sensors, which some robots refresh twice a

@@ -19,8 +19,8 @@ from pepper_driver.backends.naoqi.qi_library import (
     load_qi,
     one_line,
 )
-from pepper_driver.backends.signals import check_signals
 from pepper_driver.config import NaoqiSettings, load_naoqi_settings
+from pepper_driver.config.signals import check_signals
 
 PROBE_TIME = 2.0
 """[s] a peer may take to begin with TLS. A robot in the same building takes a tenth of it."""

@@ -14,9 +14,9 @@ from pepper_driver.backends.interface import BackendError
 from pepper_driver.backends.motion_profile import PEAK_SPEED_RATIO, minimum_jerk
 from pepper_driver.backends.naoqi.dcm_channel import Link
 from pepper_driver.backends.naoqi.memory_keys import Alias
-from pepper_driver.backends.signals import check_signals
 from pepper_driver.config import NaoqiSettings, PepperError, RobotConfig, SafetySettings
 from pepper_driver.config.arrays import FloatArray
+from pepper_driver.config.signals import check_signals
 
 logger = logging.getLogger("pepper_driver")
 

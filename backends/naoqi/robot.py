@@ -11,7 +11,6 @@ from typing import ClassVar, Literal
 
 import numpy as np
 
-from pepper_driver.backends.commands import checked_command
 from pepper_driver.backends.fields import Command, Measurement
 from pepper_driver.backends.interface import (
     BackendError,
@@ -19,6 +18,9 @@ from pepper_driver.backends.interface import (
     Capability,
     DeviceError,
     NotConnectedError,
+    Serial,
+    checked_command,
+    serial,
 )
 from pepper_driver.backends.naoqi.address import Address, Secret, find_secret
 from pepper_driver.backends.naoqi.connection import Connection, connect
@@ -27,7 +29,6 @@ from pepper_driver.backends.naoqi.preflight import Preflight, check_robot, diagn
 from pepper_driver.backends.naoqi.presence import Presence
 from pepper_driver.backends.naoqi.services import NaoqiExtras, abilities
 from pepper_driver.backends.naoqi.stand_in import SERVICE, Handled, simulated_parents
-from pepper_driver.backends.serial import Serial, serial
 from pepper_driver.config import (
     NaoqiSettings,
     RobotConfig,

@@ -38,11 +38,11 @@ from pepper_driver.backends.naoqi_server.robot_faults import RobotFaults
 from pepper_driver.backends.naoqi_server.shared_values import BlackBox, Table, table_keys
 from pepper_driver.backends.naoqi_server.tls import Login
 from pepper_driver.backends.selection import make_backend
-from pepper_driver.backends.signals import deferred_signals
 from pepper_driver.config import ConfigError, MissingExtraError, load_network, load_robot
 from pepper_driver.config.arguments import as_tuple, checked_arguments, is_number
 from pepper_driver.config.errors import shown
 from pepper_driver.config.naoqi_devices import load_naoqi_devices
+from pepper_driver.config.signals import deferred_signals
 
 MOMENT = 0.05
 """[s] from the answer to a client to the fault that may be its last."""

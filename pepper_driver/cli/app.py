@@ -249,7 +249,7 @@ def run(arguments: Sequence[str]) -> int:
 
 def end_by(interrupt: KeyboardInterrupt) -> int:
     """Say in one line what ended a command; returns its exit code."""
-    from pepper_driver.backends.signals import describe_interrupt, exit_code
+    from pepper_driver.config.signals import describe_interrupt, exit_code
 
     _say(describe_interrupt(interrupt))
     return exit_code(interrupt)

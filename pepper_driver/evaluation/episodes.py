@@ -16,7 +16,6 @@ from urllib.parse import urlencode
 import numpy as np
 
 from pepper_driver.backends import BackendError
-from pepper_driver.backends.workers import run_jobs
 from pepper_driver.config import (
     ConfigError,
     PepperError,
@@ -29,6 +28,7 @@ from pepper_driver.config.arrays import BoolArray, FloatArray
 from pepper_driver.config.evaluation import Run
 from pepper_driver.config.files import content_hash, make_folder, replacing, write_json
 from pepper_driver.config.loading import package_file
+from pepper_driver.config.workers import run_jobs
 from pepper_driver.controller import Tick
 from pepper_driver.experiments.plan import plan_experiment
 from pepper_driver.observer import KnownPush, Observation, Recording, RecordingBuilder

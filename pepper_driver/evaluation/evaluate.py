@@ -14,9 +14,9 @@ from pathlib import Path
 import numpy as np
 
 from pepper_driver.backends.replay import parents_in
-from pepper_driver.backends.workers import run_jobs
 from pepper_driver.config import PepperError, RobotConfig, load_robot
 from pepper_driver.config.evaluation import EvaluationSuites, Run
+from pepper_driver.config.workers import run_jobs
 from pepper_driver.evaluation.episode_score import (
     FASTEST_ESTIMATION,
     EpisodeScore,

@@ -13,7 +13,6 @@ from typing import Any
 import numpy as np
 
 from pepper_driver.backends import make_backend
-from pepper_driver.backends.workers import run_jobs
 from pepper_driver.config import (
     ConfigError,
     Experiment,
@@ -22,6 +21,7 @@ from pepper_driver.config import (
     load_robot,
 )
 from pepper_driver.config.file_lock import lock_folder
+from pepper_driver.config.workers import run_jobs
 from pepper_driver.experiments.plan import experiment_uri
 from pepper_driver.identification.dataset import (
     IdentificationDataset,

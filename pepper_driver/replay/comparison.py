@@ -10,7 +10,7 @@ from typing import Any, Generic, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from pepper_driver.backends.command_differences import CommandDifferences
+from pepper_driver.backends.replay import CommandDifferences
 from pepper_driver.config.arguments import checked_arguments
 from pepper_driver.config.arrays import IntArray
 from pepper_driver.log import LogEvent

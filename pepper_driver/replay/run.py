@@ -9,9 +9,8 @@ from pathlib import Path
 
 import numpy as np
 
-from pepper_driver.backends.command_differences import CommandDifferences
 from pepper_driver.backends.fields import Column, fields_of
-from pepper_driver.backends.replay import EndOfLogError
+from pepper_driver.backends.replay import CommandDifferences, EndOfLogError
 from pepper_driver.config.arguments import as_path, checked_arguments
 from pepper_driver.controller import Tick
 from pepper_driver.log import LogEvent, LogWriter, run_metadata

@@ -20,10 +20,10 @@ import pytest
 from pepper_driver import Pepper
 from pepper_driver import robot as robot_module
 from pepper_driver import session as session_module
-from pepper_driver.backends import Command, Measurement, signals
+from pepper_driver.backends import Command, Measurement
 from pepper_driver.backends.mock import MockBackend
-from pepper_driver.backends.signals import Terminated, check_signals, raised_signals
-from pepper_driver.config import load_controller_settings, load_robot, load_safety_settings
+from pepper_driver.config import load_controller_settings, load_robot, load_safety_settings, signals
+from pepper_driver.config.signals import Terminated, check_signals, raised_signals
 from pepper_driver.log import read_log
 from pepper_driver.safety import FaultError, FaultReason, RobotState
 

@@ -177,8 +177,8 @@ def test_a_terminal_that_is_closed_ends_the_command(tmp_path: Path) -> None:
 JOBS = """
 import time
 from functools import partial
-from pepper_driver.backends.signals import raised_signals
-from pepper_driver.backends.workers import run_jobs
+from pepper_driver.config.signals import raised_signals
+from pepper_driver.config.workers import run_jobs
 with raised_signals():
     jobs = [partial(time.sleep, seconds) for seconds in (0.1, 60, 60, 60)]
     for _ in run_jobs(jobs, workers=2, ordered=False):
@@ -219,8 +219,8 @@ GROUP_JOBS = """
 import os, signal, sys, threading, time
 from functools import partial
 from joblib.parallel import LokyBackend
-from pepper_driver.backends.signals import raised_signals
-from pepper_driver.backends.workers import run_jobs
+from pepper_driver.config.signals import raised_signals
+from pepper_driver.config.workers import run_jobs
 
 number, where = int(sys.argv[1]), sys.argv[2]
 threading.Thread(target=threading.Event().wait, daemon=True).start()  # hears signals too, as that of a progress bar

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from pepper_driver.backends.signals import describe_interrupt
+from pepper_driver.config.signals import describe_interrupt
 from pepper_driver.experiments.demo import CONTACTS_NAME, LOG_NAME, run_demo
 from pepper_driver.log import read_log
 

@@ -15,10 +15,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pepper_driver.backends.signals import describe_interrupt
 from pepper_driver.cli.app import run
 from pepper_driver.config import load_experiment, load_robot
 from pepper_driver.config.arrays import FloatArray
+from pepper_driver.config.signals import describe_interrupt
 from pepper_driver.log import Label, read_log
 from pepper_driver.recording.labels import LabelError, pushes_of, recording_of
 from pepper_driver.recording.record import record_labelled

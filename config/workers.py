@@ -18,7 +18,7 @@ from joblib import Parallel, delayed
 from joblib.externals.loky.backend import resource_tracker as loky_tracker
 from joblib.parallel import LokyBackend
 
-from pepper_driver.backends.signals import deferred_signals
+from pepper_driver.config.signals import deferred_signals
 
 T = TypeVar("T")
 

@@ -13,8 +13,8 @@ from types import FrameType
 
 import pytest
 
-from pepper_driver.backends import signals
-from pepper_driver.backends.signals import (
+from pepper_driver.config import signals
+from pepper_driver.config.signals import (
     MAX_DEFERRAL,
     MIN_INTERVAL,
     Terminated,
