@@ -34,7 +34,7 @@ UNKNOWN = "unknown"
 CDR_HEADER = b"\x00\x01\x00\x00"
 """Plain CDR, little-endian, no options."""
 
-LAYOUT_VERSION = "5"
+LAYOUT_VERSION = "6"
 
 SEQUENCES = 2**32
 """Messages are numbered from 0 up to here, and then from 0 again."""
@@ -198,7 +198,11 @@ def _decode(path: Path, records: Records, usual_layout: Mapping[str, str] | None
     """Return the contents of a log; the errors lack its path."""
     own = records.metadata.get(LAYOUT)
     if own is not None and own["version"] != LAYOUT_VERSION:
-        raise LogError(f"has layout {own['version']}, this version reads {LAYOUT_VERSION}")
+        by = records.metadata.get(RUN, {}).get("pepper_driver", "of an unknown version")
+        raise LogError(
+            f"was written by pepper_driver {by} in layout {own['version']}; this version reads {LAYOUT_VERSION}:"
+            " read it with the version that wrote it, or record the run again"
+        )
     layout = usual_layout if own is None and records.messages else own
     if layout is None:
         raise LogError(

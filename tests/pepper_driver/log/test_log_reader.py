@@ -258,7 +258,10 @@ def test_another_layout_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     monkeypatch.setattr("pepper_driver.log.schema.LAYOUT_VERSION", "9")
     written = Written(tmp_path / "a.mcap", 1)
     monkeypatch.undo()
-    assert f"has layout 9, this version reads {LAYOUT_VERSION}" in message(written.path)
+    assert (
+        f"in layout 9; this version reads {LAYOUT_VERSION}: read it with the version that wrote it"
+        in message(written.path)
+    )
 
 
 def test_row_of_wrong_length_is_refused(tmp_path: Path) -> None:
