@@ -130,7 +130,7 @@ class Backend(ABC):
     One cycle is one ``read`` and then one ``write``: the command that is computed from a sample leaves at once.
 
     ``open`` and ``close`` bracket everything; ``activate`` and ``deactivate`` bracket motion. Closed, it can be opened
-    again, and ticks and time begin anew. Use it as a context manager: leaving the block deactivates and closes,
+    again, and ticks and time begin again. Use it as a context manager: leaving the block deactivates and closes,
     whatever happened.
 
     Any thread may call any method: ``open``, ``activate``, ``read``, ``write``, ``deactivate`` and ``close`` wait for

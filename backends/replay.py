@@ -143,7 +143,7 @@ class ReplayBackend(Serial, Backend):
 
     @serial
     def open(self) -> Measurement:
-        """Begin anew. The robot is where it was told to be, a cycle before the first tick."""
+        """Begin again. The robot is where it was told to be, a cycle before the first tick."""
         if self._state != "closed":
             raise BackendError(f"'{self.uri}' is already open")
         self._state, self._next = "open", 0

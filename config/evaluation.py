@@ -1,6 +1,6 @@
 """The frozen evaluation: suites, the experiments they perform, and hashes that show when one was changed.
 
-``python -m pepper_driver.config.evaluation`` freezes the suites anew after a change that is meant. Models that were
+``python -m pepper_driver.config.evaluation`` freezes the suites again after a change that is meant. Models that were
 fitted before then were not evaluated on what they had never seen: say so, or fit them again.
 """
 

@@ -15,7 +15,7 @@ Seconds = Annotated[float, Field(ge=0, le=60)]
 
 @dataclass(frozen=True, kw_only=True, config=STRICT)
 class Network:
-    """Delay of each packet, each way, drawn anew. No packet overtakes another: all behind a stalled one wait.
+    """Delay of each packet, each way, drawn again. No packet overtakes another: all behind a stalled one wait.
 
     Attributes:
         delay: What every packet takes at least [s].

@@ -59,7 +59,7 @@ RELEASE_GRACE = 0.15
 """[s] A contact detected this long after the release still counts as felt."""
 
 SETTLED = 0.17
-"""[s] After the alarm; observers may name the joint anew until 150 ms after it, and tell so in the next tick."""
+"""[s] After the alarm; observers may name the joint again until 150 ms after it, and tell so in the next tick."""
 
 REBOUND_TIME = 0.8
 """[s] After a release the joint swings back; alarms in this time are neither felt pushes nor false contacts."""

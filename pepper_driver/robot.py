@@ -385,7 +385,7 @@ class Pepper(CallbackRegistry):
         return self._loop.times.statistics
 
     def clear_statistics(self) -> None:
-        """Let the statistics begin anew with the next tick."""
+        """Let the statistics begin again with the next tick."""
         self._changes.make(self._active().loop.times.clear)
 
     @property
@@ -409,7 +409,7 @@ class Pepper(CallbackRegistry):
             posture: Name, joints with angles [rad], or all 17 angles [rad].
             stiffness: Of the posture task [1/s2], above 0; None leaves it.
             duration: Get there along a spline within this time [s], from a millisecond up; None for a set-point, which
-                the joints approach as springs do. After a reflex has held the robot, the whole time begins anew.
+                the joints approach as springs do. After a reflex has held the robot, the whole time begins again.
 
         Raises:
             PepperError: Unknown name, an angle that is not finite or outside the joint's limits, a stiffness or

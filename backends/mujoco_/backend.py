@@ -193,7 +193,7 @@ class MujocoBackend(Serial, Backend):
 
     @serial
     def reset(self, seed: int | None = None) -> Measurement:
-        """Start anew as ``open`` did, with another seed of the noise if one is given; not active afterwards."""
+        """Start again as ``open`` did, with another seed of the noise if one is given; not active afterwards."""
         self._check_open()
         if seed is not None:
             self._seed = seed

@@ -245,7 +245,7 @@ def build_model(robot: RobotConfig, plant: PlantConfig, world: World | None = No
         mj = spec.compile()
     except ValueError as error:
         raise _refused(robot, error) from error
-    # A simulation that blows up shall be told, not start anew from its first posture by itself.
+    # A simulation that blows up shall be told, not start again from its first posture by itself.
     mj.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
     # Islands would only be found to be one: the robot, and motors that no constraint ties to it.
     mj.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_ISLAND

@@ -2,7 +2,7 @@
 
 A wheel grips along its driven direction and rolls freely across it. For MuJoCo that is a Coulomb friction between
 wheel and base: a fixed tendon whose velocity is the slip r (w_i - row_i twist) of the wheel's rim, with the floor's
-friction times the wheel's load as its limit. The rows depend on the heading, so the tendon's coefficients are set anew
+friction times the wheel's load as its limit. The rows depend on the heading, so the tendon's coefficients are set again
 before each cycle. The floor itself carries the wheels without friction; they lift off when the robot tips.
 """
 

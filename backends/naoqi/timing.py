@@ -321,7 +321,7 @@ class Playout:
     """Gives each tick the sample of its own cycle of the robot, or the last before it.
 
     Cycles go on by one a tick, as in a simulation: a sample that comes early waits for its tick, and one that does not
-    come is missed, which the tick is told. Where all come early or late for some time, cycles are counted anew.
+    come is missed, which the tick is told. Where all come early or late for some time, cycles are counted again.
 
     Args:
         length: Of a cycle [ms].

@@ -67,7 +67,7 @@ class Parts(Protocol):
         """Send the NAOqi process a signal; after SIGKILL it is gone when this returns."""
 
     def start_naoqi(self) -> None:
-        """Start it anew."""
+        """Start it again."""
 
     def tell_naoqi(self, fault: InjectedFault | None) -> None:
         """Let it set a fault of its services, or clear them."""
@@ -98,7 +98,7 @@ class FaultControl:
             self._schedule.set(fault, begin, end)
 
     def clear(self) -> None:
-        """End all faults that can end; a NAOqi that was killed is started anew."""
+        """End all faults that can end; a NAOqi that was killed is started again."""
         self._schedule.clear()
         self._parts.robot.clear_faults()
         self._parts.tell_naoqi(None)
@@ -241,7 +241,7 @@ class StandIn:
         keys = table_keys(config, devices)
         self._file = Table.make_file()
         self._open.callback(os.close, self._file)
-        # NAOqi's end of its line to the robot stays open here, for a NAOqi that is started anew.
+        # NAOqi's end of its line to the robot stays open here, for a NAOqi that is started again.
         self._line, robots = make_pair()
         self._open.enter_context(self._line)
         try:
@@ -277,7 +277,7 @@ class StandIn:
         return self
 
     def start_naoqi(self) -> None:
-        """Start the NAOqi process anew after it died, at the same port.
+        """Start the NAOqi process again after it died, at the same port.
 
         Raises:
             BackendError: It cannot start, for example because the port is in use by now; or nothing was started.
@@ -326,7 +326,7 @@ class StandIn:
         self._control.set(parse_fault(text))
 
     def clear_faults(self) -> None:
-        """End all faults that can end; a NAOqi that was killed is started anew."""
+        """End all faults that can end; a NAOqi that was killed is started again."""
         self._control.clear()
 
     @property

@@ -74,7 +74,7 @@ class Disconnected(RobotFault):
 
 
 class Dropped(RobotFault):
-    """In a share of the cycles nothing new is published, drawn anew for each; dates stand with the values."""
+    """In a share of the cycles nothing new is published, drawn again for each; dates stand with the values."""
 
     def __init__(
         self, robot: RobotConfig, keys: Mapping[str, int], arguments: Mapping[str, Value]

@@ -41,7 +41,7 @@ import numpy as np
 from pepper_driver.config.arrays import FloatArray
 
 BRAKE_RATIO = 0.9
-"""Of the acceleration limit: what the braking distance is reckoned with."""
+"""Of the acceleration limit: the braking distance is computed with it."""
 
 
 class BrakingDistance:

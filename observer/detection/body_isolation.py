@@ -32,7 +32,7 @@ RATIO_MEMORY = 12
 """Ticks over which the largest ratio of a joint counts."""
 
 REISOLATION_TIMES = (0.05, 0.15)
-"""[s] after the alarm, when the joint is named anew."""
+"""[s] after the alarm, when the joint is named again."""
 
 HOLD_BACK = 0.024
 """[s] For which a contact that the trunk feels is not reported yet: two ticks. The trunk often feels a push on a limb

@@ -142,7 +142,7 @@ class JointMonitor:
       threshold for longer than ``rebound_window`` is a contact after all: somebody holds the joint. (In simulation four
       of five rebounds are shorter; and a touch that is not told is worse than a rebound that is.)
     - BLIND: the residual is NaN. Everything is forgotten: an excursion ends at once, and what follows is no rebound.
-    - SETTLING, if the observer can start anew from where the joint rests: a contact has ended. It also ends when the
+    - SETTLING, if the observer can start again from where the joint rests: a contact has ended. It also ends when the
       residual stands still, no larger than friction can hold, having fallen below STUCK_RATIO of its peak.
 
     Args:

@@ -52,7 +52,7 @@ POST_CONTACT_TICKS = 170
 class ResidualEnvelope:
     """ENVELOPE_FACTOR times the RANK-th largest residual of a joint's last MAX_BLOCKS, within MEDIAN_FACTOR medians.
 
-    What a robot strays by when worn or laden differs from joint to joint and from day to day; that it will stray as far
+    The residual of a worn or loaded robot differs from joint to joint and from day to day; that it will be as large
     in the next minute as in the last is a better guess than any made at its identification. It learns most in the
     first half minute of a session, when nobody should touch the robot.
 

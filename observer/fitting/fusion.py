@@ -24,7 +24,7 @@ from pepper_driver.observer.residuals.prediction import MIN_MOVING_SPEED
 
 REMAINDER_LEAVES = 8
 REMAINDER_SHRINKAGE = 1000.0
-"""Strong: what the twin leaves is small, and the tree must not invent anything on faster motions."""
+"""Strong: what the stick-slip model leaves is small, and the tree must not invent anything on faster motions."""
 
 
 @dataclass(frozen=True)
@@ -130,7 +130,7 @@ def _joined(parts: Sequence[_Played]) -> _Played:
 def fit_joint_twin(
     joint: str, recordings: Sequence[Recording], robot: RobotConfig
 ) -> StickSlipParameters:
-    """Return the twin of a joint, with what is known of its motor; see :func:`fit_twin`."""
+    """Return the stick-slip model of a joint, with what is known of its motor; see :func:`fit_twin`."""
     torque_constant = robot.motors.of(joint).torque_constant * robot.motors.joints[joint].ratio
     return fit_twin(joint, recordings, robot.cycle, torque_constant=torque_constant)
 
@@ -232,7 +232,7 @@ def _momentum_residual(data: _Played, parameters: MomentumParameters) -> FloatAr
     )
     if parameters.source == "voltage":
         return data.drive - needed
-    # In use, what a board has summed up has a say too: here the twin's sum is all there is, and it is no help.
+    # In use, the sum of a board counts too: here only the stick-slip model's sum exists, and it is no help.
     return np.copysign(parameters.torque_per_ampere * data.current, needed + data.twin) - needed
 
 

@@ -12,7 +12,7 @@ from pepper_driver.observer.models.stick_slip import PARAMETERS, StickSlipModel,
 from pepper_driver.observer.recording import Recording
 
 START_UP_TIME = 0.6
-"""[s] at the start of a run that do not count: the twin does not know where in its friction the joint rests."""
+"""[s] at the start of a run that do not count: the model does not know where in its friction the joint rests."""
 
 ROBUSTNESS = np.radians(0.15)
 """[rad] Errors beyond this count by their size, no longer by its square: no rare slip sets a constant."""
@@ -91,7 +91,7 @@ class _Runs:
         return gain if gain > 0.0 else None
 
     def play(self, parameters: dict[str, FloatArray]) -> FloatArray:
-        """(n, p, r) positions of twins with p sets of parameters (p, 1) on all r runs [rad]."""
+        """(n, p, r) positions of stick-slip models with p sets of parameters (p, 1) on all r runs [rad]."""
         twins = StickSlipModel(parameters, self.cycle)
         sets = len(parameters["lag"])
         start = np.broadcast_to(self.position[0], (sets, self.position.shape[1]))
@@ -111,7 +111,7 @@ def fit_twin(
     *,
     torque_constant: float | None = None,
 ) -> StickSlipParameters:
-    """Least squares of the twin's position against the encoder, over whole runs: its errors feed back on it.
+    """Least squares of the model's position against the encoder, over whole runs: its errors feed back on it.
 
     A dead band looks much like friction, and an integral part like neither droop nor friction: each is taken in only if
     it makes the rest smaller by MIN_IMPROVEMENT.

@@ -97,9 +97,9 @@ class FusionModel:
 
     Attributes:
         twin: Its stick-slip twin.
-        remainder: What the twin leaves of the tracking error, as a tree on the desired motion (Eq. 12).
+        remainder: What the stick-slip model leaves of the tracking error, as a tree on the desired motion (Eq. 12).
         momentum: Its momentum channel.
-        weight: Of the twin beside the momentum channel, 0..1, at rest and in motion: by inverse covariance.
+        weight: Of the stick-slip model beside the momentum channel, 0..1, at rest and in motion: by inverse covariance.
         spread: Standard deviation of the fused residual in free motion, at rest and in motion [rad].
         bound: Threshold of a contact, margin included, as a tree on desired speed [rad/s], size of the desired
             acceleration [rad/s2], and largest desired speed of the last half second [rad/s].

@@ -78,16 +78,16 @@ PARAMETERS = tuple(field.name for field in fields(StickSlipParameters))
 
 
 class StickSlipModel:
-    """Several twins side by side; arrays broadcast against the shape of the inputs.
+    """Several stick-slip models side by side; arrays broadcast against the shape of the inputs.
 
     Args:
         parameters: By name of :class:`StickSlipParameters`, arrays of one shape, NaN for a joint without a model.
         cycle: Period of the ticks [s].
 
     Attributes:
-        position: Where the twins are [rad].
+        position: Where the stick-slip models are [rad].
         velocity: [rad/s]
-        integral: I of the twins' boards [rad].
+        integral: I of the stick-slip models' boards [rad].
         friction: Friction on them, positive against positive motion [rad].
     """
 
@@ -126,7 +126,7 @@ class StickSlipModel:
         self._targets = (target, target, target)
 
     def step(self, target: FloatArray, load_torque: FloatArray) -> FloatArray:
-        """One tick: the position sent [rad], the desired load torque [N m]. Returns where the twins are [rad]."""
+        """Make one tick: the position sent [rad], the desired load torque [N m]. Returns the models' positions [rad]."""
         p, dt = self._p, self._cycle
         target = self._delayed(target)
         load = p["load_gain"] * load_torque + p["offset"]

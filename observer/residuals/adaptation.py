@@ -33,7 +33,7 @@ NOISE_FACTOR = 3.0
 """Times the spread of the free residual: its errors last for many samples, and count once."""
 
 WEAR_RATIO = 0.4
-"""Friction or lag beyond this share of what was identified: the joint is worn, and should be identified anew."""
+"""Friction or lag beyond this share of what was identified: the joint is worn, and should be identified again."""
 
 
 class Adaptation:
@@ -70,8 +70,8 @@ class Adaptation:
         """(n, 4) what a full share of each would add to the tracking error [rad].
 
         Args:
-            friction: (n,) on the twins [rad].
-            velocity: (n,) of the twins [rad/s].
+            friction: (n,) on the stick-slip models [rad].
+            velocity: (n,) of the stick-slip models [rad/s].
             load: (n,) g tau_ld [rad].
         """
         effects = np.empty((len(load), 4))

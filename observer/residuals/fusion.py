@@ -91,7 +91,7 @@ MAX_PLAUSIBLE = 1e4
 """[rad], [rad/s], [rad/s2], [N m] or [A]: no robot is, does, wants or measures so much."""
 
 SETTLING_TICKS = 40
-"""After a contact has ended, within which its joint must have come to rest for its twin to start anew there."""
+"""After a contact has ended, within which its joint must have come to rest for its model to start again there."""
 
 UNCERTAINTY_PERIOD = 4
 """Ticks between two looks at how sure all this is; a threshold that it raises stays up longer."""
@@ -262,7 +262,7 @@ class FusionGenerator:
         return self._expectation.integrates * (1.0 - self._untouched / POST_CONTACT_TICKS)
 
     def _blind(self, bad: BoolArray | None, measured: FloatArray) -> BoolArray:
-        """(n,) joints that cannot be judged; their twins stay where they are."""
+        """(n,) joints that cannot be judged; their stick-slip models stay where they are."""
         if bad is not None:
             self._blind_ticks[bad] = self._window + 1
             self._waking = self._window + 1
@@ -350,7 +350,7 @@ class FusionGenerator:
             return
         noise = self._adaptation.variance(self._effects(then))
         explained = self._hands.update(residual, noise, use & (self._under_way >= MIN_MOVING_TICKS))
-        # At once: until the twins had moved there, the same residual would be learned from again.
+        # At once: until the stick-slip models had moved there, the same residual would be learned from again.
         self._expectation.shift(explained)
 
     def _reconcile_hands(self, use: BoolArray, detail: _Detail) -> None:
@@ -374,7 +374,7 @@ class FusionGenerator:
         return np.sqrt(np.maximum(variance, 0.0))
 
     def _settle(self, settled: BoolArray, blind: BoolArray, measured: FloatArray) -> None:
-        """Start the twins of joints anew that come to rest after a contact."""
+        """Start the stick-slip models of joints again that come to rest after a contact."""
         if np.count_nonzero(settled):
             self._due[settled] = SETTLING_TICKS + 1
         elif not np.count_nonzero(self._due):
@@ -386,7 +386,7 @@ class FusionGenerator:
         self._reset_models(settles, measured)
 
     def _reset_models(self, where: BoolArray, measured: FloatArray) -> None:
-        """Start the twins anew from where the joints are."""
+        """Start the stick-slip models again from where the joints are."""
         if np.count_nonzero(where):
             self._median.clear(where)
             self._derivatives.put(where, self._expectation.before(0).target - measured)

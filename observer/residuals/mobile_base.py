@@ -1,7 +1,7 @@
 """Expected and measured motion of the wheels: contacts on the base, and on a stiff trunk.
 
 The wheels' speed controllers answer their set-points nearly linearly, and so does the base to the limbs that the robot
-throws about: a finite impulse response from what was sent, and from the load on the legs, foretells the measured twist.
+throws about: a finite impulse response from what was sent, and from the load on the legs, predicts the measured twist.
 """
 
 from __future__ import annotations

@@ -7,7 +7,7 @@ the joint's stiffness K, so that the result is an angle and comparable with r = 
 
 The motor's torque comes from the board's absolute current, or, where that tells less, from its law: eps + I - d v.
 Velocity and acceleration are the desired ones minus smoothed derivatives of the tracking error. The friction is the
-twin's: a measured velocity near zero has no sign, and the twin knows how the joint came to rest.
+stick-slip model's: a measured velocity near zero has no sign, and the stick-slip model knows how the joint came to rest.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ class ErrorDerivatives:
         return velocity, acceleration
 
     def put(self, where: BoolArray, error: FloatArray) -> None:
-        """Start anew from ``error`` [rad], for the joints of ``where``."""
+        """Start again from ``error`` [rad], for the joints of ``where``."""
         if self._error is not None:
             self._error = np.where(where, error, self._error)
             self._velocity = np.where(where, 0.0, self._velocity)
@@ -94,7 +94,7 @@ class MomentumChannel:
             velocity: Of the joint, as measured [rad/s].
             acceleration: [rad/s2]
             resistance: Friction and load / K [rad].
-            twin_residual: r as the twin sees it [rad], for the sign of the current.
+            twin_residual: r as the stick-slip model sees it [rad], for the sign of the current.
 
         Returns:
             The residual [rad]; the motor's torque / K [rad].

@@ -19,14 +19,14 @@ MAX_LATE_TICKS = 3
 """Ticks by which a sample may be late and still be compared with what was expected for its time."""
 
 MIN_MOVING_SPEED = 0.02
-"""[rad/s] Of the twin: a joint that is faster moves."""
+"""[rad/s] Of the stick-slip model: a joint that is faster moves."""
 
 BOARD_TIME = 1.0
 """[s] Within which the current corrects what a board is thought to have summed up: it tells no sign, and one that is
 wrong for a moment must not confirm itself."""
 
 REST_CORRECTION = 1.5
-"""[s] Within which the twin of a free joint at rest moves to where the joint rests."""
+"""[s] Within which the stick-slip model of a free joint at rest moves to where the joint rests."""
 
 
 @dataclass(slots=True)
@@ -35,13 +35,13 @@ class Prediction:
 
     Attributes:
         target: Position sent [rad].
-        position: Of the twins [rad].
-        moves: Where the twins move.
-        friction: On the twins / K, positive against positive motion [rad].
+        position: Of the stick-slip models [rad].
+        moves: Where the stick-slip models move.
+        friction: On the stick-slip models / K, positive against positive motion [rad].
         load: g tau_ld as identified [rad].
         velocity: Desired [rad/s].
         acceleration: Desired [rad/s2].
-        remainder: What the twins leave of the tracking error [rad].
+        remainder: What the stick-slip models leave of the tracking error [rad].
     """
 
     target: FloatArray
@@ -55,7 +55,7 @@ class Prediction:
 
 
 class ErrorPredictor:
-    """Lets the twins take every tick, and holds them to what is known of the joints.
+    """Lets the stick-slip models take every tick, and holds them to what is known of the joints.
 
     Args:
         models: By joint, None for those without.
@@ -99,12 +99,12 @@ class ErrorPredictor:
 
     @property
     def position(self) -> FloatArray | None:
-        """(n,) of the twins [rad]; None before the first tick."""
+        """(n,) of the stick-slip models [rad]; None before the first tick."""
         return self._twins.position if self._past else None
 
     @property
     def twin_velocity(self) -> FloatArray:
-        """(n,) speed of the twins [rad/s]."""
+        """(n,) speed of the stick-slip models [rad/s]."""
         return self._twins.velocity
 
     def step(
@@ -122,7 +122,7 @@ class ErrorPredictor:
             load_torque: (n,) desired, with what the hands hold [N m].
             velocity: (n,) desired [rad/s].
             acceleration: (n,) desired [rad/s2].
-            measured: (n,) where the joints are [rad]; in the first tick the twins start from there.
+            measured: (n,) where the joints are [rad]; in the first tick the stick-slip models start from there.
         """
         twins = self._twins
         load = self.identified["load_gain"] * load_torque
@@ -183,7 +183,7 @@ class ErrorPredictor:
         self.board = np.where(known, summed, self.board)
 
     def rest(self, where: BoolArray, residual: FloatArray) -> None:
-        """Let the twins of joints that rest untouched (n,) creep to where these are: residual (n,) [rad]."""
+        """Let the models of joints that rest untouched (n,) creep to where these are: residual (n,) [rad]."""
         resting = where & (self._twins.velocity == 0.0)
         if not np.count_nonzero(resting):
             return
@@ -194,7 +194,7 @@ class ErrorPredictor:
             twins.integral = np.where(resting & self.integrates, summed, twins.integral)
 
     def put(self, where: BoolArray, measured: FloatArray) -> None:
-        """Put twins where the joints are: those that shall move on their way, the others held there by friction."""
+        """Put stick-slip models where the joints are: those that shall move on their way, the others held there by friction."""
         velocity = self._past[-1].velocity
         self._twins.put(
             where,
@@ -204,11 +204,11 @@ class ErrorPredictor:
         )
 
     def shift(self, error: FloatArray) -> None:
-        """Let the tracking error of the twins grow by (n,) [rad] at once."""
+        """Let the tracking error of the stick-slip models grow by (n,) [rad] at once."""
         self._twins.position = self._twins.position - error
 
     def adopt(self, share: FloatArray) -> None:
-        """Give the twins the constants of today: (n, 4) shares of ``Adaptation``."""
+        """Give the stick-slip models the constants of today: (n, 4) shares of ``Adaptation``."""
         p = self.identified
         self._load_factor, self._extra_load = 1.0 + share[:, 2], share[:, 3] * OFFSET_UNIT
         self._offset = p["offset"] + self._extra_load

@@ -24,7 +24,7 @@ PASSWORD = "nao"
 """Of the stand-in where the environment says none: there is nothing to protect."""
 
 PAUSE = 3
-"""[s] after which a NAOqi that ended is started anew. A robot does so too, and takes longer."""
+"""[s] after which a NAOqi that ended is started again. A robot does so too, and takes longer."""
 
 
 def serve(

@@ -41,10 +41,10 @@ TIPPED = 0.1
 """[rad] of tilt: a robot that stands stays far below it, one that reaches it falls or nearly did."""
 
 REDRAWS = 2
-"""How often a run is drawn anew in which the robot fell or was stopped."""
+"""How often a run is drawn again in which the robot fell or was stopped."""
 
 REDRAWN = 1000
-"""Added to the number of a run that is drawn anew."""
+"""Added to the number of a run that is drawn again."""
 
 FORMAT = 1
 """Of the files in the cache; part of their key."""
@@ -168,7 +168,7 @@ def episode_uri(run: SuiteRun) -> str:
 def perform(run: SuiteRun, cache: Path | None = None) -> Episode:
     """Perform a run, or load it where it was performed before.
 
-    Chance may put two pushes such that the robot tips, or is stopped: as in a laboratory, the run is then drawn anew.
+    Chance may put two pushes such that the robot tips, or is stopped: as in a laboratory, the run is then drawn again.
 
     Args:
         run: Of a suite.
@@ -184,11 +184,11 @@ def perform(run: SuiteRun, cache: Path | None = None) -> Episode:
         for again in range(REDRAWS + 1)
     ]
     if cache is not None:
-        # A run that was drawn anew is kept under its new number only.
+        # A run that was drawn again is kept under its new number only.
         for one in drawn:
             folder = _folder(one, _pepper(one, robot), cache)
             if (folder / _LABELS).is_file():
-                # One that is damaged is performed again, and written anew.
+                # One that is damaged is performed again, and written again.
                 with suppress(EpisodeError):
                     return Episode.load(folder, robot)
     reasons = []

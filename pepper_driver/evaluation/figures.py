@@ -1,4 +1,4 @@
-"""Figures 2, 3 and 4 of the paper anew, with recall by size of push; needs the extra ``plot``."""
+"""Figures 2, 3 and 4 of the paper again, with recall by size of push; needs the extra ``plot``."""
 
 from __future__ import annotations
 

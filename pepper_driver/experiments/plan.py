@@ -158,7 +158,7 @@ class _Planner:
     def _repeat(self, step: AnyStep, key: str, state: _State) -> None:
         """Plan a block that is played: twice if more often, as all later rounds begin as the second one does.
 
-        Random goals are drawn anew in each round.
+        Random goals are drawn again in each round.
         """
         times = step.repeat.times if isinstance(step, RepeatStep) else 1
         ((inner, block),) = step.blocks()

@@ -470,7 +470,7 @@ class Player:
             goal.go_on(seconds)
 
     def _reach_again(self) -> None:
-        """Let a step that waits for its targets wait for them anew: the robot may have been led away from them."""
+        """Let a step that waits for its targets wait for them again: the robot may have been led away from them."""
         if self._segment.step.until is not None and self._there is not None:
             self._ticks, self._there = self._there, None
 

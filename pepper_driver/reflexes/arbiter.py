@@ -67,7 +67,7 @@ def prepare_reflexes(reflexes: Sequence[Reflex], robot: RobotConfig) -> tuple[Re
 class Arbiter:
     """Decides who has posture, tasks, motor stiffness and base; nothing else writes to the controller.
 
-    User and motions make lasting requests: a posture, a twist of the base, tasks. Reflexes make theirs anew in each
+    User and motions make lasting requests: a posture, a twist of the base, tasks. Reflexes make theirs again in each
     tick, in the order of their priority, and go before. Joints that a reflex gives back return to the user's posture,
     or the posture finds them where they are.
 

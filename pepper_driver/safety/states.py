@@ -56,7 +56,7 @@ class Fault:
 
 
 class FaultError(PepperError, RuntimeError):
-    """The safety gate stopped the robot. It stands still, and stays so until it is opened anew.
+    """The safety gate stopped the robot. It stands still, and stays so until it is opened again.
 
     Attributes:
         fault: What the gate saw.

@@ -222,7 +222,7 @@ class TabletService:
         return True
 
     def showImageNoCache(self, url: object) -> bool:
-        """Show an image, loaded anew."""
+        """Show an image, loaded again."""
         self._show("showImageNoCache", url)
         self.onImageLoaded()
         return True

@@ -147,7 +147,7 @@ class MeasurementTests(BackendSuite):
         check(after)
 
     def test_arrays_of_a_command_are_the_callers(self, backend: Backend) -> None:
-        """A program may fill the same arrays anew for each cycle."""
+        """A program may fill the same arrays again for each cycle."""
         backend.open()
         measurement = backend.activate()
         wanted = hold(measurement)
