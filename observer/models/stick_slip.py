@@ -126,7 +126,7 @@ class StickSlipModel:
         self._targets = (target, target, target)
 
     def step(self, target: FloatArray, load_torque: FloatArray) -> FloatArray:
-        """Make one tick: the position sent [rad], the desired load torque [N m]. Returns the models' positions [rad]."""
+        """Make one tick: the position sent [rad], desired load torque [N m]. Returns the models' positions [rad]."""
         p, dt = self._p, self._cycle
         target = self._delayed(target)
         load = p["load_gain"] * load_torque + p["offset"]

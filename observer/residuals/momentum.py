@@ -7,7 +7,7 @@ the joint's stiffness K, so that the result is an angle and comparable with r = 
 
 The motor's torque comes from the board's absolute current, or, where that tells less, from its law: eps + I - d v.
 Velocity and acceleration are the desired ones minus smoothed derivatives of the tracking error. The friction is the
-stick-slip model's: a measured velocity near zero has no sign, and the stick-slip model knows how the joint came to rest.
+stick-slip model's: a measured velocity near zero has no sign, and that model knows how the joint came to rest.
 """
 
 from __future__ import annotations

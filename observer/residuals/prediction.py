@@ -194,7 +194,7 @@ class ErrorPredictor:
             twins.integral = np.where(resting & self.integrates, summed, twins.integral)
 
     def put(self, where: BoolArray, measured: FloatArray) -> None:
-        """Put stick-slip models where the joints are: those that shall move on their way, the others held there by friction."""
+        """Put models where the joints are: those that shall move on their path, the others held by friction."""
         velocity = self._past[-1].velocity
         self._twins.put(
             where,
