@@ -11,6 +11,9 @@ from typing import Any
 LONGEST_SHOWN = 80
 """Letters of a wrong value that a message repeats."""
 
+MAX_REASON_LENGTH = 300
+"""[letters] Of the reason why a file is damaged, in a message."""
+
 MAX_LISTED = 25
 """Names that a message lists."""
 
@@ -141,6 +144,12 @@ def printable(text: str) -> str:
     if text.isprintable():
         return text
     return "".join(letter if letter.isprintable() else repr(letter)[1:-1] for letter in text)
+
+
+def short_reason(error: Exception) -> str:
+    """Return the reason of an error in one line of at most MAX_REASON_LENGTH letters."""
+    text = " ".join(reason(error).split())
+    return text if len(text) <= MAX_REASON_LENGTH else f"{text[:MAX_REASON_LENGTH]}..."
 
 
 def reason(error: Exception) -> str:

@@ -132,7 +132,7 @@ class Observer(ABC):
         return {}
 
 
-FULL_STIFFNESS = 0.99
+MIN_OBSERVED_STIFFNESS = 0.99
 """Models are identified on stiff joints: one with less follows its commands in another way."""
 
 

@@ -23,7 +23,7 @@ from pepper_driver.backends.fields import (
 )
 from pepper_driver.config import PepperError, RobotConfig
 from pepper_driver.config.arrays import BoolArray, FloatArray
-from pepper_driver.config.errors import reason
+from pepper_driver.config.errors import reason, short_reason
 from pepper_driver.config.files import replacing
 from pepper_driver.controller.tick import Reference, Tick
 
@@ -33,7 +33,6 @@ FORMAT = 1
 
 _FORMAT_NAME = "recording_format"
 _CURE = "record the run again"
-_LONGEST_REASON = 300
 
 
 class RecordingError(PepperError, ValueError):
@@ -80,8 +79,7 @@ def read_arrays(path: Path, names: Iterable[str]) -> dict[str, NDArray[Any]]:
     except OSError as error:
         raise RecordingError(f"{path}: cannot be read ({reason(error)}); {_CURE}") from error
     except Exception as error:  # whatever the decoders make of damaged bytes
-        text = " ".join(reason(error).split())[:_LONGEST_REASON]
-        raise RecordingError(f"{path}: damaged: {text}; {_CURE}") from error
+        raise RecordingError(f"{path}: damaged: {short_reason(error)}; {_CURE}") from error
 
 
 # The reflection turns the sign of y of a vector, and of all but y of an axis of rotation.

@@ -34,6 +34,7 @@ from pepper_driver.config import RobotConfig
 from pepper_driver.config.arguments import checked_arguments, is_number
 from pepper_driver.config.arrays import FloatArray
 from pepper_driver.controller.constraints.constraint import (
+    MIN_ROW_SIZE,
     BrakingLimits,
     Constraint,
     LinearInequality,
@@ -53,9 +54,6 @@ BASE_RATIO = 0.5
 
 RETURN_RATIO = 0.3
 """Of the acceleration of the joints: what they return with when the centre of mass is too far out to be caught."""
-
-MIN_ROW_SIZE = 1e-9
-"""A row of smaller entries moves nothing."""
 
 
 class _Place(NamedTuple):

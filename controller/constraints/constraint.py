@@ -17,6 +17,9 @@ from pepper_driver.config.arrays import FloatArray
 from pepper_driver.controller.constraints.braking import BRAKE_RATIO
 from pepper_driver.controller.model import RobotModel
 
+MIN_ROW_SIZE = 1e-9
+"""A row with smaller entries moves nothing."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BrakingLimits:

@@ -25,6 +25,7 @@ from pepper_driver.config.arrays import FloatArray
 from pepper_driver.controller.collision import CapsuleDistances
 from pepper_driver.controller.constraints.braking import BRAKE_RATIO, BrakingPath
 from pepper_driver.controller.constraints.constraint import (
+    MIN_ROW_SIZE,
     BrakingLimits,
     Constraint,
     LinearInequality,
@@ -37,9 +38,6 @@ CYCLES = (1.0, 3.0)
 
 WATCHED = 20
 """[cycles] For how long all of the way is looked at after anything was near at its end: longer than braking takes."""
-
-MIN_ROW_SIZE = 1e-9
-"""[m s2/rad] A row of smaller entries moves nothing."""
 
 
 @checked_arguments

@@ -22,6 +22,7 @@ from pepper_driver.config.arguments import checked_arguments, is_number, real_ar
 from pepper_driver.config.arrays import FloatArray
 from pepper_driver.config.errors import ArgumentError, shown
 from pepper_driver.config.parts import STIFFEST
+from pepper_driver.config.steps import MIN_DURATION
 from pepper_driver.controller.changes import Change, Changes
 from pepper_driver.controller.errors import GainError, ShapeError, TargetError
 from pepper_driver.controller.model import BASE, RobotModel
@@ -163,10 +164,6 @@ def _within(name: str, value: float, most: float) -> float:
     if not (is_number(value) and 0.0 <= value <= most):  # False for NaN
         raise GainError(name, value, f"a number from 0 to {most:g}")
     return float(value)
-
-
-MIN_DURATION = 1e-3
-"""[s] Of a motion from target to target: less than any cycle."""
 
 
 class Task(GainsMixin, ABC):

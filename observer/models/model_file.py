@@ -17,7 +17,7 @@ from pydantic.dataclasses import dataclass as validated_dataclass
 from pepper_driver.config import ConfigError, PepperError, RobotConfig, RobotIdentity
 from pepper_driver.config.arguments import as_path
 from pepper_driver.config.arrays import FloatArray
-from pepper_driver.config.errors import reason
+from pepper_driver.config.errors import reason, short_reason
 from pepper_driver.config.files import replacing
 from pepper_driver.config.loading import STRICT, parse
 from pepper_driver.config.parts import Positive
@@ -38,7 +38,6 @@ MODEL_TYPES: dict[ModelKind, type[JointModel]] = {
 
 _CURE = "identify the robot with 'pepper identify'"
 _SOURCE = "'pepper identify' writes model files"
-_LONGEST_REASON = 300
 
 
 class ModelFileError(PepperError, ValueError):
@@ -278,10 +277,7 @@ def _unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
 
 
 def _damaged(path: Path, error: Exception) -> ModelFileError:
-    text = " ".join(reason(error).split())
-    if len(text) > _LONGEST_REASON:
-        text = f"{text[:_LONGEST_REASON]}..."
-    return ModelFileError(f"{path}: damaged: {text}; {_CURE}")
+    return ModelFileError(f"{path}: damaged: {short_reason(error)}; {_CURE}")
 
 
 JointModel = Tree | FusionModel

@@ -13,7 +13,7 @@ from pepper_driver.observer.detection.threshold import (
     REST_SPEED,
     FusionThreshold,
 )
-from pepper_driver.observer.interface import FULL_STIFFNESS, HandLoad, Residuals
+from pepper_driver.observer.interface import MIN_OBSERVED_STIFFNESS, HandLoad, Residuals
 from pepper_driver.observer.models.fusion_model import FusionModel
 from pepper_driver.observer.residuals.adaptation import (
     LEARN_PERIOD,
@@ -112,9 +112,9 @@ class FusionGenerator:
     A joint is blind
 
     - as long as it has no model;
-    - in a tick whose stiffness is below FULL_STIFFNESS, whose sample is later than MAX_LATE_TICKS, or whose values
-      are not finite, and until the median window holds none of these samples any more. Its model then starts from
-      where the joint is.
+    - in a tick whose stiffness is below MIN_OBSERVED_STIFFNESS, whose sample is later than MAX_LATE_TICKS, or whose
+      values are not finite, and until the median window holds none of these samples any more. Its model then starts
+      from where the joint is.
 
     While the safety gate alters the command of a joint, and shortly after, its threshold rises by CHANGED_FACTOR.
 
@@ -199,7 +199,9 @@ class FusionGenerator:
                 + measurement.current
             )
             # NaN is not below anything either.
-            good = (np.abs(inputs) < MAX_PLAUSIBLE) & (tick.sent.stiffness >= FULL_STIFFNESS)
+            good = (np.abs(inputs) < MAX_PLAUSIBLE) & (
+                tick.sent.stiffness >= MIN_OBSERVED_STIFFNESS
+            )
         late = measurement.age / self._cycle
         lost = not 0.0 <= late < MAX_LATE_TICKS + 0.5  # NaN is lost too
         late_ticks = 0 if lost else round(late)

@@ -16,7 +16,7 @@ import numpy as np
 
 from pepper_driver.config.arrays import BoolArray, FloatArray
 from pepper_driver.controller.tick import Tick
-from pepper_driver.observer.interface import FULL_STIFFNESS, Residuals, StaticGeneratorMixin
+from pepper_driver.observer.interface import MIN_OBSERVED_STIFFNESS, Residuals, StaticGeneratorMixin
 from pepper_driver.observer.models.fusion_model import FusionModel, MomentumParameters
 from pepper_driver.observer.recording import STALE_AGE
 from pepper_driver.observer.running_filters import RunningMedian
@@ -159,7 +159,11 @@ class MomentumGenerator(StaticGeneratorMixin):
         with np.errstate(invalid="ignore", over="ignore"):
             error = tick.sent.position - measurement.position
             inputs = error + reference.velocity + reference.acceleration + reference.load_torque
-            bad = tick.changed | ~np.isfinite(inputs) | ~(tick.sent.stiffness >= FULL_STIFFNESS)
+            bad = (
+                tick.changed
+                | ~np.isfinite(inputs)
+                | ~(tick.sent.stiffness >= MIN_OBSERVED_STIFFNESS)
+            )
         if not measurement.age <= STALE_AGE:
             bad[:] = True
         error = np.where(bad, 0.0, error)

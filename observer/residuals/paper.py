@@ -8,7 +8,7 @@ import numpy as np
 
 from pepper_driver.config.arrays import FloatArray
 from pepper_driver.controller.tick import Tick
-from pepper_driver.observer.interface import FULL_STIFFNESS, Residuals, StaticGeneratorMixin
+from pepper_driver.observer.interface import MIN_OBSERVED_STIFFNESS, Residuals, StaticGeneratorMixin
 from pepper_driver.observer.models.tree import Tree
 from pepper_driver.observer.recording import STALE_AGE
 from pepper_driver.observer.running_filters import RunningMedian
@@ -20,9 +20,9 @@ class PaperGenerator(StaticGeneratorMixin):
     A joint is blind
 
     - as long as it has no model;
-    - in a tick whose position the safety gate altered, whose stiffness is below FULL_STIFFNESS, whose sample is older
-      than STALE_AGE, or whose values are not finite, and until the median window holds none of these samples any more:
-      ``window`` ticks in all.
+    - in a tick whose position the safety gate altered, whose stiffness is below MIN_OBSERVED_STIFFNESS, whose sample is
+      older than STALE_AGE, or whose values are not finite, and until the median window holds none of these samples any
+      more: ``window`` ticks in all.
 
     At the start the median is that of the samples there are.
 
@@ -56,7 +56,7 @@ class PaperGenerator(StaticGeneratorMixin):
             raw = error - expected
             inputs = error + reference.velocity + reference.acceleration + reference.load_torque
             bad = tick.changed | ~np.isfinite(inputs) | ~np.isfinite(raw)
-        bad |= ~(tick.sent.stiffness >= FULL_STIFFNESS)  # NaN is bad too
+        bad |= ~(tick.sent.stiffness >= MIN_OBSERVED_STIFFNESS)  # NaN is bad too
         if not measurement.age <= STALE_AGE:
             bad[:] = True
         raw[bad] = np.nan

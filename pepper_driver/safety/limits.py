@@ -21,6 +21,7 @@ from math import isfinite
 import numpy as np
 
 from pepper_driver.backends import Measurement
+from pepper_driver.backends.readiness import PRESSED
 from pepper_driver.config import RobotConfig, SafetySettings
 from pepper_driver.config.arrays import BoolArray, FloatArray
 from pepper_driver.controller import desaturate
@@ -128,9 +129,6 @@ def _reach(room: FloatArray, change: FloatArray) -> FloatArray:
 
 
 logger = logging.getLogger("pepper_driver")
-
-PRESSED = 0.5
-"""Between 0, not pressed, and 1."""
 
 SPEED_ROUNDING = 1e-6
 """[rad/s] Wheels may be so much too fast: what the controller's solver rounds to."""

@@ -13,7 +13,7 @@ from pepper_driver.config import RobotConfig, SafetySettings
 from pepper_driver.config.arrays import BoolArray, FloatArray
 from pepper_driver.safety.states import Fault, FaultReason
 
-FULL_STIFFNESS = 0.5
+MIN_DRIVEN_STIFFNESS = 0.5
 """Of a joint below it, no one expects that it follows its command."""
 
 NAMED = 3
@@ -97,7 +97,7 @@ class MotorMonitor:
         if np.count_nonzero(stands) == len(stands):
             return None  # the same sample once more
         far = np.abs(distance) > self._settings.frozen_distance
-        should = far & self._judged & (answered.stiffness > FULL_STIFFNESS)
+        should = far & self._judged & (answered.stiffness > MIN_DRIVEN_STIFFNESS)
         stands &= should & (measurement.position == last.position)
         self._silent = np.where(stands, self._silent + 1, 0)
         worst = int(self._silent.argmax())
@@ -208,7 +208,9 @@ class MeasurementMonitor:
         if not np.isfinite(distance).all():
             text = f"the position of {self._broken(measurement)} is not a number"
             return Fault(reason=FaultReason.SENSOR, text=text)
-        far = (distance > self._settings.following_error) & (answered.stiffness > FULL_STIFFNESS)
+        far = (distance > self._settings.following_error) & (
+            answered.stiffness > MIN_DRIVEN_STIFFNESS
+        )
         self._diverging = np.where(far, self._diverging + 1, 0)
         self._far = bool(far.any())
         worst = int(self._diverging.argmax())

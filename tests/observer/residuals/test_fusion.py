@@ -24,7 +24,12 @@ from pepper_driver.observer.detection.threshold import (
     THRESHOLD_MEMORY,
     FusionThreshold,
 )
-from pepper_driver.observer.interface import FULL_STIFFNESS, Contact, JointState, Observation
+from pepper_driver.observer.interface import (
+    MIN_OBSERVED_STIFFNESS,
+    Contact,
+    JointState,
+    Observation,
+)
 from pepper_driver.observer.models.tree import CartTree
 from pepper_driver.observer.residuals.prediction import MAX_LATE_TICKS
 from support.fusion import (
@@ -215,7 +220,7 @@ BAD = [
     ("measurement", "position", math.inf),
     ("measurement", "current", math.nan),
     ("sent", "position", math.nan),
-    ("sent", "stiffness", FULL_STIFFNESS - 0.01),
+    ("sent", "stiffness", MIN_OBSERVED_STIFFNESS - 0.01),
     ("sent", "stiffness", math.nan),
     ("reference", "velocity", math.nan),
     ("reference", "velocity", math.inf),
@@ -300,7 +305,7 @@ def test_a_soft_joint_is_blind_and_wakes_without_a_contact() -> None:
     observations, events = run(fusion_observer(), ticks_of(motion, soft, stiffness=stiffness))
     assert events == []
     states = of_elbow(observations, "state")
-    stiff = stiffness >= FULL_STIFFNESS
+    stiff = stiffness >= MIN_OBSERVED_STIFFNESS
     assert (states[~stiff] == JointState.BLIND).all()
     wake = int(np.flatnonzero(~stiff)[-1]) + WINDOW
     assert (states[wake:] == JointState.FREE).all()
