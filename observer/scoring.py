@@ -56,13 +56,13 @@ def group_events(contacts: Iterable[Contact]) -> tuple[ContactTrack, ...]:
 
 
 RELEASE_GRACE = 0.15
-"""[s] A contact detected this long after the release still counts as felt."""
+"""[s] A contact detected this long after the release still counts as detected."""
 
 SETTLED = 0.17
 """[s] After the alarm; observers may name the joint again until 150 ms after it, and tell so in the next tick."""
 
 REBOUND_TIME = 0.8
-"""[s] After a release the joint swings back; alarms in this time are neither felt pushes nor false contacts."""
+"""[s] After a release the joint swings back; alarms in this time are neither detected pushes nor false contacts."""
 
 RUN_GAP = 0.3
 """[s] An alarm that begins sooner after another on the same limb is the same run of alarms."""
@@ -124,16 +124,16 @@ class ContactScore:
     """Outcome of a run.
 
     Attributes:
-        felt: Pushes with the first contact on their limb.
+        detected: Pushes with the first contact on their limb.
         missed: Pushes without one.
         false: Contacts that no push explains.
         rebounds: Contacts that were the joint swinging back after a push: not counted, as in the paper.
-        repeated: Further contacts on the limb during a push that was felt already, and those that only go on with
+        repeated: Further contacts on the limb during a push that was detected already, and those that only go on with
             an earlier one.
-        on_trunk: Contacts told on the trunk while a limb was pushed: it carries the limb. Neither felt nor false.
+        on_trunk: Contacts told on the trunk while a limb was pushed: it carries the limb. Neither detected nor false.
     """
 
-    felt: tuple[DetectedPush, ...]
+    detected: tuple[DetectedPush, ...]
     missed: tuple[KnownPush, ...]
     false: tuple[Contact, ...]
     rebounds: tuple[Contact, ...]
@@ -146,13 +146,13 @@ def score(
 ) -> ContactScore:
     """Match the contacts that the events of a run tell of with ``pushes``.
 
-    A push is felt when a contact begins from its onset until RELEASE_GRACE after its release, in whatever direction,
-    and is on the pushed limb then or is moved there by an update in that time. Limbs are the arms, the head, and the
-    trunk with legs and base. A contact that begins on that limb until REBOUND_TIME after the release belongs to the
-    push too: a rebound, or a repetition of what was felt; so does one on the trunk, which carries the limb. Any other
-    contact is false, unless it goes on with another on the same limb within RUN_GAP.
+    A push is detected when a contact begins from its onset until RELEASE_GRACE after its release, in whatever
+    direction, and is on the pushed limb then or is moved there by an update in that time. Limbs are the arms, the head,
+    and the trunk with legs and base. A contact that begins on that limb until REBOUND_TIME after the release belongs to
+    the push too: a rebound, or a repetition of what was detected; so does one on the trunk, which carries the limb. Any
+    other contact is false, unless it goes on with another on the same limb within RUN_GAP.
     """
-    felt: dict[int, DetectedPush] = {}
+    detected: dict[int, DetectedPush] = {}
     false: list[Contact] = []
     rebounds: list[Contact] = []
     repeated: list[Contact] = []
@@ -176,13 +176,13 @@ def score(
             rebounds.append(contact)
         elif not own:
             on_trunk.append(contact)
-        elif number in felt:
+        elif number in detected:
             repeated.append(contact)
         else:
-            felt[number] = DetectedPush(push=pushes[number], contact=contact, alarm=alarm)
+            detected[number] = DetectedPush(push=pushes[number], contact=contact, alarm=alarm)
     return ContactScore(
-        felt=tuple(felt[number] for number in sorted(felt)),
-        missed=tuple(push for number, push in enumerate(pushes) if number not in felt),
+        detected=tuple(detected[number] for number in sorted(detected)),
+        missed=tuple(push for number, push in enumerate(pushes) if number not in detected),
         false=tuple(false),
         rebounds=tuple(rebounds),
         repeated=tuple(repeated),

@@ -208,7 +208,7 @@ class FusionThreshold:
         self,
         velocity: FloatArray,
         acceleration: FloatArray,
-        changed: BoolArray,
+        limited: BoolArray,
         uncertainty: FloatArray,
         unsettled: FloatArray | None = None,
     ) -> FloatArray:
@@ -217,7 +217,7 @@ class FusionThreshold:
         Args:
             velocity: (n,) desired [rad/s].
             acceleration: (n,) desired [rad/s2].
-            changed: (n,) where the safety gate altered the command.
+            limited: (n,) where the safety gate altered the command.
             uncertainty: (n,) standard deviation of the expected error [rad].
             unsettled: (n,) 0..1, how lately the robot was let go; None for nowhere.
         """
@@ -233,8 +233,8 @@ class FusionThreshold:
             self.quiet_bound = QUIET_RATIO * (bound + doubt)
             bound = bound * self._strays.factor + doubt
         self.learning_bound = QUIET_RATIO * bound
-        if np.count_nonzero(changed):
-            bound = np.where(changed, CHANGED_FACTOR * bound, bound)
+        if np.count_nonzero(limited):
+            bound = np.where(limited, CHANGED_FACTOR * bound, bound)
         if unsettled is not None:
             bound = bound * (1.0 + UNSETTLED_RATIO * unsettled)
         return self._recent.push(bound)

@@ -99,11 +99,11 @@ UNCERTAINTY_PERIOD = 4
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class _Detail:
-    """Values of a tick, (n,) each: what was expected, measured [rad], and changed by the safety gate."""
+    """Values of a tick, (n,) each: what was expected, measured [rad], and limited by the safety gate."""
 
     then: Prediction
     measured: FloatArray
-    changed: BoolArray
+    limited: BoolArray
 
 
 class FusionGenerator:
@@ -233,7 +233,7 @@ class FusionGenerator:
         if self._adapt and self._count % UNCERTAINTY_PERIOD == 0:
             self._doubt = self._uncertainty(then)
         threshold = self._threshold.step(
-            velocity, acceleration, tick.changed, self._doubt, self._unsettled()
+            velocity, acceleration, tick.limited, self._doubt, self._unsettled()
         )
         torque, torque_std = self._torque.step(filtered, then.friction, threshold)
         expected_error = then.target - then.position + then.remainder
@@ -254,7 +254,7 @@ class FusionGenerator:
             blind=blind,
             base_raw=base[0],
             base_residual=base[1],
-            detail=_Detail(then=then, measured=measured, changed=tick.changed),
+            detail=_Detail(then=then, measured=measured, limited=tick.limited),
         )
 
     def _unsettled(self) -> FloatArray | None:
@@ -322,9 +322,9 @@ class FusionGenerator:
         """Take in what the events make of a tick; see :class:`ResidualGenerator`."""
         detail, residual, blind = signal.detail, signal.residual, signal.blind
         assert isinstance(detail, _Detail)
-        then, measured, changed = detail.then, detail.measured, detail.changed
+        then, measured, limited = detail.then, detail.measured, detail.limited
         self._settle(settled, blind, measured)
-        judged = ~(blind | changed)
+        judged = ~(blind | limited)
         seen, size = free & judged, np.abs(residual)
         quiet_bound = seen & (size < self._threshold.quiet_bound)
         self._expectation.rest(quiet_bound & ~then.moves, residual)

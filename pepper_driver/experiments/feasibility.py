@@ -72,7 +72,7 @@ class PostureCheck:
 def too_fast(segment: Segment, before: Segment, led: BoolArray, robot: RobotConfig) -> str:
     """Describe the joint that cannot get to the posture of a segment within its ``duration``; empty where all can.
 
-    Joints that tasks have moved (``led``, (17,)), and those that were still on the way to a step as fast as stiffness
+    Joints that tasks have moved (``led``, (17,)), and those that were still moving to a step as fast as stiffness
     allows, may be anywhere.
     """
     duration = segment.step.duration

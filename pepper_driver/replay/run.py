@@ -1,4 +1,4 @@
-"""Runs the loop over a recording: the same calls in the same order, on the measurements of then."""
+"""Runs the loop over a recording: the same calls in the same order, on the recorded measurements."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ def replay(
 ) -> Replayed:
     """Step observer and reflexes through a recording.
 
-    The observer sees the recorded ticks, bit for bit. The controller goes through the recorded references, whatever
+    The observer sees the recorded ticks, bit for bit. The controller plays the recorded references, whatever
     reflexes want of it, and passes the safety gate; the commands that come out are compared with those recorded.
 
     Args:

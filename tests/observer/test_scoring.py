@@ -44,7 +44,7 @@ def at(time: float, **changes: object) -> Contact:
 
 def outcome(*contacts: Contact) -> tuple[int, int, int, int]:
     result = score([PUSH], contacts, ROBOT)
-    return len(result.felt), len(result.missed), len(result.false), len(result.rebounds)
+    return len(result.detected), len(result.missed), len(result.false), len(result.rebounds)
 
 
 @pytest.mark.parametrize(
@@ -55,16 +55,19 @@ def outcome(*contacts: Contact) -> tuple[int, int, int, int]:
         ((at(10.0),), (1, 0, 0, 0)),
         ((at(9.99),), (0, 1, 1, 0)),  # before the force
         ((at(11.14),), (1, 0, 0, 0)),  # within the grace after the release
-        ((at(11.2),), (0, 1, 0, 1)),  # too late to be felt, early enough to be the swing back
+        ((at(11.2),), (0, 1, 0, 1)),  # too late to be detected, early enough to be the swing back
         ((at(11.81),), (0, 1, 1, 0)),  # too late to be anything
         ((at(10.2), at(11.3)), (1, 0, 0, 1)),
-        ((at(10.2), at(10.8)), (1, 0, 0, 0)),  # the same push felt twice is one push felt
-        ((at(10.2, kind="rebound"),), (0, 1, 0, 1)),  # called a rebound: not felt
+        ((at(10.2), at(10.8)), (1, 0, 0, 0)),  # the same push detected twice is one push detected
+        ((at(10.2, kind="rebound"),), (0, 1, 0, 1)),  # called a rebound: not detected
         ((at(10.2, kind="collision"),), (1, 0, 0, 0)),
         ((at(10.2, phase="update"), at(10.3, phase="end")), (0, 1, 0, 0)),
         ((at(10.2, joint="LElbowRoll"),), (1, 0, 0, 0)),  # the same chain
         ((at(10.2, joint="RShoulderRoll"),), (0, 1, 1, 0)),  # the other arm
-        ((at(10.2, joint=None),), (0, 1, 0, 0)),  # the trunk carries the arm: not felt, not false
+        (
+            (at(10.2, joint=None),),
+            (0, 1, 0, 0),
+        ),  # the trunk carries the arm: not detected, not false
         ((at(10.2, joint="HipRoll"),), (0, 1, 0, 0)),
         ((at(11.5, joint=None),), (0, 1, 0, 1)),  # and swings back with it
         ((at(9.9, joint=None),), (0, 1, 1, 0)),
@@ -82,14 +85,14 @@ def test_a_second_contact_during_a_push_is_a_repetition() -> None:
 
 
 def test_the_delay_counts_from_the_force() -> None:
-    assert score([PUSH], [at(10.25)], ROBOT).felt[0].delay == pytest.approx(0.25)
+    assert score([PUSH], [at(10.25)], ROBOT).detected[0].delay == pytest.approx(0.25)
 
 
 def test_two_pushes_close_together_keep_their_contacts() -> None:
     second = replace(PUSH, onset=11.5, release=12.0)
     result = score([PUSH, second], [at(10.2), at(11.6)], ROBOT)
-    assert [f.contact.time for f in result.felt] == [10.2, 11.6]
-    assert [f.push.onset for f in result.felt] == [10.0, 11.5]
+    assert [f.contact.time for f in result.detected] == [10.2, 11.6]
+    assert [f.push.onset for f in result.detected] == [10.0, 11.5]
 
 
 def told(number: int, *events: tuple[str, float, str | None]) -> list[Contact]:
@@ -102,7 +105,7 @@ def told(number: int, *events: tuple[str, float, str | None]) -> list[Contact]:
 
 
 @pytest.mark.parametrize(
-    ("events", "felt", "false"),
+    ("events", "detected", "false"),
     [
         (
             (("begin", 10.2, None), ("update", 10.25, "LElbowRoll")),
@@ -117,24 +120,24 @@ def told(number: int, *events: tuple[str, float, str | None]) -> list[Contact]:
     ],
 )
 def test_updates_move_a_contact(
-    events: tuple[tuple[str, float, str | None], ...], felt: int, false: int
+    events: tuple[tuple[str, float, str | None], ...], detected: int, false: int
 ) -> None:
     result = score([PUSH], told(1, *events), ROBOT)
-    assert (len(result.felt), len(result.false)) == (felt, false)
-    assert len(result.felt) + len(result.missed) == 1
+    assert (len(result.detected), len(result.false)) == (detected, false)
+    assert len(result.detected) + len(result.missed) == 1
 
 
 def test_what_is_told_of_a_contact_over_time() -> None:
     events = told(3, ("begin", 10.2, None), ("update", 10.25, "LElbowRoll"), ("end", 10.6, None))
-    felt = score([PUSH], events, ROBOT).felt[0]
-    assert felt.contact.joint is None
-    assert [felt.alarm.at(t).joint for t in (10.2, 10.24, 10.25, 20.0)] == [
+    detected = score([PUSH], events, ROBOT).detected[0]
+    assert detected.contact.joint is None
+    assert [detected.alarm.at(t).joint for t in (10.2, 10.24, 10.25, 20.0)] == [
         None,
         None,
         "LElbowRoll",
         "LElbowRoll",
     ]
-    assert felt.alarm.end == 10.6
+    assert detected.alarm.end == 10.6
 
 
 @pytest.mark.parametrize(
@@ -143,14 +146,14 @@ def test_what_is_told_of_a_contact_over_time() -> None:
 )
 def test_a_push_on_the_trunk(joint: str | None, outcome: tuple[int, int]) -> None:
     result = score([replace(PUSH, joint=None, link="torso")], [at(10.2, joint=joint)], ROBOT)
-    assert (len(result.felt), len(result.false)) == outcome
+    assert (len(result.detected), len(result.false)) == outcome
 
 
 def test_two_pushes_at_once_each_have_their_contact() -> None:
     other = replace(PUSH, joint="RElbowRoll", link="RForeArm")
     contacts = [at(10.3, id=1), at(10.2, id=2, joint="RElbowYaw"), at(10.4, id=3, joint=None)]
     result = score([PUSH, other], contacts, ROBOT)
-    assert [f.contact.id for f in result.felt] == [1, 2]
+    assert [f.contact.id for f in result.detected] == [1, 2]
     assert [c.id for c in result.on_trunk] == [3]
     assert not result.missed
     assert not result.false
@@ -181,7 +184,7 @@ def test_a_false_alarm_shortly_before_a_push_does_not_hide_it() -> None:
         *told(2, ("begin", 10.1, "LElbowRoll")),
     ]
     result = score([PUSH], contacts, ROBOT)
-    assert [f.contact.id for f in result.felt] == [2]
+    assert [f.contact.id for f in result.detected] == [2]
     assert [c.id for c in result.false] == [1]
 
 

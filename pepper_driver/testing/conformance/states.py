@@ -89,10 +89,10 @@ class StateTests(BackendSuite):
                 backend.deactivate()
                 backend.deactivate()
                 first = run(backend, hold(first), 0.1)[-1]
-            wanted = hold(first)
-            wanted.position[joints] += 0.1
-            wanted.wheel_speed[:] = 2.0
-            last = run(backend, wanted, 0.4)[-1]
+            held = hold(first)
+            held.position[joints] += 0.1
+            held.wheel_speed[:] = 2.0
+            last = run(backend, held, 0.4)[-1]
             assert np.abs(last.position - first.position)[joints].max() < 0.03
             np.testing.assert_allclose(last.wheel_speed, 0.0, atol=0.05)
 

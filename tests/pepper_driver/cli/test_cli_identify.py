@@ -148,7 +148,7 @@ def test_ctrl_c_and_signals_keep_finished_runs_and_say_how_to_go_on(
         process.wait()
     assert process.returncode == code
     assert errors == f"pepper: {word}\n"
-    assert f"of 13 runs are kept in {folder}; the same command goes on from there" in shown
+    assert f"of 13 runs are kept in {folder}; the same command continues from there" in shown
     assert not out.exists()
     kept = [path.name for path in folder.iterdir() if not path.name.startswith(".")]
     assert 1 < len(kept) < 14

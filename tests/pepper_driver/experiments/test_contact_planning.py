@@ -117,8 +117,8 @@ def test_only_a_robot_that_can_be_pushed_is(monkeypatch: pytest.MonkeyPatch) -> 
 
 def test_two_hands_are_not_on_one_link_at_a_time() -> None:
     pepper = make_pepper()
-    first, beside = push_of(1.0), push_of(1.0, start=1.9)
-    plan(pepper, still(first, beside, length=6.0))
+    first, concurrent = push_of(1.0), push_of(1.0, start=1.9)
+    plan(pepper, still(first, concurrent, length=6.0))
     plan(pepper, still(first, force_of(0.0, 3.0, 0.0, link="LForeArm", xyz=[0.1, 0.0, 0.0])))
     with pytest.raises(
         ConfigError, match=r"key 'contacts\.1': another hand is on LBicep between 1"

@@ -42,7 +42,7 @@ def less(by: float, *joints: int) -> FloatArray:
     ("joints", "words"),
     [
         ((), "all joints away (0.00 in place of 1.00)"),
-        ((ELBOW,), "stiffness of RElbowYaw away"),
+        ((ELBOW,), "stiffness of RElbowYaw was lowered"),
         ((3, 4, 5, 6, 7), "HeadYaw, HeadPitch, LShoulderPitch and 2 more"),
     ],
 )
