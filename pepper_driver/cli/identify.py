@@ -247,9 +247,9 @@ def _progress(console: Console) -> Iterator[tuple[Progress, Confirm]]:
         bar = None
         begun = ""
 
-        def tell(what: str, done: float, total: float) -> None:
+        def report_progress(what: str, done: float, total: float) -> None:
             nonlocal bar, begun
-            if bar is None or (what == "rehearsing") != (begun == "rehearsing"):
+            if bar is None or (what == "dry run") != (begun == "dry run"):
                 if bar is None:
                     console.print(f"runs of {duration_text(total - done)} in robot time to record")
                 else:
@@ -268,7 +268,7 @@ def _progress(console: Console) -> Iterator[tuple[Progress, Confirm]]:
             )
             bars.start()
 
-        yield tell, confirm
+        yield report_progress, confirm
 
 
 @contextmanager

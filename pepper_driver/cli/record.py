@@ -74,8 +74,8 @@ def record(
         )
         console.print(f"recording: {how}; Ctrl-C ends it")
 
-    def tell(told: Label) -> None:
-        show_line(console, f"{told.time:8.2f} s  {told.phase}")
+    def show_label(end: Label) -> None:
+        show_line(console, f"{end.time:8.2f} s  {end.phase}")
 
     done = record_labelled(
         backend,
@@ -86,7 +86,7 @@ def record(
         seed=seed,
         link=link,
         joint=joint,
-        on_label=tell,
+        on_label=show_label,
         on_start=lambda _: start(),
     )
     touches = "1 touch" if done.touches == 1 else f"{done.touches} touches"

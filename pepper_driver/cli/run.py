@@ -142,7 +142,7 @@ def run_command(
             console.print(line)
         save_json(json_file, plan_json(run), console)
         return 0
-    tell_all(console, run)
+    print_events(console, run)
     with StopKey(run.pepper.emergency_stop) as key:
         if key.listening:
             console.print(key.HELP)
@@ -200,25 +200,25 @@ def push_table(report: ExperimentReport, robot: RobotConfig) -> Table:
     return table
 
 
-def tell_all(console: Console, run: ExperimentRun) -> None:
+def print_events(console: Console, run: ExperimentRun) -> None:
     """Print what happens as it happens: steps, cues, pushes, contacts, reflexes."""
     pepper = run.pepper
 
-    def tell(event: Event) -> None:
+    def print_event(event: Event) -> None:
         if (text := event_text(event)) is not None:
             show_line(console, f"{event.time:8.2f} s  {text}")
 
     # One function for all events keeps their order.
-    ways: list[Callable[[Callable[..., object]], object]] = [
+    registrations: list[Callable[[Callable[..., object]], object]] = [
         pepper.on_step(),
         pepper.on_cue(),
         pepper.on_push(),
         pepper.on_reflex(phase=None),
     ]
     if run.experiment.observer is not None:
-        ways.append(pepper.on_contact(phase=None))
-    for register in ways:
-        register(tell)
+        registrations.append(pepper.on_contact(phase=None))
+    for register in registrations:
+        register(print_event)
 
 
 def event_text(event: Event) -> str | None:

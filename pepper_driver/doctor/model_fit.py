@@ -101,9 +101,9 @@ class ModelFitMonitor:
 
     def fits(self, settings: DoctorSettings) -> tuple[JointFit, ...]:
         """Return the verdict on each joint."""
-        way = np.maximum(self._highest - self._lowest, 0.0)
+        distance = np.maximum(self._highest - self._lowest, 0.0)
         with np.errstate(all="ignore"):
-            follows = way[1] / way[0]
+            follows = distance[1] / distance[0]
             error = np.sqrt(self._square / self._known)
             rms = np.sqrt(self._load / self._known)
         return tuple(

@@ -73,8 +73,8 @@ def untouched_error(recording: Recording, uri: str, robot: RobotConfig) -> Float
         backend.open()
         start = np.clip(backend.activate().position, robot.lower, robot.upper)
         first = recording.sent_position[0]
-        way = minimum_jerk(np.linspace(0.0, 1.0, round(APPROACH / robot.cycle)))
-        for fraction in (*way, *[1.0] * round(REST / robot.cycle)):
+        path = minimum_jerk(np.linspace(0.0, 1.0, round(APPROACH / robot.cycle)))
+        for fraction in (*path, *[1.0] * round(REST / robot.cycle)):
             backend.exchange(
                 Command(
                     position=start + fraction * (first - start),

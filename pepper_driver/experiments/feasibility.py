@@ -78,8 +78,8 @@ def too_fast(segment: Segment, before: Segment, led: BoolArray, robot: RobotConf
     duration = segment.step.duration
     if duration is None or (before.step.duration is None and not before.at_rest(segment.start)):
         return ""
-    way = np.abs(segment.posture - before.posture)
-    speeds = np.where(led | np.isnan(way), 0.0, way) / duration
+    distance = np.abs(segment.posture - before.posture)
+    speeds = np.where(led | np.isnan(distance), 0.0, distance) / duration
     over = speeds / [joint.velocity for joint in robot.joints]
     if over.max() <= 1.0:
         return ""

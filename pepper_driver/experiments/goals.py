@@ -99,9 +99,9 @@ class Goal:
         return self._miss(task.error)
 
     def _miss(self, error: FloatArray) -> GoalDeviation:
-        way, turn = error[self._metres], error[self._radians]
+        offset, turn = error[self._metres], error[self._radians]
         return GoalDeviation(
-            metres=float(np.linalg.norm(way)) if len(way) else None,
+            metres=float(np.linalg.norm(offset)) if len(offset) else None,
             radians=float(np.linalg.norm(turn)) if len(turn) else None,
         )
 

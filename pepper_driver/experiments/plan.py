@@ -122,7 +122,7 @@ class _Planner:
             if not needed <= backend.info.capabilities:
                 raise experiment.error(
                     "contacts",
-                    f"software can push simulated robots only; '{backend.uri}' is not simulated; leave them out"
+                    f"only simulated robots can be pushed, and '{backend.uri}' cannot; leave them out"
                     " with 'pepper run --no-contacts'",
                 )
             self._contacts = ContactPlanner(experiment, robot, backend)

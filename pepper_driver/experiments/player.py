@@ -395,14 +395,14 @@ class Player:
         if step.wait is not None:
             return self._listening.is_over(self._ticks >= round(step.wait.timeout / cycle))
         if self._there is None:
-            way = round((step.duration or 0.0) / cycle)
-            if self._ticks < way:
+            length = round((step.duration or 0.0) / cycle)
+            if self._ticks < length:
                 return False
             if step.until is not None:
                 self._reached = self._is_reached(step.tolerance or GOAL_TOLERANCE)
                 if not self._reached and self._ticks < round((step.timeout or 0.0) / cycle):
                     return False
-            self._there = way if step.until is None else self._ticks
+            self._there = length if step.until is None else self._ticks
         return self._ticks >= self._there + round(step.hold / cycle)
 
     def _is_reached(self, tolerance: float) -> bool:
@@ -459,9 +459,9 @@ class Player:
         self._reach_again()
         if step.duration is None:
             return  # set-points stand
-        way = round(step.duration / cycle)
-        left = max(way - self._ticks, 0)
-        fresh = max(left, min(way, round(MIN_RESUME_TIME / cycle)))
+        length = round(step.duration / cycle)
+        left = max(length - self._ticks, 0)
+        fresh = max(left, min(length, round(MIN_RESUME_TIME / cycle)))
         self._ticks -= fresh - left
         seconds = max(fresh, 1) * cycle
         if self._posture is not None:

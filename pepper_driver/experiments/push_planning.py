@@ -163,21 +163,23 @@ def _forces(
     Those leave the joints further out alone, or press the robot down on its wheels as well.
     """
     index = robot.joint_index(joint)
-    way = _way(model, index, joint, link, point, posture)
-    smallest = way * (torque / float(way @ way))
+    column = _column(model, index, joint, link, point, posture)
+    smallest = column * (torque / float(column @ column))
     yield smallest
     outer = _outer(robot, joint)
     if not np.isfinite(bounds.max_distal_ratio):
         return
     jacobian = model.point_jacobian(link, point, posture)[:, outer]
-    alone = way - jacobian @ np.linalg.lstsq(jacobian, way, rcond=None)[0] if outer else way
+    alone = (
+        column - jacobian @ np.linalg.lstsq(jacobian, column, rcond=None)[0] if outer else column
+    )
     candidates = [smallest]
     if outer and float(np.linalg.norm(alone)) >= SHORTEST_LEVER:
         for fraction in (0.4, 0.2, 0.0):
-            along = alone + fraction * (way - alone)
-            candidates.append(along * (torque / float(along @ way)))
+            along = alone + fraction * (column - alone)
+            candidates.append(along * (torque / float(along @ column)))
     yield from candidates[1:]
-    along = way / np.linalg.norm(way)
+    along = column / np.linalg.norm(column)
     down = np.array([0.0, 0.0, -1.0])
     down -= along * float(along @ down)
     for fraction in DOWNWARD_RATIOS:
@@ -215,7 +217,7 @@ def evaluate_push(
         index = int(degrees.argmax())
     else:
         index = robot.joint_index(joint)
-        _way(model, index, joint, link, point, posture)
+        _column(model, index, joint, link, point, posture)
     # Magnitudes are added without signs: pushes begin and end at different times.
     together = np.abs(torques) + sum(np.abs(push.torques) for push in concurrent)
     loads = (together + np.abs(model.gravity_torque(posture))) / plant.torque_limit
@@ -242,14 +244,14 @@ def evaluate_push(
     return planned
 
 
-def _way(
+def _column(
     model: RobotModel, index: int, joint: str, link: str, point: FloatArray, posture: FloatArray
 ) -> FloatArray:
     """(3,) where a joint carries a point, per radian [m]."""
-    way = model.point_jacobian(link, point, posture)[:, index]
-    if float(np.linalg.norm(way)) < SHORTEST_LEVER:
+    column = model.point_jacobian(link, point, posture)[:, index]
+    if float(np.linalg.norm(column)) < SHORTEST_LEVER:
         raise PushTooStrongError(f"a force at this point of {link} does not turn {joint}")
-    return way
+    return column
 
 
 def _outer(robot: RobotConfig, joint: str) -> list[int]:

@@ -75,7 +75,7 @@ def record_missing(
     """Make the runs whose file is not in the folder. Each file is written as soon as its run has ended.
 
     Simulated backends run in parallel, each run on a robot and with a random sequence of its own; the result does not
-    depend on ``workers``, nor on what was there. A backend in real time runs one after the other, after a rehearsal of
+    depend on ``workers``, nor on what was there. A backend in real time runs one after the other, after a dry run of
     all runs.
 
     Args:
@@ -85,7 +85,7 @@ def record_missing(
         robot: Its description.
         real_time: True for a real robot.
         takes_seed: True where the URI takes a seed of the noise.
-        workers: Processes for simulated runs and rehearsals; -1 for one per core.
+        workers: Processes for simulated runs and dry runs; -1 for one per core.
         confirm: Asked before each run of a real robot in which legs or base move.
         progress: Called with the progress.
 
@@ -98,30 +98,30 @@ def record_missing(
         return
     if any(run.watched for run in todo):
         _check_balance(robot)
-    tell = progress or (lambda what, done, total: None)
+    report_progress = progress or (lambda what, done, total: None)
     total = sum(run.seconds for run in runs)
     done = total - sum(run.seconds for run in todo)
     if not real_time:
-        tell("recording in simulation", done, total)
+        report_progress("recording in simulation", done, total)
         uris = [seeded_uri(uri, run) if takes_seed else uri for run in todo]
         jobs = (partial(_make, uri, run, folder) for uri, run in zip(uris, todo, strict=True))
         for run in run_jobs(jobs, workers=workers, ordered=False):
             done += run.seconds
-            tell(f"recording in simulation: {run.name}", done, total)
+            report_progress(f"recording in simulation: {run.name}", done, total)
         return
-    _rehearse_all(todo, workers, tell)
+    _dry_run_all(todo, workers, report_progress)
     for run in todo:
         if confirm is not None and run.watched:
             confirm(run)
         before = done
 
         def advance(fraction: float, run: IdentificationRun = run, before: float = before) -> None:
-            tell(run.name, before + fraction * run.seconds, total)
+            report_progress(run.name, before + fraction * run.seconds, total)
 
         advance(0.0)
         perform(uri, run, on_progress=advance).save(recording_path(folder, run.name))
         done += run.seconds
-        tell(run.name, done, total)
+        report_progress(run.name, done, total)
 
 
 def _make(uri: str, run: IdentificationRun, folder: Path) -> IdentificationRun:
@@ -130,16 +130,18 @@ def _make(uri: str, run: IdentificationRun, folder: Path) -> IdentificationRun:
     return run
 
 
-def _rehearse_all(runs: Sequence[IdentificationRun], workers: int, tell: Progress) -> None:
+def _dry_run_all(
+    runs: Sequence[IdentificationRun], workers: int, report_progress: Progress
+) -> None:
     total, done = sum(run.seconds for run in runs), 0.0
-    tell("rehearsing", done, total)
-    jobs = (partial(_rehearse, run) for run in runs)
+    report_progress("dry run", done, total)
+    jobs = (partial(_dry_run, run) for run in runs)
     for seconds in run_jobs(jobs, workers=workers, ordered=False):
         done += seconds
-        tell("rehearsing", done, total)
+        report_progress("dry run", done, total)
 
 
-def _rehearse(run: IdentificationRun) -> float:
+def _dry_run(run: IdentificationRun) -> float:
     check_dry_run(run)
     return run.seconds
 

@@ -67,15 +67,15 @@ def mark_contacts(log: RunLog, joint: str, axes: Axes) -> None:
         if not _shown(onset, end, axes):
             continue
         style, color, label = "--", BLUE, "contact"
-        look: dict[str, Any] = {"facecolor": color, "alpha": 0.2}
+        area: dict[str, Any] = {"facecolor": color, "alpha": 0.2}
         if contact.kind == "rebound":
             style, color, label = ":", GREY, "rebound"
-            look = {"facecolor": "none", "edgecolor": color, "hatch": "///"}
+            area = {"facecolor": "none", "edgecolor": color, "hatch": "///"}
         elif contact.joint != joint:
             color, label = PALE_BLUE, "contact elsewhere on the chain or trunk"
-            look = {"facecolor": color, "alpha": 0.2}
+            area = {"facecolor": color, "alpha": 0.2}
         axes.axvline(onset, color=color, linestyle=style, linewidth=1.3)
-        axes.axvspan(onset, end, linewidth=0.0, zorder=0.5, label=label, **look)
+        axes.axvspan(onset, end, linewidth=0.0, zorder=0.5, label=label, **area)
 
 
 def mark_pushes(log: RunLog, joint: str, axes: Axes) -> None:

@@ -228,9 +228,9 @@ class Arbiter:
     def _lead_dither(self) -> None:
         """Keep the joints that a reflex has, or a pause, from oscillating."""
         if self.controller.dither.active:
-            taken = np.ones_like(self._requests.claimed) if self.holds else self._requests.claimed
-            if np.count_nonzero(taken):
-                self.controller.dither.suspend(taken)
+            claimed = np.ones_like(self._requests.claimed) if self.holds else self._requests.claimed
+            if np.count_nonzero(claimed):
+                self.controller.dither.suspend(claimed)
 
     def _event(self, reflex: Reflex, was_active: bool, time: float) -> ReflexEvent:
         return ReflexEvent(
@@ -250,16 +250,16 @@ class Arbiter:
 
 def return_time(away: FloatArray) -> float:
     """Return the time for joints to come back from ``away`` [rad], gently [s]."""
-    way = float(np.abs(away).max())
-    return max(PEAK_SPEED_RATIO * way / MAX_RETURN_SPEED, MIN_RETURN_TIME)
+    distance = float(np.abs(away).max())
+    return max(PEAK_SPEED_RATIO * distance / MAX_RETURN_SPEED, MIN_RETURN_TIME)
 
 
 def _without(observation: Observation, ignore: Ignore) -> Observation:
     """Return it without the contacts that are ignored; one that turns out to be ignored is over for those below."""
     if not observation.contacts:
         return observation
-    left = tuple(
+    remaining = tuple(
         replace(contact, phase="end") if ignore.matches(contact) else contact
         for contact in observation.contacts
     )
-    return replace(observation, contacts=left)
+    return replace(observation, contacts=remaining)

@@ -228,17 +228,17 @@ def _pairs(
         if (apart := distance(then, now)) is not None
     )
     partner: dict[int, int] = {}
-    taken: set[int] = set()
+    matched: set[int] = set()
     for _, i, j in near:
-        if i not in partner and j not in taken:
+        if i not in partner and j not in matched:
             partner[i] = j
-            taken.add(j)
+            matched.add(j)
     pairs = [
         MatchedPair(recorded=then, found=found[partner[i]] if i in partner else None)
         for i, then in enumerate(recorded)
     ]
     pairs += [
-        MatchedPair(recorded=None, found=now) for j, now in enumerate(found) if j not in taken
+        MatchedPair(recorded=None, found=now) for j, now in enumerate(found) if j not in matched
     ]
     return tuple(sorted(pairs, key=lambda pair: _time(pair.recorded or pair.found)))
 

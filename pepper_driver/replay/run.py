@@ -78,7 +78,7 @@ def replay(
     prepared = prepare_reflexes(reflexes, robot)
     controller = PlaybackController(robot, run.controller_settings, run.references)
     gate = SafetyGate(robot, run.safety_settings, run.controller_settings)
-    seen = _Taken(run)
+    seen = _TakenOver(run)
     with ExitStack() as stack:
         if out is not None:
             seen.log = LogWriter(out, robot, _metadata(run, observer, prepared), lossless=True)
@@ -135,7 +135,7 @@ class _OnRecordedTicks(Observer):
         return self._observer.describe()
 
 
-class _Taken:
+class _TakenOver:
     """Listener that keeps the records of the loop."""
 
     def __init__(self, run: LoggedRun) -> None:

@@ -87,7 +87,7 @@ text = (folder / "fields.py").read_text()
 for before, new in (
     ("    missing: str = ", "    pressure: FloatArray | None = None\\n"),
     (
-        "    _CHANGED,\\n    _F(_O, ",
+        "    _LIMITED,\\n    _F(_O, ",
         "    _F(_M, 'pressure', 'joints', '[Pa]', absent=nan, column='pressure', mirror='size'),\\n",
     ),
 ):

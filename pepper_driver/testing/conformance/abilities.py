@@ -204,9 +204,9 @@ class AbilityTests(BackendSuite):
             backend.close()
             for name in lacking:
                 EXTRAS[name](extras)
-        told = [r.getMessage() for r in caplog.records if "nothing happens" in r.getMessage()]
-        assert len(told) == len(lacking), "once each"
-        assert all(backend.uri in text for text in told)
+        messages = [r.getMessage() for r in caplog.records if "nothing happens" in r.getMessage()]
+        assert len(messages) == len(lacking), "once each"
+        assert all(backend.uri in text for text in messages)
         assert backend.extras is extras
 
     def test_only_one_program_moves_the_robot(self, backend: Backend) -> None:

@@ -141,15 +141,15 @@ class StateTests(BackendSuite):
         backend.open()
 
     def test_every_refusal_is_one_line(self, backend: Backend) -> None:
-        told = []
+        messages = []
         for call in (backend.activate, backend.read, lambda: backend.write(hold_zero())):
             with pytest.raises(PepperError) as caught:
                 call()
-            told.append(str(caught.value))
+            messages.append(str(caught.value))
         backend.open()
         with pytest.raises(PepperError) as caught:
             backend.open()
-        told.append(str(caught.value))
-        for text in told:
+        messages.append(str(caught.value))
+        for text in messages:
             assert text.strip()
             assert "\n" not in text

@@ -111,7 +111,7 @@ def test_the_plan_of_blocks_and_reactions(
         "  3 times, or until contact on head:",
         "    play nod.yaml:",
         "         0.00 s  nod: 0.60 s; HeadPitch to 0 rad",
-        "     1.80 s  which: at most 1.20 s; wait for a contact, or go on",
+        "     1.80 s  which: at most 1.20 s; wait for a contact, or continue",
         "  after contact, 5 N m and more, lasting 0.5 s:",
         "       3.00 s  2: no time; say: Ouch!",
         "  otherwise:",

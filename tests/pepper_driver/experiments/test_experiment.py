@@ -276,7 +276,7 @@ def test_contacts_on_a_robot_that_nobody_can_push(
 ) -> None:
     fake(monkeypatch)
     path = write(tmp_path, STAND, PAUSE, contacts=[PUSH])
-    with pytest.raises(ConfigError, match=r"key 'contacts': only a simulated robot.*--no-contacts"):
+    with pytest.raises(ConfigError, match=r"key 'contacts': only simulated robots.*--no-contacts"):
         ExperimentRun(path)
     report = ExperimentRun(path, contacts=False).perform()
     assert report.completed
@@ -290,7 +290,7 @@ def test_a_real_robot_is_asked_before_it_is_planned(
     backend, _ = fake(monkeypatch, MockBackend(real_time=True))
     run = ExperimentRun(write(tmp_path, STAND, PAUSE, contacts=[PUSH]))
     assert backend.calls == []
-    with pytest.raises(ConfigError, match="only a simulated robot"):
+    with pytest.raises(ConfigError, match="only simulated robots"):
         run.perform()
     assert "activate" not in backend.calls
 

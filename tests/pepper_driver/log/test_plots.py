@@ -286,7 +286,7 @@ def test_formats_without_display(
 def test_errors(log: RunLog, tmp_path: Path) -> None:
     with pytest.raises(UnknownNameError, match="did you mean LElbowRoll"):
         plot_contacts(log, tmp_path / "a.png", ["LElbowRol"])
-    with pytest.raises(UnknownNameError, match="picture format 'gif'"):
+    with pytest.raises(UnknownNameError, match="figure format 'gif'"):
         plot_contacts(log, tmp_path / "a.gif")
     with pytest.raises(UnknownNameError, match="possible: pdf, png, svg"):
         plot_contacts(log, tmp_path / "a")
