@@ -86,7 +86,7 @@ class ForeignCommandSettings:
     action: Literal["stop", "ignore"]
     joint_tolerance: Positive
     wheel_tolerance: Positive
-    look: Annotated[float, Field(ge=0.1, le=2.0)]
+    check_time: Annotated[float, Field(ge=0.1, le=2.0)]
 
 
 @dataclass(frozen=True, kw_only=True, config=STRICT)

@@ -39,7 +39,7 @@ def find_secret(address: Address) -> Secret | None:
     None for a robot that asks for none.
 
     Raises:
-        SecretError: There is none, and nobody to ask.
+        SecretError: No password is stored, and no terminal is there to ask for it.
     """
     if not address.secure:
         return None
@@ -58,7 +58,9 @@ def _from_keyring(account: str) -> str | None:
     try:
         keyring = importlib.import_module("keyring")
         found = keyring.get_password(KEYRING, account)
-    except Exception:  # of many kinds, by keyring and desktop; whoever has none is asked
+    except (
+        Exception
+    ):  # backends of keyring raise errors of many kinds; without one the terminal is asked
         return None
     return found if isinstance(found, str) else None
 
@@ -79,7 +81,7 @@ MAX_HOST_LENGTH = 253
 """[letters] Of a name, as DNS has it."""
 
 USER = "nao"
-"""Who logs in where the URI names nobody: the one user every Pepper has."""
+"""Default user of a URI: the one user every Pepper has."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -104,7 +106,7 @@ class Address:
 
     @property
     def url(self) -> str:
-        """As ``qi`` wants it, such as ``tcp://pepper.local:9559``."""
+        """As ``qi`` expects it, such as ``tcp://pepper.local:9559``."""
         host = f"[{self.host}]" if ":" in self.host else self.host
         return f"{'tcps' if self.secure else 'tcp'}://{host}:{self.port}"
 
@@ -117,14 +119,14 @@ def naoqi_address(uri: BackendUri, options: set[str]) -> Address:
         options: Keys it may have.
 
     Raises:
-        ConfigError: It names no host, a port that is none, or an unknown key.
+        ConfigError: It names no host, an invalid port, or an unknown key.
     """
     example = "naoqis://nao@pepper.local" if uri.scheme == "naoqis" else "naoqi://pepper.local"
     user, at, place = uri.host.rpartition("@")
     secure = uri.scheme == "naoqis"
     if at and not secure:
         raise ConfigError(
-            f"backend '{uri.text}': without TLS nobody logs in; write naoqi://{place}, or naoqis://{uri.host}"
+            f"backend '{uri.text}': without TLS there is no login; write naoqi://{place}, or naoqis://{uri.host}"
         )
     uri.check_keys(options, host=True)
     try:
@@ -138,7 +140,7 @@ def naoqi_address(uri: BackendUri, options: set[str]) -> Address:
         ) from error
     if port == 0:
         raise ConfigError(
-            f"backend '{uri.text}': port 0 is none; NAOqi listens at {PORTS[uri.scheme]}"
+            f"backend '{uri.text}': port 0 is invalid; NAOqi listens at {PORTS[uri.scheme]}"
         )
     if not host:
         raise ConfigError(f"backend '{uri.text}': names no robot; for example: {example}")

@@ -1,8 +1,8 @@
 """``?mode=angles``: joints by ALMotion, for NAOqi 2.9.
 
-What that costs: ALMotion smooths what it is told and follows late, by a time that varies, so that no touch can be felt
-in the encoders; the stiffness of the legs does not change; the base stands still, since ALMotion drives on when nobody
-tells it to stop. In return its own protections stay on. NAOqi 2.5 and 2.8 pages "Joint control API", "Locomotion
+Limits of this mode: ALMotion smooths commands and follows late, by a time that varies, so that no touch is detected
+in the encoders; the stiffness of the legs does not change; the base stands still, since ALMotion drives on until a
+program stops it. In return its own protections stay on. NAOqi 2.5 and 2.8 pages "Joint control API", "Locomotion
 control API" and "Stiffness control".
 """
 
@@ -47,7 +47,7 @@ class AnglesLink:
 
     Attributes:
         newest: What was measured last.
-        soft: Joints whose stiffness can be changed: ALMotion lets nobody change that of a Pepper's legs.
+        soft: Joints whose stiffness can be changed: ALMotion refuses to change that of a Pepper's legs.
         places: Of these in a joint vector.
 
     Raises:
@@ -69,7 +69,7 @@ class AnglesLink:
         self._stiffness_order = Call(motion, "setStiffnesses", uri)
         self._stiffnesses = Call(motion, "getStiffnesses", uri)
         self._unknown = self._found = np.full(len(self._joints), np.nan)
-        self._told_meanwhile = False
+        self._sent_meanwhile = False
         position = self._position_of(connection.call("ALMotion", "getAngles", self._joints, True))
         values = keys.values(connection.call("ALMemory", "getListData", keys.names))
         if position is None or isinstance(values, str):
@@ -88,7 +88,7 @@ class AnglesLink:
 
     @property
     def idle(self) -> bool:
-        """True when the robot has taken the last stiffness that was sent."""
+        """True when the robot has accepted the last stiffness that was sent."""
         return self._stiffness_order.over
 
     def read(self) -> Measurement:
@@ -102,14 +102,14 @@ class AnglesLink:
         return self.newest
 
     def write(self, position: FloatArray | None, stiffness: FloatArray | None) -> None:
-        """Tell the robot where that is due; what is None is not told."""
+        """Send the values that are due; a value of None is not sent."""
         if self._step % self._settings.command_period == 1:
             if position is not None and not self._order.begin(
                 self._joints, position.tolist(), self._settings.speed
             ):
                 self._withheld += 1
             if stiffness is not None:
-                self._tell(stiffness[self.places])
+                self._send_stiffness(stiffness[self.places])
 
     def exchange(self, position: FloatArray | None, stiffness: FloatArray | None) -> Measurement:
         """Write, then read: for the begin and the end of a run, which follow no sample."""
@@ -117,7 +117,7 @@ class AnglesLink:
         return self.read()
 
     def _count(self) -> None:
-        """Ticks go on by one each, but neither run ahead of the time nor stay behind it."""
+        """Ticks increase by one each, and stay in step with the time."""
         passed = (time.monotonic() - self._opened) / self._cycle
         if self._tick < passed - 2:
             self._tick = int(passed)
@@ -132,7 +132,7 @@ class AnglesLink:
         if answer is not None and not isinstance(values := self._keys.values(answer), str):
             self._values = values
         stiffnesses = self._stiffnesses.answer()
-        if stiffnesses is not None and not self._told_meanwhile:
+        if stiffnesses is not None and not self._sent_meanwhile:
             self._found = self._stiffness_of(stiffnesses)
 
     def _ask(self) -> None:
@@ -141,17 +141,17 @@ class AnglesLink:
         if self._step % (SENSORS * self._settings.command_period) == 0:
             self._sensors.begin(self._keys.names)
             if self._stiffness_order.over and self._stiffnesses.begin(self.soft):
-                self._told_meanwhile = False
+                self._sent_meanwhile = False
 
-    def _tell(self, stiffness: FloatArray) -> None:
-        way = np.abs(stiffness - self._stiffness)
-        arrives = (way > 0) & ((stiffness == 0) | (stiffness == 1))  # however near it is
-        if (way.max() >= STIFFNESS_STEP or arrives.any()) and self._stiffness_order.begin(
+    def _send_stiffness(self, stiffness: FloatArray) -> None:
+        change = np.abs(stiffness - self._stiffness)
+        arrives = (change > 0) & ((stiffness == 0) | (stiffness == 1))  # however near it is
+        if (change.max() >= STIFFNESS_STEP or arrives.any()) and self._stiffness_order.begin(
             self.soft, stiffness.tolist()
         ):
             self._stiffness = stiffness
-            # What is on its way to the robot, it may have or not.
-            self._found, self._told_meanwhile = self._unknown, True
+            # A command in flight may have reached the robot or not.
+            self._found, self._sent_meanwhile = self._unknown, True
 
     def _stiffness_of(self, answer: object) -> FloatArray:
         """(17,) what ALMotion says of the soft joints; NaN for the legs, and where it says nothing sensible."""
@@ -193,7 +193,7 @@ logger = logging.getLogger("pepper_driver")
 
 
 FRESH, LAST = 6, 40
-"""Ticks in which a new sample comes, and in which the last change of stiffness is taken."""
+"""Ticks in which a new sample arrives, and in which the last change of stiffness is accepted."""
 
 
 class AnglesBackend(NaoqiRobot):
@@ -232,7 +232,7 @@ class AnglesBackend(NaoqiRobot):
         )
         super().__init__(address, robot, settings, policy=policy, wake=wake, force=force)
         self._link: AnglesLink | None = None
-        self._moving = self._told = False
+        self._moving = self._warned = False
 
     @property
     def _needed(self) -> Sequence[str]:
@@ -250,8 +250,8 @@ class AnglesBackend(NaoqiRobot):
         """No joint gets less stiffness than it has already."""
         link, connection = self._open_link, self._connected()
         logger.warning(
-            "'%s' moves through ALMotion: some 40 commands a second, followed late; touch is not felt, the base stands "
-            "still",
+            "'%s' moves through ALMotion: some 40 commands a second, followed late; touch is not detected, "
+            "the base stands still",
             self._address.uri,
         )
         before = np.ones(len(self._robot.joint_names))
@@ -269,9 +269,9 @@ class AnglesBackend(NaoqiRobot):
             if not measurement.age <= self._safety.stale_fault:
                 raise BackendError(
                     f"'{self._address.uri}' stopped answering while its stiffness was raised: the newest sample is "
-                    f"{1e3 * measurement.age:.0f} ms old; look at the network, then start again"
+                    f"{1e3 * measurement.age:.0f} ms old; check the network, then start again"
                 )
-        self._moving, self._told = True, False
+        self._moving, self._warned = True, False
         return hold, measurement
 
     def _read(self) -> Measurement:
@@ -280,22 +280,24 @@ class AnglesBackend(NaoqiRobot):
     def _write(self, position: FloatArray, stiffness: FloatArray, wheel_speed: FloatArray) -> None:
         if not self._moving:
             return
-        if wheel_speed.any() and not self._told:
-            self._told = True
+        if wheel_speed.any() and not self._warned:
+            self._warned = True
             logger.warning("'%s' keeps its base still in this mode", self._address.uri)
         self._open_link.write(position, stiffness)
 
     def _let_go(self, posture: FloatArray) -> bool:
-        """ALMotion knows where all joints are, so nothing has to go back; the legs keep their stiffness.
+        """ALMotion has all joint positions, so no joint has to return; the legs keep their stiffness.
 
-        No joint gets back what somebody else took away.
+        No joint regains stiffness that another program has lowered.
         """
         link, self._moving = self._open_link, False
-        told, ones = link.newest.stiffness, np.ones(len(posture))
-        had = ones if told is None else np.fmin(told, ones)  # 1 where nobody knows
+        stiffness_shown, ones = link.newest.stiffness, np.ones(len(posture))
+        stiffness_before = (
+            ones if stiffness_shown is None else np.fmin(stiffness_shown, ones)
+        )  # 1 where it is unknown
         ticks = round(self._settings.timing.ramp_down / self._robot.cycle)
         for tick in cycle_timer(self._robot.cycle, ticks + LAST):
-            measurement = link.exchange(None, had * max(0.0, 1.0 - (tick + 1) / ticks))
+            measurement = link.exchange(None, stiffness_before * max(0.0, 1.0 - (tick + 1) / ticks))
             if self._lost or measurement.age > 2.0 * self._settings.end_silence:
                 return False
             if tick >= ticks and link.idle:

@@ -69,7 +69,7 @@ class NaoqiBackend(NaoqiRobot):
         return self._delay, found.body_id
 
     def _begin(self, connection: Connection) -> Measurement:
-        """Measures the way to the robot for almost a second."""
+        """Measure the connection to the robot for almost a second."""
         prefer_messages(True)
         with preferred():
             self._link = Link(connection, self._robot, self._settings, self._delay)
@@ -98,7 +98,7 @@ class NaoqiBackend(NaoqiRobot):
 
     @property
     def request_lead(self) -> float:
-        """Round trip of a sample, 99th percentile of a burst at ``open``, and a margin [s]; 0 on a slow way."""
+        """Round trip of a sample, 99th percentile of a burst at ``open``, and a margin [s]; 0 on a slow connection."""
         link = self._link
         return 0.0 if link is None else link.request_lead
 

@@ -27,15 +27,15 @@ PROBE_TIME = 2.0
 
 
 class NoAnswerError(NotConnectedError, TimeoutError):
-    """Somebody listens, but says nothing."""
+    """A server listens, but does not answer."""
 
 
 class LoginError(NotConnectedError, PermissionError):
-    """The robot does not let this user in."""
+    """The robot refuses this user."""
 
 
 def check_listening(address: Address, timeout: float) -> None:
-    """Raise a NotConnectedError that says why, where nobody listens at ``address`` within ``timeout`` [s]."""
+    """Raise a NotConnectedError with the reason if no server listens at ``address`` within ``timeout`` [s]."""
     try:
         socket.create_connection((address.host, address.port), timeout=timeout).close()
     except socket.gaierror as error:
@@ -45,18 +45,18 @@ def check_listening(address: Address, timeout: float) -> None:
         ) from error
     except ConnectionRefusedError as error:
         raise NotConnectedError(
-            f"'{address.uri}': {address.host} is there, but nobody listens at port {address.port}; NAOqi 2.5 listens "
-            f"at {PORTS['naoqi']} (naoqi://), 2.9 at {PORTS['naoqis']} (naoqis://), minutes after its start"
+            f"'{address.uri}': {address.host} is there, but no server listens at port {address.port}; NAOqi 2.5 "
+            f"listens at {PORTS['naoqi']} (naoqi://), 2.9 at {PORTS['naoqis']} (naoqis://), minutes after its start"
         ) from error
     except (OSError, UnicodeError) as error:
         raise NotConnectedError(
             f"'{address.uri}': {address.host} does not answer; is the robot on, and in the same network? Its chest "
-            "button, pressed once, tells its address"
+            "button, pressed once, says its address"
         ) from error
 
 
 def refusal(address: Address, *, silent: bool) -> NotConnectedError:
-    """Why ``qi`` did not get in where somebody listens.
+    """Reason why ``qi`` did not connect to a server that listens.
 
     Args:
         address: Where.
@@ -79,7 +79,7 @@ def refusal(address: Address, *, silent: bool) -> NotConnectedError:
         )
     if address.secure:
         return LoginError(
-            f"'{address.uri}': {place} does not let '{address.user}' in; wrong password, or no robot. The password is "
+            f"'{address.uri}': {place} refuses the user '{address.user}': wrong password, or no robot. The password is "
             "that of the robot's web page"
         )
     return NotConnectedError(
@@ -106,8 +106,8 @@ def _peer(address: Address) -> Literal["tls", "plain", "silent"]:
 
 logger = logging.getLogger("pepper_driver")
 
-LOOK = 0.05
-"""[s] between two looks at a call: while the library waits, Python hears no Ctrl-C."""
+POLL_PERIOD = 0.05
+"""[s] between two checks of a call: while the library waits, Python handles no Ctrl-C."""
 
 
 class ServiceError(BackendError):
@@ -123,7 +123,7 @@ class ServiceError(BackendError):
 
 
 class CallTimeoutError(BackendError, TimeoutError):
-    """A service of the robot gave no answer in time. It may still do as it was told."""
+    """A service of the robot gave no answer in time. It may still execute the call."""
 
 
 class MissingServiceError(BackendError, LookupError):
@@ -138,7 +138,7 @@ class Connection:
 
     Attributes:
         address: Where the robot is.
-        call_time: How long a call may take, where nothing else is said [s].
+        call_time: Default timeout of a call [s].
     """
 
     def __init__(
@@ -178,7 +178,7 @@ class Connection:
     def register(self, name: str, service: object) -> int:
         """Offer a service to other programs of the robot; returns its number.
 
-        The library then listens at a port of this computer that others cannot reach. The service is gone with the
+        The library then listens at a port of this computer that others cannot reach. The service ends with the
         connection.
 
         Raises:
@@ -197,7 +197,7 @@ class Connection:
         """Take a service out again.
 
         Raises:
-            ServiceError: There is none of this number.
+            ServiceError: No service has this number.
             CallTimeoutError: No answer in ``timeout`` [s].
             NotConnectedError: The connection is lost.
         """
@@ -298,12 +298,12 @@ class Connection:
 
 
 def finished(future: Future, timeout: float) -> bool:
-    """Wait until a future of ``qi`` has finished, one way or another, at most ``timeout`` [s]; hears Ctrl-C."""
+    """Wait until a future of ``qi`` has finished, with or without success, at most ``timeout`` [s]; handles Ctrl-C."""
     running = load_qi().FutureState.Running
     end = time.monotonic() + timeout
     while (left := end - time.monotonic()) > 0:
         check_signals()
-        if future.wait(max(1, round(min(left, LOOK) * 1000))) != running:
+        if future.wait(max(1, round(min(left, POLL_PERIOD) * 1000))) != running:
             return True
     return bool(future.wait(0) != running)
 
@@ -323,7 +323,7 @@ def connect(
         settings: How long it may take, by default the shipped ones.
 
     Raises:
-        NotConnectedError: Nobody there, nobody who answers, no NAOqi, TLS on one side alone, or a wrong password.
+        NotConnectedError: No host, no answer, no NAOqi, TLS on one side alone, or a wrong password.
         NoQiError: There is no library.
     """
     settings = settings or load_naoqi_settings()
@@ -358,7 +358,7 @@ WARNING_PERIOD = 5.0
 
 
 class Call:
-    """One method of a service, at most once on its way.
+    """One method of a service, with at most one call in flight.
 
     Args:
         proxy: Of the service.
@@ -372,7 +372,7 @@ class Call:
         self._warned = -WARNING_PERIOD
 
     def begin(self, *arguments: object) -> bool:
-        """Call it, unless the last call is on its way; returns whether it was called."""
+        """Call it, unless a call is in flight; return True if it was called."""
         self.answer()
         if self._future is not None:
             return False
@@ -385,11 +385,11 @@ class Call:
 
     @property
     def over(self) -> bool:
-        """True where nothing is on its way."""
+        """True if no call is in flight."""
         return self._future is None or not self._future.isRunning()
 
     def answer(self) -> Answer:
-        """Return what the last call brought; None while it is on its way, where it failed, and the second time."""
+        """Return the result of the last call, once; None while it is in flight or if it failed."""
         future = self._future
         if future is None or not self.over:
             return None

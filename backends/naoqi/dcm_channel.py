@@ -22,7 +22,7 @@ from pepper_driver.backends.naoqi.timing import (
     DcmClockEstimate,
     Playout,
     RoundTrips,
-    SentCommand,
+    ScheduledCommand,
     burst,
     measure,
 )
@@ -30,8 +30,8 @@ from pepper_driver.config import NaoqiSettings, RobotConfig
 from pepper_driver.config.arrays import FloatArray
 from pepper_driver.config.naoqi import WheelTimes
 
-PAUSE = 5.0
-"""[cycles] without a tick that are more than some that were missed: nobody looked after the robot meanwhile."""
+MAX_TICK_GAP = 5.0
+"""[cycles] without a tick that are more than some missed ones: the robot was not supervised meanwhile."""
 
 NORMAL_AGE = 0.072
 """[s] since the cycle of a sample, which takes 7 to 15 ms to its tick. Younger ones are late by whole cycles, as the
@@ -41,12 +41,12 @@ observer counts; older ones are as old as they are."""
 def sample_age(late: int, since: float, silence: float, watched: float, cycle: float) -> float:
     """Return the age of the newest sample as :class:`~pepper_driver.backends.interface.Measurement` has it [s].
 
-    The sample of the tick's cycle has none, whatever its way took. When samples stay away for long, nothing is
+    The sample of the tick's cycle has none, whatever its latency was. When samples are missing for long, nothing is
     deducted: the gate, which looks once a cycle, then stops the robot before the last good one came 100 ms ago. A robot
     that sends samples but takes no commands is no better than one that is silent.
 
     After a pause without ticks, between two runs, the robot is given the time to answer that it has when it is watched:
-    what came before the pause tells nothing of it.
+    what came before the pause does not describe it.
 
     Args:
         late: Cycles by which the newest sample is later than usual.
@@ -67,10 +67,10 @@ latest, before their last command is over."""
 
 
 class Orders:
-    """Turns a command of the loop into commands to the DCM, as many as may be on their way.
+    """Turns a command of the loop into commands to the DCM, as many as may be in flight.
 
     Joints are to be at their positions at a cycle of their own. Each wheel command is over soon: wheels that get no
-    further one stand, with nobody's help (dead-man's stop). They are told nothing while they stand.
+    further one stand, without any other program (dead-man's stop). They receive no commands while they stand.
 
     Args:
         writer: Sends.
@@ -83,8 +83,8 @@ class Orders:
     Attributes:
         positions: Commands for the joints that were sent.
         speeds: And for the wheels.
-        stiffness: (17,) that the joints were last told to have.
-        withheld: Commands for the joints that were not sent, since too many were on their way.
+        stiffness: (17,) last commanded to the joints.
+        withheld: Commands for the joints that were not sent, since too many were in flight.
     """
 
     def __init__(
@@ -132,9 +132,9 @@ class Orders:
         turning = any(speeds)
         if turning or speeds != self._wheel_speed:
             due[Alias.WHEEL_SPEED] = lambda: self._send_wheels(now, speeds)
-        wanted = stiffness.tolist()
-        if wanted != self._stiffness:
-            due[Alias.STIFFNESS] = lambda: self._send_stiffness(now, wanted)
+        values = stiffness.tolist()
+        if values != self._stiffness:
+            due[Alias.STIFFNESS] = lambda: self._send_stiffness(now, values)
 
         def urgency(alias: Alias) -> float:
             if alias is Alias.WHEEL_SPEED and not turning:
@@ -154,18 +154,18 @@ class Orders:
 
     def _send_position(self, step: int, number: int, now: float, position: FloatArray) -> bool:
         date = self._cycles.date(number)
-        command = SentCommand(values=position, date=date, sent=now)
+        command = ScheduledCommand(values=position, date=date, sent=now)
 
-        def done(taken: bool) -> None:
-            if taken:
-                command.taken = self._clock()
+        def done(acknowledged: bool) -> None:
+            if acknowledged:
+                command.acknowledged = self._clock()
             else:
                 self._scheduler.refused(number)
 
         sent = self._writer.position(position, date, done)
         if sent:
             self.positions.add(command)
-        self._scheduler.given(step, number, sent=sent)
+        self._scheduler.note_command(step, number, sent=sent)
         return sent
 
     def _send_wheels(self, now: float, speeds: list[float]) -> bool:
@@ -175,11 +175,11 @@ class Orders:
             values = [[speed, speed, 0.0] for speed in speeds]
         else:
             dates, values = [self._last_cycle(now + self._cycles.length)], [[0.0]] * 3
-        command = SentCommand(values=np.array(speeds), date=dates[0], sent=now)
+        command = ScheduledCommand(values=np.array(speeds), date=dates[0], sent=now)
 
-        def done(taken: bool) -> None:
-            if taken:
-                command.taken = self._clock()
+        def done(acknowledged: bool) -> None:
+            if acknowledged:
+                command.acknowledged = self._clock()
             else:
                 self._wheel_speed = None
 
@@ -189,17 +189,17 @@ class Orders:
         self._wheel_speed = speeds
         return True
 
-    def _send_stiffness(self, now: float, wanted: list[float]) -> bool:
-        def done(taken: bool) -> None:
-            if not taken:
+    def _send_stiffness(self, now: float, values: list[float]) -> bool:
+        def done(acknowledged: bool) -> None:
+            if not acknowledged:
                 self._stiffness = None
 
         date = self._last_cycle(now) + self._wheel_times[0]
         if not self._writer.send(
-            Alias.STIFFNESS, "ClearAll", [date], [[value] for value in wanted], done
+            Alias.STIFFNESS, "ClearAll", [date], [[value] for value in values], done
         ):
             return False
-        self._stiffness, self.stiffness = wanted, np.array(wanted)
+        self._stiffness, self.stiffness = values, np.array(values)
         return True
 
     def _last_cycle(self, now: float) -> int:
@@ -221,12 +221,12 @@ REQUEST_MARGIN = 0.0015
 """[s] added to the round trip of a sample: the pacer may wake up late."""
 
 READ_BACK = (2, 1, 3, 2)
-"""Samples from one in which the DCM is also asked what it tells joints and wheels to the next: a fifth more values.
+"""Samples from one in which the DCM is also asked for its commands to joints and wheels: a fifth more values.
 Irregular, so that another program with a rhythm of its own is not missed each time."""
 
 
 class Link:
-    """With the DCM and the memory of one robot. Making it measures the way there, and moves nothing.
+    """With the DCM and the memory of one robot. Construction measures the connection, and moves nothing.
 
     Args:
         connection: Open.
@@ -242,7 +242,7 @@ class Link:
         newest: What was measured last.
 
     Raises:
-        SlowLinkError: The way to the robot does not allow control in every cycle.
+        SlowLinkError: The connection to the robot does not allow control in every cycle.
         BackendError: The robot does not know one of its actuators, or sends no good sample.
         NotConnectedError: The connection is lost.
     """
@@ -316,9 +316,9 @@ class Link:
         self._orders = self._foreign = None
 
     def request(self) -> None:
-        """Ask for the sample of the next ``read``, unless a question is on its way; never waits.
+        """Ask for the sample of the next ``read``, unless a request is in flight; never waits.
 
-        An answer that is late is waited for, and then one cycle goes without a sample: asked for at another time, the
+        A late reply is awaited, and then one cycle has no sample: requested at another time, the
         next one might be of the cycle before.
         """
         self._take()
@@ -329,7 +329,7 @@ class Link:
         """Return the newest sample of the tick's cycle; never waits."""
         now = self._now()
         elapsed, self._read_at = (now - self._read_at) * 1e-6, now
-        if elapsed > PAUSE * 1e3 * self._cycle:
+        if elapsed > MAX_TICK_GAP * 1e3 * self._cycle:
             self._watched = now
         self._take()
         if not self._requested:  # then it is the next tick that takes the sample
@@ -374,7 +374,7 @@ class Link:
         return (self._tick_phase - after + half) % self._cycle - half
 
     def switch_wheels(self, points: list[tuple[float, float]]) -> bool:
-        """Let the wheels' stiffness go through (time from now [s], stiffness); returns whether that was sent."""
+        """Send (time from now [s], stiffness) points for the wheels' stiffness; return True if they were sent."""
         self._writer.collect()
         now = self._clock.now(self._now())
         dates = [round(now + 1e3 * after) for after, _ in points]
@@ -396,12 +396,14 @@ class Link:
             commanded = np.full(1, np.nan)
         if commanded.shape != (len(keys),) or not np.isfinite(commanded).all():
             uri = self._connection.address.uri
-            raise BackendError(f"'{uri}': the robot does not say what its actuators are told now")
+            raise BackendError(
+                f"'{uri}': the robot does not report the present commands of its actuators"
+            )
         return commanded
 
     @property
     def stiffness(self) -> FloatArray:
-        """(17,) that the joints were last told to have, after ``start``."""
+        """(17,) last commanded to the joints, after ``start``."""
         assert self._orders is not None
         return self._orders.stiffness
 
@@ -412,7 +414,7 @@ class Link:
 
     @property
     def silence(self) -> float:
-        """For how long the robot has been taking nothing of what it was sent [s]; 0 where all was taken."""
+        """Time without acknowledgement of sent commands [s]; 0 if all were acknowledged."""
         return self._writer.silence
 
     @property
@@ -452,7 +454,7 @@ class Link:
         return trips, call("ALMemory", "getListData", keys.names)
 
     def _make_aliases(self) -> None:
-        """Let the DCM know the groups of actuators. It answers with their names, empty where it knows none."""
+        """Define the groups of actuators in the DCM. It replies with their names, empty on failure."""
         uri = self._connection.address.uri
         for alias, keys in self._actuators.items():
             answer = self._connection.call("DCM", "createAlias", [str(alias), keys])

@@ -1,8 +1,8 @@
 """Reader of the sensors and writer of the commands of the DCM.
 
-A robot that hung takes all that waits for it when it goes on, whatever its date: the DCM applies a command whose date
-has passed at its next cycle (NAOqi 2.5.10, page "DCM advanced"). So what is on its way may move no joint by more than a
-small step, and every command to the wheels ends in standing still.
+A robot that hung accepts all waiting commands when it continues, at any date: the DCM applies a command whose date
+has passed at its next cycle (NAOqi 2.5.10, page "DCM advanced"). So the commands in flight may move no joint by more
+than a small step, and every command to the wheels ends in standing still.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ CLOCK_PERIOD = 1_000_000_000
 """[ns] between two questions for the robot's time."""
 
 WARNING_PERIOD = 5_000_000_000
-"""[ns] between two warnings about samples that are none."""
+"""[ns] between two warnings about invalid samples."""
 
 
 class Reader:
@@ -38,7 +38,7 @@ class Reader:
         memory: Proxy of ALMemory.
         dcm: Proxy of the DCM.
         keys: What is read.
-        clock: Is told what the robot says of the time.
+        clock: Estimate that is updated with the robot's time.
         first: A sample that was read already.
         date: Of that sample [ms].
         now: This computer's clock [ns].
@@ -46,7 +46,7 @@ class Reader:
     Attributes:
         newest: The newest good sample.
         date: Its date [ms].
-        missing: Why the last answer was no good sample, for people; empty where it was one.
+        missing: Human-readable reason why the last reply was no valid sample; empty if it was.
     """
 
     def __init__(
@@ -90,10 +90,10 @@ class Reader:
         return True
 
     def ask(self, *, commands: bool = False) -> None:
-        """Ask for a sample, unless a question is on its way.
+        """Ask for a sample, unless a request is in flight.
 
         Args:
-            commands: Also ask what the DCM tells joints and wheels.
+            commands: Also ask for the DCM's commands to joints and wheels.
         """
         if self._question is not None or self._time_question is not None:
             return
@@ -158,12 +158,12 @@ class _TimeQuestion:
 Update = Literal["ClearAll", "ClearAfter"]
 
 OUTSTANDING = 2
-"""Commands that may be on their way."""
+"""Largest number of commands in flight."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class _Sent:
-    """A command on its way; ``done`` is told whether the robot took it."""
+class _CommandInFlight:
+    """A command in flight; ``done`` is called with True if the robot accepted it."""
 
     future: Future
     at: int
@@ -172,11 +172,11 @@ class _Sent:
 
 
 class Writer:
-    """Sends commands to the DCM and looks after their acknowledgements, without ever waiting.
+    """Sends commands to the DCM and tracks their acknowledgements, without ever waiting.
 
     Args:
         dcm: Its proxy.
-        max_step: What commands on their way may move a joint, all together [rad].
+        max_step: Largest motion of a joint by all commands in flight together [rad].
         now: This computer's clock [ns].
     """
 
@@ -187,10 +187,10 @@ class Writer:
         now: Callable[[], int] = time.perf_counter_ns,
     ) -> None:
         self._dcm, self._max_step, self._now = dcm, max_step, now
-        self._in_flight: list[_Sent] = []
-        self._unheard: dict[Alias, int] = {}
+        self._in_flight: list[_CommandInFlight] = []
+        self._unacknowledged: dict[Alias, int] = {}
         self._refused_before: set[Alias] = set()
-        self._taken: FloatArray | None = None
+        self._last_acknowledged: FloatArray | None = None
 
     @property
     def free(self) -> int:
@@ -204,10 +204,10 @@ class Writer:
 
     @property
     def silence(self) -> float:
-        """For how long the robot has been taking nothing of some kind of command [s]; 0 where all was taken."""
-        if not self._unheard:
+        """Longest time without acknowledgement, over the kinds of commands [s]; 0 if all were acknowledged."""
+        if not self._unacknowledged:
             return 0.0
-        return (self._now() - min(self._unheard.values())) * 1e-9
+        return (self._now() - min(self._unacknowledged.values())) * 1e-9
 
     def collect(self) -> None:
         """Take in the acknowledgements that have come meanwhile."""
@@ -216,40 +216,40 @@ class Writer:
             if sent.future.isRunning():
                 waiting.append(sent)
                 continue
-            taken = not sent.future.hasError()
-            if taken:
-                self._unheard.pop(sent.alias, None)
+            accepted = not sent.future.hasError()
+            if accepted:
+                self._unacknowledged.pop(sent.alias, None)
             else:
                 self._refused(sent)
             if sent.done is not None:
-                sent.done(taken)
+                sent.done(accepted)
         self._in_flight = waiting
         for sent in waiting:
-            self._unheard.setdefault(sent.alias, sent.at)
+            self._unacknowledged.setdefault(sent.alias, sent.at)
 
-    def position(self, wanted: FloatArray, date: int, done: Callable[[bool], None]) -> bool:
-        """Let the joints be at (17,) positions [rad] at a date [ms]; returns whether the command was sent.
+    def position(self, target: FloatArray, date: int, done: Callable[[bool], None]) -> bool:
+        """Send (17,) joint positions [rad] for an execution time [ms]; return True if they were sent.
 
         Not where it could come late together with others, and would then move a joint too far.
         """
         if self.free < 1:
             return False
         waiting = any(sent.alias is Alias.POSITION for sent in self._in_flight)
-        if waiting and not self._near(wanted):
+        if waiting and not self._near(target):
             return False
 
-        def acknowledged(taken: bool) -> None:
-            if taken:
-                self._taken = wanted
-            done(taken)
+        def acknowledged(accepted: bool) -> None:
+            if accepted:
+                self._last_acknowledged = target
+            done(accepted)
 
-        values = [[value] for value in wanted.tolist()]
+        values = [[value] for value in target.tolist()]
         return self.send(Alias.POSITION, "ClearAfter", [date], values, acknowledged)
 
-    def _near(self, wanted: FloatArray) -> bool:
+    def _near(self, target: FloatArray) -> bool:
         """Check that this command, and those in flight, move no joint far from the last one that the robot took."""
-        taken = self._taken
-        return taken is not None and float(np.abs(wanted - taken).max()) <= self._max_step
+        accepted = self._last_acknowledged
+        return accepted is not None and float(np.abs(target - accepted).max()) <= self._max_step
 
     def send(
         self,
@@ -259,14 +259,14 @@ class Writer:
         values: Sequence[Sequence[float]],
         done: Callable[[bool], None] | None = None,
     ) -> bool:
-        """Send one command; returns whether it is on its way.
+        """Send one command; return True if it is in flight.
 
         Args:
             alias: Of the actuators.
             update: What becomes of commands that the DCM has already.
             dates: (t) when [ms].
             values: For each actuator, t values.
-            done: Is told whether the robot took it.
+            done: Called with True if the robot accepted it.
         """
         if self.free < 1:
             return False
@@ -277,11 +277,11 @@ class Writer:
         except RuntimeError as error:  # the connection is lost
             logger.debug("not sent: %s", error)
             return False
-        self._in_flight.append(_Sent(future=future, at=now, alias=alias, done=done))
-        self._unheard.setdefault(alias, now)
+        self._in_flight.append(_CommandInFlight(future=future, at=now, alias=alias, done=done))
+        self._unacknowledged.setdefault(alias, now)
         return True
 
-    def _refused(self, sent: _Sent) -> None:
+    def _refused(self, sent: _CommandInFlight) -> None:
         if sent.alias in self._refused_before:
             return
         self._refused_before.add(sent.alias)

@@ -1,8 +1,8 @@
 """Other programs that command joints or wheels meanwhile: the DCM has no lock, and takes the orders of all.
 
-Two signs. What the DCM tells the motors is read back, and compared with what it was sent. And ALMotion, through which
-most programs move a robot, says where it wants the joints and whether it drives: its orders may be overruled by ours
-in every cycle, and the robot then jerks once we end. ALMotion does not see what the DCM is told (NAOqi 2.5 page
+Two signs. The commands of the DCM to the motors are read back, and compared with those sent to it. And ALMotion,
+through which most programs move a robot, reports its joint targets and whether it drives: our commands may override its
+own in every cycle, and the robot then jerks once we end. ALMotion does not see commands to the DCM (NAOqi 2.5 page
 "ALMotion advanced"); a joint without stiffness it takes to be where it is measured.
 """
 
@@ -19,14 +19,14 @@ from pepper_driver.config.arrays import FloatArray
 from pepper_driver.config.naoqi import ForeignCommandSettings
 
 MEASURED_TICKS = 6
-"""In which a joint without stiffness was where ALMotion says that it lies: both look at different moments."""
+"""In which a joint without stiffness was where ALMotion says that it lies: both are sampled at different moments."""
 
-SETTLING_LOOKS = 3
-"""Looks in which ALMotion comes to rest after its tasks were ended."""
+SETTLING_CHECKS = 3
+"""Checks in which ALMotion comes to rest after its tasks were ended."""
 
 
 class ForeignCommands:
-    """Looks for them, in looks of some ticks each.
+    """Detects them, in checks of some ticks each.
 
     Args:
         robot: Names joints and wheels.
@@ -36,7 +36,7 @@ class ForeignCommands:
         connection: With the robot.
 
     Attributes:
-        found: Joints and wheels that others commanded in the last two looks, by name.
+        found: Joints and wheels that others commanded in the last two checks, by name.
     """
 
     def __init__(
@@ -52,8 +52,8 @@ class ForeignCommands:
         self._joints = len(robot.joint_names)
         self._settings = settings
         self._positions, self._speeds = positions, speeds
-        self._look_ticks = round(settings.look / robot.cycle)
-        self._ticks = self._looks = 0
+        self._check_ticks = round(settings.check_time / robot.cycle)
+        self._ticks = self._checks = 0
         self._seen = np.zeros(len(self._names), dtype=np.bool_)
         self._seen_before = self._seen
         self._joint_names = list(robot.joint_names)
@@ -69,10 +69,10 @@ class ForeignCommands:
         self._drives = Call(motion, "moveIsActive", connection.address.uri)
 
     def read_back(self, commanded: FloatArray, date: int) -> None:
-        """Compare what the DCM told joints and wheels with what it was sent.
+        """Compare the DCM's commands to joints and wheels with those sent to it.
 
         Args:
-            commanded: (20,) what it told them [rad], [rad/s]; NaN where that is not known.
+            commanded: (20,) its commands [rad], [rad/s]; NaN where unknown.
             date: Of the cycle in which it did [ms].
         """
         settings, joints = self._settings, self._joints
@@ -82,13 +82,13 @@ class ForeignCommands:
             self._seen[:joints] |= off > settings.joint_tolerance
         bounds = self._speeds.bounds(date)
         if bounds is not None:
-            # Without a command in time wheels are told to stand.
+            # Without a command in time the DCM stops the wheels.
             lower, upper = np.minimum(bounds[0], 0.0), np.maximum(bounds[1], 0.0)
             off = _outside(commanded[joints:], lower, upper)
             self._seen[joints:] |= off > settings.wheel_tolerance
 
     def tick(self, position: FloatArray) -> None:
-        """Ask ALMotion, take its answers, and end a look once it is over; never waits.
+        """Ask ALMotion, read its replies, and end a check when it is complete; never waits.
 
         Args:
             position: (17,) where the joints are measured [rad].
@@ -96,12 +96,12 @@ class ForeignCommands:
         self._measured.append(position)
         self._ask_almotion()
         self._ticks += 1
-        if self._ticks >= self._look_ticks:
+        if self._ticks >= self._check_ticks:
             both = self._seen & self._seen_before
             self.found = tuple(self._names[place] for place in np.flatnonzero(both).tolist())
             self._seen_before, self._seen = self._seen, np.zeros_like(self._seen)
             self._ticks = 0
-            self._looks += 1
+            self._checks += 1
 
     def _ask_almotion(self) -> None:
         angles, drives = self._angles, self._drives
@@ -113,24 +113,24 @@ class ForeignCommands:
             self._seen[self._joints :] = True
         if self._ticks == 0:
             angles.begin(self._joint_names, False)
-        elif self._ticks == self._look_ticks // 2:
+        elif self._ticks == self._check_ticks // 2:
             drives.begin()
 
     def _compare_targets(self, answer: object) -> None:
-        """Compare where ALMotion wants the joints with where it wanted them at first, and where they are."""
+        """Compare ALMotion's joint targets with its first ones, and with the joints."""
         try:
-            wanted = np.array(answer, dtype=np.float64)
+            targets = np.array(answer, dtype=np.float64)
         except (TypeError, ValueError):
             return
-        if wanted.shape != (self._joints,):
+        if targets.shape != (self._joints,):
             return
-        if self._targets is None or self._looks < SETTLING_LOOKS:
-            self._targets = wanted
+        if self._targets is None or self._checks < SETTLING_CHECKS:
+            self._targets = targets
         tolerance = self._settings.joint_tolerance
         measured = np.array(self._measured)
-        lies = _outside(wanted, measured.min(axis=0), measured.max(axis=0)) <= tolerance
-        self._targets = np.where(lies, wanted, self._targets)
-        self._seen[: self._joints] |= np.abs(wanted - self._targets) > tolerance
+        lies = _outside(targets, measured.min(axis=0), measured.max(axis=0)) <= tolerance
+        self._targets = np.where(lies, targets, self._targets)
+        self._seen[: self._joints] |= np.abs(targets - self._targets) > tolerance
 
 
 def _outside(values: FloatArray, lower: FloatArray, upper: FloatArray) -> FloatArray:

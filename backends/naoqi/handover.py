@@ -20,16 +20,16 @@ from pepper_driver.config.signals import check_signals
 
 logger = logging.getLogger("pepper_driver")
 
-STANDING = 0.2
+WHEEL_STOP_SPEED = 0.2
 """[rad/s] below which wheels stand: 14 mm/s."""
 
 ARRIVED = 0.03
 """[rad] within which legs are where they should be: what they droop by."""
 
-HARDLY = 0.1
+MIN_STIFFNESS = 0.1
 """Stiffness below which a joint has none."""
 
-_STILL = np.zeros(3)
+WHEELS_AT_REST = np.zeros(3)
 
 
 def ramp_up(
@@ -59,7 +59,7 @@ def ramp_up(
     for _ in range(3):  # taking the robot over may have lasted: what was measured before is old
         next(paced_ticks)
         check()
-        measurement = link.exchange(None, _STILL, _STILL)
+        measurement = link.exchange(None, WHEELS_AT_REST, WHEELS_AT_REST)
     hold = np.clip(measurement.position, robot.lower, robot.upper)
     before = link.start()
     ticks, wheels_on = round(settings.timing.ramp_up / cycle), False
@@ -67,18 +67,18 @@ def ramp_up(
         next(paced_ticks)
         check()
         check_signals()
-        if not wheels_on and tick > ticks // 10:  # by now the wheels have been told to stand
-            # Before the tick's own commands: with them as many would be on their way as may be.
+        if not wheels_on and tick > ticks // 10:  # by now the wheels have a command to stand
+            # Before the tick's own commands, which use up the limit of commands in flight.
             wheels_on = link.switch_wheels([((ticks - tick) * cycle, 1.0)])
-        measurement = link.exchange(hold, np.maximum(before, tick / ticks), _STILL)
+        measurement = link.exchange(hold, np.maximum(before, tick / ticks), WHEELS_AT_REST)
         if not measurement.age <= safety.stale_fault:
             raise BackendError(
                 f"the robot stopped answering while its stiffness was raised: the newest sample is "
-                f"{1e3 * measurement.age:.0f} ms old; look at the network, then start again"
+                f"{1e3 * measurement.age:.0f} ms old; check the network, then start again"
             )
     if not wheels_on:
         raise BackendError(
-            "the robot took no command to switch its wheels on; look at the network, then start again"
+            "the robot took no command to switch its wheels on; check the network, then start again"
         )
     return hold, measurement
 
@@ -93,14 +93,15 @@ def let_go(
     """Stop the wheels, lead the legs back, make all other joints soft.
 
     The legs keep their stiffness, unless the settings say otherwise: without brakes the robot would bow. No joint gets
-    back what somebody else took away meanwhile; where that was the legs', as of a robot that goes to rest, they are not
-    led back either.
+    back the stiffness that another program lowered meanwhile; if it was the legs', as of a robot that goes to rest,
+    they are not led back either.
 
     Args:
         link: With the robot.
         robot: Its description.
         settings: How fast.
-        safety: Age of samples at which no leg is moved any further, and how much softer joints are that somebody took.
+        safety: Age of samples at which no leg is moved any further, and the loss of stiffness that counts as lowered by
+            another program.
         posture: (17,) where ALMotion last sent the joints [rad]: legs that it finds elsewhere jerk. NaN where it does
             not say.
 
@@ -110,10 +111,10 @@ def let_go(
     legs = np.array([name in robot.chains["legs"] for name in robot.joint_names])
     paced_ticks, begin = cycle_timer(robot.cycle, link=link), time.monotonic()
 
-    def tick(position: FloatArray | None, wanted: FloatArray) -> Measurement | None:
+    def tick(position: FloatArray | None, stiffnesses: FloatArray) -> Measurement | None:
         """None where the robot does not answer."""
         next(paced_ticks)
-        measurement = link.exchange(position, wanted, _STILL)
+        measurement = link.exchange(position, stiffnesses, WHEELS_AT_REST)
         patient = min(link.silence, time.monotonic() - begin) <= settings.end_silence
         return measurement if link.connected and patient else None
 
@@ -121,31 +122,33 @@ def let_go(
         measurement = tick(None, link.stiffness)
         if measurement is None:
             return False
-        standing = bool((np.abs(measurement.wheel_speed) < STANDING).all())
-        if number >= 2 and standing and link.idle:
+        at_rest = bool((np.abs(measurement.wheel_speed) < WHEEL_STOP_SPEED).all())
+        if number >= 2 and at_rest and link.idle:
             break
     off = [(2 * robot.cycle, 0.0)]
     wheels_off = link.switch_wheels(off)
 
     stiffness = link.stiffness
-    taken = _shown(link, stiffness) < stiffness - safety.stiffness_loss
+    lowered = _shown(link, stiffness) < stiffness - safety.stiffness_loss
     legs_home = np.full(len(legs), np.nan)
-    if (taken & legs).any():
-        logger.warning("somebody else made the legs soft: they are not moved any more")
+    if (lowered & legs).any():
+        logger.warning(
+            "another program lowered the stiffness of the legs: they are not moved any more"
+        )
     elif not _moved_by_others(link.newest, robot):
         legs_home = np.where(legs & np.isfinite(posture), posture, np.nan)
-    stiffness = np.where(taken, _shown(link, stiffness), stiffness)
-    if not _lead_back(link, robot, legs_home, settings, stiffness, safety.stale_fault, tick):
+    stiffness = np.where(lowered, _shown(link, stiffness), stiffness)
+    if not _return_legs(link, robot, legs_home, settings, stiffness, safety.stale_fault, tick):
         return False
 
     soft = np.zeros(len(legs)) if settings.release_legs else np.where(legs, stiffness, 0.0)
     ticks = round(settings.timing.ramp_down / robot.cycle)
     for number in range(1, ticks + 1):
         wheels_off = wheels_off or link.switch_wheels(off)
-        # Whoever takes stiffness away may not have ended yet.
-        soft = np.where(taken, np.fmin(soft, _shown(link, soft)), soft)
-        wanted = stiffness + (soft - stiffness) * number / ticks
-        if tick(None, np.where(taken, soft, wanted)) is None:
+        # The program that lowers the stiffness may still be running.
+        soft = np.where(lowered, np.fmin(soft, _shown(link, soft)), soft)
+        stiffnesses = stiffness + (soft - stiffness) * number / ticks
+        if tick(None, np.where(lowered, soft, stiffnesses)) is None:
             return False
     while not (wheels_off and link.idle and np.array_equal(link.stiffness, soft)):
         wheels_off = wheels_off or link.switch_wheels(off)
@@ -155,9 +158,9 @@ def let_go(
 
 
 def _shown(link: Link, otherwise: FloatArray) -> FloatArray:
-    """(17,) stiffness that the boards are told, as far as is known; hardly any is none."""
+    """(17,) stiffness at the motor boards, as far as known; a very small one counts as 0."""
     shown = link.newest.stiffness
-    return otherwise if shown is None else np.where(shown < HARDLY, 0.0, shown)
+    return otherwise if shown is None else np.where(shown < MIN_STIFFNESS, 0.0, shown)
 
 
 def _moved_by_others(measurement: Measurement, robot: RobotConfig) -> bool:
@@ -168,7 +171,7 @@ def _moved_by_others(measurement: Measurement, robot: RobotConfig) -> bool:
     return moved
 
 
-def _lead_back(
+def _return_legs(
     link: Link,
     robot: RobotConfig,
     goal: FloatArray,
@@ -179,27 +182,27 @@ def _lead_back(
 ) -> bool:
     """Lead joints to ``goal``, NaN where they stay; False where the robot does not answer.
 
-    Broken off by the button on the chest, by another program that moves legs, and without fresh samples: nobody else
-    looks after the robot any more.
+    Broken off by the button on the chest, by another program that moves legs, and without fresh samples: no other
+    program supervises the robot any more.
     """
     try:
         start = link.commanded(Alias.POSITION, settings.end_silence)
     except PepperError as error:
         logger.warning("%s", error)
         return False
-    way = np.where(np.isfinite(goal), goal - start, 0.0)
-    farthest = float(np.abs(way).max())
+    distance = np.where(np.isfinite(goal), goal - start, 0.0)
+    farthest = float(np.abs(distance).max())
     if farthest <= ARRIVED:
         return True
     speed = settings.timing.leg_return_speed
     ticks = round(PEAK_SPEED_RATIO * farthest / speed / robot.cycle)
     for number in range(1, ticks + 1):
-        measurement = tick(start + way * minimum_jerk(number / ticks), stiffness)
+        measurement = tick(start + distance * minimum_jerk(number / ticks), stiffness)
         if measurement is None:
             return False
         if not measurement.age <= stale or measurement.buttons.any():
             logger.warning(
-                "the legs do not go back to where ALMotion left them: before it moves them, let the robot rest"
+                "the legs do not return to where ALMotion left them: before it moves them, let the robot rest"
             )
             break
         if _moved_by_others(measurement, robot):

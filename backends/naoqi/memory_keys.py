@@ -1,4 +1,4 @@
-"""By which names the robot knows what is measured and commanded, and what a list of its values means."""
+"""Names of measured and commanded values in the robot's memory, and the meaning of a list of its values."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from pepper_driver.config import RobotConfig
 from pepper_driver.config.arrays import FloatArray
 
 MAY_LACK = ("temperature", "battery", "charging_flap")
-"""Without which a sample is good all the same: who watches them knows what to do about it."""
+"""A sample without these is still valid: the monitors that use them handle missing values."""
 
 ONE_BOARD = 2
 """Joints that a motor board drives at most, assumed: as many are missing when it is off."""
@@ -43,7 +43,7 @@ class Values:
 
 
 VALUES = tuple(field.name for field in fields(Values) if field.name not in ("shown", "commanded"))
-"""What of a sample goes into a measurement."""
+"""Parts of a sample that enter a measurement."""
 
 
 class SensorKeys:
@@ -51,11 +51,11 @@ class SensorKeys:
 
     Args:
         robot: Its description.
-        complete: Whether the robot must have all, but for those of ``MAY_LACK``; else it may lack any.
+        complete: True if the robot must have all, except those of ``MAY_LACK``; else it may lack any.
 
     Attributes:
         names: In the order in which they are asked for.
-        with_commands: The same, and then what the DCM tells joints and wheels.
+        with_commands: The same, followed by the DCM's commands to joints and wheels.
         needed: Those without which there is no sample.
     """
 
@@ -100,10 +100,10 @@ class SensorKeys:
         """Return what the answer to a question for ``names`` or ``with_commands`` means.
 
         Returns:
-            The sample; why it is no good one, for people, where it is none.
+            The sample, or a human-readable reason why it is invalid.
         """
         try:
-            # Without a value there is None, which becomes NaN.
+            # A missing value is None, which becomes NaN.
             values = np.array(answer, dtype=np.float64)
         except (TypeError, ValueError):
             values = np.array([_number(value) for value in _listed(answer)])
@@ -115,7 +115,7 @@ class SensorKeys:
         bad = ~np.isfinite(values) & self._needed
         if np.count_nonzero(bad):
             return self._without(np.flatnonzero(bad).tolist())
-        values.setflags(write=False)  # goes into measurements, which nobody changes
+        values.setflags(write=False)  # part of measurements, which are immutable
         part = {group: values[place] for group, place in self._places.items()}
         return Values(
             shown=int(np.nan_to_num(values[self._time])),

@@ -1,4 +1,4 @@
-"""Whatever else moves the joints: switched off for the time of a run, and restored.
+"""Other sources of motion: switched off for the time of a run, and restored.
 
 NAOqi 2.5 and 2.8 pages "ALMotion" (deactivation of safety reflexes), "Idle", "Self-collision avoidance API",
 "External-collision avoidance API", "Fall manager API", "Push recovery API", "Smart Stiffness API" and "Diagnosis effect
@@ -51,7 +51,7 @@ class Switch:
         setting: Key of ``naoqi_settings.yaml`` that says what is done about it.
         name: What stands for X.
         chain: What both methods take first, if anything.
-        text: What it is, for people.
+        text: Human-readable name.
     """
 
     setting: str
@@ -138,7 +138,7 @@ class Restoration:
         """Record how a change is undone. To be called before it is made: half a change is undone too.
 
         Args:
-            text: What is given back, for people.
+            text: Human-readable name of what is given back.
             service: That does it.
             method: Of the service.
             arguments: For the method.
@@ -152,7 +152,7 @@ class Restoration:
     def undo(self, connection: Connection) -> tuple[str, ...]:
         """Undo all, each whether or not another fails, and forget them; returns what could not be undone.
 
-        A robot that hangs, or is gone, is not waited for. Raises nothing.
+        Does not wait for a robot that hangs or is disconnected. Raises nothing.
         """
         left = []
         answers = _alive(connection, self._alive_time)
@@ -191,7 +191,7 @@ def _alive(connection: Connection, timeout: float) -> bool:
 
 
 POLL = 0.1
-"""[s] between two looks at what takes its time."""
+"""[s] between two checks of a slow operation."""
 
 
 class ConsentError(NotReadyError):
@@ -199,7 +199,7 @@ class ConsentError(NotReadyError):
 
 
 class TakeOver:
-    """Stills whoever else moves the robot, on ``begin`` or entering a block; gives back on ``restore`` or leaving it.
+    """Switches off other sources of motion on ``begin`` or entering a block; restores them on ``restore`` or its end.
 
     Giving back is in reverse order, each part whether or not another fails, and never raises.
 
@@ -211,8 +211,8 @@ class TakeOver:
         wake: Whether to wake up a robot at rest; it is sent to rest again in the end.
 
     Attributes:
-        posture: (17,) where ALMotion last sent the joints [rad], NaN without ALMotion. It does not see what the DCM is
-            told: joints that keep their stiffness must be back there before it moves them again, else they jerk
+        posture: (17,) where ALMotion last sent the joints [rad], NaN without ALMotion. It does not see the commands to
+            the DCM: joints that keep their stiffness must be back there before it moves them again, else they jerk
             (NAOqi 2.5 page "ALMotion advanced").
         kept: What is still on, because the owner did not allow that it is switched off.
         left: What could not be given back.
@@ -258,7 +258,7 @@ class TakeOver:
             NotConnectedError: The connection is lost.
         """
         try:
-            self._still()
+            self._disable_others()
         except BaseException:
             self.restore()
             raise
@@ -272,7 +272,7 @@ class TakeOver:
             )
 
     def restore(self, connection: Connection | None = None) -> None:
-        """Give all back. Does nothing where nothing was taken, or all is given back.
+        """Restore everything. Does nothing if nothing was switched off, or all is restored.
 
         Args:
             connection: Another one, where the first was lost.
@@ -280,7 +280,7 @@ class TakeOver:
         self.kept = ()
         self.left = self._changes.undo(connection or self._connection)
 
-    def _still(self) -> None:
+    def _disable_others(self) -> None:
         policy = self._policy
         woken = awake(self._connection)
         if policy.autonomous_life == "off":
@@ -352,7 +352,7 @@ class TakeOver:
         stays = f"'{self._connection.address.uri}': {switch.text} stays on{reason}"
         if switch.consent:
             raise ConsentError(
-                f"{stays}; let the robot's owner allow it on {self._consent_page()} (deactivation of safety "
+                f"{stays}; the robot's owner must allow it on {self._consent_page()} (deactivation of safety "
                 f"reflexes), or set '{switch.setting}: off if allowed' in a file for ?settings="
             )
         raise NotReadyError(
@@ -374,7 +374,7 @@ class TakeOver:
         self._changes.note(text, service, method, *arguments, timeout=limit)
 
     def _call_if_there(self, service: str, method: str, *arguments: object) -> Answer:
-        """Return the answer; None where the robot has no such thing, or not of this kind."""
+        """Return the reply; None if the robot has no such service or method."""
         try:
             return self._connection.call(service, method, *arguments)
         except (MissingServiceError, ServiceError) as error:

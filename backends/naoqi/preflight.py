@@ -34,15 +34,15 @@ from pepper_driver.backends.readiness import (
 from pepper_driver.config import NaoqiSettings, RobotConfig, SafetySettings
 
 CRITICAL = 2
-"""Level at which NAOqi itself sends the robot to rest, whatever the device. 1 is SERIOUS, 0 NEGLIGIBLE."""
+"""Level at which NAOqi itself sends the robot to rest, for any device. 1 is SERIOUS, 0 NEGLIGIBLE."""
 
 _TEXTS = {
     "Active": "failed the test that the robot makes when it wakes up",
-    "Passive": "its board does not answer, or tells of an error",
+    "Passive": "its board does not answer, or reports an error",
     "Temperature": "too hot",
 }
 _MOVING = ("Brake", "Fuse", "Battery", "Inertial", "ChestBoard")
-"""In names of devices without which nothing should move, beside joints and wheels."""
+"""Parts of names of other devices, next to joints and wheels, that must work before anything moves."""
 
 
 @dataclass
@@ -91,7 +91,7 @@ def _summary(connection: Connection, kind: str, found: dict[str, _Finding]) -> b
 
 
 def _keys(connection: Connection, found: dict[str, _Finding]) -> bool:
-    """Take in the keys; False where there are none."""
+    """Read the keys; return False if there are none."""
     try:
         listed = connection.call("ALMemory", "getDataList", "Diagnosis/")
         names = [
@@ -182,7 +182,7 @@ def awake(connection: Connection) -> bool:
 
 
 def _numbers(connection: Connection, robot: RobotConfig, names: Sequence[str]) -> list[float]:
-    """Values of keys behind the prefix, NaN where there is none."""
+    """Values of keys behind the prefix, NaN for missing ones."""
     keys = [robot.naoqi.prefix + name for name in names]
     values = connection.call("ALMemory", "getListData", keys)
     return [float(value) if is_number(value) else math.nan for value in values]
@@ -233,7 +233,7 @@ def preflight(
     if need_dcm and "DCM" not in connection.service_names:
         raise NotReadyError(
             f"'{uri}': this robot (NAOqi {version}) has no DCM, so its joints cannot be commanded every "
-            f"{robot.cycle * 1000:g} ms; with ?mode=angles it moves through ALMotion, slower, and touch is not felt"
+            f"{robot.cycle * 1000:g} ms; with ?mode=angles it moves through ALMotion, slower, and touch is not detected"
         )
     values = connection.call("ALMemory", "getListData", list(keys))
     missing = [key for key, value in zip(keys, values, strict=True) if not is_number(value)]
@@ -252,7 +252,7 @@ def is_number(value: object) -> bool:
 
 
 def _text(connection: Connection, key: str) -> str:
-    """Return a text in the memory; empty where there is none."""
+    """Return a text in the memory; empty if it is missing."""
     return _answer(connection, "ALMemory", "getData", key)
 
 

@@ -21,7 +21,7 @@ NAME = "PepperDriver"
 ASK_TIME = 0.3
 """[s] in which another driver on this computer answers. On another computer it cannot be asked."""
 
-ATTEMPTS, PAUSE = 4, 0.02
+ATTEMPTS, RETRY_PERIOD = 4, 0.02
 """To register, and [s] between two of them."""
 
 
@@ -45,7 +45,7 @@ class DriverService:
 
 
 class Presence:
-    """The service, registered by :meth:`begin` and taken out by :meth:`end`.
+    """The service, registered by :meth:`begin` and unregistered by :meth:`end`.
 
     Args:
         connection: With the robot.
@@ -60,7 +60,7 @@ class Presence:
         """Register. A robot that does not allow that is driven all the same, with a warning.
 
         Raises:
-            SecondDriverError: Another program drives it, and this one was not told to do so all the same.
+            SecondDriverError: Another program drives it, and this one was not started with the option to take over.
             NotConnectedError: The connection is lost.
         """
         for _ in range(ATTEMPTS):
@@ -74,14 +74,14 @@ class Presence:
             if other is not None:
                 self._replace(*other)
                 return
-            time.sleep(PAUSE)  # a name is taken some milliseconds before it is listed
+            time.sleep(RETRY_PERIOD)  # NAOqi reserves a name some milliseconds before it lists it
         logger.warning(
             "a second driver would not be noticed, as the robot keeps no service of ours: %s",
             refusal,
         )
 
     def _replace(self, number: int, text: str) -> None:
-        """Take the place of another driver's service, where that is wanted."""
+        """Replace another driver's service, if the caller asks for it."""
         uri = self._connection.address.uri
         if not self._force:
             raise SecondDriverError(
@@ -101,11 +101,11 @@ class Presence:
         if number is not None:
             try:
                 self._connection.unregister(number, ASK_TIME)
-            except PepperError as error:  # it goes with the connection
+            except PepperError as error:  # it ends with the connection
                 logger.debug("%s", error)
 
     def _other(self) -> tuple[int, str] | None:
-        """Return the number of the other driver's service, and who that is, for people; None where there is none."""
+        """Return the number of the other driver's service and a name of its program; None if there is none."""
         found = [service for service in self._connection.services if service["name"] == NAME]
         if not found:
             return None

@@ -23,7 +23,7 @@ PLATFORMS = "Linux on x86-64 with Python 3.11 or 3.12"
 """For which there is a package ``qi``."""
 
 Answer: TypeAlias = Any
-"""What a service answers: plain Python values, of which kind only the service knows."""
+"""Reply of a service: plain Python values, whose types the service defines."""
 
 Proxy: TypeAlias = Any
 """A service of a robot, as ``qi`` makes it: its methods are known only at run time.
@@ -115,7 +115,7 @@ def load_qi() -> ModuleType:
             "pinocchio was imported before NAOqi's library qi, and in this order they crash the process; in your "
             "program import pepper_driver, or qi, before pinocchio"
         )
-    # Read when it is loaded: else it writes into the standard output of every program, and takes 30 s, not 10.
+    # Read by qi at import; without them it writes into standard output, and its timeout is 30 s, not 10.
     os.environ.setdefault("QI_LOG_LEVEL", "0")
     os.environ.setdefault("QI_TCP_PING_TIMEOUT", "10")
     try:

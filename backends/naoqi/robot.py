@@ -1,4 +1,4 @@
-"""A robot that NAOqi moves: what all ways of moving it share."""
+"""A robot that NAOqi moves: common parts of all its modes."""
 
 from __future__ import annotations
 
@@ -43,14 +43,14 @@ logger = logging.getLogger("pepper_driver")
 class NaoqiRobot(Serial, Handled):
     """A Pepper over NAOqi. Subclasses say by which of its services it is moved.
 
-    ``open`` reads only. ``activate`` stills whoever else moves the robot and raises the stiffness; ``deactivate`` gives
-    the robot back. Nothing goes on by itself after the connection was lost: close, and open again.
+    ``open`` reads only. ``activate`` switches off other sources of motion and raises the stiffness; ``deactivate``
+    gives the robot back. Nothing continues by itself after a loss of connection: close, and open again.
 
     Args:
         address: Of the robot.
         robot: Its description.
         settings: How the driver gets on with NAOqi.
-        policy: Who else is switched off meanwhile, by default as the settings say.
+        policy: Other sources of motion to switch off meanwhile, by default as the settings say.
         wake: Whether a robot at rest is woken up, and sent to rest again.
         force: Activate also a robot that another program of this package drives.
     """
@@ -81,7 +81,7 @@ class NaoqiRobot(Serial, Handled):
         self._take_over: TakeOver | None = None
         self._held: FloatArray | None = None
 
-    # -- of each way --------------------------------------------------------------------------------------------
+    # -- of each mode -------------------------------------------------------------------------------------------
 
     @property
     @abstractmethod
@@ -90,7 +90,7 @@ class NaoqiRobot(Serial, Handled):
 
     @abstractmethod
     def _described(self, found: Preflight) -> tuple[int, str]:
-        """Delay of the answer to a command [steps], and identity: models of one way are none of another."""
+        """Delay of the answer to a command [steps], and identity: models of one mode do not fit another."""
 
     @abstractmethod
     def _begin(self, connection: Connection) -> Measurement:
@@ -128,7 +128,7 @@ class NaoqiRobot(Serial, Handled):
         """The robot is asked who it is when this is first looked at.
 
         Raises:
-            NotConnectedError: Nobody there.
+            NotConnectedError: No robot at this address.
             BackendError: It is no Pepper, or not a complete one.
         """
         if self._info is None:
@@ -138,7 +138,7 @@ class NaoqiRobot(Serial, Handled):
 
     @serial
     def open(self) -> Measurement:
-        """Connect and look at the robot. Nothing moves."""
+        """Connect to the robot and inspect it. Nothing moves."""
         if self._state != "closed":
             raise BackendError(f"'{self._address.uri}' is already open")
         connection = self._met()
@@ -210,7 +210,7 @@ class NaoqiRobot(Serial, Handled):
 
     @serial
     def deactivate(self) -> None:
-        """Stop, let the joints go, give the robot back. A robot that does not answer is left as it is."""
+        """Stop, release the joints, give the robot back. A robot that does not answer is left as it is."""
         if self._state != "active":
             return
         self._state = "open"
@@ -271,7 +271,7 @@ class NaoqiRobot(Serial, Handled):
         if simulated:
             capabilities |= {"push", "grab"}
         delay, identity = self._described(found)
-        way = identity.removeprefix(found.body_id)
+        mode = identity.removeprefix(found.body_id)
         self._info = BackendInfo(
             joint_names=self._robot.joint_names,
             cycle=self._robot.cycle,
@@ -279,7 +279,7 @@ class NaoqiRobot(Serial, Handled):
             capabilities=frozenset(capabilities),
             identity=identity,
             name=self.uri,
-            parents=tuple(replace(parent, identity=parent.identity + way) for parent in parents),
+            parents=tuple(replace(parent, identity=parent.identity + mode) for parent in parents),
         )
 
     def _met(self) -> Connection:
@@ -308,6 +308,6 @@ class NaoqiRobot(Serial, Handled):
         if self._lost or not self._connection.connected:
             raise NotConnectedError(
                 f"'{self._address.uri}': the connection was lost; the robot stops its wheels by itself and holds its "
-                "joints: look after it and the network, then start again"
+                "joints: check it and the network, then start again"
             )
         return self._connection

@@ -36,7 +36,7 @@ class NaoqiExtras(Extras):
 
     Args:
         uri: Of the backend.
-        connection: Gives the open connection, or raises why there is none.
+        connection: Returns the open connection, or raises with the reason.
         is_active: Whether the backend moves the robot now.
     """
 
@@ -88,8 +88,8 @@ class NaoqiExtras(Extras):
         self._check_inactive(f"go to posture '{name}'")
         if not self._call("postures", "goToPosture", name, speed, timeout=POSTURE_TIME):
             raise BackendError(
-                f"'{self._uri}' did not reach posture '{name}'; is it awake, is something in its way, and does it know "
-                "that posture?"
+                f"'{self._uri}' did not reach posture '{name}'; is it awake, is an obstacle in its path, and does it "
+                "have that posture?"
             )
 
     def wake_up(self) -> None:

@@ -33,14 +33,14 @@ class Handled(Backend):
 
     @abstractmethod
     def _met(self) -> Connection:
-        """Return the connection of a robot, made if there is none."""
+        """Return the connection of a robot; open it if necessary."""
 
     def schedule_push(self, push: Push) -> None:
         """Have a link of a stand-in pushed."""
         self._handle("push", push)
 
     def schedule_grab(self, grab: Grab) -> None:
-        """Have a link of a stand-in taken in a springy hand."""
+        """Grab a link of a stand-in by a hand that acts as a spring."""
         self._handle("grab", grab)
 
     @property
@@ -53,7 +53,7 @@ class Handled(Backend):
         return self._plant
 
     def _handle(self, method: Literal["push", "grab"], request: Push | Grab) -> None:
-        """Have a link pushed or grabbed; waits for the answer: a few milliseconds of a tick, on a robot that is none.
+        """Have a link pushed or grabbed; waits for the answer: a few milliseconds of a tick, on a simulated robot.
 
         Raises:
             UnknownNameError: No such link or frame.

@@ -99,8 +99,8 @@ def _middle(reply: TimeReply) -> float:
 KEPT_CYCLES = 128
 """[cycles] for which commands are remembered: after a second the gate has long stopped the robot."""
 
-FOLLOW = 0.1
-"""Share of a deviation by which the grid of cycles follows the dates of samples."""
+GRID_FILTER_GAIN = 0.1
+"""Fraction of a deviation by which the grid of cycles follows the times of samples."""
 
 RECOVERY_COMMANDS = 400
 """Commands in a row that could all have been for the cycle before, until one is left out: five seconds."""
@@ -135,7 +135,7 @@ class Cycles:
     def see(self, date: int) -> int:
         """Return the number of the cycle that a sample of this date is of."""
         number = self.number(date)
-        self._first += FOLLOW * (date - self._first - number * self.length)
+        self._first += GRID_FILTER_GAIN * (date - self._first - number * self.length)
         return number
 
 
@@ -156,7 +156,7 @@ class CommandScheduler:
         self._cycles, self._lead, self._delay = cycles, lead, delay
         self._number: int | None = None
         self._spare = 0
-        self._given: dict[int, tuple[int, bool]] = {}
+        self._commands_by_cycle: dict[int, tuple[int, bool]] = {}
 
     def next(self, now: float) -> int | None:
         """Return the cycle for a command that is sent at the DCM's date ``now`` [ms].
@@ -181,18 +181,18 @@ class CommandScheduler:
         self._number = nearest + ceil((earliest - self._cycles.date(nearest)) / length)
         return self._number
 
-    def given(self, step: int, number: int, *, sent: bool) -> None:
+    def note_command(self, step: int, number: int, *, sent: bool) -> None:
         """Record that the command of a step was for this cycle, and was sent, or withheld."""
-        self._given[number] = (step, sent)
-        for old in list(self._given):
+        self._commands_by_cycle[number] = (step, sent)
+        for old in list(self._commands_by_cycle):
             if old > number - KEPT_CYCLES:
                 break
-            del self._given[old]
+            del self._commands_by_cycle[old]
 
     def refused(self, number: int) -> None:
         """Record that the robot did not take the command for this cycle."""
-        if number in self._given:
-            self._given[number] = (self._given[number][0], False)
+        if number in self._commands_by_cycle:
+            self._commands_by_cycle[number] = (self._commands_by_cycle[number][0], False)
 
     def answers(self, step: int, sample: int) -> int | None:
         """Return how many commands before ``step`` the one was given that the sample of a cycle answers.
@@ -202,15 +202,15 @@ class CommandScheduler:
         """
         reached = sample - self._delay
         between = self._was_sent(reached - 1) and self._was_sent(reached + 1)
-        if reached in self._given and (self._was_sent(reached) or between):
-            return step - self._given[reached][0]
-        for number in reversed(self._given):
+        if reached in self._commands_by_cycle and (self._was_sent(reached) or between):
+            return step - self._commands_by_cycle[reached][0]
+        for number in reversed(self._commands_by_cycle):
             if number <= reached and self._was_sent(number):
-                return step - self._given[number][0]
+                return step - self._commands_by_cycle[number][0]
         return None
 
     def _was_sent(self, number: int) -> bool:
-        return self._given.get(number, (0, False))[1]
+        return self._commands_by_cycle.get(number, (0, False))[1]
 
 
 LEAST_CALLS = 20
@@ -220,16 +220,16 @@ LONGEST_BURST = 3.0
 """[s] for them, on the slowest of links."""
 
 ATTEMPTS = 3
-"""Bursts before a link is refused: one may have met something else that happened."""
+"""Bursts before a connection is refused: one of them may have met a disturbance."""
 
 CURE = (
-    "connect the robot by cable, or go nearer to the access point and end other traffic; "
+    "connect the robot by cable, or move it nearer to the access point and end other traffic; "
     "else move it through ALMotion, slower, by ?mode=angles"
 )
 
 
 class SlowLinkError(BackendError):
-    """The way to the robot takes too long, or its length varies too much, for control in every cycle."""
+    """The latency of the connection is too long, or varies too much, for control in every cycle."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -246,8 +246,8 @@ class RoundTrips:
     def of(cls, replies: Sequence[TimeReply]) -> Self:
         """Compute them from answers; ``jitter`` is the time of the slowest in a hundred beyond that of the quickest.
 
-        The quickest and this one together bound how much one way can vary. The very slowest call says more of what else
-        the two computers did at that moment than of the way.
+        The quickest and this one together bound the jitter of one direction. The very slowest call shows other activity
+        of the two computers rather than the connection.
         """
         times = np.array([reply.round_trip for reply in replies]) * 1e-3
         least, median, p95, p99 = np.percentile(times, [0, 50, 95, 99]).tolist()
@@ -284,11 +284,11 @@ def measure(
     *,
     clock: Callable[[], int] = time.perf_counter_ns,
 ) -> tuple[RoundTrips, list[TimeReply]]:
-    """Measure the way to the robot, and what its clock shows.
+    """Measure the latency of the connection, and read the robot's clock.
 
     Args:
         ask: Asks the robot for its time [ms], and waits for the answer.
-        settings: What is borne.
+        settings: Limits that are tolerated.
         uri: For the message.
         clock: Monotonic [ns].
 
@@ -314,14 +314,14 @@ def measure(
 
 
 LATER, SOONER = 25, 5
-"""Ticks in a row with all samples late, or early, before that is taken for usual."""
+"""Ticks in a row with all samples late, or early, before that counts as normal."""
 
 
 class Playout:
     """Gives each tick the sample of its own cycle of the robot, or the last before it.
 
-    Cycles go on by one a tick, as in a simulation: a sample that comes early waits for its tick, and one that does not
-    come is missed, which the tick is told. Where all come early or late for some time, cycles are counted again.
+    Cycles increase by one a tick, as in a simulation: a sample that comes early waits for its tick, and one that does
+    not come is reported as missed. Where all come early or late for some time, cycles are counted again.
 
     Args:
         length: Of a cycle [ms].
@@ -387,7 +387,7 @@ KEPT_COMMANDS = 128
 
 
 @dataclass(kw_only=True, slots=True, eq=False)
-class SentCommand:
+class ScheduledCommand:
     """A command (n,) that is to be reached at ``date``.
 
     Dates are of the DCM [ms]: ``sent`` is when it was sent, ``taken`` when its acknowledgement was seen, infinite where
@@ -397,15 +397,15 @@ class SentCommand:
     values: FloatArray
     date: int
     sent: float
-    taken: float = inf
+    acknowledged: float = inf
 
 
 class CommandHistory:
     """Commands for one group of actuators, in the order in which they were sent.
 
-    The DCM goes in a straight line from the command that it reached last to the next one that it has. So its value lies
-    within those from the last one that it surely reached up to the newest that may have come, whatever is late, left
-    out or refused.
+    The DCM interpolates linearly from the command that it reached last to the next one that it has. So its value lies
+    within those from the last one that it surely reached up to the newest that may have come, also if some are late,
+    left out or refused.
 
     Args:
         cycle: Of the DCM [ms]; dates are trusted to that.
@@ -413,25 +413,25 @@ class CommandHistory:
 
     def __init__(self, cycle: float) -> None:
         self._cycle = cycle
-        self._commands: deque[SentCommand] = deque(maxlen=KEPT_COMMANDS)
+        self._commands: deque[ScheduledCommand] = deque(maxlen=KEPT_COMMANDS)
 
-    def add(self, command: SentCommand) -> None:
+    def add(self, command: ScheduledCommand) -> None:
         """Take in a command that was sent."""
         self._commands.append(command)
 
     def bounds(self, date: float) -> tuple[FloatArray, FloatArray] | None:
         """Return the least and the largest values (n,) that the DCM may have at a cycle of this date [ms].
 
-        None where it may still be following what others told it before. Dates must not go back.
+        None where it may still follow earlier commands of others. Dates must not decrease.
         """
         sure = date - self._cycle
         reached = None
         for place, command in enumerate(self._commands):
-            if command.date <= sure and command.taken <= sure:
+            if command.date <= sure and command.acknowledged <= sure:
                 reached = place
         if reached is None:
             return None
         for _ in range(reached):
             self._commands.popleft()
-        under_way = np.array([c.values for c in self._commands if c.sent <= date + self._cycle])
-        return under_way.min(axis=0), under_way.max(axis=0)
+        in_flight = np.array([c.values for c in self._commands if c.sent <= date + self._cycle])
+        return in_flight.min(axis=0), in_flight.max(axis=0)

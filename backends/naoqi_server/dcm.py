@@ -38,8 +38,8 @@ def unwrapped(shown: int, near: int) -> int:
 class DcmClock:
     """Counts milliseconds from ``origin`` on, beginning when the monotonic clock shows ``begin`` [ns].
 
-    The count does not roll over; what the robot shows of it does. All processes of one machine share the monotonic
-    clock, so each can tell the robot's time without asking.
+    The count does not roll over; its value in the memory does. All processes of one machine share the monotonic
+    clock, so each can compute the robot's time without a request.
     """
 
     begin: int
@@ -69,7 +69,7 @@ TimedCommand = tuple[float, int]
 
 
 class BufferFullError(BackendError):
-    """An order with which more commands would wait for an actuator than its buffer holds. None of it was taken."""
+    """An order that would exceed the buffer of an actuator. None of it was accepted."""
 
 
 def after_order(
@@ -113,14 +113,14 @@ class DcmActuator:
         return dict(zip(self._dates, self._values, strict=True))
 
     def take(self, waiting: Mapping[int, float]) -> None:
-        """Let these commands, by date, wait from now on."""
+        """Replace the waiting commands by these, in order of time."""
         self._dates = sorted(waiting)
         self._values = [waiting[date] for date in self._dates]
 
     def advance(self, date: int) -> float:
         """Return the value at the date of a cycle, which is then sent; later than all dates before.
 
-        Commands whose date has come are used up. The value goes in a straight line from the value last sent, or from a
+        Commands whose time has come are removed. The value changes linearly from the value last sent, or from a
         command whose date came since then, to the next command. After the last one it stays.
         """
         if self._dates:
@@ -131,8 +131,8 @@ class DcmActuator:
                 start = max(start, self._dates[used - 1])
                 del self._dates[:used], self._values[:used]
             if self._dates and self._interpolates and start < date:
-                way = self._values[0] - self.sent
-                self.sent += way * (date - start) / (self._dates[0] - start)
+                distance = self._values[0] - self.sent
+                self.sent += distance * (date - start) / (self._dates[0] - start)
         self._cycle = date
         return self.sent
 
@@ -185,7 +185,7 @@ class Dcm:
             if len(after[key]) > BUFFER:
                 raise BufferFullError(
                     f"{len(after[key])} commands would wait for {key}, and its buffer holds {BUFFER}; "
-                    "nothing of this request was taken: send fewer, or clear those that wait"
+                    "nothing of this request was accepted: send fewer, or clear those that wait"
                 )
         for key, waiting in after.items():
             self.actuators[key].take(waiting)

@@ -26,7 +26,7 @@ class FaultKind:
         place: Who makes it happen.
         effect: What it does to the stand-in.
         source: When a real robot does this, and how that is known.
-        arguments: Names in the order in which they may be given, with their defaults; these tell the type.
+        arguments: Names in the order in which they may be given, with their defaults, which define the types.
         ranges: Least and most of some of them.
     """
 
@@ -49,7 +49,7 @@ FAULTS: Mapping[str, FaultKind] = {
     ),
     "blocked": FaultKind(
         place="link",
-        effect="nothing arrives in either direction and nobody is told; it all arrives at the end",
+        effect="nothing arrives in either direction, without an error; it all arrives at the end",
         source="out of reach of Wi-Fi; measured on a disabled interface: libqi notices after 30 s",
     ),
     "cut": FaultKind(
@@ -59,13 +59,13 @@ FAULTS: Mapping[str, FaultKind] = {
     ),
     "hang": FaultKind(
         place="process",
-        effect="SIGSTOP for the NAOqi process, SIGCONT at the end; the DCM and the robot go on",
+        effect="SIGSTOP for the NAOqi process, SIGCONT at the end; the DCM and the robot continue",
         source="a module that blocks NAOqi. Assumed: on the robot the DCM is part of NAOqi, and what the boards do "
         "without it is not published",
     ),
     "kill": FaultKind(
         place="process",
-        effect="kill -9 of the NAOqi process, a new one at the end; the DCM and the robot go on",
+        effect="kill -9 of the NAOqi process, a new one at the end; the DCM and the robot continue",
         source="a module that crashes NAOqi. Assumed, as for 'hang'",
     ),
     "stall": FaultKind(
@@ -83,7 +83,7 @@ FAULTS: Mapping[str, FaultKind] = {
     ),
     "error": FaultKind(
         place="services",
-        arguments={"calls": "DCM", "text": "the stand-in was told to refuse this"},
+        arguments={"calls": "DCM", "text": "the stand-in refuses this by an injected fault"},
         effect="calls are refused with an error; 'calls' as for 'stall'",
         source="NAOqi refuses with its method and a line of text; the text is assumed",
     ),
@@ -107,14 +107,14 @@ FAULTS: Mapping[str, FaultKind] = {
     ),
     "dropped": FaultKind(
         place="robot",
-        arguments={"share": 1.0},
-        effect="in this share of the cycles no sample is published: values and DCM/Time stand",
+        arguments={"fraction": 1.0},
+        effect="in this fraction of the cycles no sample is published: values and DCM/Time stand",
         source="ALMemory on NAOqi 2.8 is said to refresh at 2 Hz; a busy robot; assumed",
-        ranges={"share": (0.0, 1.0)},
+        ranges={"fraction": (0.0, 1.0)},
     ),
     "asleep": FaultKind(
         place="robot",
-        effect="no motor has power, whatever is ordered: brakes hold hip and knee, arms sink, wheels run out",
+        effect="no motor has power, for any command: brakes hold hip and knee, arms sink, wheels run out",
         source="ALMotion.rest, by the chest button, the fall manager or low battery; "
         "assumed: that a DCM client cannot wake it",
     ),
@@ -231,8 +231,8 @@ def parse_fault(text: str) -> InjectedFault:
 
 def _check_range(fault: str, key: str, value: float, least: float, most: float) -> None:
     if not least <= value <= most:
-        wanted = f"from {least:g} to {most:g}" if math.isfinite(most) else f"at least {least:g}"
-        raise ConfigError(f"fault '{fault}': {key} must be {wanted}, got {value:g}")
+        allowed = f"from {least:g} to {most:g}" if math.isfinite(most) else f"at least {least:g}"
+        raise ConfigError(f"fault '{fault}': {key} must be {allowed}, got {value:g}")
 
 
 def _checked(fault: str, key: str, value: object, default: Value) -> Value:
@@ -271,7 +271,7 @@ class Schedule:
         self._entries: dict[tuple[str, ...], _Entry] = {}
 
     def set(self, fault: InjectedFault, begin: Callable[[], None], end: Callable[[], None]) -> None:
-        """Let a fault happen.
+        """Inject a fault.
 
         Raises:
             PepperError: What ``begin`` raises, where that is called at once. Later it is only logged.

@@ -23,7 +23,7 @@ PACKET = 1 << 18
 
 
 def make_pair() -> tuple[socket.socket, socket.socket]:
-    """Two ends of a connection that keeps packets whole, whatever happens to who sends them."""
+    """Two ends of a connection that keeps packets whole, even if a sender is killed."""
     pair = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
     for end in pair:
         end.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, 2 * PACKET)
@@ -35,7 +35,7 @@ def send(end: socket.socket, message: dict[str, Any], *, wait: bool = True) -> N
 
     Raises:
         BackendError: It is too long.
-        OSError: Nobody is at the other end; or, when not to ``wait``, nobody reads there.
+        OSError: The other end is closed; or, without ``wait``, it does not read.
     """
     packet = json.dumps(message).encode()
     if len(packet) > PACKET:
@@ -44,7 +44,7 @@ def send(end: socket.socket, message: dict[str, Any], *, wait: bool = True) -> N
 
 
 def receive(end: socket.socket) -> dict[str, Any] | None:
-    """Return the next message; None once the other end is gone for good."""
+    """Return the next message; None once the other end is closed."""
     packet = end.recv(PACKET)
     if not packet:
         return None
@@ -63,7 +63,7 @@ class Line:
         end: Of the pair.
         other: Who is at the other end, for messages.
         handle_request: Answers requests of the other: ``handle_request(what, **arguments)``; its PepperError goes back.
-        gone: Called once the other is gone.
+        gone: Called once the other end is closed.
     """
 
     def __init__(
@@ -71,10 +71,10 @@ class Line:
         end: socket.socket,
         other: str,
         handle_request: Callable[..., None],
-        gone: Callable[[], None] = lambda: None,
+        on_end: Callable[[], None] = lambda: None,
     ) -> None:
         self._end, self._other = end, other
-        self._obey, self._gone = handle_request, gone
+        self._handle_request, self._on_end = handle_request, on_end
         self._lock = Lock()
         self._numbers = count()
         self._answers: SimpleQueue[dict[str, Any]] = SimpleQueue()
@@ -107,13 +107,13 @@ class Line:
                     continue
                 answer = {"number": message["number"]}
                 try:
-                    self._obey(message["ask"], **message["arguments"])
+                    self._handle_request(message["ask"], **message["arguments"])
                 except PepperError as error:
                     answer["error"] = str(error)
                 send(self._end, answer, wait=False)
         except OSError:
-            pass  # gone in the middle of it
-        self._gone()
+            pass  # closed in the middle of it
+        self._on_end()
 
 
 START_TIME = 30.0
@@ -126,7 +126,7 @@ def spawn(
     descriptors: Mapping[str, int],
     first: Mapping[str, Any] | None = None,
 ) -> tuple[subprocess.Popen[bytes], socket.socket]:
-    """Return a process of this package, and the line on which it says it is ready and hears that we are gone.
+    """Return a process of this package, and the connection on which it reports that it is ready and sees our end.
 
     Args:
         module: Its name in this package.
@@ -200,7 +200,7 @@ class Robot(Protocol):
         update: UpdateType,
         commands: Sequence[Sequence[TimedCommand]],
     ) -> None:
-        """Give the DCM timed commands (value, DCM time), a sequence for each actuator; taken when this returns.
+        """Give the DCM timed commands (value, DCM time), a sequence for each actuator; accepted when this returns.
 
         Raises:
             BackendError: A buffer is full, or the robot does not answer.
@@ -221,7 +221,7 @@ class Robot(Protocol):
         """
 
     def set_fault(self, name: str, **arguments: object) -> None:
-        """Let something be wrong with the robot, or change how.
+        """Inject a fault of the robot, or change it.
 
         Raises:
             BackendError: No such fault, or its arguments make no sense.
@@ -306,7 +306,7 @@ class RobotClient:
         self.ask("grab", **arguments)
 
     def set_fault(self, name: str, **arguments: object) -> None:
-        """Let something be wrong with the robot; see :meth:`Robot.set_fault`."""
+        """Inject a fault of the robot; see :meth:`Robot.set_fault`."""
         self.ask("set_fault", name=name, arguments=arguments)
 
     def clear_faults(self) -> None:

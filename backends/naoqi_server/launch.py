@@ -64,13 +64,13 @@ class Parts(Protocol):
         """Name or file of the network that it had at the start."""
 
     def signal_naoqi(self, number: int) -> None:
-        """Send the NAOqi process a signal; after SIGKILL it is gone when this returns."""
+        """Send the NAOqi process a signal; after SIGKILL it has ended when this returns."""
 
     def start_naoqi(self) -> None:
         """Start it again."""
 
-    def tell_naoqi(self, fault: InjectedFault | None) -> None:
-        """Let it set a fault of its services, or clear them."""
+    def inject_into_naoqi(self, fault: InjectedFault | None) -> None:
+        """Have it set a fault of its services, or clear them."""
 
 
 class FaultControl:
@@ -90,7 +90,7 @@ class FaultControl:
         if place == "robot":
             self._parts.robot.set_fault(fault.name, **fault.all_arguments)
         elif place == "services":
-            self._parts.tell_naoqi(fault)
+            self._parts.inject_into_naoqi(fault)
         elif place == "start":
             raise BackendError(f"fault '{fault.name}' is possible only at the start")
         else:
@@ -101,7 +101,7 @@ class FaultControl:
         """End all faults that can end; a NAOqi that was killed is started again."""
         self._schedule.clear()
         self._parts.robot.clear_faults()
-        self._parts.tell_naoqi(None)
+        self._parts.inject_into_naoqi(None)
 
     def handle_request(
         self, what: str, name: str = "", arguments: Mapping[str, object] | None = None
@@ -152,15 +152,15 @@ class StandIn:
         host: Address to listen at.
         port: And the port; 0 for a free one.
         clock: DCM time at the start [ms]; by default that of the day, as a robot has it.
-        consent: Whether the owner of the robot lets safety reflexes be switched off.
+        consent: True if the owner of the robot allows safety reflexes to be switched off.
         version: Of NAOqi; by default that of ``naoqi_services.yaml``.
-        outlive: How long the robot goes on when this process is killed [s].
+        outlive: Time that the robot continues after this process was killed [s].
         network: Name or file of the network in front of it; None for none, where its link cannot be changed either.
         login: Makes it NAOqi 2.9's endpoint: TLS, a user and a token.
         faults: What is wrong from the start.
 
     Attributes:
-        proxy: What its clients' connections go through; None for nothing.
+        proxy: Proxy of its clients' connections; None for none.
 
     Raises:
         PepperError: An argument is wrong, such as a plant, a world or a network that does not exist.
@@ -316,7 +316,7 @@ class StandIn:
 
     @checked_arguments
     def set_fault(self, text: str) -> None:
-        """Let something go wrong; see ``faults.parse_fault``.
+        """Inject a fault; see ``faults.parse_fault``.
 
         Raises:
             UnknownNameError: No such fault, or no such joint, sensor or network.
@@ -336,7 +336,7 @@ class StandIn:
 
     @checked_arguments
     def signal_naoqi(self, number: int) -> None:
-        """Send the NAOqi process a signal; when this returns it is gone after SIGKILL, and stands after SIGSTOP."""
+        """Send the NAOqi process a signal; when this returns it has ended after SIGKILL, and stands after SIGSTOP."""
         process = self.naoqi_process
         self._naoqi_killed = number == signal.SIGKILL
         process.send_signal(number)
@@ -345,8 +345,8 @@ class StandIn:
         elif number == signal.SIGSTOP:  # some of its threads may be in the middle of an answer
             os.waitid(os.P_PID, process.pid, os.WSTOPPED | os.WEXITED | os.WNOWAIT)
 
-    def tell_naoqi(self, fault: InjectedFault | None) -> None:
-        """Let NAOqi set a fault of its services, or clear them."""
+    def inject_into_naoqi(self, fault: InjectedFault | None) -> None:
+        """Have NAOqi set a fault of its services, or clear them."""
         if fault is None:
             self._naoqis_line.ask("clear_faults")
         else:
@@ -411,7 +411,7 @@ class StandIn:
         for process in (self._naoqi, self._robot):
             if process is not None:
                 with suppress(ProcessLookupError):
-                    process.kill()  # a process that was stopped takes nothing else
+                    process.kill()  # a stopped process handles no other signal
                 process.wait()
         self._naoqi = self._robot = None
         self._open.close()

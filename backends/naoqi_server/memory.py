@@ -54,7 +54,7 @@ class Memory:
         """Return the value of a key.
 
         Raises:
-            NoDataError: There is none.
+            NoDataError: The key does not exist.
         """
         if key in self._robot.keys:
             value = self._robot.value(key)
@@ -62,7 +62,7 @@ class Memory:
         return self._entry(key).value
 
     def get_list(self, keys: Sequence[str]) -> list[Value]:
-        """Values of several keys, the robot's all of one cycle; None where there is none."""
+        """Values of several keys, the robot's all of one cycle; None for unknown keys."""
         places, values = self._robot.keys, self._robot.values()
         found: list[Value] = []
         for key in keys:
@@ -80,7 +80,7 @@ class Memory:
         """Return the time at which the value was written, by the robot's clock [s since 1970].
 
         Raises:
-            NoDataError: There is none.
+            NoDataError: The key does not exist.
         """
         if key not in self._robot.keys:
             return self._entry(key).stamp
@@ -98,12 +98,12 @@ class Memory:
         """Return the kind of a key: data or an event.
 
         Raises:
-            NoDataError: There is none.
+            NoDataError: The key does not exist.
         """
         return "Data" if key in self._robot.keys else self._entry(key).kind
 
     def insert(self, key: str, value: Value) -> None:
-        """Put a value in; those who wait for an event of this name are not told."""
+        """Insert a value; subscribers of an event of this name are not notified."""
         with self._lock:
             if key in self._robot.keys:
                 return
@@ -118,7 +118,7 @@ class Memory:
             self._data[name] = _Entry(None if entry is None else entry.value, time.time(), kind)
 
     def raise_event(self, name: str, value: Value, kind: Kind = "Event") -> None:
-        """Keep the value, and tell it everybody who listens to this name."""
+        """Keep the value, and send it to all subscribers of this name."""
         with self._lock:
             self._data[name] = _Entry(value, time.time(), kind)
             listeners = list(self._listeners.get(name, ()))
@@ -129,7 +129,7 @@ class Memory:
         """Forget a key.
 
         Raises:
-            NoDataError: There is none.
+            NoDataError: The key does not exist.
         """
         with self._lock:
             self._entry(key)
@@ -148,7 +148,7 @@ class Memory:
 
 
 PERIOD = 0.012
-"""[s] between two looks: that of the sensors."""
+"""[s] between two readings: the period of the sensors."""
 
 CLICKS = (
     "ALChestButton/SimpleClickOccurred",
@@ -163,7 +163,7 @@ BUTTON = "ChestButtonPressed"
 
 
 class SensorEvents:
-    """Looks at the sensors on a thread of its own.
+    """Reads the sensors on a thread of its own.
 
     Attributes:
         on: Whether events are raised. On a robot the module ALTouch raises them, and can be ended.
@@ -188,17 +188,17 @@ class SensorEvents:
         return dict(zip(names, (value > 0.0 for value in self._last), strict=True))
 
     def start(self) -> None:
-        """Begin to look, until the process ends."""
+        """Begin to read, until the process ends."""
         Thread(target=self._run, name="sensor events", daemon=True).start()
 
     def _run(self) -> None:
         while True:
             time.sleep(PERIOD)
             if self.on:
-                self.look(time.monotonic())
+                self.read_sensors(time.monotonic())
 
-    def look(self, now: float) -> None:
-        """Raise what changed since the last look; ``now`` [s] is told for the clicks."""
+    def read_sensors(self, now: float) -> None:
+        """Raise events of changes since the last reading; ``now`` [s] dates the clicks."""
         values = self._robot.values()
         new = [values[place] for place in self._places]
         changed = []

@@ -24,7 +24,7 @@ from pepper_driver.backends.naoqi_server.tls import Login, make_certificate
 from pepper_driver.config import Network, PepperError, load_network
 
 LinkState = Literal["open", "blocked", "cut"]
-"""``blocked``: nothing arrives and nobody is told, as out of reach of Wi-Fi; what was sent arrives once the link is
+"""``blocked``: nothing arrives, without an error, as out of reach of Wi-Fi; what was sent arrives once the link is
 open again, as TCP repeats it. ``cut``: connections are closed at both ends, and new ones at once."""
 
 Greeting = Callable[[asyncio.StreamReader, asyncio.StreamWriter], Awaitable[bytes | None]]
@@ -39,7 +39,7 @@ class Relay:
     Args:
         server: Host and port.
         network: Delays.
-        greeting: Lets clients in; None lets all in.
+        greeting: Admits clients; None admits all.
         seed: Of the delays.
     """
 
@@ -93,14 +93,14 @@ class Relay:
             writers.append(server)
             self._writers.add(server)
             server.write(first)
-            ways = [
+            directions = [
                 asyncio.create_task(self._carry(reader, server)),
                 asyncio.create_task(self._carry(answers, writer)),
             ]
-            await asyncio.wait(ways, return_when=asyncio.FIRST_COMPLETED)
-            await _end(*ways)
+            await asyncio.wait(directions, return_when=asyncio.FIRST_COMPLETED)
+            await _end(*directions)
         except OSError:
-            pass  # an end is gone: so is the other, below
+            pass  # one end is closed: the other is closed below
         finally:
             for end in writers:
                 self._writers.discard(end)
@@ -108,14 +108,14 @@ class Relay:
 
     async def _carry(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         """One direction, until an end closes: take packets as they come, hand each on when it is due."""
-        under_way: asyncio.Queue[tuple[float, bytes]] = asyncio.Queue()
-        delivery = asyncio.create_task(self._deliver(under_way, writer))
+        in_flight: asyncio.Queue[tuple[float, bytes]] = asyncio.Queue()
+        delivery = asyncio.create_task(self._deliver(in_flight, writer))
         due = 0.0
         try:
             while True:
                 data = await reader.read(PACKET)
                 due = max(due, asyncio.get_running_loop().time() + self._delay())
-                under_way.put_nowait((due, data))
+                in_flight.put_nowait((due, data))
                 if not data:
                     await delivery
                     return
@@ -123,11 +123,11 @@ class Relay:
             await _end(delivery)
 
     async def _deliver(
-        self, under_way: asyncio.Queue[tuple[float, bytes]], writer: asyncio.StreamWriter
+        self, in_flight: asyncio.Queue[tuple[float, bytes]], writer: asyncio.StreamWriter
     ) -> None:
         clock = asyncio.get_running_loop().time
         while True:
-            due, data = await under_way.get()
+            due, data = await in_flight.get()
             if (rest := due - clock()) > 0:
                 await asyncio.sleep(rest)
             await self._passing.wait()
@@ -154,21 +154,21 @@ async def _end(*tasks: asyncio.Task[None]) -> None:
 
 
 PROCESS_TIMEOUT = 10.0
-"""[s] for the process to do as it is told, on a busy machine."""
+"""[s] for the process to execute a request, on a busy machine."""
 
 
 class NetworkProxy:
     """Listens in place of a server, and carries each connection over a link with delays that can be blocked and cut.
 
     A client of qi that connects here sends everything here: the server's services belong to the service directory it
-    connects to, so it opens no second connection to the endpoints that the directory tells.
+    connects to, so it opens no second connection to the endpoints of the directory.
 
     Args:
-        server: Host and port of the server. A client that connects while nobody listens there is disconnected.
+        server: Host and port of the server. A client that connects while no server listens there is disconnected.
         host: Address to listen on.
         port: Port to listen on; 0 takes a free one.
         network: Name of a network in ``config/networks``, or a file.
-        login: Makes it NAOqi 2.9's door: TLS with a certificate of its own, and a user with a token. None lets all in.
+        login: Makes it NAOqi 2.9's door: TLS with a certificate of its own, and a user with a token. None admits all.
         seed: Of the delays.
 
     Attributes:
@@ -216,7 +216,7 @@ class NetworkProxy:
             BackendError: The proxy is closed.
         """
         load_network(name)
-        self._tell({"network": name})
+        self._send_change({"network": name})
 
     def link(self, state: LinkState) -> None:
         """Open, block or cut the link.
@@ -224,7 +224,7 @@ class NetworkProxy:
         Raises:
             BackendError: The proxy is closed.
         """
-        self._tell({"link": state})
+        self._send_change({"link": state})
 
     def close(self) -> None:
         """Cut the link and end the process. Does nothing when closed."""
@@ -235,8 +235,8 @@ class NetworkProxy:
             self._process.kill()
             self._process.wait()
 
-    def _tell(self, change: dict[str, str]) -> None:
-        """Let the process change the link, and wait until it has."""
+    def _send_change(self, change: dict[str, str]) -> None:
+        """Have the process change the connection, and wait until it has."""
         with self._lock:
             try:
                 send(self._end, change)
@@ -311,7 +311,9 @@ def main(arguments: list[str]) -> int:
     parser = argparse.ArgumentParser()
     parser.add_argument("--owner", type=int, required=True, metavar="DESCRIPTOR")
     owner = socket.socket(fileno=parser.parse_args(arguments).owner)
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # for whoever started this; it then ends us
+    signal.signal(
+        signal.SIGINT, signal.SIG_IGN
+    )  # handled by the parent process, which then ends us
     # select takes microseconds, epoll in Python whole milliseconds
     loop = asyncio.SelectorEventLoop(selectors.SelectSelector())
     loop.run_until_complete(_serve(owner))

@@ -24,7 +24,7 @@ class RobotFault:
 
 
 class Asleep(RobotFault):
-    """Hardness of all joints, stiffness and speed of all wheels are zero, whatever is ordered."""
+    """Hardness of all joints, stiffness and speed of all wheels are zero, for any command."""
 
     def __init__(
         self, robot: RobotConfig, keys: Mapping[str, int], arguments: Mapping[str, Value]
@@ -43,7 +43,7 @@ class Asleep(RobotFault):
 
 
 class Disconnected(RobotFault):
-    """The sensors of a joint stand where they were; its motor gets nothing, whatever the DCM shows that it orders."""
+    """The sensors of a joint stand where they were; its motor has no power, for any command that the DCM shows."""
 
     def __init__(
         self, robot: RobotConfig, keys: Mapping[str, int], arguments: Mapping[str, Value]
@@ -74,18 +74,18 @@ class Disconnected(RobotFault):
 
 
 class Dropped(RobotFault):
-    """In a share of the cycles nothing new is published, drawn again for each; dates stand with the values."""
+    """In a fraction of the cycles nothing new is published, drawn for each; times stand with the values."""
 
     def __init__(
         self, robot: RobotConfig, keys: Mapping[str, int], arguments: Mapping[str, Value]
     ) -> None:
-        self._share = float(arguments["share"])
+        self._fraction = float(arguments["fraction"])
         self._random = random.Random(0)
         self._shown: FloatArray | None = None
 
     def sensors(self, values: FloatArray) -> None:
         """Repeat the previous sample."""
-        if self._shown is not None and self._random.random() < self._share:
+        if self._shown is not None and self._random.random() < self._fraction:
             values[:] = self._shown
         else:
             self._shown = values.copy()
@@ -193,12 +193,12 @@ class RobotFaults:
         self._set.clear()
 
     def actuators(self, values: list[float]) -> None:
-        """Let each change what the DCM sends."""
+        """Have each fault change the output of the DCM."""
         for fault in self._on():
             fault.actuators(values)
 
     def sensors(self, values: FloatArray) -> None:
-        """Let each change what is published."""
+        """Have each fault change the published values."""
         for fault in self._on():
             fault.sensors(values)
 

@@ -1,6 +1,6 @@
 """Process of the simulated robot: one cycle every 12 ms, its hardware by keys of the DCM.
 
-Started by ``launch.StandIn``. It ends when told to, and when whoever started it is gone.
+Started by ``launch.StandIn``. It ends on request, and when its parent process has ended.
 """
 
 from __future__ import annotations
@@ -209,13 +209,13 @@ class RobotProcess:
         self._publish(time.monotonic_ns())
 
     def run(self, ends: list[socket.socket], outlive: float) -> None:
-        """Make cycles until the first of ``ends``, that of whoever started this, is closed for ``outlive`` [s]."""
+        """Make cycles until the first of ``ends``, that of the parent process, is closed for ``outlive`` [s]."""
         owner, last = ends[0], None
         period = self._cycle_ms * 1_000_000
         while last is None or time.monotonic_ns() < last:
             due = self._clock.begin + (self._cycle + 1) * period
             waiting = True
-            while waiting:  # at least one look at the requests in every cycle
+            while waiting:  # requests are read at least once in every cycle
                 wait = max(0, due - time.monotonic_ns())
                 for end in select.select(ends, [], [], wait * 1e-9)[0]:
                     if not self._answer(end):
@@ -248,7 +248,7 @@ class RobotProcess:
         self._table.record((self._cycle, date, due, end, *orders, *state))
 
     def _answer(self, end: socket.socket) -> bool:
-        """Do what one message asks for; False once nobody is left at the other end."""
+        """Execute the request of one message; return False once the other end is closed."""
         try:
             message = receive(end)
         except ConnectionError:
@@ -260,14 +260,14 @@ class RobotProcess:
             self._handlers[message["ask"]](**message["arguments"])
         except PepperError as error:
             answer["error"] = str(error)
-        except Exception as error:  # whatever was asked for, a robot goes on
+        except Exception as error:  # a failed request must not stop the robot
             answer["error"] = f"{message['ask']}: {type(error).__name__}: {error}"
-        with suppress(OSError):  # whoever asked is gone, or does not read
+        with suppress(OSError):  # the client has ended, or does not read
             send(end, answer, wait=False)
         return True
 
     def _know_naoqi(self, pid: int) -> None:
-        """Remember the NAOqi process, which ends with this one: a stopped one does not see that its owner is gone."""
+        """Remember the NAOqi process, which ends with this one: a stopped one does not see that its owner has ended."""
         self._naoqi = os.pidfd_open(pid)
 
     def end(self) -> None:
@@ -295,7 +295,7 @@ def _arrays(arguments: dict[str, Any], *names: str) -> dict[str, Any]:
 
 
 def main(arguments: list[str]) -> int:
-    """Entry of the process; says in one message to whoever started it that the robot runs, or why not."""
+    """Entry of the process; reports in one message to its parent that the robot runs, or why not."""
     parser = argparse.ArgumentParser()
     parser.add_argument("--uri", required=True)
     parser.add_argument("--clock", type=int, required=True)
@@ -303,7 +303,9 @@ def main(arguments: list[str]) -> int:
     for name in ("--table", "--owner", "--naoqi"):
         parser.add_argument(name, type=int, required=True, metavar="DESCRIPTOR")
     given = parser.parse_args(arguments)
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # for whoever started this; it then ends us
+    signal.signal(
+        signal.SIGINT, signal.SIG_IGN
+    )  # handled by the parent process, which then ends us
     owner, naoqi = socket.socket(fileno=given.owner), socket.socket(fileno=given.naoqi)
     with suppress(PermissionError, AttributeError):  # a robot does not wait for other programs
         os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(30))

@@ -1,6 +1,6 @@
 """Process of NAOqi: the services that clients see.
 
-Started by ``launch.StandIn``. It ends when told to, and when whoever started it is gone.
+Started by ``launch.StandIn``. It ends on request, and when its parent process has ended.
 """
 
 from __future__ import annotations
@@ -100,12 +100,12 @@ class NaoqiServer:
         robot: Connection to the robot process.
         host: Address to listen at.
         port: And the port; 0 for a free one.
-        owner: End of the line to whoever started this; the process ends with it.
-        consent: Whether the owner of the robot lets safety reflexes be switched off.
+        owner: Connection to the parent process; this process ends with it.
+        consent: True if the owner of the robot allows safety reflexes to be switched off.
         version: Of NAOqi; "" for that of ``naoqi_services.yaml``.
 
     Attributes:
-        faults: Takes what is to go wrong.
+        faults: Receives the injected faults.
     """
 
     def __init__(
@@ -133,7 +133,7 @@ class NaoqiServer:
             services=lambda: self._offered,
             call=self._call,
         )
-        # Clients are let in once everything is there; a session that does not listen offers nothing.
+        # Clients are admitted once everything is registered; a session that does not listen has no services.
         self._session.listenStandalone("tcp://127.0.0.1:0")
         self.faults = context.faults
         self._services = {
@@ -159,7 +159,7 @@ class NaoqiServer:
         return int(self._session.endpoints()[-1].rpartition(":")[2])
 
     def _offer(self, name: str, there: bool) -> None:
-        """Let a service be there for clients, or not."""
+        """Register a service for clients, or unregister it."""
         if name not in self._services:
             raise UnknownNameError("service", name, self._services)
         if there and name not in self._offered:
@@ -168,7 +168,7 @@ class NaoqiServer:
             self._session.unregisterService(self._offered.pop(name))
 
     def _call(self, service: str, method: str, *arguments: object) -> None:
-        """Call a service, whoever offers it, without waiting for it or caring whether it fails."""
+        """Call a service of any provider, without waiting for it; failures are ignored."""
 
         def made(future: qi.Future) -> None:
             if not future.hasError():
@@ -178,7 +178,7 @@ class NaoqiServer:
 
 
 def main(arguments: list[str]) -> int:
-    """Entry of the process; says in one message to whoever started it at which port it listens, or why not."""
+    """Entry of the process; reports in one message to its parent at which port it listens, or why not."""
     parser = argparse.ArgumentParser()
     parser.add_argument("--host", required=True)
     parser.add_argument("--port", type=int, required=True)
@@ -188,9 +188,11 @@ def main(arguments: list[str]) -> int:
         parser.add_argument(name, type=int, required=True, metavar="DESCRIPTOR")
     parser.add_argument("--faults", type=json.loads, default=[])
     given = parser.parse_args(arguments)
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # for whoever started this; it then ends us
+    signal.signal(
+        signal.SIGINT, signal.SIG_IGN
+    )  # handled by the parent process, which then ends us
     owner, robot = socket.socket(fileno=given.owner), socket.socket(fileno=given.robot)
-    # A robot's computer has nothing else to do. Before the threads are made: they have the priority of who makes them.
+    # A robot's computer has no other work. Before threads are made: they inherit the priority of their creator.
     with suppress(OSError, AttributeError):
         os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(20))
     config = load_robot()

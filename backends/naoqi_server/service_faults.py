@@ -52,7 +52,7 @@ class ServiceFaults:
             self._changed.notify_all()
 
     def clear(self) -> None:
-        """End them all: calls that were held up go on."""
+        """End them all: delayed calls continue."""
         with self._changed:
             self._switches.clear()
             self._changed.notify_all()
@@ -136,9 +136,9 @@ class FaultRouter:
 
     Args:
         robot: Has its own.
-        owner: End of the line to whoever started this process, who has those of the link and of the process as a whole.
-        offer: ``offer(service, there)`` lets a service be there or not.
-        gone: Called when whoever started this is gone.
+        owner: Connection to the parent process, which handles faults of the connection and of this whole process.
+        offer: ``offer(service, there)`` registers a service or unregisters it.
+        gone: Called when the parent process has ended.
 
     Attributes:
         services: What calls of services pass.
@@ -149,12 +149,12 @@ class FaultRouter:
         robot: Robot,
         owner: socket.socket,
         offer: Callable[[str, bool], None],
-        gone: Callable[[], None],
+        on_end: Callable[[], None],
     ) -> None:
         self.services = ServiceFaults()
         self._robot, self._offer = robot, offer
         self._schedule = Schedule()
-        self._owner = Line(owner, "launcher", self._obey, gone)
+        self._owner = Line(owner, "launcher", self._handle_request, on_end)
 
     def set(self, name: str, arguments: Mapping[str, Any]) -> None:
         """Set a fault. One of the link or of the process begins a moment after this returns.
@@ -199,7 +199,7 @@ class FaultRouter:
         self.services.clear()
         self._schedule.clear()
 
-    def _obey(
+    def _handle_request(
         self, what: str, name: str = "", arguments: Mapping[str, object] | None = None
     ) -> None:
         if what == "set_fault":

@@ -1,4 +1,4 @@
-"""Values that the robot's process shares with NAOqi's: a block of memory, its keys, and the black box."""
+"""Values shared by the robot's process and NAOqi's: a block of memory, its keys, and the black box."""
 
 from __future__ import annotations
 
@@ -63,8 +63,9 @@ class BlackBox:
         date: (n,) DCM time of the cycle [ms], 32 bits.
         begin: (n,) when it was due, on the machine's monotonic clock [s]: ``time.monotonic()`` of any process.
         end: (n,) when its values were published [s].
-        orders: (n,) orders the DCM had taken by then.
-        wheel_order: (n,) when the last one for a wheel's speed was taken, on the same clock [s]; 0 before the first.
+        orders: (n,) orders that the DCM had accepted by then.
+        wheel_order: (n,) time at which the last one for a wheel's speed was accepted, on the same clock [s]; 0 before
+            the first.
         position: (n, 17) true joint positions at the end of the cycle [rad], without encoder and transport.
         wheel_speed: (n, 3) true speeds [rad/s].
         base: (n, 3) where the base is: x, y [m], yaw [rad].
@@ -111,9 +112,9 @@ _HEADER = 8
 class Table:
     """One file without a name, mapped by every process that was handed its descriptor.
 
-    The values stand in it twice. The writer fills the half that nobody looks at and then counts up, so that a reader is
-    never held up, not even by a writer that was stopped in the middle; a reader that was itself so slow that the count
-    went on reads again.
+    The values stand in it twice. The writer fills the half that is not being read and then counts up, so that a reader
+    is never held up, not even by a writer that was stopped in the middle; a reader that was itself so slow that the
+    count went on reads again.
 
     Args:
         file: Descriptor of the file; see :meth:`make_file`.
@@ -135,7 +136,7 @@ class Table:
 
     @staticmethod
     def make_file() -> int:
-        """Descriptor of a new file in memory, gone with the last process that has it."""
+        """Descriptor of a new file in memory, removed with the last process that has it."""
         folder = "/dev/shm" if os.path.isdir("/dev/shm") else None
         with tempfile.TemporaryFile(dir=folder) as file:
             return os.dup(file.fileno())

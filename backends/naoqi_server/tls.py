@@ -36,7 +36,7 @@ class Login:
     async def greet(
         self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter
     ) -> bytes | None:
-        """Read the first message of a client; None where it is refused, which it is told as libqi does."""
+        """Read the first message of a client; None if it is refused, with the reply of libqi."""
         try:
             async with asyncio.timeout(LOGIN_TIMEOUT):
                 header = await reader.readexactly(HEADER.size)
@@ -88,7 +88,7 @@ def read_capabilities(body: bytes) -> dict[str, object]:
             else:
                 break
     except (struct.error, UnicodeDecodeError):
-        pass  # cut short, or no map: whoever says that is refused
+        pass  # truncated, or no map: the client is refused
     return found
 
 

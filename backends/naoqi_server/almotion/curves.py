@@ -44,13 +44,14 @@ class Spline:
             return self._values[-1]
         index = max(bisect_right(self._times, time) - 1, 0)
         step = self._times[index + 1] - self._times[index]
-        share = max(time - self._times[index], 0.0) / step
+        fraction = max(time - self._times[index], 0.0) / step
         left, right = self._values[index], self._values[index + 1]
         slope, next_slope = self._slopes[index] * step, self._slopes[index + 1] * step
         rise = right - left
-        return left + share * (
+        return left + fraction * (
             slope
-            + share * (3 * rise - 2 * slope - next_slope + share * (slope + next_slope - 2 * rise))
+            + fraction
+            * (3 * rise - 2 * slope - next_slope + fraction * (slope + next_slope - 2 * rise))
         )
 
 
@@ -106,10 +107,10 @@ class Bezier:
         return left.time, after, before, right.time
 
 
-def _cubic(points: tuple[float, float, float, float], share: float) -> float:
+def _cubic(points: tuple[float, float, float, float], fraction: float) -> float:
     a, b, c, d = points
-    rest = 1 - share
-    return rest**3 * a + 3 * rest**2 * share * b + 3 * rest * share**2 * c + share**3 * d
+    rest = 1 - fraction
+    return rest**3 * a + 3 * rest**2 * fraction * b + 3 * rest * fraction**2 * c + fraction**3 * d
 
 
 def approach(
@@ -122,9 +123,9 @@ def approach(
     """
     gap = target - position
     brakes = acceleration * (sqrt(dt * dt + 2 * abs(gap) / acceleration) - dt)
-    wanted = copysign(min(speed, brakes), gap)
+    goal = copysign(min(speed, brakes), gap)
     change = acceleration * dt
     if abs(gap) < CLOSE and abs(velocity) <= change:
         return target, 0.0
-    velocity += min(max(wanted - velocity, -change), change)
+    velocity += min(max(goal - velocity, -change), change)
     return position + velocity * dt, velocity

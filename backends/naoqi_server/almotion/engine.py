@@ -16,9 +16,9 @@ diagnosis effect           the angles of all joints
 smart stiffness            the stiffnesses of all joints
 =====================  ==========================================
 
-It is a user of the DCM like any other: it gives timed orders, and whoever gives the last one wins. It does not see the
+It is a user of the DCM like any other: it gives timed orders, and the last one wins. It does not see the
 orders of others: what it writes starts from what it wrote last (NAOqi 2.5 page "Motion advanced"). What it writes
-though nobody asked it to: ``reflexes.py``.
+without a request: ``reflexes.py``.
 """
 
 from __future__ import annotations
@@ -119,7 +119,7 @@ class AlmotionReflexes:
         fall_manager: What it does when the robot falls.
         push_recovery: What it does when the robot is pushed.
         orthogonal: Distance to obstacles ahead [m].
-        tangential: And beside [m].
+        tangential: To the sides [m].
     """
 
     def __init__(self, body: JointGroups, *, consent: bool) -> None:
@@ -194,7 +194,7 @@ class AlmotionReflexes:
 logger = logging.getLogger(__name__)
 
 LONGEST_STEP = 0.1
-"""[s] by which motions go on at most in a cycle: a process that was stopped goes on where it was."""
+"""[s] by which motions advance at most in a cycle: a process that was stopped continues where it was."""
 
 SMART_STIFFNESS_DELAY = 0.5
 """[s] without a commanded motion after which smart stiffness reduces."""
@@ -218,13 +218,13 @@ class MotionEngine:
         robot: What to move.
         config: Its description.
         settings: How it is moved.
-        consent: Whether the owner lets safety reflexes be switched off.
+        consent: True if the owner allows safety reflexes to be switched off.
 
     Attributes:
         lock: See above.
         body: Names and limits.
         reflexes: Their switches.
-        idle: What joints do that nobody uses.
+        idle: Motion of unused joints.
         joints: Their commands.
         base: Its velocity and where it is.
         awake: Whether the motors are on since the last ``wakeUp``.
@@ -244,7 +244,7 @@ class MotionEngine:
         self.reflexes = AlmotionReflexes(self.body, consent=consent)
         self.idle = Idle(config, settings, self.body)
         self.base = AlmotionBase(config, settings)
-        stiffness = self._actuators.stiffness()  # of a robot that stayed awake while NAOqi was gone
+        stiffness = self._actuators.stiffness()  # of a robot that stayed awake while NAOqi was down
         sensed, _ = self._actuators.read()
         self.joints = Joints(self.body, self.idle, settings, sensed, list(stiffness))
         self.awake = self.body.legs <= self.joints.stiff
@@ -252,8 +252,8 @@ class MotionEngine:
         self.on_cycle: list[Callable[[], None]] = []
         self._stiffness_written = stiffness
         self._wheels_written = self.wheel_stiffness
-        self._wheels_told: list[float] = []
-        self._still = 0.0
+        self._wheel_speeds: list[float] = []
+        self._rest_time = 0.0
         self._date = robot.time()
         self.closed = Event()
         self._thread = Thread(target=self._run, name="ALMotion", daemon=True)
@@ -263,7 +263,7 @@ class MotionEngine:
         self._thread.start()
 
     def close(self) -> None:
-        """End the writer, and let go whoever waits for a motion."""
+        """End the writer, and release callers that wait for a motion."""
         self.closed.set()
         if self._thread.is_alive():
             self._thread.join()
@@ -292,19 +292,19 @@ class MotionEngine:
             self._actuators.order_wheel_stiffness(date, orders.wheel_stiffness)
         if orders.wheels is not None:
             self._actuators.order_wheels(date, orders.wheels)
-        for told in self.on_cycle:
-            told()
+        for callback in self.on_cycle:
+            callback()
 
     def _step(self, sensed: list[float], wheel_speeds: list[float], dt: float) -> MotionOutput:
         joints = self.joints
         joints.advance(sensed, dt)
-        self._still = 0.0 if joints.moving else self._still + dt
+        self._rest_time = 0.0 if joints.moving else self._rest_time + dt
         held = self.reflexes.joints if self.awake else frozenset()
         self.base.measure(np.array(wheel_speeds), dt)
         speeds = self.base.advance(dt).tolist()
-        wheels_used = self.base.active or any(self._wheels_told)  # until they were told to stand
+        wheels_used = self.base.active or any(self._wheel_speeds)  # until their command is to stand
         if wheels_used or (self.awake and self.reflexes.wheels):
-            self._wheels_told = wheels = speeds
+            self._wheel_speeds = wheels = speeds
         else:
             wheels = None
         changed = self.wheel_stiffness != self._wheels_written
@@ -323,13 +323,15 @@ class MotionEngine:
     def _stiffnesses(self) -> dict[int, float]:
         """Return the stiffnesses to write: with smart stiffness all, in every cycle; else those that changed."""
         smart = self.awake and self.reflexes.smart_stiffness
-        share = (
-            self._settings.smart_stiffness if smart and self._still > SMART_STIFFNESS_DELAY else 1.0
+        fraction = (
+            self._settings.smart_stiffness
+            if smart and self._rest_time > SMART_STIFFNESS_DELAY
+            else 1.0
         )
-        wanted = [share * stiffness for stiffness in self.joints.stiffness]
-        written, self._stiffness_written = self._stiffness_written, wanted
+        goal = [fraction * stiffness for stiffness in self.joints.stiffness]
+        written, self._stiffness_written = self._stiffness_written, goal
         return {
-            joint: value for joint, value in enumerate(wanted) if smart or value != written[joint]
+            joint: value for joint, value in enumerate(goal) if smart or value != written[joint]
         }
 
     def _run(self) -> None:
@@ -339,7 +341,7 @@ class MotionEngine:
                 self.cycle()
             except (
                 BackendError
-            ) as error:  # the robot is gone or was stopped: there is nothing to move
+            ) as error:  # the robot has ended or was stopped: nothing is left to move
                 logger.warning("ALMotion: %s", error)
                 self.closed.wait(1.0)
             due = max(due + self._settings.cycle, time.monotonic())

@@ -2,7 +2,7 @@
 
 Motion tasks: what a blocking call of ALMotion does until it is done. NAOqi 2.8 page "Motion task".
 
-What joints do while nobody uses them: nothing, hold a posture, breathe, look around. NAOqi 2.8 page "Idle".
+Motion of unused joints: none, hold a posture, breathe, look around. NAOqi 2.8 page "Idle".
 """
 
 from __future__ import annotations
@@ -84,7 +84,7 @@ class AlmotionTask:
         return all(self.elapsed >= curve.duration for curve in curves.values())
 
     def end(self, *, completed: bool) -> None:
-        """Let go whoever waits."""
+        """Release the callers that wait."""
         self.completed = completed
         self._over.set()
 
@@ -123,7 +123,7 @@ class AlmotionTasks:
         return [task for task in self._tasks if task.joints & joints]
 
     def end(self, task: AlmotionTask, *, completed: bool) -> None:
-        """Take a task out, and let go whoever waits for it."""
+        """Remove a task, and release the callers that wait for it."""
         self._tasks.remove(task)
         task.end(completed=completed)
 
@@ -144,7 +144,7 @@ class Idle:
 
     Attributes:
         breathing: Chains that breathe because of a call.
-        posture: Chains that go back to the posture Stand.
+        posture: Chains that return to the posture Stand.
         alive: Whether a living robot moves by itself: all chains breathe.
         looking: Whether a living robot looks around.
     """
@@ -176,7 +176,7 @@ class Idle:
         return GROUPS[name]
 
     def moves(self, joint: int) -> bool:
-        """Return true if a joint that nobody uses is moved by this now."""
+        """Return True if this moves an unused joint now."""
         chain = self._chain_of[joint]
         breathes = chain in self.breathing or self.alive
         return breathes or chain in self.posture or (self.looking and joint in self._head)
@@ -220,7 +220,7 @@ class Joints:
         stiffness: (17,) asked for, 0..1.
         tasks: What was asked for by blocking calls.
         fresh: Joints that got stiffness in the last cycle.
-        used: Joints that somebody moved in the last cycle.
+        used: Joints that a task moved in the last cycle.
     """
 
     def __init__(
@@ -258,7 +258,7 @@ class Joints:
         return self._targets.get(joint, (self.command[joint], 0.0))[0]
 
     def set_target(self, joint: int, angle: float, fraction: float) -> None:
-        """Let a joint go to an angle at a fraction of its largest speed, until told otherwise."""
+        """Move a joint to an angle at a fraction of its largest speed, until the next command."""
         speed = fraction * self._body.speed[joint]
         self._targets[joint] = (self._body.clipped(joint, angle), speed)
 
@@ -269,9 +269,9 @@ class Joints:
             for joint in task.joints if task.running and task.what == "angle" else ():
                 speed = abs(self.velocity[joint])
                 if speed > MOVING:
-                    way = self.velocity[joint] * self._settings.rise / 2
+                    distance = self.velocity[joint] * self._settings.rise / 2
                     fraction = speed / self._body.speed[joint]
-                    self.set_target(joint, self.command[joint] + way, fraction)
+                    self.set_target(joint, self.command[joint] + distance, fraction)
 
     def advance(self, sensed: list[float], dt: float) -> None:
         """Bring the commands on by ``dt`` [s]. A joint without stiffness lies where it lies, and starts from there."""

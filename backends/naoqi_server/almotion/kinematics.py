@@ -111,7 +111,7 @@ def number(value: object, where: str, what: str) -> float:
     """Return a finite number; NAOqi's values may come as whole numbers too.
 
     Raises:
-        CallError: It is something else.
+        CallError: It is of another type.
     """
     if isinstance(value, bool) or not isinstance(value, Real) or not abs(float(value)) < 1e9:
         raise CallError(where, f"{what} must be a number, got {value!r}")
@@ -122,7 +122,7 @@ def numbers(values: object, count: int, where: str, what: str) -> list[float]:
     """``count`` numbers: a list of them, or one for all.
 
     Raises:
-        CallError: Something else, or another count.
+        CallError: Another type, or another count.
     """
     if not isinstance(values, list | tuple):
         return [number(values, where, what)] * count
@@ -138,7 +138,7 @@ def lists(values: object, count: int, where: str, what: str) -> list[list[float]
     list for each joint.
 
     Raises:
-        CallError: Something else, or another count.
+        CallError: Another type, or another count.
     """
     if not isinstance(values, list | tuple):
         return [[number(values, where, what)] for _ in range(count)]

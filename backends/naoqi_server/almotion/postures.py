@@ -18,11 +18,11 @@ SAME = 0.15
 """[rad] A joint this near to a posture's has it. CHOSEN."""
 
 MIN_POSTURE_TIME = 0.5
-"""[s] of a way to a posture."""
+"""[s] of a motion to a posture."""
 
 
 class Postures:
-    """Ways to postures for ``motion``."""
+    """Motions to postures for ``motion``."""
 
     def __init__(self, motion: MotionEngine, config: RobotConfig, settings: NaoqiServices) -> None:
         self._motion = motion
@@ -30,12 +30,12 @@ class Postures:
         self._angles = {name: config.posture(name).tolist() for name in {*NAMES, settings.rest}}
 
     def go(self, name: str, speed: float) -> AlmotionTask:
-        """Begin to go to a posture, ``speed`` in 0..1."""
+        """Begin the motion to a posture, ``speed`` in 0..1."""
         motion, angles = self._motion, self._angles[name]
         with motion.lock:
             command = motion.joints.command
-            way = max(abs(angle - now) for angle, now in zip(angles, command, strict=True))
-            time = max(way / (speed * self._settings.posture_speed), MIN_POSTURE_TIME)
+            distance = max(abs(angle - now) for angle, now in zip(angles, command, strict=True))
+            time = max(distance / (speed * self._settings.posture_speed), MIN_POSTURE_TIME)
             task = AlmotionTask(
                 name="goToPosture",
                 what="angle",
@@ -81,7 +81,7 @@ class Life:
     Attributes:
         state: One of ``STATES``.
         enabled: By ability.
-        paused: Whether BasicAwareness was told to stop for a while.
+        paused: True while BasicAwareness is paused.
     """
 
     def __init__(self, motion: MotionEngine) -> None:
@@ -101,14 +101,14 @@ class Life:
         self.apply()
 
     def apply(self) -> None:
-        """Let the abilities move the robot, or not."""
+        """Allow the abilities to move the robot, or not."""
         with self._motion.lock:
             self._motion.idle.alive = self.running("BackgroundMovement")
             self._motion.idle.looking = self.running("BasicAwareness")
 
 
 SPEED = 0.6
-"""Share of the speed at which it goes to the posture of standing or of rest. CHOSEN."""
+"""Fraction of the speed with which it moves to the posture of standing or of rest. CHOSEN."""
 
 PREFIX = "ALMotion/Stiffness/"
 
@@ -146,7 +146,7 @@ class Waking:
         return True
 
     def rest(self) -> None:
-        """Stop, go to the posture of rest, then motors off. Brakes hold the leg."""
+        """Stop, move to the posture of rest, then motors off. Brakes hold the leg."""
         with self._motion.lock:
             self._motion.joints.kill(self._motion.joints.tasks)
             self._motion.base.stop()
@@ -154,7 +154,7 @@ class Waking:
         if awake and not self._postures.go(self._settings.rest, SPEED).wait():
             return
         with self._motion.lock:
-            self._motion.awake = False  # reflexes let go before the stiffness does
+            self._motion.awake = False  # reflexes end before the stiffness
             ramp = self._ramp(0.0)
         if ramp.wait():
             with self._motion.lock:

@@ -1,6 +1,6 @@
 """Motion of the base by its three wheels.
 
-The base on its three wheels: velocities, ways to a pose, odometry. NAOqi 2.8 page "Locomotion control".
+The base on its three wheels: velocities, paths to a pose, odometry. NAOqi 2.8 page "Locomotion control".
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from pepper_driver.config import NaoqiServices, RobotConfig
 from pepper_driver.config.arrays import FloatArray
 
 TWIST_EPSILON = 1e-6
-"""[m/s], [rad/s] A twist this small is none."""
+"""[m/s], [rad/s] A twist below this counts as zero."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -61,10 +61,10 @@ class DriveLimits:
 
 @dataclass(eq=False, kw_only=True)
 class Move:
-    """A way to a pose: straight from ``start`` to ``goal`` (x, y, heading in the world), turning evenly.
+    """A path to a pose: straight from ``start`` to ``goal`` (x, y, heading in the world), turning evenly.
 
     Attributes:
-        duration: [s] the robot wants for it.
+        duration: [s] that the robot needs for it.
         elapsed: [s] since it began.
         succeeded: Whether it came to its end; False while it drives, and when it was interrupted.
     """
@@ -77,7 +77,7 @@ class Move:
     _over: Event = field(default_factory=Event)
 
     def end(self, *, succeeded: bool) -> None:
-        """Let go whoever waits."""
+        """Release the callers that wait."""
         self.succeeded = succeeded
         self._over.set()
 
@@ -88,10 +88,10 @@ class Move:
 
     def reference(self) -> tuple[FloatArray, FloatArray]:
         """(3,) pose and (3,) its rate in the world now: minimum jerk."""
-        way = self.goal - self.start
+        distance = self.goal - self.start
         s = min(self.elapsed / self.duration, 1.0) if self.duration > 0 else 1.0
         rate = minimum_jerk_slope(s) / self.duration if s < 1.0 else 0.0
-        return self.start + minimum_jerk(s) * way, rate * way
+        return self.start + minimum_jerk(s) * distance, rate * distance
 
 
 class AlmotionBase:
@@ -117,7 +117,7 @@ class AlmotionBase:
 
     @property
     def active(self) -> bool:
-        """True if it drives, or wants to."""
+        """True if it drives, or has a target."""
         return bool(
             self._move is not None
             or np.abs(self._target).max() > TWIST_EPSILON
@@ -130,7 +130,7 @@ class AlmotionBase:
         self.pose = _rolled(self.pose, self.measured, dt)
 
     def drive(self, twist: FloatArray, limits: DriveLimits) -> None:
-        """Take a velocity (3,), within the limits, until told otherwise. A move that was under way is interrupted."""
+        """Set a velocity (3,), within the limits, until the next command. The present move is interrupted."""
         self._interrupt()
         speed = hypot(twist[0], twist[1])
         if speed > limits.speed:
@@ -138,23 +138,27 @@ class AlmotionBase:
         self._target = np.array([twist[0], twist[1], np.clip(twist[2], -limits.turn, limits.turn)])
         self._limits = limits
 
-    def move(self, way: FloatArray, limits: DriveLimits, least: float = 0.0) -> Move:
-        """Go by (x, y, heading) in the robot's axes of now, in ``least`` [s] or as long as the limits want."""
+    def move(self, distance: FloatArray, limits: DriveLimits, least: float = 0.0) -> Move:
+        """Go by (x, y, heading) in the robot's present axes, in ``least`` [s] or as long as the limits require."""
         self._interrupt()
         heading = self.pose[2]
         c, s = cos(heading), sin(heading)
-        shift = np.array([c * way[0] - s * way[1], s * way[0] + c * way[1], way[2]])
+        shift = np.array(
+            [c * distance[0] - s * distance[1], s * distance[0] + c * distance[1], distance[2]]
+        )
         self._target = np.zeros(3)
         self._limits = limits
         self._move = Move(
             start=self.pose,
             goal=self.pose + shift,
-            duration=max(limits.duration(hypot(way[0], way[1]), abs(way[2])), least, 1e-3),
+            duration=max(
+                limits.duration(hypot(distance[0], distance[1]), abs(distance[2])), least, 1e-3
+            ),
         )
         return self._move
 
     def stop(self, *, at_once: bool = False) -> None:
-        """Brake, or stand ``at_once``; a move that was under way is interrupted."""
+        """Brake, or stand ``at_once``; the present move is interrupted."""
         self._interrupt()
         self._target = np.zeros(3)
         if at_once:
@@ -162,14 +166,14 @@ class AlmotionBase:
 
     def advance(self, dt: float) -> FloatArray:
         """(3,) speeds of the wheels [rad/s] ``dt`` [s] later."""
-        wanted = self._target if self._move is None else self._follow(self._move, dt)
+        goal = self._target if self._move is None else self._follow(self._move, dt)
         limits = self._limits
-        change = wanted - self.twist
+        change = goal - self.twist
         step = hypot(change[0], change[1])
-        share = min(1.0, limits.acceleration * dt / step) if step > 0 else 1.0
+        fraction = min(1.0, limits.acceleration * dt / step) if step > 0 else 1.0
         most = limits.turn_acceleration * dt
         self.twist = self.twist + np.array(
-            [share * change[0], share * change[1], np.clip(change[2], -most, most)]
+            [fraction * change[0], fraction * change[1], np.clip(change[2], -most, most)]
         )
         speeds: FloatArray = self._wheels.matrix @ self.twist
         fastest = float(np.abs(speeds).max())
@@ -180,7 +184,7 @@ class AlmotionBase:
         return speeds
 
     def _follow(self, move: Move, dt: float) -> FloatArray:
-        """(3,) velocity that a move wants now, in the robot's axes."""
+        """(3,) present velocity of a move, in the robot's axes."""
         move.elapsed += dt
         pose, rate = move.reference()
         error = pose - self.pose
@@ -191,9 +195,9 @@ class AlmotionBase:
             self._move = None
             move.end(succeeded=True)
             return np.zeros(3)
-        wanted = rate + self._settings.move_gain * error
+        goal = rate + self._settings.move_gain * error
         c, s = cos(self.pose[2]), sin(self.pose[2])
-        return np.array([c * wanted[0] + s * wanted[1], c * wanted[1] - s * wanted[0], wanted[2]])
+        return np.array([c * goal[0] + s * goal[1], c * goal[1] - s * goal[0], goal[2]])
 
     def _interrupt(self) -> None:
         if self._move is not None:

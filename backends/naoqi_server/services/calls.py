@@ -44,9 +44,9 @@ class Record:
 
 
 def blocking(method: Method) -> Method:
-    """Let a method of a service take its time.
+    """Run a slow method of a service outside the threads of qi.
 
-    Whoever calls it waits for its end, but no thread of qi does: it has four, and four calls that block would block all
+    The caller waits for its end, but no thread of qi does: qi has four, and four calls that block would block all
     others. The method runs on a thread of its own and qi is handed a future.
     """
 
@@ -57,7 +57,7 @@ def blocking(method: Method) -> Method:
         def run() -> None:
             try:
                 value = method(*arguments)
-            except Exception as error:  # whatever it is, it is for whoever called
+            except Exception as error:  # any error is passed to the caller
                 promise.setError(str(error))
             else:
                 promise.setValue(value)
@@ -65,7 +65,7 @@ def blocking(method: Method) -> Method:
         Thread(target=run, name=method.__name__, daemon=True).start()
         return promise.future()
 
-    return begin  # type: ignore[return-value]  # to whoever calls by qi it is the same
+    return begin  # type: ignore[return-value]  # callers over qi see no difference
 
 
 T = TypeVar("T", bound=Callable[..., Any])

@@ -58,21 +58,21 @@ class Voice:
         """Say a text for a service; waits until it is said, or stopped."""
         with self._changed:
             number = self._last = self._last + 1
-        self._tell("Status", [number, "enqueued"])
+        self._notify("Status", [number, "enqueued"])
         with self._turn:
             self._record.add(service, "say", text, language)
             plain = spoken(text)
-            self._tell("CurrentSentence", plain)
-            self._tell("Status", [number, "started"])
-            self._tell("TextDone", 0)
-            self._tell("TextStarted", 1)
+            self._notify("CurrentSentence", plain)
+            self._notify("Status", [number, "started"])
+            self._notify("TextDone", 0)
+            self._notify("TextStarted", 1)
             rate = self._settings.characters * self.parameters["speed"] / 100
             seconds = self._settings.start + len(plain) / rate
             with self._changed:
                 stopped = self._changed.wait_for(lambda: number <= self._stopped, seconds)
-            self._tell("TextInterrupted" if stopped else "TextDone", 1)
-            self._tell("TextStarted", 0)
-            self._tell("Status", [number, "stopped" if stopped else "done"])
+            self._notify("TextInterrupted" if stopped else "TextDone", 1)
+            self._notify("TextStarted", 0)
+            self._notify("Status", [number, "stopped" if stopped else "done"])
 
     def stop(self) -> None:
         """End what is being said, and what waits to be."""
@@ -80,7 +80,7 @@ class Voice:
             self._stopped = self._last
             self._changed.notify_all()
 
-    def _tell(self, event: str, value: object) -> None:
+    def _notify(self, event: str, value: object) -> None:
         self._memory.raise_event(PREFIX + event, value)
 
 
@@ -96,16 +96,16 @@ class Shared:
         robot: The robot.
         memory: What ALMemory holds.
         config: What the robot is.
-        consent: Whether its owner lets safety reflexes be switched off.
-        version: Of NAOqi, as ``ALSystem.systemVersion`` tells it; "" for that of the settings.
+        consent: True if its owner allows safety reflexes to be switched off.
+        version: Of NAOqi, as ``ALSystem.systemVersion`` returns it; "" for that of the settings.
 
     Attributes:
         settings: Of the services.
         motion: What ALMotion commands.
-        postures: Ways to postures.
+        postures: Motions to postures.
         waking: Motors on and off.
         life: Its state and abilities.
-        record: What was done that nobody can see.
+        record: Actions without a visible effect.
         voice: That all services speak with.
         version: Of NAOqi.
     """
@@ -135,15 +135,15 @@ class Shared:
 
 @dataclass(frozen=True, kw_only=True)
 class Context:
-    """Objects that services share.
+    """Common objects of services.
 
     Attributes:
         robot: The robot.
         memory: What ALMemory holds; raises events.
         config: What the robot is.
         events: Raises events of its touch sensors.
-        faults: Takes what is to go wrong.
-        shared: What the services of the package ``modules`` share.
+        faults: Receives the injected faults.
+        shared: Common objects of the services of the package ``modules``.
         services: Names of the services that this session offers.
         call: ``call(service, method, *arguments)`` calls a service of this session without waiting for it.
     """
@@ -185,7 +185,7 @@ def switch(value: object, where: str) -> bool:
     """Return True or False, also as 1 or 0.
 
     Raises:
-        CallError: It is something else.
+        CallError: It is of another type.
     """
     if value not in (True, False):
         raise CallError(where, f"expected true or false, got {value!r}")

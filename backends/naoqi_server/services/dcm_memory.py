@@ -41,7 +41,7 @@ class DcmService:
     def createAlias(self, request: object) -> list[object]:
         """Make or change an alias: ``[name, [actuator, ...]]``; returned with "" for actuators that do not exist.
 
-        A command for one of those is taken and does nothing.
+        A command for one of those is accepted and does nothing.
         """
         name, actuators = alias_request(request)
         found = [actuator if self._key(actuator) else "" for actuator in actuators]
@@ -73,7 +73,7 @@ class DcmService:
         )
 
     def _key(self, name: str) -> str:
-        """Return the full key of an actuator, given with or without its prefix; "" if there is none."""
+        """Return the full key of an actuator, given with or without its prefix; "" if it does not exist."""
         for key in (name, self._prefix + name):
             if key in self._robot.actuators:
                 return key
@@ -99,10 +99,10 @@ class MemoryService:
         self._memory, self._call = context.memory, context.call
         self._subscribers: dict[str, Subscriber] = {}
         self._modules: dict[tuple[str, str], tuple[str, str]] = {}
-        self._heard: set[str] = set()
+        self._subscribed: set[str] = set()
 
     def getData(self, key: str) -> Value:
-        """Value of one key; an error where there is none."""
+        """Value of one key; an error if it does not exist."""
         return self._memory.get(_text(key))
 
     @named("getData")
@@ -111,7 +111,7 @@ class MemoryService:
         return self.getData(key)
 
     def getListData(self, keys: object) -> list[Value]:
-        """Values of many keys, None where there is none."""
+        """Values of many keys, None for missing ones."""
         if not isinstance(keys, list | tuple):
             raise ValueError(f"expected a list of keys, got {keys!r}")
         return self._memory.get_list(keys)
@@ -164,7 +164,7 @@ class MemoryService:
         self.declareEvent(name)
 
     def raiseEvent(self, name: str, value: Value) -> None:
-        """Tell a value to all who listen to this event."""
+        """Send a value to all subscribers of this event."""
         self._memory.raise_event(_text(name), value)
 
     def raiseMicroEvent(self, name: str, value: Value) -> None:
@@ -209,11 +209,11 @@ class MemoryService:
         if name not in self._memory.names(kind=kind):
             self._memory.declare(name, kind)
         self._modules[name, module] = (method, message)
-        if name not in self._heard:
-            self._heard.add(name)
-            self._memory.listen(name, lambda value: self._tell(name, value))
+        if name not in self._subscribed:
+            self._subscribed.add(name)
+            self._memory.listen(name, lambda value: self._notify(name, value))
 
-    def _tell(self, name: str, value: Value) -> None:
+    def _notify(self, name: str, value: Value) -> None:
         for (event, module), (method, message) in list(self._modules.items()):
             if event == name:
                 self._call(module, method, name, value, message)

@@ -108,7 +108,7 @@ NAMED = {
 RASTA = (0x00FF00, 0xFFFF00, 0xFF0000)
 
 STEP = 0.25
-"""[s] from one picture of an animation to the next."""
+"""[s] from one frame of an animation to the next."""
 
 Colour = tuple[float, float, float]
 

@@ -24,11 +24,11 @@ FAMILIES = {
 }
 
 PERIOD = 50
-"""Cycles of ALMotion from one look for events to the next: a second, as documented."""
+"""Cycles of ALMotion between two checks for events: a second, as documented."""
 
 
 class PostureService:
-    """Goes to predefined postures, and tells which one the robot has."""
+    """Moves to predefined postures, and reports which one the robot has."""
 
     __qi_threading__ = "multi"
 
@@ -38,8 +38,8 @@ class PostureService:
         self._lock = Lock()
         self._task: AlmotionTask | None = None
         self._cycles = 0
-        self._told = ("", "")
-        self._motion.on_cycle.append(self._tell)
+        self._notified = ("", "")
+        self._motion.on_cycle.append(self._notify)
 
     def getPostureList(self) -> list[str]:
         """Names of the postures."""
@@ -59,16 +59,16 @@ class PostureService:
 
     @blocking
     def goToPosture(self, name: object, speed: object) -> bool:
-        """Go to a posture, ``speed`` in 0..1; waits. Whether it was reached."""
+        """Move to a posture, ``speed`` in 0..1; wait; return True if it was reached."""
         return self._go(name, speed, "ALRobotPosture::goToPosture")
 
     @blocking
     def applyPosture(self, name: object, speed: object) -> bool:
-        """As ``goToPosture``: there is only one way between two postures of a robot that always stands."""
+        """As ``goToPosture``: there is only one path between two postures of a robot that always stands."""
         return self._go(name, speed, "ALRobotPosture::applyPosture")
 
     def stopMove(self) -> None:
-        """End a way to a posture."""
+        """End a motion to a posture."""
         with self._lock:
             task = self._task
         if task is not None:
@@ -82,21 +82,21 @@ class PostureService:
     def _go(self, name: object, speed: object, where: str) -> bool:
         if name not in NAMES:
             raise CallError(where, f"unknown posture: {name} (possible: {', '.join(NAMES)})")
-        share = number(speed, where, "the speed")
-        if not 0 < share <= 1:
-            raise CallError(where, f"the speed must be above 0, at most 1: {share}")
+        fraction = number(speed, where, "the speed")
+        if not 0 < fraction <= 1:
+            raise CallError(where, f"the speed must be above 0, at most 1: {fraction}")
         with self._lock:
-            task = self._task = self._postures.go(str(name), share)
+            task = self._task = self._postures.go(str(name), fraction)
         return task.wait() and self._postures.reached(str(name))
 
-    def _tell(self) -> None:
+    def _notify(self) -> None:
         self._cycles += 1
         if self._cycles % PERIOD:
             return
         now = self._postures.now
-        told, self._told = self._told, (now, FAMILIES.get(now, "Unknown"))
+        before, self._notified = self._notified, (now, FAMILIES.get(now, "Unknown"))
         for event, old, new in zip(
-            ("PostureChanged", "PostureFamilyChanged"), told, self._told, strict=True
+            ("PostureChanged", "PostureFamilyChanged"), before, self._notified, strict=True
         ):
             if old != new:
                 self._memory.raise_event(event, new)
@@ -160,7 +160,7 @@ class LifeService:
         return ""
 
     def stopAll(self) -> None:
-        """Stop the activities; there are none."""
+        """Stop the activities; none exist here."""
 
     def _abilities(self, name: object, where: str) -> tuple[str, ...]:
         if name == "All":
@@ -217,7 +217,7 @@ class ListeningMovementService(AbilityService):
 
 
 class AwarenessService(AbilityService):
-    """``ALBasicAwareness``: the robot looks around. It finds nobody."""
+    """``ALBasicAwareness``: the robot looks around. It finds no people."""
 
     ability = "BasicAwareness"
 

@@ -1,6 +1,6 @@
 """Cameras and tablet.
 
-The service ``ALVideoDevice``: a test picture in the form of NAOqi 2.8 page "ALVideoDevice API".
+The service ``ALVideoDevice``: a test image in the form of NAOqi 2.8 page "ALVideoDevice API".
 
 The service ``ALTabletService``; NAOqi 2.8 page "ALTabletService API". There is no tablet: what it shows is kept.
 """
@@ -68,7 +68,7 @@ class VideoService:
     def subscribeCamera(
         self, name: object, camera: object, resolution: object, colours: object, rate: object
     ) -> str:
-        """Begin to take pictures; returned is the handle for all else."""
+        """Begin to take images; return the handle for all other calls."""
         where = "ALVideoDevice::subscribeCamera"
         for kind, value, known in (
             ("camera", camera, CAMERAS),
@@ -146,12 +146,12 @@ class VideoService:
         return 0
 
     def setParameter(self, camera: object, parameter: object, value: object) -> bool:
-        """Taken, without effect."""
+        """Accept it, without effect."""
         return True
 
     @qi.bind(IMAGE, ["m"])  # type: ignore[untyped-decorator]  # qi has no types
     def getImageRemote(self, handle: object) -> tuple[object, ...]:
-        """Return a picture, as the tuple of NAOqi with its bytes."""
+        """Return an image, as the tuple of NAOqi with its bytes."""
         stream = self._stream(handle, "getImageRemote")
         width, height = SIZES[stream.resolution]
         now = time.time()
@@ -197,7 +197,7 @@ TABLET_SIDE = "198.18.0.1"
 
 
 class TabletService:
-    """Shows images, pages and videos to nobody. Addresses are not looked up: every one is taken."""
+    """Accepts images, pages and videos without a screen. Addresses are not resolved: every one is accepted."""
 
     def __init__(self, context: Context) -> None:
         self._record = context.shared.record
@@ -288,7 +288,7 @@ class TabletService:
         return True
 
     def hide(self) -> None:
-        """Hide whatever is shown."""
+        """Hide the present content."""
         self._record.add("ALTabletService", "hide")
 
     def robotIp(self) -> str:
@@ -318,12 +318,12 @@ class TabletService:
         return True
 
     def goToSleep(self) -> bool:
-        """Let it sleep."""
+        """Put it to sleep."""
         self._record.add("ALTabletService", "goToSleep")
         return True
 
     def resetTablet(self) -> None:
-        """As if nobody had used it."""
+        """Reset it to its initial state."""
         self._page = ""
         self._record.add("ALTabletService", "resetTablet")
 

@@ -59,13 +59,13 @@ class JointCalls(MotionCalls):
         where = "ALMotion::angleInterpolationWithSpeed"
         joints = self._motion.body.joints(names, where)
         goals = numbers(angles, len(joints), where, "angles")
-        share = _fraction(fraction, where)
+        fraction = _fraction(fraction, where)
         speed = self._motion.body.speed
 
         def make(joint: int, start: tuple[float, float]) -> Spline:
             goal = self._motion.body.clipped(joint, goals[joints.index(joint)])
             # The fastest moment of such a curve is half as fast again as its mean.
-            time = max(1.5 * abs(goal - start[0]) / (share * speed[joint]), 0.02)
+            time = max(1.5 * abs(goal - start[0]) / (fraction * speed[joint]), 0.02)
             return Spline(start, [time], [goal])
 
         self._run("angleInterpolationWithSpeed", joints, make)
@@ -88,25 +88,25 @@ class JointCalls(MotionCalls):
         )
 
     def setAngles(self, names: object, angles: object, fraction: object) -> None:
-        """Let joints go to angles at a fraction of their largest speeds; does not wait."""
+        """Move joints to angles at a fraction of their largest speeds; do not wait."""
         where = "ALMotion::setAngles"
         joints = self._motion.body.joints(names, where)
         goals = numbers(angles, len(joints), where, "angles")
         shares = [_fraction(s, where) for s in numbers(fraction, len(joints), where, "fractions")]
         with self._motion.lock:
-            for joint, goal, share in zip(joints, goals, shares, strict=True):
-                self._motion.joints.set_target(joint, goal, share)
+            for joint, goal, fraction in zip(joints, goals, shares, strict=True):
+                self._motion.joints.set_target(joint, goal, fraction)
 
     def changeAngles(self, names: object, changes: object, fraction: object) -> None:
-        """Let joints go on by angles from where they are going; does not wait."""
+        """Change the targets of joints by angles; do not wait."""
         where = "ALMotion::changeAngles"
         joints = self._motion.body.joints(names, where)
         steps = numbers(changes, len(joints), where, "changes")
-        share = _fraction(fraction, where)
+        fraction = _fraction(fraction, where)
         with self._motion.lock:
             for joint, step in zip(joints, steps, strict=True):
                 goal = self._motion.joints.target(joint) + step
-                self._motion.joints.set_target(joint, goal, share)
+                self._motion.joints.set_target(joint, goal, fraction)
 
     def getAngles(self, names: object, sensors: object) -> list[float]:
         """Angles [rad] as measured, or as ALMotion commanded them last."""
@@ -140,12 +140,12 @@ class JointCalls(MotionCalls):
 
 
 def _fraction(value: object, where: str) -> float:
-    share = number(value, where, "the fraction of the maximum speed")
-    if not 0 < share <= 1:
+    fraction = number(value, where, "the fraction of the maximum speed")
+    if not 0 < fraction <= 1:
         raise CallError(
-            where, f"the fraction of the maximum speed must be above 0, at most 1: {share}"
+            where, f"the fraction of the maximum speed must be above 0, at most 1: {fraction}"
         )
-    return share
+    return fraction
 
 
 def _points(row: object, times: Sequence[float], where: str) -> list[Point]:
@@ -185,7 +185,7 @@ class StiffnessCalls(MotionCalls):
 
     @blocking
     def rest(self) -> None:
-        """Stop, go to the posture of rest, then motors off; waits until it is done. Brakes hold the leg."""
+        """Stop, move to the posture of rest, then motors off; wait until it is done. Brakes hold the leg."""
         self._shared.waking.rest()
 
     def robotIsWakeUp(self) -> bool:
@@ -253,7 +253,7 @@ def _shares(values: list[float], where: str) -> list[float]:
     return values
 
 
-TOLD = 5
+EVENT_CYCLES = 5
 """Cycles from one update of the velocities and torques in ALMemory to the next."""
 
 
@@ -274,7 +274,7 @@ class ToolCalls(MotionCalls):
             for joint in config.joint_names
         ]
         self._cycles = 0
-        self._motion.on_cycle.append(self._tell)
+        self._motion.on_cycle.append(self._notify)
 
     def getBodyNames(self, name: object) -> list[str]:
         """Names of the joints in a group or chain, or of all "Chains"."""
@@ -308,7 +308,7 @@ class ToolCalls(MotionCalls):
         return round(1000 * self._shared.settings.cycle)
 
     def getSummary(self) -> str:
-        """Return a table of stiffnesses, commands and sensors, for people."""
+        """Return a human-readable table of stiffnesses, commands and sensors."""
         with self._motion.lock:
             joints = self._motion.joints
             rows = [
@@ -382,10 +382,10 @@ class ToolCalls(MotionCalls):
             pose = base.pose if sensors else base.commanded
         return self._kinematics.pose(name, frame, angles, pose, where)
 
-    def _tell(self) -> None:
+    def _notify(self) -> None:
         """Velocities and torques of the joints into ALMemory; hands have none there."""
         self._cycles += 1
-        if self._cycles % TOLD:
+        if self._cycles % EVENT_CYCLES:
             return
         values = self._context.robot.values()
         body = self._motion.body

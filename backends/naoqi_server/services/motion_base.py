@@ -17,7 +17,7 @@ from pepper_driver.config import suggestion
 from pepper_driver.config.arrays import FloatArray
 
 POLL = 0.02
-"""[s] From one look whether it stands to the next."""
+"""[s] between two checks that it stands."""
 
 
 class BaseCalls(MotionCalls):
@@ -35,7 +35,7 @@ class BaseCalls(MotionCalls):
         self._motion.on_cycle.append(self._stop_at_obstacles)
 
     def move(self, x: object, y: object, theta: object, *config: object) -> None:
-        """Drive at a velocity [m/s], [m/s], [rad/s], until told otherwise; does not wait."""
+        """Drive at a velocity [m/s], [m/s], [rad/s], until the next command; do not wait."""
         where = "ALMotion::move"
         twist = _three(x, y, theta, where)
         limits = self._limits(config, where)
@@ -44,14 +44,14 @@ class BaseCalls(MotionCalls):
                 self._motion.base.drive(twist, limits)
 
     def moveToward(self, x: object, y: object, theta: object, *config: object) -> None:
-        """Drive at shares of the largest velocity, -1..1, until told otherwise; does not wait."""
+        """Drive at fractions of the largest velocity, -1..1, until the next command; do not wait."""
         where = "ALMotion::moveToward"
         limits = self._limits(config, where)
-        share = np.clip(_three(x, y, theta, where), -1.0, 1.0)
+        fraction = np.clip(_three(x, y, theta, where), -1.0, 1.0)
         if self._may_move():
             most = np.array([limits.speed, limits.speed, limits.turn])
             with self._motion.lock:
-                self._motion.base.drive(share * most, limits)
+                self._motion.base.drive(fraction * most, limits)
 
     @blocking
     def moveTo(self, x: object, y: object, theta: object, *more: object) -> bool:
@@ -84,7 +84,7 @@ class BaseCalls(MotionCalls):
 
     @blocking
     def waitUntilMoveIsFinished(self) -> None:
-        """Until the base stands and has nowhere to go."""
+        """Wait until the base stands and has no target."""
         self._stand()
 
     def moveInit(self) -> None:
@@ -268,7 +268,7 @@ class ReflexCalls(MotionCalls):
         return self._motion.reflexes.orthogonal
 
     def setTangentialSecurityDistance(self, distance: object) -> None:
-        """Distance to obstacles beside [m]. Nothing sees obstacles here; it is only kept."""
+        """Distance to obstacles at the sides [m]. Nothing detects obstacles here; it is only kept."""
         where = "ALMotion::setTangentialSecurityDistance"
         self._motion.reflexes.tangential = number(distance, where, "the distance")
 
@@ -286,7 +286,7 @@ class ReflexCalls(MotionCalls):
         return set(chains) <= self._motion.idle.breathing
 
     def setIdlePostureEnabled(self, chain: object, enable: object) -> None:
-        """Set if the idle joints of a chain go back to the posture Stand."""
+        """Set if the idle joints of a chain return to the posture Stand."""
         self._idle(chain, enable, "setIdlePostureEnabled", breathe=False)
 
     def getIdlePostureEnabled(self, chain: object) -> bool:

@@ -183,7 +183,7 @@ class AudioService:
     def setClientPreferences(
         self, name: object, rate: object, channels: object, deinterleaved: object
     ) -> None:
-        """In which form a module wants its sound."""
+        """Set the format of a module's sound."""
         self._preferences[str(name)] = [rate, channels, deinterleaved]
 
     def subscribe(self, name: object) -> None:
@@ -265,7 +265,7 @@ class LogManagerService:
         self._listeners: list[LogListener] = []
 
     def getListener(self) -> LogListener:
-        """Return an object that tells log messages."""
+        """Return an object that emits log messages."""
         self._listeners.append(LogListener())
         return self._listeners[-1]
 
@@ -274,4 +274,4 @@ class LogManagerService:
         return self.getListener()
 
     def log(self, messages: object) -> None:
-        """Take log messages of somebody; they are not kept."""
+        """Accept log messages of a client; they are not kept."""

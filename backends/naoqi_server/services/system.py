@@ -62,29 +62,29 @@ class BatteryService:
         self._key = context.config.naoqi.prefix + context.config.naoqi.battery_charge
         self._hatch = context.config.naoqi.prefix + "Platform/ILS/Sensor/Value"
         self._memory = context.memory
-        self._told: dict[str, object] = {}
+        self._notified: dict[str, object] = {}
         self._monitored = True
         self._memory.insert("BatteryPowerPluggedChanged", False)
         self._memory.insert("BatteryChargingFlagChanged", False)
         self._memory.insert("BatteryFullChargedFlagChanged", False)
-        context.shared.motion.on_cycle.append(self._tell)
+        context.shared.motion.on_cycle.append(self._notify)
 
     def getBatteryCharge(self) -> int:
         """Return the charge of the battery [%]."""
         return round(100 * self._robot.value(self._key))
 
     def enablePowerMonitoring(self, enable: object) -> None:
-        """Set if it tells its events."""
+        """Set if it raises its events."""
         self._monitored = switch(enable, "ALBattery::enablePowerMonitoring")
 
-    def _tell(self) -> None:
+    def _notify(self) -> None:
         now = {
             "BatteryChargeChanged": self.getBatteryCharge(),
             "BatteryTrapIsOpen": self._robot.value(self._hatch) > 0,
         }
         for event, value in now.items():
-            if self._monitored and self._told.get(event) != value:
-                self._told[event] = value
+            if self._monitored and self._notified.get(event) != value:
+                self._notified[event] = value
                 self._memory.raise_event(event, value)
 
 
@@ -220,8 +220,8 @@ SERIOUS, CRITICAL = 1, 2
 class DiagnosisService:
     """``ALDiagnosis``; NAOqi 2.8 pages "ALDiagnosis API" and "Diagnosis effect", 2.0 page "Actuator & Sensor list".
 
-    Its keys ``Diagnosis/KIND/DEVICE/Error`` are 0 until somebody writes something else into ALMemory: the stand-in does
-    not look at itself.
+    Its keys ``Diagnosis/KIND/DEVICE/Error`` are 0 until a client writes another value into ALMemory: the stand-in does
+    not check itself.
     """
 
     def __init__(self, context: Context) -> None:
@@ -296,7 +296,7 @@ class StandInService:
         self._robot.grab(**arguments)
 
     def setFault(self, name: str, arguments: dict[str, Any]) -> None:
-        """Let something go wrong: a name of ``faults.FAULTS``, and its arguments by name."""
+        """Inject a fault: a name of ``faults.FAULTS``, and its arguments by name."""
         self._faults.set(name, arguments)
 
     def clearFaults(self) -> None:

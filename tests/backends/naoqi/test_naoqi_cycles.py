@@ -118,7 +118,7 @@ def test_a_sample_answers_the_command_that_was_to_be_reached_the_delay_before() 
     cycles = Cycles(12.0, 0)
     scheduler = CommandScheduler(cycles, LEAD, 3)
     for step, cycle in enumerate(range(10, 20)):
-        scheduler.given(step, cycle, sent=cycle not in (13, 14, 17))
+        scheduler.note_command(step, cycle, sent=cycle not in (13, 14, 17))
     answered = [scheduler.answers(10, sample) for sample in range(12, 24)]
     # Of two in a row that were not sent the DCM knows nothing; a single one lies on its straight line.
     assert answered == [None, 10, 9, 8, 8, 8, 5, 4, 3, 2, 1, 1]
@@ -130,6 +130,6 @@ def test_only_the_last_seconds_commands_are_remembered() -> None:
     cycles = Cycles(12.0, 0)
     scheduler = CommandScheduler(cycles, LEAD, 3)
     for step in range(1000):
-        scheduler.given(step, step, sent=True)
+        scheduler.note_command(step, step, sent=True)
     assert scheduler.answers(1000, 900 + 3) == 100
     assert scheduler.answers(1000, 100) is None

@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pepper_driver.backends.naoqi.memory_keys import Alias, actuator_keys
-from pepper_driver.backends.naoqi.timing import CommandHistory, SentCommand
+from pepper_driver.backends.naoqi.timing import CommandHistory, ScheduledCommand
 from pepper_driver.backends.naoqi_server.dcm import UpdateType
 from pepper_driver.config.arrays import FloatArray
 from support.virtual_robot import (
@@ -323,8 +323,12 @@ def test_the_dcm_is_asked_for_a_fifth_more_values_half_of_the_time() -> None:
 # -- between which commands the DCM is -----------------------------------------------------------------------------
 
 
-def command(value: float, date: int, *, sent: float, taken: float = np.inf) -> SentCommand:
-    return SentCommand(values=np.array([value]), date=date, sent=sent, taken=taken)
+def command(
+    value: float, date: int, *, sent: float, acknowledged: float = np.inf
+) -> ScheduledCommand:
+    return ScheduledCommand(
+        values=np.array([value]), date=date, sent=sent, acknowledged=acknowledged
+    )
 
 
 def test_bounds_are_those_of_commands_from_the_last_that_was_surely_reached() -> None:
@@ -332,7 +336,7 @@ def test_bounds_are_those_of_commands_from_the_last_that_was_surely_reached() ->
     assert history.bounds(0) is None
     for number in range(10):
         sent = 12.0 * number - 30.0
-        history.add(command(0.1 * number, 12 * number, sent=sent, taken=sent + 5.0))
+        history.add(command(0.1 * number, 12 * number, sent=sent, acknowledged=sent + 5.0))
 
     def bounds(date: int) -> list[float] | None:
         found = history.bounds(date)
@@ -346,6 +350,6 @@ def test_bounds_are_those_of_commands_from_the_last_that_was_surely_reached() ->
     assert bounds(5000) == [0.9, 0.9], "the last one is held"
     history.add(command(2.0, 5100, sent=5080.0))
     assert bounds(5200) == [0.9, 2.0], "it may have come, or not"
-    history.add(command(3.0, 5112, sent=5092.0, taken=5195.0))
+    history.add(command(3.0, 5112, sent=5092.0, acknowledged=5195.0))
     assert bounds(5200) == [0.9, 3.0], "its acknowledgement was seen too late to say when it came"
     assert bounds(5300) == [3.0, 3.0]

@@ -122,7 +122,7 @@ CASES = [
         "naoqi://x:99999",
         "backend 'naoqi://x:99999': a port is a whole number from 1 to 65535, got '99999'; NAOqi",
     ),
-    ("naoqi://x:0", "backend 'naoqi://x:0': port 0 is none; NAOqi listens at 9559"),
+    ("naoqi://x:0", "backend 'naoqi://x:0': port 0 is invalid; NAOqi listens at 9559"),
     (
         "naoqi://x:y",
         "backend 'naoqi://x:y': a port is a whole number from 1 to 65535, got 'y'; NAOqi listens at",
@@ -145,7 +145,7 @@ CASES = [
     ),
     (
         "naoqi://nao@x",
-        "backend 'naoqi://nao@x': without TLS nobody logs in; write naoqi://x, or naoqis://nao@x",
+        "backend 'naoqi://nao@x': without TLS there is no login; write naoqi://x, or naoqis://nao@x",
     ),
     (
         "naoqi://nao:secret@x",
