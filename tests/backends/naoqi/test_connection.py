@@ -165,7 +165,7 @@ def test_calls_bring_what_a_service_answers(fake: FakeRobot) -> None:
 def test_nobody_listens() -> None:
     with socket.create_server(("127.0.0.1", 0)) as server:
         port = server.getsockname()[1]
-    assert "nobody listens at port" in str(failure(f"naoqi://127.0.0.1:{port}"))
+    assert "no server listens at port" in str(failure(f"naoqi://127.0.0.1:{port}"))
     assert "9503" in str(failure(f"naoqis://127.0.0.1:{port}", SECRET))
 
 
@@ -197,7 +197,7 @@ def test_a_wrong_password(certificate: ssl.SSLContext) -> None:
     with listener(tls_door(certificate)) as port:
         error = failure(f"naoqis://nao@127.0.0.1:{port}", SECRET)
     assert isinstance(error, LoginError)
-    assert "does not let 'nao' in" in str(error)
+    assert "refuses the user 'nao'" in str(error)
     assert isinstance(error, PermissionError)
 
 
