@@ -1,4 +1,4 @@
-"""Abilities of a Pepper besides moving and measuring: speak, shine, show, and move by its own programs."""
+"""Services of a Pepper: speak, shine, show, and move by its own programs."""
 
 from __future__ import annotations
 
@@ -23,11 +23,11 @@ class Extras:
         self._told: set[str] = set()
 
     def say(self, text: str) -> None:
-        """Begin to speak; returns when the robot has taken the order, before it has spoken."""
+        """Begin to speak; return when the robot has accepted the order, before it has spoken."""
         self._tell("cannot speak")
 
     def leds(self, group: str, colour: tuple[float, float, float], duration: float) -> None:
-        """Begin to fade lights to a colour; returns when the robot has taken the order.
+        """Begin to fade lights to a colour; return when the robot has accepted the order.
 
         Args:
             group: NAOqi's name of lights: ``FaceLeds``, ``EarLeds``, ``ChestLeds``, ...
@@ -45,11 +45,11 @@ class Extras:
         self._tell("has no tablet")
 
     def go_to_posture(self, name: str, speed: float) -> None:
-        """Have the robot's own program take it to a posture that it knows; returns when it is there.
+        """Have the robot's own program move it to a named posture; return when it is there.
 
         Args:
             name: NAOqi's name for it: ``Stand``, ``StandInit``, ``StandZero``, ``Crouch``.
-            speed: Share of the full speed, above 0 up to 1.
+            speed: Ratio to the full speed, above 0 up to 1.
 
         Raises:
             BackendError: The backend is active: two programs would move the robot. Or the robot got stuck.

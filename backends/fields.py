@@ -1,4 +1,4 @@
-"""Fields of a tick: what is measured and told, and the one table that log, recording, mirror and replay follow."""
+"""Fields of a tick: measurements, commands, and the one table that log, recording, mirror and replay follow."""
 
 from __future__ import annotations
 
@@ -42,14 +42,14 @@ class Measurement:
         buttons: (1,) 1.0 where pressed, order of ``sensors.buttons``.
         temperature: (17,) motors [deg C].
         battery: Charge, 0..1.
-        age: Time since the sample was taken [s], beyond the transport that is always there.
-        charging_flap: 1.0 while the flap over the charging socket is open, NaN where nobody knows.
-        answers: How many commands before the last written one the command was written that a sample without ``age``
-            answers, 0 for the last one; None where it is ``BackendInfo.response_delay``.
-        withheld: Commands since ``activate`` that were not sent, because too many were on their way.
-        stiffness: (17,) that the boards are told to have, by whomever, 0..1; NaN for joints, or None for a robot, of
-            which nobody knows.
-        missing: Why there is no younger sample, for people; empty where there is, or where nobody knows.
+        age: Age of the sample [s], beyond the constant latency.
+        charging_flap: 1.0 while the flap over the charging socket is open, NaN where unknown.
+        response_delay: How many commands before the last written one the command was written that a sample without
+            ``age`` answers, 0 for the last one; None where it is ``BackendInfo.response_delay``.
+        dropped_commands: Commands since ``activate`` that were not sent, because too many were in flight.
+        stiffness: (17,) at the motor boards, commanded by any program, 0..1; NaN for joints, or None for a robot,
+            whose stiffness is unknown.
+        stale_reason: Human-readable reason why there is no younger sample; empty if there is one, or if unknown.
         commanded_by_others: Joints and wheels that another program commands, by name, where the backend can see that.
             Not logged: the fault that it leads to names them.
     """
@@ -67,10 +67,10 @@ class Measurement:
     battery: float
     age: float
     charging_flap: float = nan
-    answers: int | None = None
-    withheld: int = 0
+    response_delay: int | None = None
+    dropped_commands: int = 0
     stiffness: FloatArray | None = None
-    missing: str = ""
+    stale_reason: str = ""
     commanded_by_others: tuple[str, ...] = ()
 
 
@@ -129,7 +129,7 @@ class TickField:
 
     @property
     def name(self) -> str:
-        """In the log: what was sent, wanted, or measured by the inertial unit says so."""
+        """Name in the log, with a prefix for commands, references and the inertial unit."""
         part = self.owner.rpartition(".")[2]
         return f"{part}_{self.attribute}" if part in _PREFIXES else self.attribute
 
@@ -172,23 +172,23 @@ def _command(meaning: str) -> tuple[TickField, ...]:
 
 
 _STATES = "0 free, 1 contact, 2 release, 3 rebound, 4 settling, 5 blind"
-_ANSWERS = "ticks before this one in which the command was given that this sample answers; -1 for response_delay"
+_RESPONSE_DELAY = "ticks before this one in which the command was given that this sample answers; -1 for response_delay"
 _STEP = "number of the tick since the log began, also of ticks not in it"
 _PACED = "from the deadline of the tick to its end; NaN where not paced"
-_TOLD = "0..1 that the boards are told, NaN where nobody knows"
+_TOLD = "0..1 at the motor boards, NaN where unknown"
 _PASSED = "clock of the robot at the first sample that answers a later command"
 
 TICK_FIELDS: tuple[TickField, ...] = (
     _F(_M, "time", "scalar", "[s]", "clock of the robot", column="time"),
     _F(_M, "battery", "scalar", "", "charge, 0..1"),
-    _F(_M, "age", "scalar", "[s]", "since the sample was taken", column="age"),
+    _F(_M, "age", "scalar", "[s]", "since the sample was measured", column="age"),
     _F("", "tick_end", "scalar", "[s]", _PACED),
-    _F(_M, "charging_flap", "scalar", "", "1 while open, NaN where nobody knows"),
+    _F(_M, "charging_flap", "scalar", "", "1 while open, NaN where unknown"),
     _F(_M, "tick", "scalar", "", "number of the cycle", "int64"),
     _F("", "step", "scalar", "", _STEP, "int64"),
-    _F(_M, "answers", "scalar", "", _ANSWERS, "int64", absent=-1),
+    _F(_M, "response_delay", "scalar", "", _RESPONSE_DELAY, "int64", absent=-1),
     _F("", "missed", "scalar", "", "ticks missed since the log began", "int64"),
-    _F(_M, "withheld", "scalar", "", "commands held back since the start", "int64"),
+    _F(_M, "dropped_commands", "scalar", "", "commands held back since the start", "int64"),
     _F(_M, "position", "joints", "[rad]", "measured", column="position", mirror="angle"),
     _F(_M, "current", "joints", "[A]", "absolute", column="current", mirror="size"),
     _F(_M, "wheel_speed", "wheels", "[rad/s]", "measured", column="wheel_speed", mirror="wheels"),

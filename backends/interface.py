@@ -39,7 +39,7 @@ R = TypeVar("R")
 
 
 def serial(method: Callable[Concatenate[S, P], R]) -> Callable[Concatenate[S, P], R]:
-    """Let a method run only while no other thread runs a serial method of the same object."""
+    """Run a method only while no other thread runs a serial method of the same object."""
 
     @functools.wraps(method)
     def alone(self: S, /, *args: P.args, **kwargs: P.kwargs) -> R:
@@ -49,7 +49,7 @@ def serial(method: Callable[Concatenate[S, P], R]) -> Callable[Concatenate[S, P]
     return alone
 
 
-LONGEST_WAY = 50
+MAX_RESPONSE_DELAY = 50
 """[commands] From a command to the sample that answers it, at most: by then the safety gate has stopped the robot."""
 
 Capability = Literal[
@@ -68,7 +68,7 @@ class NotConnectedError(PepperError, ConnectionError):
 
 
 class CommandError(PepperError, ValueError):
-    """A command that is none: a wrong shape, a number that is not finite or out of range."""
+    """An invalid command: a wrong shape, a number that is not finite or out of range."""
 
 
 class CapabilityError(PepperError, NotImplementedError):
@@ -81,7 +81,7 @@ class DeviceError:
 
     Attributes:
         device: Its name, as the robot has it.
-        text: What is wrong with it, for people.
+        text: Human-readable description of the defect.
         serious: Whether the robot should not move.
     """
 
@@ -101,7 +101,7 @@ class BackendInfo:
             be reached. A measurement answers the command sent this many ticks before the last one.
         capabilities: What this backend can do beyond the interface.
         identity: Hash of the simulated robot, or the body id of a real one. Models carry it.
-        name: For people: of the plant of a simulated robot, or where a real one is reached.
+        name: Human-readable: plant of a simulated robot, or address of a real one.
         parents: Plants that a simulated robot is a variant of, nearest first: their models serve it too.
     """
 
@@ -121,7 +121,7 @@ class BackendInfo:
 
 
 DEAD_MAN_CYCLES = 3
-"""Cycles for which wheels obey their last command: then they are told to stand."""
+"""Cycles for which wheels follow their last command: then they stop."""
 
 
 class Backend(ABC):
@@ -139,7 +139,7 @@ class Backend(ABC):
 
     Attributes:
         real_time: True where time passes by itself: ``read`` does not wait, its caller does, once a cycle. False where
-            each ``read`` lets a simulated cycle pass.
+            each ``read`` simulates one cycle.
     """
 
     real_time: bool = False
@@ -160,14 +160,14 @@ class Backend(ABC):
 
         Raises:
             BackendError: Already open, or the robot refuses.
-            NotConnectedError: Nobody there.
+            NotConnectedError: No robot at this address.
         """
 
     @abstractmethod
     def activate(self) -> Measurement:
         """Ramp the stiffness up while holding the posture last measured, clipped into the joint limits.
 
-        A real robot may have moved before that, for example got up: ``held`` tells where it is held.
+        A real robot may have moved before that, for example got up: ``hold_position`` is the position that it holds.
 
         Raises:
             NotConnectedError: Not open.
@@ -175,7 +175,7 @@ class Backend(ABC):
         """
 
     @property
-    def held(self) -> FloatArray | None:
+    def hold_position(self) -> FloatArray | None:
         """(17,) where ``activate`` holds the joints [rad]; None where that is what was measured before it."""
         return None
 
@@ -184,9 +184,9 @@ class Backend(ABC):
         """Return the newest sample.
 
         In simulated time exactly one cycle passes, under the command last written. In real time this returns at once,
-        whether the sample is new or not: its ``age`` tells. The loop calls it once every cycle, and now and then misses
+        whether the sample is new or not: see its ``age``. The loop calls it once every cycle, and now and then misses
         one. Where nothing was written since the last ``read``, the joints stay at the last command, and after
-        ``DEAD_MAN_CYCLES`` the wheels are told to stand.
+        ``DEAD_MAN_CYCLES`` the wheels stop.
 
         Raises:
             NotConnectedError: Not open, or another thread has closed it.
@@ -244,7 +244,7 @@ class Backend(ABC):
         return 0.0
 
     def diagnosis(self) -> tuple[DeviceError, ...] | None:
-        """Return what the robot's own diagnosis finds broken now; None where there is no such thing. May take seconds.
+        """Return the present findings of the robot's own diagnosis; None without a diagnosis. May take seconds.
 
         Raises:
             NotConnectedError: Not open.
@@ -312,11 +312,12 @@ class Backend(ABC):
         """Take a link of a simulated robot in a springy hand, from ``delay`` [s] from now on, and pull or push it.
 
         The hand closes where the point is then, moves by ``pull`` along a minimum-jerk path in ``rise`` seconds, stays
-        for ``hold`` and lets go over ``release``. Its force is ``stiffness`` times the lag of the point, and damped.
+        for ``hold`` and releases it over ``release``. Its force is ``stiffness`` times the lag of the point, and
+        damped.
 
         Args:
             link: Name of the link.
-            pull: (3,) way of the hand [m] in ``frame``.
+            pull: (3,) displacement of the hand [m] in ``frame``.
             point: (3,) where it holds, in the link's frame [m]; by default the link's centre of mass.
             stiffness: Of the hand, 500 to 3000 [N/m].
             rise: Time in which the hand moves [s].
@@ -364,14 +365,14 @@ class Backend(ABC):
         Raises:
             CapabilityError: A real robot has no such parameters.
         """
-        raise CapabilityError(f"'{self.uri}' is no simulation: nobody knows its parameters")
+        raise CapabilityError(f"'{self.uri}' is no simulation: its parameters are unknown")
 
     @property
     def truth(self) -> Truth:
         """Ground truth of a simulated robot.
 
         Raises:
-            CapabilityError: There is none on a real robot.
+            CapabilityError: A real robot has no simulation state.
         """
         raise CapabilityError(f"'{self.uri}' has no ground truth: only simulated backends do")
 

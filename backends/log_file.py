@@ -69,7 +69,7 @@ class Gap:
     """Messages that are missing between two that are there, or before the first.
 
     Attributes:
-        start: Time stamp of the last message before it [s]; None where there is none.
+        start: Time stamp of the last message before it [s]; None without one.
         stop: Time stamp of the first message after it [s].
         messages: How many are missing.
         chunks: In how many damaged chunks they were, at least.
@@ -259,7 +259,7 @@ def _gaps(records: Records) -> tuple[Gap, ...]:
 
 
 def _missing(records: Records, complete: bool, gaps: Sequence[Gap]) -> Iterator[str]:
-    """Yield what is missing in a log, for people."""
+    """Yield human-readable descriptions of missing parts of a log."""
     if not complete:
         last = (
             f"after {1e-9 * records.messages[-1].time:.2f} s"

@@ -1,4 +1,4 @@
-"""Records of an MCAP file, found wherever they are intact: damaged bytes cost only the chunk that they are in.
+"""Records of an MCAP file, found where they are intact: damaged bytes cost only the chunk that they are in.
 
 Nothing depends on the order of records or on the index: each chunk is found by its header and judged by its checksum.
 Metadata has none in MCAP, so the writer puts one into it.
@@ -96,7 +96,7 @@ def find_records(data: bytes, names: tuple[str, ...]) -> Records:
 
 
 def _chunk_end(data: bytes, begin: int) -> int | None:
-    """Return where a chunk ends; None where there is none."""
+    """Return the end of a chunk; None without one."""
     start = begin + _HEADER.size
     if start + _CHUNK.size > len(data):
         return None
@@ -142,7 +142,7 @@ def _records(contents: bytes) -> Iterator[tuple[int, memoryview]]:
 
 
 def _find_metadata(data: bytes, name: str) -> dict[str, str] | None:
-    """Return the first intact metadata of a name, without its checksum; else the first that has none, if any."""
+    """Return the first intact metadata of a name, without its checksum; else the first without a checksum, if any."""
     signature = struct.pack("<I", len(name)) + name.encode()
     position, unchecked = 0, None
     while (found := data.find(signature, position)) >= 0:
@@ -159,7 +159,7 @@ def _find_metadata(data: bytes, name: str) -> dict[str, str] | None:
 
 
 def _metadata(data: bytes, begin: int) -> dict[str, str] | None:
-    """Return the values of a metadata record, without judging them; None where there is none."""
+    """Return the values of a metadata record, unchecked; None without a record."""
     if begin < 0:
         return None
     opcode, length = _HEADER.unpack_from(data, begin)
@@ -169,7 +169,7 @@ def _metadata(data: bytes, begin: int) -> dict[str, str] | None:
     try:
         record = Metadata.read(ReadDataStream(BytesIO(data[start : start + length])))
         return {str(name): str(value) for name, value in record.metadata.items()}
-    except Exception:  # whatever the decoder makes of damaged bytes
+    except Exception:  # the decoder raises anything on damaged bytes
         return None
 
 

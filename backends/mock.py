@@ -1,4 +1,4 @@
-"""A robot without physics: it is where it is told to be. For dry runs, and for tests of what drives a robot."""
+"""A robot without physics: it follows commands exactly. For dry runs, and for tests of programs that drive a robot."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import numpy as np
 from pepper_driver.backends.fields import Command, Imu, Measurement
 from pepper_driver.backends.interface import (
     DEAD_MAN_CYCLES,
-    LONGEST_WAY,
+    MAX_RESPONSE_DELAY,
     Backend,
     BackendError,
     BackendInfo,
@@ -25,7 +25,7 @@ from pepper_driver.config import ConfigError, RobotConfig, load_robot
 from pepper_driver.config.arrays import FloatArray
 
 Fault = Callable[[Measurement], Measurement]
-"""Returns a measurement as a faulty robot would have taken it."""
+"""Returns the measurement of a faulty robot."""
 
 GRAVITY = 9.81
 """[m/s2]"""
@@ -35,14 +35,14 @@ TEMPERATURE = 38.0
 
 
 class MockBackend(Serial, Backend):
-    """A Pepper whose joints and wheels do at once what they are told, and that nothing touches.
+    """A Pepper whose joints and wheels follow commands at once, without contacts.
 
     Args:
         robot: Its description, by default the shipped Pepper.
         posture: Name of the posture in which it stands.
         delay: Cycles from a command to the sample that shows it.
         faults: Changes of measurements, by tick.
-        real_time: True to look like a robot on which time passes by itself. It passes with each ``read`` all the same.
+        real_time: True to report that time passes by itself, as on a robot. It still passes with each ``read``.
         uri: URI it was asked for.
 
     Attributes:
@@ -119,7 +119,7 @@ class MockBackend(Serial, Backend):
 
     @serial
     def read(self) -> Measurement:
-        """Let one cycle pass."""
+        """Simulate one cycle."""
         self._check_open()
         self._tick += 1
         if self._state == "active":
@@ -132,7 +132,7 @@ class MockBackend(Serial, Backend):
 
     @serial
     def write(self, command: Command) -> None:
-        """Be there in the cycle that the next ``read`` lets pass."""
+        """Act in the cycle of the next ``read``."""
         self._check_open()
         position, stiffness, wheel_speed = checked_command(command, len(self.position))
         self.commands.append(
@@ -156,7 +156,7 @@ class MockBackend(Serial, Backend):
 
     @serial
     def close(self) -> None:
-        """Deactivate and be gone."""
+        """Deactivate and disconnect."""
         self.calls.append("close")
         self._deactivate()
         self._state = "closed"
@@ -209,6 +209,6 @@ def from_uri(uri: BackendUri, robot: RobotConfig) -> MockBackend:
     return MockBackend(
         robot,
         posture=uri.query.get("posture", "Stand"),
-        delay=uri.integer("delay", 0, LONGEST_WAY),
+        delay=uri.integer("delay", 0, MAX_RESPONSE_DELAY),
         uri=uri.text,
     )

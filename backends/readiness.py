@@ -32,7 +32,7 @@ class NotReadyError(BackendError):
 
 
 class CheckStatus(Enum):
-    """OK; WARNING: it may move; FAILED: it should not; UNKNOWN: this robot, or this computer, does not tell."""
+    """OK; WARNING: it may move; FAILED: it should not; UNKNOWN: this robot, or this computer, does not report it."""
 
     OK = "ok"
     WARNING = "warning"
@@ -47,7 +47,7 @@ class CheckResult:
     Attributes:
         name: What was looked at.
         status: How it is.
-        found: What was measured, for people.
+        found: Human-readable result of the measurement.
         remedy: What to do about it; empty where there is nothing to do.
     """
 
@@ -108,9 +108,9 @@ def named(names: Iterable[str], chosen: Iterable[bool]) -> str:
 
 
 def amount(robot: RobotConfig, joint: int, value: float) -> str:
-    """Return a change of a joint for people."""
+    """Return a human-readable change of a joint."""
     if robot.joint_names[joint] in robot.hands.joints:
-        return f"{value:.2f} of its way"
+        return f"{value:.2f} of its travel"
     return f"{np.degrees(value):.1f} deg"
 
 
@@ -153,7 +153,7 @@ def check_limits(position: FloatArray, robot: RobotConfig, safety: SafetySetting
         failure=bool(outside[worst] > safety.limit_activate),
         warning=bool(over.any()),
         remedy=f"move {named(robot.joint_names, over)} by hand to within the limits, robot at rest; "
-        "if it looks as if it were there, the joint needs calibration by the maker's tools",
+        "if the joint seems to be in range, it needs calibration by the maker's tools",
     )
 
 
@@ -163,7 +163,7 @@ def check_temperatures(
     """Check that motors are cool enough."""
     known = np.isfinite(temperature)
     if not known.any():
-        return unknown("temperatures", "no motor tells its temperature")
+        return unknown("temperatures", "no motor reports its temperature")
     warm = temperature >= safety.temperature_warning
     worst = int(np.nanargmax(temperature))
     found = f"{robot.joint_names[worst]} is warmest with {temperature[worst]:.0f} deg C"
@@ -174,8 +174,8 @@ def check_temperatures(
             f"{safety.temperature_warning:.0f} deg C"
         )
     if not known.all():
-        found += f"; not told: {named(robot.joint_names, ~known)}"
-        remedies.append("watch the motors that do not tell by hand")
+        found += f"; unknown: {named(robot.joint_names, ~known)}"
+        remedies.append("check the motors without a reading by hand")
     return rated(
         "temperatures",
         found,
@@ -202,7 +202,7 @@ def check_battery(charge: float, safety: SafetySettings) -> CheckResult:
 def check_flap(flap: float, *, refused: bool = False) -> CheckResult:
     """Check that the charging flap is closed; ``refused`` where an open one is a failure."""
     if isnan(flap):
-        return unknown("charging flap", "this robot does not tell")
+        return unknown("charging flap", "this robot does not report it")
     is_open = flap > PRESSED
     way_out = "'charging_flap: stand' in a file for ?settings= moves head and arms alone"
     return rated(
@@ -223,7 +223,7 @@ def check_buttons(buttons: FloatArray, robot: RobotConfig, safety: SafetySetting
         found,
         failure=not is_free and safety.chest_button,
         warning=not is_free,
-        remedy="let it go; one that stays pressed is jammed, and the robot must not move without it",
+        remedy="release it; one that stays pressed is jammed, and the robot must not move without it",
     )
 
 
@@ -242,10 +242,10 @@ def check_diagnosis(errors: Sequence[DeviceError] | None) -> CheckResult:
 
 
 def pressed(values: NDArray[Any], names: Sequence[str]) -> tuple[str, bool]:
-    """Return what was pressed at any time of (n,) or (rows, n) values, or not told, for people; True for nothing."""
+    """Return a text of what was pressed or unknown at any time of (n,) or (rows, n) values; True if nothing."""
     columns = values.reshape(-1, len(names)).T
     down = [bool((column > PRESSED).any()) for column in columns]
     lost = [bool(np.isnan(column).any()) for column in columns]
     parts = [f"pressed: {named(names, down)}"] if any(down) else []
-    parts += [f"not told: {named(names, lost)}"] if any(lost) else []
+    parts += [f"unknown: {named(names, lost)}"] if any(lost) else []
     return "; ".join(parts) or "none pressed", not parts

@@ -19,7 +19,7 @@ from pepper_driver.backends.fields import (
     objects,
 )
 from pepper_driver.backends.interface import (
-    LONGEST_WAY,
+    MAX_RESPONSE_DELAY,
     Backend,
     BackendError,
     BackendInfo,
@@ -50,7 +50,8 @@ class CommandDifferences:
     Attributes:
         compared: How many commands were compared.
         differing: How many of them are not the same.
-        first: The first one that is not: time of the sample that answers it [s], and how, for people; None if all are.
+        first: The first one that is not: time of its sample [s], and a human-readable difference; None if all are
+            equal.
         largest: Largest size of a difference, by part of the command: ``position`` [rad], ``stiffness``,
             ``wheel_speed`` [rad/s].
     """
@@ -143,7 +144,7 @@ class ReplayBackend(Serial, Backend):
 
     @serial
     def open(self) -> Measurement:
-        """Begin again. The robot is where it was told to be, a cycle before the first tick."""
+        """Begin again. The robot is at its commanded position, a cycle before the first tick."""
         if self._state != "closed":
             raise BackendError(f"'{self.uri}' is already open")
         self._state, self._next = "open", 0
@@ -164,7 +165,7 @@ class ReplayBackend(Serial, Backend):
         """Return the next measurement.
 
         Raises:
-            EndOfLogError: There is none.
+            EndOfLogError: The log has no further tick.
         """
         self._check_open()
         row = self._next
@@ -193,7 +194,7 @@ class ReplayBackend(Serial, Backend):
 
     @serial
     def close(self) -> None:
-        """Let go of it."""
+        """Release it."""
         self._state = "closed"
 
     def _check_open(self) -> None:
@@ -242,7 +243,7 @@ def _info(file: LogFile) -> BackendInfo:
             f"{file.path}: does not say of which backend it is (cycle, response_delay, identity)"
         ) from error
     if not (0.0 < cycle < math.inf and delay >= 0):
-        raise LogError(f"{file.path}: a cycle of {cycle} s or a delay of {delay} ticks is none")
+        raise LogError(f"{file.path}: a cycle of {cycle} s or a delay of {delay} ticks is invalid")
     return BackendInfo(
         joint_names=file.joint_names,
         cycle=cycle,
@@ -268,8 +269,10 @@ def parents_in(path: Path, metadata: Mapping[str, str]) -> tuple[RobotIdentity, 
 
 def _match_command(table: dict[str, Column], delay: int) -> IntArray:
     """Return for each row the step whose command it answers; -1 before the first, or if it is too old to be known."""
-    answers = np.where(table["answers"] < 0, delay, table["answers"])
-    step = np.where(answers > max(LONGEST_WAY, delay), -1, table["step"] - answers)
+    response_delay = np.where(table["response_delay"] < 0, delay, table["response_delay"])
+    step = np.where(
+        response_delay > max(MAX_RESPONSE_DELAY, delay), -1, table["step"] - response_delay
+    )
     return np.maximum(step, -1)
 
 

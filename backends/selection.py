@@ -34,7 +34,7 @@ _BUILTIN = {
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class BackendUri:
-    """A backend URI taken apart; ``text`` is as the user wrote it.
+    """A parsed backend URI; ``text`` is as the user wrote it.
 
     A relative path of a file is ``host`` and ``path`` together.
     """
@@ -46,7 +46,7 @@ class BackendUri:
     query: Mapping[str, str]
 
     def check_keys(self, known: set[str], *, host: bool, path: bool = False) -> None:
-        """Raise a ConfigError for a query key that is not in ``known``, or a host or path where there is none."""
+        """Raise a ConfigError for a query key that is not in ``known``, or an unexpected host or path."""
         if self.host and not host:
             raise ConfigError(
                 f"backend '{self.text}': '{self.host}' says nothing here; "
@@ -63,7 +63,7 @@ class BackendUri:
         """Return a query value as a whole number from 0 to ``most``, where there is a most.
 
         Raises:
-            ConfigError: It is none.
+            ConfigError: It is invalid.
         """
         text = self.query.get(key)
         if text is None:

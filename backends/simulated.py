@@ -71,7 +71,7 @@ class SimulatedPlant:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class TrueContact:
-    """Effect of one thing on one link in the last cycle of a simulation. Vectors are in the world.
+    """Effect of one object on one link in the last cycle of a simulation. Vectors are in the world.
 
     Attributes:
         kind: A scheduled ``push``, a ``hand`` that holds on, or an ``object`` of the world.
@@ -179,12 +179,12 @@ class Truth(ABC):
         """
 
     def sample(self) -> TruthSample:
-        """Return what goes into a log, as it is now."""
+        """Return the present values for a log."""
         return TruthSample(**{part.name: getattr(self, part.name) for part in fields(TruthSample)})
 
 
 class Resumable:
-    """Something whose state is the attributes named in ``STATE``; everything else follows from its construction."""
+    """An object whose state is the attributes named in ``STATE``; everything else follows from its construction."""
 
     STATE: ClassVar[tuple[str, ...]] = ()
 

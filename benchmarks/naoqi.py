@@ -1,7 +1,7 @@
 """Driving a robot over NAOqi every 12 ms: against the stand-in, over real qi on this machine, in real time.
 
 bare: the backend alone, stepped by the loop's pacer. whole: a moving Pepper with controller, observer, gate. Of both:
-missed ticks, when ticks end after they were due, how old samples are, commands withheld, and processor time of client,
+missed ticks, when ticks end after they were due, how old samples are, dropped commands, and processor time of client,
 stand-in NAOqi and simulated robot. Of the whole one also: how far the DCM was from the command that each sample is said
 to answer, by the stand-in's black box; and tracking errors and residuals against those of the same motion with the
 simulation driven directly, beside what another seed of the sensors' noise makes of them. The gate lets old samples pass
@@ -37,7 +37,7 @@ from rich.table import Table
 
 from pepper_driver import Pepper
 from pepper_driver.backends import Backend, Command, make_backend
-from pepper_driver.backends.interface import LONGEST_WAY
+from pepper_driver.backends.interface import MAX_RESPONSE_DELAY
 from pepper_driver.backends.naoqi.backend import NaoqiBackend
 from pepper_driver.backends.naoqi.dcm_channel import NORMAL_AGE
 from pepper_driver.backends.naoqi_server.launch import StandIn
@@ -117,7 +117,7 @@ def bare(uri: str, stand_in: StandIn, robot: RobotConfig, seconds: float) -> dic
             for tick in range(warm + round(seconds / robot.cycle)):
                 if tick == warm:
                     processors, missed = Processors(stand_in), 0
-                    withheld = measurement.withheld
+                    dropped_commands = measurement.dropped_commands
                 missed += pacer.wait()
                 began = time.perf_counter_ns()
                 measurement = backend.read()
@@ -136,7 +136,7 @@ def bare(uri: str, stand_in: StandIn, robot: RobotConfig, seconds: float) -> dic
         "tick_end_ms": asdict(Quantiles.from_values(np.array(ends[warm:]))),
         "step_ms": asdict(Quantiles.from_values(np.array(steps[warm:]))),
         "sample_age_ms": asdict(Quantiles.from_values(np.array(ages[warm:]))),
-        "withheld": measurement.withheld - withheld,
+        "dropped_commands": measurement.dropped_commands - dropped_commands,
         "processors": shares,
     }
 
@@ -243,12 +243,12 @@ def whole(
         "step_ms": {k: 1e-3 * v for k, v in asdict(statistics.stages["read"]).items()},
         "all_but_backend_ms": {k: 1e-3 * v for k, v in asdict(statistics.tick).items()},
         "sample_age_ms": asdict(statistics.sample_age),
-        "withheld": last.withheld - first.withheld,
+        "dropped_commands": last.dropped_commands - first.dropped_commands,
         "processors": shares,
         "would_hold": gaps(recorder, safety.stale_hold),
         "would_stop": gaps(recorder, safety.stale_fault),
         "contacts": contacts,
-        "answers": answers(recorder),
+        "response_delay": answers(recorder),
         "dcm_off_by_rad": off_by,
         "reaction_cycles": reaction(recorder, commands, begin + delay, robot.cycle),
         "request_lead_ms": median_and_p99(leads),
@@ -325,7 +325,7 @@ def reaction(
         if now.age > NORMAL_AGE or np.array_equal(now.current, before.current):
             continue
         sample = begin + now.tick - round(now.age / cycle)
-        off = np.abs(commands[sample : sample + LONGEST_WAY] - computed[number]).max(axis=1)
+        off = np.abs(commands[sample : sample + MAX_RESPONSE_DELAY] - computed[number]).max(axis=1)
         if (off <= SAME_POSTURE).any():
             (late if now.age > 0.0 else fresh).append(int(np.argmax(off <= SAME_POSTURE)))
         else:
@@ -440,7 +440,7 @@ def shown(figures: dict[str, Any], robot: RobotConfig) -> list[Table]:
         "tick ends after, median / p99 / largest [ms]": lambda f: spread(f["tick_end_ms"]),
         "backend's read, bare: with write [ms]": lambda f: spread(f["step_ms"]),
         "age of samples [ms]": lambda f: spread(f["sample_age_ms"], 0),
-        "commands withheld": lambda f: str(f["withheld"]),
+        "dropped commands": lambda f: str(f["dropped_commands"]),
         "processor of client / NAOqi / robot": lambda f: " / ".join(
             f"{f['processors'][name]:.0%}" for name in PROCESSES
         ),

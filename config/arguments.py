@@ -37,11 +37,11 @@ MAX_PATH_LENGTH = 1000
 
 Check = Callable[[object], bool]
 ParameterCheck = tuple[int | None, str, str, list[Check]]
-"""Place of a parameter, None where it has none; its name; what it must be, for people; one check for each of these."""
+"""Place of a parameter or None; its name; human-readable types; one check for each of these."""
 
 
 def is_number(value: object) -> TypeGuard[float]:
-    """Return True for a real number, NaN and infinity too; a truth value is none, nor is a text.
+    """Return True for a real number, NaN and infinity too; a truth value or a text is no number.
 
     Nor is an integer of more than 308 digits, which no float can hold.
     """
@@ -111,7 +111,7 @@ def checked_arguments(target: C) -> C:
     Refused by an ArgumentError are arguments that it does not have or that are missing, and what its annotations rule
     out: other objects than those of a class of this project, other than True or False for ``bool``, and functions
     that do not take as many arguments as ``Callable[[A, B], R]`` says. Names, numbers and arrays are left to the
-    function itself: it knows which are possible.
+    function itself, which has the possible ones.
     """
     if isinstance(target, type):
         constructor = vars(target)["__init__"]
@@ -158,7 +158,7 @@ def _checked(function: Callable[P, T], name: str, annotated: object) -> Callable
 def _misfit(
     function: Callable[..., object], args: tuple[Any, ...], kwargs: Mapping[str, Any]
 ) -> str | None:
-    """Return why a call does not fit a signature, for people; None where it does."""
+    """Return a human-readable reason why a call does not fit a signature; None if it fits."""
     known, is_free = _names(function)
     for given in kwargs:
         if given not in known and not is_free:
@@ -174,7 +174,7 @@ def _misfit(
 
 
 def _names(function: Callable[..., object]) -> tuple[list[str], bool]:
-    """Return the names of arguments, those of ``**kwargs: Unpack[...]`` too; True where others are taken as well."""
+    """Return the names of arguments, those of ``**kwargs: Unpack[...]`` too; True where others are accepted as well."""
     names: list[str] = []
     is_free = False
     for name, parameter in inspect.signature(function).parameters.items():
@@ -210,7 +210,7 @@ def _checks(function: Callable[..., object], annotated: object) -> list[Paramete
 
 
 def _kind(hint: Any) -> tuple[str, Check] | None:  # noqa: ANN401 an annotation can be anything
-    """Return a kind of argument for people, and its check; None for what is not checked here."""
+    """Return a human-readable type of argument, and its check; None if it is not checked here."""
     if hint is NoneType:
         return "", lambda value: value is None
     if hint is bool:
@@ -236,7 +236,7 @@ def _function_text(count: int | None) -> str:
 
 
 def takes_arguments(value: object, count: int | None) -> bool:
-    """Return True for what can be called with so many arguments, or any for None, as far as that can be told."""
+    """Return True for what can be called with so many arguments, or any for None, as far as that is visible."""
     if not callable(value):
         return False
     if count is None:

@@ -15,7 +15,7 @@ from pepper_driver.config.mistakes import in_words
 from pepper_driver.config.robot import RobotConfig
 
 Kind = Literal["contact", "collision", "rebound"]
-"""``collision`` is a hard contact; ``rebound`` is a joint that swings back after a contact."""
+"""``collision`` is a hard contact; ``rebound`` is the swing of a joint back after a contact."""
 
 MAX_INTENSITY_DEG = 180.0
 """Largest ``min_intensity_deg`` [deg]."""
@@ -65,7 +65,7 @@ class ContactSelector:
         limb: Only contacts on one of these limbs; a name or a list of names, empty for any. Limbs are those of
             :attr:`RobotConfig.limbs`: ``left_arm``, ``right_arm``, ``head`` and ``trunk``, which includes the base.
         link: Only contacts on one of these links.
-        joint: Only contacts felt by one of these joints.
+        joint: Only contacts detected by one of these joints.
         kind: Only this kind. None takes contacts and collisions: a rebound is no touch.
         min_intensity_deg: Only contacts of at least this intensity [deg].
         min_torque: Only contacts whose estimated torque on their joint is at least this, in either direction [N m].
@@ -124,9 +124,9 @@ class ContactSelector:
         return limbs
 
     def __str__(self) -> str:
-        """Human-readable: ``collision on left_arm felt by LElbowRoll, 2 deg and more``."""
+        """Human-readable: ``collision on left_arm detected by LElbowRoll, 2 deg and more``."""
         text: str = self.kind or "contact"
-        for word, names in (("on", self.limb), ("on", self.link), ("felt by", self.joint)):
+        for word, names in (("on", self.limb), ("on", self.link), ("detected by", self.joint)):
             if names:
                 text += f" {word} {' or '.join(names)}"
         if self.min_intensity_deg:
@@ -175,7 +175,7 @@ class TouchTrigger(ContactSelector):
             )
 
     def includes(self, other: TouchTrigger, robot: RobotConfig) -> bool:
-        """Return True where whatever sets ``other`` off sets this one off too, at the latest then."""
+        """Return True if every contact that fires ``other`` fires this one too, at the latest then."""
         limbs = not self.limb or other.limbs_in(robot) <= set(self.limb)
         return (
             limbs

@@ -14,7 +14,7 @@ from pydantic import Field
 from pydantic.dataclasses import dataclass
 
 from pepper_driver.config.loading import STRICT, one_or_more
-from pepper_driver.config.parts import NotNegative, Positive, Vector3, check_bounds
+from pepper_driver.config.parts import NonNegative, Positive, Vector3, check_bounds
 from pepper_driver.config.task_specs import Label, Named
 
 Axes = Literal["world", "link"]
@@ -44,7 +44,7 @@ class Touch:
     joint: str
     link: str
     xyz: Vector3
-    start: NotNegative
+    start: NonNegative
     step: Label | None = None
     saturating: bool = False
 
@@ -87,7 +87,7 @@ class JointPushSpec(Touch):
 
 @dataclass(frozen=True, kw_only=True, config=STRICT)
 class GrabSpec(Touch):
-    """A springy hand that takes hold of a point, moves by ``pull`` [m] in ``rise``, stays for ``hold``, lets go.
+    """A hand, as a spring, that grabs a point, moves by ``pull`` [m] in ``rise``, stays for ``hold``, releases it.
 
     Its spring has ``stiffness`` [N/m], gives ``max_force`` [N] at most, and fades over ``release``. Times in [s].
     """
@@ -98,7 +98,7 @@ class GrabSpec(Touch):
     stiffness: Annotated[float, Field(ge=SOFTEST_HAND, le=STIFFEST_HAND)] = 1000.0
     max_force: Annotated[float, Field(gt=0, le=STRONGEST_HAND)] = 100.0
     rise: Positive = 0.5
-    hold: NotNegative = 1.0
+    hold: NonNegative = 1.0
     release: Positive = 0.1
 
     def __post_init__(self) -> None:
@@ -106,12 +106,12 @@ class GrabSpec(Touch):
 
     @property
     def duration(self) -> float:
-        """From taking hold to letting go [s]."""
+        """From grab to release [s]."""
         return self.rise + self.hold + self.release
 
     @property
     def largest(self) -> Vector3:
-        """The force at its largest [N]: while the link does not give way."""
+        """Largest force [N]: while the link stays in place."""
         way = math.hypot(*self.pull)
         force = min(self.stiffness * way, self.max_force)
         x, y, z = (force / way * part for part in self.pull)
@@ -137,7 +137,7 @@ class RandomTouch:
         step: Name of the step; may be left out where there is one such step.
         times: [s] after the goal was set.
         after: Goals set before this time since the step settled have no contact [s]: the robot moves freely first.
-        jitter: Each time is off by half of this at most, either way [s].
+        jitter: Each time differs by half of this at most, in both directions [s].
         duration: Shortest and longest push [s].
         rise: Shortest and longest time in which a push rises, and falls [s]; None for that of the backend.
         in_motion: Planned for where the joints will be when the push has risen, and possible until its end. Without
@@ -146,9 +146,9 @@ class RandomTouch:
     """
 
     step: Label | None = None
-    times: Annotated[tuple[NotNegative, ...], Field(min_length=1, max_length=1000)]
-    after: NotNegative = 0.0
-    jitter: NotNegative = 0.0
+    times: Annotated[tuple[NonNegative, ...], Field(min_length=1, max_length=1000)]
+    after: NonNegative = 0.0
+    jitter: NonNegative = 0.0
     duration: tuple[Positive, Positive]
     rise: tuple[Positive, Positive] | None = None
     in_motion: bool = False
@@ -180,7 +180,7 @@ class RandomPushes(RandomTouch):
         degrees: Smallest and largest equivalent degrees; log-uniform.
         points: Where each joint is pushed: one place, or several that are tried in random order.
         max_force: No hand pushes harder [N].
-        max_distal_ratio: Largest torque on a joint further out in the chain, in equivalent degrees, as a share of
+        max_distal_ratio: Largest torque on a joint further out in the chain, in equivalent degrees, as a ratio to
             those on the joint that is meant; less than half its friction is always allowed. None for any.
     """
 
@@ -190,7 +190,7 @@ class RandomPushes(RandomTouch):
     degrees: tuple[Degrees, Degrees]
     points: dict[str, Points]
     max_force: Annotated[float, Field(gt=0, le=STRONGEST_HAND)] = STRONGEST_HAND
-    max_distal_ratio: NotNegative | None = None
+    max_distal_ratio: NonNegative | None = None
 
     def __post_init__(self) -> None:
         super().__post_init__()

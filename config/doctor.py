@@ -11,7 +11,7 @@ from pydantic.dataclasses import dataclass
 from pepper_driver.config.loading import STRICT, load, own_or_shipped
 from pepper_driver.config.parts import Positive
 
-Share = Annotated[float, Field(ge=0, le=1)]
+UnitInterval = Annotated[float, Field(ge=0, le=1)]
 
 
 @dataclass(frozen=True, kw_only=True, config=STRICT)
@@ -24,9 +24,9 @@ class DoctorSettings:
     tilt_failure: Positive
     gravity: tuple[Positive, Positive]
     wheel_rest: Positive
-    clock_rate: Share
+    clock_rate: UnitInterval
     clock_jump: Positive
-    late_share: Share
+    late_fraction: UnitInterval
     motion: Annotated[float, Field(ge=5.0, le=60.0)]
     segment_time: Annotated[float, Field(ge=1.0)]
     amplitude: Annotated[float, Field(gt=0, le=0.2)]
@@ -34,7 +34,7 @@ class DoctorSettings:
     limit_distance: Positive
     clearance: Positive
     clearance_motion: dict[str, float]
-    min_following_ratio: Share
+    min_following_ratio: UnitInterval
     worn_rms: Positive
     worn_peak: Positive
     misfit_peak: Positive

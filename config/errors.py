@@ -44,7 +44,7 @@ class PepperError(Exception):
     while_active = False
 
     def __str__(self) -> str:
-        """Return the message in one line, whatever the names in it hold."""
+        """Return the message in one line, for any text in its names."""
         return printable(super().__str__())
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -71,8 +71,8 @@ class UnknownNameError(PepperError, LookupError):
     """A name (joint, link, plant, backend, ...) that does not exist here.
 
     Attributes:
-        kind: What was looked for, for example ``"joint"``.
-        name: The name as given, whatever it is.
+        kind: Kind of name, for example ``"joint"``.
+        name: The name as given, of any type.
         choices: The names that do exist.
     """
 
@@ -92,10 +92,10 @@ class MissingExtraError(PepperError, ImportError):
 
 
 def check_name(kind: str, name: object, choices: Iterable[str]) -> None:
-    """Refuse what is none of some names.
+    """Refuse a name that is not in a list.
 
     Raises:
-        UnknownNameError: It is none of them.
+        UnknownNameError: It is not in the list.
     """
     known = tuple(choices)
     if not (isinstance(name, str) and name in known):

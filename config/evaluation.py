@@ -113,7 +113,7 @@ class SuiteRun:
 
     @property
     def label(self) -> str:
-        """For people."""
+        """Human-readable."""
         robot = self.plant if self.draw is None else f"{self.plant} {self.draw}"
         return f"{self.suite}, {self.entry} on {robot} at {self.task_stiffness:g}/s2, seed {self.seed[-1]}"
 
@@ -147,28 +147,28 @@ class EvaluationSuites:
         """Names of the suites."""
         return tuple(self.suites)
 
-    def runs(self, suite: str, *, share: float = 1.0) -> tuple[SuiteRun, ...]:
+    def runs(self, suite: str, *, fraction: float = 1.0) -> tuple[SuiteRun, ...]:
         """Return the episodes of a suite, in their order.
 
         Args:
             suite: Its name.
-            share: Of the suite that is wanted, 0..1: fewer goals in each episode, of sweeps fewer episodes. For a first
-                look only; what is scored then is not the suite.
+            fraction: Of the suite, 0..1: fewer goals in each episode, of sweeps fewer episodes. For a quick
+                check only; the score is then not that of the suite.
 
         Raises:
             UnknownNameError: No such suite.
-            ConfigError: That is no share.
+            ConfigError: The fraction is outside 0..1.
         """
         if suite not in self.suites:
             raise UnknownNameError("suite", suite, (*self.names, "all"))
-        if not 0 < share <= 1:
-            raise ConfigError(f"the share of a suite lies between 0 and 1, got {share:g}")
+        if not 0 < fraction <= 1:
+            raise ConfigError(f"the fraction of a suite lies between 0 and 1, got {fraction:g}")
         runs = [run for entry in self.suites[suite] for run in self._runs(suite, entry)]
-        if share == 1.0:
+        if fraction == 1.0:
             return tuple(runs)
         whole = [run for run in runs if isinstance(_goals(run.experiment), Sweeps)]
-        kept = {id(run) for run in whole[:: max(1, round(1 / share))]}
-        shorter = ((run, _shorter(run, share)) for run in runs)
+        kept = {id(run) for run in whole[:: max(1, round(1 / fraction))]}
+        shorter = ((run, _shorter(run, fraction)) for run in runs)
         return tuple(s if s is not None else run for run, s in shorter if s or id(run) in kept)
 
     def _runs(self, suite: str, entry: SuiteEntry) -> Iterator[SuiteRun]:
@@ -204,21 +204,21 @@ def _each(entry: SuiteEntry) -> Iterator[tuple[int | None, float, int]]:
                 yield draw, stiffness, repetition
 
 
-def _shorter(run: SuiteRun, share: float) -> SuiteRun | None:
+def _shorter(run: SuiteRun, fraction: float) -> SuiteRun | None:
     """Return a run with fewer goals after the free motion it begins with; None where the motion has none."""
     motion = _goals(run.experiment)
     if isinstance(motion, Sweeps):
         return None
     goals = motion.count if run.goals is None else run.goals
     random = (c.after for c in run.experiment.contacts if isinstance(c, RandomTouch))
-    # These stay: else nothing would be touched.
+    # These stay: without them no contact would remain.
     free = ceil(max(random, default=0.0) / motion.period - 1e-6)
-    return replace(run, goals=min(goals, free + max(1, round((goals - free) * share))))
+    return replace(run, goals=min(goals, free + max(1, round((goals - free) * fraction))))
 
 
 @with_lines
 def load_evaluation(robot: RobotConfig, path: Path | str | None = None) -> EvaluationSuites:
-    """Return the suites, by default those of the package; experiments lie in the folder beside the file.
+    """Return the suites, by default those of the package; experiments lie in the folder next to the file.
 
     Raises:
         ConfigError: The file or an experiment is wrong, or was changed since it was frozen.
@@ -228,7 +228,7 @@ def load_evaluation(robot: RobotConfig, path: Path | str | None = None) -> Evalu
     changed = _changed(path, file)
     if changed:
         raise ConfigError(
-            f"{path}: changed since it was frozen: {', '.join(changed)}; undo the change, or freeze it anew with "
+            f"{path}: changed since it was frozen: {', '.join(changed)}; undo the change, or freeze it again with "
             f"'{_CURE}' and fit all models again"
         )
     experiments = {name: load_experiment(_path_of(path, name), robot) for name in _names_in(file)}
@@ -311,7 +311,7 @@ def _text(path: Path) -> str:
 
 
 def _unfrozen(path: Path) -> str:
-    """Return the file as far as its own hash goes."""
+    """Return the part of the file that its own hash covers."""
     text = _text(path)
     return text.split("\nfrozen:")[0].rstrip("\n") + "\n"
 

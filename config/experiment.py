@@ -67,7 +67,7 @@ MAX_STEPS = 20_000
 
 @dataclass(frozen=True, kw_only=True, config=STRICT)
 class ObserverChoice:
-    """Name of an observer, and its model file, beside the experiment's; None for the one shipped for the robot."""
+    """Name of an observer, and its model file relative to the experiment's; None for the one shipped for the robot."""
 
     mode: Label = "fusion"
     models: str | None = None
@@ -75,13 +75,13 @@ class ObserverChoice:
 
 @dataclass(frozen=True, kw_only=True, config=STRICT)
 class Reaction(Cues):
-    """Answer to a touch, whatever step is under way.
+    """Reaction to a touch during any step.
 
     Attributes:
         on: Which touches; without it any.
-        play: Steps of another file, before the step under way goes on.
+        play: Steps of another file, before the current step continues.
         at_most: Number of times; None for no end. A reflex acts each time.
-        reflex: Entry of a reflex: ``do``, and what this kind takes; ``pepper_driver`` knows which there are.
+        reflex: Entry of a reflex: ``do``, and the arguments of this kind; ``pepper_driver`` registers the kinds.
         steps: Those of the file that it plays.
     """
 
@@ -107,7 +107,7 @@ class Reaction(Cues):
 
 
 def _reaction(value: object, _: object) -> object:
-    """Give the keys beside ``do`` that a reaction does not have to the reflex."""
+    """Pass keys other than ``do`` and those of a reaction to the reflex."""
     if isinstance(value, Reaction):
         return value
     if not isinstance(value, dict):
@@ -127,18 +127,19 @@ class Experiment:
     Attributes:
         schema: Of this form of file.
         name: As it is called.
-        description: Its purpose, for people.
+        description: Its purpose, human-readable.
         seed: Of random goals and contacts, where none other is given.
         plant, world: Of a simulated robot; None for the backend's own.
-        observer: Feels the touches; None for nobody, which is so where a file of steps alone does not name one.
-        attentive: True: the arm joints oscillate by a little, so that a robot that stands feels more; None leaves it.
+        observer: Detects the touches; None without an observer, the default of a file of steps alone.
+        attentive: True: the arm joints oscillate by a little, so that a standing robot detects more; None leaves it.
         stiffness: Of the posture task from the beginning on [1/s2]; None for the usual one.
         reactions: To touch.
         contacts: Given to a simulated robot. Others skip them.
         steps: One after the other.
         max_duration: It is refused if it may take longer [s].
-        max_load: Share of what each motor board can hold that a contact and gravity together may take.
-        max_tipping: Share of the moment over an edge between the wheels that would lift the robot; on wheels only.
+        max_load: Largest ratio of contact and gravity together to the torque that each motor board can hold.
+        max_tipping: Largest ratio to the moment over an edge between the wheels that would lift the robot; on wheels
+            only.
         source: The file it came from, for messages.
     """
 
@@ -178,7 +179,7 @@ class Experiment:
 
     @property
     def random_step(self) -> RandomStep | None:
-        """The first step with random goals; None where there is none."""
+        """The first step with random goals; None without one."""
         return next((step for _, step in self.walk() if isinstance(step, RandomStep)), None)
 
     @property
@@ -219,7 +220,7 @@ class Experiment:
         """Return it with other values of the goals of its first random step, such as ``count=3``.
 
         Raises:
-            ConfigError: There is none, or the values make no sense.
+            ConfigError: It does not exist, or its values are invalid.
         """
         chosen = self.random_step
         if chosen is None:
@@ -342,7 +343,7 @@ def _with_played(experiment: Experiment, robot: RobotConfig, outer: tuple[Path, 
 
 
 def check_experiment(experiment: Experiment, robot: RobotConfig) -> None:
-    """Refuse what is wrong with steps, triggers and contacts, as far as the description of the robot tells.
+    """Refuse what is wrong with steps, triggers and contacts, as far as the description of the robot allows.
 
     Loading does it; of use for an experiment that was made in Python.
 
@@ -379,7 +380,7 @@ def check_experiment(experiment: Experiment, robot: RobotConfig) -> None:
             _check_branch(experiment, f"{key}.branch.cases", step.branch, robot)
     for key, trigger in experiment.triggers():
         if experiment.observer is None:
-            raise experiment.error(key, "nobody feels touches: the experiment has no observer")
+            raise experiment.error(key, "no touch can be detected: the experiment has no observer")
         try:
             trigger.check(robot)
         except UnknownNameError as error:
@@ -430,7 +431,7 @@ def _ranges(step: AnyStep, robot: RobotConfig) -> Iterator[tuple[str, float, flo
 
 
 def _check_branch(experiment: Experiment, key: str, branch: Branch, robot: RobotConfig) -> None:
-    """Refuse cases that can never be taken."""
+    """Refuse cases that can never be chosen."""
     for number, case in enumerate(branch.cases):
         on, problem = case.on, ""
         if on.lasting >= branch.timeout:
@@ -449,7 +450,7 @@ def _check_branch(experiment: Experiment, key: str, branch: Branch, robot: Robot
                     f" {spare:g} s or more"
                 )
         if problem:
-            raise experiment.error(f"{key}.{number}", f"can never be taken: {problem}")
+            raise experiment.error(f"{key}.{number}", f"can never be chosen: {problem}")
 
 
 def _check_random(

@@ -58,7 +58,7 @@ class FileLock:
             raise OutputError(f"{locked}: cannot be written ({reason(error)})") from error
 
     def release(self) -> None:
-        """Let other runs write. Does nothing when released."""
+        """Allow other runs to write. Does nothing when released."""
         if self._descriptor is None:
             return
         descriptor, self._descriptor = self._descriptor, None

@@ -1,4 +1,4 @@
-"""Files: written whole or not at all, with errors for people; hashes of what they hold."""
+"""Files: written whole or not at all, with human-readable errors; hashes of their content."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ def write_text(path: Path, text: str) -> None:
 
 
 def content_hash(content: object) -> str:
-    """Return 16 hexadecimal digits of the SHA-256 of what JSON can hold, whatever the order of its keys."""
+    """Return 16 hexadecimal digits of the SHA-256 of JSON values, independent of the order of keys."""
     return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()[:16]
 
 
@@ -75,7 +75,7 @@ def replacing(path: Path, *, keep: bool = True) -> Iterator[Path]:
 
     Args:
         path: The file.
-        keep: False only to try: it is gone in any case.
+        keep: False only to try: it is removed in any case.
 
     Raises:
         OutputError: It cannot be written.

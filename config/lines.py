@@ -56,7 +56,7 @@ def _line_of(path: Path, key: list[str]) -> int | None:
     try:
         node = yaml.compose(path.read_text(encoding="utf-8"), Loader=SafeLoader)
     except (OSError, ValueError, RecursionError, yaml.YAMLError):
-        return None  # gone meanwhile
+        return None  # removed meanwhile
     line = None
     for part in key:
         child = _child(node, part)

@@ -29,7 +29,7 @@ STRICT = ConfigDict(extra="forbid", strict=True, allow_inf_nan=False)
 MAX_DEPTH = 100
 """Of lists and mappings in each other. libyaml crashes at some ten thousand."""
 
-MOST_VALUES = 100_000
+MAX_VALUES = 100_000
 """In one file, anchors repeated: a few lines of anchors in anchors can stand for more than any memory holds."""
 
 T = TypeVar("T")
@@ -67,7 +67,7 @@ _Loader.yaml_implicit_resolvers = {
 _Loader.add_implicit_resolver(
     "tag:yaml.org,2002:bool", re.compile(r"^(?:true|True|TRUE|false|False|FALSE)$"), list("tTfF")
 )
-# It reads 1e-6 as text, because it wants a dot; people write it all the time.
+# YAML 1.1 reads 1e-6 as text, because it requires a dot; users write it without.
 _Loader.add_implicit_resolver(
     "tag:yaml.org,2002:float",
     re.compile(r"^[-+]?[0-9][0-9_]*(\.[0-9_]*)?[eE][-+]?[0-9]+$"),
@@ -81,7 +81,7 @@ def package_file(*parts: str) -> Path:
 
 
 def own_or_shipped(path: Path | str | None, name: str) -> Path:
-    """Path of a user's file, or where that is None, of the file of this name that is shipped in ``config/``."""
+    """Path of a user's file, or, if None, of the file of this name that is shipped in ``config/``."""
     return package_file(name) if path is None else as_path("path", path)
 
 
@@ -132,9 +132,9 @@ def read_yaml(path: Path) -> dict[str, Any]:
         raise ConfigError(
             f"{path}: holds {kind_of_value(data)}, expected a mapping of keys to values"
         )
-    if count > MOST_VALUES:
+    if count > MAX_VALUES:
         raise ConfigError(
-            f"{path}: its anchors stand for {count:.0e} values, and {MOST_VALUES} is the most"
+            f"{path}: its anchors stand for {count:.0e} values, and {MAX_VALUES} is the most"
         )
     return data
 
@@ -179,7 +179,7 @@ def parse(
         ConfigError: Unknown or missing key, wrong type, value out of range.
     """
     try:
-        # Through JSON: there pydantic's strict mode takes lists for tuples, and nothing else for anything else.
+        # Through JSON: there pydantic's strict mode accepts lists as tuples, and no other conversion.
         text = json.dumps({**data, **(hidden or {})}, default=_refuse)
     except TypeError as error:
         raise ConfigError(f"{source}: {error}") from error
@@ -217,7 +217,7 @@ def by_kind(union: object) -> WrapValidator:
 
 
 def parse_part(
-    cls: Any,  # noqa: ANN401 any type that pydantic knows
+    cls: Any,  # noqa: ANN401 any type of pydantic
     value: object,
     hidden: Mapping[str, object] | None = None,
 ) -> Any:  # noqa: ANN401 an instance of it

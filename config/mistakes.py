@@ -64,7 +64,7 @@ _KINDS: dict[type, str] = {
 }
 
 
-def explain(error: ValidationError, cls: Any) -> str:  # noqa: ANN401 any type that pydantic knows
+def explain(error: ValidationError, cls: Any) -> str:  # noqa: ANN401 any type of pydantic
     """Return the first mistake in one line, and how many more there are.
 
     Args:
@@ -72,7 +72,7 @@ def explain(error: ValidationError, cls: Any) -> str:  # noqa: ANN401 any type t
         cls: A dataclass.
     """
     problems = _mistakes(with_known_keys(error, cls).errors())
-    # An unknown key explains a missing one more often than the other way round.
+    # An unknown key explains a missing one more often than the reverse.
     first = min(problems, key=lambda problem: problem["type"] != _UNKNOWN_KEY)
     location = _location(first)
     key = ".".join(map(str, location))
@@ -108,7 +108,7 @@ def requirement(problem: ErrorDetails) -> str:
 
 
 def unknown_keys(unknown: Mapping[str, object], known: Iterable[str]) -> ValidationError:
-    """Make the error of a validator that a mapping has keys beside those that are known."""
+    """Make the error of a validator for unknown keys of a mapping."""
     kind = PydanticCustomError(_UNKNOWN_KEY, "unknown key", {"known": sorted(known)})
     return ValidationError.from_exception_data(
         "", [{"type": kind, "loc": (key,), "input": value} for key, value in unknown.items()]
@@ -116,9 +116,9 @@ def unknown_keys(unknown: Mapping[str, object], known: Iterable[str]) -> Validat
 
 
 def with_known_keys(error: ValidationError, cls: Any) -> ValidationError:  # noqa: ANN401 as explain
-    """Return an error that holds, beside each key that ``cls`` does not know, those that it knows in that place.
+    """Return an error that names, for each unknown key, the keys of ``cls`` in that place.
 
-    A validator that builds a part raises this: of the whole nobody could tell what is known there.
+    A validator that builds a part raises this: from the whole, the possible keys there are not visible.
     """
     details: list[InitErrorDetails] = []
     for problem in error.errors():
@@ -159,7 +159,7 @@ def as_written(value: object) -> str:
 
 
 def kind_of_value(value: object) -> str:
-    """Return what kind of thing a value of a file is."""
+    """Return the human-readable type of a value of a file."""
     return _KINDS.get(type(value), with_article(type(value).__name__))
 
 

@@ -9,10 +9,10 @@ from pydantic import Field
 from pydantic.dataclasses import dataclass
 
 from pepper_driver.config.loading import STRICT, load, own_or_shipped
-from pepper_driver.config.parts import NotNegative, Positive
+from pepper_driver.config.parts import NonNegative, Positive
 
 Policy = Literal["off", "off if allowed", "keep"]
-"""What is done about somebody else who moves the joints: must be off, off where its owner allows it, or left alone."""
+"""Policy for another source of motion: must be off, off if its owner allows it, or left alone."""
 
 Simple = Literal["off", "keep"]
 """The same where no owner is asked."""
@@ -55,7 +55,7 @@ class TimingSettings:
     response_delay: Annotated[int, Field(ge=0, le=20)]
     burst: Annotated[float, Field(ge=0.05, le=5.0)]
     max_round_trip: Positive
-    lead_margin: NotNegative
+    lead_margin: NonNegative
     min_lead_time: Positive
     max_lead_time: Positive
     max_step: Positive

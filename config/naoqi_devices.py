@@ -33,7 +33,7 @@ class NaoqiDevices:
         values: Value at the start by full key, sensors and actuators, in the order of the file.
         actuators: Keys of the actuators, in the same order.
         steps: Those among them that do not interpolate.
-        body_id: Key of the text that tells one robot from another.
+        body_id: Key of the text that identifies a robot.
         texts: Other texts by key.
         events: Key of the sensor by whose change an event is raised, and its name in ``TouchChanged``, by event.
     """

@@ -11,10 +11,10 @@ from pydantic.dataclasses import dataclass
 from pepper_driver.config.errors import ConfigError, suggestion
 from pepper_driver.config.lines import with_lines
 from pepper_driver.config.loading import STRICT, load, own_or_shipped
-from pepper_driver.config.parts import NotNegative, Positive, Vector3
+from pepper_driver.config.parts import NonNegative, Positive, Vector3
 from pepper_driver.config.robot import RobotConfig, check_joint_keys
 
-Share = Annotated[float, Field(gt=0, le=1)]
+UnitInterval = Annotated[float, Field(gt=0, le=1)]
 Range = tuple[Positive, Positive, Positive]
 
 
@@ -34,14 +34,14 @@ class Glance:
     period: Positive
     yaw: Positive
     pitch: Positive
-    fraction: Share
+    fraction: UnitInterval
 
 
 @dataclass(frozen=True, kw_only=True, config=STRICT)
 class Speech:
     """``start`` [s] until the first word, then so many ``characters`` a second at the voice's speed 100."""
 
-    start: NotNegative
+    start: NonNegative
     characters: Positive
 
 
@@ -78,11 +78,11 @@ class NaoqiServices:
     posture_speed: Positive
     rest: str
     stiffness_ramp: Positive
-    smart_stiffness: Share
+    smart_stiffness: UnitInterval
     breathing: Breathing
     glance: Glance
     drive: DriveDefaults
-    move_gain: NotNegative
+    move_gain: NonNegative
     move_tolerance: tuple[Positive, Positive]
     move_patience: Positive
     speech: Speech

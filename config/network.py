@@ -15,19 +15,19 @@ Seconds = Annotated[float, Field(ge=0, le=60)]
 
 @dataclass(frozen=True, kw_only=True, config=STRICT)
 class Network:
-    """Delay of each packet, each way, drawn again. No packet overtakes another: all behind a stalled one wait.
+    """Delay of each packet in each direction, drawn again. No packet overtakes another: all behind a stalled one wait.
 
     Attributes:
         delay: What every packet takes at least [s].
         jitter: Mean of the exponentially distributed rest [s].
-        stall_share: Of the packets that wait for ``stall`` [s] on top.
+        stall_probability: Of the packets that wait for ``stall`` [s] on top.
     """
 
     name: str
     description: str = ""
     delay: Seconds
     jitter: Seconds
-    stall_share: Annotated[float, Field(ge=0, le=1)]
+    stall_probability: Annotated[float, Field(ge=0, le=1)]
     stall: Seconds
 
 

@@ -12,12 +12,12 @@ from pydantic.dataclasses import dataclass
 from pepper_driver.config.arrays import FloatArray
 from pepper_driver.config.loading import STRICT
 
-STIFFEST = 3000.0
+MAX_TASK_STIFFNESS = 3000.0
 """[1/s2] Of a task. Beyond about twice this, a cycle of 12 ms is too long for its law: it would never come to rest."""
 
 Positive = Annotated[float, Field(gt=0)]
-TaskStiffness = Annotated[float, Field(gt=0, le=STIFFEST)]
-NotNegative = Annotated[float, Field(ge=0)]
+TaskStiffness = Annotated[float, Field(gt=0, le=MAX_TASK_STIFFNESS)]
+NonNegative = Annotated[float, Field(ge=0)]
 Vector3 = tuple[float, float, float]
 
 
@@ -72,7 +72,7 @@ class TouchSensor(Frame):
     """
 
     radius: Positive
-    threshold: NotNegative
+    threshold: NonNegative
     covers: tuple[str, ...] = ()
 
 

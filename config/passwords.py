@@ -9,7 +9,7 @@ from pepper_driver.config import ConfigError
 PASSWORD_VARIABLE = "PEPPER_PASSWORD"
 """The environment variable for the password of a robot that asks for one."""
 
-# Taken from the raw text: a password may hold what a URI gives a meaning, such as / ? # and @.
+# Read from the raw text: a password may hold what a URI gives a meaning, such as / ? # and @.
 _LOGIN = re.compile(r"\s*(naoqis?)://.*:.*@", re.DOTALL | re.IGNORECASE)
 _KEY = re.compile(r"\s*(naoqis?)\b.*[?&][^=&]*(?:pass|pwd|secret|token)", re.DOTALL | re.IGNORECASE)
 

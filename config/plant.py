@@ -40,7 +40,7 @@ class RobotIdentity:
     """A robot as models and people know it.
 
     Attributes:
-        name: For people: of the plant of a simulated robot, or where a real one is reached.
+        name: Human-readable: plant of a simulated robot, or address of a real one.
         identity: Hash of the simulated robot, or the body id of a real one. Models carry it.
     """
 
@@ -223,7 +223,7 @@ def _check_names(names: Iterable[str], known: Iterable[str], where: str) -> None
 
 
 def plant_hash(plant: PlantConfig, robot: RobotConfig) -> str:
-    """Identity of a simulated robot: plant, URDF, motors, encoders, hands. Models carry it to be told from stale ones.
+    """Identity of a simulated robot: plant, URDF, motors, encoders, hands. Models carry it to detect stale ones.
 
     Comments, name, description, source and origins do not count.
     """

@@ -8,7 +8,7 @@ from pydantic import Field
 from pydantic.dataclasses import dataclass
 
 from pepper_driver.config.loading import STRICT
-from pepper_driver.config.parts import NotNegative, Positive, Vector3
+from pepper_driver.config.parts import NonNegative, Positive, Vector3
 
 Origin = Literal["documented", "computed", "calibrated", "assumed"]
 Ticks = Annotated[int, Field(ge=0, le=20)]
@@ -23,7 +23,7 @@ class Physics:
     """
 
     timestep: Annotated[float, Field(gt=0, le=0.002)]
-    stop_margin: NotNegative
+    stop_margin: NonNegative
 
 
 @dataclass(frozen=True, kw_only=True, config=STRICT)
@@ -41,7 +41,7 @@ class Board:
     encoder_bits: Annotated[int, Field(ge=8, le=24)]
     derivative_time: Positive
     integral_limit: Positive
-    integral_band: NotNegative
+    integral_band: NonNegative
     speed_limit: Positive | None
     brakes: tuple[str, ...]
 
@@ -59,8 +59,8 @@ class Transport:
     encoder_delay: Ticks
     late: Probability
     longest_late: Ticks
-    encoder_noise: NotNegative
-    current_noise: NotNegative
+    encoder_noise: NonNegative
+    current_noise: NonNegative
     current_time: Positive
 
 
@@ -75,9 +75,9 @@ class Battery:
     charge: Annotated[float, Field(gt=0, le=1)]
     full_voltage: Positive
     empty_voltage: Positive
-    resistance: NotNegative
+    resistance: NonNegative
     energy: Positive
-    idle_power: NotNegative
+    idle_power: NonNegative
 
 
 @dataclass(frozen=True, kw_only=True, config=STRICT)
@@ -93,7 +93,7 @@ class Heat:
     start: float
     reference: float
     time_constant: Positive
-    rise: dict[str, NotNegative]
+    rise: dict[str, NonNegative]
     copper: float
     magnet: float
     grease: float
@@ -111,13 +111,13 @@ class WheelDrive:
     gain: Positive
     integral_time: Positive
     torque_limit: Positive
-    friction: NotNegative
-    floor_friction: NotNegative
+    friction: NonNegative
+    floor_friction: NonNegative
 
 
 @dataclass(frozen=True, kw_only=True, config=STRICT)
 class Flexibility:
-    """A springy structure in series with a joint, beyond its encoder: nobody measures it.
+    """A spring in series with a joint, beyond its encoder: it is not measured.
 
     ``axis`` is in the frame of the link that the joint carries; ``stiffness`` [N m/rad], ``damping`` [N m s/rad].
     ``inertia`` [kg m2] is that of the parts between gear and spring; along the joint's own axis there must be some.
@@ -126,8 +126,8 @@ class Flexibility:
     joint: str
     axis: Vector3
     stiffness: Positive
-    damping: NotNegative
-    inertia: NotNegative
+    damping: NonNegative
+    inertia: NonNegative
 
 
 @dataclass(frozen=True, kw_only=True, config=STRICT)
@@ -159,27 +159,27 @@ class TouchingFriction:
     Coulomb [N m] and ``viscous`` [N m s/rad], seen at the joint.
     """
 
-    motor: NotNegative
-    motor_viscous: NotNegative
-    link: NotNegative
-    link_viscous: NotNegative
+    motor: NonNegative
+    motor_viscous: NonNegative
+    link: NonNegative
+    link_viscous: NonNegative
 
 
 @dataclass(frozen=True, kw_only=True, config=STRICT)
 class GapFriction(TouchingFriction):
     """Friction inside the gap (Eq. 7, first case): as outside, and ``relative`` between the two sides."""
 
-    relative: NotNegative
-    relative_viscous: NotNegative
+    relative: NonNegative
+    relative_viscous: NonNegative
 
 
 @dataclass(frozen=True, kw_only=True, config=STRICT)
 class FrictionParameters:
     """Friction of one drive.
 
-    ``breakaway`` is static over Coulomb friction, falling off over ``stribeck_velocity`` [rad/s]; ``load`` is the share
-    of the torque through the teeth that adds to the motor's Coulomb friction; ``ripple`` the share by which that
-    swells and shrinks ``ripple_count`` times a turn of the joint.
+    ``breakaway`` is static over Coulomb friction, falling off over ``stribeck_velocity`` [rad/s]; ``load`` is the
+    fraction of the torque through the teeth that adds to the motor's Coulomb friction; ``ripple`` the fraction by which
+    that swells and shrinks ``ripple_count`` times a turn of the joint.
     """
 
     contact: TouchingFriction
@@ -188,7 +188,7 @@ class FrictionParameters:
     stribeck_velocity: Positive
     load: Annotated[float, Field(ge=0, lt=1)]
     ripple: Annotated[float, Field(ge=0, lt=1)]
-    ripple_count: NotNegative
+    ripple_count: NonNegative
 
 
 @dataclass(frozen=True, kw_only=True, config=STRICT)
@@ -203,13 +203,13 @@ class Actuator:
 
     joints: tuple[str, ...]
     kp: Positive
-    ki: NotNegative
-    kd: NotNegative
-    dead_band: NotNegative
+    ki: NonNegative
+    kd: NonNegative
+    dead_band: NonNegative
     current_limit: Positive
-    half_gap: NotNegative
+    half_gap: NonNegative
     gear_stiffness: Positive
-    gear_damping: NotNegative
-    motor_damping: NotNegative
+    gear_damping: NonNegative
+    motor_damping: NonNegative
     friction: FrictionParameters
     origin: dict[Origin, tuple[str, ...]]

@@ -18,7 +18,7 @@ from pepper_driver.config.arguments import is_number
 from pepper_driver.config.errors import ConfigError, UnknownNameError, suggestion
 from pepper_driver.config.loading import STRICT, read_yaml
 from pepper_driver.config.mistakes import as_written
-from pepper_driver.config.parts import NotNegative, Positive
+from pepper_driver.config.parts import NonNegative, Positive
 from pepper_driver.config.plant_parts import Actuator
 from pepper_driver.config.robot import RobotConfig
 
@@ -30,14 +30,14 @@ class Randomisation:
     """Parameters that are drawn again for each robot.
 
     ``factors``: on values of the actuators by dotted key, log-uniform between two bounds, each joint its own.
-    ``values``: other values by dotted key, uniform between two bounds. ``model_error``: smallest and largest share by
-    which each link's mass is off, either way, and its centre of mass, in any direction, as a share of its distance
-    from the joint.
+    ``values``: other values by dotted key, uniform between two bounds. ``model_error``: smallest and largest fraction
+    by which each link's mass differs, up or down, and its centre of mass, in any direction, as a fraction of its
+    distance from the joint.
     """
 
     factors: dict[str, tuple[Positive, Positive]]
     values: dict[str, tuple[float, float]]
-    model_error: tuple[NotNegative, Annotated[float, Field(lt=1)]]
+    model_error: tuple[NonNegative, Annotated[float, Field(lt=1)]]
 
 
 def resolve(
@@ -47,7 +47,7 @@ def resolve(
 
     Args:
         path: The file.
-        find: The file of a plant by name or path; a relative path is taken from the extending file.
+        find: The file of a plant by name or path; a relative path begins at the extending file.
         robot: Whose joints the file names.
 
     Returns:
@@ -121,11 +121,11 @@ def randomise(
     smallest, largest = _ordered(drawing.model_error, f"{source}: key 'randomise.model_error'")
     body = data.setdefault("body", {})
     for link, com in _centres_of_mass(robot).items():
-        share = rng.uniform(smallest, largest) * rng.choice([-1.0, 1.0])
+        fraction = rng.uniform(smallest, largest) * rng.choice([-1.0, 1.0])
         direction = rng.standard_normal(3)
         size = rng.uniform(smallest, largest) * float(np.linalg.norm(com))
         if largest > 0.0:
-            body.setdefault("masses", {})[link] = 1.0 + float(share)
+            body.setdefault("masses", {})[link] = 1.0 + float(fraction)
             shift = size * direction / np.linalg.norm(direction)
             body.setdefault("coms", {})[link] = [float(x) for x in shift]
     data["name"] = f"{data.get('name')}-{draw}"

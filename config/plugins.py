@@ -31,7 +31,7 @@ def load_plugin(
         builtin: Names of the project, to ``"module:attribute"``.
 
     Raises:
-        UnknownNameError: Nobody registered this name.
+        UnknownNameError: This name is not registered.
         PluginError: The package that registered it fails to import, or it cannot be called.
         MissingExtraError: The part needs an extra that is not installed.
     """

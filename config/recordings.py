@@ -15,7 +15,7 @@ from pepper_driver.config.errors import ConfigError
 from pepper_driver.config.experiment import load_experiment
 from pepper_driver.config.lines import with_lines
 from pepper_driver.config.loading import STRICT, load, own_or_shipped, package_file
-from pepper_driver.config.parts import NotNegative, Positive
+from pepper_driver.config.parts import NonNegative, Positive
 from pepper_driver.config.robot import RobotConfig
 from pepper_driver.config.steps import Holds
 
@@ -58,7 +58,7 @@ class HoldStatistics:
     p90_deg: Positive
     max_deg: Positive
     signed_deg: tuple[float, float, float]
-    current: tuple[NotNegative, NotNegative]
+    current: tuple[NonNegative, NonNegative]
 
 
 @dataclass(frozen=True, kw_only=True, config=STRICT)
@@ -78,7 +78,7 @@ class RampProtocol:
     arrival: Positive
     arrival_time: Positive
     onwards: bool
-    wait: NotNegative
+    wait: NonNegative
     time: Positive
     travel: Positive
     skip: Annotated[float, Field(ge=0, lt=1)]
@@ -97,7 +97,7 @@ class CalibrationSettings:
 
 @plain_dataclass(frozen=True, kw_only=True)
 class Calibration:
-    """Reference of a simulated robot, and the way of comparison.
+    """Reference of a simulated robot, and the method of comparison.
 
     Attributes:
         recordings: Of real robots.

@@ -114,7 +114,7 @@ class _RobotFile:
 
 @plain_dataclass(frozen=True, kw_only=True)
 class RobotConfig:
-    """Everything the project knows of the robot itself.
+    """Description of the robot itself.
 
     Every 17-vector follows ``joint_names``. ``chains`` list joints from the trunk outwards.
     """
@@ -213,7 +213,7 @@ class RobotConfig:
 
         Raises:
             UnknownNameError: No such posture or joint.
-            ArgumentError: It is none of these.
+            ArgumentError: It is of another type.
         """
         if isinstance(posture, str):
             return self.posture(posture)
@@ -313,7 +313,7 @@ def load_robot(path: Path | str | None = None) -> RobotConfig:
 
     Args:
         path: A file in the form of the shipped ``pepper.yaml``, which is the default. The files it names are
-            looked for beside it.
+            searched next to it.
 
     Raises:
         ConfigError: One line naming the file, the key and what is possible.

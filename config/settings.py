@@ -13,18 +13,18 @@ from pepper_driver.config.arguments import checked_arguments
 from pepper_driver.config.arrays import FloatArray
 from pepper_driver.config.lines import with_lines
 from pepper_driver.config.loading import STRICT, load, own_or_shipped
-from pepper_driver.config.parts import NotNegative, Positive
+from pepper_driver.config.parts import NonNegative, Positive
 from pepper_driver.config.robot import RobotConfig, check_joint_keys
 
-Share = Annotated[float, Field(ge=0, le=1)]
+UnitInterval = Annotated[float, Field(ge=0, le=1)]
 
 
 @dataclass(frozen=True, kw_only=True, config=STRICT)
 class TaskGains:
     """``stiffness`` [1/s2] of a task, with damping 2 sqrt(stiffness), and its ``weight`` in the cost."""
 
-    stiffness: NotNegative
-    weight: NotNegative
+    stiffness: NonNegative
+    weight: NonNegative
 
 
 @dataclass(frozen=True, kw_only=True, config=STRICT)
@@ -58,7 +58,7 @@ class AttentiveSettings:
 class ControllerSettings:
     """Defaults of the whole-body controller; see ``controller.yaml`` for the meaning of each.
 
-    Limits per joint are in [rad/s], [rad/s2] and [rad/s3], ``regularisation`` is a share.
+    Limits per joint are in [rad/s], [rad/s2] and [rad/s3], ``regularisation`` is a ratio.
     """
 
     solver: str
@@ -73,7 +73,7 @@ class ControllerSettings:
     acceleration_limit: dict[str, Positive]
     jerk_limit: dict[str, Positive] | None
     position_limit: Literal["braking", "damper"]
-    position_margin: NotNegative
+    position_margin: NonNegative
     constraints: ConstraintSwitches
 
     def joint_velocity(self, robot: RobotConfig) -> FloatArray:
@@ -115,7 +115,7 @@ class ObserverSettings:
         threshold: Of mode ``paper``, for all joints [rad]; None for each joint's own, which identification found in
             free motion.
         fusion_window: Samples of the filter of mode ``fusion``.
-        adapt: Whether mode ``fusion`` follows the joints as they change, what the hands hold, and how far joints stray.
+        adapt: True if mode ``fusion`` adapts to changes of the joints, loads in the hands, and residual drift.
         collision_factor: A residual beyond so many thresholds is a collision (mode ``fusion``).
         merge_gap: A residual that returns with the same sign within this time continues the contact.
         rebound_window: After a contact, a residual of the other sign is the joint swinging back.
@@ -128,8 +128,8 @@ class ObserverSettings:
     fusion_window: Annotated[int, Field(ge=1, le=101)]
     adapt: bool
     collision_factor: Annotated[float, Field(gt=1)]
-    merge_gap: NotNegative
-    rebound_window: NotNegative
+    merge_gap: NonNegative
+    rebound_window: NonNegative
     update_period: Positive
 
 
@@ -142,7 +142,7 @@ class SafetySettings:
     following_error: Positive
     following_error_time: Positive
     stiffness_loss: Positive
-    stiffness_time: NotNegative
+    stiffness_time: NonNegative
     frozen_distance: Positive
     frozen_time: Positive
     stale_hold: Positive
@@ -150,12 +150,12 @@ class SafetySettings:
     stiffness_ramp: Positive
     temperature_warning: float
     temperature_fault: float
-    battery_warning: Share
-    battery_activate: Share
-    battery_fault: Share
+    battery_warning: UnitInterval
+    battery_activate: UnitInterval
+    battery_fault: UnitInterval
     limit_warning: Positive
     limit_activate: Positive
-    bumper_release: NotNegative
+    bumper_release: NonNegative
     chest_button: bool
 
     def __post_init__(self) -> None:

@@ -27,7 +27,7 @@ _WORDS = {"SIGTERM": "terminated", "SIGHUP": "hung up"}
 
 
 class Terminated(KeyboardInterrupt, SystemExit):
-    """SIGTERM or SIGHUP came. Where nobody catches it, the program ends with the signal's exit code and no traceback.
+    """SIGTERM or SIGHUP came. Uncaught, the program ends with the signal's exit code and no traceback.
 
     Attributes:
         code: Exit code: 128 and the number of the signal.
@@ -63,7 +63,7 @@ class _Blocks:
 
 @contextmanager
 def raised_signals() -> Iterator[bool]:
-    """Let SIGTERM and SIGHUP raise :class:`Terminated` in the main thread; the last block that ends puts all back.
+    """Make SIGTERM and SIGHUP raise :class:`Terminated` in the main thread; the last block that ends restores all.
 
     A signal that is ignored or has a handler is left alone: also one that is deferred when the block begins. Blocks in
     other threads change nothing by themselves.
@@ -114,7 +114,7 @@ def _terminate(number: int, frame: FrameType | None) -> None:
 
 
 class _Waker:
-    """Wakes the main thread after a signal that another one took: it would go on sleeping and call no handler.
+    """Wakes the main thread after a signal that another thread received: it would sleep on and call no handler.
 
     Of two signals at once the system gives the second, and then often the first too, to any thread, also of a library.
     """
@@ -124,7 +124,7 @@ class _Waker:
 
     @classmethod
     def start(cls) -> None:
-        """Start in the main thread; not where SIGURG, or what Python tells of signals, is in use already."""
+        """Start in the main thread; not where SIGURG or Python's wake-up descriptor is in use already."""
         if cls.thread is not None or not hasattr(signal, "SIGURG"):  # Windows
             return
         if cls.sockets is None:
@@ -143,7 +143,7 @@ class _Waker:
 
     @classmethod
     def stop(cls) -> None:
-        """End the thread; in the main thread put all back, else the next one to stop there does."""
+        """End the thread; in the main thread restore all, else the next one to stop there does."""
         if cls.thread is not None and cls.sockets is not None:
             cls.sockets[1].send(_STOP)
             cls.thread.join()
@@ -171,7 +171,7 @@ _STOP = b"\0"  # the number of no signal
 
 
 def _wake_up(number: int, frame: FrameType | None) -> None:
-    """Do nothing: the main thread is awake, and calls all handlers that are due. Stays: one may still be under way."""
+    """Do nothing: the main thread is awake, and calls all handlers that are due. Stays: one may still be running."""
 
 
 # -- deferred -----------------------------------------------------------------------------------------------------
@@ -179,7 +179,7 @@ def _wake_up(number: int, frame: FrameType | None) -> None:
 
 @contextmanager
 def deferred_signals(*, checked: bool = False) -> Iterator[None]:
-    """Handle SIGINT, SIGTERM and SIGHUP after this block, whatever their handlers do; in other threads nothing changes.
+    """Handle SIGINT, SIGTERM and SIGHUP after this block, for any handlers; in other threads nothing changes.
 
     Blocks may be nested: signals wait for the end of the outermost.
 
@@ -258,7 +258,7 @@ class _Deferral:
             self.handle()
 
     def add(self, number: int, handler: Handler) -> None:
-        """Let a signal wait, unless this is not the time."""
+        """Delay a signal inside the block."""
         self._waiting[number] = handler
         if self.immediate or time.monotonic() > self._end:
             self.handle()

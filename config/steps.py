@@ -12,7 +12,7 @@ from pydantic.dataclasses import dataclass, rebuild_dataclass
 from pepper_driver.config.contact_selector import TouchTrigger
 from pepper_driver.config.loading import STRICT, one_or_more, parse_part
 from pepper_driver.config.mistakes import HIDDEN, keys_of, unknown_keys
-from pepper_driver.config.parts import NotNegative, Positive, TaskStiffness, check_bounds
+from pepper_driver.config.parts import NonNegative, Positive, TaskStiffness, check_bounds
 from pepper_driver.config.task_specs import (
     AnyTask,
     BaseSpec,
@@ -37,7 +37,7 @@ MAX_REPEATS = 1000
 
 Duration = Annotated[float, Field(ge=MIN_DURATION, le=MAX_STEP_TIME)]
 Pause = Annotated[float, Field(ge=0, le=MAX_STEP_TIME)]
-Share = Annotated[float, Field(ge=0, le=1)]
+UnitInterval = Annotated[float, Field(ge=0, le=1)]
 PartOfRange = Annotated[float, Field(gt=0, le=1)]
 Count = Annotated[int, Field(ge=1, le=10_000)]
 Joints = Annotated[tuple[str, ...], Field(min_length=1)]
@@ -80,7 +80,7 @@ def changed_steps(
 
 
 def _by_key(value: object, _: object) -> object:
-    """Return a mapping becomes the kind of step that one of its keys names, or else a step of motion."""
+    """Convert a mapping to the kind of step that one of its keys names, or else to a step of motion."""
     if isinstance(value, AnyStep):
         return value
     if not isinstance(value, dict):
@@ -101,13 +101,13 @@ class Leds:
     """A ``group`` of lights, by NAOqi's name for it, fades to a ``colour`` (r, g, b), each 0..1, in ``duration``."""
 
     group: Label = "FaceLeds"
-    colour: tuple[Share, Share, Share]
+    colour: tuple[UnitInterval, UnitInterval, UnitInterval]
     duration: Annotated[float, Field(ge=0, le=60)] = 0.2
 
 
 @dataclass(frozen=True, kw_only=True, config=STRICT)
 class Cues:
-    """For whoever can speak, has lights, or listens for a ``cue``, a word of the author's. They take no time."""
+    """Output by speech, lights, or a ``cue``, a word of the author's for subscribers. It takes no time."""
 
     say: Speech | None = None
     leds: Leds | None = None
@@ -139,15 +139,15 @@ class Wait(TouchTrigger):
 
 @dataclass(frozen=True, kw_only=True, config=STRICT)
 class Step(AnyStep, Cues):
-    """One thing after the other; all parts of a step begin together.
+    """Part of a sequence; all parts of a step begin together.
 
     Attributes:
         duration: Everything gets to its target along a spline within this time [s]; without one, as fast as stiffness
             and limits allow.
-        until: ``reached``: go on only when every task is within ``tolerance`` and at rest, or, in a step without
+        until: ``reached``: continue only when every task is within ``tolerance`` and at rest, or, in a step without
             tasks, every joint that it names.
         tolerance: [m] and [rad].
-        timeout: Since the step began [s]; then the experiment goes on without having reached.
+        timeout: Since the step began [s]; then the experiment continues without having reached.
         hold: Stay this long afterwards [s].
         wait: Stay until touched; in a step without motion.
         posture, joints, hands: Posture by name; joints with angles [rad]; hands with apertures, 0 closed to 1 open.
@@ -210,7 +210,7 @@ class Step(AnyStep, Cues):
 
     @property
     def moves_joints(self) -> bool:
-        """True where it says where joints go, be it by a posture or by hands."""
+        """True where it moves joints, by a posture or by hands."""
         return self.posture is not None or bool(self.joints or self.hands)
 
     @property
@@ -257,18 +257,18 @@ class BaseMotion:
     That happens with probability ``share``; else the base stops.
     """
 
-    linear: NotNegative
-    angular: NotNegative
-    share: Share
+    linear: NonNegative
+    angular: NonNegative
+    share: UnitInterval
 
 
 @dataclass(frozen=True, kw_only=True, config=STRICT)
 class RandomGoals:
-    """Joints go to goals that are drawn from the seed of the experiment.
+    """Joints move to goals that are drawn from the seed of the experiment.
 
     Attributes:
         joints: These move.
-        posture: Where the robot goes first, by name.
+        posture: First posture of the robot, by name.
         settle: Time for that [s]; not part of what is recorded.
     """
 
@@ -303,11 +303,11 @@ class Sweeps(RandomGoals):
         estimation_stiffness: Of the posture task [1/s2] in the runs a model is estimated from; the experiment's own
             is that of the test run.
         sweeps: Moves from near one limit to near the other.
-        max_offset: Share of the joint's range: how far from the limit a sweep may end.
+        max_offset: Fraction of the joint's range: largest distance from the limit at the end of a sweep.
         setpoints: Random set-points anywhere in the range, after the sweeps.
         dwell: Shortest and longest stay of the command at one target [s].
-        neighbour_range: Share of their range, around its middle, where the joints before and after may go.
-        ranges: Of joints that must not go everywhere: share of the way from the first posture to either limit that
+        neighbour_range: Fraction of their range, around its middle, for the joints before and after.
+        ranges: For joints with a smaller range: fraction of the distance from the first posture to either limit that
             stands for their range.
     """
 
@@ -316,7 +316,7 @@ class Sweeps(RandomGoals):
     max_offset: Annotated[float, Field(ge=0, lt=0.5)]
     setpoints: Count
     dwell: tuple[Positive, Positive]
-    neighbour_range: Share
+    neighbour_range: UnitInterval
     ranges: dict[str, PartOfRange] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -335,9 +335,9 @@ class Sweeps(RandomGoals):
 
 @dataclass(frozen=True, kw_only=True, config=STRICT)
 class PeriodicGoals(RandomGoals):
-    """``count`` goals, in the middle share ``range`` of the range of ``joints``."""
+    """``count`` goals, in the middle fraction ``range`` of the range of ``joints``."""
 
-    range: Share
+    range: UnitInterval
     count: Count
 
     @property
@@ -351,14 +351,14 @@ class Setpoints(PeriodicGoals):
     """Random set-points, at once, one every ``period`` [s].
 
     Attributes:
-        secondary_joints, secondary_range: Others that move too, each goal in this share of their range.
-        ranges: Of single joints: another share.
+        secondary_joints, secondary_range: Others that move too, each goal in this fraction of their range.
+        ranges: Of single joints: another fraction.
         base: The base moves too.
     """
 
     secondary_joints: tuple[str, ...] = ()
-    secondary_range: Share = 0.0
-    ranges: dict[str, Share] = field(default_factory=dict)
+    secondary_range: UnitInterval = 0.0
+    ranges: dict[str, UnitInterval] = field(default_factory=dict)
     base: BaseMotion | None = None
     period: Positive
 
@@ -378,7 +378,7 @@ class Holds(PeriodicGoals):
     """Each goal is reached along a spline in ``move`` [s] and held for ``hold`` [s]."""
 
     move: Duration
-    hold: NotNegative
+    hold: NonNegative
 
     @property
     def period(self) -> float:
@@ -410,7 +410,7 @@ class RandomStep(AnyStep):
 
     @property
     def goals(self) -> Setpoints | Holds | Sweeps:
-        """The goals, of whatever kind."""
+        """The goals, of any kind."""
         goals: Setpoints | Holds | Sweeps = getattr(self, self.kind)
         return goals
 
@@ -421,7 +421,7 @@ class RandomStep(AnyStep):
 
 @dataclass(frozen=True, kw_only=True, config=STRICT)
 class PlayStep(AnyStep):
-    """The ``steps`` of another file: ``play`` names a shipped motion, or a file beside this one."""
+    """The ``steps`` of another file: ``play`` names a shipped motion, or a file next to this one."""
 
     play: Label
     steps: OptionalSteps = field(default=(), metadata=HIDDEN)
@@ -474,7 +474,7 @@ class Case:
 
 @dataclass(frozen=True, kw_only=True, config=STRICT)
 class Branch:
-    """The robot stays where it is until a touch comes, then goes on as the first case says that fits.
+    """The robot stays in place until a touch comes, then continues with the first case that fits.
 
     Attributes:
         timeout: Longest wait [s].

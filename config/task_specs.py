@@ -15,7 +15,7 @@ from pydantic.dataclasses import dataclass
 from pepper_driver.config.loading import STRICT
 from pepper_driver.config.parts import Positive, TaskStiffness
 
-FARTHEST = 100.0
+MAX_DISTANCE = 100.0
 """[m] No place in a motion may be farther off."""
 
 UNIT = 1e-3
@@ -24,7 +24,7 @@ UNIT = 1e-3
 LOOKING_LINK = "Head"
 """Its x axis is the line of sight."""
 
-Metres = Annotated[float, Field(ge=-FARTHEST, le=FARTHEST)]
+Metres = Annotated[float, Field(ge=-MAX_DISTANCE, le=MAX_DISTANCE)]
 Heading = Annotated[float, Field(ge=-math.tau, le=math.tau)]
 Label = Annotated[str, Field(min_length=1, max_length=80, pattern=r"^\P{Cc}+$")]
 Place = tuple[Metres, Metres, Metres]
@@ -91,7 +91,7 @@ class FrameSpec(TaskSpec):
 
 @dataclass(frozen=True, kw_only=True, config=STRICT)
 class PositionSpec(FrameSpec):
-    """``point`` in the link goes to ``target``."""
+    """``point`` in the link moves to ``target``."""
 
     target: Place
     point: Place | None = None
@@ -120,7 +120,7 @@ class OrientationSpec(FrameSpec):
 
 @dataclass(frozen=True, kw_only=True, config=STRICT)
 class PoseSpec(FrameSpec):
-    """A frame at ``point`` in the link goes to ``position`` and takes an orientation (x, y, z, w)."""
+    """A frame at ``point`` in the link moves to ``position`` and an orientation (x, y, z, w)."""
 
     position: Place
     quaternion: Quaternion
@@ -164,7 +164,7 @@ class LookAtSpec(TaskSpec):
 
 @dataclass(frozen=True, kw_only=True, config=STRICT)
 class ComSpec(TaskSpec):
-    """The centre of mass goes to ``target``, in the world or in base_link."""
+    """The centre of mass moves to ``target``, in the world or in base_link."""
 
     target: Place
     root: Literal["base_link"] | None = None
@@ -177,7 +177,7 @@ class ComSpec(TaskSpec):
 
 @dataclass(frozen=True, kw_only=True, config=STRICT)
 class BaseSpec:
-    """The base goes to a place and heading in the world; what is left out stays as it is when the step begins.
+    """The base moves to a place and heading in the world; omitted parts stay as they are when the step begins.
 
     ``stiffness`` [1/s2], ``weight`` and ``keep`` as in :class:`TaskSpec`.
     """

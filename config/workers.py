@@ -23,19 +23,19 @@ from pepper_driver.config.signals import deferred_signals
 T = TypeVar("T")
 
 ENDING = [getattr(signal, n) for n in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, n)]
-"""Signals that a terminal, ``timeout`` or systemd sends to a command and its workers alike."""
+"""Signals that a terminal, ``timeout`` or systemd sends to a command and to its workers."""
 
 SENDING_TIME = 1.0
 """[s] in which jobs are sent to workers; microseconds unless something is broken."""
 
 WATCH_PERIOD = 0.5
-"""[s] between two looks of a worker at whether the process that started it is still there."""
+"""[s] between two checks of a worker that the process that started it is alive."""
 
 
 def run_jobs(
     jobs: Iterable[Callable[[], T]], *, workers: int = -1, ordered: bool = True
 ) -> Iterator[T]:
-    """Yield the results of jobs that run in parallel. Once nobody takes them any more, the jobs end too.
+    """Yield the results of jobs that run in parallel. When the caller stops reading them, the jobs end too.
 
     Args:
         jobs: Functions that can be sent to another process, such as a ``functools.partial`` of one of a module.
@@ -52,7 +52,7 @@ def run_jobs(
     )
     results: Generator[T] | None = None
     with warnings.catch_warnings():
-        # Of workers replaced while jobs are long, and of results that nobody takes: nothing a user could act on.
+        # Of workers replaced while jobs are long, and of results that are not read: a user cannot act on them.
         for message in ("A worker stopped", ".* adjusting the input task"):
             warnings.filterwarnings("ignore", message=message, category=UserWarning)
         try:
@@ -100,7 +100,7 @@ def _sent(future: Future[object]) -> bool:
 
 @contextmanager
 def _deaf_processes() -> Iterator[None]:
-    """Let processes that start here hear none of the signals that end this one, not even while they import."""
+    """Block the signals that end this process in processes that start here, also while they import."""
     if not hasattr(signal, "pthread_sigmask"):  # Windows
         yield
         return
@@ -115,7 +115,7 @@ def _deaf_processes() -> Iterator[None]:
 
 
 def end_with(parent: int) -> None:
-    """Let this process, a worker, end soon after the process that started it; signals are for that one alone.
+    """Make this process, a worker, end soon after the process that started it, which alone handles signals.
 
     A worker that ended by itself would look like a crash, and a run in it would raise the signal as its result.
     """
@@ -127,4 +127,4 @@ def end_with(parent: int) -> None:
 def _watch(parent: int) -> None:
     while os.getppid() == parent:
         time.sleep(WATCH_PERIOD)
-    os._exit(1)  # whatever it computes is for nobody
+    os._exit(1)  # its result has no reader

@@ -9,7 +9,7 @@ from pydantic.dataclasses import dataclass
 
 from pepper_driver.config.lines import with_lines
 from pepper_driver.config.loading import STRICT, named_file, parse, read_yaml, shipped_names
-from pepper_driver.config.parts import NotNegative, Positive, Vector3
+from pepper_driver.config.parts import NonNegative, Positive, Vector3
 
 SIZES = {
     "box": "three whole lengths along x, y, z",
@@ -21,16 +21,16 @@ SIZES = {
 
 @dataclass(frozen=True, kw_only=True, config=STRICT)
 class WorldObject:
-    """One thing in the world. Poses and velocities are in the world, x forward of where the robot starts, z up.
+    """One object in the world. Poses and velocities are in the world, x forward of where the robot starts, z up.
 
     Attributes:
-        shape: What it looks like; ``SIZES`` says which ``size`` [m] goes with it.
-        mass: [kg]; None for a thing that is fixed.
+        shape: Its geometry; ``SIZES`` defines its ``size`` [m].
+        mass: [kg]; None for a fixed object.
         position: Of its centre [m].
         orientation: Roll, pitch, yaw about fixed axes [rad].
         velocity: With which it starts [m/s]; it does not spin.
         start: Until then it hangs still [s]; then it flies, falls or stands.
-        friction: Coulomb coefficient of whatever touches it.
+        friction: Coulomb coefficient of its contacts.
         softness: Time in which a dent springs back [s].
     """
 
@@ -40,8 +40,8 @@ class WorldObject:
     position: Vector3
     orientation: Vector3 = (0.0, 0.0, 0.0)
     velocity: Vector3 = (0.0, 0.0, 0.0)
-    start: NotNegative = 0.0
-    friction: NotNegative = 0.6
+    start: NonNegative = 0.0
+    friction: NonNegative = 0.6
     softness: Annotated[float, Field(ge=0.004)] = 0.02
 
     @model_validator(mode="after")

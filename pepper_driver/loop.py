@@ -11,7 +11,7 @@ from time import perf_counter_ns
 import numpy as np
 
 from pepper_driver.backends import Backend, Measurement
-from pepper_driver.backends.interface import LONGEST_WAY
+from pepper_driver.backends.interface import MAX_RESPONSE_DELAY
 from pepper_driver.backends.simulated import TruthSample
 from pepper_driver.callbacks.events import ReflexEvent, SensorEdges, SensorEvent
 from pepper_driver.config import RobotConfig
@@ -108,7 +108,9 @@ class Loop:
         )
         sent = SentCommand(reference=standing, sent=gate.sent, limited=np.zeros(n, dtype=np.bool_))
         # The last one is in force.
-        self._in_flight = deque([sent], maxlen=max(LONGEST_WAY, backend.info.response_delay) + 1)
+        self._in_flight = deque(
+            [sent], maxlen=max(MAX_RESPONSE_DELAY, backend.info.response_delay) + 1
+        )
         # Numbers of the last command, and of the last one answered.
         self._written = self._matched = 0
         self.latest = TickRecord(tick=_tick(first, sent))
@@ -222,7 +224,7 @@ class Loop:
         And those before it that none has shown, with the ticks since they were sent: samples are lost, and of two that
         come at once the newer one counts.
         """
-        ago, sent = measurement.answers, self._in_flight
+        ago, sent = measurement.response_delay, self._in_flight
         if ago is None:
             ago = self._backend.info.response_delay
         ago = min(ago, len(sent) - 1)

@@ -220,7 +220,7 @@ class Session:
             if self.gate.fault:  # stopped meanwhile: nothing gets stiff
                 raise FaultError(self.gate.fault)
             measurement = backend.activate()
-            held = measured if backend.held is None else backend.held
+            held = measured if backend.hold_position is None else backend.hold_position
             hold = np.clip(held, robot.lower, robot.upper)
             controller.reset(hold)
             self.gate.activate(hold)

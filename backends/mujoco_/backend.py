@@ -60,7 +60,7 @@ class Window:
         from mujoco import viewer
 
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # the failure is told below
+            warnings.simplefilter("ignore")  # the failure is reported below
             if not glfw.init():  # MuJoCo would end the process
                 raise BackendError("no window: the display cannot be opened")
         try:
@@ -108,7 +108,7 @@ class MujocoBackend(Serial, Backend):
     of the robot with itself, sonar and laser.
 
     Attributes:
-        wheel_stiffness: (3,) 0..1, the share of its torque that each wheel's drive may use while the robot is active.
+        wheel_stiffness: (3,) 0..1, fraction of its torque that each wheel's drive may use while the robot is active.
     """
 
     def __init__(
@@ -132,7 +132,7 @@ class MujocoBackend(Serial, Backend):
         self._start = robot.posture(posture)
         self._world = world or load_world("empty")
         self._simulation = Simulation(robot, plant, self._world)
-        self._simulation.reset(self._start)  # tells now of an object in the way, not at ``open``
+        self._simulation.reset(self._start)  # reports an object that collides now, not at ``open``
         self._model, self._data = self._simulation.model, self._simulation.data
         self._readings = Readings(robot, plant, self._simulation)
         self._commands = CommandLine(plant)
@@ -202,7 +202,7 @@ class MujocoBackend(Serial, Backend):
 
     @serial
     def snapshot(self) -> Snapshot:
-        """Return the state of simulation, sensors and noise, to go back to with :meth:`restore`."""
+        """Return the state of simulation, sensors and noise, for :meth:`restore`."""
         self._check_open()
         own = {name: copy.deepcopy(getattr(self, name)) for name in _OWN_STATE}
         parts = {name: part.save() for name, part in self._parts().items()}
@@ -212,7 +212,7 @@ class MujocoBackend(Serial, Backend):
 
     @serial
     def restore(self, snapshot: Snapshot) -> None:
-        """Go back to a snapshot; from there on every bit is as it was then, given the same commands.
+        """Return to a snapshot; from there on every bit is as before, given the same commands.
 
         Args:
             snapshot: Of this backend, or of another one with the same plant and world.
@@ -321,7 +321,7 @@ class MujocoBackend(Serial, Backend):
 
     @serial
     def close(self) -> None:
-        """Deactivate and let go of the simulation."""
+        """Deactivate and release the simulation."""
         self.deactivate()
         self._close()
 
@@ -339,7 +339,7 @@ class MujocoBackend(Serial, Backend):
 
     @serial
     def schedule_grab(self, grab: Grab) -> None:
-        """Have a link taken in a springy hand."""
+        """Grab a link by a hand that acts as a spring."""
         self._check_open()
         self._simulation.contacts.grabs.add(grab)
 

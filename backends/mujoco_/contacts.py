@@ -66,11 +66,11 @@ class Contacts(Resumable):
     """All contacts of the robot, applied and measured in every step of physics.
 
     Pushes and hands act on the kinematics of the very state they are applied to: the step is made in two halves, and
-    they come between. So a simulation goes on bit by bit from a saved state.
+    they come between. So a simulation continues bit for bit from a saved state.
 
     Attributes:
         pushes, grabs: What is scheduled.
-        touch: The sensors that feel it.
+        touch: The sensors in contact.
     """
 
     def __init__(

@@ -20,8 +20,9 @@ class JointFriction:
 
     On each side, Coulomb friction C (1 + (b - 1) / (1 + (v / v_s)^2)) with the set of coefficients of the gap or of
     teeth in contact, breakaway b and Stribeck velocity v_s; all of it shrinks as the grease warms. The motor's side
-    also has load-dependent friction, a share of the torque through the teeth, and a ripple over the turn of the joint.
-    Inside the gap the two sides may drag at each other. MuJoCo solves Coulomb friction as a constraint: it sticks.
+    also has load-dependent friction, a fraction of the torque through the teeth, and a ripple over the turn of the
+    joint. Inside the gap the two sides may drag at each other. MuJoCo solves Coulomb friction as a constraint: it
+    sticks.
     """
 
     def __init__(
@@ -137,7 +138,7 @@ COLDEST_FRICTION, WARMEST_FRICTION = 4.0, 0.25
 
 
 SMALLEST_FACTOR = 0.1
-"""Likewise of resistance and torque constant."""
+"""The same for resistance and torque constant."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -197,7 +198,7 @@ class Supply(Resumable):
         return self._warmth
 
     def restore(self, saved: dict[str, Any]) -> None:
-        """Go back to a state that :meth:`save` gave."""
+        """Return to a state of :meth:`save`."""
         super().restore(saved)
         self._warmth = None
 
@@ -207,7 +208,7 @@ class Supply(Resumable):
         Args:
             current: (17,) of the motors at the end of the cycle [A].
             power: What the motors of the joints then took from the battery [W]; what they gave back counts as none.
-                The wheels' share is small beside ``idle_power``, and counted there.
+                The wheels' part is small compared with ``idle_power``, and included there.
         """
         battery, heat = self._battery, self._heat
         loss = self._resistance * self.warmth.copper * np.square(current)
@@ -230,7 +231,7 @@ class MotorBoards(Resumable):
         current: Motor current of the last update [A], signed.
         saturated: Whether a bound was met since :meth:`begin_cycle`.
         stiffness: K = kp N Kt / R [N m/rad] at the reference temperature and voltage.
-        torque_limit: What the board can hold [N m], likewise.
+        torque_limit: Torque that the motor board can hold [N m], in the same order.
     """
 
     STATE = ("_smoothed", "_integral", "current", "saturated")
@@ -299,7 +300,7 @@ class MotorBoards(Resumable):
         self._supply = np.full(len(stiffness), supply)
         self._minus_supply = -self._supply
         self._drop = self._full_drop * stiffness
-        # A board that may draw no current lets go of what it has summed up.
+        # A motor board without current clears its integral.
         self._integral *= stiffness > 0.0
         self.saturated[:] = False
 
@@ -339,7 +340,7 @@ class MotorBoards(Resumable):
         np.maximum(voltage, self._minus_supply, out=voltage)
         np.not_equal(voltage, wanted, out=self._differs)
         self.saturated |= self._differs
-        if self._has_integral:  # it goes no further into a bound, and stands still at small errors
+        if self._has_integral:  # clamped at a bound, and frozen at small errors
             np.multiply(self._integral_step, error, out=change)
             change[np.abs(error) < self._integral_band] = 0.0
             np.subtract(wanted, voltage, out=wanted)  # by how much a bound cut the voltage

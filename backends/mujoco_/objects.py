@@ -44,7 +44,7 @@ def add_objects(
             rgba=_COLOUR,
             contype=object_bit,
             conaffinity=robot_bit | object_bit | floor_bit,
-            priority=1,  # its friction and softness hold, whatever it meets
+            priority=1,  # its friction and softness hold in all contacts
             friction=[thing.friction, 0.005, 0.0001],
             solref=[thing.softness, 1.0],
         )
@@ -63,7 +63,7 @@ def add_objects(
 
 
 def _shape(geom: mujoco.MjsGeom, thing: WorldObject) -> None:
-    """Shape and size; MuJoCo wants half lengths."""
+    """Shape and size; MuJoCo uses half lengths."""
     if thing.shape == "box":
         geom.type, geom.size = mujoco.mjtGeom.mjGEOM_BOX, [0.5 * length for length in thing.size]
     elif thing.shape == "sphere":
@@ -76,7 +76,7 @@ def _shape(geom: mujoco.MjsGeom, thing: WorldObject) -> None:
 def check_clearance(mj: mujoco.MjModel, data: mujoco.MjData, world: World) -> None:
     """Refuse a start at which an object is inside the robot, another object or the floor.
 
-    Two fixed objects may overlap: that builds one thing of two.
+    Two fixed objects may overlap: that builds one object of two.
 
     Raises:
         ConfigError: Names the object, what it overlaps, and how far.

@@ -2,7 +2,7 @@
 
 Each joint has a second, motor-side hinge in a tiny body of its own. A fixed tendon of length ``q - theta`` with a dead
 band stands for the teeth of the gear; both sides have Coulomb friction; a DC motor turns the motor side. This is the
-two-body model of Eq. 5 to 8 of the paper, with the signs of alpha in Eq. 8 the right way round: the teeth push back
+two-body model of Eq. 5 to 8 of the paper, with the signs of alpha in Eq. 8 corrected: the teeth push back
 with K (phi - alpha) for phi >= alpha and K (phi + alpha) for phi <= -alpha, phi = q - theta.
 """
 
@@ -132,7 +132,7 @@ def add_flexibility(spec: mujoco.MjSpec, number: int, plant: PlantConfig) -> Non
 
 
 def harden_friction(joint: mujoco.MjsJoint | mujoco.MjsTendon, plant: PlantConfig) -> None:
-    """Coulomb friction that sticks. MuJoCo's default is soft: it creeps, and pushes the wrong way in hard braking."""
+    """Coulomb friction that sticks. MuJoCo's default is soft: it creeps, and pushes wrongly in hard braking."""
     joint.solref_friction = [2 * plant.physics.timestep, 1.0]
     joint.solimp_friction = [0.999, 0.9999, 0.001, 0.5, 2.0]
 
@@ -173,7 +173,7 @@ def check_step(mj: mujoco.MjModel, robot: RobotConfig, plant: PlantConfig) -> No
 ROBOT, OBJECT, FLOOR = 1, 2, 4
 """Collision bits: the robot meets objects, objects meet everything, the floor meets wheels and objects."""
 
-# MuJoCo would print, and write MUJOCO_LOG.TXT into the user's folder; what matters is told by errors of our own.
+# MuJoCo would print, and write MUJOCO_LOG.TXT into the user's folder; our own errors report what matters.
 # MuJoCo has one such handler for the whole process.
 mujoco.set_mju_user_warning(lambda message: None)
 
@@ -186,7 +186,7 @@ _DIVERGENCE = (
 
 @dataclass(frozen=True, kw_only=True)
 class PlantModel:
-    """The compiled model and where things are in it. Index and parameter arrays are (17,), in joint order.
+    """The compiled model and the indices of its parts. Index and parameter arrays are (17,), in joint order.
 
     Attributes:
         mj: The compiled MuJoCo model.
@@ -245,7 +245,7 @@ def build_model(robot: RobotConfig, plant: PlantConfig, world: World | None = No
         mj = spec.compile()
     except ValueError as error:
         raise _refused(robot, error) from error
-    # A simulation that blows up shall be told, not start again from its first posture by itself.
+    # A simulation that diverges must be reported, not restart by itself from its first posture.
     mj.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
     # Islands would only be found to be one: the robot, and motors that no constraint ties to it.
     mj.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_ISLAND

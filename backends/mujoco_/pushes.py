@@ -19,7 +19,7 @@ from pepper_driver.config.arrays import FloatArray
 
 
 class Pushes(Resumable):
-    """The pushes still to come or under way."""
+    """The pending and present pushes."""
 
     STATE = ("_pending",)
 
@@ -95,7 +95,7 @@ class ScheduledGrab(Grab):
 
     @property
     def end(self) -> float:
-        """Time at which the hand has let go [s]."""
+        """Time at which the hand has released it [s]."""
         return self.start + self.rise + self.hold + self.release
 
 
@@ -107,7 +107,7 @@ def centres_of_mass(model: PlantModel) -> dict[str, FloatArray]:
 def first_overlap(holds: Iterable[tuple[str, float, float]]) -> tuple[str, float] | None:
     """Return the first (link, time [s]) at which two hands hold one link, or None; holds are (link, start, end).
 
-    One may take the link at the very moment the other has let go.
+    One may grab the link at the very moment the other has released it.
     """
     latest: dict[str, float] = {}
     for link, start, end in sorted(holds, key=lambda hold: hold[1]):
@@ -168,7 +168,7 @@ class GrabForces(Resumable):
         if clash is not None:
             raise CommandError(
                 f"grab: a hand already holds {hand.link} at {clash[1]:.3f} s: "
-                "wait until it has let go, or take another link"
+                "wait until it has released it, or use another link"
             )
         x, y, z = hand.point.tolist()
         stiffest = self._stiffest(hand)
@@ -184,7 +184,7 @@ class GrabForces(Resumable):
         self._pending.clear()
 
     def begin_cycle(self, now: float, end: float) -> bool:
-        """Return true if any may act between ``now`` and ``end`` [s]; forget those that have let go."""
+        """Return true if any may act between ``now`` and ``end`` [s]; remove those that have ended."""
         if not self._pending:
             self._due.clear()
             return False

@@ -68,7 +68,7 @@ class InertialUnit(Resumable):
 class TouchSensors(Resumable):
     """A sensor answers 1 for a cycle in which the mean force of the contacts within its radius is above its threshold.
 
-    Sizes of forces add up, whatever their direction: a hand that pulls is felt too.
+    Magnitudes of forces add up, independent of their direction: a hand that pulls is detected too.
     """
 
     STATE = ("_answer", "_quiet")
@@ -216,7 +216,7 @@ class CurrentSensors(Resumable):
 
 
 class CommandLine(Resumable):
-    """Commands on their way to the boards: each acts whole cycles after it was sent."""
+    """Commands in flight to the motor boards: each acts whole cycles after it was sent."""
 
     STATE = ("_delayed",)
 

@@ -101,7 +101,7 @@ class MujocoTruth(Truth):
         """(4, 4) transform of a link in the world."""
         model = self._simulation.model
         check_name("link", link, model.bodies)
-        # In a place of its own: the simulation goes on from what its last step left behind.
+        # In data of its own: the simulation continues from the data of its last step.
         scratch = mujoco.MjData(model.mj)
         scratch.qpos[:] = self._simulation.data.qpos
         mujoco.mj_kinematics(model.mj, scratch)
@@ -155,7 +155,7 @@ class Simulation(Resumable):
         """Stand still in ``posture`` (17,) [rad], motors off, brakes on.
 
         Raises:
-            ConfigError: An object of the world is in the way.
+            ConfigError: An object of the world collides with the robot.
         """
         model, data = self.model, self.data
         mujoco.mj_resetData(model.mj, data)
@@ -183,7 +183,7 @@ class Simulation(Resumable):
             position: (17,) [rad], where the boards' own interpolation of the command ends.
             stiffness: (17,) 0..1.
             wheel_speed: (3,) [rad/s].
-            wheel_stiffness: (3,) 0..1, the share of its torque that each wheel's drive may use.
+            wheel_stiffness: (3,) 0..1, fraction of its torque that each wheel's drive may use.
         """
         boards, supply = self.boards, self.supply
         # A brake holds where it closed; it stays until the stiffness returns.
@@ -228,7 +228,7 @@ class Simulation(Resumable):
         return {"mujoco": state, "self": super().save(), **parts}
 
     def restore(self, saved: dict[str, Any]) -> None:
-        """Go back to a state that :meth:`save` gave."""
+        """Return to a state of :meth:`save`."""
         mj, data, kind = self.model.mj, self.data, mujoco.mjtState.mjSTATE_INTEGRATION
         mujoco.mj_resetData(mj, data)
         mujoco.mj_setState(mj, data, saved["mujoco"], kind)
@@ -302,7 +302,7 @@ class Readings(Resumable):
         return {"self": super().save(), **{n: part.save() for n, part in self._parts().items()}}
 
     def restore(self, saved: dict[str, Any]) -> None:
-        """Go back to a state that :meth:`save` gave."""
+        """Return to a state of :meth:`save`."""
         super().restore(saved["self"])
         for name, part in self._parts().items():
             part.restore(saved[name])

@@ -78,7 +78,7 @@ class Tally(Resumable):
         self._step += 1
 
     def entry(self, key: Hashable, kind: ContactKind, body: int, thing: str | None = None) -> Entry:
-        """Return the entry under ``key``; a new one when it has not acted in this cycle yet."""
+        """Return the entry under ``key``; a new one if it has not acted in this cycle yet."""
         entry = self._entries.get(key)
         if entry is None:
             entry = Entry(kind, body, thing, self._steps, self._mj.nv)

@@ -77,7 +77,7 @@ class WheelDynamics(Resumable):
     def begin_cycle(self, command: FloatArray, stiffness: FloatArray) -> None:
         """Drive towards ``command`` (3,) [rad/s] for one cycle.
 
-        ``stiffness`` (3,) 0..1 is the share of its torque that each drive may use; at 0 the wheel runs out.
+        ``stiffness`` (3,) 0..1 is the fraction of its torque that each drive may use; at 0 the wheel coasts.
         """
         if not np.array_equal(stiffness, self._stiffness):
             self._set_stiffness(stiffness)

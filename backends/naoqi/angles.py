@@ -77,13 +77,13 @@ class AnglesLink:
         self._position: FloatArray = position
         self._values: Values = values
         self._opened = self._asked = self._sampled = time.monotonic()
-        self._step = self._tick = self._withheld = 0
+        self._step = self._tick = self._dropped_commands = 0
         self._stiffness = np.zeros(len(self.soft))
         self.newest = self._measurement()
 
     def start(self, stiffness: FloatArray) -> None:
         """From now on commands are counted, and changes from a stiffness (17,) are passed on."""
-        self._withheld = 0
+        self._dropped_commands = 0
         self._stiffness = stiffness[self.places]
 
     @property
@@ -107,7 +107,7 @@ class AnglesLink:
             if position is not None and not self._order.begin(
                 self._joints, position.tolist(), self._settings.speed
             ):
-                self._withheld += 1
+                self._dropped_commands += 1
             if stiffness is not None:
                 self._send_stiffness(stiffness[self.places])
 
@@ -184,7 +184,7 @@ class AnglesLink:
             time=self._tick * self._cycle,
             tick=self._tick,
             age=max(0.0, time.monotonic() - self._sampled - usual),
-            withheld=self._withheld,
+            dropped_commands=self._dropped_commands,
             **values,
         )
 

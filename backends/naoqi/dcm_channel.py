@@ -84,7 +84,7 @@ class Orders:
         positions: Commands for the joints that were sent.
         speeds: And for the wheels.
         stiffness: (17,) last commanded to the joints.
-        withheld: Commands for the joints that were not sent, since too many were in flight.
+        dropped_commands: Commands for the joints that were not sent, since too many were in flight.
     """
 
     def __init__(
@@ -105,7 +105,7 @@ class Orders:
         self._stiffness: list[float] | None = stiffness.tolist()
         self._wheel_speed: list[float] | None = None
         self._waiting: dict[Alias, int] = {}
-        self.withheld = 0
+        self.dropped_commands = 0
 
     def give(
         self,
@@ -146,7 +146,7 @@ class Orders:
             if not due[alias]():
                 waiting[alias] = self._waiting.get(alias, 0) + 1
         self._waiting = waiting
-        self.withheld += Alias.POSITION in waiting
+        self.dropped_commands += Alias.POSITION in waiting
 
     def answers(self, step: int, cycle: int) -> int | None:
         """Return how many commands before ``step`` the one was given that the sample of a cycle answers, if any."""
@@ -473,9 +473,9 @@ class Link:
             time=cycle * self._cycle,
             tick=cycle,
             age=age,
-            answers=None if orders is None else orders.answers(self._written, cycle),
-            withheld=0 if orders is None else orders.withheld,
+            response_delay=None if orders is None else orders.answers(self._written, cycle),
+            dropped_commands=0 if orders is None else orders.dropped_commands,
             commanded_by_others=() if self._foreign is None else self._foreign.found,
-            missing=self._reader.missing,
+            stale_reason=self._reader.missing,
             **{name: getattr(values, name) for name in VALUES},
         )

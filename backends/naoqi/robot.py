@@ -182,7 +182,7 @@ class NaoqiRobot(Serial, Handled):
             raise
 
     @property
-    def held(self) -> FloatArray | None:
+    def hold_position(self) -> FloatArray | None:
         """(17,) where ``activate`` holds the joints [rad]: waking up may have moved them."""
         return self._held
 

@@ -182,7 +182,7 @@ class CommandScheduler:
         return self._number
 
     def note_command(self, step: int, number: int, *, sent: bool) -> None:
-        """Record that the command of a step was for this cycle, and was sent, or withheld."""
+        """Record that the command of a step was for this cycle, and was sent, or dropped."""
         self._commands_by_cycle[number] = (step, sent)
         for old in list(self._commands_by_cycle):
             if old > number - KEPT_CYCLES:

@@ -142,7 +142,7 @@ class Relay:
         delay = network.delay
         if network.jitter:
             delay += draw.expovariate(1.0 / network.jitter)
-        if draw.random() < network.stall_share:
+        if draw.random() < network.stall_probability:
             delay += network.stall
         return delay
 

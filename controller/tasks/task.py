@@ -21,7 +21,7 @@ from pepper_driver.config import RobotConfig, suggestion
 from pepper_driver.config.arguments import checked_arguments, is_number, real_array
 from pepper_driver.config.arrays import FloatArray
 from pepper_driver.config.errors import ArgumentError, shown
-from pepper_driver.config.parts import STIFFEST
+from pepper_driver.config.parts import MAX_TASK_STIFFNESS
 from pepper_driver.config.steps import MIN_DURATION
 from pepper_driver.controller.changes import Change, Changes
 from pepper_driver.controller.errors import GainError, ShapeError, TargetError
@@ -157,7 +157,7 @@ def checked_stiffness(value: float) -> float:
     Raises:
         GainError: Not a number from 0 to 3000.
     """
-    return _within("stiffness", value, STIFFEST)
+    return _within("stiffness", value, MAX_TASK_STIFFNESS)
 
 
 def _within(name: str, value: float, most: float) -> float:

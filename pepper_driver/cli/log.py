@@ -135,7 +135,7 @@ def _print_run(console: Console, path: Path, summary: LogSummary) -> None:
 def _print_timing(console: Console, summary: LogSummary) -> None:
     console.print(
         f"missed: {summary.missed} ticks; not in the log: {summary.dropped}; "
-        f"withheld writes: {summary.withheld_writes}"
+        f"dropped commands: {summary.dropped_commands}"
     )
     table = Table(title="milliseconds", title_justify="left")
     for name in ("time", "median", "p99", "max"):

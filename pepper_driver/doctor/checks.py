@@ -184,7 +184,7 @@ def check_samples(
         "samples",
         found,
         failure=bool(stale),
-        warning=fraction > settings.late_share,
+        warning=fraction > settings.late_fraction,
         remedy="; ".join(remedies)
         + f"; beyond {safety.stale_hold * 1e3:.0f} ms the joints are held, "
         f"beyond {safety.stale_fault * 1e3:.0f} ms the robot is stopped, and with samples older than "

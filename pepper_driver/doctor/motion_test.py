@@ -179,7 +179,7 @@ def try_motion(
     ticks = rated(
         "motion",
         statistics.summary,
-        warning=fraction > settings.late_share,
+        warning=fraction > settings.late_fraction,
         remedy="end other programs on this computer, and permit real-time priority (docs/realtime.md)",
     )
     fits = watch.fits(settings)

@@ -88,7 +88,7 @@ def suite_jobs(
     jobs = []
     drawn: set[str] = set()
     for suite in suites:
-        for run in evaluation.runs(suite, share=QUICK if quick else 1.0):
+        for run in evaluation.runs(suite, fraction=QUICK if quick else 1.0):
             joint = _pictured(run, robot)
             if joint is not None and (run.suite + joint) in drawn:
                 joint = None

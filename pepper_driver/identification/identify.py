@@ -174,7 +174,7 @@ class Identification:
     findings: tuple[Finding, ...]
 
     def as_json(self) -> dict[str, Any]:
-        """``fit.<method>.<joint>.{estimation,test}``, ``threshold_deg.<joint>``, ``share.<joint>``, ``warnings``."""
+        """``fit.<method>.<joint>.{estimation,test}``, ``threshold_deg.<joint>``, ``shared.<joint>``, ``warnings``."""
         return {
             "fit": {
                 method: {joint: asdict(fit) for joint, fit in fits.items()}
@@ -185,7 +185,7 @@ class Identification:
             },
             "identity": self.models.identity,
             "recorded": list(self.recorded),
-            "share": {fit.joint: {**asdict(fit), "loss": fit.loss} for fit in self.shared},
+            "shared": {fit.joint: {**asdict(fit), "loss": fit.loss} for fit in self.shared},
             "warnings": [asdict(finding) for finding in self.findings],
         }
 

@@ -115,7 +115,7 @@ class LogSummary:
         absent: Numbers of cycles between the first and the last that have no row.
         dropped: Ticks between the first and the last that did not get into the log.
         missed: Ticks that were missed, as the run counted them.
-        withheld_writes: Commands that the backend held back.
+        dropped_commands: Commands that the backend dropped.
         tick_end: From the deadline of a tick to its end [ms]; None where ticks were not paced.
         sample_age: Of the samples that ticks worked with [ms]; None without ticks.
         contacts: How many there were, by kind.
@@ -135,7 +135,7 @@ class LogSummary:
     absent: int
     dropped: int
     missed: int
-    withheld_writes: int
+    dropped_commands: int
     tick_end: Quantiles | None
     sample_age: Quantiles | None
     contacts: dict[str, int]
@@ -157,7 +157,7 @@ class LogSummary:
             "absent": self.absent,
             "dropped": self.dropped,
             "missed": self.missed,
-            "withheld_writes": self.withheld_writes,
+            "dropped_commands": self.dropped_commands,
             "tick_end_ms": None if self.tick_end is None else asdict(self.tick_end),
             "sample_age_ms": None if self.sample_age is None else asdict(self.sample_age),
             "contacts": {"total": sum(self.contacts.values()), **self.contacts},
@@ -187,7 +187,7 @@ def summarise(log: RunLog) -> LogSummary:
         absent=int(np.maximum(np.diff(tick) - 1, 0).sum()),
         dropped=int((np.diff(log["step"]) - 1).sum()),
         missed=int(log["missed"].max(initial=0)),
-        withheld_writes=int(log["withheld"].max(initial=0)),
+        dropped_commands=int(log["dropped_commands"].max(initial=0)),
         tick_end=_milliseconds(log["tick_end"]),
         sample_age=_milliseconds(log["age"]),
         contacts=_counted(contact.kind for contact in lasting),

@@ -165,7 +165,7 @@ class MeasurementMonitor:
             newest: The last one that was sent.
         """
         if not measurement.age <= self._settings.stale_fault:  # NaN is old too
-            why = f": {measurement.missing}" if measurement.missing else ""
+            why = f": {measurement.stale_reason}" if measurement.stale_reason else ""
             text = f"the newest sample is {measurement.age * 1e3:.0f} ms old{why}"
             return Fault(reason=FaultReason.STALE_SAMPLE, text=text)
         buttons = measurement.buttons

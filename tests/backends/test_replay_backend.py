@@ -19,7 +19,7 @@ from pepper_driver.backends import (
     NotConnectedError,
     make_backend,
 )
-from pepper_driver.backends.interface import LONGEST_WAY
+from pepper_driver.backends.interface import MAX_RESPONSE_DELAY
 from pepper_driver.backends.log_file import LogError
 from pepper_driver.backends.replay import EndOfLogError, ReplayBackend
 from pepper_driver.config import ConfigError, PepperError, load_robot
@@ -150,12 +150,12 @@ def test_a_command_too_old_to_be_known_is_not_compared(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Where a sample answers an older command than the loop keeps, the log has the oldest it kept beside it."""
-    ways = iter([LONGEST_WAY + 10] * 80 + [LONGEST_WAY] * 20)
+    ways = iter([MAX_RESPONSE_DELAY + 10] * 80 + [MAX_RESPONSE_DELAY] * 20)
     path = tmp_path / "run.mcap"
     with Pepper("mujoco://?seed=5", observer=None, log=path) as pepper:
         read = pepper.backend.read
         monkeypatch.setattr(
-            pepper.backend, "read", lambda: replace(read(), answers=next(ways, None))
+            pepper.backend, "read", lambda: replace(read(), response_delay=next(ways, None))
         )
         pepper.set_posture({"LShoulderRoll": 0.6})
         pepper.run(100 * ROBOT.cycle)
@@ -164,7 +164,9 @@ def test_a_command_too_old_to_be_known_is_not_compared(
         pepper.run(100 * ROBOT.cycle)
         backend = pepper.backend
     assert isinstance(backend, ReplayBackend)
-    assert backend.answered.tolist() == 80 * [-1] + list(range(80 - LONGEST_WAY, 100 - LONGEST_WAY))
+    assert backend.answered.tolist() == 80 * [-1] + list(
+        range(80 - MAX_RESPONSE_DELAY, 100 - MAX_RESPONSE_DELAY)
+    )
     assert (backend.differences.compared, backend.differences.differing) == (20, 0)
 
 

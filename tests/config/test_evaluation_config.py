@@ -217,15 +217,15 @@ def test_the_fit_suite_moves_every_joint_at_the_stiffness_of_estimation_and_test
 
 def test_a_share_of_a_suite_is_shorter(evaluation: EvaluationSuites) -> None:
     for suite in evaluation.names:
-        whole, part = evaluation.runs(suite), evaluation.runs(suite, share=0.1)
+        whole, part = evaluation.runs(suite), evaluation.runs(suite, fraction=0.1)
         assert 0.05 < sum(r.seconds for r in part) / sum(r.seconds for r in whole) < 0.5
         assert {r.seed for r in part} <= {r.seed for r in whole}
         assert all(run.goals is None or run.goals >= 1 for run in part)
         assert all(count_of(run) > 0 for run in part if run.experiment.contacts)
-    assert len(evaluation.runs("free", share=0.1)) == len(evaluation.runs("free"))
-    for share in (0.0, -1.0, 1.1, float("nan")):
-        with pytest.raises(ConfigError, match="share of a suite"):
-            evaluation.runs("free", share=share)
+    assert len(evaluation.runs("free", fraction=0.1)) == len(evaluation.runs("free"))
+    for fraction in (0.0, -1.0, 1.1, float("nan")):
+        with pytest.raises(ConfigError, match="fraction of a suite"):
+            evaluation.runs("free", fraction=fraction)
 
 
 def test_an_unknown_suite_lists_those_there_are(evaluation: EvaluationSuites) -> None:

@@ -151,7 +151,7 @@ def test_without_an_observer_nobody_feels_anything(tmp_path: Path) -> None:
         (until, "steps.0.repeat.until"),
     ):
         said = refusal(tmp_path, experiment(step, observer=None))
-        assert f"key '{where}': nobody feels touches: the experiment has no observer" in said
+        assert f"key '{where}': no touch can be detected: the experiment has no observer" in said
     reaction = experiment(STAND, observer=None, reactions=[{"do": "hold"}])
     assert "key 'reactions.0.on': nobody feels" in refusal(tmp_path, reaction)
     load_data(tmp_path, experiment(STAND, observer=None))

@@ -23,7 +23,7 @@ def test_an_unknown_network_names_the_close_one() -> None:
     ("old", "new", "word"),
     [
         ("delay: 0.0015", "delay: -0.001", "delay"),
-        ("stall_share: 0.003", "stall_share: 3", "stall_share"),
+        ("stall_probability: 0.003", "stall_probability: 3", "stall_probability"),
         ("stall: 0.06", "stall: .nan", "nan"),
         ("jitter: 0.001", "jiter: 0.001", "did you mean jitter"),
     ],

@@ -310,7 +310,11 @@ CASES: list[tuple[str, str, str]] = [
         "delay: 1e9",
         "mine.yaml line 4: key 'delay': must be 60 or less, got 1000000000.0",
     ),
-    ("network", "stall_share: 2", "mine.yaml line 6: key 'stall_share': must be 1 or less, got 2"),
+    (
+        "network",
+        "stall_probability: 2",
+        "mine.yaml line 6: key 'stall_probability': must be 1 or less, got 2",
+    ),
     ("network", "dely: 0.1", "mine.yaml line 9: unknown key 'dely' (did you mean delay?"),
     (
         "safety",

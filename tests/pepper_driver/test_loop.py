@@ -10,7 +10,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from pepper_driver.backends import Truth
-from pepper_driver.backends.interface import LONGEST_WAY
+from pepper_driver.backends.interface import MAX_RESPONSE_DELAY
 from pepper_driver.backends.mock import Fault, MockBackend
 from pepper_driver.config import (
     ControllerSettings,
@@ -81,13 +81,15 @@ def test_a_measurement_is_paired_with_the_command_it_answers(delay: int) -> None
 
 
 def answering(ago: int) -> Fault:
-    return lambda measurement: replace(measurement, answers=ago)
+    return lambda measurement: replace(measurement, response_delay=ago)
 
 
 @settings(max_examples=25)
 @given(
     st.lists(
-        st.integers(0, 6) | st.integers(0, LONGEST_WAY + 30), min_size=1, max_size=LONGEST_WAY + 40
+        st.integers(0, 6) | st.integers(0, MAX_RESPONSE_DELAY + 30),
+        min_size=1,
+        max_size=MAX_RESPONSE_DELAY + 40,
     )
 )
 @example([0, 3] + 70 * [80] + [2, 0])
@@ -100,14 +102,14 @@ def test_each_command_is_answered_or_known_not_to_be(answers: list[int]) -> None
     for step, ago in enumerate(answers):
         backend.faults[step + 1] = answering(ago)
         record = loop.tick()
-        place = max(0, step - ago, step - LONGEST_WAY)
+        place = max(0, step - ago, step - MAX_RESPONSE_DELAY)
         # The arm moves in every tick: each command has a position of its own.
         written = [command.position.tobytes() for command in backend.commands]
         assert len(set(written)) == len(written)
         assert record.tick.sent.position.tobytes() == written[place]
         first = max(answered, default=0) + 1
         late = [(ago, entry.sent.position.tobytes()) for ago, entry in record.unmatched]
-        expected = range(max(first, step - LONGEST_WAY), place)
+        expected = range(max(first, step - MAX_RESPONSE_DELAY), place)
         assert late == [(step - k, written[k]) for k in expected]
         answered.append(place)
 

@@ -64,5 +64,8 @@ class Jittery(Backend):
 
 def _seen(sample: Measurement, late: int, info: BackendInfo) -> Measurement:
     return replace(
-        sample, answers=info.response_delay + late, age=late * info.cycle, withheld=sample.tick // 7
+        sample,
+        response_delay=info.response_delay + late,
+        age=late * info.cycle,
+        dropped_commands=sample.tick // 7,
     )

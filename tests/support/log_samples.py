@@ -60,8 +60,8 @@ class Samples:
                 battery=float(self.random.random()),
                 age=float(self.random.random()),
                 charging_flap=float(self.random.random()),
-                answers=int(self.random.integers(5)),
-                withheld=int(self.random.integers(1000)),
+                response_delay=int(self.random.integers(5)),
+                dropped_commands=int(self.random.integers(1000)),
                 stiffness=self.vector(N),
             ),
             reference=Reference(

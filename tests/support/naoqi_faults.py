@@ -44,7 +44,7 @@ class QpStatus:
         error: With which its run ended; None where it did not.
         ages: (time, age of the sample [s]) of its ticks after the fault.
         box: What the robot did, from half a second before the fault to half a second after the client's run.
-        withheld: Commands that were not sent.
+        dropped_commands: Commands that were not sent.
     """
 
     begun: float
@@ -54,7 +54,7 @@ class QpStatus:
     error: PepperError | None = None
     ages: list[tuple[float, float]] = field(default_factory=list)
     box: BlackBox = field(default_factory=lambda: EMPTY)
-    withheld: int = 0
+    dropped_commands: int = 0
 
 
 def url(stand_in: StandIn) -> str:
@@ -123,7 +123,7 @@ def run(pepper: Pepper, seconds: float, outcome: QpStatus) -> PepperError | None
 
     def on_tick(tick: Tick, _: object) -> None:
         outcome.ages.append((time.monotonic(), tick.measurement.age))
-        outcome.withheld = tick.measurement.withheld
+        outcome.dropped_commands = tick.measurement.dropped_commands
 
     try:
         pepper.run(seconds, on_tick=on_tick)

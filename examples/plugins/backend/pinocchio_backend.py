@@ -175,7 +175,7 @@ class PinocchioBackend(Serial, Backend):
 
     @serial
     def close(self) -> None:
-        """Deactivate and be gone."""
+        """Deactivate and disconnect."""
         self.deactivate()
         self._state = "closed"
 

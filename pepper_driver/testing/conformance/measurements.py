@@ -11,7 +11,7 @@ import pytest
 
 from pepper_driver.backends import Backend, Measurement
 from pepper_driver.backends.fields import fields_of
-from pepper_driver.backends.interface import LONGEST_WAY
+from pepper_driver.backends.interface import MAX_RESPONSE_DELAY
 from pepper_driver.testing.conformance.driving import (
     LATEST,
     ROBOT,
@@ -50,12 +50,12 @@ def check(measurement: Measurement) -> None:
     assert measurement.charging_flap in (0.0, 1.0) or np.isnan(measurement.charging_flap)
     assert measurement.age >= 0.0
     assert isinstance(measurement.tick, int)
-    assert measurement.answers is None or measurement.answers >= 0
-    assert measurement.withheld >= 0
+    assert measurement.response_delay is None or measurement.response_delay >= 0
+    assert measurement.dropped_commands >= 0
     if measurement.stiffness is not None:
         known = measurement.stiffness[~np.isnan(measurement.stiffness)]
         assert ((known >= 0.0) & (known <= 1.0)).all()
-    assert len(measurement.missing.splitlines()) <= 1
+    assert len(measurement.stale_reason.splitlines()) <= 1
 
 
 Course = list[tuple[Measurement, Measurement]]
@@ -91,16 +91,16 @@ class MeasurementTests(BackendSuite):
         for measurement, _ in course:
             check(measurement)
         assert np.abs(course[0][0].imu.acceleration - [0, 0, 9.81]).max() < 1.0, "it stands"
-        delays = {m.answers for m, _ in course[-20:-10]}
-        assert delays == {None} or all(d is not None and d < LONGEST_WAY for d in delays)
+        delays = {m.response_delay for m, _ in course[-20:-10]}
+        assert delays == {None} or all(d is not None and d < MAX_RESPONSE_DELAY for d in delays)
 
     def test_ticks_and_time_only_go_on(self, course: Course) -> None:
         ticks = np.array([m.tick for m, _ in course])
         times = np.array([m.time for m, _ in course])
         assert (np.diff(ticks) >= 0).all()
         np.testing.assert_allclose(np.diff(times), np.diff(ticks) * ROBOT.cycle, atol=1e-9)
-        withheld = [m.withheld for m, _ in course[:-10]]
-        assert withheld == sorted(withheld)
+        dropped_commands = [m.dropped_commands for m, _ in course[:-10]]
+        assert dropped_commands == sorted(dropped_commands)
 
     def test_a_measurement_is_never_changed_afterwards(self, course: Course) -> None:
         """The log and callbacks read it on threads of their own, later."""

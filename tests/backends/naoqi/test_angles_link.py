@@ -55,7 +55,7 @@ def test_every_second_tick_sends_a_command(fake: FakeRobot, connection: Connecti
     link.start(np.ones(17))
     measured = ticks(link, 100)
     passed = (time.monotonic() - begin) / ROBOT.cycle
-    assert wait_until(lambda: len(fake.log) == 50 - measured[-1].withheld)
+    assert wait_until(lambda: len(fake.log) == 50 - measured[-1].dropped_commands)
     assert set(fake.log) == {("setAngles", GOAL[0], ANGLES.speed)}
     assert 95 <= measured[-1].tick <= passed + 1
     assert all(later.tick >= m.tick for m, later in pairwise(measured))
@@ -71,7 +71,7 @@ def test_a_robot_that_does_not_answer_holds_no_tick_up_and_its_samples_are_old(
     fake.motion.may_answer.clear()
     measured = ticks(link, 60)
     assert measured[-1].age > 0.5
-    assert measured[-1].withheld == 29, "one command is on its way"
+    assert measured[-1].dropped_commands == 29, "one command is on its way"
     assert not fake.log
     fake.motion.commanded = (GOAL + 0.1).tolist()
     fake.motion.may_answer.set()

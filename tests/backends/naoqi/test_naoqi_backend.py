@@ -192,7 +192,7 @@ def test_before_activation_all_sensors_are_read_and_nothing_is_told(
     assert last.buttons.tolist() == [0.0]
     assert 0.0 < last.battery <= 1.0
     assert last.charging_flap == 0.0
-    assert last.answers is None
+    assert last.response_delay is None
     assert 20.0 < last.temperature[0] < 60.0
     ticks = [measurement.tick for measurement in measured]
     assert np.diff(ticks).min() >= 0
@@ -246,9 +246,9 @@ def test_the_dcm_is_at_each_command_at_a_cycle_and_samples_answer_it(
     errors = []
     for tick in range(30, 250):
         measurement = measured[tick]
-        assert measurement.answers is not None
+        assert measurement.response_delay is not None
         if measurement.age == 0.0:
-            errors.append(given[tick - 1 - measurement.answers] - measurement.position)
+            errors.append(given[tick - 1 - measurement.response_delay] - measurement.position)
     # The simulated robot lags by less than a degree; two ticks of a wrong pairing would be more.
     assert np.abs(np.array(errors)[:, [6, 12]]).max() < np.radians(2.5)
 
@@ -341,7 +341,7 @@ def test_a_lost_connection_is_told_and_nothing_goes_on_by_itself(
     robot.start_naoqi()
     backend.open()
     measured = run(backend, 20, lambda _: start)
-    assert measured[-1].answers is None, "open, and not active"
+    assert measured[-1].response_delay is None, "open, and not active"
     backend.activate()
     assert run(backend, 500, lambda _: start, until=lambda m: m.age < 0.03)[-1].age < 0.03
     backend.close()

@@ -83,10 +83,10 @@ class Run:
         """Ticks whose sample shows the joints elsewhere than at the command they are said to answer, by more [rad]."""
         wrong = []
         for tick, measurement in enumerate(self.measured):
-            if tick < since or measurement.answers is None or measurement.age > 0.05:
+            if tick < since or measurement.response_delay is None or measurement.age > 0.05:
                 continue
             late = round(measurement.age / ROBOT.cycle)
-            given = self.given[max(0, tick - 1 - measurement.answers - late)]
+            given = self.given[max(0, tick - 1 - measurement.response_delay - late)]
             if np.abs(measurement.position - given).max() > within:
                 wrong.append(tick)
         return wrong
@@ -121,14 +121,14 @@ def test_each_sample_answers_the_command_it_is_said_to(
     assert np.count_nonzero(ages[100:]) <= 3 + 2 * len(missed)
     ticks = np.diff([measurement.tick for measurement in run.measured])
     assert set(ticks.tolist()) <= {0, 1, 2}
-    assert run.measured[-1].withheld == 0
+    assert run.measured[-1].dropped_commands == 0
 
 
 def test_an_unsteady_way_costs_samples_and_no_pairs() -> None:
     run = Run(VirtualRobot(wire(1, jitter=1.5)))
     run.ticks(1500)
     assert run.link.lead == pytest.approx(0.024, abs=0.01)
-    assert run.measured[-1].withheld > 3
+    assert run.measured[-1].dropped_commands > 3
     assert not run.mismatches(within=5e-4), (
         "the DCM is nearly where a single one withheld would have had it"
     )
@@ -324,8 +324,8 @@ def test_a_slow_dcm_takes_fewer_commands_which_are_counted() -> None:
     run.ticks(50)
     robot._network = lambda _: 15.0
     run.ticks(100)
-    withheld = run.measured[-1].withheld - run.measured[50].withheld
-    assert 40 <= withheld <= 80
+    dropped_commands = run.measured[-1].dropped_commands - run.measured[50].dropped_commands
+    assert 40 <= dropped_commands <= 80
     assert run.measured[-1].age < SAFETY.stale_hold
 
 
@@ -357,7 +357,7 @@ def test_before_the_start_nothing_is_sent() -> None:
     link = link_with(robot)
     for _ in range(10):
         robot.pass_time(robot.time + CYCLE)
-        assert link.exchange(STAND + 0.5, ONES, np.ones(3)).answers is None
+        assert link.exchange(STAND + 0.5, ONES, np.ones(3)).response_delay is None
     assert robot.taken == 0
 
 

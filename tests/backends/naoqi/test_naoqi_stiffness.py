@@ -57,7 +57,7 @@ class Run:
         """Until their number is over, or the gate is in FAULT."""
         for tick in range(number):
             measurement = self._tick()
-            ago = 3 if measurement.answers is None else measurement.answers
+            ago = 3 if measurement.response_delay is None else measurement.response_delay
             self.gate.watch(measurement, self._sent[-1 - min(ago, len(self._sent) - 1)])
             if self.gate.state is RobotState.FAULT:
                 return
@@ -198,7 +198,9 @@ def test_our_own_ramps_are_no_theft_over_qi_either(robot: StandIn, fault: str) -
                 pacer.wait()
                 measurement = backend.read()
                 lowest = min(lowest, _stiffness(measurement).min())
-                ago = 3 if measurement.answers is None else min(measurement.answers, 59)
+                ago = (
+                    3 if measurement.response_delay is None else min(measurement.response_delay, 59)
+                )
                 gate.watch(measurement, sent[-1 - ago])
                 assert gate.fault is None
                 stiffness = np.where(LEGS, 1.0, float((tick // 50) % 2))

@@ -42,7 +42,7 @@ def test_info_prints_and_writes_the_figures(
         assert text in shown
     read = json.loads(figures.read_text())
     assert read["ticks"] == 83
-    assert (read["missed"], read["withheld_writes"], read["faults"]) == (0, 0, 0)
+    assert (read["missed"], read["dropped_commands"], read["faults"]) == (0, 0, 0)
     assert set(read["sample_age_ms"]) == {"median", "p99", "max"}
     assert read["metadata"] == read_log(log).metadata
 

@@ -23,8 +23,10 @@ def logged(path: Path, fill: Callable[[LogWriter, Samples], None]) -> RunLog:
     return read_log(path)
 
 
-def aged(tick: Tick, age: float, withheld: int) -> Tick:
-    return replace(tick, measurement=replace(tick.measurement, age=age, withheld=withheld))
+def aged(tick: Tick, age: float, dropped_commands: int) -> Tick:
+    return replace(
+        tick, measurement=replace(tick.measurement, age=age, dropped_commands=dropped_commands)
+    )
 
 
 def test_timing_of_a_paced_run(tmp_path: Path) -> None:
@@ -40,7 +42,7 @@ def test_timing_of_a_paced_run(tmp_path: Path) -> None:
     figures = summary.as_json()
     assert (figures["ticks"], figures["missed"], figures["absent"]) == (101, 2, 3)
     assert figures["dropped"] == 0, "cycles without a tick, but every tick is there"
-    assert figures["withheld_writes"] == 5
+    assert figures["dropped_commands"] == 5
     assert figures["duration"] == pytest.approx(103 * 0.012)
     assert figures["tick_end_ms"] == pytest.approx({"median": 5.0, "p99": 9.9, "max": 10.0})
     assert figures["sample_age_ms"] == pytest.approx({"median": 50.0, "p99": 99.0, "max": 100.0})

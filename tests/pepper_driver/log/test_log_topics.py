@@ -153,12 +153,12 @@ def test_several_commands_may_be_left_unanswered(tmp_path: Path) -> None:
     sent = [(3, samples.sent()), (2, samples.sent())]
     with LogWriter(tmp_path / "a.mcap", ROBOT, {}) as log:
         for answers in (3, None, 4, 1):
-            measurement = replace(tick.measurement, answers=answers)
+            measurement = replace(tick.measurement, response_delay=answers)
             late = sent if answers == 1 else ()
             log.append(TickRecord(tick=replace(tick, measurement=measurement), unmatched=late))
     read = read_log(tmp_path / "a.mcap")
     assert read["step"].tolist() == [0, 1, 2, 3]
-    assert read["answers"].tolist() == [3, -1, 4, 1]
+    assert read["response_delay"].tolist() == [3, -1, 4, 1]
     assert read.unmatched["step"].tolist() == [0, 1], "that of step 2 is answered in step 3"
     for row, (_, one) in enumerate(sent):
         assert same_bits(read.unmatched["sent_position"][row], one.sent.position)

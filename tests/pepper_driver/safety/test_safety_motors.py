@@ -212,7 +212,7 @@ def test_what_another_program_commands_stops_the_robot_and_is_named(
 def test_why_samples_stay_away_is_told() -> None:
     g = gate()
     missing = "no answer from RElbowYaw, whose board is off or unplugged"
-    g.watch(replace(standing_measurement(), age=0.2, missing=missing), g.sent)
+    g.watch(replace(standing_measurement(), age=0.2, stale_reason=missing), g.sent)
     assert g.fault is not None
     assert g.fault.reason is FaultReason.STALE_SAMPLE
     assert g.fault.text == f"the newest sample is 200 ms old: {missing}"
