@@ -323,4 +323,4 @@ def test_a_robot_that_got_up_while_it_was_activated_is_not_sent_back_to_where_it
     with active(backend) as session:
         session.run(3)
     for command in backend.commands:
-        np.testing.assert_allclose(command.position, backend.held, atol=1e-6)
+        np.testing.assert_allclose(command.position, backend.hold_position, atol=1e-6)
