@@ -113,7 +113,7 @@ def push(plant: str, amplitude: float, seed: int) -> Result:
         fallen = pepper.backend.truth.fallen
         outcome = score(pushes, pepper.contact_history, pepper.config)
     return {
-        "felt": [[one.push.force, one.delay] for one in outcome.felt],
+        "felt": [[one.push.force, one.delay] for one in outcome.detected],
         "missed": [one.force for one in outcome.missed],
         "false": len(outcome.false),
         "before": before,

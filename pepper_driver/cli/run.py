@@ -181,7 +181,7 @@ def show_reached(console: Console, step: StepReport) -> None:
 def push_table(report: ExperimentReport, robot: RobotConfig) -> Table:
     """Make a table of each push: when it was felt, where at first and at last."""
     result = score(report.pushes, report.contacts, robot)
-    felt = {id(f.push): f for f in result.felt}
+    felt = {id(f.push): f for f in result.detected}
     last = {
         alarm.begin.id: alarm.updates[-1].link if alarm.updates else alarm.begin.link
         for alarm in group_events(report.contacts)

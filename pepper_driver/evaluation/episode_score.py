@@ -242,8 +242,8 @@ class EpisodeScore:
 def score_episode(episode: Episode, watched: ObserverRun, robot: RobotConfig) -> EpisodeScore:
     """Score what an observer said of an episode."""
     result = score(episode.pushes, watched.contacts, robot)
-    felt = {id(f.push): f for f in result.felt}
-    swings, touches = _swings_and_touches(episode, watched, result.felt, robot)
+    felt = {id(f.push): f for f in result.detected}
+    swings, touches = _swings_and_touches(episode, watched, result.detected, robot)
     time = episode.recording.time
     return EpisodeScore(
         suite=episode.suite,
@@ -299,7 +299,7 @@ def _group(push: KnownPush, robot: RobotConfig) -> Group:
 def _is_there(felt: DetectedPush, after: float, robot: RobotConfig) -> bool:
     """Check if the contact was on the right joint some time after the alarm, by the first tick that is so late."""
     grace = robot.cycle if after else 0.0
-    joint = felt.alarm.at(felt.contact.detection_time + after + grace).joint
+    joint = felt.track.at(felt.contact.detection_time + after + grace).joint
     if felt.push.joint is None:
         return robot.limb_of(joint) == TRUNK
     return joint == felt.push.joint

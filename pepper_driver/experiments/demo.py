@@ -59,7 +59,7 @@ class DemoResult:
             "summary": self.summary,
             "felt": [
                 {"push": asdict(f.push), "contact": asdict(f.contact), "delay": f.delay}
-                for f in score.felt
+                for f in score.detected
             ],
             "missed": [asdict(push) for push in score.missed],
             "false": [asdict(contact) for contact in score.false],
@@ -71,7 +71,7 @@ class DemoResult:
     @property
     def summary(self) -> dict[str, Any]:
         """The figures of the run: counts of pushes and contacts, right answers, delays from the onset of the force."""
-        felt = self.score.felt
+        felt = self.score.detected
         delays = [1e3 * f.delay for f in felt]
         return {
             "simulated_seconds": self.simulated_seconds,
@@ -84,8 +84,8 @@ class DemoResult:
             "saturated": sum(push.saturated for push in self.pushes),
             "force_n": _extent([push.force for push in self.pushes]),
             "degrees": _extent([push.degrees for push in self.pushes]),
-            "direction_right": sum(f.settled.direction == f.push.direction for f in felt),
-            "joint_right": sum(f.settled.joint == f.push.joint for f in felt),
+            "direction_right": sum(f.final_contact.direction == f.push.direction for f in felt),
+            "joint_right": sum(f.final_contact.joint == f.push.joint for f in felt),
             "delay_ms": {
                 "median": float(np.median(delays)) if delays else None,
                 "p90": float(np.percentile(delays, 90)) if delays else None,

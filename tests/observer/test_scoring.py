@@ -44,7 +44,7 @@ def at(time: float, **changes: object) -> Contact:
 
 def outcome(*contacts: Contact) -> tuple[int, int, int, int]:
     result = score([PUSH], contacts, ROBOT)
-    return len(result.felt), len(result.missed), len(result.false), len(result.rebounds)
+    return len(result.detected), len(result.missed), len(result.false), len(result.rebounds)
 
 
 @pytest.mark.parametrize(
@@ -82,14 +82,14 @@ def test_a_second_contact_during_a_push_is_a_repetition() -> None:
 
 
 def test_the_delay_counts_from_the_force() -> None:
-    assert score([PUSH], [at(10.25)], ROBOT).felt[0].delay == pytest.approx(0.25)
+    assert score([PUSH], [at(10.25)], ROBOT).detected[0].delay == pytest.approx(0.25)
 
 
 def test_two_pushes_close_together_keep_their_contacts() -> None:
     second = replace(PUSH, onset=11.5, release=12.0)
     result = score([PUSH, second], [at(10.2), at(11.6)], ROBOT)
-    assert [f.contact.time for f in result.felt] == [10.2, 11.6]
-    assert [f.push.onset for f in result.felt] == [10.0, 11.5]
+    assert [f.contact.time for f in result.detected] == [10.2, 11.6]
+    assert [f.push.onset for f in result.detected] == [10.0, 11.5]
 
 
 def told(number: int, *events: tuple[str, float, str | None]) -> list[Contact]:
@@ -120,21 +120,21 @@ def test_updates_move_a_contact(
     events: tuple[tuple[str, float, str | None], ...], felt: int, false: int
 ) -> None:
     result = score([PUSH], told(1, *events), ROBOT)
-    assert (len(result.felt), len(result.false)) == (felt, false)
-    assert len(result.felt) + len(result.missed) == 1
+    assert (len(result.detected), len(result.false)) == (felt, false)
+    assert len(result.detected) + len(result.missed) == 1
 
 
 def test_what_is_told_of_a_contact_over_time() -> None:
     events = told(3, ("begin", 10.2, None), ("update", 10.25, "LElbowRoll"), ("end", 10.6, None))
-    felt = score([PUSH], events, ROBOT).felt[0]
+    felt = score([PUSH], events, ROBOT).detected[0]
     assert felt.contact.joint is None
-    assert [felt.alarm.at(t).joint for t in (10.2, 10.24, 10.25, 20.0)] == [
+    assert [felt.track.at(t).joint for t in (10.2, 10.24, 10.25, 20.0)] == [
         None,
         None,
         "LElbowRoll",
         "LElbowRoll",
     ]
-    assert felt.alarm.end == 10.6
+    assert felt.track.end == 10.6
 
 
 @pytest.mark.parametrize(
@@ -143,14 +143,14 @@ def test_what_is_told_of_a_contact_over_time() -> None:
 )
 def test_a_push_on_the_trunk(joint: str | None, outcome: tuple[int, int]) -> None:
     result = score([replace(PUSH, joint=None, link="torso")], [at(10.2, joint=joint)], ROBOT)
-    assert (len(result.felt), len(result.false)) == outcome
+    assert (len(result.detected), len(result.false)) == outcome
 
 
 def test_two_pushes_at_once_each_have_their_contact() -> None:
     other = replace(PUSH, joint="RElbowRoll", link="RForeArm")
     contacts = [at(10.3, id=1), at(10.2, id=2, joint="RElbowYaw"), at(10.4, id=3, joint=None)]
     result = score([PUSH, other], contacts, ROBOT)
-    assert [f.contact.id for f in result.felt] == [1, 2]
+    assert [f.contact.id for f in result.detected] == [1, 2]
     assert [c.id for c in result.on_trunk] == [3]
     assert not result.missed
     assert not result.false
@@ -181,7 +181,7 @@ def test_a_false_alarm_shortly_before_a_push_does_not_hide_it() -> None:
         *told(2, ("begin", 10.1, "LElbowRoll")),
     ]
     result = score([PUSH], contacts, ROBOT)
-    assert [f.contact.id for f in result.felt] == [2]
+    assert [f.contact.id for f in result.detected] == [2]
     assert [c.id for c in result.false] == [1]
 
 

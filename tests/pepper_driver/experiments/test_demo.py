@@ -53,11 +53,11 @@ def test_every_push_of_five_equivalent_degrees_is_felt(tmp_path: Path) -> None:
     assert [push.force for push in result.pushes[8:]] == pytest.approx([8.0] * 3)
     assert all(push.degrees < 5.0 for push in result.score.missed)
     assert not result.score.false
-    right = [felt for felt in result.score.felt if felt.push in strong]
+    right = [felt for felt in result.score.detected if felt.push in strong]
     assert len(right) > 4
     for felt in right:
-        assert felt.settled.direction == felt.push.direction
-        assert felt.settled.joint == felt.push.joint
+        assert felt.final_contact.direction == felt.push.direction
+        assert felt.final_contact.joint == felt.push.joint
         assert 0.0 < felt.delay < felt.push.release - felt.push.onset + 0.15
 
     # each contact is told once, where it ended up
