@@ -155,7 +155,7 @@ _F = TickField
 
 
 _GATED = "true where the safety gate altered the position"
-_CHANGED = _F("", "changed", "joints", "", _GATED, "bool", column="changed", mirror="size")
+_LIMITED = _F("", "limited", "joints", "", _GATED, "bool", column="limited", mirror="size")
 
 
 def _command(meaning: str) -> tuple[TickField, ...]:
@@ -206,16 +206,16 @@ TICK_FIELDS: tuple[TickField, ...] = (
     _F(_M, "buttons", "buttons", "", "1 where pressed"),
     _F(_M, "temperature", "joints", "[deg C]", "motors"),
     _F(_M, "stiffness", "joints", "", _TOLD, absent=nan),
-    _CHANGED,
+    _LIMITED,
     _F(_O, "state", "joints", "", _STATES, "int8"),
 )
 """One row a tick: ``/tick`` of a log, scalars first, and what a recording keeps of it."""
 
-UNANSWERED_FIELDS: tuple[TickField, ...] = (
+UNMATCHED_FIELDS: tuple[TickField, ...] = (
     _F("", "time", "scalar", "[s]", _PASSED),
     _F("", "step", "scalar", "", "of the tick that gave the command", "int64"),
     *_command("a command that no sample answers"),
-    _CHANGED,
+    _LIMITED,
 )
 """One row for each command that no tick answers."""
 
@@ -232,8 +232,8 @@ TRUTH_FIELDS: tuple[TickField, ...] = (
 )
 """One row a tick of a simulation whose ground truth is logged."""
 
-COMMAND_FIELDS: tuple[TickField, ...] = (*_command(""), _CHANGED)
-"""Of a command as it was sent: those of :class:`pepper_driver.controller.tick.Sent`, in any table."""
+COMMAND_FIELDS: tuple[TickField, ...] = (*_command(""), _LIMITED)
+"""Of a command as it was sent: those of :class:`pepper_driver.controller.tick.SentCommand`, in any table."""
 
 RECORDED_FIELDS = tuple(field for field in TICK_FIELDS if field.column)
 """Columns of a recording."""

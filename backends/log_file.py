@@ -23,7 +23,7 @@ from pepper_driver.config.errors import reason
 logger = logging.getLogger("pepper_driver")
 
 TICK_TOPIC = "/tick"
-UNANSWERED_TOPIC = "/unanswered"
+UNMATCHED_TOPIC = "/unmatched"
 
 RUN, LAYOUT, END = "run", "layout", "end"
 """Metadata: text about the run; what the reader must know of robot and rows; how many messages were written."""
@@ -34,7 +34,7 @@ UNKNOWN = "unknown"
 CDR_HEADER = b"\x00\x01\x00\x00"
 """Plain CDR, little-endian, no options."""
 
-LAYOUT_VERSION = "6"
+LAYOUT_VERSION = "7"
 
 SEQUENCES = 2**32
 """Messages are numbered from 0 up to here, and then from 0 again."""

@@ -30,7 +30,7 @@ from pepper_driver.backends.interface import (
 )
 from pepper_driver.backends.log_file import (
     TICK_TOPIC,
-    UNANSWERED_TOPIC,
+    UNMATCHED_TOPIC,
     LogError,
     LogFile,
     misfit,
@@ -202,11 +202,11 @@ class ReplayBackend(Serial, Backend):
 
     def _commands_by_step(self, file: LogFile) -> dict[int, tuple[float, Command]]:
         """Each by the step it was given in, with the time of the first sample that answers it, or a later one."""
-        passed_over = file.tables[UNANSWERED_TOPIC]
+        passed_over = file.tables[UNMATCHED_TOPIC]
         rows = zip(
             (*self.answered.tolist(), *passed_over["step"].tolist()),
             (*(m.time for m in self._measurements), *passed_over["time"].tolist()),
-            (*self.commands, *_commands(file, UNANSWERED_TOPIC)),
+            (*self.commands, *_commands(file, UNMATCHED_TOPIC)),
             strict=True,
         )
         given: dict[int, tuple[float, Command]] = {}

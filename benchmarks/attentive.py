@@ -113,7 +113,7 @@ def push(plant: str, amplitude: float, seed: int) -> Result:
         fallen = pepper.backend.truth.fallen
         outcome = score(pushes, pepper.contact_history, pepper.config)
     return {
-        "felt": [[one.push.force, one.delay] for one in outcome.detected],
+        "detected": [[one.push.force, one.delay] for one in outcome.detected],
         "missed": [one.force for one in outcome.missed],
         "false": len(outcome.false),
         "before": before,
@@ -178,7 +178,7 @@ def push_table(results: dict[str, Result], options: argparse.Namespace) -> Table
         for amplitude in options.amplitudes:
             begin = f"{options.seeds} push {plant} {amplitude:g} deg "
             runs = [result for name, result in results.items() if name.startswith(begin)]
-            felt = [pair for run in runs for pair in run["felt"]]
+            felt = [pair for run in runs for pair in run["detected"]]
             missed = [force for run in runs for force in run["missed"]]
             cells = []
             for force in FORCES:

@@ -204,7 +204,7 @@ def play(program: Path, world: str, *, safety: SafetySettings | None = None) -> 
         try:
             if program.suffix == ".yaml":
                 report = ExperimentRun(program).perform()
-                heard = [(wait.step, wait.heard) for wait in report.waits]
+                heard = [(wait.step, wait.detected) for wait in report.waits]
                 played.outcomes.append(f"completed: {report.completed}; contacts came: {heard}")
             else:
                 runpy.run_path(str(program), run_name="__main__")

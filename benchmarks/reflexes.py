@@ -129,7 +129,7 @@ def comply(
     pushed = time <= PUSH_TIME
     led = np.abs(joints[pushed] - joints[0]).max(axis=0) > GAVE_WAY
     return {
-        "felt": felt,
+        "detected": felt,
         "way_1s": float(distance[np.searchsorted(time, 1.0)]),
         "way": float(distance[pushed].max()),
         "reversals": reversals(time, joints, PUSH_TIME, led),
@@ -151,10 +151,10 @@ def retract(plant: str, seed: int) -> dict[str, Any]:
         pepper.run(2.2, on_tick=note)
         begun = [c.time - start for c in pepper.contact_history if c.time > start]
     if not begun:
-        return {"felt": False, "at_detection": float("nan"), "later": float("nan")}
+        return {"detected": False, "at_detection": float("nan"), "later": float("nan")}
     time, force = np.array(rows).T
     at, later = (force[np.searchsorted(time, begun[0] + wait)] for wait in (0.0, AWAY))
-    return {"felt": True, "at_detection": float(at), "later": float(later)}
+    return {"detected": True, "at_detection": float(at), "later": float(later)}
 
 
 def measure(plant: str, seeds: Sequence[int]) -> dict[str, Any]:

@@ -35,7 +35,7 @@ from pepper_driver.controller.tasks import (
     Task,
     TaskRows,
 )
-from pepper_driver.controller.tick import Reference, Sent, Tick
+from pepper_driver.controller.tick import Reference, SentCommand, Tick
 from pepper_driver.controller.whole_body import WholeBodyController
 
 __all__ = [
@@ -64,7 +64,7 @@ __all__ = [
     "Reference",
     "RobotMismatchError",
     "RobotModel",
-    "Sent",
+    "SentCommand",
     "ShapeError",
     "TargetError",
     "Task",

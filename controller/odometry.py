@@ -25,8 +25,8 @@ class Feedback:
         share: Of what is new in each cycle: cycle over smoothing time, 1 at most.
     """
 
-    def __init__(self, model: RobotModel, odometry: Odometry, share: float) -> None:
-        self._model, self._odometry, self._share = model, odometry, share
+    def __init__(self, model: RobotModel, odometry: Odometry, fraction: float) -> None:
+        self._model, self._odometry, self._fraction = model, odometry, fraction
         self.reset()
 
     def reset(self) -> None:
@@ -47,7 +47,7 @@ class Feedback:
         position = model.joints_of_configuration(q)
         error = (position if answered is None else answered) - measurement.position
         if np.isfinite(error).all():  # the safety gate stops a robot that measures nothing
-            self._error = self._error + self._share * (error - self._error)
+            self._error = self._error + self._fraction * (error - self._error)
         shifted = model.with_joint_position(q, position - self._error)
         return model.with_base_pose(shifted, self._odometry.pose)
 

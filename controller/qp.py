@@ -63,8 +63,8 @@ class QuadraticProgram:
         share: Regularisation as a share of each acceleration's own cost; so the unit of the weights cancels out.
     """
 
-    def __init__(self, nv: int, share: float) -> None:
-        self._nv, self._share = nv, share
+    def __init__(self, nv: int, fraction: float) -> None:
+        self._nv, self._fraction = nv, fraction
         self.hessian, self.gradient = np.zeros((nv, nv)), np.zeros(nv)
         self._diagonal = self.hessian.ravel()[:: nv + 1]
         self._regularisation, self._resting, self._rest = np.zeros((3, nv))
@@ -136,7 +136,7 @@ class QuadraticProgram:
         """Add a fraction of each variable's own cost to it; movements that no task asks for come to rest."""
         least, regularisation = MIN_COST * self._diagonal.max(), self._regularisation
         np.maximum(self._diagonal, least if least > 0 else 1.0, out=regularisation)
-        multiply(self._share, regularisation, regularisation)
+        multiply(self._fraction, regularisation, regularisation)
         multiply(REST_RATE, regularisation, self._resting)
 
     def solve(

@@ -57,7 +57,7 @@ class SupportPolygon:
         """Return the footing of a robot; it is made once."""
         return _made(robot.urdf, robot.joint_names, robot.wheels)
 
-    def share(self, posture: FloatArray, point: FloatArray, force: FloatArray) -> float:
+    def tipping_ratio(self, posture: FloatArray, point: FloatArray, force: FloatArray) -> float:
         """Moment of a force over a moment of the weight, about the edge where it is largest; at 1 a wheel lifts off.
 
         Args:

@@ -29,22 +29,22 @@ class Reference:
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class Sent:
+class SentCommand:
     """A command as it was sent.
 
     Attributes:
         reference: What the controller wanted when the command was made.
         sent: What the robot was told.
-        changed: (17,) where the safety gate altered the position, so that ``sent`` differs from ``reference``.
+        limited: (17,) where the safety gate altered the position, so that ``sent`` differs from ``reference``.
     """
 
     reference: Reference
     sent: Command
-    changed: BoolArray
+    limited: BoolArray
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class Tick(Sent):
+class Tick(SentCommand):
     """One cycle: a command as it was sent, and the measurement that answers it.
 
     Nothing reachable from here leads to the ground truth of a simulation, nor is ever changed.

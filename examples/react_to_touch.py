@@ -61,7 +61,7 @@ def push_arm() -> None:
 async def listen() -> None:
     """Contacts for asyncio, until the robot is closed."""
     async for event in pepper.contacts(min_intensity_deg=1.0):
-        print(f"{event.time:5.2f} s  asyncio heard of contact {event.id}")
+        print(f"{event.time:5.2f} s  asyncio received contact {event.id}")
 
 
 async def main() -> None:

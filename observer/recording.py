@@ -29,7 +29,7 @@ from pepper_driver.controller.tick import Reference, Tick
 
 T = TypeVar("T")
 
-FORMAT = 1
+FORMAT = 2
 
 _FORMAT_NAME = "recording_format"
 _REMEDY = "record the run again"
@@ -138,7 +138,7 @@ class Recording:
         age: (n,) age of the encoder sample beyond the usual transport [s].
         sent_position: (n, N) position sent [rad].
         stiffness: (n, N) stiffness sent, 0..1.
-        changed: (n, N) where the safety gate altered the position.
+        limited: (n, N) where the safety gate altered the position.
         position: (n, N) measured position [rad].
         current: (n, N) absolute motor current [A].
         reference_position: (n, N) desired position [rad]; differs from the one sent where the gate altered it.
@@ -161,7 +161,7 @@ class Recording:
     age: FloatArray
     sent_position: FloatArray
     stiffness: FloatArray
-    changed: BoolArray
+    limited: BoolArray
     position: FloatArray
     current: FloatArray
     reference_position: FloatArray
@@ -234,7 +234,7 @@ class Recording:
 
     def usable(self, joint_index: int) -> BoolArray:
         """(n,) True where the tracking error belongs to the reference: command not altered, sample not stale."""
-        return ~self.changed[:, joint_index] & (self.age <= STALE_AGE)
+        return ~self.limited[:, joint_index] & (self.age <= STALE_AGE)
 
     def ticks(self) -> Iterator[Tick]:
         """Yield the ticks again, to run an observer on them. Their arrays are read-only rows of the recording.

@@ -1,4 +1,4 @@
-"""Lets a Pepper humanoid feel where, when and how hard it is touched, from its joint encoders alone."""
+"""Touch detection for the Pepper humanoid: where, when and how hard it is touched, from joint encoders alone."""
 
 from importlib import import_module
 from typing import TYPE_CHECKING
@@ -58,7 +58,7 @@ __all__ = [
     "TickEvent",
 ]
 
-# Looked up when first used: every layer imports this package on its way in, and most need only those below.
+# Looked up when first used: every layer imports this package first, and most need only those below.
 _HOMES = {
     "Assist": "pepper_driver.reflexes",
     "Comply": "pepper_driver.reflexes",

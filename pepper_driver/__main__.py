@@ -29,7 +29,7 @@ def main() -> None:
     for stream in (sys.stdout, sys.stderr):
         try:
             stream.flush()
-        except OSError:  # whoever read our output has gone: nothing is left to be flushed
+        except OSError:  # the reader of our output has ended: nothing is left to be flushed
             os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
             code = code or 1
     sys.exit(code)

@@ -15,13 +15,13 @@ logger = logging.getLogger("pepper_driver")
 
 
 class ExtrasError(PepperError, ValueError):
-    """A colour, a time or a text that is none."""
+    """An invalid colour, time or text."""
 
 
 class RobotExtras:
     """Abilities of a robot besides moving and measuring: ``pepper.extras``.
 
-    A backend without such a thing does nothing and says so once by ``logging``; ``info.capabilities`` tells before.
+    A backend without an ability does nothing and logs that once; ``info.capabilities`` lists the abilities.
     Each connects to the robot for its time where that is not yet connected. All may be called from any thread, but not
     inside a tick: a robot may take its time.
 
@@ -54,7 +54,7 @@ class RobotExtras:
             duration: Of the fade [s], up to 60.
 
         Raises:
-            PepperError: An argument is none of these, or the robot cannot be reached or refuses.
+            PepperError: An argument is invalid, or the robot cannot be reached or refuses.
         """
         _check_text("group", group)
         rgb = real_array(colour, (3,))
@@ -92,15 +92,15 @@ class RobotExtras:
 
         Args:
             name: NAOqi's name for it: ``Stand``, ``StandInit``, ``StandZero``, ``Crouch``.
-            speed: Share of the full speed, above 0 up to 1.
+            speed: Ratio to the full speed, above 0 up to 1.
 
         Raises:
-            PepperError: The robot is active, cannot be reached or refuses, or an argument is none of these.
+            PepperError: The robot is active, cannot be reached or refuses, or an argument is invalid.
         """
         _check_text("name", name)
         if not (is_number(speed) and 0 < speed <= 1):
             raise ExtrasError(
-                f"a speed is a share of the full one, above 0 up to 1, got {shown(speed)}"
+                f"a speed is a ratio to the full one, above 0 up to 1, got {shown(speed)}"
             )
         self._check_inactive(f"go to posture '{name}'", "set_posture() moves it now")
         self._call("postures", lambda extras: extras.go_to_posture(name, float(speed)))
@@ -124,7 +124,7 @@ class RobotExtras:
         self._call("wake", lambda extras: extras.rest())
 
     def perform(self, cue: CueEvent) -> None:
-        """Say or show what an experiment wants; what the robot refuses is logged, and the experiment goes on."""
+        """Say or show the output of an experiment. A refusal of the robot is logged, and the experiment continues."""
         try:
             if cue.kind == "say":
                 self.say(cue.text)

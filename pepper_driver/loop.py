@@ -16,7 +16,7 @@ from pepper_driver.backends.simulated import TruthSample
 from pepper_driver.callbacks.events import ReflexEvent, SensorEdges, SensorEvent
 from pepper_driver.config import RobotConfig
 from pepper_driver.config.arrays import FloatArray
-from pepper_driver.controller import Reference, Sent, Tick, WholeBodyController
+from pepper_driver.controller import Reference, SentCommand, Tick, WholeBodyController
 from pepper_driver.log import Label, LogEvent, LogWriter
 from pepper_driver.log.topics import EventPhase
 from pepper_driver.observer import Observation, Observer
@@ -48,7 +48,7 @@ class TickRecord:
     tick: Tick
     observation: Observation | None = None
     events: Sequence[ReflexEvent | SensorEvent] = ()
-    unmatched: Sequence[tuple[int, Sent]] = ()
+    unmatched: Sequence[tuple[int, SentCommand]] = ()
     truth: TruthSample | None = None
     labels: Sequence[Label] = ()
     tick_end: float = np.nan
@@ -106,7 +106,7 @@ class Loop:
             load_torque=controller.model.gravity_torque(controller.position),
             base_twist=np.zeros(3),
         )
-        sent = Sent(reference=standing, sent=gate.sent, changed=np.zeros(n, dtype=np.bool_))
+        sent = SentCommand(reference=standing, sent=gate.sent, limited=np.zeros(n, dtype=np.bool_))
         # The last one is in force.
         self._in_flight = deque([sent], maxlen=max(LONGEST_WAY, backend.info.response_delay) + 1)
         # Numbers of the last command, and of the last one answered.
@@ -143,8 +143,8 @@ class Loop:
     def tick(self, due: int | None = None, missed: int = 0) -> TickRecord:
         """Run one cycle.
 
-        Whatever observer, reflexes or controller raise puts the gate into FAULT; what the backend raises, such as a
-        lost connection, comes out as it is. In FAULT the robot is told to stand still before the error is raised, and
+        An exception of observer, reflexes or controller puts the gate into FAULT; one of the backend, such as a
+        lost connection, comes out as it is. In FAULT the robot is stopped before the error is raised, and
         the cycle is logged all the same.
 
         Args:
@@ -205,7 +205,7 @@ class Loop:
             marks.append(perf_counter_ns())
             self.latest = record
             self._publish(record)
-        finally:  # whatever a listener does: a fault reaches the robot
+        finally:  # also if a listener raises: a fault must reach the robot
             if gate.fault is not None:
                 self.halt()
         if gate.fault is not None:
@@ -214,7 +214,9 @@ class Loop:
         self.times.add(marks, age=measurement.age, due=due, missed=missed)
         return record
 
-    def _match_command(self, measurement: Measurement) -> tuple[Sent, list[tuple[int, Sent]]]:
+    def _match_command(
+        self, measurement: Measurement
+    ) -> tuple[SentCommand, list[tuple[int, SentCommand]]]:
         """Return the command whose effect a measurement shows, the oldest known where it is older.
 
         And those before it that none has shown, with the ticks since they were sent: samples are lost, and of two that
@@ -229,21 +231,21 @@ class Loop:
         self._matched += max(since, 0)
         return sent[-1 - ago], unmatched
 
-    def _pass_gate(self, reference: Reference, measurement: Measurement, tick: Tick) -> Sent:
-        """Return the command that leaves the gate; the controller goes on from what the gate changed."""
+    def _pass_gate(self, reference: Reference, measurement: Measurement, tick: Tick) -> SentCommand:
+        """Return the command that leaves the gate; the controller continues from the limited command."""
         gate, wheels = self._gate, self._robot.wheels
         gate.watch(measurement, tick.sent)
         wheel_speed = wheels.matrix.dot(reference.base_twist)
         gated = gate.gate(reference, self.arbiter.stiffness, wheel_speed, measurement.age)
         sent = gated.command
-        if gated.wheels_changed:
+        if gated.wheels_limited:
             self._controller.override_state(sent.position, wheels.inverse @ sent.wheel_speed)
-        elif gated.joints_changed:
+        elif gated.joints_limited:
             self._controller.override_state(sent.position)
-        return Sent(reference=reference, sent=sent, changed=gated.changed)
+        return SentCommand(reference=reference, sent=sent, limited=gated.limited)
 
     def halt(self) -> None:
-        """Tell the robot once, after a fault, to hold its joints and stop its wheels."""
+        """Write one command, after a fault, that holds the joints and stops the wheels."""
         fault = self._gate.fault
         if self._halted or fault is None:
             return
@@ -255,10 +257,10 @@ class Loop:
         )
 
 
-def _tick(measurement: Measurement, sent: Sent) -> Tick:
+def _tick(measurement: Measurement, sent: SentCommand) -> Tick:
     return Tick(
         measurement=measurement,
         reference=sent.reference,
         sent=sent.sent,
-        changed=sent.changed,
+        limited=sent.limited,
     )

@@ -90,7 +90,7 @@ def contact_observer(
 ) -> ContactObserver:
     """Make the observer of the project of this mode, with the models of ``models`` or the shipped ones.
 
-    A line in the log tells of models of another robot.
+    Models of another robot are reported in the log.
 
     Raises:
         UnknownNameError: No such mode.
@@ -147,7 +147,7 @@ def find_models(
         kinds: That will do.
 
     Raises:
-        ModelFileError: There are none, or they are of another robot or of another kind.
+        ModelFileError: Models do not exist, or are of another robot or of another kind.
     """
     if path is None:
         return load_shipped(shipped, identities)

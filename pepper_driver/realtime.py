@@ -31,7 +31,7 @@ PRIORITY = 40
 SWITCH_INTERVAL = 50e-6
 """[s] after which a thread that computes hands the interpreter to the tick.
 
-Each of the simulation's steps lets go of the interpreter, and so does a sleep; the tick then waits as long as this for
+Each step of the simulation releases the interpreter, and so does a sleep; the tick then waits as long as this for
 each. With Python's own 5 ms, one computing callback costs two ticks of three; below 20 us, switching costs more.
 """
 
@@ -59,7 +59,7 @@ class Pacer:
 
     Attributes:
         clock: Returns the time [ns]: monotonic.
-        due: Time at which the tick under way was to begin [ns of the clock]; None where ticks do not wait.
+        due: Due time of the current tick [ns of the clock]; None where ticks do not wait.
         paced: True where ticks wait.
     """
 
@@ -146,7 +146,9 @@ def realtime_process() -> Iterator[None]:
     with _process_lock:
         _blocks.append(None)
         if len(_blocks) == 1:
-            if gc.get_freeze_count() <= MAX_FROZEN_BY_PYTHON:  # else by the user: stays so
+            if (
+                gc.get_freeze_count() <= MAX_FROZEN_BY_PYTHON
+            ):  # frozen by the user otherwise: must stay
                 _undo.callback(gc.unfreeze)
             if gc.isenabled():
                 _undo.callback(gc.enable)
@@ -193,7 +195,7 @@ _logged: set[str] = set()
 def _priority() -> Iterator[str]:
     """Give this thread real-time priority, or yield why it cannot have it, and what permits it."""
     if not hasattr(os, "sched_setscheduler"):
-        yield "this system knows no real-time priority"
+        yield "this system has no real-time priority"
         return
     before, priority = os.sched_getscheduler(0), os.sched_getparam(0).sched_priority
     # From outside, such as by chrt.
@@ -275,7 +277,7 @@ class Statistics:
         """One line: how many ticks were missed, and what was longest in those that were late."""
         text = f"{self.ticks} ticks of {1e3 * self.cycle:g} ms"
         if self.end is None:
-            return f"{text}, as fast as they go"
+            return f"{text}, unpaced"
         text += f" in real time, {self.missed or 'none'} missed"
         if self.late:
             parts = sorted(self.late.items(), key=lambda part: -part[1])

@@ -83,12 +83,12 @@ class Pepper(CallbackRegistry):
     ...     pepper.run(3.0)
 
     Making one checks and loads; nothing connects or moves. Entering the block connects, raises the stiffness and starts
-    to hold the posture; leaving it, for whatever reason, stops the wheels, lowers the stiffness, closes the log and
+    to hold the posture; leaving it, for any reason, stops the wheels, lowers the stiffness, closes the log and
     disconnects. :meth:`start` and :meth:`stop` do the same without a block.
 
-    In between the robot ticks every 12 ms. Where time passes by itself, a thread ticks all the time, whatever the
-    program does; in a simulation that is not paced, time passes only inside :meth:`run` and :meth:`step`. What other
-    threads change takes effect between two ticks.
+    In between the robot ticks every 12 ms. Where time passes by itself, a thread ticks all the time, independent of
+    what the program does; in a simulation that is not paced, time passes only inside :meth:`run` and :meth:`step`. What
+    other threads change takes effect between two ticks.
 
     Callbacks are registered with the decorators of
     :class:`~pepper_driver.callbacks.callback_registry.CallbackRegistry`: ``on_contact``, ``on_tick``, ``on_touch``,
@@ -251,8 +251,8 @@ class Pepper(CallbackRegistry):
         """Stop, lower the stiffness, close the log, disconnect. Does nothing when stopped.
 
         Raises:
-            PepperError: What ended the ticks, unless a call has raised it already or another error is under way; or
-                the robot or the log cannot be closed.
+            PepperError: The error that ended the ticks, unless a call has raised it already or another error is
+                propagating; or the robot or the log cannot be closed.
         """
         session = self._session
         self._end(None)
@@ -276,7 +276,7 @@ class Pepper(CallbackRegistry):
                     error.add_note(f"log: {session.log.path}")
                 if count := len({contact.id for contact in session.contact_history}):
                     error.add_note("1 contact so far" if count == 1 else f"{count} contacts so far")
-                # No traceback will tell.
+                # No traceback shows it.
                 if isinstance(error, Terminated) and session.raises_signals:
                     logger.warning("%s", describe_interrupt(error))
 
@@ -385,12 +385,12 @@ class Pepper(CallbackRegistry):
         return self._loop.times.statistics
 
     def clear_statistics(self) -> None:
-        """Let the statistics begin again with the next tick."""
+        """Reset the statistics at the next tick."""
         self._changes.make(self._active().loop.times.clear)
 
     @property
     def callback_statistics(self) -> tuple[CallbackStatistics, ...]:
-        """Calls and lost events of each callback in the run that is under way, or in the last one."""
+        """Calls and lost events of each callback in the current run, or in the last one."""
         return () if self._session is None else self._session.dispatcher.statistics()
 
     # -- move it --------------------------------------------------------------------------------------------------
@@ -403,7 +403,7 @@ class Pepper(CallbackRegistry):
         stiffness: float | None = None,
         duration: float | None = None,
     ) -> None:
-        """Set where the joints shall go from the next tick on; returns at once.
+        """Set the target of the joints from the next tick on; return at once.
 
         Args:
             posture: Name, joints with angles [rad], or all 17 angles [rad].
@@ -413,7 +413,7 @@ class Pepper(CallbackRegistry):
 
         Raises:
             PepperError: Unknown name, an angle that is not finite or outside the joint's limits, a stiffness or
-                duration that is none. Nothing changes.
+                invalid duration. Nothing changes.
         """
         arbiter = self._active().loop.arbiter
         self._resolve_posture(posture, arbiter)
@@ -431,10 +431,10 @@ class Pepper(CallbackRegistry):
 
     @property
     def attentive(self) -> bool:
-        """True to feel lighter touches: the arm joints oscillate by a little on top of posture and motion; may be set.
+        """True to detect lighter touches: the arm joints oscillate a little on top of posture and motion; may be set.
 
         The oscillation of ``controller.yaml`` fades in, and out again, from the next tick on; before the start, from
-        the first one. Joints that a reflex has do not oscillate. :attr:`target` knows nothing of it.
+        the first one. Joints that a reflex has do not oscillate. :attr:`target` does not contain the oscillation.
 
         Raises:
             TargetError: Not True or False; nothing changes.
@@ -462,7 +462,7 @@ class Pepper(CallbackRegistry):
             vx: Forwards [m/s].
             vy: To the left [m/s].
             wz: Turn to the left [rad/s].
-            hold: Drive on until told otherwise. By default the base stops half a second after the last call.
+            hold: Keep driving until the next call. By default the base stops half a second after the last call.
 
         Raises:
             TargetError: Not finite numbers, or beyond 10; nothing changes.
@@ -535,7 +535,7 @@ class Pepper(CallbackRegistry):
         In a simulation that is not paced, callbacks then get up to 2 s to catch up before the robot's time goes on.
 
         Args:
-            seconds: How long [s]; as fast as it goes in a simulation that is not paced. Each missed tick adds a cycle.
+            seconds: How long [s]; as fast as possible in a simulation that is not paced. Each missed tick adds a cycle.
             on_tick: Called inside every tick: must be quick.
             until: Asked after every tick, such as ``lambda: task.reached(0.005)``; True ends the run early.
 
@@ -562,18 +562,18 @@ class Pepper(CallbackRegistry):
     ) -> ExperimentReport:
         """Play a motion or an experiment to its end; callbacks then catch up as after :meth:`run`.
 
-        However it ends, its tasks are gone, the base is at rest, and the posture is where it ended or was broken off.
+        At its end, also after an error, its tasks are removed, the base is at rest, and the posture stays.
         While a reflex holds the posture, it waits.
 
         Args:
             experiment: A plan, an experiment, the name of a shipped one, or a path that ends in ``.yaml``.
             on_step: Called with each step's report as it ends, inside the tick: must be quick.
             on_tick: Called inside every tick: must be quick.
-            on_progress: Called inside a tick every second with the share of the longest time that is over, 0..1.
-            skip_settling: Do not call ``on_tick`` on the way to the first posture of random goals.
+            on_progress: Called inside a tick every second with the fraction of the longest time that has passed, 0..1.
+            skip_settling: Do not call ``on_tick`` during the motion to the first posture of random goals.
 
         Returns:
-            What each step reached, and what was felt.
+            Result of each step, and the contacts.
 
         Raises:
             PepperError: The experiment is wrong, has reflexes, which only :class:`ExperimentRun` gives to a robot, or
@@ -614,7 +614,7 @@ class Pepper(CallbackRegistry):
         FaultError. After a run it does nothing.
 
         Args:
-            text: Why, for people: part of the FaultError.
+            text: Human-readable reason: part of the FaultError.
         """
         if self._session is None:
             self._stopped_early = text
@@ -622,7 +622,7 @@ class Pepper(CallbackRegistry):
             self._session.gate.stop(FaultReason.EMERGENCY_STOP, text)
             self._session.publish_fault()
 
-    # -- hear of it -----------------------------------------------------------------------------------------------
+    # -- receive events -----------------------------------------------------------------------------------------------
 
     @checked_arguments
     def wait_for_contact(
@@ -674,7 +674,7 @@ class Pepper(CallbackRegistry):
         return self.observer
 
     def _active(self) -> Session:
-        """Return the session under way; raise what has ended its ticks."""
+        """Return the current session; raise the error that ended its ticks."""
         if self._session is None or not self._session.active:
             raise BackendError(
                 f"'{self.backend.uri}' is not active; use it inside 'with Pepper(...) as pepper:'"
@@ -701,7 +701,7 @@ class Pepper(CallbackRegistry):
 
     @property
     def _loop(self) -> Loop:
-        """The loop of the run under way, or of the last one."""
+        """The loop of the current run, or of the last one."""
         loop: Loop | None = getattr(self._session, "loop", None)
         if loop is None:
             raise BackendError(f"'{self.backend.uri}' was never started")

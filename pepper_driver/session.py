@@ -1,4 +1,4 @@
-"""One active run of a robot: connection, log, the thread that ticks, and whoever waits for its ticks."""
+"""One active run of a robot: connection, log, the thread that ticks, and the callers that wait for its ticks."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ CALLBACK_TIME = 2.0
 """[s] that the end of a run waits for all callbacks that are still busy."""
 
 MAX_TICK_TIME = 1.0
-"""[s] that a caller waits for a tick under way in another thread."""
+"""[s] that a caller waits for the current tick of another thread."""
 
 MAX_CLOSE_TIME = 10.0
 """[s] that the end of a run waits for a robot to be closed in the middle of a tick."""
@@ -159,9 +159,11 @@ class Session:
         self.contact_history: list[Contact] = []
         self.touches = Touches()
         self._failure: BaseException | None = None  # what ended the ticks
-        self._failure_raised = False  # where somebody sees it
+        self._failure_raised = False  # to a caller
         self._wait = TickWait(0)  # the newest; over while no call waits
-        self._turn = threading.RLock()  # of who ticks, or waits for ticks; knows who has it
+        self._turn = (
+            threading.RLock()
+        )  # held by the thread that ticks or waits for ticks; re-entrant
         self._runner: threading.Thread | None = None
         self._ticking: threading.Thread | None = None
         self._home = threading.current_thread()
@@ -172,7 +174,9 @@ class Session:
         self._ending = threading.Event()
         self._closed = False
         self._closing = threading.RLock()  # re-entrant, for signal handlers
-        self._fault_lock = threading.Lock()  # taken by the first who publishes a fault, for good
+        self._fault_lock = (
+            threading.Lock()
+        )  # acquired for good by the thread that publishes the first fault
         self._rest = ExitStack()  # closed after the robot, the last first
         self.raises_signals = self._rest.enter_context(raised_signals())
         self._rest.callback(dispatcher.close, timeout=CALLBACK_TIME)
@@ -272,7 +276,7 @@ class Session:
         """End the ticks, the robot's part, the log, the callbacks. Does nothing when closed. From any thread.
 
         Raises:
-            PepperError: The robot or the log cannot be closed. All else is.
+            PepperError: The robot or the log cannot be closed. Everything else is closed.
         """
         was_active, self.active, hangs = self.active, False, False
         with self._closing:  # by one thread at a time, and not into another's tick
@@ -295,7 +299,7 @@ class Session:
             self._closed = True
 
     def _wait_for_tick(self) -> bool:
-        """Wait for the end of a tick under way in another thread, and return True, unless it does not end."""
+        """Wait until another thread has ended its tick; return False when it does not end."""
         current, thread = threading.current_thread(), self._thread
         if current is self._ticking:
             return True
@@ -349,7 +353,7 @@ class Session:
             on_tick: Called inside every tick.
             until: Asked at the end of every tick; True ends the wait.
             begin: Changes the loop before the first tick, once no other thread runs it.
-            end: The same after the last one, whatever happens, even if ``begin`` fails.
+            end: Called after the last one in every case, even if ``begin`` fails.
 
         Raises:
             FaultError: The safety gate stopped the robot.
@@ -367,7 +371,7 @@ class Session:
         with self._take_turn():
             try:
                 self._changes.make(start_wait)
-                # Whatever ended the ticks before that did not see this wait.
+                # An error that ended the ticks before that did not end this wait.
                 self.check_failure()
                 if not self.active:
                     raise self._closed_error()
@@ -425,7 +429,7 @@ class Session:
                 raise BackendError("the robot's loop does not answer")
             self._runner = current
             yield
-        finally:  # whenever Ctrl-C comes
+        finally:  # Ctrl-C may come at any line
             if self._runner is current:
                 self._runner = None
             self._callers -= {current}
@@ -435,7 +439,7 @@ class Session:
                 pass
 
     def _tick_until(self, over: threading.Event) -> None:
-        """Wait, and tick where no thread does. Whatever a tick raises stops the robot and ends the wait."""
+        """Wait, and tick where no thread does. An exception of a tick stops the robot and ends the wait."""
         if self._loop_thread:
             over.wait()
             return
@@ -476,7 +480,7 @@ class Session:
     def _tick_for_silent_caller(self) -> None:
         """Tick whenever the caller has not done so for some time, with the robot at rest, until it does again."""
         while self._failure is None and not self._ending.is_set():
-            # A caller that wants the turn gets it meanwhile.
+            # A waiting caller gets the turn meanwhile.
             self._ending.wait(max(MAX_CALLER_SILENCE - self._silence, 0.001))
             if not self._turn.acquire(timeout=MAX_CALLER_SILENCE):  # or it would not end
                 continue
@@ -496,7 +500,7 @@ class Session:
         return 1e-9 * (self._pacer.clock() - self._ticked)
 
     def _fail(self, error: BaseException) -> None:
-        """Stop the robot for what a tick has raised; have callbacks, and whoever waits for ticks, learn of it."""
+        """Stop the robot after an exception in a tick; report it to callbacks and to callers that wait for ticks."""
         if self._ending.is_set() and not isinstance(error, FaultError):
             logger.warning("the robot was closed in the middle of a tick, which failed: %s", error)
             return
@@ -534,7 +538,7 @@ class Session:
         self._changes.make(lambda: self.loop.log_event(LogEvent.of(event)))
 
     def publish_fault(self) -> None:
-        """Tell the callbacks that the robot was stopped, once, if it was. From any thread."""
+        """Report to the callbacks, once, that the robot was stopped. Any thread may call."""
         if self.gate.fault and self._fault_lock.acquire(blocking=False):
             time = self.loop.time if self.active else 0.0
             self.dispatcher.publish(FaultEvent(fault=self.gate.fault, time=time))

@@ -593,7 +593,7 @@ def test_pushes_are_counted_by_plant_amplitude_and_force(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     path = tmp_path / "attentive.json"
-    run = {"felt": [[8.0, 0.15], [20.0, 0.11]], "missed": [3.0, 5.0, 8.0, 12.0]}
+    run = {"detected": [[8.0, 0.15], [20.0, 0.11]], "missed": [3.0, 5.0, 8.0, 12.0]}
     counts = {"false": 1, "before": 0, "after_release": 2, "on_trunk": 3, "fallen": False}
     names = [f"test push nominal 2 deg {number}" for number in range(2)]
     path.write_text(json.dumps({"runs": dict.fromkeys(names, run | counts)}))

@@ -220,7 +220,7 @@ class FusionThreshold:
         self,
         velocity: FloatArray,
         acceleration: FloatArray,
-        changed: BoolArray,
+        limited: BoolArray,
         uncertainty: FloatArray,
         unsettled: FloatArray | None = None,
     ) -> FloatArray:
@@ -229,7 +229,7 @@ class FusionThreshold:
         Args:
             velocity: (n,) desired [rad/s].
             acceleration: (n,) desired [rad/s2].
-            changed: (n,) where the safety gate altered the command.
+            limited: (n,) where the safety gate altered the command.
             uncertainty: (n,) standard deviation of the expected error [rad].
             unsettled: (n,) 0..1, 1 just after the robot was released; None where all joints have settled.
         """
@@ -246,8 +246,8 @@ class FusionThreshold:
             bound = bound * self._envelope.factor + margin
         self.learning_bound = QUIET_RATIO * bound
         # The quiet and the learning bound stay: an altered command is no reason to learn more.
-        if np.count_nonzero(changed):
-            bound = np.where(changed, LIMITED_FACTOR * bound, bound)
+        if np.count_nonzero(limited):
+            bound = np.where(limited, LIMITED_FACTOR * bound, bound)
         if unsettled is not None:
             bound = bound * (1.0 + UNSETTLED_RATIO * unsettled)
         return self._recent.push(bound)

@@ -103,7 +103,7 @@ class _Detail:
 
     prediction: Prediction
     measured: FloatArray
-    changed: BoolArray
+    limited: BoolArray
 
 
 class FusionGenerator:
@@ -233,7 +233,7 @@ class FusionGenerator:
         if self._adapt and self._count % UNCERTAINTY_PERIOD == 0:
             self._prediction_std = self._uncertainty(prediction)
         threshold = self._threshold.step(
-            velocity, acceleration, tick.changed, self._prediction_std, self._unsettled()
+            velocity, acceleration, tick.limited, self._prediction_std, self._unsettled()
         )
         torque, torque_std = self._torque.step(filtered, prediction.friction, threshold)
         expected_error = prediction.target - prediction.position + prediction.remainder
@@ -257,7 +257,7 @@ class FusionGenerator:
             blind=blind,
             base_raw=base[0],
             base_residual=base[1],
-            detail=_Detail(prediction=prediction, measured=measured, changed=tick.changed),
+            detail=_Detail(prediction=prediction, measured=measured, limited=tick.limited),
         )
 
     def _unsettled(self) -> FloatArray | None:
@@ -330,9 +330,9 @@ class FusionGenerator:
         """Learn from a tick, once its events are known; see :class:`ResidualGenerator`."""
         detail, residual, blind = signal.detail, signal.residual, signal.blind
         assert isinstance(detail, _Detail)
-        prediction, measured, changed = detail.prediction, detail.measured, detail.changed
+        prediction, measured, limited = detail.prediction, detail.measured, detail.limited
         self._settle(settled, blind, measured)
-        judged = ~(blind | changed)
+        judged = ~(blind | limited)
         seen, size = free & judged, np.abs(residual)
         quiet_bound = seen & (size < self._threshold.quiet_bound)
         self._predictor.rest(quiet_bound & ~prediction.moves, residual)

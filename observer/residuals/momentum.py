@@ -161,7 +161,7 @@ class MomentumGenerator(StaticGeneratorMixin):
             error = tick.sent.position - measurement.position
             inputs = error + reference.velocity + reference.acceleration + reference.load_torque
             bad = (
-                tick.changed
+                tick.limited
                 | ~np.isfinite(inputs)
                 | ~(tick.sent.stiffness >= MIN_OBSERVED_STIFFNESS)
             )

@@ -55,7 +55,7 @@ class PaperGenerator(StaticGeneratorMixin):
             error = tick.sent.position - measurement.position
             raw = error - expected
             inputs = error + reference.velocity + reference.acceleration + reference.load_torque
-            bad = tick.changed | ~np.isfinite(inputs) | ~np.isfinite(raw)
+            bad = tick.limited | ~np.isfinite(inputs) | ~np.isfinite(raw)
         bad |= ~(tick.sent.stiffness >= MIN_OBSERVED_STIFFNESS)  # also for NaN
         if not measurement.age <= STALE_AGE:
             bad[:] = True

@@ -52,16 +52,16 @@ def run_callback_bench(
 
     Args:
         seconds: For each kind [s].
-        on_progress: Told the share done, 0..1.
+        on_progress: Called with the fraction done, 0..1.
     """
-    tell = on_progress or (lambda share: None)
+    report_progress = on_progress or (lambda fraction: None)
     rounds = max(1, round(seconds / ROUND))
     runs: dict[str, list[Statistics]] = {kind: [] for kind in KINDS}
     with _log_to_nowhere():
         for number in range(rounds):
             for place, kind in enumerate(KINDS):
                 runs[kind].append(_round(KINDS[kind]))
-                tell((number + (place + 1) / len(KINDS)) / rounds)
+                report_progress((number + (place + 1) / len(KINDS)) / rounds)
     ticks = {kind: median(s.tick.median for s in of) for kind, of in runs.items()}
     return {
         kind: CallbackCost(

@@ -66,13 +66,13 @@ def run_soak(
         uri: A simulated backend.
         seconds: Simulated time [s].
         seed: Of motion and contacts.
-        on_progress: Told the share done, 0..1.
+        on_progress: Called with the fraction done, 0..1.
 
     Raises:
         PepperError: The backend refuses, or its simulation diverges.
     """
     robot, rng = load_robot(), np.random.default_rng(seed)
-    tell = on_progress or (lambda share: None)
+    report_progress = on_progress or (lambda fraction: None)
     with make_backend(uri, robot) as backend:
         backend.open()
         measurement = backend.activate()
@@ -86,7 +86,7 @@ def run_soak(
                 start, goal = goal, _goal(robot, posture, rng)
                 wheels = robot.wheels.matrix @ rng.uniform(-0.1, 0.1, 3)
                 _touch(backend, rng)
-                tell(tick / ticks)
+                report_progress(tick / ticks)
             smooth = minimum_jerk((tick % period + 1) / period)
             measurement = backend.exchange(
                 Command(

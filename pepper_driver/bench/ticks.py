@@ -63,18 +63,18 @@ def run_bench(
     Args:
         seconds: Simulated time for each plant.
         plants: Names or files; the stages are timed on the first.
-        on_progress: Told the share done, 0..1.
+        on_progress: Called with the fraction done, 0..1.
     """
-    tell = on_progress or (lambda share: None)
+    report_progress = on_progress or (lambda fraction: None)
     statistics: list[Statistics] = []
     factor, alone = {}, {}
     with _one_core(), TemporaryDirectory() as folder:
         for number, plant in enumerate(plants):
             ticks, factor[plant] = _whole(plant, seconds, Path(folder) / f"{number}.mcap")
             statistics.append(ticks)
-            tell((number + 0.6) / len(plants))
+            report_progress((number + 0.6) / len(plants))
             alone[plant] = _alone(plant, seconds)
-            tell((number + 1) / len(plants))
+            report_progress((number + 1) / len(plants))
     return Bench(ticks=statistics[0], real_time_factor=factor, plant_alone=alone)
 
 
@@ -165,10 +165,10 @@ def run_tick_bench(
 
     Args:
         seconds: How long [s].
-        busy: Compute in Python all the time in the main thread, beside the loop thread, in place of waiting.
-        on_progress: Told the share done, 0..1.
+        busy: Compute in Python all the time in the main thread, next to the loop thread, in place of waiting.
+        on_progress: Called with the fraction done, 0..1.
     """
-    tell = on_progress or (lambda share: None)
+    report_progress = on_progress or (lambda fraction: None)
     rng = np.random.default_rng(0)
     with TemporaryDirectory() as folder:
         log = Path(folder) / "bench.mcap"
@@ -184,19 +184,19 @@ def run_tick_bench(
                     compute(TARGET_TIME)
                 else:
                     pepper.run(TARGET_TIME)
-                tell((number + 1) / rounds)
+                report_progress((number + 1) / rounds)
             return pepper.statistics
 
 
 def compute(seconds: float) -> None:
-    """Compute in Python for a time [s], as user code may, and never let go of the interpreter."""
+    """Compute in Python for a time [s], as user code may, and never release the interpreter."""
     end = perf_counter() + seconds
     while perf_counter() < end:
         sum(range(1000))
 
 
 def _five_tasks(pepper: Pepper) -> tuple[list[PositionTask], list[FloatArray]]:
-    """Both hands and the centre of mass, beside the posture and the base; and where the hands are."""
+    """Tasks of both hands and the centre of mass, in addition to posture and base; and the poses of the hands."""
     controller = pepper.controller
     wrists = [PositionTask(link, base=True, robot=pepper.config) for link in WRISTS]
     for task in (*wrists, ComTask(base=True, robot=pepper.config)):

@@ -26,7 +26,7 @@ from pepper_driver.config.arrays import FloatArray
 
 Law = Literal["pd", "integral"]
 Progress = Callable[[float], None]
-"""Told the share done, 0..1."""
+"""Called with the fraction done, 0..1."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -39,7 +39,7 @@ class BenchResult:
 
 @dataclass(frozen=True, kw_only=True)
 class CalibrationMetric:
-    """One metric beside its real counterpart.
+    """One metric and its counterpart of real robots.
 
     Attributes:
         joint: Whose.
@@ -47,7 +47,7 @@ class CalibrationMetric:
             in holds [A].
         real: None where the simulated value itself is judged.
         simulated: In the same unit.
-        limit: Upper bound of ``simulated``, or of the factor between the two, either way; None: only reported.
+        limit: Upper bound of ``simulated``, or of the factor between the two in either direction; None: only reported.
     """
 
     joint: str
@@ -163,7 +163,7 @@ class CalibrationReport:
 
 
 def residual(errors: FloatArray, table: TrackingTable) -> float:
-    """Root mean square difference to a table [rad], over all torques and all velocities but 0, each cell alike.
+    """Root mean square difference to a table [rad], over all torques and all velocities but 0, with equal weights.
 
     Args:
         errors: (torques, moving velocities) [rad].
@@ -173,7 +173,7 @@ def residual(errors: FloatArray, table: TrackingTable) -> float:
 
 
 def statistics(holds: HoldEnds, joint: str) -> HoldStatistics:
-    """Return the statistics of one joint, as they were taken of the recordings."""
+    """Return the statistics of one joint, computed as those of the recordings."""
     column = holds.joints.index(joint)
     error, current = np.degrees(holds.error[:, column]), holds.current[:, column]
     median, p90 = np.percentile(np.abs(error), [50, 90])
@@ -210,7 +210,7 @@ def measure(
         calibration: Which velocities and torques, and the protocols.
         seed: Of goals and noise in the holds.
         workers: Processes; -1 for one per core.
-        progress: Told the share done.
+        progress: Called with the fraction done, 0..1.
     """
     # Simulated time decides how long each part takes.
     recordings, ramps, holds = calibration.recordings, calibration.settings.ramps, calibration.holds
@@ -219,18 +219,25 @@ def measure(
     weights.append(holds.count * holds.period)
     done = 0.0
 
-    def tell(part: int, of: int) -> None:
+    def report_progress(part: int, of: int) -> None:
         if progress is not None:
             progress((done + weight * part / of) / sum(weights))
 
     tables = {}
     for (name, table), weight in zip(recordings.tables.items(), weights[:-1], strict=True):
         tables[name] = ramp_errors(
-            robot, plant, name, table.moving, table.torque, ramps, workers=workers, progress=tell
+            robot,
+            plant,
+            name,
+            table.moving,
+            table.torque,
+            ramps,
+            workers=workers,
+            progress=report_progress,
         )
         done += weight
     weight = weights[-1]
-    held = hold_errors(robot, plant, holds, seed, workers=workers, progress=tell)
+    held = hold_errors(robot, plant, holds, seed, workers=workers, progress=report_progress)
     return BenchResult(tables=tables, holds=held)
 
 

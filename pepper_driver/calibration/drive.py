@@ -22,7 +22,7 @@ from pepper_driver.config.arrays import FloatArray
 from pepper_driver.config.plant_parts import Actuator, FrictionParameters, Origin
 
 OF_THE_SAME_MOTOR = {"HeadYaw": "RElbowYaw", "HeadPitch": "RElbowRoll"}
-"""Joints that nobody recorded, and the one with the same motor and reduction whose values they get."""
+"""Joints without recordings, and the one with the same motor and reduction whose values they get."""
 
 FITTED = ("kp", "ki", "dead_band", "friction.contact")
 """Values of :class:`~.config.plant_parts.Actuator` that calibration sets; ``kd`` keeps its ratio to ``kp``."""
@@ -80,25 +80,25 @@ def with_values(
 ) -> PlantConfig:
     """Return a plant whose drives have these values, and whose transport takes ``delay`` ticks in all.
 
-    The other arm's drive is alike. Joints in :data:`OF_THE_SAME_MOTOR` follow, but get no integral part. Friction
-    keeps the base plant's shares of motor, link and gap. Of the delay one tick lies on the encoder's side, which is
-    assumed.
+    The other arm's drive is the same. Joints in :data:`OF_THE_SAME_MOTOR` follow, but get no integral part. Friction
+    keeps the base plant's distribution over motor, link and gap. Of the delay one tick lies on the encoder's side,
+    which is assumed.
 
     Args:
         robot: The robot.
-        plant: What says everything else.
+        plant: Source of all other values.
         values: By joint of either arm.
         delay: Ticks; None leaves the transport alone.
     """
-    wanted = dict(values)
-    wanted |= {opposite(name): v for name, v in values.items()}
+    required = dict(values)
+    required |= {opposite(name): v for name, v in values.items()}
     for name, other in OF_THE_SAME_MOTOR.items():
-        if other in wanted and wanted[other].integral_time == inf:
-            wanted[name] = wanted[other]
+        if other in required and required[other].integral_time == inf:
+            required[name] = required[other]
     drives = []
     for drive in plant.actuators:
         for name in drive.joints:
-            changed = _changed(robot, drive, name, wanted[name]) if name in wanted else drive
+            changed = _changed(robot, drive, name, required[name]) if name in required else drive
             drives.append(replace(changed, joints=(name,)))
     transport = plant.transport
     if delay is not None:
@@ -111,27 +111,29 @@ def _changed(robot: RobotConfig, drive: Actuator, joint: str, values: DriveValue
     volts = robot.motors.of(joint).resistance / torque_constant(robot, joint)
     kp = values.stiffness * volts
     friction, contact = drive.friction, drive.friction.contact
-    share = values.friction / (contact.motor + contact.link)
+    fraction = values.friction / (contact.motor + contact.link)
     return replace(
         drive,
         kp=_rounded(kp),
         kd=_rounded(drive.kd * kp / drive.kp),
         ki=_rounded(kp / values.integral_time),
         dead_band=_rounded(values.dead_band),
-        friction=_scaled(friction, share),
+        friction=_scaled(friction, fraction),
         origin=_origin(drive, joint),
     )
 
 
-def _scaled(friction: FrictionParameters, share: float) -> FrictionParameters:
-    """Coulomb friction of both sides times ``share``, in the gap and out of it."""
+def _scaled(friction: FrictionParameters, fraction: float) -> FrictionParameters:
+    """Coulomb friction of both sides times ``fraction``, in the gap and out of it."""
     contact, gap = friction.contact, friction.gap
     return replace(
         friction,
         contact=replace(
-            contact, motor=_rounded(contact.motor * share), link=_rounded(contact.link * share)
+            contact,
+            motor=_rounded(contact.motor * fraction),
+            link=_rounded(contact.link * fraction),
         ),
-        gap=replace(gap, motor=_rounded(gap.motor * share), link=_rounded(gap.link * share)),
+        gap=replace(gap, motor=_rounded(gap.motor * fraction), link=_rounded(gap.link * fraction)),
     )
 
 
@@ -252,7 +254,7 @@ def score(
 
     Args:
         robot: The robot.
-        target: What is wanted.
+        target: Statistics to match.
         shown: Residual to the table [rad].
         holds: What the holds show.
     """
@@ -271,7 +273,7 @@ def scores(
 
     Args:
         robot: The robot.
-        target: What is wanted.
+        target: Statistics to match.
         shown: (n,) residual to the table [rad].
         quantiles: (2, n) median and 90th percentile of the error in holds [rad].
         current: (2, n) the same of the current [A].

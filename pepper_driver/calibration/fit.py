@@ -2,7 +2,7 @@
 
 A joint without an integral part is fitted to a model of its bench results, in rounds: measure in the full plant, choose
 the values that the model likes best, measure again. The model takes the closed form of Eq. 11 of the paper for the
-change of the error in a ramp, and for a hold that the joint sticks at the same share of its friction as it did.
+change of the error in a ramp, and for a hold that the joint sticks at the same fraction of its friction as before.
 """
 
 from __future__ import annotations
@@ -81,8 +81,8 @@ def predict_holds(
 ) -> tuple[FloatArray, FloatArray]:
     """Predict the same holds for joints with other values.
 
-    The motor gives K (|e| - dead band); what that differs from the load is taken up by friction. A joint with other
-    values is taken to stick at the same share of its friction, and to rest at the same share of its dead band.
+    The motor gives K (|e| - dead band); friction balances its difference from the load. A joint with other
+    values is assumed to stick at the same fraction of its friction, and to rest at the same fraction of its dead band.
 
     Args:
         before: The values with which the holds were made.
@@ -95,13 +95,13 @@ def predict_holds(
         (m, n) errors [rad] and currents [A], without sign.
     """
     beyond = np.maximum(np.abs(error) - before.dead_band, 0.0)
-    share = (before.stiffness * np.sign(error) * beyond - load) / before.friction
+    fraction = (before.stiffness * np.sign(error) * beyond - load) / before.friction
     k, f, band = (
         np.array([[getattr(c, key)] for c in candidates])
         for key in ("stiffness", "friction", "dead_band")
     )
     inside = beyond == 0.0
-    motor = np.where(inside, 0.0, load + f * share)
+    motor = np.where(inside, 0.0, load + f * fraction)
     rest = np.where(inside, error / max(before.dead_band, 1e-9) * band, np.sign(motor) * band)
     return np.asarray(rest + motor / k), np.abs(motor) / constant
 
@@ -150,7 +150,7 @@ class Fitted:
 
 
 def start_values(
-    robot: RobotConfig, plant: PlantConfig, wanted: Sequence[Target]
+    robot: RobotConfig, plant: PlantConfig, required: Sequence[Target]
 ) -> tuple[dict[str, DriveValues], int]:
     """Values and delay before anything is simulated.
 
@@ -158,7 +158,7 @@ def start_values(
     of holding torque (current times N Kt) to error, F what makes half the error. One that shows no current in holds
     keeps the plant's K; half its error is dead band.
     """
-    tabled = [(t, t.table) for t in wanted if t.table is not None]
+    tabled = [(t, t.table) for t in required if t.table is not None]
 
     def misfit(delay: int) -> float:
         late, total = delay * robot.cycle, 0.0
@@ -170,7 +170,7 @@ def start_values(
 
     delay = min(DELAYS, key=misfit) if tabled else plant.response_delay
     values = {}
-    for target in wanted:
+    for target in required:
         half = np.radians(target.holds.median_deg) / 2
         if target.table is not None:
             late = delay * robot.cycle
@@ -211,21 +211,21 @@ def fit_pd(
         calibration: What the real robots showed, protocols, targets and the seed of the fit.
         rounds: Sets of values that are measured in the full plant; each joint gets its best.
         workers: Processes; -1 for one per core.
-        progress: Told the share done.
+        progress: Called with the fraction done, 0..1.
     """
-    wanted = targets(calibration)
-    values, delay = start_values(robot, plant, wanted)
+    required = targets(calibration)
+    values, delay = start_values(robot, plant, required)
     tried: dict[int, list[_Trial]] = {}
     for number in range(rounds):
         trial = with_values(robot, plant, values, delay)
         measured = _measure(robot, trial, calibration, workers, progress, number, rounds + 1)
-        tried.setdefault(delay, []).append(_trial(robot, trial, wanted, measured))
+        tried.setdefault(delay, []).append(_trial(robot, trial, required, measured))
         if number < rounds - 1:
-            values, delay = choose(robot, trial, wanted, measured)
+            values, delay = choose(robot, trial, required, measured)
     if plant.response_delay == delay and law_of(plant) == "pd":
         measured = _measure(robot, plant, calibration, workers, progress, rounds, rounds + 1)
-        tried[delay].append(_trial(robot, plant, wanted, measured))
-    return _best(robot, plant, wanted, tried[delay], delay)
+        tried[delay].append(_trial(robot, plant, required, measured))
+    return _best(robot, plant, required, tried[delay], delay)
 
 
 _Trial = dict[str, tuple[DriveValues, CalibrationScore]]
@@ -233,24 +233,24 @@ _Trial = dict[str, tuple[DriveValues, CalibrationScore]]
 
 
 def _trial(
-    robot: RobotConfig, plant: PlantConfig, wanted: Sequence[Target], measured: BenchResult
+    robot: RobotConfig, plant: PlantConfig, required: Sequence[Target], measured: BenchResult
 ) -> _Trial:
     return {
         t.joint: (values_of(robot, plant, t.joint), score(robot, t, *shown_of(t, measured)))
-        for t in wanted
+        for t in required
     }
 
 
 def _best(
     robot: RobotConfig,
     plant: PlantConfig,
-    wanted: Sequence[Target],
+    required: Sequence[Target],
     tried: Sequence[_Trial],
     delay: int,
 ) -> Fitted:
     """Return the best trial of each joint: what one shows does not depend on the values of the others."""
     values, room = {}, {}
-    for target in wanted:
+    for target in required:
         found, scores = zip(*(trial[target.joint] for trial in tried), strict=True)
         rooms = np.concatenate([s.room for s in scores])
         index = pick(rooms, np.concatenate([s.squares for s in scores]))
@@ -273,8 +273,8 @@ def fit_integral(
     No closed form: what a joint shows depends on how it came to where it is. One round of pattern search on the bench:
     each value a step up and down, all joints at once, since what one shows does not depend on the others'.
     """
-    wanted = [t for t in targets(calibration) if plant.actuator(t.joint).ki]
-    start = {t.joint: values_of(robot, plant, t.joint) for t in wanted}
+    required = [t for t in targets(calibration) if plant.actuator(t.joint).ki]
+    start = {t.joint: values_of(robot, plant, t.joint) for t in required}
     keys = ("stiffness", "friction", "integral_time")
     steps = [("stiffness", 1.0), *product(keys, (0.8, 1.25))]
     tried = []
@@ -284,8 +284,8 @@ def fit_integral(
         }
         trial = with_values(robot, plant, values)
         measured = _measure(robot, trial, calibration, workers, progress, number, len(steps))
-        tried.append(_trial(robot, trial, wanted, measured))
-    return _best(robot, plant, wanted, tried, plant.response_delay)
+        tried.append(_trial(robot, trial, required, measured))
+    return _best(robot, plant, required, tried, plant.response_delay)
 
 
 def _measure(
@@ -297,17 +297,17 @@ def _measure(
     number: int,
     rounds: int,
 ) -> BenchResult:
-    def tell(share: float) -> None:
+    def report_progress(fraction: float) -> None:
         if progress is not None:
-            progress((number + share) / rounds)
+            progress((number + fraction) / rounds)
 
     settings = calibration.settings
     more = replace(calibration, holds=replace(calibration.holds, count=settings.fit_count))
-    return measure(robot, plant, more, settings.fit_seed, workers=workers, progress=tell)
+    return measure(robot, plant, more, settings.fit_seed, workers=workers, progress=report_progress)
 
 
 def choose(
-    robot: RobotConfig, plant: PlantConfig, wanted: Sequence[Target], measured: BenchResult
+    robot: RobotConfig, plant: PlantConfig, required: Sequence[Target], measured: BenchResult
 ) -> tuple[dict[str, DriveValues], int]:
     """Return the values and the delay that should do best, given what the bench shows of ``plant``.
 
@@ -317,7 +317,7 @@ def choose(
     """
     options = []
     for delay in range(max(0, plant.response_delay - 1), plant.response_delay + 2):
-        chosen = {t.joint: _choose_one(robot, plant, t, measured, delay) for t in wanted}
+        chosen = {t.joint: _choose_one(robot, plant, t, measured, delay) for t in required}
         room = sum(min(room, ENOUGH) for _, room, _ in chosen.values())
         squares = sum(squares for _, _, squares in chosen.values())
         options.append((round(room, 3), -squares, delay, chosen))

@@ -1,4 +1,4 @@
-"""Picture of a calibration: recordings of real Peppers beside the simulated one; needs the extra ``plot``."""
+"""Figure of a calibration: recordings of real Peppers and the simulated one; needs the extra ``plot``."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def calibration_figure(report: CalibrationReport) -> Figure:
     for axes, joint in zip(lower, holds, strict=True):
         _draw_holds(report, joint, axes)
     figure.suptitle(
-        f"plant {report.plant} beside recordings of real Peppers: free motion and holds",
+        f"plant {report.plant} compared with recordings of real Peppers: free motion and holds",
         parse_math=False,
     )
     return figure
@@ -89,19 +89,21 @@ def _draw_cells(report: CalibrationReport, joint: str, axes: Axes) -> None:
 
 
 def _draw_holds(report: CalibrationReport, joint: str, axes: Axes) -> None:
-    """Share of holds below an error: simulated as a line, the two real quantiles with what counts as a match."""
+    """Fraction of holds below an error: simulated as a line, the two real quantiles with what counts as a match."""
     holds, real = report.measured.holds, report.calibration.recordings.holds[joint]
     error = np.sort(np.degrees(np.abs(holds.error[:, holds.joints.index(joint)])))
     axes.plot(error, (np.arange(len(error)) + 1) / len(error), color=BLUE, label="simulated")
     factor = report.calibration.settings.largest_factor
-    for share, value in ((0.5, real.median_deg), (0.9, real.p90_deg)):
+    for fraction, value in ((0.5, real.median_deg), (0.9, real.p90_deg)):
         bounds = [value / factor, value * factor]
-        axes.plot(bounds, [share, share], color=ORANGE, linewidth=2.0, label="a match")
-        inside = value / factor <= float(np.quantile(error, share)) <= value * factor
-        axes.plot(value, share, "D", color=GREEN if inside else RED, label=f"real, {share:.0%}")
+        axes.plot(bounds, [fraction, fraction], color=ORANGE, linewidth=2.0, label="a match")
+        inside = value / factor <= float(np.quantile(error, fraction)) <= value * factor
+        axes.plot(
+            value, fraction, "D", color=GREEN if inside else RED, label=f"real, {fraction:.0%}"
+        )
     axes.set_title(joint, fontsize="medium")
     axes.set_xlabel("error after 2 s of hold [deg]")
-    axes.set_ylabel("share of holds")
+    axes.set_ylabel("fraction of holds")
     axes.set_xlim(left=0.0)
     handles, labels = axes.get_legend_handles_labels()
     once = dict(zip(labels, handles, strict=True))

@@ -24,11 +24,11 @@ from pepper_driver.config import PlantConfig, RampProtocol, RobotConfig
 from pepper_driver.config.arrays import FloatArray
 from pepper_driver.config.steps import Holds
 
-SPEED_SHARE = 0.15
-"""Peak speed of the motion, as a share of each joint's limit."""
+SPEED_FRACTION = 0.15
+"""Peak speed of the motion, as a fraction of each joint's limit."""
 
-RANGE_SHARE = 0.6
-"""Travel of the motion, at most, as a share of each joint's range."""
+RANGE_FRACTION = 0.6
+"""Largest travel of the motion, as a fraction of each joint's range."""
 
 
 def integration_error(
@@ -36,13 +36,13 @@ def integration_error(
 ) -> float:
     """Error of the plant's step of physics, against a finer one.
 
-    Both runs are of the same robot on a fixed base: all 17 joints swing together, each at its own rate, at speeds of
-    normal use, and turn round at least once. The boards belong to the robot: in both runs they compute a voltage once
-    in ``plant.physics.timestep`` and hold it. Only what MuJoCo integrates differs, and the friction set before each
-    of its steps. Battery and motors stay at the voltage and temperature that the plant's values hold for.
+    Both runs are of the same robot on a fixed base: all 17 joints oscillate together, each at its own rate, at speeds
+    of normal use, and turn round at least once. The boards belong to the robot: in both runs they compute a voltage
+    once in ``plant.physics.timestep`` and hold it. Only what MuJoCo integrates differs, and the friction set before
+    each of its steps. Battery and motors stay at the voltage and temperature that the plant's values hold for.
 
     Args:
-        robot: Whose joints swing.
+        robot: Robot whose joints oscillate.
         plant: Whose ``physics.timestep`` is to be judged.
         seconds: Length of the motion.
         fine_step: [s] of the run that counts as true; a whole fraction of the step.
@@ -95,8 +95,8 @@ def _swing(robot: RobotConfig, time: float) -> FloatArray:
     """(17,) commanded positions [rad]: from one end of a part of each joint's range to the other and back."""
     n = len(robot.joint_names)
     rate = 2 * np.pi * np.linspace(0.5, 1.0, n)  # [rad/s]
-    fastest = SPEED_SHARE * np.array([joint.velocity for joint in robot.joints])
-    size = np.minimum(fastest / rate, RANGE_SHARE / 2 * (robot.upper - robot.lower))
+    fastest = SPEED_FRACTION * np.array([joint.velocity for joint in robot.joints])
+    size = np.minimum(fastest / rate, RANGE_FRACTION / 2 * (robot.upper - robot.lower))
     direction = np.where(np.arange(n) % 2, -1.0, 1.0)
     return np.asarray((robot.lower + robot.upper) / 2 - direction * size * np.cos(rate * time))
 
@@ -105,7 +105,7 @@ Progress = Callable[[int, int], None]
 """Called with (runs done, runs in all)."""
 
 GOALS_EACH = 20
-"""Goals that one robot goes to, one after the other."""
+"""Goals of one robot, one after the other."""
 
 CURRENT_TIME = 0.1
 """[s] before the end of a hold over which the current is averaged."""
@@ -148,7 +148,7 @@ def ramp_errors(
     joint comes to the start of the ramp in a minimum-jerk move of ``protocol.arrival``, against the direction of the
     ramp or in it, waits, and runs at constant velocity around the middle of its range. The error is the command minus
     what the encoder reports then, transport included, without noise and counts, averaged over the last part of the
-    ramp. Both arms work at once, each on cells of its own: drives left and right are alike.
+    ramp. Both arms work at once, each on cells of its own: the drives left and right are the same.
 
     Args:
         robot: The robot.
@@ -158,7 +158,7 @@ def ramp_errors(
         torques: (m,) that the motor must give against the load [N m].
         protocol: Distances and times.
         workers: Processes; -1 for one per core.
-        progress: Told after each part.
+        progress: Called after each part.
 
     Returns:
         (m, n) mean error [rad].
@@ -259,9 +259,9 @@ def hold_errors(
 ) -> HoldEnds:
     """Errors and currents of an arm at the end of holds.
 
-    Several robots share the goals, base fixed, gravity on. Each is activated in posture Stand, goes to random goals of
-    all joints at once, in minimum-jerk moves straight to the boards, and waits at each. Error and current are what the
-    sensors report.
+    Several robots divide the goals among them, base fixed, gravity on. Each is activated in posture Stand, goes to
+    random goals of all joints at once, in minimum-jerk moves straight to the boards, and waits at each. Error and
+    current are what the sensors report.
 
     Args:
         robot: The robot.
@@ -269,7 +269,7 @@ def hold_errors(
         holds: Joints, number of goals, ranges and times.
         seed: Of goals and noise.
         workers: Processes; -1 for one per core.
-        progress: Told after each part.
+        progress: Called after each part.
     """
     fixed = replace(plant, base="fixed")
     jobs = [
@@ -303,7 +303,7 @@ def _hold_part(
     for _ in range(holds.count):
         goal = here.copy()
         goal[columns] = (lower + upper) / 2 + rng.uniform(-reach, reach)
-        path = [here + share * (goal - here) for share in move] + [goal] * wait
+        path = [here + fraction * (goal - here) for fraction in move] + [goal] * wait
         last = [
             backend.exchange(Command(position=position, stiffness=ones, wheel_speed=still))
             for position in path

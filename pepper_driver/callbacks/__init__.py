@@ -1,1 +1,1 @@
-"""Events of a robot and the ways to receive them: callbacks, waiting, asyncio."""
+"""Events of a robot and their delivery: callbacks, waiting, asyncio."""

@@ -92,7 +92,7 @@ class CallbackRegistry:
     def __init__(self, config: RobotConfig, reflexes: Sequence[Reflex]) -> None:
         self.config, self._reflexes = config, reflexes
         self._callbacks: list[tuple[Callable[[Any], object], Subscription]] = []
-        self._dispatcher: Dispatcher | None = None  # of the run under way, or of the last one
+        self._dispatcher: Dispatcher | None = None  # of the current run, or of the last one
         self._lock = threading.RLock()
 
     def _make_dispatcher(self) -> Dispatcher:
@@ -126,7 +126,7 @@ class CallbackRegistry:
         Args:
             every: Only one tick in so many.
             queue: Ticks that may wait for the function; those that come then are dropped. Few for one that is slow
-                and wants the newest.
+                and uses only the newest.
 
         Raises:
             SubscriptionError: A number that is not from 1 up.
@@ -222,7 +222,9 @@ class CallbackRegistry:
             )
         if isinstance(name, Reflex):
             if not any(reflex is name for reflex in self._reflexes):
-                raise SubscriptionError(f"the reflex given, {shown(name)}, is none of this robot's")
+                raise SubscriptionError(
+                    f"the reflex given, {shown(name)}, does not belong to this robot"
+                )
             return frozenset({name.full_name})
         names_of = {
             reflex.full_name: (kind_of(type(reflex)), reflex.name, reflex.full_name)

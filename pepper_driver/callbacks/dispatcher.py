@@ -82,7 +82,7 @@ class EventSink:
         return True
 
     def take(self) -> object:
-        """Return the oldest event, None where there is none; warn once of dropped ones."""
+        """Return the oldest event, or None if no event waits; warn once of dropped ones."""
         if self.dropped and not self._warned:
             self._warned = True
             logger.warning("%s is too slow: it has lost events", self.name)

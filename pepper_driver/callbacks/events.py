@@ -26,7 +26,7 @@ class TickEvent:
 
     Attributes:
         tick: Measurement, and the reference and command it answers.
-        observation: What was felt in it; None without an observer.
+        observation: Output of the observer in it; None without an observer.
     """
 
     tick: Tick
@@ -35,7 +35,7 @@ class TickEvent:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class SensorEvent:
-    """A touch sensor, bumper or button was pressed or let go.
+    """A touch sensor, bumper or button was pressed or released.
 
     Attributes:
         kind: ``touch``, ``bumper`` or ``button``.
@@ -55,7 +55,7 @@ class FaultEvent:
     """The robot was stopped, once for all of this run.
 
     Attributes:
-        fault: What the safety gate saw: a ``reason``, and ``text`` for people.
+        fault: Fault of the safety gate: a ``reason``, and a human-readable ``text``.
         time: Clock of the robot at the last measurement [s].
     """
 
@@ -74,7 +74,7 @@ class ReflexEvent:
         phase: ``begin``; ``update``, when the joints that it is given change; ``end``.
         time: Clock of the robot [s].
         contact_id: The contact that set it off; None where it was none.
-        joints: Those it acts on: whose motion or stiffness it wants to take over.
+        joints: Joints whose motion or stiffness it requests.
         held_joints: Those it has; of an ``end``, those that it gives back. Empty while another reflex has them, and
             for a reflex that claims none.
     """
@@ -104,7 +104,7 @@ class StepEvent:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class CueEvent:
-    """An experiment wants something said or shown; who hears of it may do so.
+    """A request of an experiment to say or show something; subscribers may do so.
 
     Attributes:
         kind: ``say``, ``leds``, or ``cue``: a word of the author's, for callbacks and the log.
@@ -202,7 +202,7 @@ class SensorEdges:
 
 
 class Touches:
-    """Contacts that last: those that have begun and not ended. A rebound is none.
+    """Contacts that last: those that have begun and not ended, without rebounds.
 
     Attributes:
         now: The newest event of each, in the order in which they began. Never changed in place: any thread may read it.

@@ -76,7 +76,7 @@ def selector_filter(
     """
     selector.check(robot)
     in_phase = match(phase=("phase of a contact", phase, get_args(Phase)))
-    begun: set[int] = set()  # and not picked yet
+    begun: set[int] = set()  # and not selected yet
 
     def predicate(contact: Contact) -> bool:
         if contact.phase == "begin":
@@ -128,7 +128,7 @@ def match(**fields: tuple[str, Any, Iterable[Any]]) -> Callable[[Any], bool]:
     """Return a predicate that picks events by their fields.
 
     Args:
-        **fields: Name of the field for people; its value, or None for any; possible values.
+        **fields: Human-readable name of the field; its value, or None for any; possible values.
 
     Raises:
         UnknownNameError: A value is not possible.
@@ -150,7 +150,7 @@ def check_count(name: str, number: int) -> None:
     """Refuse what is no whole number from 1 to a million.
 
     Raises:
-        SubscriptionError: It is none.
+        SubscriptionError: It is not a duration.
     """
     if isinstance(number, bool) or not isinstance(number, Integral) or not 1 <= number <= MAX_COUNT:
         raise SubscriptionError(

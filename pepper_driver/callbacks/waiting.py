@@ -1,4 +1,4 @@
-"""Ways to wait for contacts: in a thread, which may tick meanwhile, and in asyncio."""
+"""Waiting for contacts: in a thread, which may tick meanwhile, and in asyncio."""
 
 from __future__ import annotations
 

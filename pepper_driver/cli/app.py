@@ -49,7 +49,7 @@ class CommandEntry:
 COMMANDS = {
     "demo": CommandEntry(
         place="demo:demo",
-        summary="Move a simulated Pepper's arms, push them, and print each contact as it is felt.",
+        summary="Move a simulated Pepper's arms, push them, and print each contact as it is detected.",
         example="pepper demo --seed 3 --out runs/third",
         docs="demo.md",
     ),
@@ -103,7 +103,7 @@ COMMANDS = {
     ),
     "evaluate": CommandEntry(
         place="evaluate:evaluate_command",
-        summary="Score what observers feel, on seeded simulated runs or labelled recordings.",
+        summary="Score the contacts of observers, on seeded simulated runs or labelled recordings.",
         example="pepper evaluate --suite free --quick",
         docs="results.md",
     ),
@@ -162,7 +162,7 @@ class _Commands(CommandGroup):
 app = typer.Typer(
     name="pepper",
     cls=_Commands,
-    help="Lets a Pepper humanoid feel where, when and how hard it is touched.",
+    help="Touch detection for the Pepper humanoid: where, when and how hard it is touched.",
     add_completion=False,
     no_args_is_help=True,
     pretty_exceptions_enable=False,
@@ -263,7 +263,7 @@ def _pepper_error() -> type[Any]:
 
 
 def _refuse_empty(arguments: Sequence[str]) -> None:
-    """Refuse ``--out ""``: an empty path means the current folder, which nobody means."""
+    """Refuse ``--out ""``: an empty path means the current folder, which no user intends."""
     for before, argument in pairwise(["", *arguments]):
         option = f"option '{before}'" if before.startswith("--") else "an argument"
         if argument.startswith("--") and argument.endswith("="):
@@ -326,12 +326,12 @@ def _nearest(name: str, choices: Iterable[str]) -> list[str]:
 
 
 def _interrupt(error: BaseException | None) -> KeyboardInterrupt | None:
-    """Return the interrupt that ended a command, whatever failed on the way out: the terminal is gone, for example."""
+    """Return the interrupt that ended a command, also if its clean-up failed: the terminal was closed, for example."""
     while error is not None and not isinstance(error, KeyboardInterrupt):
         error = error.__context__
     return error
 
 
 def _say(text: str) -> None:
-    with suppress(OSError):  # nobody reads it
+    with suppress(OSError):  # the reader has ended
         print(f"pepper: {' '.join(text.split())}", file=sys.stderr, flush=True)

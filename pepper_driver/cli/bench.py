@@ -57,7 +57,7 @@ def bench(
         bool,
         typer.Option(
             "--callbacks",
-            help="Instead, time ticks in real time beside callbacks that sleep, raise, flood or compute.",
+            help="Instead, time ticks in real time with callbacks that sleep, raise, flood or compute.",
         ),
     ] = False,
     soak: Annotated[
@@ -100,7 +100,7 @@ def bench(
         result = run_bench(
             seconds,
             plants=plants,
-            on_progress=lambda share: progress.update(bar, completed=share),
+            on_progress=lambda fraction: progress.update(bar, completed=fraction),
         )
     console.print(_stages(result.ticks))
     for plant, factor in result.real_time_factor.items():
@@ -129,7 +129,7 @@ def _tick(console: Console, seconds: float, busy: bool, json_file: Path | None) 
         ticks = run_tick_bench(
             seconds,
             busy=busy,
-            on_progress=lambda share: progress.update(bar, completed=share),
+            on_progress=lambda fraction: progress.update(bar, completed=fraction),
         )
     console.print(str(ticks))
     save_json(json_file, {"ticks": ticks.as_json()}, console)
@@ -139,9 +139,9 @@ def _callbacks(console: Console, seconds: float, json_file: Path | None) -> None
     with make_progress(console) as progress:
         bar = progress.add_task("measuring", total=1.0)
         costs = run_callback_bench(
-            seconds, on_progress=lambda share: progress.update(bar, completed=share)
+            seconds, on_progress=lambda fraction: progress.update(bar, completed=fraction)
         )
-    table = Table(title="ticks in real time beside one callback", title_justify="left")
+    table = Table(title="ticks in real time with one callback", title_justify="left")
     table.add_column("callback")
     for name in ("tick, median us", "ratio", "end, p99 ms", "missed"):
         table.add_column(name, justify="right")
@@ -158,7 +158,7 @@ def _soak(console: Console, plant: str, seconds: float, json_file: Path | None) 
         result = run_soak(
             f"mujoco://?plant={plant}",
             seconds,
-            on_progress=lambda share: progress.update(bar, completed=share),
+            on_progress=lambda fraction: progress.update(bar, completed=fraction),
         )
     energies = ", ".join(f"{energy:.2f}" for energy in result.largest_energy)
     console.print(

@@ -94,7 +94,7 @@ def calibrate(
             )
     if not only_check and draws(name, robot):
         raise ConfigError(
-            f"{start.source}: each robot of this plant is drawn anew; fit one that stays"
+            f"{start.source}: each robot of this plant is drawn again; fit one that stays"
         )
     if out is not None and out.resolve() == Path(start.source).resolve():
         raise ConfigError(f"{out}: this is the plant to begin from; choose another file for --out")
@@ -116,7 +116,7 @@ def calibrate(
             tested,
             calibration,
             workers=count,
-            progress=lambda share: progress.update(bar, completed=share),
+            progress=lambda fraction: progress.update(bar, completed=fraction),
         )
     _print_report(console, report)
     content = report.as_json() | ({"fit": fitted.as_json()} if fitted else {})
@@ -142,7 +142,7 @@ def _fit(
             start,
             calibration,
             workers=workers,
-            progress=lambda share: progress.update(bar, completed=share),
+            progress=lambda fraction: progress.update(bar, completed=fraction),
         )
 
 
@@ -176,7 +176,7 @@ def _print_fit(console: Console, fitted: Fitted) -> None:
 
 def _print_report(console: Console, report: CalibrationReport) -> None:
     table = Table(
-        title=f"plant {report.plant} ({report.law}) beside recordings of real Peppers, in simulation",
+        title=f"plant {report.plant} ({report.law}) compared with recordings of real Peppers, in simulation",
         title_justify="left",
     )
     for name in ("joint", "figure", "real", "sim", "factor", "target", ""):

@@ -1,4 +1,4 @@
-"""Parts that the sub-commands share: progress bars, the options ``--json``, ``--models`` and ``--real-time``."""
+"""Common parts of the sub-commands: progress bars, the options ``--json``, ``--models`` and ``--real-time``."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from pepper_driver.config.files import check_writable, write_json
 from pepper_driver.realtime import Statistics
 
 LINE_INTERVAL = 2.0
-"""[s] between two looks at a progress that is shown line by line."""
+"""[s] between two lines of a progress."""
 
 RealTimeOption = Annotated[
     bool, typer.Option("--real-time", help="Pace a simulation to the wall clock.")
@@ -41,7 +41,7 @@ ModelsOption = Annotated[
 AttentiveOption = Annotated[
     bool,
     typer.Option(
-        "--attentive", help="Let the arm joints oscillate a little, to feel lighter touches."
+        "--attentive", help="Let the arm joints oscillate a little, to detect lighter touches."
     ),
 ]
 
@@ -78,7 +78,8 @@ def make_console() -> Console:
 class LineProgress(Progress):
     """A progress bar; where there is no terminal for it, a line for each part or tenth, with the time that remains.
 
-    A task that continues earlier work has what was done before as its field ``before``, which tells no speed.
+    A task that continues earlier work has what was done before as its field ``before``, which does not count for the
+    speed.
     """
 
     def __init__(self, console: Console, *, count: bool = False, lines: bool = True) -> None:
@@ -101,7 +102,7 @@ class LineProgress(Progress):
         super().start()
         if self.disable and self._lines:
             self._stopped = Event()
-            # A thread of its own: a pipe that nobody reads must not hold up a tick.
+            # A thread of its own: a pipe without a reader must not block a tick.
             Thread(target=self._run, args=(self._stopped,), name="progress", daemon=True).start()
 
     def stop(self) -> None:
@@ -113,11 +114,11 @@ class LineProgress(Progress):
         """Yield a line for each task that has come further by a part or a tenth since the last call."""
         for task in self.tasks:
             total = task.total or 1.0
-            share = task.completed / total
-            step = (task.description, int(task.completed if self._count else 10.0 * share))
+            fraction = task.completed / total
+            step = (task.description, int(task.completed if self._count else 10.0 * fraction))
             if self._shown.get(task.id) != step:
                 self._shown[task.id] = step
-                shown = f"{task.completed:.0f} of {total:.0f}" if self._count else f"{share:.0%}"
+                shown = f"{task.completed:.0f} of {total:.0f}" if self._count else f"{fraction:.0%}"
                 done = task.completed - task.fields.get("before", 0.0)
                 remaining = (
                     (task.elapsed or 0.0) * (total - task.completed) / done if done else None
@@ -143,7 +144,7 @@ def make_progress(console: Console, *, count: bool = False, lines: bool = True) 
 
 
 def duration_text(seconds: float) -> str:
-    """Return a duration for people: ``40 s``, ``12 min``, ``2 h 05 min``."""
+    """Return a human-readable duration: ``40 s``, ``12 min``, ``2 h 05 min``."""
     if round(seconds) < 100:
         return f"{seconds:.0f} s"
     hours, minutes = divmod(round(seconds / 60.0), 60)

@@ -118,7 +118,7 @@ def demo(
 
 
 def describe_contact(contact: Contact, pushes: tuple[KnownPush, ...]) -> str:
-    """Describe a settled contact; the delay is that of its detection after the true push under way on its joint."""
+    """Describe a settled contact; the delay is from the onset of the true push on its joint to the detection."""
     side, time = "+" if contact.direction > 0 else "-", contact.detection_time
     text = (
         f"{time:7.2f} s  {contact.kind:9s} {contact.joint or 'trunk':14s} {contact.link:10s} "
@@ -136,7 +136,7 @@ def _intensity(contact: Contact) -> str:
 
 
 def _figure(out: Path, joints: Sequence[str], console: Console) -> None:
-    """Draw the figure in the manner of the paper's Fig. 3, or say what is missing for it."""
+    """Draw the figure as in Fig. 3 of the paper, or print what is missing for it."""
     try:
         plot_contacts(read_log(out / LOG_NAME), out / FIGURE_NAME, joints=joints)
         console.print(f"figure: {out / FIGURE_NAME}")
@@ -149,13 +149,13 @@ def _table(result: DemoResult, console: Console) -> None:
     table = Table(
         title=f"{result.simulated_seconds:.1f} s in simulation, {result.uri}", title_justify="left"
     )
-    counts = ("pushes", "felt", "missed", "false", "rebounds", "saturated")
+    counts = ("pushes", "detected", "missed", "false", "rebounds", "saturated")
     for name in (*counts, "direction right", "median delay"):
         table.add_column(name, justify="right")
     median = summary["delay_ms"]["median"]
     table.add_row(
         *(str(summary[name]) for name in counts),
-        f"{summary['direction_right']}/{summary['felt']}",
+        f"{summary['direction_right']}/{summary['detected']}",
         "-" if median is None else f"{median:.0f} ms",
     )
     console.print(table)

@@ -46,7 +46,7 @@ def doctor(
     ] = None,
     yes: Annotated[bool, typer.Option("--yes", help="Do not ask before the robot moves.")] = False,
     no_motion: Annotated[
-        bool, typer.Option("--no-motion", help="Only look: the robot does not move.")
+        bool, typer.Option("--no-motion", help="Only inspect: the robot does not move.")
     ] = False,
     json_file: JsonOption = None,
 ) -> int:
@@ -62,7 +62,9 @@ def doctor(
     with make_progress(console) as progress:
         bar = progress.add_task("looking", total=1.0)
         examination = examine(
-            uri, models=models, on_progress=lambda share: progress.update(bar, completed=share)
+            uri,
+            models=models,
+            on_progress=lambda fraction: progress.update(bar, completed=fraction),
         )
     _print(console, examination.results)
     left_out = ""
@@ -87,7 +89,7 @@ def _confirmed() -> bool:
     seconds = load_doctor_settings().motion
     return typer.confirm(
         f"Next, for {seconds:.0f} s: arms go a little aside where they are near the body, then arms and head move by a "
-        "few degrees. Is the robot on level floor, with clear space around it, its hands empty, nobody touching it, "
+        "few degrees. Is the robot on level floor, with clear space around it, its hands empty, no person touching it, "
         "and a hand at the emergency stop?"
     )
 
@@ -102,7 +104,7 @@ def _try(console: Console, uri: str, models: ModelSet) -> MotionTest:
             return try_motion(
                 pepper,
                 models,
-                on_progress=lambda share: progress.update(bar, completed=share),
+                on_progress=lambda fraction: progress.update(bar, completed=fraction),
             )
 
 

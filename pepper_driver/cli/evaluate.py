@@ -1,4 +1,4 @@
-"""``pepper evaluate``: how well observers feel, beside their baselines, on seeded runs or labelled recordings."""
+"""``pepper evaluate``: how well observers detect contacts, compared with baselines, on runs or recordings."""
 
 from __future__ import annotations
 
@@ -82,7 +82,7 @@ def evaluate_command(
         list[Path] | None, typer.Argument(metavar="FILE", help="More recordings, after --log.")
     ] = None,
 ) -> int:
-    """Step observers over seeded simulated runs and score what they feel, or over labelled recordings."""
+    """Run observers on seeded simulated runs or on labelled recordings, and score their contacts."""
     console = make_console()
     logs = [*(log or []), *(more_logs or [])]
     if more_logs and not log:
@@ -120,7 +120,7 @@ def evaluate_command(
                 chosen,
                 workers=workers or -1,
                 digest=None if frozen is None else frozen.digest,
-                share=QUICK if quick and frozen is not None else 1.0,
+                fraction=QUICK if quick and frozen is not None else 1.0,
                 progress=lambda done, _: progress.update(bar, completed=done),
             )
         _print(console, result)
@@ -166,7 +166,7 @@ def _print(console: Console, result: EvaluationResult) -> None:
 
 
 def _cells(metrics: Metrics) -> dict[str, str]:
-    """Figures by what they are; a dash where there is none."""
+    """Results by name; a dash where a result is not available."""
     tests = [fit.test for fit in metrics.fit.values() if fit.test is not None]
     estimations = [fit.estimation for fit in metrics.fit.values() if fit.estimation is not None]
     free, pushed, delay, torque = (
@@ -183,15 +183,15 @@ def _cells(metrics: Metrics) -> dict[str, str]:
         "false, free motion": str(free.fp) if free else "-",
         "  per hour, 95 % bound": number(free.fp_per_hour_upper95) if free else "-",
         "false, with pushes": str(pushed.fp) if pushed else "-",
-        **{f"felt, {name} deg": number(metrics.recall[name], 3) for name in RECALL_BINS},
-        "felt, all": number(metrics.recall_overall, 3),
-        "felt on trunk": number(metrics.recall_trunk, 3),
-        "felt on fingers": number(metrics.recall_hands, 3),
+        **{f"detected, {name} deg": number(metrics.recall[name], 3) for name in RECALL_BINS},
+        "detected, all": number(metrics.recall_overall, 3),
+        "detected on trunk": number(metrics.recall_trunk, 3),
+        "detected on fingers": number(metrics.recall_hands, 3),
         "delay ms, median/p90": f"{delay.median:.0f}/{delay.p90:.0f}" if delay else "-",
         "direction": number(metrics.direction, 3),
         "joint after 150 ms": number(metrics.isolation["150"], 3),
         "torque R2": number(torque.r2 if torque else None, 3),
-        "rebounds told": number(rebound.recall if rebound else None, 3),
+        "rebounds reported": number(rebound.recall if rebound else None, 3),
         "threshold deg": number(metrics.threshold_deg.p50 if metrics.threshold_deg else None),
         "us per tick": number(metrics.latency_us.median, 0),
     }

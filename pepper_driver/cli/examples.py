@@ -39,9 +39,9 @@ def examples_command(
 
 
 def examples_folder() -> Path:
-    """Return the folder of the examples: inside an installed package, beside it in a checkout."""
-    inside, beside = PACKAGE / "examples", PACKAGE.parent / "examples"
-    return inside if inside.is_dir() else beside
+    """Return the folder of the examples: inside an installed package, next to it in a checkout."""
+    inside, sibling = PACKAGE / "examples", PACKAGE.parent / "examples"
+    return inside if inside.is_dir() else sibling
 
 
 def copy_examples(folder: Path, out: Path) -> int:

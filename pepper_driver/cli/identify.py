@@ -46,7 +46,7 @@ from pepper_driver.observer import ModelKind
 
 
 def print_fits(console: Console, result: Identification) -> None:
-    """Print how well each model predicts, beside the other tree and the closed form, and what is wrong."""
+    """Print the prediction error of each model, of the other tree and of the closed form, and the warnings."""
     table = Table(title="fit of the tracking error, NRMSE %", title_justify="left")
     for name in ("joint", "model", "estimation", "test"):
         table.add_column(name, justify="right" if name in ("estimation", "test") else "left")
@@ -135,7 +135,7 @@ def identify(
         Path | None,
         typer.Option(
             metavar="DIR",
-            help="Where recordings are kept, and continued after an interruption; by default beside FILE.",
+            help="Where recordings are kept, and continued after an interruption; by default next to FILE.",
         ),
     ] = None,
     fit_only: Annotated[
@@ -185,7 +185,7 @@ def identify(
         robot = load_robot()
         chosen = load_experiment(experiment or EXPERIMENT, robot)
         named = None if joints is None else [name.strip() for name in joints.split(",")]
-        full, tested = chosen_joints(robot, chosen, named, mirror=mirror, share=share_types)
+        full, tested = chosen_joints(robot, chosen, named, mirror=mirror, share_types=share_types)
         body = calibration or CALIBRATION
         with _resumable(folder, console), _progress(console) as (progress, confirm):
             record_joints(
@@ -204,7 +204,7 @@ def identify(
     if not console.is_terminal:  # where a status shows nothing
         console.print("fitting models")
     with console.status("fitting models"):
-        result = fit_folder(folder, kind, mirror=mirror, share=share_types)
+        result = fit_folder(folder, kind, mirror=mirror, share_types=share_types)
     result.models.save(out)
     print_fits(console, result)
     console.print(f"models: {out}; recordings: {folder}")
@@ -247,9 +247,9 @@ def _progress(console: Console) -> Iterator[tuple[Progress, Confirm]]:
         bar = None
         begun = ""
 
-        def tell(what: str, done: float, total: float) -> None:
+        def report_progress(what: str, done: float, total: float) -> None:
             nonlocal bar, begun
-            if bar is None or (what == "rehearsing") != (begun == "rehearsing"):
+            if bar is None or (what == "dry run") != (begun == "dry run"):
                 if bar is None:
                     console.print(f"runs of {duration_text(total - done)} in robot time to record")
                 else:
@@ -268,12 +268,12 @@ def _progress(console: Console) -> Iterator[tuple[Progress, Confirm]]:
             )
             bars.start()
 
-        yield tell, confirm
+        yield report_progress, confirm
 
 
 @contextmanager
 def _resumable(folder: Path, console: Console) -> Iterator[None]:
-    """Whatever ends the recording: say what is kept, and how to go on."""
+    """Print what is kept, and how to continue, at any end of the recording."""
     try:
         yield
     except RecordingFolderError:
@@ -292,4 +292,6 @@ def _kept(folder: Path) -> str | None:
     done = len(finished(folder, names))
     if done == len(names):
         return None
-    return f"{done} of {len(names)} runs are kept in {folder}; the same command goes on from there"
+    return (
+        f"{done} of {len(names)} runs are kept in {folder}; the same command continues from there"
+    )

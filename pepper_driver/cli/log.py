@@ -102,11 +102,11 @@ def export(
     ],
     out: Annotated[
         Path | None,
-        typer.Option(metavar="FILE", help="File for the ticks; by default beside the log."),
+        typer.Option(metavar="FILE", help="File for the ticks; by default next to the log."),
     ] = None,
     force: Annotated[bool, typer.Option("--force", help="Replace files that are there.")] = False,
 ) -> None:
-    """Write a log in a format for other tools; contacts and events go to files of their own beside it."""
+    """Write a log in a format for other tools; contacts and events go to files of their own next to it."""
     console = make_console()
     for file in export_log(read_log(log), out or log.with_suffix(f".{to}"), to, force=force):
         console.print(str(file))
@@ -152,7 +152,7 @@ def _print_timing(console: Console, summary: LogSummary) -> None:
 def _print_events(console: Console, summary: LogSummary) -> None:
     for name, counts in (
         ("contacts", summary.contacts),
-        ("felt by", summary.joints),
+        ("detected by", summary.joints),
         ("reflexes", summary.reflexes),
     ):
         listed = ", ".join(f"{count} {of}" for of, count in counts.items())

@@ -22,7 +22,7 @@ def record(
     out: Annotated[Path, typer.Option(metavar="LOG", help="MCAP log to write.")],
     label: Annotated[
         LabelSource,
-        typer.Option(help="What tells that the robot is touched; key is the space bar."),
+        typer.Option(help="Source of the labels; key is the space bar."),
     ],
     backend: Annotated[str, typer.Option(metavar="URI", help="Robot to record.")] = "mujoco",
     seconds: Annotated[
@@ -53,7 +53,7 @@ def record(
         str | None,
         typer.Option(
             metavar="JOINT",
-            help="The joint that should feel it; by default the one that carries the link.",
+            help="The joint that should detect it; by default the one that carries the link.",
         ),
     ] = None,
 ) -> None:
@@ -70,12 +70,12 @@ def record(
         how = (
             "press the space bar before a touch, and again after it"
             if label == "key"
-            else f"touch the robot; '{label}' tells when"
+            else f"touch the robot; '{label}' labels it"
         )
         console.print(f"recording: {how}; Ctrl-C ends it")
 
-    def tell(told: Label) -> None:
-        show_line(console, f"{told.time:8.2f} s  {told.phase}")
+    def show_label(end: Label) -> None:
+        show_line(console, f"{end.time:8.2f} s  {end.phase}")
 
     done = record_labelled(
         backend,
@@ -86,7 +86,7 @@ def record(
         seed=seed,
         link=link,
         joint=joint,
-        on_label=tell,
+        on_label=show_label,
         on_start=lambda _: start(),
     )
     touches = "1 touch" if done.touches == 1 else f"{done.touches} touches"

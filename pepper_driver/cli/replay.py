@@ -1,4 +1,4 @@
-"""``pepper replay``: a recording felt again."""
+"""``pepper replay``: contacts of a recording, detected again."""
 
 from __future__ import annotations
 
@@ -90,7 +90,7 @@ def _print(console: Console, run: LoggedRun, found: Replayed, result: Comparison
 
 def _contacts(pairs: Sequence[MatchedPair[Contact]]) -> Table:
     table = _table(
-        "contacts", ("felt by", "kind"), ("then s", "now s", "later ms", "deg", "now deg")
+        "contacts", ("detected by", "kind"), ("then s", "now s", "later ms", "deg", "now deg")
     )
     for pair in pairs:
         then, now = pair.recorded, pair.found

@@ -50,7 +50,7 @@ def step_parts(step: Step, robot: RobotConfig) -> Iterator[str]:
     """Describe a step, part by part."""
     yield from map(str, CueEvent.of(step, 0.0))
     if (wait := step.wait) is not None:
-        yield f"wait for a {wait}, or {'stop' if wait.on_timeout == 'stop' else 'go on'}"
+        yield f"wait for a {wait}, or {'stop' if wait.on_timeout == 'stop' else 'continue'}"
     if step.posture is not None:
         yield f"posture {step.posture}"
     for joint, angle in step.joints.items():
@@ -142,7 +142,7 @@ def run_command(
             console.print(line)
         save_json(json_file, plan_json(run), console)
         return 0
-    tell_all(console, run)
+    print_events(console, run)
     with StopKey(run.pepper.emergency_stop) as key:
         if key.listening:
             console.print(key.HELP)
@@ -179,19 +179,19 @@ def show_reached(console: Console, step: StepReport) -> None:
 
 
 def push_table(report: ExperimentReport, robot: RobotConfig) -> Table:
-    """Make a table of each push: when it was felt, where at first and at last."""
+    """Make a table of each push: its detection delay, its place at first and at last."""
     result = score(report.pushes, report.contacts, robot)
-    felt = {id(f.push): f for f in result.detected}
+    detected = {id(f.push): f for f in result.detected}
     last = {
         alarm.begin.id: alarm.updates[-1].link if alarm.updates else alarm.begin.link
         for alarm in group_events(report.contacts)
     }
-    title = f"{len(felt)} of {len(report.pushes)} pushes felt, {len(result.false)} false contacts"
-    table = Table("from", "pushed", "force", "felt after", "at first", "at last", title=title)
+    title = f"{len(detected)} of {len(report.pushes)} pushes detected, {len(result.false)} false contacts"
+    table = Table("from", "pushed", "force", "detected after", "at first", "at last", title=title)
     table.title_justify = "left"
     for push in report.pushes:
         row = [f"{push.onset:.2f} s", push.link, f"{push.force:.1f} N"]
-        if (found := felt.get(id(push))) is None:
+        if (found := detected.get(id(push))) is None:
             table.add_row(*row, "-")
         else:
             begin = found.contact
@@ -200,25 +200,25 @@ def push_table(report: ExperimentReport, robot: RobotConfig) -> Table:
     return table
 
 
-def tell_all(console: Console, run: ExperimentRun) -> None:
+def print_events(console: Console, run: ExperimentRun) -> None:
     """Print what happens as it happens: steps, cues, pushes, contacts, reflexes."""
     pepper = run.pepper
 
-    def tell(event: Event) -> None:
+    def print_event(event: Event) -> None:
         if (text := event_text(event)) is not None:
             show_line(console, f"{event.time:8.2f} s  {text}")
 
-    # One function for all: it is told of everything in the order in which it happened.
-    ways: list[Callable[[Callable[..., object]], object]] = [
+    # One function for all events keeps their order.
+    registrations: list[Callable[[Callable[..., object]], object]] = [
         pepper.on_step(),
         pepper.on_cue(),
         pepper.on_push(),
         pepper.on_reflex(phase=None),
     ]
     if run.experiment.observer is not None:
-        ways.append(pepper.on_contact(phase=None))
-    for register in ways:
-        register(tell)
+        registrations.append(pepper.on_contact(phase=None))
+    for register in registrations:
+        register(print_event)
 
 
 def event_text(event: Event) -> str | None:

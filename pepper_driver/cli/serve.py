@@ -80,7 +80,7 @@ def serve(
         list[str] | None,
         typer.Option(
             metavar="NAME[:ARGUMENT,...]",
-            help="Something that goes wrong, for example hang:seconds=2,after=10. Any number of times.",
+            help="An injected fault, for example hang:seconds=2,after=10. Any number of times.",
         ),
     ] = None,
     list_faults: Annotated[
@@ -115,14 +115,14 @@ def serve(
         faults=faults,
     ) as stand_in:
         if login is None and host not in ("127.0.0.1", "localhost", "::1"):
-            _warn(f"{host} can be reached from other machines, and nobody needs a password")
+            _warn(f"{host} can be reached from other machines without a password")
         console.print(f"ready on {stand_in.url}")
         if login is not None:
             known = f"that of {PASSWORD_VARIABLE}" if login.token != PASSWORD else f"'{PASSWORD}'"
             console.print(f"user '{USER}', password {known}")
         while True:
             how = stand_in.wait()
-            _warn(f"NAOqi ended {how}; the robot goes on, and NAOqi starts anew in {PAUSE} s")
+            _warn(f"NAOqi ended {how}; the robot goes on, and NAOqi starts again in {PAUSE} s")
             time.sleep(PAUSE)
             stand_in.start_naoqi()
             console.print(f"ready on {stand_in.url}")

@@ -83,7 +83,7 @@ def check_joints(
         "joints",
         found,
         warning=bool(moving.any()),
-        remedy=f"let the robot rest: {named(robot.joint_names, moving)} moves by itself, or by a hand",
+        remedy=f"let the robot rest: {named(robot.joint_names, moving)} moves by itself, or a hand moves it",
     )
 
 
@@ -95,7 +95,7 @@ def check_wheels(
     if not np.isfinite(speed).all():
         return rated(
             "wheels",
-            "a wheel tells no speed",
+            "a wheel reports no speed",
             failure=True,
             remedy="start the robot again; do not drive a base whose wheels are not measured",
         )
@@ -105,13 +105,11 @@ def check_wheels(
         "wheels",
         f"{speed.shape[1]} answer, at {fastest:.2f} rad/s",
         failure=fastest > settings.wheel_rest,
-        remedy="stop the base: level floor, nobody pushes, no other program drives it",
+        remedy="stop the base: level floor, no person pushes, no other program drives it",
     )
 
 
-NETWORK = (
-    "look at the network: a cable rather than wireless, and no other heavy program on the robot"
-)
+NETWORK = "check the network: a cable, not wireless, and no other heavy program on the robot"
 
 
 def check_clock(
@@ -177,7 +175,7 @@ def check_samples(
         found += f"; in {missing:.1%} of the cycles none"
     if inspection.missed:
         found += f"; this computer missed {inspection.missed} ticks"
-    share = max(late, missing, inspection.missed / (len(ticks) + inspection.missed))
+    fraction = max(late, missing, inspection.missed / (len(ticks) + inspection.missed))
     stale = oldest > safety.stale_hold * 1e3
     remedies = [NETWORK]
     if inspection.missed:
@@ -186,11 +184,11 @@ def check_samples(
         "samples",
         found,
         failure=bool(stale),
-        warning=share > settings.late_share,
+        warning=fraction > settings.late_share,
         remedy="; ".join(remedies)
         + f"; beyond {safety.stale_hold * 1e3:.0f} ms the joints are held, "
         f"beyond {safety.stale_fault * 1e3:.0f} ms the robot is stopped, and with samples older than "
-        f"{STALE_AGE * 1e3:.0f} ms nothing is felt",
+        f"{STALE_AGE * 1e3:.0f} ms nothing is detected",
     )
 
 
@@ -248,7 +246,7 @@ def check_models(
     remedies = []
     if any(without):
         remedies.append(
-            f"identify {named(robot.joint_names, without)} too: there nothing is felt directly"
+            f"identify {named(robot.joint_names, without)} too: nothing is detected directly there"
         )
     if models.version != here:
         found += f" (this is {here})"
@@ -295,7 +293,7 @@ def check_imu(inspection: Inspection, settings: DoctorSettings) -> CheckResult:
             "inertial unit",
             "it does not answer",
             failure=True,
-            remedy="start the robot again: nothing tells whether it is about to fall",
+            remedy="start the robot again: a fall cannot be noticed",
         )
     roll, pitch = np.median(attitude, axis=0)[:2]
     tilt = float(np.arccos(np.clip(np.cos(roll) * np.cos(pitch), -1.0, 1.0)))
@@ -304,7 +302,7 @@ def check_imu(inspection: Inspection, settings: DoctorSettings) -> CheckResult:
     remedies = []
     if tilt > settings.tilt_warning:
         remedies.append(
-            "put the robot upright on level floor, with nothing under its wheels, and nobody leaning on it"
+            "put the robot upright on level floor, with nothing under its wheels, and no person leaning on it"
         )
     if strange:
         remedies.append("let the robot rest; an acceleration that stays strange is a broken sensor")

@@ -60,7 +60,7 @@ def inspect_robot(
         backend: Closed.
         robot: Its description.
         seconds: How long [s].
-        on_progress: Told the share of the time that is over, 0..1.
+        on_progress: Called with the fraction of the time that has passed, 0..1.
 
     Raises:
         PepperError: The robot refuses, or is lost.
@@ -68,7 +68,7 @@ def inspect_robot(
     pacer = Pacer()
     if backend.real_time:
         pacer = RealTimePacer(robot.cycle, backend)
-    tell = on_progress or (lambda share: None)
+    report_progress = on_progress or (lambda fraction: None)
     ticks = round(seconds / robot.cycle)
     missed = 0
     try:
@@ -80,7 +80,7 @@ def inspect_robot(
             for tick in range(ticks):
                 missed += pacer.wait()
                 samples.append(backend.read())
-                tell((tick + 1) / ticks)
+                report_progress((tick + 1) / ticks)
             wall = time.perf_counter() - began
     finally:
         backend.close()
@@ -99,7 +99,7 @@ class Examination:
     Attributes:
         info: Of the backend.
         results: In the order of the checks.
-        models: Of this robot; None where there are none.
+        models: Of this robot; None without models.
     """
 
     info: BackendInfo
@@ -125,7 +125,7 @@ def examine(
         uri: The robot.
         models: Model file; None for the one shipped for this robot.
         robot: Its description, by default the shipped Pepper.
-        on_progress: Told the share of the time that is over, 0..1.
+        on_progress: Called with the fraction of the time that has passed, 0..1.
 
     Raises:
         PepperError: The URI or a settings file is wrong, or a part of the package is missing.
@@ -166,7 +166,7 @@ def _robot(
                 "connection",
                 str(error),
                 failure=True,
-                remedy="switch the robot on, wait until it has started, and look at address, network and password; "
+                remedy="switch the robot on, wait until it has started, and check address, network and password; "
                 "no other program may move it",
             )
         ]

@@ -32,11 +32,11 @@ class JointFit:
     Attributes:
         joint: Its name.
         verdict: What that means.
-        follows: Share of the commanded way that it went.
+        follows: Ratio of its distance to the commanded one.
         error: Residual, rms [rad].
         rms: Residual over the threshold that identification found, rms.
         peak: The same, largest.
-        today: Residual over threshold, largest, of the observer that adapts: at 1 it feels a contact.
+        today: Largest residual over threshold of the observer that adapts: at 1 it detects a contact.
     """
 
     joint: str
@@ -54,7 +54,7 @@ class JointFit:
 
 
 class ModelFitMonitor:
-    """Compares what joints do with models that adapt to nothing, beside an observer that does.
+    """Compares joints with models that do not adapt, and with an observer that does.
 
     Args:
         robot: Its description.
@@ -101,9 +101,9 @@ class ModelFitMonitor:
 
     def fits(self, settings: DoctorSettings) -> tuple[JointFit, ...]:
         """Return the verdict on each joint."""
-        way = np.maximum(self._highest - self._lowest, 0.0)
+        distance = np.maximum(self._highest - self._lowest, 0.0)
         with np.errstate(all="ignore"):
-            follows = way[1] / way[0]
+            follows = distance[1] / distance[0]
             error = np.sqrt(self._square / self._known)
             rms = np.sqrt(self._load / self._known)
         return tuple(

@@ -28,11 +28,11 @@ from pepper_driver.robot import Pepper
 SEED = 1
 """Of the goals: each motion is the same, so that they can be compared over months."""
 
-LEAST_SHARE = 0.4
+MIN_FOLLOWING_FRACTION = 0.4
 """Of the amplitude that each goal is away from the middle at least."""
 
 STEPS = 6
-"""From no way aside to all of it."""
+"""Steps of the clearance motion that are tried, from none to all of it."""
 
 
 class NoRoomError(PepperError, RuntimeError):
@@ -62,8 +62,8 @@ def plan_goals(start: FloatArray, robot: RobotConfig, settings: DoctorSettings) 
     aside = np.zeros(len(start))
     for joint, angle in settings.clearance_motion.items():
         aside[robot.joint_index(joint)] = angle
-    for share in np.linspace(0.0, 1.0, STEPS):
-        goals = _goals_around(start + share * aside, robot, settings)
+    for fraction in np.linspace(0.0, 1.0, STEPS):
+        goals = _goals_around(start + fraction * aside, robot, settings)
         if all(room.is_free(goal) for goal in goals):
             return [*goals, start]
     raise NoRoomError(
@@ -85,7 +85,9 @@ def _goals_around(
     goals = [middle]
     for _ in range(round(settings.motion / settings.segment_time) - 2):
         side = -side
-        goals.append(middle + side * amplitude * rng.uniform(LEAST_SHARE, 1.0, len(posture)))
+        goals.append(
+            middle + side * amplitude * rng.uniform(MIN_FOLLOWING_FRACTION, 1.0, len(posture))
+        )
     return goals
 
 
@@ -135,12 +137,12 @@ def make_pepper(uri: str, models: ModelSet, robot: RobotConfig) -> Pepper:
 def try_motion(
     pepper: Pepper, models: ModelSet, *, on_progress: Callable[[float], None] | None = None
 ) -> MotionTest:
-    """Move each joint of arms and head by a few degrees, and compare with its model. Whatever fails is in the results.
+    """Move each joint of arms and head by a few degrees, and compare with its model. Failures are in the results.
 
     Args:
         pepper: Of :func:`make_pepper`, not active; it is closed afterwards.
         models: To judge.
-        on_progress: Told the share of the time that is over, 0..1.
+        on_progress: Called with the fraction of the time that has passed, 0..1.
     """
     robot, settings = pepper.config, load_doctor_settings()
     watch = ModelFitMonitor(robot, models, load_observer_settings(), moving_joints(robot))
@@ -173,11 +175,11 @@ def try_motion(
             remedy="find what stopped the robot, remove the cause, and examine the robot again",
         )
         return MotionTest(results=(result,), fits=())
-    share = statistics.missed / (statistics.ticks + statistics.missed)
+    fraction = statistics.missed / (statistics.ticks + statistics.missed)
     ticks = rated(
         "motion",
         statistics.summary,
-        warning=share > settings.late_share,
+        warning=fraction > settings.late_share,
         remedy="end other programs on this computer, and permit real-time priority (docs/realtime.md)",
     )
     fits = watch.fits(settings)
@@ -195,7 +197,7 @@ def _judge_following(fits: tuple[JointFit, ...]) -> CheckResult:
     least = min(fits, key=lambda fit: fit.follows)
     return rated(
         "joints follow",
-        f"{least.joint} least, {least.follows:.0%} of its way",
+        f"{least.joint} least, {least.follows:.0%} of its distance",
         failure=any(stuck),
         remedy=f"{named((fit.joint for fit in fits), stuck)}: blocked, without power or broken; move it by hand with "
         "the robot at rest, then start the robot again",
@@ -212,9 +214,7 @@ def _judge_models(fits: tuple[JointFit, ...], settings: DoctorSettings) -> Check
         )
     worst = max(known, key=lambda fit: fit.rms)
     median = float(np.median([fit.rms for fit in known]))
-    found = (
-        f"residual over threshold, rms: {median:.2f} as a rule, {worst.rms:.2f} at {worst.joint}"
-    )
+    found = f"residual over threshold, rms: median {median:.2f}, {worst.rms:.2f} at {worst.joint}"
     identify = "identify it with 'pepper identify'"
     if median > settings.misfit_median:
         return rated(
@@ -232,8 +232,8 @@ def _judge_models(fits: tuple[JointFit, ...], settings: DoctorSettings) -> Check
     if any(worn):
         parts.append(f"worn or carrying: {named(names, worn)}")
         remedies.append(
-            f"empty the hands (a load looks the same) and try again; if it stays, {identify}: until then "
-            "light touches of these joints are not felt"
+            f"empty the hands (a load has the same effect) and try again; if it stays, {identify}: until then "
+            "light touches of these joints are not detected"
         )
     return rated(
         "models fit",
@@ -245,12 +245,14 @@ def _judge_models(fits: tuple[JointFit, ...], settings: DoctorSettings) -> Check
 
 
 def _judge_touch(contacts: list[Contact]) -> CheckResult:
-    felt = list(dict.fromkeys(contact.link for contact in contacts))
+    links = list(dict.fromkeys(contact.link for contact in contacts))
     number = "1 contact" if len(contacts) == 1 else f"{len(contacts)} contacts"
     return rated(
         "untouched",
-        f"{number} felt: {named(felt, [True] * len(felt))}" if felt else "no contact felt",
-        failure=bool(felt),
+        f"{number} detected: {named(links, [True] * len(links))}"
+        if links
+        else "no contact detected",
+        failure=bool(links),
         remedy="something touches the robot, or the model does not fit: clear the space around it and try again; "
         "if nothing was there, identify it with 'pepper identify'",
     )

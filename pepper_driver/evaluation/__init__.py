@@ -1,1 +1,1 @@
-"""Proves observers: performs seeded runs, steps observers over them, scores what they tell, writes the results."""
+"""Evaluation of observers: performs seeded runs, runs observers on them, scores their contacts, writes results."""

@@ -34,7 +34,7 @@ class ObserverRun:
     Attributes:
         contacts: Its events, in their order.
         expected: (n, N) expected tracking error [rad].
-        predicted: (n,) the same of the joint that was asked for, without a look at what was measured; None for none.
+        predicted: (n,) prediction for the requested joint, without any measurement; None if not available.
         residual: (n, N) contact observer signal r [rad].
         threshold: (n, N) [rad].
         torque: (n, N) external torque estimate [N m].
@@ -94,7 +94,7 @@ def _predicted(
 class Trace:
     """One joint over n ticks of an episode, as one observer saw it; angles [rad], NaN where the joint was blind.
 
-    ``others`` are the positions sent of the joints that move besides, by name.
+    ``others`` are the commanded positions of the other moving joints, by name.
     """
 
     mode: str
@@ -114,7 +114,7 @@ class Trace:
 
 
 def trace_of(mode: str, episode: Episode, watched: ObserverRun, joint: str) -> Trace:
-    """Cut one joint out of an episode; the three joints that move most besides come along."""
+    """Cut one joint out of an episode, with the three other joints that move most."""
     recording = episode.recording
     index = recording.joint_names.index(joint)
     travel = np.ptp(recording.sent_position, axis=0)
@@ -156,18 +156,18 @@ class PushScore:
     """Detection of one push.
 
     Attributes:
-        degrees: Its size [deg]; NaN where nobody measured it.
+        degrees: Its size [deg]; NaN where it was not measured.
         group: ``plain``, or why it is scored apart.
-        felt: Whether it was.
-        delay: From the onset of the force to the alarm [s]; None when it was not felt.
+        detected: True if it was detected.
+        delay: From the onset of the force to the alarm [s]; None when it was not detected.
         delay_from_1deg: From when its torque was 1 equivalent degree [s]; None too where it never was.
         direction: Whether the sign was right on the joint that the alarm named; None for trunk and base.
-        isolation: Whether the joint was right, at ISOLATION_TIMES after the alarm; empty when it was not felt.
+        isolation: Whether the joint was right, at ISOLATION_TIMES after the alarm; empty when it was not detected.
     """
 
     degrees: float
     group: Group
-    felt: bool
+    detected: bool
     delay: float | None = None
     delay_from_1deg: float | None = None
     direction: bool | None = None
@@ -242,7 +242,7 @@ class EpisodeScore:
 def score_episode(episode: Episode, watched: ObserverRun, robot: RobotConfig) -> EpisodeScore:
     """Score what an observer said of an episode."""
     result = score(episode.pushes, watched.contacts, robot)
-    felt = {id(f.push): f for f in result.detected}
+    detected = {id(f.push): f for f in result.detected}
     swings, touches = _swings_and_touches(episode, watched, result.detected, robot)
     time = episode.recording.time
     return EpisodeScore(
@@ -251,7 +251,7 @@ def score_episode(episode: Episode, watched: ObserverRun, robot: RobotConfig) ->
         seconds=float(time[-1] - time[0]) + robot.cycle,
         free=not episode.pushes,
         false=len(result.false),
-        pushes=tuple(_score_push(episode, p, felt.get(id(p)), robot) for p in episode.pushes),
+        pushes=tuple(_score_push(episode, p, detected.get(id(p)), robot) for p in episode.pushes),
         swings=len(swings),
         rebounds_reported=sum(alarm.begin.kind == "rebound" for alarm in swings),
         touches=len(touches),
@@ -268,21 +268,21 @@ def score_episode(episode: Episode, watched: ObserverRun, robot: RobotConfig) ->
 
 
 def _score_push(
-    episode: Episode, push: KnownPush, felt: DetectedPush | None, robot: RobotConfig
+    episode: Episode, push: KnownPush, detected: DetectedPush | None, robot: RobotConfig
 ) -> PushScore:
     group = _group(push, robot)
-    if felt is None:
-        return PushScore(degrees=push.degrees, group=group, felt=False)
-    detected = felt.contact.detection_time
+    if detected is None:
+        return PushScore(degrees=push.degrees, group=group, detected=False)
+    alarm_time = detected.contact.detection_time
     passed = _passes_1deg(episode, push, robot)
     return PushScore(
         degrees=push.degrees,
         group=group,
-        felt=True,
-        delay=felt.delay,
-        delay_from_1deg=None if passed is None else detected - passed,
-        direction=_direction(episode, felt, robot),
-        isolation=tuple(_is_there(felt, after, robot) for after in ISOLATION_TIMES),
+        detected=True,
+        delay=detected.delay,
+        delay_from_1deg=None if passed is None else alarm_time - passed,
+        direction=_direction(episode, detected, robot),
+        isolation=tuple(_is_there(detected, after, robot) for after in ISOLATION_TIMES),
     )
 
 
@@ -296,18 +296,18 @@ def _group(push: KnownPush, robot: RobotConfig) -> Group:
     return "axis" if push.degrees < AXIS_DEGREES else "plain"
 
 
-def _is_there(felt: DetectedPush, after: float, robot: RobotConfig) -> bool:
+def _is_there(detected: DetectedPush, after: float, robot: RobotConfig) -> bool:
     """Check if the contact was on the right joint some time after the alarm, by the first tick that is so late."""
     grace = robot.cycle if after else 0.0
-    joint = felt.track.at(felt.contact.detection_time + after + grace).joint
-    if felt.push.joint is None:
+    joint = detected.track.at(detected.contact.detection_time + after + grace).joint
+    if detected.push.joint is None:
         return robot.limb_of(joint) == TRUNK
-    return joint == felt.push.joint
+    return joint == detected.push.joint
 
 
-def _direction(episode: Episode, felt: DetectedPush, robot: RobotConfig) -> bool | None:
+def _direction(episode: Episode, detected: DetectedPush, robot: RobotConfig) -> bool | None:
     """Compare the alarm's sign with that of the true torque on its joint; None for a torque near zero."""
-    push, contact = felt.push, felt.contact
+    push, contact = detected.push, detected.contact
     if contact.joint is None or push.direction == 0:
         return None
     if contact.joint == push.joint:
@@ -339,7 +339,7 @@ def _during(episode: Episode, push: KnownPush) -> BoolArray:
 
 
 def _untouched(episode: Episode) -> BoolArray:
-    """(n,) rows while no push acts, nor the joint swings back from one."""
+    """(n,) rows without a push and without the rebound of one."""
     time = episode.recording.time
     free = np.ones(len(time), dtype=np.bool_)
     for push in episode.pushes:
@@ -348,11 +348,11 @@ def _untouched(episode: Episode) -> BoolArray:
 
 
 def _swings_and_touches(
-    episode: Episode, watched: ObserverRun, felt: tuple[DetectedPush, ...], robot: RobotConfig
+    episode: Episode, watched: ObserverRun, detected: tuple[DetectedPush, ...], robot: RobotConfig
 ) -> tuple[list[ContactTrack], list[ContactTrack]]:
     """Alarms on the pushed limb that began after the release, and those that began before it."""
     swings, touches = [], []
-    first = {(f.contact.id, f.contact.detection_time) for f in felt}
+    first = {(f.contact.id, f.contact.detection_time) for f in detected}
     for alarm in group_events(watched.contacts):
         begin = alarm.begin
         near = [
@@ -371,7 +371,7 @@ def _swings_and_touches(
 
 
 def _fit(episode: Episode, watched: ObserverRun) -> dict[str, float]:
-    """NRMSE of the expected error of the joint that the episode is about, if it is about one and nobody pushes."""
+    """NRMSE of the expected error of the joint that the episode is about, if it has one and no push."""
     recording, expected = episode.recording, watched.predicted
     if expected is None:
         return {}

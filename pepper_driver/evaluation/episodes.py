@@ -68,7 +68,7 @@ class EpisodeError(PepperError, RuntimeError):
 
 
 class StoppedEpisodeError(EpisodeError):
-    """The robot fell or was stopped on the way."""
+    """The robot fell or was stopped before the end."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -78,7 +78,7 @@ class Episode:
     Attributes:
         suite, experiment: Where it belongs.
         plant: Name of the simulated robot.
-        draw: Which one of a plant that is drawn at random, else None.
+        draw: Number of the draw of a random plant; None for other plants.
         identity: Hash of the simulated robot.
         parents: Plants that the simulated robot of a recording is a variant of, nearest first.
         seed: Of its noise; unlike any other in the suites.
@@ -143,7 +143,7 @@ class Episode:
                 == recording.position.shape
             ):
                 raise EpisodeError("recording and truth are of different length")
-        except Exception as error:  # whatever the decoders make of damaged bytes
+        except Exception as error:  # decoders raise anything on damaged bytes
             reason = " ".join(str(error).split()) or type(error).__name__
             raise EpisodeError(f"{folder}: no episode ({reason}); delete the folder") from error
         return episode
@@ -206,7 +206,7 @@ def perform(run: SuiteRun, cache: Path | None = None) -> Episode:
 
 
 def _pepper(run: SuiteRun, robot: RobotConfig) -> Pepper:
-    # Pushes on the chest are to be felt: the button that they press must not end them.
+    # Pushes on the chest press its button, which must not end the episode.
     safety = replace(load_safety_settings(), chest_button=False)
     return Pepper(episode_uri(run), observer=None, robot=robot, safety=safety)
 
@@ -228,7 +228,7 @@ def episodes(
         runs: Of one suite or several.
         workers: Processes; -1 for one per core.
         cache: See :func:`perform`.
-        progress: Told (runs done, runs in all) after each.
+        progress: Called with (runs done, runs in all) after each.
     """
     jobs = (partial(_attempt, run, cache) for run in runs)
     for done, result in enumerate(run_jobs(jobs, workers=workers), start=1):

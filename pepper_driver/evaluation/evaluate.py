@@ -42,7 +42,7 @@ INTEGRAL = "-integral"
 """Ending of the part of a suite whose robots have boards with an integral part: they are another reading of what a real
 Pepper is, and are never pooled with the others."""
 QUICK = 1 / 9
-"""Share of a suite for a first look. Every ninth run of a fit: its five task stiffnesses take turns."""
+"""Fraction of a suite for a quick check. Every ninth run of a fit: its five task stiffnesses alternate."""
 FIT_JOINT = "LShoulderRoll"
 EXPERIMENT_JOINTS = {"LSRoll": FIT_JOINT, "RERoll": "RElbowRoll", "RSRoll": "RShoulderRoll"}
 """The joint that each experiment of the paper is about."""
@@ -54,9 +54,9 @@ class Job:
 
     Attributes:
         suite: That its figures are summed up in.
-        title: For people.
+        title: Human-readable name.
         make: Performs or loads the episode.
-        pictured: The joint to keep data of for a picture, if any.
+        pictured: The joint to keep data of for a figure, if any.
     """
 
     suite: str
@@ -111,7 +111,7 @@ def suite_of(run: SuiteRun, robot: RobotConfig) -> str:
 
 
 def _pictured(run: SuiteRun, robot: RobotConfig) -> str | None:
-    """Return the joint that a picture shows of a run; the pictures are the paper's."""
+    """Return the joint that a figure of the paper shows of a run."""
     if suite_of(run, robot) == "paper":
         return EXPERIMENT_JOINTS.get(run.entry)
     swept = run.entry == FIT_JOINT and run.task_stiffness > FASTEST_ESTIMATION
@@ -126,7 +126,7 @@ def log_jobs(paths: Sequence[Path]) -> tuple[Job, ...]:
 
 
 def episode_of_log(path: Path) -> Episode:
-    """Return a labelled recording as an episode whose pushes have no size and whose torques nobody knows.
+    """Return a labelled recording as an episode whose pushes have no size and whose torques are unknown.
 
     Raises:
         PepperError: The log is damaged, of another robot, or has no labels.
@@ -173,20 +173,20 @@ def evaluate(
     *,
     workers: int = -1,
     digest: str | None = None,
-    share: float = 1.0,
+    fraction: float = 1.0,
     progress: Progress | None = None,
 ) -> EvaluationResult:
     """Evaluate the observers on all episodes, which run in parallel; the result does not depend on ``workers``.
 
-    An episode that cannot be performed or read is listed among the failures, and the others go on.
+    An episode that cannot be performed or read is listed among the failures, and the others continue.
 
     Args:
         jobs: The episodes.
         contestants: The observers.
         workers: Processes; -1 for one per core.
         digest: Of the frozen suites that the episodes are of; None for recordings.
-        share: Of the suites that the episodes are.
-        progress: Told after each episode.
+        fraction: Of the suites that the episodes are.
+        progress: Called after each episode.
     """
     robot = load_robot()
     outcomes = []
@@ -205,7 +205,7 @@ def evaluate(
         date=datetime.now(UTC).date().isoformat(),
         versions={p: version(p) for p in ("pepper-driver", "mujoco", "numpy", "pin")},
         digest=digest,
-        share=share,
+        fraction=fraction,
     )
 
 

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 WINDOW = 20.0
-"""[s] of an episode in a picture, as in the paper."""
+"""[s] of an episode in a figure, as in the paper."""
 SHOWN = {"paper-affine": ORANGE, "fusion": BLUE}
 """Observers in the pictures of single episodes."""
 _BARS = (BLUE, ORANGE, "#F5CE8B", GREEN, BLACK, GREY, RED)
@@ -63,7 +63,7 @@ def write_figures(evaluation: EvaluationResult, folder: Path, robot: RobotConfig
     if swept:
         drawn["figure2.png"] = (
             fit_figure(swept),
-            f"Figure 2 of the paper: a test run of {FIT_JOINT}, its tracking error and what is expected.",
+            f"Figure 2 of the paper: a test run of {FIT_JOINT}, its tracking error and the prediction.",
         )
     touched = {
         name: [t for t in evaluation.traces if t.suite == "paper" and t.experiment == name]
@@ -188,7 +188,7 @@ def recall_figure(evaluation: EvaluationResult) -> Figure:
         )
     axes.set_xticks(places, [_size(name) for name in RECALL_BINS])
     axes.set_xlabel("size of the push [equivalent degrees]")
-    axes.set_ylabel("share felt, in simulation")
+    axes.set_ylabel("fraction detected, in simulation")
     axes.set_xlim(-0.5, len(RECALL_BINS) - 0.5)
     axes.set_ylim(0.0, 1.0)
     axes.grid(visible=True, axis="y", color="#EEEEEE")
@@ -208,7 +208,7 @@ def _recalls(evaluation: EvaluationResult, mode: str) -> dict[str, float]:
 
 
 def _window(trace: Trace) -> slice:
-    """Rows of the WINDOW with most pushes on the way; the first WINDOW without any."""
+    """Rows of the WINDOW with most pushes; the first WINDOW without any."""
     time = trace.time
     starts = [time[0], *(push.onset - 1.0 for push in trace.pushes)]
     last = max(time[-1] - WINDOW, time[0])

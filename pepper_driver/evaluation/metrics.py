@@ -30,7 +30,7 @@ CONFIDENCE = 0.95
 
 @dataclass(frozen=True, kw_only=True)
 class Counts:
-    """False contacts, pushes missed, pushes felt."""
+    """False contacts, pushes missed, pushes detected."""
 
     fp: int
     fn: int
@@ -63,7 +63,7 @@ class Delay(DelayQuantiles):
 
 @dataclass(frozen=True, kw_only=True)
 class Torque:
-    """Torque estimates within pushes: error in equivalent degrees, share explained, share of samples that have one."""
+    """Torque estimates within pushes: error in equivalent degrees, fractions explained and estimated."""
 
     rmse_over_k_deg: float
     r2: float | None
@@ -72,7 +72,7 @@ class Torque:
 
 @dataclass(frozen=True, kw_only=True)
 class Rebound:
-    """Share of the alarms after releases that were called rebounds, and of those during pushes."""
+    """Fraction of the alarms after releases that were called rebounds, and of those during pushes."""
 
     recall: float | None
     mislabelled: float | None
@@ -102,7 +102,7 @@ class Coverage:
     """Observed part of a run: joints that were not always blind, and their fraction of ticks that were not blind."""
 
     joints: int
-    share: float | None
+    fraction: float | None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -111,24 +111,24 @@ class Metrics:
 
     Attributes:
         fit: By joint: means over runs; None without runs.
-        fit_gap_closed: By joint, how far its test fit is on the way from the affine tree to the oracle.
+        fit_gap_closed: By joint, fraction of the gap from the affine tree to the oracle that its test fit closes.
         table1: Counts by experiment of the suite ``paper``, and ``total``.
         counts: Counts over all episodes.
         free_motion: False contacts in episodes without pushes.
         with_pushes: False contacts in episodes with pushes.
-        recall: Share of pushes felt by RECALL_BINS of their size, those scored apart left out.
+        recall: Fraction of pushes detected by RECALL_BINS of their size, without those scored apart.
         recall_overall: The same without regard to size.
         recall_saturated: Of pushes beyond what a motor board can hold.
         recall_axis: Of forces along an axis.
         recall_trunk: Of forces on trunk and base.
         recall_hands: Of pushes on fingers.
-        recall_count: How many pushes each of these is taken from.
+        recall_count: Number of pushes behind each of these.
         delay_ms: Of pushes from DELAY_DEGREES up.
-        direction: Share of felt pushes with the right sign.
-        isolation: Share of felt pushes with the right joint, or put on the trunk rightly, by time after the alarm [ms];
-            of pushes on joints only those from ISOLATION_DEGREES up.
+        direction: Fraction of detected pushes with the right sign.
+        isolation: Fraction of detected pushes with the right joint, or rightly on the trunk, by time after the alarm
+            [ms]; of pushes on joints only those from ISOLATION_DEGREES up.
         torque: External torque estimates.
-        rebound: Whether swinging back is told from being touched.
+        rebound: Distinction of rebounds from touches.
         threshold_deg: Over time and joints, hands left out, while nothing touches the robot.
         threshold_nm: By joint, median threshold times stiffness of the plant [N m].
         latency_us: Of the observer.
@@ -172,14 +172,14 @@ def summarise(scores: Sequence[EpisodeScore], robot: RobotConfig) -> Metrics:
     """Return the figures of one observer over episodes, at least one."""
     pushes = [push for score in scores for push in score.pushes]
     plain = _group(pushes, "plain")
-    felt = [push for push in plain if push.felt]
+    detected = [push for push in plain if push.detected]
     apart = {name: _group(pushes, name) for name in ("saturated", "axis", "trunk", "hand")}
     by_size = {
         name: [push for push in plain if low <= push.degrees < high]
         for name, (low, high) in RECALL_BINS.items()
     }
-    isolated = [push.isolation for push in felt if push.degrees >= ISOLATION_DEGREES]
-    isolated += [push.isolation for push in apart["trunk"] if push.felt]
+    isolated = [push.isolation for push in detected if push.degrees >= ISOLATION_DEGREES]
+    isolated += [push.isolation for push in apart["trunk"] if push.detected]
     return Metrics(
         fit=_fit(scores),
         fit_gap_closed={},
@@ -201,10 +201,10 @@ def summarise(scores: Sequence[EpisodeScore], robot: RobotConfig) -> Metrics:
             "trunk": len(apart["trunk"]),
             "hands": len(apart["hand"]),
         },
-        delay_ms=_delay([push for push in felt if push.degrees >= DELAY_DEGREES]),
-        direction=_share(push.direction for push in felt if push.direction is not None),
+        delay_ms=_delay([push for push in detected if push.degrees >= DELAY_DEGREES]),
+        direction=_fraction(push.direction for push in detected if push.direction is not None),
         isolation={
-            f"{1e3 * after:.0f}": _share(answers[n] for answers in isolated)
+            f"{1e3 * after:.0f}": _fraction(answers[n] for answers in isolated)
             for n, after in enumerate(ISOLATION_TIMES)
         },
         torque=_torque(sum((s.torque for s in scores), TorqueSums())),
@@ -216,7 +216,7 @@ def summarise(scores: Sequence[EpisodeScore], robot: RobotConfig) -> Metrics:
 
 
 def with_gap_closed(metrics: Metrics, affine: Metrics | None, oracle: Metrics | None) -> Metrics:
-    """Return the figures, with the share of the way from the affine tree to the oracle that each test fit has gone."""
+    """Return the metrics, with the fraction of the gap from affine tree to oracle that each test fit closes."""
     closed = {}
     for joint, fit in metrics.fit.items():
         low = affine.fit[joint].test if affine and joint in affine.fit else None
@@ -230,18 +230,20 @@ def _group(pushes: Sequence[PushScore], group: str) -> list[PushScore]:
     return [push for push in pushes if push.group == group]
 
 
-def _share(answers: Iterable[bool]) -> float | None:
+def _fraction(answers: Iterable[bool]) -> float | None:
     answers = list(answers)
     return sum(answers) / len(answers) if answers else None
 
 
 def _recall(pushes: Sequence[PushScore]) -> float | None:
-    return _share(push.felt for push in pushes)
+    return _fraction(push.detected for push in pushes)
 
 
 def _counts(scores: Sequence[EpisodeScore]) -> Counts:
-    felt = [push.felt for score in scores for push in score.pushes]
-    return Counts(fp=sum(s.false for s in scores), fn=felt.count(False), tp=felt.count(True))
+    detected = [push.detected for score in scores for push in score.pushes]
+    return Counts(
+        fp=sum(s.false for s in scores), fn=detected.count(False), tp=detected.count(True)
+    )
 
 
 def _table1(scores: Sequence[EpisodeScore]) -> dict[str, Counts]:
@@ -344,5 +346,5 @@ def _coverage(scores: Sequence[EpisodeScore]) -> Coverage:
     seen, ticks = np.sum([s.seen for s in scores], axis=0), sum(s.ticks for s in scores)
     watched = seen[seen > 0]
     return Coverage(
-        joints=len(watched), share=float(watched.mean() / ticks) if len(watched) else None
+        joints=len(watched), fraction=float(watched.mean() / ticks) if len(watched) else None
     )

@@ -1,4 +1,4 @@
-"""Observers under test, with an oracle that knows the free motion."""
+"""Observers under test, with an oracle that has the free motion."""
 
 from __future__ import annotations
 
@@ -47,10 +47,10 @@ _NOTHING = CartTree(feature=(-1,), threshold=(0.0,), left=(-1,), right=(-1,), va
 
 
 def untouched_error(recording: Recording, uri: str, robot: RobotConfig) -> FloatArray:
-    """Tracking error of the same commands on a simulated robot that nobody touches, paired as in a tick.
+    """Tracking error of the same commands on a simulated robot without touch, paired as in a tick.
 
     How the robot came to where the recording begins is not known: it comes there slowly and rests. The error is that
-    of the joints, without noise and steps of the encoders, which nobody can foresee.
+    of the joints, without noise and steps of the encoders, which are unpredictable.
 
     Args:
         recording: Position, stiffness and wheel speed as they were sent.
@@ -73,11 +73,11 @@ def untouched_error(recording: Recording, uri: str, robot: RobotConfig) -> Float
         backend.open()
         start = np.clip(backend.activate().position, robot.lower, robot.upper)
         first = recording.sent_position[0]
-        way = minimum_jerk(np.linspace(0.0, 1.0, round(APPROACH / robot.cycle)))
-        for share in (*way, *[1.0] * round(REST / robot.cycle)):
+        path = minimum_jerk(np.linspace(0.0, 1.0, round(APPROACH / robot.cycle)))
+        for fraction in (*path, *[1.0] * round(REST / robot.cycle)):
             backend.exchange(
                 Command(
-                    position=start + share * (first - start),
+                    position=start + fraction * (first - start),
                     stiffness=recording.stiffness[0],
                     wheel_speed=np.zeros(3),
                 )
@@ -226,11 +226,11 @@ def contestants(
     """
     files = tuple(_file(path, robot) for path in models)
     settings = load_observer_settings()
-    wanted = tuple(
+    chosen = tuple(
         dict.fromkeys(f"paper-{settings.tree}" if m == "paper" else m for m in modes or DEFAULTS)
     )
     there, notes = [], []
-    for mode in wanted:
+    for mode in chosen:
         try:
             if mode != ORACLE:
                 _make(mode, robot, (_identity(_REFERENCES[0], robot),), files)
@@ -245,7 +245,7 @@ def contestants(
     return ObserversUnderTest(
         modes=tuple(there),
         files=files,
-        oracle_everywhere=bool(modes) and ORACLE in wanted,
+        oracle_everywhere=bool(modes) and ORACLE in chosen,
         notes=tuple(notes),
     )
 
@@ -266,7 +266,7 @@ def _make(
 ) -> Observer:
     """Make an observer with models of the robots ``identities``, ``shared`` by type of motor if so.
 
-    A file of a robot that is none of the reference plants stands for them too, unless ``strict``.
+    A file of a robot other than the reference plants is accepted too, unless ``strict``.
     """
     kind: ModelKind = TREES.get(mode, "fusion")
     known = [_identity(plant, robot).identity for plant in _REFERENCES]
@@ -314,6 +314,6 @@ def _identity(plant: str, robot: RobotConfig) -> RobotIdentity:
 def _oracle_uri(episode: Episode) -> str:
     """Return the plant of an episode; of a drawn one, the plant that it was drawn from."""
     if episode.plant == RECORDED:
-        raise ModelFileError("the oracle knows simulated robots only")
+        raise ModelFileError("the oracle exists for simulated robots only")
     plant = episode.plant if episode.draw is None else _REFERENCES[0]
     return f"mujoco://?{urlencode({'plant': plant})}"

@@ -23,7 +23,7 @@ def table(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
 
 
 def number(value: float | None, digits: int = 2) -> str:
-    """Return a figure, or a dash where there is none."""
+    """Return a formatted number, or a dash where it is not available."""
     return "-" if value is None else f"{value:.{digits}f}"
 
 
@@ -57,7 +57,7 @@ reports 77.3 / 81.1 for a real Pepper. The gap is that from `paper-affine` to `o
 
 
 def table1(evaluation: EvaluationResult, pictures: dict[str, str]) -> list[str]:
-    """Beside the paper's own."""
+    """Comparison with the paper's own results."""
 
     def cells(metrics: Metrics) -> list[str]:
         counts = (metrics.table1.get(name) for name in PUBLISHED_TABLE)
@@ -92,7 +92,7 @@ def free(evaluation: EvaluationResult) -> list[str]:
             str(free.fp),
             number(free.fp_per_hour_upper95),
             str(coverage.joints),
-            number(coverage.share, 3),
+            number(coverage.fraction, 3),
         ]
 
     header = (
@@ -130,9 +130,9 @@ def collision(evaluation: EvaluationResult, pictures: dict[str, str]) -> list[st
     )
 
     def part(suite: str) -> str:
-        felt = table(header, _rows(evaluation, suite, _recall_cells))
+        detected = table(header, _rows(evaluation, suite, _recall_cells))
         how = table(more, _rows(evaluation, suite, _quality_cells))
-        return f"{felt}\n\n{how}" if felt else ""
+        return f"{detected}\n\n{how}" if detected else ""
 
     parts = _both(evaluation, suite, part)
     if not parts:
@@ -173,7 +173,7 @@ def _quality_cells(metrics: Metrics) -> list[str]:
 
 
 def fits(evaluation: EvaluationResult, pictures: dict[str, str]) -> list[str]:
-    """NRMSE by joint: of models of the joints themselves, and of those taken from others."""
+    """NRMSE by joint: of models of the joints themselves, and of those copied from others."""
     return section(
         "Fit of the expected tracking error",
         _fit_table(evaluation, "fit"),
@@ -338,7 +338,7 @@ pushes on fingers or trunk and forces along a joint's axis are scored separately
 def write_report(
     evaluation: EvaluationResult, path: Path, robot: RobotConfig, command: str
 ) -> None:
-    """Write the page and its pictures, which go into a folder of its name beside it.
+    """Write the page and its figures, which go into a folder of its name next to it.
 
     Args:
         evaluation: The results.
@@ -348,7 +348,7 @@ def write_report(
 
     Raises:
         OutputError: The page cannot be written.
-        PlotError: A picture cannot be written.
+        PlotError: A figure cannot be written.
     """
     folder = path.with_suffix("")
     captions = write_figures(evaluation, folder, robot)
@@ -385,7 +385,9 @@ def _provenance(evaluation: EvaluationResult) -> list[str]:
     versions = ", ".join(f"{name} {number}" for name, number in evaluation.versions.items())
     about = [f"- `{mode}`: {_ABOUT[mode]}" for mode in evaluation.modes if mode in _ABOUT]
     only = (
-        f" Only {evaluation.share:.0%} of each suite: a first look." if evaluation.share < 1 else ""
+        f" Only {evaluation.fraction:.0%} of each suite: a quick check."
+        if evaluation.fraction < 1
+        else ""
     )
     frozen = f" Suites as frozen in {evaluation.digest}." if evaluation.digest else ""
     return [

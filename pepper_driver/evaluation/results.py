@@ -14,7 +14,7 @@ _HOME = {
     "paper": ("table1",),
     "free": ("free_motion", "threshold_deg", "threshold_nm", "latency_us", "coverage"),
 }
-"""The suite whose answer counts for a figure, where it was evaluated; for any other it is ``collision``."""
+"""The suite that defines a metric, where it was evaluated; for other metrics it is ``collision``."""
 _MAIN = "collision"
 
 
@@ -51,7 +51,7 @@ class EvaluationResult:
         date: Day of the run, UTC.
         versions: Of the packages that matter.
         digest: Of the frozen suites; None for recordings.
-        share: Of the suites that was performed.
+        fraction: Of the suites that was performed.
     """
 
     suites: tuple[str, ...]
@@ -63,7 +63,7 @@ class EvaluationResult:
     date: str
     versions: dict[str, str]
     digest: str | None = None
-    share: float = 1.0
+    fraction: float = 1.0
 
     @property
     def simulated(self) -> bool:
@@ -76,14 +76,14 @@ class EvaluationResult:
         return sum(episode.seconds for episode in self.episodes) / 3600.0
 
     def suite_of(self, key: str, mode: str) -> str:
-        """Return the suite whose answer counts for a figure: the one that is about it, else the first that has it."""
+        """Return the suite that defines a metric: its own one, else the first that has it."""
         by_suite = self.modes[mode]
         home = next((suite for suite, keys in _HOME.items() if key in keys), _MAIN)
         order = [suite for suite in (home, *by_suite) if suite in by_suite]
         return next((s for s in order if not _empty(by_suite[s].as_json()[key])), order[0])
 
     def headline(self, mode: str) -> dict[str, Any]:
-        """Return the figures of a mode, each from its :meth:`suite_of`, which ``suite_of`` tells."""
+        """Return the metrics of a mode, each from its :meth:`suite_of`, which ``suite_of`` names."""
         by_suite = {suite: metrics.as_json() for suite, metrics in self.modes[mode].items()}
         keys = [field.name for field in fields(Metrics)]
         origin = {key: self.suite_of(key, mode) for key in keys}
@@ -122,7 +122,7 @@ class EvaluationResult:
         return {
             "simulated": self.simulated,
             "frozen": self.digest,
-            "share": self.share,
+            "fraction": self.fraction,
             "date": self.date,
             "versions": self.versions,
             "suites": list(self.suites),

@@ -85,14 +85,14 @@ class ContactPlanner:
             delay = time + rng.uniform(-0.5, 0.5) * contact.jitter
             duration = rng.uniform(*contact.duration)
             rise = None if contact.rise is None else rng.uniform(*contact.rise)
-            beside = _beside(segment.contacts, delay, duration)
+            concurrent = _concurrent(segment.contacts, delay, duration)
             postures = [segment.posture]
             if contact.in_motion:
                 postures = [
                     segment.expected(delay + (rise or 0.0)),
                     segment.expected(delay + duration),
                 ]
-            planned = self._draw(contact, key, postures, beside, rng)
+            planned = self._draw(contact, key, postures, concurrent, rng)
             moving = segment.moves(planned.joint, delay, self._robot)
             drawn = PlannedContact(
                 planned=planned, delay=delay, duration=duration, moving=moving, rise=rise
@@ -105,7 +105,7 @@ class ContactPlanner:
         contact: StatedContact,
         segment: Segment,
         delay: float,
-        beside: list[PlannedContact],
+        concurrent: list[PlannedContact],
     ) -> None:
         """Plan a contact of known place and add it.
 
@@ -114,7 +114,7 @@ class ContactPlanner:
             contact: As the file has it.
             segment: In which it begins.
             delay: Time from the beginning of the segment [s].
-            beside: Contacts with the same origin of time as ``contact.start``; it is added to them.
+            concurrent: Contacts with the same origin of time as ``contact.start``; it is added to them.
 
         Raises:
             ConfigError: The robot could not take it, or there is another hand.
@@ -127,7 +127,7 @@ class ContactPlanner:
                 contact,
                 posture=segment.posture,
                 bounds=self._bounds(contact),
-                beside=_beside(beside, contact.start, contact.duration),
+                concurrent=_concurrent(concurrent, contact.start, contact.duration),
             )
         except PushTooStrongError as error:
             raise self._experiment.error(key, str(error)) from error
@@ -138,16 +138,16 @@ class ContactPlanner:
             moving=segment.moves(planned.joint, delay, self._robot),
             grab=contact if isinstance(contact, GrabSpec) else None,
         )
-        self._add(key, stated, beside)
+        self._add(key, stated, concurrent)
 
-    def _add(self, key: str, new: PlannedContact, beside: list[PlannedContact]) -> None:
+    def _add(self, key: str, new: PlannedContact, concurrent: list[PlannedContact]) -> None:
         """Add a contact, unless a hand is on its link."""
         link = new.planned.link
-        if any(push.link == link for push in _beside(beside, new.delay, new.duration)):
+        if any(push.link == link for push in _concurrent(concurrent, new.delay, new.duration)):
             raise self._experiment.error(
                 key, f"another hand is on {link} between {new.delay:g} and {new.end:g} s"
             )
-        beside.append(new)
+        concurrent.append(new)
 
     def _bounds(self, contact: AnyContact) -> PushLimits:
         bounds = PushLimits(
@@ -165,7 +165,7 @@ class ContactPlanner:
         contact: RandomPushes | RandomForces,
         key: str,
         postures: Sequence[FloatArray],
-        beside: Sequence[PlannedPush],
+        concurrent: Sequence[PlannedPush],
         rng: np.random.Generator,
     ) -> PlannedPush:
         """Return a push of random place, size and direction that the robot can take at rest in all postures."""
@@ -173,10 +173,10 @@ class ContactPlanner:
         for attempt in range(TRIES):
             try:
                 if isinstance(contact, RandomForces):
-                    return self._force(contact, postures, beside, rng)
+                    return self._force(contact, postures, concurrent, rng)
                 if attempt % (EVEN_TRIES if contact.balanced else 1) == 0:
                     joint = contact.joints[int(rng.integers(len(contact.joints)))]
-                return self._push(contact, joint, postures, beside, rng)
+                return self._push(contact, joint, postures, concurrent, rng)
             except PushTooStrongError as error:
                 last = error
         raise self._experiment.error(key, f"no push of its sizes fits; the last tried: {last}")
@@ -186,7 +186,7 @@ class ContactPlanner:
         contact: RandomPushes,
         joint: str,
         postures: Sequence[FloatArray],
-        beside: Sequence[PlannedPush],
+        concurrent: Sequence[PlannedPush],
         rng: np.random.Generator,
     ) -> PlannedPush:
         """One try at a push on a joint."""
@@ -208,9 +208,9 @@ class ContactPlanner:
                     direction=direction,
                     posture=postures[0],
                     bounds=self._bounds(contact),
-                    beside=beside,
+                    concurrent=concurrent,
                 )
-                self._check_later(planned, contact, postures, beside)
+                self._check_later(planned, contact, postures, concurrent)
                 return planned
             except PushTooStrongError as error:
                 last = error
@@ -220,7 +220,7 @@ class ContactPlanner:
         self,
         contact: RandomForces,
         postures: Sequence[FloatArray],
-        beside: Sequence[PlannedPush],
+        concurrent: Sequence[PlannedPush],
         rng: np.random.Generator,
     ) -> PlannedPush:
         """One try at a force on trunk or base; it turns with the link, and so with the base."""
@@ -239,9 +239,9 @@ class ContactPlanner:
             frame="link",
             posture=postures[0],
             bounds=self._bounds(contact),
-            beside=beside,
+            concurrent=concurrent,
         )
-        self._check_later(planned, contact, postures, beside)
+        self._check_later(planned, contact, postures, concurrent)
         return planned
 
     def _check_later(
@@ -249,7 +249,7 @@ class ContactPlanner:
         planned: PlannedPush,
         contact: RandomPushes | RandomForces,
         postures: Sequence[FloatArray],
-        beside: Sequence[PlannedPush],
+        concurrent: Sequence[PlannedPush],
     ) -> None:
         """Refuse what the robot could not take in the postures after the first."""
         for posture in postures[1:]:
@@ -264,7 +264,7 @@ class ContactPlanner:
                 frame=planned.frame,
                 posture=posture,
                 bounds=self._bounds(contact),
-                beside=beside,
+                concurrent=concurrent,
             )
 
 
@@ -276,7 +276,7 @@ def plan_stated(
     *,
     posture: FloatArray,
     bounds: PushLimits,
-    beside: Sequence[PlannedPush] = (),
+    concurrent: Sequence[PlannedPush] = (),
 ) -> PlannedPush:
     """Plan a stated contact on the robot at rest in a posture (17,) [rad]; the rest as for :func:`plan_push`.
 
@@ -295,7 +295,7 @@ def plan_stated(
             direction=contact.direction,
             posture=posture,
             bounds=bounds,
-            beside=beside,
+            concurrent=concurrent,
         )
     return evaluate_push(
         model,
@@ -308,11 +308,13 @@ def plan_stated(
         frame=contact.frame,
         posture=posture,
         bounds=bounds,
-        beside=beside,
+        concurrent=concurrent,
     )
 
 
-def _beside(contacts: Iterable[PlannedContact], start: float, duration: float) -> list[PlannedPush]:
+def _concurrent(
+    contacts: Iterable[PlannedContact], start: float, duration: float
+) -> list[PlannedPush]:
     """Pushes planned so far that act at some time between ``start`` and the end of ``duration`` [s]."""
     return [
         contact.planned

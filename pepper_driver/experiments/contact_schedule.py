@@ -30,7 +30,7 @@ class ContactSchedule:
         self.pushes: list[KnownPush] = []
 
     def order(self, contacts: Iterable[PlannedContact], time: float) -> list[PushEvent]:
-        """Order contacts whose delays count from now, at a ``time`` [s]; return what is to be told of them."""
+        """Order contacts whose delays count from now, at a ``time`` [s]; return the events to report."""
         events = []
         for contact in contacts:
             text, link = str(contact), contact.planned.link
@@ -46,7 +46,7 @@ class ContactSchedule:
         return events
 
     def watch(self, time: float) -> None:
-        """Mark contacts under way whose joint's board is at its limit: planning looks at the rest state only."""
+        """Mark current contacts whose joint's motor board is at its limit: planning considers the rest state only."""
         if not self.pushes or "truth" not in self._backend.info.capabilities:
             return
         saturated = self._backend.truth.saturated

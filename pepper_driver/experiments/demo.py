@@ -1,4 +1,4 @@
-"""The demonstration: a simulated Pepper moves its arms, is pushed, and says what it felt."""
+"""The demonstration: a simulated Pepper moves its arms, is pushed, and reports the contacts."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ class DemoResult:
             "experiment": self.experiment,
             "complete": self.complete,
             "summary": self.summary,
-            "felt": [
+            "detected": [
                 {"push": asdict(f.push), "contact": asdict(f.contact), "delay": f.delay}
                 for f in score.detected
             ],
@@ -71,12 +71,12 @@ class DemoResult:
     @property
     def summary(self) -> dict[str, Any]:
         """The figures of the run: counts of pushes and contacts, right answers, delays from the onset of the force."""
-        felt = self.score.detected
-        delays = [1e3 * f.delay for f in felt]
+        detected = self.score.detected
+        delays = [1e3 * f.delay for f in detected]
         return {
             "simulated_seconds": self.simulated_seconds,
             "pushes": len(self.pushes),
-            "felt": len(felt),
+            "detected": len(detected),
             "missed": len(self.score.missed),
             "false": len(self.score.false),
             "rebounds": len(self.score.rebounds),
@@ -84,8 +84,8 @@ class DemoResult:
             "saturated": sum(push.saturated for push in self.pushes),
             "force_n": _extent([push.force for push in self.pushes]),
             "degrees": _extent([push.degrees for push in self.pushes]),
-            "direction_right": sum(f.final_contact.direction == f.push.direction for f in felt),
-            "joint_right": sum(f.final_contact.joint == f.push.joint for f in felt),
+            "direction_right": sum(f.final_contact.direction == f.push.direction for f in detected),
+            "joint_right": sum(f.final_contact.joint == f.push.joint for f in detected),
             "delay_ms": {
                 "median": float(np.median(delays)) if delays else None,
                 "p90": float(np.percentile(delays, 90)) if delays else None,
@@ -101,7 +101,7 @@ def demo_experiment(name: str | Path, robot: RobotConfig) -> Experiment:
     """Load an experiment that a demonstration can show.
 
     Raises:
-        PepperError: There is none of this name, it is wrong, or it is no demonstration.
+        PepperError: No such demonstration, or its file is invalid.
     """
     experiment = load_experiment(name, robot)
     if not experiment.contacts:
@@ -133,7 +133,7 @@ def run_demo(
         real_time: Pace the simulation to the wall clock without a window too.
         on_contact: Called with each contact, as it is SETTLING_TIME after its detection or at its earlier end, and with
             the pushes so far; on the callback thread.
-        on_progress: Told the share done, 0..1.
+        on_progress: Called with the fraction done, 0..1.
 
     Raises:
         PepperError: The folder cannot be written, or the experiment, the robot or the models refuse; nothing has moved.
@@ -154,7 +154,7 @@ def run_demo(
     make_folder(out)
     for name in (CONTACTS_NAME, FIGURE_NAME):
         check_writable(out / name)
-    tell = on_contact or (lambda *_: None)
+    report_contact = on_contact or (lambda *_: None)
     unsettled: dict[int, Contact] = {}
     pushes: list[KnownPush] = []
 
@@ -168,11 +168,11 @@ def run_demo(
             unsettled[contact.id] = contact
         settled = contact.time - contact.detection_time >= SETTLING_TIME or contact.phase == "end"
         if settled and unsettled.pop(contact.id, None) is not None:
-            tell(contact, tuple(pushes))
+            report_contact(contact, tuple(pushes))
 
     def finish(performed: Sequence[KnownPush], seconds: float, *, complete: bool) -> DemoResult:
         for contact in unsettled.values():
-            tell(contact, tuple(pushes))
+            report_contact(contact, tuple(pushes))
         result = DemoResult(
             uri=uri,
             experiment=chosen.name,
@@ -217,5 +217,5 @@ def _shortened(experiment: Experiment, seconds: float | None) -> Experiment:
     count = int(seconds // period) if np.isfinite(seconds) else 0
     if count < 1:
         raise ConfigError(f"seconds must be at least {period:g}, got {seconds:g}")
-    # The way to the first goal and the last steps come on top.
+    # The motion to the first goal and the last steps are added.
     return replace(experiment.with_goals(count=count), max_duration=DAY)

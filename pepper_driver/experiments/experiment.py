@@ -39,9 +39,9 @@ class ExperimentRun:
         log: Where to write the MCAP log; None for no log.
         real_time: Pace a simulation to the wall clock.
         seed: Of random goals and contacts; None for the experiment's.
-        models: Model file of the observer, in place of the experiment's; it makes one where there is none.
+        models: Model file of the observer, in place of the experiment's; it is made where it does not exist.
         contacts: False leaves the contacts for a simulated robot out.
-        attentive: True to feel lighter touches, see :attr:`Pepper.attentive`; None for what the experiment says.
+        attentive: True to detect lighter touches, see :attr:`Pepper.attentive`; None for what the experiment says.
         robot: Description of the robot, by default the shipped Pepper.
 
     Attributes:
@@ -122,7 +122,7 @@ class ExperimentRun:
     def perform(
         self, *, on_tick: OnTick | None = None, on_step: OnStep | None = None
     ) -> ExperimentReport:
-        """Start the robot, play all steps, and stop it again, whatever happens.
+        """Start the robot, play all steps, and stop it again in every case.
 
         Args:
             on_tick: Called inside every tick: must be quick.
@@ -148,7 +148,7 @@ class ExperimentRun:
 
 @with_lines
 def _check_observer(experiment: Experiment) -> None:
-    """Refuse an observer that nobody registered; the message names the line of the file."""
+    """Refuse an observer that is not registered; the message names the line of the file."""
     if experiment.observer is not None:
         try:
             check_observer(experiment.observer.mode, None)

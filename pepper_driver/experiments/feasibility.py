@@ -72,14 +72,14 @@ class PostureCheck:
 def too_fast(segment: Segment, before: Segment, led: BoolArray, robot: RobotConfig) -> str:
     """Describe the joint that cannot get to the posture of a segment within its ``duration``; empty where all can.
 
-    Joints that tasks have moved (``led``, (17,)), and those that were still on the way to a step as fast as stiffness
+    Joints that tasks have moved (``led``, (17,)), and those that were still moving to a step as fast as stiffness
     allows, may be anywhere.
     """
     duration = segment.step.duration
     if duration is None or (before.step.duration is None and not before.at_rest(segment.start)):
         return ""
-    way = np.abs(segment.posture - before.posture)
-    speeds = np.where(led | np.isnan(way), 0.0, way) / duration
+    distance = np.abs(segment.posture - before.posture)
+    speeds = np.where(led | np.isnan(distance), 0.0, distance) / duration
     over = speeds / [joint.velocity for joint in robot.joints]
     if over.max() <= 1.0:
         return ""

@@ -70,7 +70,7 @@ class Goal:
             self.joints[[robot.joint_index(name) for name in moving]] = True
 
     def begin(self, arbiter: Arbiter, duration: float | None) -> None:
-        """Send the task to its target, in a time [s] or as fast as it goes, and request it.
+        """Send the task to its target, in a time [s] or as fast as possible, and request it.
 
         Raises:
             TargetError: The task refuses its target, and stays out.
@@ -83,7 +83,7 @@ class Goal:
         arbiter.add(self.task)
 
     def go_on(self, duration: float) -> None:
-        """Get from wherever the robot is now to the same target in a new time [s]."""
+        """Restart from the present state to the same target, in a new time [s]."""
         self.task.move_to(self._wanted, duration)
 
     def miss(self) -> GoalDeviation:
@@ -99,9 +99,9 @@ class Goal:
         return self._miss(task.error)
 
     def _miss(self, error: FloatArray) -> GoalDeviation:
-        way, turn = error[self._metres], error[self._radians]
+        offset, turn = error[self._metres], error[self._radians]
         return GoalDeviation(
-            metres=float(np.linalg.norm(way)) if len(way) else None,
+            metres=float(np.linalg.norm(offset)) if len(offset) else None,
             radians=float(np.linalg.norm(turn)) if len(turn) else None,
         )
 
@@ -178,9 +178,9 @@ def _make_task(spec: AnyTask, robot: RobotConfig) -> Targeted:
 def _target(spec: AnyTask, controller: WholeBodyController) -> FloatArray:
     """Return the target of the task; coordinates of the base that a motion leaves open keep their present values."""
     if isinstance(spec, BaseSpec):
-        wanted = (spec.x, spec.y, spec.heading)
+        given = (spec.x, spec.y, spec.heading)
         now = controller.base_pose.tolist()
-        return np.array([b if a is None else a for a, b in zip(wanted, now, strict=True)])
+        return np.array([b if a is None else a for a, b in zip(given, now, strict=True)])
     if isinstance(spec, LookAtSpec):
         return np.array(spec.point or (0.0, 0.0, 0.0))  # of a link, its origin
     if isinstance(spec, OrientationSpec):

@@ -60,8 +60,8 @@ class Plan:
 def experiment_uri(uri: str, experiment: Experiment) -> str:
     """Return the URI of a simulated Pepper with the experiment's plant and world, where it names none."""
     parsed = parse_uri(uri)
-    wanted = {"plant": experiment.plant, "world": experiment.world}
-    added = {k: v for k, v in wanted.items() if v is not None and k not in parsed.query}
+    required = {"plant": experiment.plant, "world": experiment.world}
+    added = {k: v for k, v in required.items() if v is not None and k not in parsed.query}
     if parsed.scheme != "mujoco" or not added:
         return uri
     return f"{parsed.scheme}://?{urlencode({**parsed.query, **added})}"
@@ -89,7 +89,7 @@ def plan_experiment(
 
     Raises:
         ConfigError: Something is wrong with it, a posture or contact that the robot could not take, or contacts on a
-            robot that nobody can push by software; the message names file and key.
+            robot that software cannot push; the message names file and key.
     """
     check_experiment(experiment, robot)
     return _Planner(experiment, robot, backend, seed).plan(start)
@@ -122,7 +122,7 @@ class _Planner:
             if not needed <= backend.info.capabilities:
                 raise experiment.error(
                     "contacts",
-                    f"only a simulated robot can be pushed by software, and '{backend.uri}' is none; leave them out"
+                    f"only simulated robots can be pushed, and '{backend.uri}' cannot; leave them out"
                     " with 'pepper run --no-contacts'",
                 )
             self._contacts = ContactPlanner(experiment, robot, backend)
@@ -134,7 +134,7 @@ class _Planner:
         before = Segment.before(nowhere if start is None else start, stiffness)
         self._block(experiment.steps, "steps", _State(before, np.zeros(n, dtype=np.bool_)))
         for number, reaction in enumerate(experiment.reactions):
-            if reaction.play is not None:  # nobody knows from where
+            if reaction.play is not None:  # its start is unknown
                 state = _State(Segment.before(nowhere, stiffness), np.ones(n, dtype=np.bool_))
                 self._block(reaction.steps, f"reactions.{number}.play", state)
         for number, contact in enumerate(experiment.contacts):
@@ -219,7 +219,7 @@ class _Planner:
         )
 
     def _random(self, step: RandomStep, key: str, state: _State) -> list[Segment]:
-        """Draw the goals of a step, and their contacts; they share the generator."""
+        """Draw the goals of a step and their contacts from one generator."""
         robot, rng, goals, last = self._robot, self._rng, step.goals, state.last
         segments: list[Segment] = []
 
@@ -286,7 +286,7 @@ class _Planner:
         if not now or (contact.step is None and not now[-1].is_timed):
             raise error(
                 key,
-                f"nobody knows what the robot does at {contact.start:g} s, as steps before that repeat or last as long"
+                f"the motion at {contact.start:g} s is unknown, as steps before that repeat or last as long"
                 " as it takes; give 'step', with whose beginning 'start' counts",
             )
         unknown = np.flatnonzero(np.isnan(now[-1].posture))
@@ -296,5 +296,5 @@ class _Planner:
                 f"contacts are planned for a known posture, and no step up to '{now[-1].name}' says where"
                 f" {self._robot.joint_names[unknown[0]]} is; begin with a 'posture'",
             )
-        for beside in begins:  # each round of random goals has its own
-            self._contacts.add_stated(key, contact, now[-1], time - now[-1].start, beside)
+        for concurrent in begins:  # each round of random goals has its own
+            self._contacts.add_stated(key, contact, now[-1], time - now[-1].start, concurrent)

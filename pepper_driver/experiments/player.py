@@ -28,7 +28,7 @@ GOAL_TOLERANCE = 0.01
 """[m] and [rad] of a step that waits for its targets and gives none."""
 
 MIN_RESUME_TIME = 1.0
-"""[s] A motion goes on for at least this long after a reflex let go."""
+"""[s] Minimum time that remains for a motion after a reflex has released it."""
 
 OnStep = Callable[[StepReport], None]
 
@@ -89,7 +89,7 @@ class Player:
     belong to the player; tasks of the user's stay untouched.
 
     While a reflex holds the posture the steps wait: the controller lets no task act, and the clock stands. A reaction
-    that plays steps interrupts the step under way, which goes on afterwards; meanwhile no other one that plays steps
+    that plays steps interrupts the current step, which continues afterwards; meanwhile no other one that plays steps
     answers a touch.
 
     Args:
@@ -125,8 +125,8 @@ class Player:
             for number, reaction in enumerate(plan.experiment.reactions)
             if reaction.has_cues or reaction.play
         ]
-        self._watches: list[TouchWatch] = []  # of the blocks under way
-        self._listening = _Listening()  # of the step under way
+        self._watches: list[TouchWatch] = []  # of the current blocks
+        self._listening = _Listening()  # of the current step
         self._flows: list[Iterator[Segment]] = [self._flow(plan.experiment.steps, "steps")]
         self._interrupted: _Interrupted | None = None
         self._pending: _Watched | None = None
@@ -162,12 +162,12 @@ class Player:
 
     @property
     def is_settling(self) -> bool:
-        """True on the way to the first posture of random goals."""
+        """True during the motion to the first posture of random goals."""
         return self._segment.is_settling
 
     @property
     def progress(self) -> float:
-        """Share of the longest time that is over, 0..1."""
+        """Fraction of the longest time that has passed, 0..1."""
         length = self._plan.experiment.max_length
         return min(1.0, (self._loop.time - self._start_time) / length) if length else 1.0
 
@@ -181,7 +181,7 @@ class Player:
         self._start(next(self._flows[-1]))
 
     def advance(self) -> bool:
-        """Go on after a tick; True once all is over."""
+        """Advance after a tick; return True at the end."""
         self._hear()
         self._schedule.watch(self._loop.time)
         if self._arbiter.holds:
@@ -207,7 +207,7 @@ class Player:
         return self._over
 
     def end(self) -> None:
-        """Leave the controller as it was, the robot where it is: at the end, or wherever the steps were broken off."""
+        """Leave the controller as it was, the robot where it is: at the end, or when the steps are aborted."""
         for goal in self._active:
             self._arbiter.remove(goal.task)
         self._active = []
@@ -259,9 +259,9 @@ class Player:
         wait, listening = self._segment.step.wait, self._listening
         if wait is None:
             return False
-        heard, name = listening.fired, self._segment.name
-        self._waits.append(WaitReport(step=name, heard=heard))
-        if not heard and wait.on_timeout == "stop":
+        detected, name = listening.fired, self._segment.name
+        self._waits.append(WaitReport(step=name, detected=detected))
+        if not detected and wait.on_timeout == "stop":
             self._stopped_by = name
         return bool(self._stopped_by)
 
@@ -289,7 +289,7 @@ class Player:
                     self._pending = watched
 
     def _interrupt(self, watched: _Watched) -> None:
-        """Leave the step under way where it is, and play the steps of a reaction."""
+        """Interrupt the current step, and play the steps of a reaction."""
         self._pending = None
         arbiter = self._arbiter
         self._interrupted = _Interrupted(
@@ -314,9 +314,9 @@ class Player:
         self._start(following)
 
     def _go_back(self) -> None:
-        """Go on with the step that a reaction has interrupted, from where the robot is now, gently.
+        """Continue the step that a reaction has interrupted, smoothly from the present state.
 
-        On its way it gets to its targets in the time that was left, or later; else its clock stands until it is back.
+        It reaches its targets in the remaining time, or later. Its clock stands until the robot is back.
         """
         before, self._interrupted = self._interrupted, None
         assert before is not None
@@ -395,14 +395,14 @@ class Player:
         if step.wait is not None:
             return self._listening.is_over(self._ticks >= round(step.wait.timeout / cycle))
         if self._there is None:
-            way = round((step.duration or 0.0) / cycle)
-            if self._ticks < way:
+            length = round((step.duration or 0.0) / cycle)
+            if self._ticks < length:
                 return False
             if step.until is not None:
                 self._reached = self._is_reached(step.tolerance or GOAL_TOLERANCE)
                 if not self._reached and self._ticks < round((step.timeout or 0.0) / cycle):
                     return False
-            self._there = way if step.until is None else self._ticks
+            self._there = length if step.until is None else self._ticks
         return self._ticks >= self._there + round(step.hold / cycle)
 
     def _is_reached(self, tolerance: float) -> bool:
@@ -412,7 +412,7 @@ class Player:
         return self._posture.reached(self._controller, tolerance)
 
     def _finish(self) -> None:
-        """Report, and let go of the tasks that end here: their joints stay where they are."""
+        """Report the step, and release the tasks that end here: their joints stay in place."""
         report = self._report_step()
         self._reports.append(report)
         over = [goal for goal in self._active if self._over or not goal.keep]
@@ -453,15 +453,15 @@ class Player:
     # -- waiting for a reflex -----------------------------------------------------------------------------------------
 
     def _resume(self) -> None:
-        """Go on with what is left of the step, along new splines from where the reflex left the robot."""
+        """Continue the rest of the step along new splines, from where the reflex left the robot."""
         self._waiting = False
         step, cycle = self._segment.step, self._robot.cycle
         self._reach_again()
         if step.duration is None:
             return  # set-points stand
-        way = round(step.duration / cycle)
-        left = max(way - self._ticks, 0)
-        fresh = max(left, min(way, round(MIN_RESUME_TIME / cycle)))
+        length = round(step.duration / cycle)
+        left = max(length - self._ticks, 0)
+        fresh = max(left, min(length, round(MIN_RESUME_TIME / cycle)))
         self._ticks -= fresh - left
         seconds = max(fresh, 1) * cycle
         if self._posture is not None:
@@ -470,7 +470,7 @@ class Player:
             goal.go_on(seconds)
 
     def _reach_again(self) -> None:
-        """Let a step that waits for its targets wait for them again: the robot may have been led away from them."""
+        """Restart the wait for the targets: a reflex may have moved the robot away from them."""
         if self._segment.step.until is not None and self._there is not None:
             self._ticks, self._there = self._there, None
 

@@ -19,14 +19,14 @@ SHORTEST_LEVER = 1e-3
 """[m] A force with less to turn a joint by does nothing to it."""
 
 DOWNWARD_RATIOS = (0.5, 1.0)
-"""Of a push that would tip the robot: how much it may press downwards as well, as a share of its size."""
+"""Downward force that is added to a push that would tip the robot, as a ratio to its size."""
 
 HELD_BY_FRICTION = 0.5
-"""Share of a joint's dry friction that a torque must pass to be more than nothing to it."""
+"""Ratio to a joint's dry friction above which a torque counts."""
 
 
 class PushTooStrongError(PepperError, ValueError):
-    """No push of the wanted size fits under what the motor boards can hold, or under what the robot can stand."""
+    """A push of this size exceeds the holding torque of a motor board, or would tip the robot."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -34,12 +34,12 @@ class PushLimits:
     """Limits of a push on the robot.
 
     Attributes:
-        load: Share of each board's holding torque that push and gravity together may take.
-        tipping: Share of the moment that would lift a wheel; heeded on a base that rolls.
+        load: Largest ratio of push and gravity together to each motor board's holding torque.
+        tipping: Largest ratio to the moment that would lift a wheel; applied on a base that rolls.
         saturating: The push may take more than ``load`` of the boards, and more than they can hold.
         force: Of the hand, at most [N].
         max_distal_ratio: Torque on a joint further out in the chain than the one that is meant, in equivalent degrees,
-            as a share of those on that one; infinite for any. A torque that friction holds is always allowed.
+            as a ratio to those on that one; infinite for any. A torque that friction holds is always allowed.
     """
 
     load: float
@@ -62,8 +62,8 @@ class PlannedPush:
         torques: (17,) largest torque on each joint, signed [N m].
         torque: That on the joint; of a push on trunk or base, on the leg joint with the most degrees.
         degrees: Its size divided by the joint's proportional stiffness [deg].
-        load: Largest share of a board's holding torque that this and other pushes take together with gravity.
-        tipping: Share of the moment that would lift a wheel from the floor; 0 on a fixed base.
+        load: Largest ratio of this push, other pushes and gravity together to a motor board's holding torque.
+        tipping: Ratio to the moment that would lift a wheel from the floor; 0 on a fixed base.
     """
 
     joint: str | None
@@ -95,26 +95,26 @@ def plan_push(
     direction: int,
     posture: FloatArray,
     bounds: PushLimits,
-    beside: Sequence[PlannedPush] = (),
+    concurrent: Sequence[PlannedPush] = (),
 ) -> PlannedPush:
     """Return the smallest force at a point that puts ``degrees`` equivalent degrees on a joint.
 
     Equivalent degrees of a push: peak external torque on the joint divided by its proportional stiffness
-    K = kp N Kt / R. The force points the way the joint would carry the point. With a bound on what joints further out
-    may feel, other forces with this torque are tried too.
+    K = kp N Kt / R. The force points along the motion of the point under this joint. With a bound on the torques of
+    distal joints, other forces with this torque are tried too.
 
     Args:
         model: Of the controller.
         robot: Its description.
-        plant: Of the simulation: only it knows its stiffness.
+        plant: Of the simulation: it defines the stiffness.
         joint: The joint.
         link: The link it carries.
         point: (3,) in the link's frame [m].
-        degrees: Wanted size [deg].
-        direction: Wanted sign of the torque on the joint.
+        degrees: Requested size [deg].
+        direction: Requested sign of the torque on the joint.
         posture: (17,) where the robot will be, for the load on the other joints [rad].
         bounds: What the push may ask of the robot.
-        beside: Pushes that act at the same time.
+        concurrent: Pushes that act at the same time.
 
     Raises:
         PushTooStrongError: Another joint, or this one, would saturate, or the robot would tip.
@@ -137,13 +137,13 @@ def plan_push(
                 frame="link",
                 posture=posture,
                 bounds=bounds,
-                beside=beside,
+                concurrent=concurrent,
             )
         except PushTooStrongError as error:
             refused = refused or error
             own = (abs(torque) + abs(gravity)) / plant.torque_limit[index]
             if own > bounds.load and not bounds.saturating:
-                break  # whatever the direction
+                break  # independent of the direction
     assert refused is not None
     raise refused
 
@@ -163,25 +163,27 @@ def _forces(
     Those leave the joints further out alone, or press the robot down on its wheels as well.
     """
     index = robot.joint_index(joint)
-    way = _way(model, index, joint, link, point, posture)
-    smallest = way * (torque / float(way @ way))
+    column = _column(model, index, joint, link, point, posture)
+    smallest = column * (torque / float(column @ column))
     yield smallest
     outer = _outer(robot, joint)
     if not np.isfinite(bounds.max_distal_ratio):
         return
     jacobian = model.point_jacobian(link, point, posture)[:, outer]
-    alone = way - jacobian @ np.linalg.lstsq(jacobian, way, rcond=None)[0] if outer else way
+    alone = (
+        column - jacobian @ np.linalg.lstsq(jacobian, column, rcond=None)[0] if outer else column
+    )
     candidates = [smallest]
     if outer and float(np.linalg.norm(alone)) >= SHORTEST_LEVER:
-        for share in (0.4, 0.2, 0.0):
-            along = alone + share * (way - alone)
-            candidates.append(along * (torque / float(along @ way)))
+        for fraction in (0.4, 0.2, 0.0):
+            along = alone + fraction * (column - alone)
+            candidates.append(along * (torque / float(along @ column)))
     yield from candidates[1:]
-    along = way / np.linalg.norm(way)
+    along = column / np.linalg.norm(column)
     down = np.array([0.0, 0.0, -1.0])
     down -= along * float(along @ down)
-    for share in DOWNWARD_RATIOS:
-        yield from (force + share * float(np.linalg.norm(force)) * down for force in candidates)
+    for fraction in DOWNWARD_RATIOS:
+        yield from (force + fraction * float(np.linalg.norm(force)) * down for force in candidates)
 
 
 def evaluate_push(
@@ -196,7 +198,7 @@ def evaluate_push(
     frame: Literal["world", "link"],
     posture: FloatArray,
     bounds: PushLimits,
-    beside: Sequence[PlannedPush] = (),
+    concurrent: Sequence[PlannedPush] = (),
 ) -> PlannedPush:
     """Evaluate a force (3,) [N] on a point: its effect on a joint, the motor boards and the stand of the robot.
 
@@ -204,7 +206,7 @@ def evaluate_push(
     trunk or base. The rest is as in :func:`plan_push`.
 
     Raises:
-        PushTooStrongError: A board would saturate, the robot would tip, or the joint cannot feel the force.
+        PushTooStrongError: A motor board would saturate, the robot would tip, or the force does not act on the joint.
     """
     jacobian = model.point_jacobian(link, point, posture)
     pose = model.link_pose(link, posture)
@@ -215,15 +217,15 @@ def evaluate_push(
         index = int(degrees.argmax())
     else:
         index = robot.joint_index(joint)
-        _way(model, index, joint, link, point, posture)
-    # Sizes are added up, whatever their directions: pushes come and go at different times.
-    together = np.abs(torques) + sum(np.abs(push.torques) for push in beside)
+        _column(model, index, joint, link, point, posture)
+    # Magnitudes are added without signs: pushes begin and end at different times.
+    together = np.abs(torques) + sum(np.abs(push.torques) for push in concurrent)
     loads = (together + np.abs(model.gravity_torque(posture))) / plant.torque_limit
     worst = int(loads.argmax())
     tipping = 0.0
     if plant.rolling:
         where = pose[:3, :3] @ point + pose[:3, 3]
-        tipping = SupportPolygon.of(robot).share(posture, where, in_world)
+        tipping = SupportPolygon.of(robot).tipping_ratio(posture, where, in_world)
     planned = PlannedPush(
         joint=joint,
         link=link,
@@ -236,20 +238,20 @@ def evaluate_push(
         load=float(loads[worst]),
         tipping=tipping,
     )
-    _check(planned, bounds, robot.joint_names[worst], tipping + sum(p.tipping for p in beside))
+    _check(planned, bounds, robot.joint_names[worst], tipping + sum(p.tipping for p in concurrent))
     if joint is not None:
         _check_outer(planned, joint, degrees, robot, plant, bounds)
     return planned
 
 
-def _way(
+def _column(
     model: RobotModel, index: int, joint: str, link: str, point: FloatArray, posture: FloatArray
 ) -> FloatArray:
     """(3,) where a joint carries a point, per radian [m]."""
-    way = model.point_jacobian(link, point, posture)[:, index]
-    if float(np.linalg.norm(way)) < SHORTEST_LEVER:
+    column = model.point_jacobian(link, point, posture)[:, index]
+    if float(np.linalg.norm(column)) < SHORTEST_LEVER:
         raise PushTooStrongError(f"a force at this point of {link} does not turn {joint}")
-    return way
+    return column
 
 
 def _outer(robot: RobotConfig, joint: str) -> list[int]:
@@ -286,15 +288,15 @@ def _check_outer(
     plant: SimulatedPlant,
     bounds: PushLimits,
 ) -> None:
-    """Refuse a push that a joint further out would feel too."""
+    """Refuse a push that would also load a distal joint."""
     if not np.isfinite(bounds.max_distal_ratio):
         return
     for index in _outer(robot, joint):
         name = robot.joint_names[index]
         held = HELD_BY_FRICTION * float(plant.friction[index])
-        share = float(degrees[index]) / planned.degrees
-        if abs(planned.torques[index]) > held and share > bounds.max_distal_ratio:
+        fraction = float(degrees[index]) / planned.degrees
+        if abs(planned.torques[index]) > held and fraction > bounds.max_distal_ratio:
             raise PushTooStrongError(
-                f"{planned.newtons:.1f} N on {planned.link} put {share:.0%} of the degrees of {joint} on {name} too; "
-                f"at most {bounds.max_distal_ratio:.0%}"
+                f"{planned.newtons:.1f} N on {planned.link} put {fraction:.0%} of the degrees of {joint} on {name} "
+                f"too; at most {bounds.max_distal_ratio:.0%}"
             )

@@ -96,10 +96,10 @@ class StepReport:
 
 @dataclass(frozen=True, kw_only=True)
 class WaitReport:
-    """True in ``heard`` where the touch came that a step waited for."""
+    """True in ``detected`` where the touch came that a step waited for."""
 
     step: str
-    heard: bool
+    detected: bool
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -137,13 +137,13 @@ class ExperimentReport:
         return not self.stopped_by and self.reached
 
     @property
-    def felt(self) -> dict[str, int]:
-        """Number of contacts on each link, as last told; rebounds left out."""
+    def contact_counts(self) -> dict[str, int]:
+        """Number of contacts on each link, by their last event; rebounds excluded."""
         last = {c.id: c.link for c in self.contacts if c.kind != "rebound"}
         return dict(Counter(last.values()))
 
     @property
-    def reacted(self) -> dict[str, int]:
+    def reflex_counts(self) -> dict[str, int]:
         """Number of times each reflex began to act."""
         return dict(Counter(event.reflex for event in self.reflexes))
 
@@ -153,11 +153,11 @@ class ExperimentReport:
             end = "completed, though not every step reached its targets"
         parts = [f"{self.name}: {end} after {self.seconds:.1f} s, {len(self.steps)} steps"]
         if self.contacts or self.reflexes or self.waits or self.pushes:
-            parts.append(f"contacts: {_counted(self.felt)}")
-            parts.append(f"reflexes: {_counted(self.reacted)}")
+            parts.append(f"contacts: {_counted(self.contact_counts)}")
+            parts.append(f"reflexes: {_counted(self.reflex_counts)}")
         if self.waits:
-            heard = sum(wait.heard for wait in self.waits)
-            parts.append(f"waits for contacts: {heard} of {len(self.waits)} came")
+            detected = sum(wait.detected for wait in self.waits)
+            parts.append(f"waits for contacts: {detected} of {len(self.waits)} came")
         if self.pushes:
             parts.append(f"pushes: {len(self.pushes)}")
         return "\n".join(parts)
@@ -170,9 +170,9 @@ class ExperimentReport:
             "seconds": self.seconds,
             "stopped_by": self.stopped_by or None,
             "steps": [step.as_json() for step in self.steps],
-            "waits": [{"step": wait.step, "heard": wait.heard} for wait in self.waits],
-            "contacts": self.felt,
-            "reflexes": self.reacted,
+            "waits": [{"step": wait.step, "detected": wait.detected} for wait in self.waits],
+            "contacts": self.contact_counts,
+            "reflexes": self.reflex_counts,
             "pushes": [asdict(push) for push in self.pushes],
         }
 

@@ -23,7 +23,7 @@ class PlannedContact:
     """A contact that a simulated robot is given.
 
     Attributes:
-        planned: Its force; of a grab the pull of its spring while the link does not give way.
+        planned: Its force; of a grab the pull of its spring while the link stays in place.
         delay: Time after the beginning of its step, or of the experiment [s].
         duration: Its length [s].
         moving: True where its joint is moving then.
@@ -69,7 +69,7 @@ class Segment:
         origin: (17,) where it begins [rad].
         is_timed: True where nothing before it may end early.
         is_random: True for a goal that was drawn.
-        is_settling: True where the robot goes to the first posture of random goals.
+        is_settling: True during the motion to the first posture of random goals.
         contacts: They begin with it, each time.
     """
 
@@ -175,10 +175,10 @@ def goal_step(goals: Setpoints | Holds, robot: RobotConfig, rng: np.random.Gener
     if isinstance(goals, Holds):
         joints = {name: _angle(robot, name, goals.range, rng) for name in goals.joints}
         return Step(joints=joints, duration=goals.move, hold=goals.hold)
-    shares = dict.fromkeys(goals.joints, goals.range)
-    shares |= dict.fromkeys(goals.secondary_joints, goals.secondary_range)
-    shares |= goals.ranges
-    joints = {name: _angle(robot, name, share, rng) for name, share in shares.items()}
+    fractions = dict.fromkeys(goals.joints, goals.range)
+    fractions |= dict.fromkeys(goals.secondary_joints, goals.secondary_range)
+    fractions |= goals.ranges
+    joints = {name: _angle(robot, name, fraction, rng) for name, fraction in fractions.items()}
     twist = None if goals.base is None else _twist(goals.base, rng)
     return Step(joints=joints, hold=goals.period, base_velocity=twist)
 
@@ -208,11 +208,11 @@ def swept_range(
 ) -> tuple[float, float]:
     """Range of the targets of a joint [rad], from the first posture [rad]."""
     config = robot.joints[robot.joint_index(joint)]
-    share = goals.ranges.get(joint)
-    if share is None:
+    fraction = goals.ranges.get(joint)
+    if fraction is None:
         return config.lower, config.upper
     start = posture.get(joint, (config.lower + config.upper) / 2)
-    return start - share * (start - config.lower), start + share * (config.upper - start)
+    return start - fraction * (start - config.lower), start + fraction * (config.upper - start)
 
 
 def _sequence(
@@ -253,11 +253,11 @@ def _neighbours(
     return angles
 
 
-def _angle(robot: RobotConfig, joint: str, share: float, rng: np.random.Generator) -> float:
-    """Draw an angle in the middle ``share`` of a joint's range [rad]."""
+def _angle(robot: RobotConfig, joint: str, fraction: float, rng: np.random.Generator) -> float:
+    """Draw an angle in the middle ``fraction`` of a joint's range [rad]."""
     limits = robot.joints[robot.joint_index(joint)]
     middle, half = (limits.lower + limits.upper) / 2, (limits.upper - limits.lower) / 2
-    return float(middle + share * half * rng.uniform(-1.0, 1.0))
+    return float(middle + fraction * half * rng.uniform(-1.0, 1.0))
 
 
 def _twist(motion: BaseMotion, rng: np.random.Generator) -> BaseVelocitySpec:

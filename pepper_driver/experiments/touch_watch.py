@@ -12,7 +12,7 @@ from pepper_driver.observer import Contact
 
 
 class TouchWatch:
-    """Tells when touches that begin from now on have become as a trigger says; each touch counts once.
+    """Detects when touches that begin from now on satisfy a trigger; each touch counts once.
 
     Args:
         trigger: Checked already.

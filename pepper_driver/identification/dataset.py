@@ -139,7 +139,7 @@ class Manifest:
         identity: Hash of the simulated robot, or the body id of a real one.
         simulated: Whether it was a simulated one.
         experiment, experiment_hash: The motion, by name and content.
-        calibration, calibration_hash: That of the whole body; None where there is none.
+        calibration, calibration_hash: That of the whole body; None if not available.
         seed: Root of all that is random.
         joints: With estimation runs and a test run.
         tested: With a test run only.
@@ -230,7 +230,7 @@ def open_folder(folder: Path, manifest: Manifest) -> None:
     if not (folder / MANIFEST).exists():
         if folder.is_dir() and any(folder.glob(f"*{SUFFIX}")):
             raise RecordingFolderError(
-                f"{folder}: holds recordings without a {MANIFEST}, nobody knows of what; take another folder"
+                f"{folder}: holds recordings without a {MANIFEST}, so their robot is unknown; take another folder"
             )
         make_folder(folder)
         write_json(folder / MANIFEST, asdict(manifest))
@@ -238,7 +238,7 @@ def open_folder(folder: Path, manifest: Manifest) -> None:
     there = read_manifest(folder)
     for key, what in _COMPARED.items():
         if key == "backend" and not there.simulated:
-            continue  # a real robot is known by its identity, whatever its address
+            continue  # a real robot has an identity; its address may change
         old, new = getattr(there, key), getattr(manifest, key)
         if old != new:
             raise RecordingFolderError(
@@ -266,10 +266,10 @@ def read_manifest(folder: Path) -> Manifest:
     except OSError as error:
         raise RecordingFolderError(f"{path}: cannot be read ({reason(error)})") from error
     except ConfigError as error:
-        raise RecordingFolderError(f"{error}; record anew into another folder") from error
+        raise RecordingFolderError(f"{error}; record again into another folder") from error
     except (ValueError, RecursionError) as error:
         raise RecordingFolderError(
-            f"{path}: damaged: {error}; record anew into another folder"
+            f"{path}: damaged: {error}; record again into another folder"
         ) from error
 
 

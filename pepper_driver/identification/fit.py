@@ -43,7 +43,7 @@ class SharedFit:
         shared: Its fit, NRMSE [%].
         own: Fit of a model of the joint's own; None where the recordings do not determine one.
         halves: Whether the own model was fitted to one half of the test run and tried on the other, because the joint
-            has no estimation runs. It knows the speed then, so the loss is an upper bound.
+            has no estimation runs. It then has the speed, so the loss is an upper bound.
     """
 
     joint: str
@@ -84,7 +84,7 @@ def _own_fit(kind: ModelKind, entry: JointDataset, robot: RobotConfig) -> float 
         if entry.estimation:
             model = fit_one(kind, entry.joint, entry.estimation, robot)
             return mean_fit(entry, (entry.test,), predictor(model, entry.joint))
-        # The sequence is played twice, with other postures of the neighbours: one half tells what the other will do.
+        # The sequence is played twice, with other postures of the neighbours: one half predicts the other.
         half = len(entry.test) // 2
         first, second = part(entry.test, 0, half), part(entry.test, half, len(entry.test))
         predicted = np.concatenate(
@@ -139,7 +139,7 @@ def fit_models(
     robot: RobotConfig,
     *,
     mirror: bool = True,
-    share: bool = False,
+    share_types: bool = False,
 ) -> FittedModels:
     """Fit a model to each joint.
 
@@ -148,15 +148,15 @@ def fit_models(
         recordings: What they are fitted to.
         robot: Its description.
         mirror: Also models of the other side, from the recordings seen in a mirror.
-        share: One model per motor type, that of the joint which :func:`model_sources` names.
+        share_types: One model per motor type, that of the joint which :func:`model_sources` names.
 
     Raises:
         FittingError: Recordings that determine nothing.
     """
     if kind == "fusion":
-        return _fit_fusion(recordings, robot, mirror=mirror, share=share)
+        return _fit_fusion(recordings, robot, mirror=mirror, share_types=share_types)
     window = load_observer_settings().median_window
-    sources = model_sources(recordings, robot, mirror=mirror) if share else {}
+    sources = model_sources(recordings, robot, mirror=mirror) if share_types else {}
     fitted = FittedModels({}, {}, {})
     # Joints that give their model away come before those that take it.
     entries = recordings.entries(robot, mirror=mirror)
@@ -183,10 +183,10 @@ def fit_one(
 
 
 def _fit_fusion(
-    recordings: IdentificationDataset, robot: RobotConfig, *, mirror: bool, share: bool
+    recordings: IdentificationDataset, robot: RobotConfig, *, mirror: bool, share_types: bool
 ) -> FittedModels:
     """Fusion models; their thresholds are chosen on the calibration runs or, without these, on the test runs."""
-    sources = model_sources(recordings, robot, mirror=mirror) if share else {}
+    sources = model_sources(recordings, robot, mirror=mirror) if share_types else {}
     entries = list(recordings.entries(robot, mirror=mirror))
     own = [entry for entry in entries if sources.get(entry.joint, entry.joint) == entry.joint]
     models, base = fit_fusion(
@@ -243,7 +243,7 @@ def _add(
 def model_sources(
     recordings: IdentificationDataset, robot: RobotConfig, *, mirror: bool = True
 ) -> dict[str, str]:
-    """By joint, whose model it gets where motor types share: of each type the first joint with estimation runs.
+    """Source of each joint's model with shared types: of each motor type the first joint with estimation runs.
 
     A joint seen in a mirror gets the model of that joint as the mirror shows it.
 

@@ -53,11 +53,11 @@ from pepper_driver.identification.runs import (
 from pepper_driver.observer import TREE_TYPES, FitScore, ModelKind, ModelSet
 
 Progress = Callable[[str, float, float], None]
-"""Called with (what is under way, seconds of runs done, seconds in all)."""
+"""Called with (name of the current run, seconds of runs done, seconds in all)."""
 
 
 Confirm = Callable[[IdentificationRun], None]
-"""Called before a run that somebody must watch; raises to end the recording there."""
+"""Called before a run that a person must watch; raises to end the recording there."""
 
 
 def record_missing(
@@ -72,10 +72,10 @@ def record_missing(
     confirm: Confirm | None = None,
     progress: Progress | None = None,
 ) -> None:
-    """Make the runs whose file is not in the folder. Each is there as soon as it is over, whatever comes after it.
+    """Make the runs whose file is not in the folder. Each file is written as soon as its run has ended.
 
     Simulated backends run in parallel, each run on a robot and with a random sequence of its own; the result does not
-    depend on ``workers``, nor on what was there. A backend in real time runs one after the other, after a rehearsal of
+    depend on ``workers``, nor on what was there. A backend in real time runs one after the other, after a dry run of
     all runs.
 
     Args:
@@ -85,9 +85,9 @@ def record_missing(
         robot: Its description.
         real_time: True for a real robot.
         takes_seed: True where the URI takes a seed of the noise.
-        workers: Processes for simulated runs and rehearsals; -1 for one per core.
+        workers: Processes for simulated runs and dry runs; -1 for one per core.
         confirm: Asked before each run of a real robot in which legs or base move.
-        progress: Told how far it is.
+        progress: Called with the progress.
 
     Raises:
         PepperError: A robot that refuses, a run that would not go well, a folder that cannot be written to.
@@ -98,30 +98,30 @@ def record_missing(
         return
     if any(run.watched for run in todo):
         _check_balance(robot)
-    tell = progress or (lambda what, done, total: None)
+    report_progress = progress or (lambda what, done, total: None)
     total = sum(run.seconds for run in runs)
     done = total - sum(run.seconds for run in todo)
     if not real_time:
-        tell("recording in simulation", done, total)
+        report_progress("recording in simulation", done, total)
         uris = [seeded_uri(uri, run) if takes_seed else uri for run in todo]
         jobs = (partial(_make, uri, run, folder) for uri, run in zip(uris, todo, strict=True))
         for run in run_jobs(jobs, workers=workers, ordered=False):
             done += run.seconds
-            tell(f"recording in simulation: {run.name}", done, total)
+            report_progress(f"recording in simulation: {run.name}", done, total)
         return
-    _rehearse_all(todo, workers, tell)
+    _dry_run_all(todo, workers, report_progress)
     for run in todo:
         if confirm is not None and run.watched:
             confirm(run)
         before = done
 
-        def advance(share: float, run: IdentificationRun = run, before: float = before) -> None:
-            tell(run.name, before + share * run.seconds, total)
+        def advance(fraction: float, run: IdentificationRun = run, before: float = before) -> None:
+            report_progress(run.name, before + fraction * run.seconds, total)
 
         advance(0.0)
         perform(uri, run, on_progress=advance).save(recording_path(folder, run.name))
         done += run.seconds
-        tell(run.name, done, total)
+        report_progress(run.name, done, total)
 
 
 def _make(uri: str, run: IdentificationRun, folder: Path) -> IdentificationRun:
@@ -130,16 +130,18 @@ def _make(uri: str, run: IdentificationRun, folder: Path) -> IdentificationRun:
     return run
 
 
-def _rehearse_all(runs: Sequence[IdentificationRun], workers: int, tell: Progress) -> None:
+def _dry_run_all(
+    runs: Sequence[IdentificationRun], workers: int, report_progress: Progress
+) -> None:
     total, done = sum(run.seconds for run in runs), 0.0
-    tell("rehearsing", done, total)
-    jobs = (partial(_rehearse, run) for run in runs)
+    report_progress("dry run", done, total)
+    jobs = (partial(_dry_run, run) for run in runs)
     for seconds in run_jobs(jobs, workers=workers, ordered=False):
         done += seconds
-        tell("rehearsing", done, total)
+        report_progress("dry run", done, total)
 
 
-def _rehearse(run: IdentificationRun) -> float:
+def _dry_run(run: IdentificationRun) -> float:
     check_dry_run(run)
     return run.seconds
 
@@ -161,7 +163,7 @@ class Identification:
         fits: By method and joint: the chosen kind first, then the trees of the paper, then, on a simulated robot, the
             closed form of Eq. 11 with the plant's true parameters.
         recorded: Joints that were recorded; the others that have models are their mirror images.
-        shared: Where motor types share models: what that costs.
+        shared: Loss of shared models, where motor types have one.
         findings: Why the models may be poor.
     """
 
@@ -194,7 +196,7 @@ def chosen_joints(
     joints: Sequence[str] | None,
     *,
     mirror: bool,
-    share: bool,
+    share_types: bool,
 ) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """Joints to identify, and joints to test only.
 
@@ -203,13 +205,13 @@ def chosen_joints(
         experiment: An experiment with sweeps.
         joints: Those asked for; None for the experiment's, and without ``mirror`` also those of the other side.
         mirror: Whether the other side's models come from a mirror.
-        share: Whether of each motor type only the first joint is identified.
+        share_types: Whether of each motor type only the first joint is identified.
     """
     names = tuple(sweeps_of(experiment).joints if joints is None else joints)
     if joints is None and not mirror:
         both = (*names, *(mirror_joint(name, robot) for name in names))
         names = tuple(dict.fromkeys(both))
-    if not share:
+    if not share_types:
         return names, ()
     first: dict[str, str] = {}
     for name in names:
@@ -244,7 +246,7 @@ def record_joints(
         seed: Root of the random motion and noise.
         workers: Processes for simulated runs; -1 for one per core.
         confirm: Asked before each run of a real robot in which legs or base move.
-        progress: Told how far it is.
+        progress: Called with the progress.
 
     Raises:
         PepperError: A joint or backend that does not exist, recordings of something else in the folder, a robot that
@@ -276,8 +278,8 @@ def _check_plant(experiment: Experiment, calibration: Experiment | None) -> None
     if calibration is None:
         return
     for key in ("plant", "world"):
-        wanted = getattr(calibration, key)
-        if wanted is not None and wanted != getattr(experiment, key):
+        required = getattr(calibration, key)
+        if required is not None and required != getattr(experiment, key):
             raise ConfigError(
                 f"{calibration.source}: key '{key}': the plant and world of all runs are those of '{experiment.name}'; "
                 "leave it out"
@@ -285,7 +287,7 @@ def _check_plant(experiment: Experiment, calibration: Experiment | None) -> None
 
 
 def fit_folder(
-    folder: Path, kind: ModelKind, *, mirror: bool = True, share: bool = False
+    folder: Path, kind: ModelKind, *, mirror: bool = True, share_types: bool = False
 ) -> Identification:
     """Fit models to the recordings in a folder; no robot is needed.
 
@@ -293,19 +295,21 @@ def fit_folder(
         folder: Where :func:`record_joints` left them.
         kind: Of the models.
         mirror: Also models of the other side, from the recordings seen in a mirror.
-        share: One model per motor type.
+        share_types: One model per motor type.
 
     Raises:
         PepperError: Recordings that are missing, damaged, of another robot, or determine nothing.
     """
     robot = load_robot()
     manifest, recordings = read_manifest(folder), load_recordings(folder, robot)
-    share = share or bool(manifest.tested)
-    fitted = fit_models(kind, recordings, robot, mirror=mirror, share=share)
+    share_types = share_types or bool(manifest.tested)
+    fitted = fit_models(kind, recordings, robot, mirror=mirror, share_types=share_types)
     fits: dict[str, dict[str, FitScore[float]]] = {kind: fitted.fits}
     for other in TREE_TYPES:
         if other != kind:
-            fits[other] = fit_models(other, recordings, robot, mirror=mirror, share=share).fits
+            fits[other] = fit_models(
+                other, recordings, robot, mirror=mirror, share_types=share_types
+            ).fits
     fits |= _closed_form(manifest, recordings, robot, mirror=mirror)
     return Identification(
         models=ModelSet(
@@ -320,11 +324,11 @@ def fit_folder(
             version=version("pepper-driver"),
             models=fitted.models,
             base=fitted.base,
-            created_by=_command(manifest, kind, mirror=mirror, share=share),
+            created_by=_command(manifest, kind, mirror=mirror, share_types=share_types),
         ),
         fits=fits,
         recorded=tuple(entry.joint for entry in recordings.sweeps),
-        shared=shared_fits(kind, recordings, robot, fitted.fits) if share else (),
+        shared=shared_fits(kind, recordings, robot, fitted.fits) if share_types else (),
         findings=inspect_recordings(recordings, fitted.models),
     )
 
@@ -346,7 +350,7 @@ def _closed_form(
     return {CLOSED_FORM: fits}
 
 
-def _command(manifest: Manifest, kind: ModelKind, *, mirror: bool, share: bool) -> str:
+def _command(manifest: Manifest, kind: ModelKind, *, mirror: bool, share_types: bool) -> str:
     """Return the command that makes these models again."""
     options = [
         f"--backend {manifest.backend}",
@@ -357,7 +361,7 @@ def _command(manifest: Manifest, kind: ModelKind, *, mirror: bool, share: bool) 
     ]
     if not mirror:
         options.append("--no-mirror")
-    if share:
+    if share_types:
         options.append("--share-types")
     return f"pepper identify {' '.join(options)}"
 

@@ -16,10 +16,10 @@ from pepper_driver.observer import JointModel, Recording
 from pepper_driver.observer.fitting.bounds import free_residual
 from pepper_driver.observer.recording import STALE_AGE
 
-Kind = Literal["excitation", "contact", "current", "gaps", "stale", "changed"]
+Kind = Literal["excitation", "contact", "current", "gaps", "stale", "limited"]
 
 MIN_RANGE = 0.1
-"""[rad] All that a joint moves: less is hardly more than the errors that are to be felt."""
+"""[rad] Smallest range of a joint's motion: less is close to the errors that must be detected."""
 
 MIN_SPEED = 0.1
 """[rad/s] Largest desired speed of a joint."""
@@ -28,9 +28,9 @@ MIN_REVERSALS = 20
 """In all estimation runs together: friction shows where the motion turns round."""
 
 AT_REST = 0.02
-"""[rad/s] A joint that is told to move slower rests."""
+"""[rad/s] A joint that is commanded slower rests."""
 
-LARGEST_SHARE = 0.01
+MAX_ALTERED_FRACTION = 0.01
 """Of the samples of a run: more that are missing, stale or altered are worth a word."""
 
 LONG_GAP = 0.1
@@ -40,10 +40,10 @@ BURST = 3.5
 """Robust standard deviations by which the logarithm of a run's largest residual may lie above that of other runs."""
 
 LEAST_SPREAD = 0.2
-"""Of that logarithm: few runs may happen to be alike."""
+"""Of that logarithm: few runs may be similar by chance."""
 
 LEAST_BURST = np.radians(0.5)
-"""[rad] What a residual may stray further than in other runs without a word."""
+"""[rad] Residual beyond that of other runs that raises no warning."""
 
 FLAT_TIME = 0.36
 """[s] A current at its maximum for so long is held there."""
@@ -52,7 +52,7 @@ MOVING = 0.1
 """[rad/s] Slower, the weight of an arm may well take the most current of a run, for long."""
 
 FLAT_TOP = (0.02, 0.02)
-"""Share of the maximum, and [A]: what still counts as at the maximum."""
+"""Fraction of the maximum, and [A]: both still count as at the maximum."""
 
 LEAST_DRIFT = np.radians(0.3)
 """[rad] by which the tracking error changes while a current is clipped."""
@@ -139,21 +139,21 @@ def _holes(name: str, run: Recording, joint: str | None) -> list[Finding]:
     cycle = float(np.median(steps))
     missing = float(np.maximum(np.round(steps / cycle) - 1, 0).sum()) / len(steps)
     longest = float(steps.max())
-    if missing > LARGEST_SHARE or longest > LONG_GAP:
+    if missing > MAX_ALTERED_FRACTION or longest > LONG_GAP:
         text = (
             f"{100 * missing:.1f} % of the samples are missing, the longest gap is {longest:.2f} s"
         )
         found.append(Finding(kind="gaps", joint=joint, run=name, text=text))
     stale = float(np.mean(run.age > STALE_AGE))
-    if stale > LARGEST_SHARE:
+    if stale > MAX_ALTERED_FRACTION:
         text = f"{100 * stale:.1f} % of the samples are older than {1e3 * STALE_AGE:.0f} ms"
         found.append(Finding(kind="stale", joint=joint, run=name, text=text))
-    altered = run.changed if joint is None else run.changed[:, [run.joint_names.index(joint)]]
-    share = altered.mean(axis=0)
-    if share.max() > LARGEST_SHARE:
-        worst = joint or run.joint_names[int(share.argmax())]
-        text = f"the safety gate altered {100 * share.max():.1f} % of the commands of {worst}"
-        found.append(Finding(kind="changed", joint=worst, run=name, text=text))
+    altered = run.limited if joint is None else run.limited[:, [run.joint_names.index(joint)]]
+    fraction = altered.mean(axis=0)
+    if fraction.max() > MAX_ALTERED_FRACTION:
+        worst = joint or run.joint_names[int(fraction.argmax())]
+        text = f"the safety gate altered {100 * fraction.max():.1f} % of the commands of {worst}"
+        found.append(Finding(kind="limited", joint=worst, run=name, text=text))
     return found
 
 
@@ -171,7 +171,7 @@ def _flat_current(name: str, run: Recording, joint: str) -> list[Finding]:
     seconds = (end - begin) * float(np.median(np.diff(run.time)))
     if seconds < FLAT_TIME:
         return []
-    # At a constant velocity current and error are both constant; a board at its limit lets the error go.
+    # At a constant velocity current and error are both constant; a motor board at its limit lets the error grow.
     error = run.tracking_error(index)
     settled = np.median(np.lib.stride_tricks.sliding_window_view(error, FLAT_WINDOW), axis=1)
     if np.ptp(settled[begin:end]) < LEAST_DRIFT:
@@ -181,7 +181,7 @@ def _flat_current(name: str, run: Recording, joint: str) -> list[Finding]:
 
 
 def _longest(flags: np.ndarray[tuple[int], np.dtype[np.bool_]]) -> tuple[int, int]:
-    """Begin and end of the longest run of True; equal where there is none."""
+    """Begin and end of the longest run of True; equal without any."""
     edges = np.flatnonzero(np.diff(np.concatenate(([False], flags, [False])).astype(np.int8)))
     if not len(edges):
         return 0, 0
@@ -192,7 +192,7 @@ def _longest(flags: np.ndarray[tuple[int], np.dtype[np.bool_]]) -> tuple[int, in
 def _bursts(
     joint: str, names: Sequence[str], runs: Sequence[Recording], model: JointModel
 ) -> list[Finding]:
-    """Find runs with a much larger residual than the others: somebody touched the robot."""
+    """Find runs with a much larger residual than the others: a person touched the robot."""
     window = load_observer_settings().median_window
     residuals = [np.abs(free_residual(joint, run, model, window)) for run in runs]
     largest = np.array([residual.max(initial=0.0) for residual in residuals])

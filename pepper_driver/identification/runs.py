@@ -48,7 +48,7 @@ class IdentificationRun:
         stiffness: Of the posture task [1/s2].
         seed: Of the random motion, and of a simulated robot's noise.
         seconds: How long it takes, from the first posture on [s].
-        watched: Whether legs or base move: on a real robot somebody must be asked first.
+        watched: Whether legs or base move: on a real robot the user must be asked first.
     """
 
     name: str
@@ -186,7 +186,7 @@ def perform(
     Args:
         uri: The backend.
         run: What to do.
-        on_progress: Told the share of the time that is over, 0..1.
+        on_progress: Called with the fraction of the time that has passed, 0..1.
 
     Raises:
         PepperError: The robot refuses, or the safety gate stopped it.
@@ -212,7 +212,7 @@ def seeded_uri(uri: str, run: IdentificationRun) -> str:
 
 
 class DryRunError(PepperError, RuntimeError):
-    """A run would not go as it should; nothing has moved."""
+    """A run would fail; nothing has moved."""
 
 
 def check_dry_run(run: IdentificationRun) -> None:
@@ -234,8 +234,8 @@ def check_dry_run(run: IdentificationRun) -> None:
         if status.solver != "solved":
             lost = ", ".join(status.violated) or status.solver
             raise DryRunError(f"the controller cannot keep its limits ({lost})")
-        if tick.changed.any():
-            joint = robot.joint_names[int(np.argmax(tick.changed))]
+        if tick.limited.any():
+            joint = robot.joint_names[int(np.argmax(tick.limited))]
             raise DryRunError(f"the safety gate would alter the command of {joint}")
 
     plan = plan_experiment(run.experiment, robot, pepper.backend, seed=run.seed)

@@ -35,8 +35,8 @@ Write = Callable[[Path], None]
 def export_log(log: RunLog, path: Path | str, to: str, *, force: bool = False) -> tuple[Path, ...]:
     """Write a log in another format: all its files, or none.
 
-    Ticks go to ``path``; ground truth, contacts, events and labels to files beside it, ``run.contacts.csv`` for
-    ``run.csv``. An NPZ file holds everything. Metadata is kept in the schema of Parquet files, beside CSV files in
+    Ticks go to ``path``; ground truth, contacts, events and labels to files next to it, ``run.contacts.csv`` for
+    ``run.csv``. An NPZ file holds everything. Metadata is kept in the schema of Parquet files, next to CSV files in
     ``run.metadata.json``, in NPZ files as text.
 
     Args:
@@ -79,10 +79,10 @@ def _files(log: RunLog, path: Path, to: str) -> dict[Path, Write]:
     tables |= item_tables(log)
     write = _parquet_writer(log.metadata) if to == "parquet" else _write_csv
     files = {
-        _beside(path, name): _bound(write, topic, table) for name, (topic, table) in tables.items()
+        _sibling(path, name): _bound(write, topic, table) for name, (topic, table) in tables.items()
     }
     if to == "csv":
-        files[_beside(path, "metadata").with_suffix(".json")] = lambda part: _write_metadata(
+        files[_sibling(path, "metadata").with_suffix(".json")] = lambda part: _write_metadata(
             log, part
         )
     return files
@@ -96,7 +96,7 @@ def _bound(
     return lambda part: write(part, topic, table)
 
 
-def _beside(path: Path, name: str) -> Path:
+def _sibling(path: Path, name: str) -> Path:
     return path.with_name(f"{path.stem}.{name}{path.suffix}") if name else path
 
 

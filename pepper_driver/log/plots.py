@@ -1,6 +1,6 @@
 """Figures of a log: positions, tracking errors and residuals of joints, with contacts, pushes and reflexes.
 
-The red is the paper's; dashes tell it from the other line of its panel.
+The red is the paper's; dashes distinguish it from the other line of its panel.
 
 The limits of the panel are set before; what lies outside them in time is left out, in the legend too.
 """
@@ -46,7 +46,7 @@ REFLEX_COLORS = (PINK, SKY, YELLOW, VERMILION)
 PUSHED = 1e-6
 """[N m] Contact torque that counts as none: rounding of J^T f."""
 BAR = 0.035
-"""Height of a bar at the top or bottom, as a share of the panel's."""
+"""Height of a bar at the top or bottom, as a fraction of the panel's."""
 
 
 def make_room(log: RunLog, axes: Axes) -> None:
@@ -67,15 +67,15 @@ def mark_contacts(log: RunLog, joint: str, axes: Axes) -> None:
         if not _shown(onset, end, axes):
             continue
         style, color, label = "--", BLUE, "contact"
-        look: dict[str, Any] = {"facecolor": color, "alpha": 0.2}
+        area: dict[str, Any] = {"facecolor": color, "alpha": 0.2}
         if contact.kind == "rebound":
             style, color, label = ":", GREY, "rebound"
-            look = {"facecolor": "none", "edgecolor": color, "hatch": "///"}
+            area = {"facecolor": "none", "edgecolor": color, "hatch": "///"}
         elif contact.joint != joint:
             color, label = PALE_BLUE, "contact elsewhere on the chain or trunk"
-            look = {"facecolor": color, "alpha": 0.2}
+            area = {"facecolor": color, "alpha": 0.2}
         axes.axvline(onset, color=color, linestyle=style, linewidth=1.3)
-        axes.axvspan(onset, end, linewidth=0.0, zorder=0.5, label=label, **look)
+        axes.axvspan(onset, end, linewidth=0.0, zorder=0.5, label=label, **area)
 
 
 def mark_pushes(log: RunLog, joint: str, axes: Axes) -> None:
@@ -159,7 +159,7 @@ BLOCK_SIZE = (16.0, 9.0)
 
 
 class PlotError(PepperError, OSError):
-    """A picture cannot be written."""
+    """A figure cannot be written."""
 
 
 def check_picture(path: Path) -> None:
@@ -173,7 +173,7 @@ def check_picture(path: Path) -> None:
     if path.is_dir():
         raise PlotError(f"{path}: cannot be written (it is a folder)")
     if path.suffix.lower().removeprefix(".") not in FORMATS:
-        raise UnknownNameError("picture format", path.suffix.removeprefix("."), FORMATS)
+        raise UnknownNameError("figure format", path.suffix.removeprefix("."), FORMATS)
     if find_spec("matplotlib") is None:
         raise MissingExtraError("plotting", "plot")
 
@@ -221,9 +221,9 @@ def contact_figure(
 ) -> Figure:
     """Per joint three panels over time: position, tracking error, contact observer signal r.
 
-    Blue areas are contacts as they were felt, from the onset, a dashed line, to the end; bars at the top are reflexes,
-    bars at the bottom the simulation's ground truth, where the log has it. Hands are shown in percent of their
-    aperture, all other joints in degrees.
+    Blue areas are contacts as they were reported, from the onset, a dashed line, to the end; bars at the top are
+    reflexes, bars at the bottom the simulation's ground truth, where the log has it. Hands are shown in percent of
+    their aperture, all other joints in degrees.
 
     Args:
         log: What was recorded.
@@ -288,8 +288,8 @@ def _rows(log: RunLog, start: float | None, stop: float | None) -> BoolArray:
 
 def _choose(log: RunLog) -> list[str]:
     """Return the joints worth a look, at most as many as fit side by side, in joint order."""
-    felt = Counter(c.joint for c, _ in log.lasting_contacts() if c.joint is not None)
-    best = [joint for joint, _ in felt.most_common(COLUMNS) if joint in log.joint_names]
+    lasting = Counter(c.joint for c, _ in log.lasting_contacts() if c.joint is not None)
+    best = [joint for joint, _ in lasting.most_common(COLUMNS) if joint in log.joint_names]
     if not best:
         travel = np.ptp(log["sent_position"], axis=0)
         best = [log.joint_names[i] for i in np.argsort(-travel, kind="stable")[:COLUMNS]]
@@ -320,9 +320,11 @@ def _draw_joint(log: RunLog, rows: BoolArray, joint: str, panels: NDArray[np.obj
         zorder=2.5,
         label="desired, as sent",
     )
-    if log["changed"][rows, index].any():
-        wanted = of("reference_position")
-        top.plot(time, wanted, color=ORANGE, linewidth=1.2, label="wanted, before the safety gate")
+    if log["limited"][rows, index].any():
+        reference = of("reference_position")
+        top.plot(
+            time, reference, color=ORANGE, linewidth=1.2, label="reference, before the safety gate"
+        )
     top.plot(time, measured, color=GREEN, linewidth=1.5, label="measured")
     middle.plot(time, of("expected"), color=ORANGE, linewidth=2.5, label="expected in free motion")
     middle.plot(time, sent - measured, color=GREEN, linewidth=1.1, label="measured")

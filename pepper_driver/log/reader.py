@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from pepper_driver.backends.fields import Column
 from pepper_driver.backends.log_file import (
     TICK_TOPIC,
-    UNANSWERED_TOPIC,
+    UNMATCHED_TOPIC,
     Gap,
     LogFile,
     misfit,
@@ -46,11 +46,11 @@ class RunLog:
             it. Units and meaning are in :data:`pepper_driver.backends.fields.TICK_FIELDS`.
         contacts: Contact events in the order they were raised.
         truth: Arrays of the simulation's ground truth, with a ``time`` of their own; None where
-            there is none. Names are in :data:`pepper_driver.backends.fields.TRUTH_FIELDS`.
-        labels: Ends of touches that ``pepper record`` was told of, in their order.
-        events: What else happened, in its order.
-        unanswered: Arrays of the commands that no tick answers, by name; what they are is in
-            :data:`pepper_driver.backends.fields.UNANSWERED_FIELDS`.
+            there is no truth. Names are in :data:`pepper_driver.backends.fields.TRUTH_FIELDS`.
+        labels: Ends of touches that ``pepper record`` received, in their order.
+        events: Other events, in their order.
+        unmatched: Arrays of the commands that no tick answers, by name; what they are is in
+            :data:`pepper_driver.backends.fields.UNMATCHED_FIELDS`.
         elements: Names of the values of each vector in ``fields``, by its name; in ``truth``, as ``truth.<name>``.
     """
 
@@ -65,7 +65,7 @@ class RunLog:
     truth: dict[str, Column] | None = field(repr=False)
     labels: list[Label] = field(repr=False, default_factory=list)
     events: list[LogEvent] = field(repr=False, default_factory=list)
-    unanswered: dict[str, Column] = field(repr=False, default_factory=dict)
+    unmatched: dict[str, Column] = field(repr=False, default_factory=dict)
     elements: dict[str, tuple[str, ...]] = field(repr=False, default_factory=dict)
     gaps: tuple[Gap, ...] = ()
     missing: str = ""
@@ -84,7 +84,7 @@ class RunLog:
     def lasting_contacts(self) -> list[tuple[Contact, float]]:
         """Each contact as it was last seen, and when it ended [s]: at the last tick where the log does not say.
 
-        Where a contact is felt becomes clearer after it began: its last event knows the joint best.
+        The place of a contact becomes clearer after its begin: the last event has the best joint.
         """
         last = {contact.id: contact for contact in self.contacts}
         end = float(self["time"][-1]) if len(self) else np.nan
@@ -116,13 +116,13 @@ class RunLog:
                 robot=json.loads(layout["robot"]),
                 fields=ticks,
                 contacts=_items(file, CONTACTS),
-                unanswered=file.tables[UNANSWERED_TOPIC],
+                unmatched=file.tables[UNMATCHED_TOPIC],
                 truth=truth if len(truth["time"]) else None,
                 labels=_items(file, LABELS),
                 events=_items(file, EVENTS),
                 elements={p + f.name: f.elements for p, f in elements if f.elements is not None},
             )
-        except Exception as error:  # whatever the decoders make of them
+        except Exception as error:  # decoders raise anything on damaged bytes
             raise misfit(file.path, error) from error
 
 

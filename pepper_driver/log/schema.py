@@ -18,7 +18,7 @@ import numpy as np
 from pepper_driver.backends.fields import (
     TICK_FIELDS,
     TRUTH_FIELDS,
-    UNANSWERED_FIELDS,
+    UNMATCHED_FIELDS,
     Command,
     Measurement,
     TickField,
@@ -27,7 +27,7 @@ from pepper_driver.backends.log_file import (
     CDR_HEADER,
     LAYOUT_VERSION,
     TICK_TOPIC,
-    UNANSWERED_TOPIC,
+    UNMATCHED_TOPIC,
     Field,
     row_type,
 )
@@ -74,7 +74,7 @@ def layout_metadata(robot: RobotConfig) -> dict[str, str]:
     """
     tables = {
         TICK_TOPIC: layout_fields(TICK_FIELDS, robot),
-        UNANSWERED_TOPIC: layout_fields(UNANSWERED_FIELDS, robot),
+        UNMATCHED_TOPIC: layout_fields(UNMATCHED_FIELDS, robot),
         TRUTH_TOPIC: layout_fields(TRUTH_FIELDS, robot),
     }
     values: Mapping[str, object] = {
@@ -151,21 +151,21 @@ class TickRow(NamedTuple):
     measurement: Measurement
     reference: Reference
     sent: Command
-    changed: BoolArray
+    limited: BoolArray
     observation: Observation
     step: int
     tick_end: float
     missed: int
 
 
-class UnansweredRow(NamedTuple):
-    """Parts of a row of ``/unanswered``: a command given in ``step``, passed over by the sample of ``time`` [s]."""
+class UnmatchedRow(NamedTuple):
+    """Parts of a row of ``/unmatched``: a command given in ``step``, passed over by the sample of ``time`` [s]."""
 
     time: float
     step: int
     sent: Command
     reference: Reference
-    changed: BoolArray
+    limited: BoolArray
 
 
 class TruthRow(NamedTuple):

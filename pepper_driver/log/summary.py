@@ -119,7 +119,7 @@ class LogSummary:
         tick_end: From the deadline of a tick to its end [ms]; None where ticks were not paced.
         sample_age: Of the samples that ticks worked with [ms]; None without ticks.
         contacts: How many there were, by kind.
-        joints: The same by the joint that felt them; ``trunk`` for those of none.
+        joints: Contacts by the joint that detected them; ``trunk`` for those without a joint.
         reflexes: How often each began to act.
         touches: Labelled ones.
         faults: When the robot was stopped [s], and why.
@@ -172,7 +172,7 @@ class LogSummary:
 
 def summarise(log: RunLog) -> LogSummary:
     """Return the figures of a log; one without ticks has none."""
-    felt = [contact for contact, _ in log.lasting_contacts()]
+    lasting = [contact for contact, _ in log.lasting_contacts()]
     reflexes = (e.name for e in log.events if e.kind == "reflex" and e.phase == "begin")
     time, tick = log["time"], log["tick"]
     return LogSummary(
@@ -190,8 +190,8 @@ def summarise(log: RunLog) -> LogSummary:
         withheld_writes=int(log["withheld"].max(initial=0)),
         tick_end=_milliseconds(log["tick_end"]),
         sample_age=_milliseconds(log["age"]),
-        contacts=_counted(contact.kind for contact in felt),
-        joints=_counted(contact.joint or "trunk" for contact in felt),
+        contacts=_counted(contact.kind for contact in lasting),
+        joints=_counted(contact.joint or "trunk" for contact in lasting),
         reflexes=_counted(reflexes),
         touches=sum(label.phase == "onset" for label in log.labels),
         faults=tuple(

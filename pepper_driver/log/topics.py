@@ -28,7 +28,7 @@ T = TypeVar("T")
 
 
 class JsonTopic(Generic[T]):
-    """Messages of one dataclass. A value of None or not finite is left out: JSON in a browser knows no NaN.
+    """Messages of one dataclass. A value of None or not finite is left out: JSON in a browser has no NaN.
 
     Attributes:
         types: ``string``, ``number``, ``integer`` or ``array`` (of text) by field.
@@ -100,7 +100,7 @@ class JsonTopic(Generic[T]):
 
 
 def _plain(value: object) -> object:
-    """NumPy scalars, which observers easily let through, as Python's; arrays have no place here."""
+    """NumPy scalars, as observers may return them, become Python's; arrays are refused."""
     if isinstance(value, np.generic):
         return value.item()
     if value is None or isinstance(value, str | int | float):
@@ -137,14 +137,15 @@ LabelPhase = Literal["onset", "release"]
 
 @dataclass(frozen=True, kw_only=True)
 class Label:
-    """One end of a touch, as a key, a touch sensor or a bumper told it.
+    """One end of a touch, as a key, a touch sensor or a bumper reported it.
 
     Attributes:
         time: Clock of the robot at the tick in which it was seen [s].
         phase: ``onset`` or ``release``.
-        source: What told it: ``key``, ``head``, ``hand-left``, ``hand-right`` or ``bumper``.
-        link: What is touched; None where nobody said.
-        joint: The last joint of its chain that moves ``link``; None on trunk and base, and where nobody said.
+        source: Source of the label: ``key``, ``head``, ``hand-left``, ``hand-right`` or ``bumper``.
+        link: What is touched; None where the user named no link.
+        joint: The last joint of its chain that moves ``link``; None on trunk and base, and where the user named no
+            link.
     """
 
     time: float
@@ -175,20 +176,20 @@ EventPhase = Literal["begin", "update", "end"]
 
 @dataclass(frozen=True, kw_only=True)
 class LogEvent:
-    """One thing that happened.
+    """One event.
 
     Attributes:
         time: Clock of the robot [s].
         kind: A ``reflex`` began or ceased to act, or was given other joints; a ``fault`` stopped the robot; a touch
-            ``sensor``, bumper or button was pressed or let go; a ``step`` of a motion began; a ``cue`` was given; a
-            simulated robot was told to ``push`` itself; the robot began or ceased to be ``attentive``.
+            ``sensor``, bumper or button was pressed or released; a ``step`` of a motion began; a ``cue`` was given; a
+            simulated robot was pushed by ``push``; the robot began or ceased to be ``attentive``.
         name: Of the reflex with its number, the sensor or step, the kind of fault or cue, the link pushed.
         phase: ``begin`` or ``end`` of a reflex, of a press, or of being attentive; ``update`` of a reflex that is given
             other joints; None for what has no duration.
         contact_id: The contact that a reflex answers; None for none.
         joints: Those a reflex acts on.
         held_joints: Those a reflex has; of its end, those that it gives back.
-        text: More, for people: why the robot was stopped, for example.
+        text: Human-readable detail: why the robot was stopped, for example.
     """
 
     time: float

@@ -17,15 +17,15 @@ from typing import TYPE_CHECKING, Any, BinaryIO, Self, TypeVar
 from mcap.well_known import MessageEncoding, SchemaEncoding
 from mcap.writer import Writer
 
-from pepper_driver.backends.fields import TICK_FIELDS, TRUTH_FIELDS, UNANSWERED_FIELDS
+from pepper_driver.backends.fields import TICK_FIELDS, TRUTH_FIELDS, UNMATCHED_FIELDS
 from pepper_driver.backends.log_file import (
     END,
     LAYOUT,
     RUN,
     SEQUENCES,
     TICK_TOPIC,
-    UNANSWERED_TOPIC,
     UNKNOWN,
+    UNMATCHED_TOPIC,
     LogError,
     fields_of,
     topics_of,
@@ -41,7 +41,7 @@ from pepper_driver.log.schema import (
     Rows,
     TickRow,
     TruthRow,
-    UnansweredRow,
+    UnmatchedRow,
     layout_metadata,
     message_definition,
     unobserved,
@@ -195,7 +195,7 @@ def nanoseconds(time: float) -> int:
 logger = logging.getLogger("pepper_driver")
 
 DRAIN_PERIOD = 0.05
-"""[s] Sleep of the writer thread between two looks at the ring."""
+"""[s] Sleep of the writer thread between two checks of the ring."""
 BLOCK = 8
 """Rows written in one go: a fraction of a millisecond, for the tick must not wait long for the interpreter."""
 PAUSE = 0.001
@@ -243,7 +243,7 @@ class LogWriter:
         self._capacity = capacity
         self._ring: list[_Row | LogEvent | None] = [None] * capacity
         self._tick_rows = Rows(TICK_FIELDS, robot)
-        self._unanswered_rows = Rows(UNANSWERED_FIELDS, robot)
+        self._unmatched_rows = Rows(UNMATCHED_FIELDS, robot)
         self._truth_rows = Rows(TRUTH_FIELDS, robot)
         self._unobserved = unobserved(robot)
         self._steps = 0
@@ -321,7 +321,7 @@ class LogWriter:
         while not closing:
             self._wake.wait(DRAIN_PERIOD)
             self._wake.clear()
-            closing = self._closing  # before the look at the ring: nothing comes after it
+            closing = self._closing  # read before the ring: no row follows it
             self._drain(pause=0.0 if closing else PAUSE)
         try:
             if self._failure is None:
@@ -365,7 +365,7 @@ class LogWriter:
                     tick.measurement,
                     tick.reference,
                     tick.sent,
-                    tick.changed,
+                    tick.limited,
                     self._unobserved if observation is None else observation,
                     step,
                     record.tick_end,
@@ -373,19 +373,19 @@ class LogWriter:
                 )
             )
             passed_over = [
-                self._unanswered_rows.message(
-                    UnansweredRow(time, step - ago, sent.sent, sent.reference, sent.changed)
+                self._unmatched_rows.message(
+                    UnmatchedRow(time, step - ago, sent.sent, sent.reference, sent.limited)
                 )
                 for ago, sent in record.unmatched
             ]
             truth_row = None if truth is None else self._truth_rows.message(TruthRow(time, truth))
-        except Exception as error:  # of whoever made the arrays; not the disk's
+        except Exception as error:  # of the code that made the arrays; not the disk's
             self._problem = error
             self._lost += 1
         else:
             self._file.write_row(TICK_TOPIC, time, row)
             for message in passed_over:
-                self._file.write_row(UNANSWERED_TOPIC, time, message)
+                self._file.write_row(UNMATCHED_TOPIC, time, message)
             if truth_row is not None:
                 self._file.write_row(TRUTH_TOPIC, time, truth_row)
         for label in record.labels:
@@ -418,5 +418,5 @@ class LogWriter:
         try:
             self.close()
         except LogError:
-            if error is None:  # else the error of the block says more; this one is in the logging
+            if error is None:  # the error of the block says more; this one is logged
                 raise

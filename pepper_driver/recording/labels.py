@@ -46,7 +46,7 @@ def recording_of(log: RunLog, robot: RobotConfig) -> Recording:
 def pushes_of(
     log: RunLog, *, link: str | None = None, joint: str | None = None
 ) -> tuple[KnownPush, ...]:
-    """Return the touches that a log's labels tell of. Size and direction are not known: NaN and 0.
+    """Return the touches of a log's labels. Size and direction are not known: NaN and 0.
 
     A touch that was not released counts until the end of the log, a release without an onset not at all; both are
     warned of.
@@ -57,7 +57,7 @@ def pushes_of(
         joint: The last joint that moves it; None on trunk and base.
 
     Raises:
-        LabelError: There is no label of a touch, or nobody said which link was touched.
+        LabelError: There is no label of a touch, or the touched link is unknown.
     """
     spans, open_label = [], None
     for label in log.labels:
@@ -111,12 +111,12 @@ Pressed = Callable[[Measurement], bool]
 class Labeller:
     """Makes labels of the edges of something that is pressed or not.
 
-    A sensor that is pressed already in the first tick began at an unknown time: it is left out until it is let go.
+    A sensor that is pressed already in the first tick began at an unknown time: it is left out until it is released.
 
     Args:
         source: What is pressed.
         pressed: Whether it is, given a measurement.
-        link: What is touched then; None where nobody knows.
+        link: The touched link; None if unknown.
         joint: The last joint of its chain that moves the link; None on trunk and base.
     """
 
@@ -162,7 +162,7 @@ def make_labeller(
         source: One of ``LabelSource``.
         robot: Its description.
         space_bar: What the source ``key`` is.
-        link: What is touched; by default the link of the sensor, and nobody knows for a key.
+        link: What is touched; by default the link of the sensor, and unknown for a key.
         joint: The last joint that moves the link; by default the one that carries it.
 
     Raises:

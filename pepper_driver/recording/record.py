@@ -1,4 +1,4 @@
-"""Records a run with labels: when the robot was really touched, as a key, a touch sensor or a bumper told it."""
+"""Records a run with labels: when the robot was really touched, as a key, a touch sensor or a bumper reported it."""
 
 from __future__ import annotations
 
@@ -66,11 +66,11 @@ def record_labelled(
         seed: Of the experiment's random goals; None for its own.
         link: What is touched; in place of the link of the sensor.
         joint: The last joint that moves it.
-        on_label: Told each label, inside the tick: must be quick.
+        on_label: Called with each label, inside the tick: must be quick.
         on_start: Given the robot when it is ready: to push a simulated one, for example.
 
     Raises:
-        LabelError: No terminal for keys, a time that is none, or nothing that tells how long.
+        LabelError: No terminal for keys, an invalid time, or no end of the recording.
         PepperError: The robot or the log cannot be opened, or the robot stopped.
     """
     out = as_path("out", out)

@@ -1,4 +1,4 @@
-"""Keys of the terminal, read beside the tick: the space bar as a switch, and as what stops the robot."""
+"""Keys of the terminal, read next to the tick: the space bar as a switch, and as the stop of the robot."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from typing import Any, Self
 from pepper_driver.config.errors import PepperError
 
 POLL_PERIOD = 0.1
-"""[s] between two looks at whether to stop."""
+"""[s] between two checks of the stop flag."""
 
 _REFUSAL = "labels by key need a terminal to press keys in: start it in one, or give another --label, such as head"
 
@@ -27,7 +27,7 @@ class NoTerminalError(PepperError, RuntimeError):
 class Keys(ABC):
     """Reads a terminal on a thread of its own while its ``with`` block runs; Ctrl-C works as ever.
 
-    Leaving the block gives the terminal back as it was. Where there is none, no key is read.
+    Leaving the block restores the terminal. Without a terminal, no key is read.
 
     Attributes:
         listening: Whether there is a terminal to read.
@@ -68,7 +68,7 @@ class Keys(ABC):
         self.listening = False
         self._stop.set()
         self._thread.join()
-        with suppress(termios.error):  # a terminal that is gone
+        with suppress(termios.error):  # a terminal that was closed
             termios.tcsetattr(self._file, termios.TCSADRAIN, self._settings)
 
     @abstractmethod
@@ -82,7 +82,7 @@ class Keys(ABC):
                 continue
             try:
                 data = os.read(self._file, 1024)
-            except OSError:  # the terminal is gone
+            except OSError:  # the terminal was closed
                 return
             if not data:
                 return

@@ -24,10 +24,10 @@ from pepper_driver.reflexes.reflex import Reflex, ReflexError, kind_of
 from pepper_driver.reflexes.requests import BRAKING_STIFFNESS, ReflexRequests
 
 MAX_RETURN_SPEED = 0.6
-"""[rad/s] Of joints that a reflex has led away and that go back to the user's posture."""
+"""[rad/s] Of joints that return to the user's posture after a reflex."""
 
 MIN_RETURN_TIME = 0.8
-"""[s] For small ways, so that nothing jerks."""
+"""[s] For small distances, so that the motion stays smooth."""
 
 
 @checked_arguments
@@ -65,7 +65,7 @@ def prepare_reflexes(reflexes: Sequence[Reflex], robot: RobotConfig) -> tuple[Re
 
 
 class Arbiter:
-    """Decides who has posture, tasks, motor stiffness and base; nothing else writes to the controller.
+    """Assigns posture, tasks, motor stiffness and base to reflexes or user; nothing else writes to the controller.
 
     User and motions make lasting requests: a posture, a twist of the base, tasks. Reflexes make theirs again in each
     tick, in the order of their priority, and go before. Joints that a reflex gives back return to the user's posture,
@@ -81,7 +81,7 @@ class Arbiter:
         target: (17,) posture that user or motion request [rad].
         posture_stiffness: Stiffness of the posture task that they request [1/s2]; may be set.
         stiffness: (17,) stiffness of the motors 0..1 for this tick.
-        paused: True while the robot comes to rest and stands, whatever user and motion request.
+        paused: True while the robot comes to rest and stands, independent of the requests of user and motion.
     """
 
     def __init__(
@@ -107,7 +107,7 @@ class Arbiter:
     def move_to(self, target: FloatArray, duration: float | None = None) -> None:
         """Request a posture (17,) [rad], reached within ``duration`` [s] along a spline; without one a set-point.
 
-        A motion under way ends here, even one to the same posture.
+        The current motion ends here, even one to the same posture.
         """
         self.target, self._duration = target, duration
         self._followed = None
@@ -142,7 +142,7 @@ class Arbiter:
     # -- one tick -------------------------------------------------------------------------------------------------
 
     def step(self, observation: Observation | None, measurement: Measurement) -> list[ReflexEvent]:
-        """Decide for one tick and tell the controller; return what has changed of the reflexes."""
+        """Decide for one tick and set up the controller; return the changes of the reflexes."""
         events: list[ReflexEvent] = []
         if self._reflexes and observation is not None:
             tasks = self._requests.tasks
@@ -207,20 +207,20 @@ class Arbiter:
             held, stiffness = self._rest, BRAKING_STIFFNESS
         else:
             self._rest = None
-        # A posture outweighs no other task: what is held, nothing else may move.
+        # A posture has no weight above other tasks: they must not move joints that are held.
         controller.hold = held is not None
-        wanted = self.target if held is None else held
+        target = self.target if held is None else held
         # By value: a reflex may change its array in place.
-        if self._followed is None or not np.array_equal(wanted, self._followed):
+        if self._followed is None or not np.array_equal(target, self._followed):
             if held is None and self._duration is not None:
-                task.move_to(wanted, self._duration)
+                task.move_to(target, self._duration)
             else:
-                task.target = wanted
-            self._followed = wanted.copy()
+                task.target = target
+            self._followed = target.copy()
         elif held is None and np.count_nonzero(requests.released_to_posture) and not task.under_way:
             # A spring would jerk at first, and creep at the end, where worn gears stick and slip.
-            away = (wanted - controller.position)[requests.released_to_posture]
-            task.move_to(wanted, return_time(away))
+            away = (target - controller.position)[requests.released_to_posture]
+            task.move_to(target, return_time(away))
         stiffness = self.posture_stiffness if stiffness is None else stiffness
         if task.stiffness != stiffness:
             task.stiffness = stiffness
@@ -228,9 +228,9 @@ class Arbiter:
     def _lead_dither(self) -> None:
         """Keep the joints that a reflex has, or a pause, from oscillating."""
         if self.controller.dither.active:
-            taken = np.ones_like(self._requests.claimed) if self.holds else self._requests.claimed
-            if np.count_nonzero(taken):
-                self.controller.dither.suspend(taken)
+            claimed = np.ones_like(self._requests.claimed) if self.holds else self._requests.claimed
+            if np.count_nonzero(claimed):
+                self.controller.dither.suspend(claimed)
 
     def _event(self, reflex: Reflex, was_active: bool, time: float) -> ReflexEvent:
         return ReflexEvent(
@@ -250,16 +250,16 @@ class Arbiter:
 
 def return_time(away: FloatArray) -> float:
     """Return the time for joints to come back from ``away`` [rad], gently [s]."""
-    way = float(np.abs(away).max())
-    return max(PEAK_SPEED_RATIO * way / MAX_RETURN_SPEED, MIN_RETURN_TIME)
+    distance = float(np.abs(away).max())
+    return max(PEAK_SPEED_RATIO * distance / MAX_RETURN_SPEED, MIN_RETURN_TIME)
 
 
 def _without(observation: Observation, ignore: Ignore) -> Observation:
     """Return it without the contacts that are ignored; one that turns out to be ignored is over for those below."""
     if not observation.contacts:
         return observation
-    left = tuple(
+    remaining = tuple(
         replace(contact, phase="end") if ignore.matches(contact) else contact
         for contact in observation.contacts
     )
-    return replace(observation, contacts=left)
+    return replace(observation, contacts=remaining)

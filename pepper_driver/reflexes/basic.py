@@ -1,4 +1,4 @@
-"""Basic reflexes: hold still, go soft, stop the base, ignore contacts."""
+"""Basic reflexes: hold still, lower the stiffness, stop the base, ignore contacts."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ from pepper_driver.reflexes.requests import BRAKING_STIFFNESS, ReflexRequests
 @checked_arguments
 @dataclass(kw_only=True, eq=False)
 class Hold(Reflex):
-    """Brake when a contact begins, stand still, and go on ``release_delay`` [s] after the last one ended.
+    """Brake when a contact begins, stand still, and continue ``release_delay`` [s] after the last one ended.
 
     What stands still is the reference, not the measured posture: the joints keep pushing back against the hand with
-    their own stiffness. The reference comes to rest a twentieth of a second's way further on, as fast as the
+    their own stiffness. The reference comes to rest within the distance of 0.05 s of motion, as fast as the
     acceleration limits allow, and does not turn round; the base brakes, and all other tasks wait. What the user asks
     for meanwhile is done afterwards. It takes the whole robot: as long as another reflex of higher priority has a part
     of it, it waits.
@@ -52,7 +52,7 @@ class Hold(Reflex):
 class Soften(Reflex):
     """Lower the stiffness of the limb's motors; raise it again ``release_delay`` after the contact, on the gate's ramp.
 
-    Below full stiffness nobody can tell what touches a joint: the observer is blind there, which ends the contact.
+    Below full stiffness the observer is blind at a joint, which ends the contact.
     ``release_delay`` is therefore the time for which the limb stays soft.
 
     Attributes:
@@ -69,7 +69,7 @@ class Soften(Reflex):
 
     @property
     def resources(self) -> frozenset[Resource]:
-        """Nothing: of several wishes the lowest counts."""
+        """Nothing: of several requests the lowest counts."""
         return frozenset()
 
     def begin(self, contact: Contact, requests: ReflexRequests) -> None:
@@ -86,7 +86,7 @@ class Soften(Reflex):
 @checked_arguments
 @dataclass(kw_only=True, eq=False)
 class StopBase(Reflex):
-    """Brake the base as fast as its acceleration limits allow; arms and head go on."""
+    """Brake the base as fast as its acceleration limits allow; arms and head continue."""
 
     priority: int = 50
 

@@ -1,4 +1,4 @@
-"""Reflexes that give way: comply with a push, assist a motion."""
+"""Compliant reflexes: comply with a push, assist a motion."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from pepper_driver.reflexes.reflex import Reflex, Resource, Then, limb_joints
 from pepper_driver.reflexes.requests import ReflexRequests
 
 MIN_GAIN = 0.01
-"""Gain below which joints do not give way at all."""
+"""Gain below which joints do not comply at all."""
 
 MAX_SPRING_STIFFNESS = 2000.0
 """[1/s2] The controller takes no stiffer task."""
@@ -26,20 +26,20 @@ MAX_SPRING_STIFFNESS = 2000.0
 @checked_arguments
 @dataclass(kw_only=True, eq=False)
 class Comply(Reflex):
-    """The joints of the limb that is touched give way to the external torque that the observer tells of.
+    """The joints of the touched limb comply with the external torque that the observer estimates.
 
     Each moves as if it had a small inertia, some friction, and a spring to where it was: inertia qdd = torque -
     damping qd - K (1 - gain) / gain (q - q0), with K of 40 N m/rad. Torques within two standard deviations of their
-    estimate move nothing. Afterwards the joints go back to the user's posture, or stay where they were led to.
+    estimate move nothing. Afterwards the joints return to the user's posture, or stay where they are.
 
     Attributes:
-        gain: 0..1, from stiff, where the joints stand still, to free, where they go on as long as somebody pushes.
+        gain: 0..1, from stiff, where the joints stand still, to free, where they move as long as a person pushes.
         damping: [N m s/rad] Up to 12. At the free end, a newton metre makes a speed of 1 / damping.
         max_torque: No more of it counts [N m].
         inertia: Apparent inertia of a joint [kg m2].
         half_gain_stiffness: K, the apparent stiffness of a joint at half the gain [N m/rad].
         torque_deadband_stds: Torques within so many standard deviations of their estimate move nothing.
-        coast_damping: Of joints that are not pushed any more [1/s]: a distance that they coast is a swing back later.
+        coast_damping: Of joints that are not pushed any more [1/s]: a joint that coasts causes a rebound later.
     """
 
     priority: int = 30
@@ -67,7 +67,7 @@ class Comply(Reflex):
         return frozenset({"joints"})
 
     def begin(self, contact: Contact, requests: ReflexRequests) -> None:
-        """Lead the limb from here on, besides those that are led already."""
+        """Include this limb from now on, next to those included before."""
         joints = self.joints | limb_joints(contact, self.robot)
         if np.array_equal(joints, self.joints):
             return
@@ -94,15 +94,15 @@ class Comply(Reflex):
         self.granted = bool(self.joints.any()) and requests.claim(self.joints)
         if not self.granted:
             return
-        # What is felt after the hand has gone is friction that holds the joints off their place.
+        # After the release, the residual is friction that holds the joints away from their target.
         pushed = np.count_nonzero(observation.state[self.joints] == JointState.CONTACT)
         if self.gain >= MIN_GAIN and pushed:
-            self._task.torque, self._task.damping = self.felt(observation), self._damping
+            self._task.torque, self._task.damping = self.external_torque(observation), self._damping
         else:
             self._task.torque, self._task.damping = np.zeros(self._task.rows), self.coast_damping
         requests.add_task(self._task)
 
-    def felt(self, observation: Observation) -> FloatArray:
+    def external_torque(self, observation: Observation) -> FloatArray:
         """(joints,) external torque beyond what may be noise [N m]; 0 where nothing is known."""
         torque, unsure = observation.torque[self.joints], observation.torque_std[self.joints]
         beyond = np.abs(torque) - self.torque_deadband_stds * unsure
@@ -142,9 +142,9 @@ class Assist(Comply):
             self._help = 1.0
         super().begin(contact, requests)
 
-    def felt(self, observation: Observation) -> FloatArray:
+    def external_torque(self, observation: Observation) -> FloatArray:
         """(joints,) torque to follow, times the help [N m]."""
-        torque = super().felt(observation)
+        torque = super().external_torque(observation)
         excess = np.clip(np.abs(torque).max(initial=0.0) / self.torque - 1.0, -1.0, 1.0)
         change = np.exp(self.adaptation_rate * self.robot.cycle * excess)
         self._help = float(np.clip(self._help * change, *HELP_RANGE))

@@ -48,13 +48,13 @@ def make_reflexes(
     """Make reflexes from the entries of a file, in their order.
 
     Args:
-        declared: By key: ``on``, which contacts, ``do``, the kind of reflex, and what else this kind takes.
+        declared: By key: ``on``, which contacts, ``do``, the kind of reflex, and the other arguments of this kind.
         robot: Its description.
         source: Name of the file, for messages.
 
     Raises:
         ConfigError: An unknown kind, argument, link or joint, a value that makes no sense, or two reflexes of which
-            nobody could say who gets the robot; the message names the key.
+            it is undefined which one gets the robot; the message names the key.
     """
     made = {key: make_reflex(entry, robot, source, key) for key, entry in declared.items()}
     for (first, one), (second, other) in combinations(made.items(), 2):
@@ -70,7 +70,7 @@ def make_reflexes(
 
 
 def overlap(one: Reflex, other: Reflex, robot: RobotConfig) -> bool:
-    """Return True where both may answer one contact, of whatever kind: a contact may grow into a collision."""
+    """Return True where one contact may start both, of any kind: a contact may grow into a collision."""
     for first, second in (
         (one.selector.link, other.selector.link),
         (one.selector.joint, other.selector.joint),

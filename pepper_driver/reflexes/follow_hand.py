@@ -22,7 +22,7 @@ from pepper_driver.reflexes.requests import DOMINANT_WEIGHT, ReflexRequests
 FollowWith = Literal["arm", "base"]
 
 LIKELY_FORCE = 30.0
-"""[N] Size of forces that are likely: what joints cannot tell is taken to be small."""
+"""[N] Size of likely forces: components that joints cannot measure are assumed small."""
 
 BASE_STIFFNESS = 16.0
 """[1/s2] Of the task that moves the base."""
@@ -98,8 +98,8 @@ class FollowHand(Comply):
         if self.follow_with != "base" or not self.granted or not requests.claim_base():
             self._force[:] = 0.0
             return
-        share = self.robot.cycle / self.smoothing_time
-        self._force += share * (self._horizontal_force(observation, measurement) - self._force)
+        fraction = self.robot.cycle / self.smoothing_time
+        self._force += fraction * (self._horizontal_force(observation, measurement) - self._force)
         size = float(np.linalg.norm(self._force))
         beyond = max(size - self.min_force, 0.0)
         velocity = min(beyond / self.base_damping, self.speed) * self._force / max(size, 1e-9)

@@ -27,7 +27,7 @@ from pepper_driver.reflexes.requests import ReflexRequests
 
 
 def limb_joints(contact: Contact, robot: RobotConfig, *, fingers: bool = False) -> BoolArray:
-    """(17,) the joints of the limb that a contact is on; none on the trunk: no reflex lets the legs give way."""
+    """(17,) the joints of the limb that a contact is on; none on the trunk: no reflex moves the legs."""
     joints = np.zeros(len(robot.joint_names), dtype=np.bool_)
     if contact.limb != TRUNK:
         joints[[robot.joint_index(name) for name in robot.limbs[contact.limb]]] = True
@@ -58,7 +58,7 @@ class Reflex:
 
     It begins with the first contact that it matches. It ends ``release_delay`` after the last of them, or after
     ``max_duration``; then it waits for new ones. Rebounds neither begin nor prolong it: no reflex keeps itself alive
-    on the swing of a joint that was let go.
+    on the rebound of a joint that was released.
 
     A subclass requests in :meth:`act` what it needs while it is active. One that does not wait for contacts overrides
     :meth:`step`. To test one without a loop, see ``docs/reflexes.md``.
@@ -67,14 +67,15 @@ class Reflex:
         limb: Only contacts on this limb; as ``link`` and ``joint`` one name, or a list of which any will do. A contact
             that a reflex is for meets all of its conditions.
         link: Only contacts on this link.
-        joint: Only contacts felt by this joint.
+        joint: Only contacts detected by this joint.
         kind: ``contact`` or ``collision``; None for both. A contact that grows into a collision begins a reflex that
             is for collisions.
         min_intensity_deg: Only contacts of at least this intensity [deg].
         min_torque: Only contacts with at least this torque on their joint [N m].
         priority: Of several that want the same joints, or the base, the one with the highest gets them.
-        then: ``resume``: the user's motion goes on. ``stay``: the joints stay where they are until the user moves them.
-        release_delay: After the last contact, for which it goes on [s].
+        then: ``resume``: the user's motion continues. ``stay``: the joints stay where they are until the user moves
+            them.
+        release_delay: Time that it stays active after the last contact [s].
         max_duration: That it acts at a stretch [s].
         name: In events and log; by default its kind, ``stop_base`` for ``StopBase``.
         full_name: The same with ``number``, where several of a robot's reflexes have this name: ``hold 2``.
@@ -139,7 +140,7 @@ class Reflex:
         """Learn of the robot, before anything moves.
 
         Raises:
-            UnknownNameError: It is for a limb, link or joint that there is none of.
+            UnknownNameError: Its limb, link or joint does not exist.
             ReflexError: No contact can meet its conditions.
         """
         self.robot = robot
@@ -176,7 +177,7 @@ class Reflex:
         return frozenset({"joints", "base"})
 
     def matches(self, contact: Contact) -> bool:
-        """Return True where it answers this contact, whatever its phase."""
+        """Return True where this contact starts it, in any phase."""
         return meets(contact, self.selector)
 
     def step(

@@ -20,7 +20,7 @@ BRAKING_STIFFNESS = 400.0
 
 
 class ReflexRequests:
-    """Requests for one tick: a reflex that still wants something requests it again in the next.
+    """Requests for one tick: a reflex repeats its requests in each tick.
 
     Reflexes are asked in the order of their priority, and joints and base go to the first that claims them. Joints are
     given by name, of a joint or a chain such as ``left_arm``, by a list of names, or by a mask (17,) of bool.
@@ -32,8 +32,8 @@ class ReflexRequests:
         stiffness: (17,) stiffness of the motors 0..1; the safety gate ramps towards it.
         claimed: (17,) joints that a reflex has in this tick.
         released_in_place: (17,) joints that the user's posture shall find, from now on, where they come to rest.
-        released_to_posture: (17,) joints that go back, from now on, to the user's posture.
-        tasks: Tasks for this tick beside the user's, by identity.
+        released_to_posture: (17,) joints that return, from now on, to the user's posture.
+        tasks: Tasks for this tick in addition to the user's, by identity.
     """
 
     def __init__(self, controller: WholeBodyController, robot: RobotConfig) -> None:
@@ -55,7 +55,7 @@ class ReflexRequests:
         self._base_claimed = False
 
     def claim(self, joints: JointSelection) -> bool:
-        """Take joints for this tick: all of them, or, where one is taken already, none.
+        """Claim joints for this tick: all of them, or none where one is claimed already.
 
         Raises:
             UnknownNameError: No such joint or chain.
@@ -68,12 +68,12 @@ class ReflexRequests:
         return True
 
     def claim_base(self) -> bool:
-        """Take the base for this tick, unless it is taken."""
+        """Claim the base for this tick, unless it is claimed already."""
         free, self._base_claimed = not self._base_claimed, True
         return free
 
     def add_task(self, task: Task) -> None:
-        """Have the controller follow a task in this tick, beside the user's.
+        """Have the controller follow a task in this tick, in addition to the user's.
 
         Raises:
             PartError: It is no task.
@@ -83,9 +83,9 @@ class ReflexRequests:
         self.tasks[id(task)] = task
 
     def hold_posture(self, posture: FloatArray, stiffness: float) -> None:
-        """Have the whole robot go to a posture (17,) [rad] with a stiffness [1/s2].
+        """Move the whole robot to a posture (17,) [rad] with a stiffness [1/s2].
 
-        All other tasks stand still meanwhile, the base comes to rest, and afterwards they go on. The first request
+        All other tasks pause meanwhile, the base comes to rest, and afterwards they continue. The first request
         counts: it is the one of the highest priority.
         """
         if self.posture is None:
@@ -101,7 +101,7 @@ class ReflexRequests:
         self.add_task(self._base_at_rest)
 
     def release(self, joints: JointSelection, *, in_place: bool) -> None:
-        """Give joints back to the user: where they are, or on their way to the user's posture.
+        """Return joints to the user: in place, or with a motion to the user's posture.
 
         Raises as :meth:`claim` does.
         """

@@ -18,12 +18,12 @@ from pepper_driver.reflexes.requests import BRAKING_STIFFNESS, DOMINANT_WEIGHT, 
 @checked_arguments
 @dataclass(kw_only=True, eq=False)
 class Retract(Reflex):
-    """The limb moves away from the contact, as long as it is felt: its joints turn as the external torque turns them.
+    """The limb moves away from the contact while it lasts: its joints turn along the external torque.
 
-    The joint that feels most sets off at ``speed``, the others in proportion to their torques: J J^T f, nearly along
-    the force.
-    They stop when the torque has gone down to a quarter, or after ``distance``, and wait there. A hand that holds on
-    is followed no further than until it pulls the other way. A contact that trunk or base feels moves no limb.
+    The joint with the largest torque starts at ``speed``, the others in proportion to their torques: J J^T f, nearly
+    along the force.
+    They stop when the torque has fallen to a quarter, or after ``distance``, and wait there. A hand that holds on
+    is followed no further than until it pulls the other way. A contact on trunk or base moves no limb.
 
     Attributes:
         distance: That the first joint turns at most [rad].
@@ -52,7 +52,7 @@ class Retract(Reflex):
         return frozenset({"joints"})
 
     def begin(self, contact: Contact, requests: ReflexRequests) -> None:
-        """Choose the limb; the way follows from the torques of this tick. A further contact leads on."""
+        """Choose the limb; the torques of this tick give the direction. A further contact continues the motion."""
         joints = limb_joints(contact, self.robot)
         if not joints.any():
             return
@@ -67,13 +67,13 @@ class Retract(Reflex):
                 robot=self.robot,
             )
             self._task.target = requests.controller.stopping_position(BRAKING_STIFFNESS)[joints]
-        self._answers, self._way, self._left = contact, np.zeros(len(joints)), 0.0
+        self._contact, self._motion, self._remaining = contact, np.zeros(len(joints)), 0.0
         self._waited = False
 
     def act(
         self, observation: Observation, measurement: Measurement, requests: ReflexRequests
     ) -> None:
-        """Go on, or wait."""
+        """Move on, or wait."""
         if not self.joints.any():
             return
         if not requests.claim(self.joints):
@@ -84,18 +84,18 @@ class Retract(Reflex):
                 False,
                 requests.controller.stopping_position(BRAKING_STIFFNESS)[self.joints],
             )
-            self._way[:] = 0.0
-        if not self._way.any():
-            self._way, self._peak = self._direction(observation), 0.0
-            self._left = self.distance
-        if self._left > 0.0:
-            felt = float(self._way @ np.nan_to_num(observation.torque))
-            self._peak = max(self._peak, felt)
-            step = min(self.speed * self.robot.cycle, self._left)
-            self._left -= step
-            target = self._task.target + step * self._way[self.joints]
-            if felt < self.stop_torque_ratio * self._peak:
-                self._left, target = (
+            self._motion[:] = 0.0
+        if not self._motion.any():
+            self._motion, self._peak = self._direction(observation), 0.0
+            self._remaining = self.distance
+        if self._remaining > 0.0:
+            torque = float(self._motion @ np.nan_to_num(observation.torque))
+            self._peak = max(self._peak, torque)
+            step = min(self.speed * self.robot.cycle, self._remaining)
+            self._remaining -= step
+            target = self._task.target + step * self._motion[self.joints]
+            if torque < self.stop_torque_ratio * self._peak:
+                self._remaining, target = (
                     0.0,
                     requests.controller.stopping_position(BRAKING_STIFFNESS)[self.joints],
                 )
@@ -105,12 +105,12 @@ class Retract(Reflex):
         requests.add_task(self._task)
 
     def _direction(self, observation: Observation) -> FloatArray:
-        """(17,) the way to go, the largest part 1 in size."""
-        felt: FloatArray = np.where(self.joints, np.nan_to_num(observation.torque), 0.0)
-        felt[np.abs(felt) < self.min_torque_ratio * np.abs(felt).max()] = 0.0
-        largest = float(np.abs(felt).max())
+        """(17,) direction of the motion, its largest component 1 in size."""
+        torque: FloatArray = np.where(self.joints, np.nan_to_num(observation.torque), 0.0)
+        torque[np.abs(torque) < self.min_torque_ratio * np.abs(torque).max()] = 0.0
+        largest = float(np.abs(torque).max())
         if largest > 0.0:
-            return felt / largest
-        if self._answers.joint is not None:
-            felt[self.robot.joint_index(self._answers.joint)] = self._answers.direction
-        return felt
+            return torque / largest
+        if self._contact.joint is not None:
+            torque[self.robot.joint_index(self._contact.joint)] = self._contact.direction
+        return torque

@@ -1,4 +1,4 @@
-"""A recorded run once more: what observer and reflexes make of it now, beside what they made of it then."""
+"""Replay of a recorded run: output of observer and reflexes now, compared with that of the recording."""
 
 from pepper_driver.replay.comparison import Comparison, compare
 from pepper_driver.replay.logged_run import LoggedRun, ReplayError, load_run

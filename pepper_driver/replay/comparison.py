@@ -22,7 +22,7 @@ from pepper_driver.replay.run import Replayed
 from pepper_driver.safety import FaultReason
 
 SAME = 0.5
-"""[s] Contacts and reflexes are taken for the same when they are no further apart."""
+"""[s] Contacts and reflexes match when they are no further apart."""
 
 ARITHMETIC = ("pepper_driver", "numpy", "pin")
 """Versions in the metadata that may change the last bits."""
@@ -38,7 +38,7 @@ T = TypeVar("T", Contact, LogEvent)
 
 @dataclass(frozen=True, kw_only=True)
 class Difference:
-    """One thing that is not as recorded; ``time`` [s] on the clock of the robot, and what, for people."""
+    """One difference from the recording; ``time`` [s] on the clock of the robot, and a human-readable text."""
 
     time: float
     text: str
@@ -61,7 +61,7 @@ class MatchedPair(Generic[T]):
 
 @dataclass(frozen=True, kw_only=True)
 class Comparison:
-    """A replay beside its recording.
+    """A replay compared with its recording.
 
     Attributes:
         ticks: How many were replayed.
@@ -112,7 +112,7 @@ def compare(run: LoggedRun, found: Replayed) -> Comparison:
     contacts_now = _comparable(run, found.contacts, len(log.contacts))
     reflexes_now = _comparable(run, found.events, len(reflexes))
     kinds = [_of_commands(run, found.commands), _of_fault(run, found)]
-    if run.felt:
+    if run.has_observer:
         kinds.append(_first_in_lists(CONTACTS, log.contacts, contacts_now))
         kinds.append(_first_in_lists(EVENTS, reflexes, reflexes_now))
         kinds.append(_first_in_values(run, found))
@@ -176,7 +176,7 @@ def _first_in_values(run: LoggedRun, found: Replayed) -> Difference | None:
 
 
 def _bits(values: NDArray[Any]) -> IntArray:
-    """Return the bits of floats, all that are not a number alike."""
+    """Return the bits of floats, with one pattern for all NaN."""
     if values.dtype != np.float64:
         return values.astype(np.int64)
     return np.where(np.isnan(values), np.nan, values).view(np.int64)
@@ -190,10 +190,10 @@ def _of_commands(run: LoggedRun, commands: CommandDifferences) -> Difference | N
 
 
 def _of_fault(run: LoggedRun, found: Replayed) -> Difference | None:
-    """Return a stop that was none in the other; where no measurement shows why, the replay goes on."""
+    """Return a stop that the other run did not have; where no measurement shows why, the replay continues."""
     fault, log = found.fault, run.log
     then = next((event for event in log.events if event.kind == "fault"), None)
-    # Why no younger sample came follows in the text of then, and is in no row.
+    # The recorded text ends with why no younger sample came, which is in no row.
     same = (
         then is not None
         and fault is not None
@@ -228,23 +228,23 @@ def _pairs(
         if (apart := distance(then, now)) is not None
     )
     partner: dict[int, int] = {}
-    taken: set[int] = set()
+    matched: set[int] = set()
     for _, i, j in near:
-        if i not in partner and j not in taken:
+        if i not in partner and j not in matched:
             partner[i] = j
-            taken.add(j)
+            matched.add(j)
     pairs = [
         MatchedPair(recorded=then, found=found[partner[i]] if i in partner else None)
         for i, then in enumerate(recorded)
     ]
     pairs += [
-        MatchedPair(recorded=None, found=now) for j, now in enumerate(found) if j not in taken
+        MatchedPair(recorded=None, found=now) for j, now in enumerate(found) if j not in matched
     ]
     return tuple(sorted(pairs, key=lambda pair: _time(pair.recorded or pair.found)))
 
 
 def _contact_distance(then: Contact, now: Contact) -> float | None:
-    """[s] between two contacts that may be the same; felt by another joint they are further apart."""
+    """[s] between two contacts that may match; further apart if another joint detected them."""
     overlap = min(then.time, now.time) - max(then.onset_time, now.onset_time)
     if overlap < -SAME:
         return None
@@ -290,9 +290,9 @@ def _notes(run: LoggedRun, found: Replayed) -> Iterator[str]:
         yield f"{summary.dropped} ticks are not in the log: from there on observer and reflexes know less than then"
     if not run.from_start:
         yield "the log begins in the middle of a motion: the safety gate starts otherwise, its commands do not count"
-    if not run.felt and found.values:
+    if not run.has_observer and found.values:
         yield "the run had no observer: contacts and reflexes of the replay are compared with nothing"
-    if run.felt and not found.values:
+    if run.has_observer and not found.values:
         yield "the replay has no observer"
     for time, text in summary.faults:
         yield f"the run was stopped at {time:.3f} s: {text}"

@@ -24,7 +24,7 @@ from pepper_driver.config import (
 )
 from pepper_driver.config.arguments import as_path, checked_arguments
 from pepper_driver.config.loading import parse
-from pepper_driver.controller import Reference, Sent, Tick
+from pepper_driver.controller import Reference, SentCommand, Tick
 from pepper_driver.log import RunLog
 from pepper_driver.log.reader import usual_layout
 from pepper_driver.observer import ContactObserver, ModelFileError, Observer
@@ -61,10 +61,10 @@ class LoggedRun:
         return tuple(self._commands(Tick, self.log.fields, measurement=self.backend.measurements))
 
     @cached_property
-    def unanswered(self) -> dict[int, Sent]:
+    def unmatched(self) -> dict[int, SentCommand]:
         """Commands that no tick answers, by the step in which they were given."""
-        table = self.log.unanswered
-        return dict(zip(table["step"].tolist(), self._commands(Sent, table), strict=True))
+        table = self.log.unmatched
+        return dict(zip(table["step"].tolist(), self._commands(SentCommand, table), strict=True))
 
     def _commands(
         self, make: Callable[..., T], table: Mapping[str, Column], **more: Iterable[object]
@@ -78,20 +78,20 @@ class LoggedRun:
     @property
     def references(self) -> list[Reference | None]:
         """References of the controller at the end of each tick, as far as the log has them."""
-        made = {step: sent.reference for step, sent in self.unanswered.items()}
+        made = {step: sent.reference for step, sent in self.unmatched.items()}
         for step, tick in zip(self.backend.answered.tolist(), self.ticks, strict=True):
             made.setdefault(step, tick.reference)
         return [made.get(step + 1) for step in self.backend.steps.tolist()]
 
     @cached_property
-    def passed_over(self) -> list[list[tuple[int, Sent]]]:
+    def passed_over(self) -> list[list[tuple[int, SentCommand]]]:
         """For each tick older commands than it answers that no tick does, and how many ticks before they were given."""
         newest, found = -1, []
         for step, answered in zip(
             self.backend.steps.tolist(), self.backend.answered.tolist(), strict=True
         ):
-            between = [k for k in range(newest + 1, answered) if k in self.unanswered]
-            found.append([(step - k, self.unanswered[k]) for k in between])
+            between = [k for k in range(newest + 1, answered) if k in self.unmatched]
+            found.append([(step - k, self.unmatched[k]) for k in between])
             newest = max(newest, answered)
         return found
 
@@ -121,7 +121,7 @@ class LoggedRun:
         return not moving and bool((first.sent.stiffness == 1.0).all())
 
     @property
-    def felt(self) -> bool:
+    def has_observer(self) -> bool:
         """True if there was an observer."""
         return self.log.metadata.get("observer", "none") != "none"
 
@@ -147,7 +147,7 @@ class LoggedRun:
         identities = self.backend.info.identities
         if name is not None and settings is None:
             return make_observer(name, self.robot, identities, models)
-        if name is None and not self.felt:
+        if name is None and not self.has_observer:
             if models is not None or settings is not None:
                 raise ReplayError(f"{self.path}: the run had no observer; name one with --observer")
             return None
@@ -208,8 +208,8 @@ class LoggedRun:
         then, now = run["observer_models_sha256"], observer.provenance()["models_sha256"]
         if then != now:
             raise ReplayError(
-                f"{self.path}: felt with the models {then[:12]} ({run.get('observer_models')}), those shipped "
-                f"here are {now[:12]}; give the file of then with --models, or take "
+                f"{self.path}: detected with the models {then[:12]} ({run.get('observer_models')}), those shipped "
+                f"here are {now[:12]}; give the recorded file with --models, or take "
                 f"those of today with --observer {mode}"
             )
 

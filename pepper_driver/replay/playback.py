@@ -1,4 +1,4 @@
-"""A controller that wants what a recording says: for replays, where nobody knows the tasks of then."""
+"""Controller that plays recorded references: for replays, where the recorded tasks are unknown."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from pepper_driver.controller.whole_body import WholeBodyController
 
 
 class PlaybackController(WholeBodyController):
-    """Goes from reference to reference, and is in the state that they were made in.
+    """Moves from reference to reference, in the state in which they were made.
 
     Tasks can be added and removed, and change nothing. Where no reference is known it stays as it is.
 

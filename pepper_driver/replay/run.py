@@ -1,4 +1,4 @@
-"""Runs the loop over a recording: the same calls in the same order, on the measurements of then."""
+"""Runs the loop over a recording: the same calls in the same order, on the recorded measurements."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ def replay(
 ) -> Replayed:
     """Step observer and reflexes through a recording.
 
-    The observer sees the recorded ticks, bit for bit. The controller goes through the recorded references, whatever
+    The observer sees the recorded ticks, bit for bit. The controller plays the recorded references, whatever
     reflexes want of it, and passes the safety gate; the commands that come out are compared with those recorded.
 
     Args:
@@ -78,7 +78,7 @@ def replay(
     prepared = prepare_reflexes(reflexes, robot)
     controller = PlaybackController(robot, run.controller_settings, run.references)
     gate = SafetyGate(robot, run.safety_settings, run.controller_settings)
-    seen = _Taken(run)
+    seen = _TakenOver(run)
     with ExitStack() as stack:
         if out is not None:
             seen.log = LogWriter(out, robot, _metadata(run, observer, prepared), lossless=True)
@@ -135,7 +135,7 @@ class _OnRecordedTicks(Observer):
         return self._observer.describe()
 
 
-class _Taken:
+class _TakenOver:
     """Listener that keeps the records of the loop."""
 
     def __init__(self, run: LoggedRun) -> None:

@@ -24,15 +24,15 @@ class GatedCommand:
 
     Attributes:
         command: To send.
-        changed: (17,) where its position is not the reference's; not to be written to.
+        limited: (17,) where its position is not the reference's; not to be written to.
         joints_changed: Whether there is any such joint.
-        wheels_changed: Whether its wheel speeds are not the wanted ones.
+        wheels_changed: Whether its wheel speeds are not the requested ones.
     """
 
     command: Command
-    changed: BoolArray
-    joints_changed: bool
-    wheels_changed: bool
+    limited: BoolArray
+    joints_limited: bool
+    wheels_limited: bool
 
 
 class SafetyGate:
@@ -84,13 +84,13 @@ class SafetyGate:
 
     @property
     def base_stopped(self) -> str:
-        """Why the base has to stand, for people; empty when it may roll."""
+        """Human-readable reason why the base must stand; empty when it may roll."""
         return self._base.stopped
 
     # -- states -------------------------------------------------------------------------------------------------
 
     def check_ready(self, measurement: Measurement) -> None:
-        """See whether a robot that does not move yet may start to.
+        """Check that a robot at rest may start to move.
 
         Raises:
             NotReadyError: It should not: the message names every reason and its remedy.
@@ -118,7 +118,7 @@ class SafetyGate:
         self._machine.deactivate()
 
     def stop(self, reason: FaultReason, text: str) -> None:
-        """Go to FAULT now: hold the joints, stop the wheels. May come from any thread."""
+        """Enter FAULT now: hold the joints, stop the wheels. Any thread may call."""
         self._machine.fail(Fault(reason=reason, text=text))
 
     def hold(self) -> Command:
@@ -134,7 +134,7 @@ class SafetyGate:
     # -- one tick -----------------------------------------------------------------------------------------------
 
     def watch(self, measurement: Measurement, answered: Command) -> None:
-        """Compare a measurement with the command it answers; goes to FAULT when the robot cannot be trusted."""
+        """Compare a measurement with its command; enter FAULT when the robot cannot be trusted."""
         fault = self._watch.check(measurement, answered, self._sent)
         if fault is not None:
             self._machine.fail(fault)
@@ -146,23 +146,23 @@ class SafetyGate:
         """Return the command to send for a reference.
 
         Args:
-            reference: What the controller wants.
-            stiffness: (17,) wanted stiffness, 0..1.
-            wheel_speed: (3,) wanted wheel speed [rad/s].
+            reference: Reference state of the controller.
+            stiffness: (17,) requested stiffness, 0..1.
+            wheel_speed: (3,) requested wheel speed [rad/s].
             age: Age of the newest sample [s].
         """
         before, joints, n = self._sent, self._joints, self._n
-        wanted, stiff, rolling = reference.position, stiffness, wheel_speed
-        if not (_is_vector(wanted, n) and _is_vector(stiff, n) and _is_vector(rolling, 3)):
-            position = self._array("position", wanted, n)
+        requested, stiff, rolling = reference.position, stiffness, wheel_speed
+        if not (_is_vector(requested, n) and _is_vector(stiff, n) and _is_vector(rolling, 3)):
+            position = self._array("position", requested, n)
             stiffnesses = self._array("stiffness", stiff, n)
             speeds = self._array("wheel speed", rolling, 3)
             if position is None or stiffnesses is None or speeds is None:
                 return self._held(self._all)
-            wanted, stiff, rolling = position, stiffnesses, speeds
+            requested, stiff, rolling = position, stiffnesses, speeds
         if self._machine.state is not RobotState.ACTIVE:
-            return self._held(before.position != wanted)
-        changed = self._none
+            return self._held(before.position != requested)
+        limited = self._none
         # The usual cases first; what is not finite is never among them.
         if np.count_nonzero(stiff == before.stiffness) == n:
             stiff = before.stiffness
@@ -172,29 +172,29 @@ class SafetyGate:
             ramp = self._largest_stiffness_step
             stiff = np.clip(stiff, before.stiffness - ramp, before.stiffness + ramp)
             stiff = np.clip(stiff, 0.0, 1.0)
-        limited = self._base.limit(rolling)
-        if limited is None:
+        wheels = self._base.limit(rolling)
+        if wheels is None:
             self._finite("wheel speed", rolling)
             return self._held(self._all)
         if not age <= self._settings.stale_hold:  # NaN is old too
-            if not self._finite("position", wanted):
+            if not self._finite("position", requested):
                 return self._held(self._all)
             joints.clamp(before.position)
-            changed, limited = joints.position != wanted, self._base.stop()
-        elif not joints.keep(wanted):
-            if not self._finite("position", wanted):
+            limited, wheels = joints.position != requested, self._base.stop()
+        elif not joints.keep(requested):
+            if not self._finite("position", requested):
                 return self._held(self._all)
-            changed = joints.clamp(wanted)
-        self._sent = Command(position=joints.position, stiffness=stiff, wheel_speed=limited)
+            limited = joints.clamp(requested)
+        self._sent = Command(position=joints.position, stiffness=stiff, wheel_speed=wheels)
         return GatedCommand(
             command=self._sent,
-            changed=changed,
-            joints_changed=changed is not self._none and bool(changed.any()),
-            wheels_changed=limited is not wheel_speed,
+            limited=limited,
+            joints_limited=limited is not self._none and bool(limited.any()),
+            wheels_limited=wheels is not wheel_speed,
         )
 
     def _array(self, what: str, values: FloatArray, n: int) -> FloatArray | None:
-        """``values`` as (n,) numbers; None, and FAULT, where they are none: reflexes may give anything."""
+        """``values`` as (n,) numbers; None, and FAULT, where they are not: reflexes may give anything."""
         try:
             values = np.asarray(values, dtype=np.float64)
         except (TypeError, ValueError, OverflowError):
@@ -206,19 +206,19 @@ class SafetyGate:
         return values
 
     def _finite(self, what: str, values: FloatArray) -> bool:
-        """Return true if all values are finite; otherwise go to FAULT."""
+        """Return True if all values are finite; otherwise enter FAULT."""
         if np.isfinite(values).all():
             return True
         self.stop(FaultReason.COMMAND, f"asked for a {what} that is not a number")
         return False
 
-    def _held(self, changed: BoolArray) -> GatedCommand:
+    def _held(self, limited: BoolArray) -> GatedCommand:
         command = self.hold()
         return GatedCommand(
             command=command,
-            changed=changed,
-            joints_changed=bool(changed.any()),
-            wheels_changed=True,
+            limited=limited,
+            joints_limited=bool(limited.any()),
+            wheels_limited=True,
         )
 
 

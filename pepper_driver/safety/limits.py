@@ -10,7 +10,7 @@ so that the largest step it may take is, with n = ceil((sqrt(1 + 8 D / A) - 1) /
     s(D) = D / n + A (n - 1) / 2.
 
 After a step with T(s) <= D the next one can be s - A: T(s - A) = T(s) - s <= D - s. A command inside these limits
-therefore always has a successor inside them, whatever is asked for.
+therefore always has a successor inside them, for any request.
 """
 
 from __future__ import annotations
@@ -71,13 +71,13 @@ class JointLimits:
         self.position = np.clip(position, self._lower, self._upper)
         self._last_step = np.zeros(self._n)
 
-    def keep(self, wanted: FloatArray) -> bool:
+    def keep(self, requested: FloatArray) -> bool:
         """Take (n,) positions [rad] as the last command and return true if they are surely within all limits.
 
-        Some that are within may be taken for outside near position limits; NaN never passes.
+        Near position limits some valid commands may count as outside; NaN never passes.
         """
         step, rest, every = self._step, self._rest, 2 * self._n
-        np.subtract(wanted, self.position, step)
+        np.subtract(requested, self.position, step)
         np.subtract(step, self._last_step, self._change)
         np.abs(self._change, self._change)
         np.abs(step, self._size)
@@ -87,30 +87,34 @@ class JointLimits:
         # Where braking ends, no less far out than in truth: s^2 / (2 A) >= T(s) - s.
         np.multiply(step, self._size, rest)
         rest *= self._half_inverse
-        rest += wanted
+        rest += requested
         np.less_equal(self._lower, rest, self._low_kept)
         np.less_equal(rest, self._upper, self._high_kept)
         if np.count_nonzero(self._kept) != every:
             return False
-        self.position = wanted.copy()  # no one else's
+        self.position = requested.copy()  # a copy: callers may change theirs
         self._step, self._last_step = self._last_step, step
         return True
 
-    def clamp(self, wanted: FloatArray) -> BoolArray:
-        """Go as near to (n,) finite positions [rad] as the limits allow; returns (n,) where that is not there."""
+    def clamp(self, requested: FloatArray) -> BoolArray:
+        """Move as near to (n,) finite positions [rad] as the limits allow; return (n,) True where limited."""
         before, last = self.position, self._last_step
-        wanted_step = wanted - before
+        requested_step = requested - before
         change = self._largest_change
         low = np.maximum(last - change, -self._largest_step)
         high = np.minimum(last + change, self._largest_step)
         # Position counts most: it is the last to be asked.
         np.minimum(high, _reach(self._upper - before, change), out=high)
         np.maximum(low, -_reach(before - self._lower, change), out=low)
-        changed: BoolArray = (wanted_step > high + ANGLE_ROUNDING) | (
-            wanted_step < low - ANGLE_ROUNDING
+        changed: BoolArray = (requested_step > high + ANGLE_ROUNDING) | (
+            requested_step < low - ANGLE_ROUNDING
         )
-        changed |= (wanted < self._lower - ANGLE_ROUNDING) | (wanted > self._upper + ANGLE_ROUNDING)
-        sent = np.where(changed, before + np.minimum(np.maximum(wanted_step, low), high), wanted)
+        changed |= (requested < self._lower - ANGLE_ROUNDING) | (
+            requested > self._upper + ANGLE_ROUNDING
+        )
+        sent = np.where(
+            changed, before + np.minimum(np.maximum(requested_step, low), high), requested
+        )
         self.position = np.clip(sent, self._lower, self._upper)
         self._last_step = self.position - before
         return changed
@@ -138,14 +142,14 @@ class BaseGuard:
     """Slows the wheels, and stops the base while a bumper is pressed, some time beyond, and over an open charging flap.
 
     Wheels too fast, or that change their speed too fast, are slowed by one factor: the base keeps its direction, or
-    changes it the way it was to. A stop is at once.
+    changes it in the requested direction. A stop is immediate.
 
     Args:
         robot: Its description.
         settings: Of the gate.
 
     Attributes:
-        stopped: Why the base has to stand, for people; empty when it may roll.
+        stopped: Human-readable reason why the base must stand; empty when it may roll.
     """
 
     def __init__(self, robot: RobotConfig, settings: SafetySettings) -> None:
@@ -158,7 +162,7 @@ class BaseGuard:
         acceleration = np.abs(robot.wheels.matrix) @ np.array([linear, linear, angular])
         largest_change = settings.acceleration_margin * acceleration * robot.cycle
         self._largest_change: list[float] = largest_change.tolist()
-        self._still = np.zeros(3)  # goes into many commands
+        self._still = np.zeros(3)  # shared by many commands
         self._still.setflags(write=False)
         self.reset()
 
@@ -193,30 +197,30 @@ class BaseGuard:
             reasons.append("the charging flap is open")
         return " and ".join(reasons)
 
-    def limit(self, wanted: FloatArray) -> FloatArray | None:
-        """(3,) wheel speeds to send [rad/s]; ``wanted`` itself where it may be sent, None where it is not finite."""
-        a, b, c = wanted.tolist()
+    def limit(self, requested: FloatArray) -> FloatArray | None:
+        """(3,) wheel speeds to send [rad/s]; ``requested`` itself where it may be sent, None where it is not finite."""
+        a, b, c = requested.tolist()
         if not (isfinite(a) and isfinite(b) and isfinite(c)):
             return None
         if self.stopped:
             self.stop()
-            return wanted if a == b == c == 0.0 else self._still
+            return requested if a == b == c == 0.0 else self._still
         if a == b == c == 0.0 and self._last is self._still:
-            return wanted
+            return requested
         limit = self._speed_limit + SPEED_ROUNDING
-        speeds = wanted
+        speeds = requested
         if not (-limit <= a <= limit and -limit <= b <= limit and -limit <= c <= limit):
-            speeds = desaturate(wanted, self._speed_limit)
+            speeds = desaturate(requested, self._speed_limit)
             a, b, c = speeds.tolist()
-        share = 1.0
+        fraction = 1.0
         for speed, last, most in zip(
             (a, b, c), self._last_speeds, self._largest_change, strict=True
         ):
             change = abs(speed - last)
             if change > most:
-                share = min(share, most / change)
-        if share < 1.0:
-            speeds = self._last + share * (speeds - self._last)
+                fraction = min(fraction, most / change)
+        if fraction < 1.0:
+            speeds = self._last + fraction * (speeds - self._last)
             a, b, c = speeds.tolist()
         self._last, self._last_speeds = speeds, [a, b, c]
         return speeds

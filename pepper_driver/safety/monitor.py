@@ -21,7 +21,7 @@ NAMED = 3
 
 
 class MotorMonitor:
-    """Compares the stiffness that boards are told with what was sent, and looks for joints of which nothing changes.
+    """Compares the stiffness at the motor boards with the sent one, and detects joints whose sensor is frozen.
 
     Args:
         robot: Its description.
@@ -31,7 +31,7 @@ class MotorMonitor:
     def __init__(self, robot: RobotConfig, settings: SafetySettings) -> None:
         self._names = robot.joint_names
         self._settings = settings
-        self._taken_ticks = round(settings.stiffness_time / robot.cycle)
+        self._lowered_ticks = round(settings.stiffness_time / robot.cycle)
         self._silent_ticks = round(settings.frozen_time / robot.cycle)
         # A hand stands still around what it holds, far from where it was to close.
         self._judged = np.array([name not in robot.hands.joints for name in robot.joint_names])
@@ -39,7 +39,7 @@ class MotorMonitor:
 
     def reset(self) -> None:
         """Nothing has been seen."""
-        self._taken = 0
+        self._lowered = 0
         self._silent = np.zeros(len(self._names), dtype=np.int64)
         self._last: Measurement | None = None
 
@@ -49,22 +49,22 @@ class MotorMonitor:
         """Return a fault if joints are softer than any command that may have arrived: another program acts.
 
         Positions are sent for later than stiffness is, so the boards may be at any command from the one that the sample
-        answers up to the newest. Between these the gate's own ramp goes one way.
+        answers up to the newest. Between these the gate's own ramp is monotonic.
         """
-        told = measurement.stiffness
-        if told is None:
+        measured = measurement.stiffness
+        if measured is None:
             return None
-        wanted = np.minimum(answered.stiffness, newest.stiffness)
-        less = told < wanted - self._settings.stiffness_loss  # never where nobody knows: NaN
+        sent = np.minimum(answered.stiffness, newest.stiffness)
+        less = measured < sent - self._settings.stiffness_loss  # never where it is unknown: NaN
         if not np.count_nonzero(less):
-            self._taken = 0
+            self._lowered = 0
             return None
-        self._taken += 1
-        if self._taken <= self._taken_ticks:
+        self._lowered += 1
+        if self._lowered <= self._lowered_ticks:
             return None
         text = (
-            f"somebody took the stiffness of {self._listed(less)} away ({told[less].min():.2f} in place of "
-            f"{wanted[less].max():.2f}): the robot fell asleep or was sent to rest (button on the chest, heat, a fall, "
+            f"the stiffness of {self._listed(less)} was lowered from outside ({measured[less].min():.2f} in place of "
+            f"{sent[less].max():.2f}): the robot fell asleep or was sent to rest (button on the chest, heat, a fall, "
             "ALMotion.rest), or another program lowered it (setStiffnesses); end that program, wake the robot up, then "
             "start again"
         )
@@ -123,10 +123,10 @@ def _list(names: Sequence[str]) -> str:
 logger = logging.getLogger("pepper_driver")
 
 SLOW_CHECK_PERIOD = 0.5
-"""[s] Between two looks at temperatures and charge, which change over minutes."""
+"""[s] Between two checks of temperatures and charge, which change over minutes."""
 
 CONFIRMATIONS = 3
-"""Looks in a row that must agree before a robot is stopped: one odd sample stops none."""
+"""Consecutive checks that must agree before the robot is stopped: one odd sample stops nothing."""
 
 
 class MeasurementMonitor:
@@ -143,7 +143,7 @@ class MeasurementMonitor:
         self._divergence_ticks = round(settings.following_error_time / robot.cycle)
         self._square = min(settings.following_error, settings.frozen_distance) ** 2
         self._motors = MotorMonitor(robot, settings)
-        self._look_ticks = round(SLOW_CHECK_PERIOD / robot.cycle)
+        self._check_ticks = round(SLOW_CHECK_PERIOD / robot.cycle)
         self._distance = np.zeros(len(self._names))
         self.reset()
 
@@ -152,7 +152,7 @@ class MeasurementMonitor:
         self._diverging = np.zeros(len(self._names), dtype=np.int64)
         self._far = False
         self._motors.reset()
-        self._until_look = 1
+        self._until_check = 1
         self._hot, self._low = np.zeros(len(self._names), dtype=np.int64), 0
         self._warned: set[str] = set()
 
@@ -187,10 +187,10 @@ class MeasurementMonitor:
             )
             if fault is not None:
                 return fault
-        self._until_look -= 1
-        if self._until_look <= 0:
-            self._until_look = self._look_ticks
-            return self._look(measurement)
+        self._until_check -= 1
+        if self._until_check <= 0:
+            self._until_check = self._check_ticks
+            return self._check(measurement)
         return None
 
     def _button(self, measurement: Measurement) -> Fault | None:
@@ -199,7 +199,7 @@ class MeasurementMonitor:
             return Fault(reason=FaultReason.SENSOR, text="the chest button cannot be read")
         if (pressed > 0.5).any():
             return Fault(
-                reason=FaultReason.CHEST_BUTTON, text="somebody pressed the button on the chest"
+                reason=FaultReason.CHEST_BUTTON, text="a person pressed the button on the chest"
             )
         return None
 
@@ -219,7 +219,7 @@ class MeasurementMonitor:
         text = f"{self._names[worst]} stays {np.degrees(distance[worst]):.0f} deg from its command"
         return Fault(reason=FaultReason.FOLLOWING_ERROR, text=text)
 
-    def _look(self, measurement: Measurement) -> Fault | None:
+    def _check(self, measurement: Measurement) -> Fault | None:
         """At what changes slowly. What cannot be read is not judged: no robot is hot for lack of a thermometer."""
         settings = self._settings
         temperature, charge = measurement.temperature, measurement.battery
@@ -247,7 +247,7 @@ class MeasurementMonitor:
         unknown = np.isnan(temperature)
         if unknown.any():
             names = ", ".join(self._names[index] for index in np.flatnonzero(unknown).tolist())
-            self._warn("temperature", f"nothing watches the temperature, not told, of {names}")
+            self._warn("temperature", f"the temperature of {names} is unknown and not monitored")
         return None
 
     def _broken(self, measurement: Measurement) -> str:

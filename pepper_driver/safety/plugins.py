@@ -154,7 +154,7 @@ def _evaluate_task(task: Task, model: RobotModel) -> None:
     task.owner = task.changes = None
     rows = TaskRows.empty(task.rows, model.nv)
     task.attach(model, rows)
-    if not rows.jacobian.any():  # else what is written there may stay as it is
+    if not rows.jacobian.any():  # the rows may keep their last values otherwise
         rows.jacobian[:] = np.nan
     task.compute(model, rows)
     for name in ("error", "jacobian"):
@@ -204,11 +204,11 @@ def _text(shape: tuple[int, ...]) -> str:
 
 
 def still_tick(measurement: Measurement, command: FloatArray | None = None) -> Tick:
-    """Return a tick of a robot that is told to stand still.
+    """Return a tick of a robot whose command is to stand still.
 
     Args:
         measurement: What it measures.
-        command: (17,) where it was told to be [rad]; by default where it is.
+        command: (17,) commanded positions [rad]; by default the measured ones.
     """
     position = measurement.position if command is None else command
     zero = np.zeros(len(position))
@@ -222,7 +222,7 @@ def still_tick(measurement: Measurement, command: FloatArray | None = None) -> T
             base_twist=np.zeros(3),
         ),
         sent=Command(position=position, stiffness=np.ones(len(position)), wheel_speed=np.zeros(3)),
-        changed=np.zeros(len(position), dtype=np.bool_),
+        limited=np.zeros(len(position), dtype=np.bool_),
     )
 
 

@@ -49,7 +49,7 @@ class FaultReason(Enum):
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Fault:
-    """Why the robot was stopped: the kind of ``reason``, and ``text`` for people."""
+    """Cause of a stop of the robot: the kind of ``reason``, and a human-readable ``text``."""
 
     reason: FaultReason
     text: str
@@ -68,7 +68,7 @@ class FaultError(PepperError, RuntimeError):
 
 
 class StateError(PepperError, RuntimeError):
-    """The robot cannot go from one state to another one."""
+    """A transition between two states that is not allowed."""
 
     def __init__(self, before: RobotState, after: RobotState) -> None:
         self.before, self.after = before, after
@@ -113,7 +113,7 @@ class StateMachine:
         """To FAULT; a fault that is there already stays."""
         with self._lock:
             if self.state is not RobotState.FAULT:
-                self.fault = fault  # first: whoever sees FAULT finds the reason
+                self.fault = fault  # first: a thread that sees FAULT finds the reason
                 self._go(RobotState.FAULT)
 
     def _go(self, after: RobotState) -> None:

@@ -1,4 +1,4 @@
-"""Measurements as a faulty robot would have taken them, for ``MockBackend(faults=...)`` and its like."""
+"""Measurements of a faulty robot, for ``MockBackend(faults=...)`` and similar backends."""
 
 from __future__ import annotations
 

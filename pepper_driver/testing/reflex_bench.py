@@ -57,7 +57,7 @@ class ReflexBench:
         own_tasks: The tasks that the controller had at first.
 
     Raises:
-        PepperError: A reflex is for a link or joint that there is none of.
+        PepperError: The link or joint of a reflex does not exist.
     """
 
     def __init__(self, *reflexes: Reflex, robot: RobotConfig | None = None) -> None:
@@ -98,6 +98,6 @@ class ReflexBench:
         return self.controller.step().position
 
     def run(self, seconds: float, torque: Mapping[str, float] | None = None) -> FloatArray:
-        """Go on without events for a time [s]; (ticks, 17) joint positions [rad]."""
+        """Run without events for a time [s]; return (ticks, 17) joint positions [rad]."""
         ticks = round(seconds / self._robot.cycle)
         return np.array([self.step(torque=torque) for _ in range(ticks)])

@@ -22,7 +22,7 @@ def standing_measurement() -> Measurement:
 def standing_ticks(
     count: int, faults: Mapping[int, Fault] | None = None, *, robot: RobotConfig | None = None
 ) -> tuple[Tick, ...]:
-    """Ticks of a robot that is told to stand still, numbered from 1.
+    """Ticks of a robot whose command is to stand still, numbered from 1.
 
     A joint that is pushed aside from tick 50 to 99: ``dict.fromkeys(range(50, 100), displaced("LElbowRoll", 0.08))``.
 

@@ -13,7 +13,7 @@ from pepper_driver.backends.fields import (
     RECORDED_FIELDS,
     TICK_FIELDS,
     TRUTH_FIELDS,
-    UNANSWERED_FIELDS,
+    UNMATCHED_FIELDS,
     Command,
     Imu,
     Measurement,
@@ -51,7 +51,7 @@ def test_the_table_has_all_of_the_truth() -> None:
     assert logged == {field.name for field in fields(TruthSample)}
 
 
-@pytest.mark.parametrize("table", [TICK_FIELDS, UNANSWERED_FIELDS, TRUTH_FIELDS])
+@pytest.mark.parametrize("table", [TICK_FIELDS, UNMATCHED_FIELDS, TRUTH_FIELDS])
 def test_rows_need_no_padding(table: tuple[TickField, ...]) -> None:
     assert len({field.name for field in table}) == len(table)
     scalar = [field.shape == "scalar" for field in table]
@@ -87,7 +87,7 @@ text = (folder / "fields.py").read_text()
 for before, new in (
     ("    missing: str = ", "    pressure: FloatArray | None = None\\n"),
     (
-        "    _CHANGED,\\n    _F(_O, ",
+        "    _LIMITED,\\n    _F(_O, ",
         "    _F(_M, 'pressure', 'joints', '[Pa]', absent=nan, column='pressure', mirror='size'),\\n",
     ),
 ):

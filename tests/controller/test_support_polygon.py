@@ -30,7 +30,9 @@ def test_a_push_forwards_works_against_the_weight_over_the_front_wheels(name: st
     centre, weight = mass_centre(posture)
     front = ROBOT.wheels.positions[0][0]
     expected = 20.0 * 0.8 / (weight * (front - centre[0]))
-    share = SUPPORT_POLYGON.share(posture, np.array([0.1, 0.0, 0.8]), np.array([20.0, 0.0, 0.0]))
+    share = SUPPORT_POLYGON.tipping_ratio(
+        posture, np.array([0.1, 0.0, 0.8]), np.array([20.0, 0.0, 0.0])
+    )
     assert share == pytest.approx(expected, rel=1e-3)
 
 
@@ -46,17 +48,19 @@ def test_a_push_sideways_tips_over_the_edge_to_the_rear_wheel(side: float) -> No
     distance = float((corner - centre[:2]) @ outwards)
     expected = 20.0 * 0.8 * abs(outwards[1]) / (weight * distance)
     force = np.array([0.0, side * 20.0, 0.0])
-    share = SUPPORT_POLYGON.share(posture, np.array([0.0, side * 0.2, 0.8]), force)
+    share = SUPPORT_POLYGON.tipping_ratio(posture, np.array([0.0, side * 0.2, 0.8]), force)
     assert share == pytest.approx(expected, rel=1e-3)
 
 
 def test_a_push_at_the_floor_or_down_between_the_wheels_does_not_tip() -> None:
     posture = ROBOT.posture("Stand")
-    assert SUPPORT_POLYGON.share(
+    assert SUPPORT_POLYGON.tipping_ratio(
         posture, np.zeros(3), np.array([50.0, 20.0, 0.0])
     ) == pytest.approx(0.0)
     assert (
-        SUPPORT_POLYGON.share(posture, np.array([0.0, 0.0, 1.0]), np.array([0.0, 0.0, -100.0]))
+        SUPPORT_POLYGON.tipping_ratio(
+            posture, np.array([0.0, 0.0, 1.0]), np.array([0.0, 0.0, -100.0])
+        )
         == 0.0
     )
 
@@ -64,7 +68,7 @@ def test_a_push_at_the_floor_or_down_between_the_wheels_does_not_tip() -> None:
 def test_lifting_by_the_whole_weight_is_beyond_standing() -> None:
     posture = ROBOT.posture("Stand")
     centre, weight = mass_centre(posture)
-    share = SUPPORT_POLYGON.share(posture, centre, np.array([0.0, 0.0, weight]))
+    share = SUPPORT_POLYGON.tipping_ratio(posture, centre, np.array([0.0, 0.0, weight]))
     assert share == pytest.approx(1.0, rel=1e-3)
 
 
@@ -74,6 +78,8 @@ def test_a_robot_that_leans_out_over_its_wheels_falls_without_a_push() -> None:
         posture[ROBOT.joint_index(name)] = ROBOT.lower[ROBOT.joint_index(name)]
     assert mass_centre(posture)[0][0] > ROBOT.wheels.positions[0][0]
     assert (
-        SUPPORT_POLYGON.share(posture, np.array([0.0, 0.0, 0.8]), np.array([-1.0, 0.0, 0.0]))
+        SUPPORT_POLYGON.tipping_ratio(
+            posture, np.array([0.0, 0.0, 0.8]), np.array([-1.0, 0.0, 0.0])
+        )
         == np.inf
     )

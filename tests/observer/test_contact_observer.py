@@ -144,7 +144,7 @@ def spoilt(part: str, field: str, value: float) -> Tick:
 @pytest.mark.parametrize(
     "bad",
     [
-        tick(30, error_of(ELBOW, 3.0), changed=[ELBOW]),
+        tick(30, error_of(ELBOW, 3.0), limited=[ELBOW]),
         spoilt("measurement", "position", math.nan),
         spoilt("measurement", "position", math.inf),
         spoilt("sent", "position", math.nan),
@@ -187,7 +187,7 @@ def test_a_sample_of_the_usual_age_is_none_of_that() -> None:
 
 def test_a_joint_the_gate_keeps_altering_never_feels_a_contact() -> None:
     ticks = [
-        tick(k, error_of(ELBOW, 0.5), changed=[ELBOW] if k % 7 == 0 else []) for k in range(90)
+        tick(k, error_of(ELBOW, 0.5), limited=[ELBOW] if k % 7 == 0 else []) for k in range(90)
     ]
     observations, events = run(observer(), ticks)
     assert events == []
@@ -196,7 +196,7 @@ def test_a_joint_the_gate_keeps_altering_never_feels_a_contact() -> None:
 
 def test_a_contact_ends_when_its_joint_goes_blind() -> None:
     pushed = error_of(ELBOW, 0.1)
-    ticks = [tick(k, pushed, changed=[ELBOW] if k == 40 else []) for k in range(60)]
+    ticks = [tick(k, pushed, limited=[ELBOW] if k == 40 else []) for k in range(60)]
     observations, events = run(observer(), ticks)
     first = [event for event in events if event.id == 1]
     assert first[-1].phase == "end"
@@ -245,7 +245,7 @@ def same(one: Observation, other: Observation) -> bool:
 def test_after_a_reset_everything_is_as_at_first() -> None:
     rng = np.random.default_rng(3)
     errors = np.cumsum(0.01 * rng.standard_normal((300, JOINTS)), axis=0)
-    ticks = [tick(k, errors[k], changed=[3] if k % 50 == 9 else []) for k in range(300)]
+    ticks = [tick(k, errors[k], limited=[3] if k % 50 == 9 else []) for k in range(300)]
     target = observer()
     first, events = run(target, ticks)
     assert len(events) > 20
@@ -286,10 +286,10 @@ def test_events_make_sense_for_any_signal(
     target = observer()
     events: list[Contact] = []
     k = 0
-    for ticks, outer, inner, changed, age in parts:
+    for ticks, outer, inner, limited, age in parts:
         error = error_of(ELBOW, outer) + error_of(ELBOW - 2, inner)
         for _ in range(ticks):
-            observation = target.step(tick(k, error, changed=changed, age=age))
+            observation = target.step(tick(k, error, limited=limited, age=age))
             k += 1
             for event in observation.contacts:
                 assert event.joint is not None

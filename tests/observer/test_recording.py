@@ -17,7 +17,7 @@ def built(n: int, capacity: int = 8192) -> Recording:
     for k in range(n):
         error = np.arange(float(JOINTS)) * 0.001 + k
         builder.append(
-            tick(k, error, features=(k + 0.1, k + 0.2, k + 0.3), changed=(k % JOINTS,), age=k / 1e3)
+            tick(k, error, features=(k + 0.1, k + 0.2, k + 0.3), limited=(k % JOINTS,), age=k / 1e3)
         )
     assert len(builder) == n
     return builder.finish()
@@ -34,7 +34,7 @@ def test_builder_keeps_every_tick_in_its_row(capacity: int) -> None:
     for joint in (0, 7, 16):
         np.testing.assert_allclose(run.features(joint), rows[:, None] + np.array([0.1, 0.2, 0.3]))
         np.testing.assert_allclose(run.tracking_error(joint), rows + joint * 0.001)
-        np.testing.assert_array_equal(run.changed[:, joint], rows % JOINTS == joint)
+        np.testing.assert_array_equal(run.limited[:, joint], rows % JOINTS == joint)
     np.testing.assert_allclose(run.current, 0.2)
 
 
@@ -138,7 +138,7 @@ def test_a_recording_gives_its_ticks_back() -> None:
 
 def check_same(before: Tick, after: Tick) -> None:
     """All that a recording keeps is equal to the last bit."""
-    np.testing.assert_array_equal(before.changed, after.changed)
+    np.testing.assert_array_equal(before.limited, after.limited)
     for field in ("position", "velocity", "acceleration", "load_torque", "base_twist"):
         np.testing.assert_array_equal(
             getattr(before.reference, field), getattr(after.reference, field)

@@ -48,15 +48,15 @@ def arrays_of(path: Path) -> dict[str, Any]:
 @pytest.mark.parametrize(
     ("name", "value", "message"),
     [
-        ("recording_format", np.array(99), "of format 99, not the format 1"),
-        ("recording_format", np.array([1, 1]), "not the format 1"),
+        ("recording_format", np.array(99), "of format 99, not the format 2"),
+        ("recording_format", np.array([1, 1]), "not the format 2"),
         ("recording_format", None, "is no recording, it is arrays of something else"),
         ("wheel_speed", None, "without wheel_speed"),
         ("surplus", np.zeros(3), "with unknown surplus"),
         ("position", np.zeros((6, 4)), "'position' has shape"),
         ("position", np.full((6, JOINTS), np.nan), "'position' of KneePitch is not finite"),
         ("position", np.zeros((6, JOINTS), dtype=int), "'position' is of shape .* type int64"),
-        ("changed", np.zeros((6, JOINTS)), "'changed' is of shape .* type float64"),
+        ("limited", np.zeros((6, JOINTS)), "'limited' is of shape .* type float64"),
         ("time", np.array(1.0), "'time' is of shape"),
         ("joint_names", np.arange(JOINTS), "'joint_names' is of shape"),
     ],

@@ -35,9 +35,9 @@ def test_left_and_right_change_places() -> None:
         before, after = getattr(run, name), getattr(seen, name)
         np.testing.assert_array_equal(after[:, LEFT], -before[:, RIGHT])
         np.testing.assert_array_equal(after[:, RIGHT], -before[:, LEFT])
-    for name in ("current", "stiffness", "changed"):
+    for name in ("current", "stiffness", "limited"):
         np.testing.assert_array_equal(getattr(seen, name)[:, LEFT], getattr(run, name)[:, RIGHT])
-    assert seen.changed.dtype == np.bool_
+    assert seen.limited.dtype == np.bool_
     for joint, sign in (("HeadYaw", -1), ("HeadPitch", 1), ("HipRoll", -1), ("KneePitch", 1)):
         k = ROBOT.joint_index(joint)
         np.testing.assert_array_equal(seen.position[:, k], sign * run.position[:, k])

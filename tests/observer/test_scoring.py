@@ -55,16 +55,19 @@ def outcome(*contacts: Contact) -> tuple[int, int, int, int]:
         ((at(10.0),), (1, 0, 0, 0)),
         ((at(9.99),), (0, 1, 1, 0)),  # before the force
         ((at(11.14),), (1, 0, 0, 0)),  # within the grace after the release
-        ((at(11.2),), (0, 1, 0, 1)),  # too late to be felt, early enough to be the swing back
+        ((at(11.2),), (0, 1, 0, 1)),  # too late to be detected, early enough to be the swing back
         ((at(11.81),), (0, 1, 1, 0)),  # too late to be anything
         ((at(10.2), at(11.3)), (1, 0, 0, 1)),
-        ((at(10.2), at(10.8)), (1, 0, 0, 0)),  # the same push felt twice is one push felt
-        ((at(10.2, kind="rebound"),), (0, 1, 0, 1)),  # called a rebound: not felt
+        ((at(10.2), at(10.8)), (1, 0, 0, 0)),  # the same push detected twice is one push detected
+        ((at(10.2, kind="rebound"),), (0, 1, 0, 1)),  # called a rebound: not detected
         ((at(10.2, kind="collision"),), (1, 0, 0, 0)),
         ((at(10.2, phase="update"), at(10.3, phase="end")), (0, 1, 0, 0)),
         ((at(10.2, joint="LElbowRoll"),), (1, 0, 0, 0)),  # the same chain
         ((at(10.2, joint="RShoulderRoll"),), (0, 1, 1, 0)),  # the other arm
-        ((at(10.2, joint=None),), (0, 1, 0, 0)),  # the trunk carries the arm: not felt, not false
+        (
+            (at(10.2, joint=None),),
+            (0, 1, 0, 0),
+        ),  # the trunk carries the arm: not detected, not false
         ((at(10.2, joint="HipRoll"),), (0, 1, 0, 0)),
         ((at(11.5, joint=None),), (0, 1, 0, 1)),  # and swings back with it
         ((at(9.9, joint=None),), (0, 1, 1, 0)),
@@ -102,7 +105,7 @@ def told(number: int, *events: tuple[str, float, str | None]) -> list[Contact]:
 
 
 @pytest.mark.parametrize(
-    ("events", "felt", "false"),
+    ("events", "detected", "false"),
     [
         (
             (("begin", 10.2, None), ("update", 10.25, "LElbowRoll")),
@@ -117,24 +120,24 @@ def told(number: int, *events: tuple[str, float, str | None]) -> list[Contact]:
     ],
 )
 def test_updates_move_a_contact(
-    events: tuple[tuple[str, float, str | None], ...], felt: int, false: int
+    events: tuple[tuple[str, float, str | None], ...], detected: int, false: int
 ) -> None:
     result = score([PUSH], told(1, *events), ROBOT)
-    assert (len(result.detected), len(result.false)) == (felt, false)
+    assert (len(result.detected), len(result.false)) == (detected, false)
     assert len(result.detected) + len(result.missed) == 1
 
 
 def test_what_is_told_of_a_contact_over_time() -> None:
     events = told(3, ("begin", 10.2, None), ("update", 10.25, "LElbowRoll"), ("end", 10.6, None))
-    felt = score([PUSH], events, ROBOT).detected[0]
-    assert felt.contact.joint is None
-    assert [felt.track.at(t).joint for t in (10.2, 10.24, 10.25, 20.0)] == [
+    detected = score([PUSH], events, ROBOT).detected[0]
+    assert detected.contact.joint is None
+    assert [detected.track.at(t).joint for t in (10.2, 10.24, 10.25, 20.0)] == [
         None,
         None,
         "LElbowRoll",
         "LElbowRoll",
     ]
-    assert felt.track.end == 10.6
+    assert detected.track.end == 10.6
 
 
 @pytest.mark.parametrize(

@@ -662,11 +662,11 @@ SERVICES: list[Case] = [
     (lambda p: p.extras.show_image(3), "url must be a text, got 3"),
     (
         lambda p: p.extras.go_to_posture("Stand", 0),
-        "a speed is a share of the full one, above 0 up to 1, got 0",
+        "a speed is a ratio to the full one, above 0 up to 1, got 0",
     ),
     (
         lambda p: p.extras.go_to_posture("Stand", True),
-        "a speed is a share of the full one, above 0 up to 1, got True",
+        "a speed is a ratio to the full one, above 0 up to 1, got True",
     ),
     (
         lambda p: p.extras.go_to_posture("Stand"),

@@ -245,9 +245,9 @@ def test_what_the_gate_changed_is_flagged_and_fed_back() -> None:
     controller.step = jump  # type: ignore[method-assign]
     for _ in range(8):
         loop.tick()
-    flagged = [i for i, tick in enumerate(spy.ticks) if tick.changed.any()]
+    flagged = [i for i, tick in enumerate(spy.ticks) if tick.limited.any()]
     assert flagged == [5]
-    assert spy.ticks[5].changed.tolist() == [i == 6 for i in range(17)]
+    assert spy.ticks[5].limited.tolist() == [i == 6 for i in range(17)]
     np.testing.assert_array_equal(spy.ticks[5].sent.position, spy.ticks[5].measurement.position)
     # it goes on from where the robot was really sent
     step = np.abs(backend.commands[6].position - backend.commands[5].position).max()

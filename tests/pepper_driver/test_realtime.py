@@ -594,7 +594,7 @@ def test_stages_and_the_tick_without_the_backend() -> None:
     assert statistics.tick.median == pytest.approx(6e3)
     assert statistics.sample_age.median == pytest.approx(1.0)
     assert statistics.end is None
-    assert statistics.summary == "101 ticks of 12 ms, as fast as they go"
+    assert statistics.summary == "101 ticks of 12 ms, unpaced"
 
 
 def test_begin_and_end_are_counted_from_the_time_a_tick_was_to_begin() -> None:

@@ -218,7 +218,7 @@ def ticks_of(
     driven: Driven,
     joint: int = ELBOW,
     *,
-    changed: Sequence[int] = (),
+    limited: Sequence[int] = (),
     stiffness: FloatArray | None = None,
     late: Sequence[int] | None = None,
 ) -> list[Tick]:
@@ -238,7 +238,7 @@ def ticks_of(
         seen = k if late is None else max(k - late[k], 0)
         one = tick(
             k,
-            changed=(joint,) if k in changed else (),
+            limited=(joint,) if k in limited else (),
             age=0.0 if late is None else late[k] * CYCLE,
         )
         one.sent.position[joint] = motion.position[k]
@@ -271,7 +271,7 @@ def recording_of(motion: Motion, driven: Driven, joint: int = ELBOW) -> Recordin
         age=np.zeros(n),
         sent_position=column(motion.position),
         stiffness=np.ones((n, JOINTS)),
-        changed=np.zeros((n, JOINTS), dtype=np.bool_),
+        limited=np.zeros((n, JOINTS), dtype=np.bool_),
         position=column(quantised(driven.position)),
         current=column(np.abs(driven.motor) / PER_AMPERE),
         reference_position=column(motion.position),

@@ -11,7 +11,7 @@ from pepper_driver.backends.fields import Command, Imu, Measurement
 from pepper_driver.backends.simulated import TruthSample
 from pepper_driver.config import load_robot
 from pepper_driver.config.arrays import BoolArray, FloatArray
-from pepper_driver.controller.tick import Reference, Sent, Tick
+from pepper_driver.controller.tick import Reference, SentCommand, Tick
 from pepper_driver.log import LogWriter, RunLog
 from pepper_driver.loop import TickRecord
 from pepper_driver.observer.interface import Contact, Observation
@@ -72,13 +72,13 @@ class Samples:
                 base_twist=self.vector(3),
             ),
             sent=self.command(),
-            changed=self.flags(N),
+            limited=self.flags(N),
         )
 
-    def sent(self) -> Sent:
+    def sent(self) -> SentCommand:
         """A command that no tick answers."""
         reference = self.tick(0).reference
-        return Sent(sent=self.command(), reference=reference, changed=self.flags(N))
+        return SentCommand(sent=self.command(), reference=reference, limited=self.flags(N))
 
     def command(self) -> Command:
         """What a robot might be told."""
@@ -148,14 +148,14 @@ def flatten(tick: Tick, observation: Observation, step: int = 0) -> dict[str, ob
         f.name: getattr(observation, f.name) for f in fields(Observation) if f.name != "contacts"
     }
     counters = {"tick_end": np.nan, "missed": 0, "step": step}
-    return {**values, **counters, "changed": tick.changed}
+    return {**values, **counters, "limited": tick.limited}
 
 
-def flatten_sent(sent: Sent, time: float, step: int) -> dict[str, object]:
+def flatten_sent(sent: SentCommand, time: float, step: int) -> dict[str, object]:
     """The values of a command that no tick answers, under the names they have in the log."""
     values = {f"sent_{f.name}": getattr(sent.sent, f.name) for f in fields(Command)}
     values |= {f"reference_{f.name}": getattr(sent.reference, f.name) for f in fields(Reference)}
-    return {**values, "changed": sent.changed, "time": time, "step": step}
+    return {**values, "limited": sent.limited, "time": time, "step": step}
 
 
 def same_bits(read: object, given: object) -> bool:
@@ -172,7 +172,7 @@ class Written:
         self.path = path
         self.rows: list[dict[str, object]] = []
         self.truths: list[dict[str, object]] = []
-        self.unanswered: list[dict[str, object]] = []
+        self.unmatched: list[dict[str, object]] = []
         self.contacts: list[Contact] = []
         with LogWriter(path, ROBOT, {"seed": str(seed)}, lossless=True) as log:
             for number in range(count):
@@ -189,7 +189,7 @@ class Written:
                 self.rows.append(flatten(tick, observation, number))
                 for ago, sent in passed_over:
                     step = number - ago
-                    self.unanswered.append(flatten_sent(sent, tick.measurement.time, step))
+                    self.unmatched.append(flatten_sent(sent, tick.measurement.time, step))
                 self.truths.append({name: getattr(truth, name) for name in TRUTH_FIELDS})
                 self.contacts += contacts
 
@@ -204,10 +204,10 @@ class Written:
             for name in TRUTH_FIELDS:
                 for row in range(len(read.truth["time"])):
                     assert same_bits(read.truth[name][row], self.truths[row][name]), (name, row)
-        for name, column in read.unanswered.items():
+        for name, column in read.unmatched.items():
             for row, value in enumerate(column):
-                assert same_bits(value, self.unanswered[row][name]), (name, row)
-        lost = sum(row["time"] not in read["time"] for row in self.unanswered)
-        missing = len(self.unanswered) - lost - len(read.unanswered["step"])
+                assert same_bits(value, self.unmatched[row][name]), (name, row)
+        lost = sum(row["time"] not in read["time"] for row in self.unmatched)
+        missing = len(self.unmatched) - lost - len(read.unmatched["step"])
         assert 0 <= missing <= 2, "those of the last tick may be cut off"
         assert read.contacts == self.contacts[: len(read.contacts)]

@@ -58,14 +58,14 @@ def tick(
     error: float | FloatArray = 0.0,
     *,
     features: tuple[float, float, float] = (0.0, 0.0, 0.0),
-    changed: Sequence[int] = (),
+    limited: Sequence[int] = (),
     age: float = 0.0,
     time: float | None = None,
 ) -> Tick:
     """A tick whose tracking error is ``error`` [rad], one number or one for each joint."""
     sent = np.linspace(-0.5, 0.5, JOINTS)
     mask = np.zeros(JOINTS, dtype=np.bool_)
-    mask[list(changed)] = True
+    mask[list(limited)] = True
     return Tick(
         measurement=Measurement(
             time=index * CYCLE if time is None else time,
@@ -89,7 +89,7 @@ def tick(
             base_twist=np.zeros(3),
         ),
         sent=Command(position=sent, stiffness=np.ones(JOINTS), wheel_speed=np.zeros(3)),
-        changed=mask,
+        limited=mask,
     )
 
 
@@ -124,8 +124,8 @@ def random_ticks(count: int, seed: int) -> list[Tick]:
             stiffness=rng.uniform(0.0, 1.0, JOINTS),
             wheel_speed=rng.normal(size=3),
         )
-        changed = rng.uniform(size=JOINTS) < 0.5
-        made.append(Tick(measurement=measurement, reference=reference, sent=sent, changed=changed))
+        limited = rng.uniform(size=JOINTS) < 0.5
+        made.append(Tick(measurement=measurement, reference=reference, sent=sent, limited=limited))
     return made
 
 
@@ -182,7 +182,7 @@ def recording(
     features: FloatArray,
     error: FloatArray,
     *,
-    changed: BoolArray | None = None,
+    limited: BoolArray | None = None,
     age: FloatArray | None = None,
 ) -> Recording:
     """A run in which every joint had these features and this tracking error."""
@@ -191,7 +191,7 @@ def recording(
     def all_joints(values: FloatArray) -> FloatArray:
         return np.repeat(values[:, None], JOINTS, axis=1)
 
-    mask = np.zeros(n, dtype=np.bool_) if changed is None else changed
+    mask = np.zeros(n, dtype=np.bool_) if limited is None else limited
     return Recording(
         joint_names=ROBOT.joint_names,
         time=np.arange(float(n)) * CYCLE,
@@ -202,7 +202,7 @@ def recording(
         velocity=all_joints(features[:, 0]),
         acceleration=all_joints(features[:, 1]),
         load_torque=all_joints(features[:, 2]),
-        changed=np.repeat(mask[:, None], JOINTS, axis=1),
+        limited=np.repeat(mask[:, None], JOINTS, axis=1),
         current=np.zeros((n, JOINTS)),
         age=np.zeros(n) if age is None else age,
         base_twist=np.zeros((n, 3)),

@@ -1,4 +1,4 @@
-"""Tests of what every backend must do, whatever is behind it: subclass :class:`BackendConformance`. Needs pytest.
+"""Tests of the contract of every backend: subclass :class:`BackendConformance`. Needs pytest.
 
 In a file that pytest collects, such as ``test_my_robot.py``::
 

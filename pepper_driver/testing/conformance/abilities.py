@@ -98,10 +98,10 @@ class AbilityTests(BackendSuite):
         backend.open()
         if "push" not in backend.info.capabilities or not self.follows:
             pytest.skip("it cannot be pushed")
-        wanted = hold(backend.activate())
-        still = run(backend, wanted, 0.3)[-1]
+        held = hold(backend.activate())
+        still = run(backend, held, 0.3)[-1]
         backend.push("l_wrist", np.array([0.0, 0.0, -25.0]), duration=0.6)
-        samples = run(backend, wanted, 0.6)
+        samples = run(backend, held, 0.6)
         moved = np.max([np.abs(m.position - still.position) for m in samples], axis=0)
         arm = [backend.info.joint_names.index(name) for name in ("LShoulderPitch", "LElbowRoll")]
         assert moved[arm].max() > 0.005
@@ -138,10 +138,10 @@ class AbilityTests(BackendSuite):
         first = backend.open()
         if not {"push", "truth"} <= backend.info.capabilities:
             pytest.skip("it cannot be pushed, or does not know by what")
-        wanted = hold(backend.activate() if self.follows else first)
+        held = hold(backend.activate() if self.follows else first)
         point, model = np.array([0.05, 0.0, 0.02]), RobotModel(ROBOT)
         backend.push("LForeArm", FORCE, point, duration=0.6)
-        run(backend, wanted, 0.3)
+        run(backend, held, 0.3)
         truth = backend.truth
         (contact,) = truth.contacts
         assert (contact.kind, contact.link, contact.object) == ("push", "LForeArm", None)
@@ -153,7 +153,7 @@ class AbilityTests(BackendSuite):
         np.testing.assert_allclose(truth.contact_torque, torque, atol=0.05)
         np.testing.assert_allclose(contact.torque, truth.contact_torque, atol=1e-9)
         assert (truth.peak_torque >= np.abs(truth.contact_torque) - 1e-9).all()
-        run(backend, wanted, 0.4)
+        run(backend, held, 0.4)
         assert truth.contacts == ()
 
     def test_its_noise_is_that_of_its_seed(self, backend: Backend) -> None:
@@ -204,16 +204,16 @@ class AbilityTests(BackendSuite):
             backend.close()
             for name in lacking:
                 EXTRAS[name](extras)
-        told = [r.getMessage() for r in caplog.records if "nothing happens" in r.getMessage()]
-        assert len(told) == len(lacking), "once each"
-        assert all(backend.uri in text for text in told)
+        messages = [r.getMessage() for r in caplog.records if "nothing happens" in r.getMessage()]
+        assert len(messages) == len(lacking), "once each"
+        assert all(backend.uri in text for text in messages)
         assert backend.extras is extras
 
     def test_only_one_program_moves_the_robot(self, backend: Backend) -> None:
         backend.open()
-        wanted = hold(backend.activate())
+        held = hold(backend.activate())
         for name in ("postures", "wake"):
             if name in backend.info.capabilities:
                 with pytest.raises(BackendError):
                     EXTRAS[name](backend.extras)
-        run(backend, wanted, 0.1)
+        run(backend, held, 0.1)

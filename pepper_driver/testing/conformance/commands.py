@@ -1,4 +1,4 @@
-"""Commands: what is refused, what is done as far as it goes, and which joint or wheel does it."""
+"""Commands: refusals, limits, and the joint or wheel that executes them."""
 
 from __future__ import annotations
 
@@ -33,15 +33,15 @@ NONSENSE: tuple[Any, ...] = (
 
 
 class CommandTests(BackendSuite):
-    """Commands: what is refused, what is done as far as it goes, and which joint or wheel does it."""
+    """Commands: refusals, limits, and the joint or wheel that executes them."""
 
     def test_a_command_that_is_not_finite_is_refused(self, backend: Backend) -> None:
         opened = backend.open()
         for part, value, place in product(PARTS, (np.nan, np.inf, -np.inf), range(3)):
-            wanted = hold(opened)
-            getattr(wanted, part)[place] = value
+            held = hold(opened)
+            getattr(held, part)[place] = value
             with pytest.raises(CommandError, match=part):
-                backend.write(wanted)
+                backend.write(held)
 
     def test_what_is_no_command_is_refused_and_nothing_happens(self, backend: Backend) -> None:
         opened = backend.open()
@@ -56,7 +56,7 @@ class CommandTests(BackendSuite):
             assert after.tick == before.tick + 1, "no cycle passed"
 
     def test_no_joint_goes_beyond_its_limits(self, backend: Backend) -> None:
-        """Told to, it goes as far as it can; and the wheels no faster than they can."""
+        """A joint moves as far as it can; and wheels no faster than they can."""
         if not self.follows:
             pytest.skip("it moves as it did then")
         backend.open()
@@ -98,7 +98,7 @@ class CommandTests(BackendSuite):
         np.testing.assert_array_equal(code, numbers)
 
     def test_wheels_of_a_fixed_base_stand(self, backend: Backend) -> None:
-        """Whatever they are told, and so does the base where the truth is known."""
+        """For any command, and so does the base where the truth is known."""
         if self.drives or not self.follows:
             pytest.skip("its wheels turn")
         backend.open()
@@ -113,8 +113,8 @@ class CommandTests(BackendSuite):
             pytest.skip("its wheels take no commands")
         backend.open()
         start = hold(backend.activate()).position
-        for wanted in ([0.8, 0.0, 0.0], [0.0, -0.8, 0.0], [0.0, 0.0, 0.8]):
-            speed = np.array(wanted)
+        for held in ([0.8, 0.0, 0.0], [0.0, -0.8, 0.0], [0.0, 0.0, 0.8]):
+            speed = np.array(held)
             samples = run(backend, command(start, wheel_speed=speed), 0.5)
             # The best of them: on a busy machine a robot's own dead-man's stop may cut in.
             errors = [np.abs(m.wheel_speed - speed).max() for m in samples]

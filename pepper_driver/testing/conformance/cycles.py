@@ -1,4 +1,4 @@
-"""One cycle: what is written acts in the next one, what is not written goes on, and wheels stop after a while."""
+"""One cycle: a command acts in the next one, holds without a new one, and wheels stop without commands."""
 
 from __future__ import annotations
 
@@ -47,26 +47,26 @@ def trail(suite: BackendSuite, drive: Drive) -> list[list[object]]:
     return [bits(sample) for sample in samples]
 
 
-def turned(wanted: Command, tick: int) -> Command:
+def turned(held: Command, tick: int) -> Command:
     """Another command in each tick: the head turns, and so does the base."""
-    position = wanted.position.copy()
+    position = held.position.copy()
     position[HEAD] += 0.01 * tick
     return command(position, stiffness=0.9, wheel_speed=np.full(3, 0.5 - 0.03 * tick))
 
 
-def exchanging(backend: Backend, wanted: Command) -> Iterator[Measurement]:
+def exchanging(backend: Backend, held: Command) -> Iterator[Measurement]:
     for tick in range(25):
-        yield backend.exchange(turned(wanted, tick))
+        yield backend.exchange(turned(held, tick))
 
 
-def writing_and_reading(backend: Backend, wanted: Command) -> Iterator[Measurement]:
+def writing_and_reading(backend: Backend, held: Command) -> Iterator[Measurement]:
     for tick in range(25):
-        backend.write(turned(wanted, tick))
+        backend.write(turned(held, tick))
         yield backend.read()
 
 
 class CycleTests(BackendSuite):
-    """One cycle: what is written acts in the next one, what is not written goes on, and wheels stop after a while."""
+    """One cycle: a command acts in the next one, holds without a new one, and wheels stop without commands."""
 
     def test_the_same_commands_give_the_same_bits(self) -> None:
         assert trail(self, exchanging) == trail(self, exchanging)
@@ -75,24 +75,24 @@ class CycleTests(BackendSuite):
         assert trail(self, exchanging) == trail(self, writing_and_reading)
 
     def test_the_last_command_before_a_read_counts(self) -> None:
-        def overwriting(backend: Backend, wanted: Command) -> Iterator[Measurement]:
+        def overwriting(backend: Backend, held: Command) -> Iterator[Measurement]:
             for tick in range(25):
                 for other in (tick + 5, tick - 5, tick):
-                    backend.write(turned(wanted, other))
+                    backend.write(turned(held, other))
                 yield backend.read()
 
         assert trail(self, overwriting) == trail(self, writing_and_reading)
 
     def test_a_wrong_command_leaves_the_old_one_in_force(self) -> None:
-        def going_on(backend: Backend, wanted: Command) -> Iterator[Measurement]:
-            backend.write(turned(wanted, 9))
+        def going_on(backend: Backend, held: Command) -> Iterator[Measurement]:
+            backend.write(turned(held, 9))
             for _ in range(18):
                 yield backend.read()
 
-        def with_mistakes(backend: Backend, wanted: Command) -> Iterator[Measurement]:
-            backend.write(turned(wanted, 9))
+        def with_mistakes(backend: Backend, held: Command) -> Iterator[Measurement]:
+            backend.write(turned(held, 9))
             for part in 6 * ("position", "stiffness", "wheel_speed"):
-                wrong = turned(wanted, 3)
+                wrong = turned(held, 3)
                 getattr(wrong, part)[1] = np.nan
                 with pytest.raises(CommandError, match=part):
                     backend.write(wrong)
@@ -101,10 +101,10 @@ class CycleTests(BackendSuite):
         assert trail(self, with_mistakes) == trail(self, going_on)
 
     def test_a_command_that_is_changed_afterwards_is_as_it_was_written(self) -> None:
-        def filling_anew(backend: Backend, wanted: Command) -> Iterator[Measurement]:
+        def filling_anew(backend: Backend, held: Command) -> Iterator[Measurement]:
             filled = hold(backend.read())
             for tick in range(25):
-                new = turned(wanted, tick)
+                new = turned(held, tick)
                 for part in ("position", "stiffness", "wheel_speed"):
                     getattr(filled, part)[:] = getattr(new, part)
                 backend.write(filled)
@@ -112,25 +112,25 @@ class CycleTests(BackendSuite):
                     getattr(filled, part)[:] = np.nan
                 yield backend.read()
 
-        def plainly(backend: Backend, wanted: Command) -> Iterator[Measurement]:
+        def plainly(backend: Backend, held: Command) -> Iterator[Measurement]:
             backend.read()
-            yield from writing_and_reading(backend, wanted)
+            yield from writing_and_reading(backend, held)
 
         assert trail(self, filling_anew) == trail(self, plainly)
 
     def test_requests_change_nothing_in_a_simulation(self) -> None:
-        def requesting(backend: Backend, wanted: Command) -> Iterator[Measurement]:
+        def requesting(backend: Backend, held: Command) -> Iterator[Measurement]:
             assert backend.request_lead == 0.0
             for tick in range(25):
                 for _ in range(tick % 3):
                     backend.request()
-                backend.write(turned(wanted, tick))
+                backend.write(turned(held, tick))
                 yield backend.read()
 
         assert trail(self, requesting) == trail(self, writing_and_reading)
 
     def test_joints_stay_at_the_last_command(self, backend: Backend) -> None:
-        """However long nobody writes, and as soon as the command is there."""
+        """After any time without commands, and as soon as the command is there."""
         if not self.follows:
             pytest.skip("it moves as it did then")
         backend.open()

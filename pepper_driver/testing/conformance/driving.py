@@ -22,9 +22,9 @@ class BackendSuite:
     """Tests of one kind of backend.
 
     Attributes:
-        follows: True where joints go where they are told; a recording need not.
-        drives: True where wheels turn as they are told; False for a robot on a fixed base.
-        starts_at_zero: True where ticks and time are counted from ``open``; a recording has those of then.
+        follows: True where joints follow commands; a recording need not.
+        drives: True where wheels follow commands; False for a robot on a fixed base.
+        starts_at_zero: True where ticks and time are counted from ``open``; a recording has those of the recorded run.
         sequences: How many random sequences of calls are tried.
     """
 
@@ -48,7 +48,7 @@ class BackendSuite:
 def command(
     position: FloatArray, *, stiffness: float = 1.0, wheel_speed: FloatArray | None = None
 ) -> Command:
-    """Arrays of its own, so that nobody minds when they are changed."""
+    """Arrays of its own, so that a test may change them."""
     return Command(
         position=position.copy(),
         stiffness=np.full(len(ROBOT.joint_names), stiffness),
@@ -61,9 +61,9 @@ def hold(measurement: Measurement) -> Command:
     return command(np.clip(measurement.position, ROBOT.lower, ROBOT.upper))
 
 
-def run(backend: Backend, wanted: Command, seconds: float) -> list[Measurement]:
+def run(backend: Backend, held: Command, seconds: float) -> list[Measurement]:
     """Give the same command for a time, as the loop would: once a cycle."""
-    return list(cycles(backend, wanted, round(seconds / backend.info.cycle)))
+    return list(cycles(backend, held, round(seconds / backend.info.cycle)))
 
 
 def watch(backend: Backend, seconds: float) -> list[Measurement]:
@@ -71,30 +71,28 @@ def watch(backend: Backend, seconds: float) -> list[Measurement]:
     return list(cycles(backend, None, round(seconds / backend.info.cycle)))
 
 
-def cycles(backend: Backend, wanted: Command | None, count: int) -> Iterator[Measurement]:
+def cycles(backend: Backend, held: Command | None, count: int) -> Iterator[Measurement]:
     """So many cycles, apart as the robot's where time passes by itself, or more on a machine that is late.
 
     Args:
         backend: Open.
-        wanted: Written in each of them; None for no write at all.
+        held: Command of each of them; None for no write at all.
         count: Of the cycles.
     """
     cycle, paced = backend.info.cycle, backend.real_time
     due = time.monotonic()
     for _ in range(count):
-        if wanted is not None:
-            backend.write(wanted)
+        if held is not None:
+            backend.write(held)
         yield backend.read()
         due = max(due + cycle, time.monotonic())
         if paced:
             time.sleep(max(0.0, due - time.monotonic()))
 
 
-def until(
-    backend: Backend, wanted: Command, reached: Callable[[Measurement], object]
-) -> Measurement:
+def until(backend: Backend, held: Command, reached: Callable[[Measurement], object]) -> Measurement:
     """Give the same command until a sample is as it should be; returns that, or the last."""
-    for measurement in cycles(backend, wanted, round(LATEST / backend.info.cycle)):
+    for measurement in cycles(backend, held, round(LATEST / backend.info.cycle)):
         if reached(measurement):
             break
     return measurement

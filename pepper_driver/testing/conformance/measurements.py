@@ -109,22 +109,22 @@ class MeasurementTests(BackendSuite):
             assert bits(later) == bits(then)
 
     def test_each_read_is_a_cycle_or_returns_at_once(self, backend: Backend) -> None:
-        """A simulation lets a cycle pass in each read; a robot does not wait for its own."""
+        """A simulation lets a cycle pass in each read; a robot does not wait for its caller."""
         first = backend.open()
         if not backend.real_time:
             ticks = [m.tick for m in [first, *run(backend, hold(first), 0.3)]]
             assert (np.diff(ticks) == 1).all()
             return
         took, samples = [], []
-        wanted = hold(backend.activate())
+        held = hold(backend.activate())
         for _ in range(50):
             before = time.perf_counter()
-            samples += list(cycles(backend, wanted, 1))
+            samples += list(cycles(backend, held, 1))
             took.append(time.perf_counter() - before)
         calls = []
         for _ in range(50):  # without a pause: samples repeat
             before = time.perf_counter()
-            samples.append(backend.exchange(wanted))
+            samples.append(backend.exchange(held))
             calls.append(time.perf_counter() - before)
         assert np.median(calls) < 0.5 * backend.info.cycle, "it waits for nothing"
         passed = samples[49].tick - samples[0].tick
@@ -136,12 +136,10 @@ class MeasurementTests(BackendSuite):
     def test_a_robot_waited_for_goes_on(self, backend: Backend) -> None:
         """A loop may miss many ticks; the first sample after that is old or new, but the calls work."""
         first = backend.open()
-        wanted = hold(backend.activate())
-        before = run(backend, wanted, 0.1)[-1]
+        held = hold(backend.activate())
+        before = run(backend, held, 0.1)[-1]
         time.sleep(0.3)
-        after = until(
-            backend, wanted, lambda sample: sample.tick > before.tick and sample.age < 0.2
-        )
+        after = until(backend, held, lambda sample: sample.tick > before.tick and sample.age < 0.2)
         assert after.tick > before.tick > first.tick
         assert after.age < 0.2
         check(after)
@@ -150,14 +148,14 @@ class MeasurementTests(BackendSuite):
         """A program may fill the same arrays again for each cycle."""
         backend.open()
         measurement = backend.activate()
-        wanted = hold(measurement)
+        held = hold(measurement)
         for _ in range(10):
-            backend.write(wanted)
-            position = wanted.position.copy()
-            for array in (wanted.position, wanted.stiffness, wanted.wheel_speed):
+            backend.write(held)
+            position = held.position.copy()
+            for array in (held.position, held.stiffness, held.wheel_speed):
                 array[:] = np.nan
             (last,) = watch(backend, backend.info.cycle)
-            wanted.position[:], wanted.stiffness[:], wanted.wheel_speed[:] = position, 1.0, 0.0
+            held.position[:], held.stiffness[:], held.wheel_speed[:] = position, 1.0, 0.0
         check(last)
         backend.deactivate()
         check(run(backend, hold(last), 0.1)[-1])

@@ -1,4 +1,4 @@
-"""Any sequence of calls: the states are those of the interface, and time goes on."""
+"""Any sequence of calls: the states are those of the interface, and time increases."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ class SequenceTests(BackendSuite):
 
 
 class _Caller:
-    """A backend beside what the interface says of it."""
+    """A backend and the model of its states."""
 
     def __init__(self, backend: Backend, starts_at_zero: bool, random: np.random.Generator) -> None:
         self.backend, self._starts_at_zero, self._random = backend, starts_at_zero, random
@@ -85,9 +85,9 @@ class _Caller:
             with pytest.raises(NotConnectedError):
                 self.backend.write(NOTHING)
             return
-        wanted = hold(self._last)
-        wanted.wheel_speed[:] = self._random.uniform(-1.0, 1.0)
-        self.backend.write(wanted)
+        held = hold(self._last)
+        held.wheel_speed[:] = self._random.uniform(-1.0, 1.0)
+        self.backend.write(held)
 
     def request(self) -> None:
         self.backend.request()
@@ -96,11 +96,11 @@ class _Caller:
     def write_wrongly(self) -> None:
         if self._last is None:
             return
-        wanted = hold(self._last)
+        held = hold(self._last)
         part = self._random.choice(["position", "stiffness", "wheel_speed"])
-        getattr(wanted, str(part))[1] = np.nan
+        getattr(held, str(part))[1] = np.nan
         with pytest.raises(CommandError):
-            self.backend.write(wanted)
+            self.backend.write(held)
 
     def deactivate(self) -> None:
         self.backend.deactivate()

@@ -89,10 +89,10 @@ class StateTests(BackendSuite):
                 backend.deactivate()
                 backend.deactivate()
                 first = run(backend, hold(first), 0.1)[-1]
-            wanted = hold(first)
-            wanted.position[joints] += 0.1
-            wanted.wheel_speed[:] = 2.0
-            last = run(backend, wanted, 0.4)[-1]
+            held = hold(first)
+            held.position[joints] += 0.1
+            held.wheel_speed[:] = 2.0
+            last = run(backend, held, 0.4)[-1]
             assert np.abs(last.position - first.position)[joints].max() < 0.03
             np.testing.assert_allclose(last.wheel_speed, 0.0, atol=0.05)
 
@@ -141,15 +141,15 @@ class StateTests(BackendSuite):
         backend.open()
 
     def test_every_refusal_is_one_line(self, backend: Backend) -> None:
-        told = []
+        messages = []
         for call in (backend.activate, backend.read, lambda: backend.write(hold_zero())):
             with pytest.raises(PepperError) as caught:
                 call()
-            told.append(str(caught.value))
+            messages.append(str(caught.value))
         backend.open()
         with pytest.raises(PepperError) as caught:
             backend.open()
-        told.append(str(caught.value))
-        for text in told:
+        messages.append(str(caught.value))
+        for text in messages:
             assert text.strip()
             assert "\n" not in text

@@ -14,7 +14,7 @@ from pepper_driver.config import PepperError
 from pepper_driver.testing.conformance.driving import LATEST, BackendSuite, cycles, hold
 
 PAUSE = 0.001
-"""[s] Between two calls of a worker: a recording is else soon over."""
+"""[s] Between two calls of a worker: a recording would end too soon otherwise."""
 
 
 class Worker(threading.Thread):
@@ -53,15 +53,15 @@ class Worker(threading.Thread):
         assert not self.is_alive(), "a call hangs"
 
 
-def paced(backend: Backend, wanted: Command) -> Callable[[], Measurement]:
+def paced(backend: Backend, held: Command) -> Callable[[], Measurement]:
     def exchange() -> Measurement:
-        (measurement,) = cycles(backend, wanted, 1)
+        (measurement,) = cycles(backend, held, 1)
         return measurement
 
     return exchange
 
 
-def all_at_once(backend: Backend, wanted: Command) -> None:
+def all_at_once(backend: Backend, held: Command) -> None:
     wrong, force = hold(backend.read()), np.array([1.0, 0.0, 0.0])
     wrong.position[:] = np.nan
 
@@ -69,7 +69,7 @@ def all_at_once(backend: Backend, wanted: Command) -> None:
         with pytest.raises(CommandError):
             backend.write(wrong)
 
-    calls = [paced(backend, wanted), backend.read, lambda: backend.write(wanted), write_wrongly]
+    calls = [paced(backend, held), backend.read, lambda: backend.write(held), write_wrongly]
     if "push" in backend.info.capabilities:
         calls.append(lambda: backend.push("LForeArm", force, duration=0.02))
     working = [Worker(call) for call in calls]
@@ -98,10 +98,10 @@ class ThreadTests(BackendSuite):
 
     def test_two_threads_that_read_wait_for_each_other(self, backend: Backend) -> None:
         first = backend.open()
-        wanted = hold(first)
+        held = hold(first)
         seen: list[list[int]] = [[], []]
         workers = [
-            Worker(lambda ticks=ticks: ticks.append(paced(backend, wanted)().tick))  # type: ignore[misc]
+            Worker(lambda ticks=ticks: ticks.append(paced(backend, held)().tick))  # type: ignore[misc]
             for ticks in seen
         ]
         while min(worker.calls for worker in workers) < 40:
@@ -125,8 +125,8 @@ class ThreadTests(BackendSuite):
     ) -> None:
         for _ in range(1 if backend.real_time else 5):
             first = backend.open()
-            wanted = hold(backend.activate() if active else first)
-            worker = Worker(paced(backend, wanted))
+            held = hold(backend.activate() if active else first)
+            worker = Worker(paced(backend, held))
             assert worker.begun.wait(LATEST)
             within(backend.close)
             worker.join(LATEST)
@@ -177,8 +177,8 @@ class ThreadTests(BackendSuite):
         assert backend.open().tick == first.tick
 
     def test_other_threads_may_ask_and_push_while_it_runs(self, backend: Backend) -> None:
-        wanted = hold(backend.open())
-        running = Worker(paced(backend, wanted))
+        held = hold(backend.open())
+        running = Worker(paced(backend, held))
         calls: list[Callable[[], object]] = [
             lambda: backend.info.capabilities,
             lambda: backend.extras.say("hello"),

@@ -26,10 +26,10 @@ def test_the_threshold_is_the_largest_filtered_residual_with_a_margin() -> None:
 
 
 def test_samples_that_say_nothing_do_not_count() -> None:
-    error, changed, age = np.full(N, 0.01), np.zeros(N, dtype=np.bool_), np.zeros(N)
-    error[50:80], changed[50:80] = 0.3, True
+    error, limited, age = np.full(N, 0.01), np.zeros(N, dtype=np.bool_), np.zeros(N)
+    error[50:80], limited[50:80] = 0.3, True
     error[120:150], age[120:150] = 0.4, 1.0
-    run = recording(STILL, error, changed=changed, age=age)
+    run = recording(STILL, error, limited=limited, age=age)
     assert free_threshold(JOINT, [run], SILENT, WINDOW) == pytest.approx(THRESHOLD_FACTOR * 0.01)
 
 

@@ -88,14 +88,14 @@ def test_altered_and_stale_samples_are_left_out() -> None:
     for seed, stiffness in enumerate((2.0, 3.5, 5.0)):
         features = motion(stiffness, seed, 15.0)
         error = free_error(features, seed)
-        changed = np.zeros(len(error), dtype=np.bool_)
-        changed[100:180] = True
+        limited = np.zeros(len(error), dtype=np.bool_)
+        limited[100:180] = True
         age = np.zeros(len(error))
         age[300:350] = 0.05
-        keep = ~changed & (age == 0)
+        keep = ~limited & (age == 0)
         clean.append(recording(features[keep], error[keep]))
         wrong = np.where(keep, error, 7.0)
-        spoilt.append(recording(features, wrong, changed=changed, age=age))
+        spoilt.append(recording(features, wrong, limited=limited, age=age))
     assert fit_joint(JOINT, spoilt, "affine") == fit_joint(JOINT, clean, "affine")
     assert fit_joint(JOINT, spoilt, "cart") == fit_joint(JOINT, clean, "cart")
 

@@ -91,10 +91,10 @@ def test_samples_that_cannot_be_used_do_not_count() -> None:
     )
     spoilt = []
     for run in (long, short):
-        position, changed, age = run.position.copy(), run.changed.copy(), run.age.copy()
-        changed[90:100, ELBOW] = True
+        position, limited, age = run.position.copy(), run.limited.copy(), run.age.copy()
+        limited[90:100, ELBOW] = True
         age[70:75] = 0.05
-        spoilt.append((replace(run, changed=changed, age=age), position))
+        spoilt.append((replace(run, limited=limited, age=age), position))
     clean = fit_stick_slip(JOINT, [run for run, _ in spoilt], CYCLE)
     garbage = []
     for run, position in spoilt:
@@ -102,5 +102,5 @@ def test_samples_that_cannot_be_used_do_not_count() -> None:
             position[span, ELBOW] += 0.5
         garbage.append(replace(run, position=position))
     assert fit_stick_slip(JOINT, garbage, CYCLE) == clean
-    garbage[1] = replace(garbage[1], changed=np.zeros_like(garbage[1].changed))
+    garbage[1] = replace(garbage[1], limited=np.zeros_like(garbage[1].limited))
     assert fit_stick_slip(JOINT, garbage, CYCLE) != clean

@@ -358,7 +358,7 @@ def test_joints_without_a_model_stay_blind() -> None:
 
 def test_a_command_that_the_gate_altered_widens_the_threshold_for_a_while() -> None:
     motion = swing(4.0)
-    made = ticks_of(motion, drive(motion), changed=range(100, 110))
+    made = ticks_of(motion, drive(motion), limited=range(100, 110))
     observations, events = run(fusion_observer(), made)
     assert events == []
     threshold = of_elbow(observations, "threshold")
@@ -532,7 +532,7 @@ def same(one: Observation, other: Observation) -> bool:
 def test_after_a_reset_everything_is_as_at_first() -> None:
     motion = swing(5.0)
     push = push_profile(len(motion), 1.0, 0.6, 9.0) + push_profile(len(motion), 3.0, 0.6, -9.0)
-    made = ticks_of(motion, drive(motion, torque=push), changed=(40, 300))
+    made = ticks_of(motion, drive(motion, torque=push), limited=(40, 300))
     made[200] = spoilt(made[200], "measurement", "position", math.nan)
     target = fusion_observer(adapt=True)
     first, events = run(target, made)
@@ -565,7 +565,7 @@ def test_ticks_are_only_read() -> None:
                 value = getattr(part, name)
                 if isinstance(value, np.ndarray):
                     value.flags.writeable = False
-        one.changed.flags.writeable = False
+        one.limited.flags.writeable = False
     run(fusion_observer(adapt=True), made)
 
 
@@ -598,11 +598,11 @@ def test_events_make_sense_for_any_ticks(
     events: list[Contact] = []
     k = 0
     rest = (QUIET, 0.0, 0.0, (), 0.0, 1.0, 0.0)
-    for ticks, outer, trunk, changed, age, stiffness, velocity in (*parts, rest):
+    for ticks, outer, trunk, limited, age, stiffness, velocity in (*parts, rest):
         error = np.zeros(JOINTS)
         error[ELBOW], error[0] = outer, trunk
         for _ in range(ticks):
-            one = tick(k, error, changed=changed, age=age, features=(velocity, 0.0, 0.5))
+            one = tick(k, error, limited=limited, age=age, features=(velocity, 0.0, 0.5))
             one.measurement.current[:] = 0.0
             one.sent.stiffness[ELBOW] = stiffness
             observation = target.step(one)

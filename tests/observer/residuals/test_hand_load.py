@@ -420,8 +420,8 @@ def test_a_wrist_at_rest_takes_back_what_its_friction_could_not_hold() -> None:
     assert target.by_arm()["right_arm"] == others["right_arm"]
     # What the shoulder has been taught is still right for the shoulder, within what it knows.
     shoulder = ARM[0]
-    changed = (target.step(MIDDLE, ZERO, ZERO) - known)[shoulder]
-    assert abs(GAIN * changed) < 0.2 * abs(beyond[WRIST])
+    limited = (target.step(MIDDLE, ZERO, ZERO) - known)[shoulder]
+    assert abs(GAIN * limited) < 0.2 * abs(beyond[WRIST])
 
 
 def test_what_says_nothing_against_the_load_changes_nothing() -> None:

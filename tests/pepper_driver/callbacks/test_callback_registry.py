@@ -219,7 +219,7 @@ def test_a_reflex_that_the_robot_does_not_have_is_refused() -> None:
     pepper = make_pepper(reflexes=(Hold(), Hold()))
     with pytest.raises(UnknownNameError, match=r"unknown reflex 'hold 3' \(did you mean hold"):
         pepper.on_reflex(name="hold 3")
-    with pytest.raises(SubscriptionError, match="a Hold, is none of this robot"):
+    with pytest.raises(SubscriptionError, match="a Hold, does not belong to this robot"):
         pepper.on_reflex(name=Hold())
     with pytest.raises(SubscriptionError, match="this robot has none"):
         make_pepper().on_reflex(name="hold")

@@ -35,7 +35,7 @@ def test_demo_writes_its_results(tmp_path: Path, capsys: pytest.CaptureFixture[s
     assert (out / "contacts.png").read_bytes().startswith(b"\x89PNG")
     counts = json.loads(figures.read_text())
     assert counts["pushes"] == 5, "two at random, three light ones at the end"
-    assert counts["felt"] + counts["missed"] == counts["pushes"]
+    assert counts["detected"] + counts["missed"] == counts["pushes"]
     assert set(counts["delay_ms"]) == {"median", "p90"}
 
 

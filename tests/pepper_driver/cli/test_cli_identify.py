@@ -148,7 +148,7 @@ def test_ctrl_c_and_signals_keep_finished_runs_and_say_how_to_go_on(
         process.wait()
     assert process.returncode == code
     assert errors == f"pepper: {word}\n"
-    assert f"of 13 runs are kept in {folder}; the same command goes on from there" in shown
+    assert f"of 13 runs are kept in {folder}; the same command continues from there" in shown
     assert not out.exists()
     kept = [path.name for path in folder.iterdir() if not path.name.startswith(".")]
     assert 1 < len(kept) < 14
@@ -192,7 +192,7 @@ def test_a_real_robot_is_closed_when_a_run_is_interrupted(
     }
 
 
-def test_all_runs_are_rehearsed_before_a_real_robot_moves(
+def test_all_runs_are_tried_dry_before_a_real_robot_moves(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     made = use_backends(monkeypatch, SlowRobot)
@@ -208,11 +208,11 @@ def test_all_runs_are_rehearsed_before_a_real_robot_moves(
     assert len(made) == 1, "only asked who it is"
 
 
-def test_a_rehearsal_passes_what_is_safe() -> None:
+def test_a_dry_run_passes_what_is_safe() -> None:
     check_dry_run(plan_runs(ROBOT, ["KneePitch"], SHORT)[-1])
 
 
-def test_a_rehearsal_refuses_what_the_controller_or_the_gate_would_stop(
+def test_a_dry_run_refuses_what_the_controller_or_the_gate_would_stop(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     knee = plan_runs(ROBOT, ["KneePitch"], SHORT)[0]

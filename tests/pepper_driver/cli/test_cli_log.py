@@ -183,7 +183,7 @@ def test_the_page_on_logs_says_what_works(
         (["plot", "LOG", "--joint", "LSholderRoll"], "did you mean LShoulderRoll"),
         (["plot", "LOG", "--from", "3", "--to", "2"], "from 3 s to 2 s is no stretch of time"),
         (["plot", "LOG", "--from", "100"], "the log holds no tick there: it goes from 1.01 s"),
-        (["plot", "LOG", "--out", "a.gif"], "unknown picture format 'gif'"),
+        (["plot", "LOG", "--out", "a.gif"], "unknown figure format 'gif'"),
         (["plot", "TEXT"], "is not an MCAP file"),
         (["plot", "EMPTY"], "the log holds no tick"),
         (["log", "info", "TEXT"], "is not an MCAP file"),

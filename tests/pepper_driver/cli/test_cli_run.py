@@ -111,7 +111,7 @@ def test_the_plan_of_blocks_and_reactions(
         "  3 times, or until contact on head:",
         "    play nod.yaml:",
         "         0.00 s  nod: 0.60 s; HeadPitch to 0 rad",
-        "     1.80 s  which: at most 1.20 s; wait for a contact, or go on",
+        "     1.80 s  which: at most 1.20 s; wait for a contact, or continue",
         "  after contact, 5 N m and more, lasting 0.5 s:",
         "       3.00 s  2: no time; say: Ouch!",
         "  otherwise:",
@@ -163,7 +163,7 @@ def test_what_happens_is_printed_as_it_happens(
     assert "reflexes: hold 1" in lines
     content = json.loads(figures.read_text())
     assert content["completed"] is True
-    assert content["waits"] == [{"step": "listen", "heard": True}]
+    assert content["waits"] == [{"step": "listen", "detected": True}]
     assert read_log(log).complete
 
 
@@ -253,7 +253,7 @@ def test_a_table_says_which_pushes_were_felt(
     path = write(tmp_path, *steps, contacts=[strong, light])
     assert run(["run", str(path), "--backend", "mujoco://?plant=integral"]) == 0
     lines = lines_of(capsys)
-    assert "1 of 2 pushes felt, 0 false contacts" in lines
+    assert "1 of 2 pushes detected, 0 false contacts" in lines
     rows = [line for line in lines if " N " in line and ("LBicep" in line or "RForeArm" in line)]
     felt = next(row for row in rows if row.count("LBicep") == 3)
     assert re.search(r"20\.0 N +│? *\d+ ms", felt)

@@ -235,11 +235,11 @@ def test_thresholds_leave_out_pushes_hands_and_blind_joints() -> None:
     assert "LHand" not in result.threshold_nm
     assert "HeadYaw" not in result.threshold_nm
     assert result.threshold_nm[JOINT] == pytest.approx(np.radians(2.0) * STIFFNESS)
-    assert (result.coverage.joints, result.coverage.share) == (JOINTS - 1, 1.0)
+    assert (result.coverage.joints, result.coverage.fraction) == (JOINTS - 1, 1.0)
 
 
 def test_an_observer_that_sees_nothing_has_no_figures() -> None:
     result = figures(make_episode(), threshold=np.nan)
     assert result.threshold_deg is None
     assert result.threshold_nm == {}
-    assert (result.coverage.joints, result.coverage.share) == (0, None)
+    assert (result.coverage.joints, result.coverage.fraction) == (0, None)

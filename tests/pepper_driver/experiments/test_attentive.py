@@ -140,7 +140,7 @@ def test_the_log_says_when_it_was_and_replays_bit_for_bit(tmp_path: Path) -> Non
     assert log.metadata["attentive"] == "false"
     reference = log["reference_position"]
     assert np.ptp(reference[-150:, ROLL]) > AMPLITUDE
-    assert not log["changed"].any()  # the gate has nothing to say
+    assert not log["limited"].any()  # the gate has nothing to say
     run = load_run(path)
     assert compare(run, replay(run, run.observer())).identical
 

@@ -81,7 +81,7 @@ def test_a_wait_ends_with_the_touch_it_waits_for(
     wait: dict[str, Any], at: dict[int, tuple[Contact, ...]], end: int
 ) -> None:
     played = Played(make_experiment(STAND, listen(timeout=2.4, **wait), TURN), at)
-    assert [(w.step, w.heard) for w in played.done.waits] == [("listen", True)]
+    assert [(w.step, w.detected) for w in played.done.waits] == [("listen", True)]
     assert dict(played.steps)["turn"] == end
     step = played.done.steps[1]
     assert step.duration == pytest.approx((end - STAND_TICKS) * CYCLE)
@@ -91,7 +91,7 @@ def test_a_wait_ends_with_the_touch_it_waits_for(
 def test_a_touch_that_lasts_until_after_the_timeout_does_not_count() -> None:
     at = taps(40, length=100)
     played = Played(make_experiment(STAND, listen(timeout=0.6, lasting=0.3), TURN), at)
-    assert not played.done.waits[0].heard
+    assert not played.done.waits[0].detected
     assert dict(played.steps)["turn"] == STAND_TICKS + 50
 
 
@@ -212,7 +212,7 @@ def cues(step: dict[str, Any], at: dict[int, tuple[Contact, ...]]) -> tuple[list
     begins = dict(played.steps)
     name = played.words[0][5:]
     assert begins["late"] - begins[name] == round(0.12 / CYCLE)
-    assert [wait.heard for wait in played.done.waits] == [name != "none"]
+    assert [wait.detected for wait in played.done.waits] == [name != "none"]
     return [text[5:] for text in played.words], begins[name] - begins["choice"]
 
 
@@ -269,7 +269,7 @@ def test_a_branch_in_a_loop_chooses_anew() -> None:
     loop = {"repeat": {"times": 3, "steps": [step]}}
     played = Played(make_experiment(STAND, loop, LATE), taps(STAND_TICKS + 30))
     assert played.names == ["stand", "choice", "choice", "left", "choice", "late"]
-    assert [wait.heard for wait in played.done.waits] == [False, True, False]
+    assert [wait.detected for wait in played.done.waits] == [False, True, False]
 
 
 def test_the_posture_of_a_case_is_that_of_its_steps() -> None:
@@ -320,7 +320,7 @@ def test_a_file_that_waits_for_touch_needs_an_observer(
         write(tmp_path, inner, file="part")
         path = write(tmp_path, STAND, {"play": "part.yaml"})
         report = ExperimentRun(path).perform()
-        assert [wait.heard for wait in report.waits] == [True]
+        assert [wait.detected for wait in report.waits] == [True]
         path = write(tmp_path, STAND, {"play": "part.yaml"}, observer=None)
         with pytest.raises(ConfigError, match="the experiment has no observer"):
             load_experiment(path, ROBOT)

@@ -110,15 +110,15 @@ def test_only_a_robot_that_can_be_pushed_is(monkeypatch: pytest.MonkeyPatch) -> 
     pepper = make_pepper()
     info = replace(pepper.backend.info, capabilities=frozenset())
     monkeypatch.setattr(type(pepper.backend), "info", property(lambda _: info))
-    with pytest.raises(ConfigError, match="key 'contacts': only a simulated robot"):
+    with pytest.raises(ConfigError, match="key 'contacts': only simulated robots"):
         plan(pepper, REACH)
     plan(pepper, replace(REACH, contacts=()))
 
 
 def test_two_hands_are_not_on_one_link_at_a_time() -> None:
     pepper = make_pepper()
-    first, beside = push_of(1.0), push_of(1.0, start=1.9)
-    plan(pepper, still(first, beside, length=6.0))
+    first, concurrent = push_of(1.0), push_of(1.0, start=1.9)
+    plan(pepper, still(first, concurrent, length=6.0))
     plan(pepper, still(first, force_of(0.0, 3.0, 0.0, link="LForeArm", xyz=[0.1, 0.0, 0.0])))
     with pytest.raises(
         ConfigError, match=r"key 'contacts\.1': another hand is on LBicep between 1"
@@ -195,7 +195,7 @@ TIMES: list[tuple[list[Any], dict[str, Any], str]] = [
     (
         [{"posture": "Stand", "hold": 3.0}, listen(timeout=3.0), {"hold": 6.0}],
         LATER,
-        "nobody knows what the robot does at 9 s",
+        "the motion at 9 s is unknown",
     ),
     (
         [
@@ -204,7 +204,7 @@ TIMES: list[tuple[list[Any], dict[str, Any], str]] = [
             {"hold": 6.0},
         ],
         LATER,
-        "nobody knows what the robot does at 9 s",
+        "the motion at 9 s is unknown",
     ),
     ([{"joints": {"HeadYaw": 0.2}, "hold": 30.0}], LATER, "says where"),
 ]

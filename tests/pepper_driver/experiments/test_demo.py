@@ -48,17 +48,17 @@ def test_every_push_of_five_equivalent_degrees_is_felt(tmp_path: Path) -> None:
     result = run_demo(
         tmp_path, seed=2, seconds=32.0, on_contact=lambda c, pushes: heard.append((c, pushes))
     )
-    # Eight of them are strong enough to be felt in the right place; the last three are light.
+    # Eight of them are strong enough to be detected in the right place; the last three are light.
     strong = result.pushes[:8]
     assert [push.force for push in result.pushes[8:]] == pytest.approx([8.0] * 3)
     assert all(push.degrees < 5.0 for push in result.score.missed)
     assert not result.score.false
-    right = [felt for felt in result.score.detected if felt.push in strong]
+    right = [detected for detected in result.score.detected if detected.push in strong]
     assert len(right) > 4
-    for felt in right:
-        assert felt.final_contact.direction == felt.push.direction
-        assert felt.final_contact.joint == felt.push.joint
-        assert 0.0 < felt.delay < felt.push.release - felt.push.onset + 0.15
+    for detected in right:
+        assert detected.final_contact.direction == detected.push.direction
+        assert detected.final_contact.joint == detected.push.joint
+        assert 0.0 < detected.delay < detected.push.release - detected.push.onset + 0.15
 
     # each contact is told once, where it ended up
     last = {event.id: event for event in result.contacts}
@@ -68,12 +68,12 @@ def test_every_push_of_five_equivalent_degrees_is_felt(tmp_path: Path) -> None:
         assert told_event in result.contacts
         settled = told_event.time - told_event.detection_time >= 0.15
         assert settled or told_event == last[told_event.id]
-    for felt in right:
-        settled_event = told[felt.contact.id]
-        assert settled_event.joint == felt.push.joint
-        assert settled_event.direction == felt.push.direction
+    for detected in right:
+        settled_event = told[detected.contact.id]
+        assert settled_event.joint == detected.push.joint
+        assert settled_event.direction == detected.push.direction
 
-    # what was planned is what the joints really felt
+    # what was planned is what the joints really detected
     log = read_log(tmp_path / LOG_NAME)
     assert log.truth is not None
     assert log.truth["wheel_load"].min() > 0.0, "the robot is not tipped"
@@ -94,8 +94,8 @@ def test_every_push_of_five_equivalent_degrees_is_felt(tmp_path: Path) -> None:
 
     saved = json.loads((tmp_path / CONTACTS_NAME).read_text())
     assert saved["summary"] == result.summary
-    assert result.summary["felt"] + result.summary["missed"] == 11
-    assert result.summary["direction_right"] == result.summary["felt"]
+    assert result.summary["detected"] + result.summary["missed"] == 11
+    assert result.summary["direction_right"] == result.summary["detected"]
     # Its steps wait while the reflex holds the robot.
     waited = result.summary["simulated_seconds"] - DEMO.with_goals(count=4).max_length
     assert 0.0 < waited < sum(push.release - push.onset + 1.5 for push in result.pushes)
@@ -235,7 +235,7 @@ def test_a_script_of_ones_own_is_shown(tmp_path: Path) -> None:
     assert degrees[1] == pytest.approx(2.8)
     assert summary["degrees"] == {"least": min(degrees), "most": max(degrees)}
     missed = json.loads((tmp_path / "out" / CONTACTS_NAME).read_text())["missed"]
-    assert [push["force"] for push in missed] == forces, "nothing is felt without an observer"
+    assert [push["force"] for push in missed] == forces, "nothing is detected without an observer"
     again = run_demo(tmp_path / "out", experiment=own_script(tmp_path, seed=3), seed=8)
     assert again.uri == "mujoco://?seed=8&plant=integral"
 

@@ -29,8 +29,8 @@ def test_an_interrupted_demonstration_leaves_its_contacts(tmp_path: Path) -> Non
     assert not saved["complete"]
     assert [event["time"] for event in saved["events"]] == [c.time for c in log.contacts]
     end = log["time"][-1]
-    pushes = [felt["push"] for felt in saved["felt"]] + saved["missed"]
+    pushes = [felt["push"] for felt in saved["detected"]] + saved["missed"]
     assert len(pushes) == saved["summary"]["pushes"]
-    assert saved["summary"]["felt"] > 0
+    assert saved["summary"]["detected"] > 0
     assert all(push["onset"] <= end for push in pushes)
     assert saved["summary"]["simulated_seconds"] == pytest.approx(end - log["time"][0], abs=0.05)

@@ -292,14 +292,14 @@ def test_a_group_takes_effect_between_the_same_two_ticks() -> None:
             first.target, second.target = [0.0, 0.25, 0.9], [0.0, -0.25, 0.9]
         changing = threading.Thread(target=change, daemon=True)
         changing.start()
-        changed = pepper.run(  # a busy machine takes longer
+        limited = pepper.run(  # a busy machine takes longer
             60.0,
             on_tick=seen_in_ticks(pepper, seen, first, second),
             until=lambda: len({values[0] for values in seen}) > 20,
         )
         stop.set()
         changing.join()
-    assert changed
+    assert limited
     assert all(len(set(values)) == 1 for values in seen)
 
 

@@ -102,10 +102,10 @@ def test_a_wait_ends_with_the_contact_it_waits_for(
     steps: list[StepEvent] = []
     run.pepper.on_step()(steps.append)
     report = run.perform()
-    assert [wait.heard for wait in report.waits] == [True]
+    assert [wait.detected for wait in report.waits] == [True]
     assert report.completed
     assert steps[2].time == pytest.approx(30 * CYCLE)
-    assert report.felt == {"LForeArm": 2, "RForeArm": 1}
+    assert report.contact_counts == {"LForeArm": 2, "RForeArm": 1}
 
 
 @pytest.mark.parametrize("on_timeout", ["continue", "stop"])
@@ -115,7 +115,7 @@ def test_a_wait_in_vain(monkeypatch: pytest.MonkeyPatch, tmp_path: Path, on_time
     cues: list[CueEvent] = []
     run.pepper.on_cue()(cues.append)
     report = run.perform()
-    assert [wait.heard for wait in report.waits] == [False]
+    assert [wait.detected for wait in report.waits] == [False]
     assert report.completed == (on_timeout == "continue")
     assert report.stopped_by == ("listen" if on_timeout == "stop" else "")
     assert len(cues) == (on_timeout == "continue")
@@ -127,7 +127,7 @@ def test_each_wait_listens_anew(monkeypatch: pytest.MonkeyPatch, tmp_path: Path)
     at = {20: (contact(1),), 60: (contact(1, phase="update", intensity_deg=9.0),)}
     loop = {"repeat": {"times": 2, "steps": [listen()]}}
     report = make_run(monkeypatch, tmp_path, STAND, loop, at=at).perform()
-    assert [wait.heard for wait in report.waits] == [True, False]
+    assert [wait.detected for wait in report.waits] == [True, False]
 
 
 def test_a_contact_under_a_reflex_ends_the_wait_after_it(
@@ -140,8 +140,8 @@ def test_a_contact_under_a_reflex_ends_the_wait_after_it(
     steps: list[StepEvent] = []
     run.pepper.on_step()(steps.append)
     report = run.perform()
-    assert report.waits[0].heard
-    assert report.reacted == {"hold": 1}
+    assert report.waits[0].detected
+    assert report.reflex_counts == {"hold": 1}
     assert steps[2].time == pytest.approx(50 * CYCLE, abs=3 * CYCLE)
 
 
@@ -166,7 +166,7 @@ def test_reflexes_are_those_of_the_file(monkeypatch: pytest.MonkeyPatch, tmp_pat
     assert run.pepper.reflexes[0].selector.link == ("LForeArm",)
     said: list[CueEvent] = []
     run.pepper.on_cue()(said.append)
-    assert "retract" in run.perform().reacted
+    assert "retract" in run.perform().reflex_counts
     assert [cue.text for cue in said] == ["Oh!", "No!"]
 
 
@@ -276,7 +276,7 @@ def test_contacts_on_a_robot_that_nobody_can_push(
 ) -> None:
     fake(monkeypatch)
     path = write(tmp_path, STAND, PAUSE, contacts=[PUSH])
-    with pytest.raises(ConfigError, match=r"key 'contacts': only a simulated robot.*--no-contacts"):
+    with pytest.raises(ConfigError, match=r"key 'contacts': only simulated robots.*--no-contacts"):
         ExperimentRun(path)
     report = ExperimentRun(path, contacts=False).perform()
     assert report.completed
@@ -290,7 +290,7 @@ def test_a_real_robot_is_asked_before_it_is_planned(
     backend, _ = fake(monkeypatch, MockBackend(real_time=True))
     run = ExperimentRun(write(tmp_path, STAND, PAUSE, contacts=[PUSH]))
     assert backend.calls == []
-    with pytest.raises(ConfigError, match="only a simulated robot"):
+    with pytest.raises(ConfigError, match="only simulated robots"):
         run.perform()
     assert "activate" not in backend.calls
 
@@ -392,9 +392,9 @@ def test_the_examples_run(path: Path) -> None:
     run.pepper.on_push()(told.append)
     report = run.perform()
     assert report.completed
-    assert report.felt
-    assert report.reacted
-    assert all(wait.heard for wait in report.waits)
+    assert report.contact_counts
+    assert report.reflex_counts
+    assert all(wait.detected for wait in report.waits)
     assert len(told) == len(report.pushes) >= 1
 
 

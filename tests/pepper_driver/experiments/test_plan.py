@@ -111,7 +111,7 @@ def test_it_may_be_said_where_the_robot_stands() -> None:
 
 
 def test_contacts_on_a_robot_that_nobody_can_push_are_refused() -> None:
-    with pytest.raises(ConfigError, match="'mock' is none; leave them out with"):
+    with pytest.raises(ConfigError, match="'mock' cannot; leave them out with"):
         plan(DEMO)
 
 

@@ -226,7 +226,7 @@ def test_pushes_at_the_same_time_share_what_the_robot_can_take() -> None:
     other = {**side, "joint": "RShoulderRoll", "link": "RBicep", "point": POINT * [1, -1, 1]}
     alone = weigh(pepper, **other)
     enough = PushLimits(load=0.85, tipping=first.tipping + alone.tipping + 1e-6)
-    both = weigh(pepper, **other, bounds=enough, beside=[first])
+    both = weigh(pepper, **other, bounds=enough, concurrent=[first])
     assert both.load >= alone.load
     hip = ROBOT.joint_index("HipRoll")
     gravity = abs(RobotModel(ROBOT).gravity_torque(posture)[hip])
@@ -234,13 +234,16 @@ def test_pushes_at_the_same_time_share_what_the_robot_can_take() -> None:
     assert both.load >= together / pepper.backend.plant.torque_limit[hip] - 1e-9
     with pytest.raises(PushTooStrongError, match="tips the robot over"):
         weigh(
-            pepper, **other, bounds=replace(enough, tipping=enough.tipping - 1e-3), beside=[first]
+            pepper,
+            **other,
+            bounds=replace(enough, tipping=enough.tipping - 1e-3),
+            concurrent=[first],
         )
     same = {**side, "force": np.array([0.0, 25.0, 0.0])}
     wide = PushLimits(load=0.85, tipping=np.inf)
     weigh(pepper, **same, bounds=wide)
     with pytest.raises(PushTooStrongError, match="would load LShoulderRoll"):
-        weigh(pepper, **same, bounds=wide, beside=[weigh(pepper, **same, bounds=wide)])
+        weigh(pepper, **same, bounds=wide, concurrent=[weigh(pepper, **same, bounds=wide)])
 
 
 def test_a_push_on_the_trunk_is_told_in_degrees_of_the_leg_joint_with_most() -> None:

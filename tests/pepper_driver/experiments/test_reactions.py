@@ -124,7 +124,7 @@ def test_words_come_at_once_while_a_reflex_holds_the_robot() -> None:
     at = tap(30) | tap(40, 2)
     played = Played(experiment, at, reflexes=(Hold(release_delay=0.6),))
     assert [tick for _, tick in played.cues] == [30, 40]
-    assert played.done.reacted == {"hold": 1}
+    assert played.done.reflex_counts == {"hold": 1}
 
 
 # -- steps ------------------------------------------------------------------------------------------------------------
@@ -201,14 +201,14 @@ def test_a_wait_goes_on_and_hears_what_comes_meanwhile() -> None:
     assert ticks_of(meanwhile)["listen"] == pytest.approx(50 + NOD_TICKS, abs=2)
     in_vain = Played(experiment, head)
     assert ticks_of(in_vain)["listen"] == 200 + NOD_TICKS + BACK
-    heard = [played.done.waits[0].heard for played in (later, meanwhile, in_vain)]
+    heard = [played.done.waits[0].detected for played in (later, meanwhile, in_vain)]
     assert heard == [True, True, False]
 
 
 def test_a_touch_that_ended_meanwhile_has_not_lasted() -> None:
     experiment = with_play(listen(timeout=3.6, lasting=0.6), on={"min_intensity_deg": 2.0})
     played = Played(experiment, tap(BEGIN + 20, length=10))
-    assert [wait.heard for wait in played.done.waits] == [False]
+    assert [wait.detected for wait in played.done.waits] == [False]
 
 
 def test_the_touch_that_is_waited_for_may_set_off_a_reaction_too() -> None:

@@ -151,7 +151,7 @@ def test_a_real_robot_is_known_by_its_body_not_by_its_address(
 def test_a_folder_of_unknown_recordings_is_refused(whole: Path, tmp_path: Path) -> None:
     folder = copied(whole, tmp_path / "copy")
     (folder / MANIFEST).unlink()
-    with pytest.raises(RecordingFolderError, match="nobody knows of what"):
+    with pytest.raises(RecordingFolderError, match="so their robot is unknown"):
         record_joints("mujoco", [JOINT], SHORT, folder, workers=1)
     with pytest.raises(RecordingFolderError, match="no recordings there"):
         fit_folder(tmp_path / "nowhere", "affine")

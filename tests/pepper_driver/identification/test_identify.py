@@ -66,7 +66,7 @@ def test_one_run_moves_the_joint_and_changes_its_neighbours_half_way() -> None:
         assert np.ptp(swept(run, name)) < 0.02
     assert (run.sent_position >= ROBOT.lower).all()
     assert (run.sent_position <= ROBOT.upper).all()
-    assert not run.changed.any()
+    assert not run.limited.any()
 
 
 @pytest.mark.parametrize("joint", LEGS)
@@ -81,7 +81,7 @@ def test_a_leg_stays_near_the_standing_posture_and_the_wheels_stand(joint: str) 
         assert swept(run, name).max() < upper + 0.01
     assert np.ptp(swept(run, joint)) > 0.05
     assert not run.sent_wheel_speed.any()
-    assert not run.changed.any()
+    assert not run.limited.any()
 
 
 def test_the_range_of_a_joint_is_a_share_of_the_way_from_the_first_posture_to_its_limits() -> None:
@@ -116,11 +116,11 @@ def test_the_whole_body_moves_for_the_calibration() -> None:
     recording = perform("mujoco", run)
     assert np.ptp(recording.sent_position, axis=0).min() > 0.01
     assert recording.sent_wheel_speed.any()
-    assert not recording.changed.any()
+    assert not recording.limited.any()
 
 
 def test_the_plan_is_that_of_the_paper_and_four_runs_of_the_whole_body() -> None:
-    joints, tested = chosen_joints(ROBOT, FULL, None, mirror=True, share=False)
+    joints, tested = chosen_joints(ROBOT, FULL, None, mirror=True, share_types=False)
     runs = plan_runs(ROBOT, joints, FULL, tested=tested, calibration=BODY)
     assert len(joints) == 11
     assert len(runs) == 11 * 8 + 4
@@ -142,9 +142,9 @@ def test_a_run_does_not_depend_on_the_others() -> None:
 
 
 def test_both_sides_are_recorded_without_a_mirror_and_one_joint_of_a_type_when_they_share() -> None:
-    both, none = chosen_joints(ROBOT, FULL, None, mirror=False, share=False)
+    both, none = chosen_joints(ROBOT, FULL, None, mirror=False, share_types=False)
     assert (set(both), none) == (set(ROBOT.joint_names), ())
-    full, tested = chosen_joints(ROBOT, FULL, None, mirror=True, share=True)
+    full, tested = chosen_joints(ROBOT, FULL, None, mirror=True, share_types=True)
     assert full == ("LShoulderPitch", "LShoulderRoll", "LWristYaw", "KneePitch", "HipRoll")
     assert len(tested) == 6
     kinds = {ROBOT.motors.joints[name].type for name in full}
@@ -247,7 +247,7 @@ def test_a_joint_without_estimation_runs_needs_one_that_shares(
 ) -> None:
     head = IdentificationDataset(sweeps=recordings.sweeps[2:], calibration=())
     with pytest.raises(FittingError, match="HeadPitch: no joint with a motor of type 2"):
-        fit_models("affine", head, ROBOT, share=True)
+        fit_models("affine", head, ROBOT, share_types=True)
     with pytest.raises(FittingError, match="HeadPitch: 0 usable samples"):
         fit_models("affine", head, ROBOT)
 

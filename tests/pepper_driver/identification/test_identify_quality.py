@@ -60,12 +60,12 @@ def pushed(degrees: float, joint: int = INDEX) -> Change:
     return change
 
 
-def clipped(share: float) -> Change:
+def clipped(share_types: float) -> Change:
     """A board that gives so much of the current that was needed, seen with the sensor's noise and steps."""
 
     def change(run: Recording) -> Recording:
         current, rng = run.current.copy(), np.random.default_rng(0)
-        limit = share * current[:, INDEX].max()
+        limit = share_types * current[:, INDEX].max()
         noisy = limit + 0.008 * rng.standard_normal(len(run))
         seen = np.round(noisy / 0.016) * 0.016
         current[:, INDEX] = np.where(current[:, INDEX] > limit, seen, current[:, INDEX])
@@ -89,9 +89,9 @@ def stale(run: Recording) -> Recording:
 
 
 def altered(run: Recording) -> Recording:
-    changed = run.changed.copy()
-    changed[100:150, INDEX] = True
-    return replace(run, changed=changed)
+    limited = run.limited.copy()
+    limited[100:150, INDEX] = True
+    return replace(run, limited=limited)
 
 
 def test_good_recordings_give_no_warning(good: IdentificationDataset) -> None:
@@ -125,7 +125,7 @@ def test_a_touch_during_the_calibration_is_noticed(good: IdentificationDataset) 
         (clipped(0.6), "current", "clipped"),
         (with_gap, "gaps", "the longest gap is 0.13 s"),
         (stale, "stale", "older than 30 ms"),
-        (altered, "changed", f"altered .* of the commands of {JOINT}"),
+        (altered, "limited", f"altered .* of the commands of {JOINT}"),
     ],
 )
 def test_what_is_wrong_with_a_run_is_said(

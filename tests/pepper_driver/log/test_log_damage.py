@@ -115,10 +115,10 @@ def attempt(path: Path) -> RunLog | LogError:
 
 def damage(data: bytes, hits: list[tuple[int, int]], cut: int) -> tuple[bytes, set[int]]:
     """Some bytes changed, and the end cut off; and which were changed."""
-    changed = bytearray(data)
+    limited = bytearray(data)
     for position, mask in hits:
-        changed[position % len(data)] ^= mask
-    return bytes(changed[:cut]), {i for i, byte in enumerate(changed) if byte != data[i]}
+        limited[position % len(data)] ^= mask
+    return bytes(limited[:cut]), {i for i, byte in enumerate(limited) if byte != data[i]}
 
 
 HITS = st.lists(st.tuples(st.integers(0, 2**40), st.integers(1, 255)), max_size=12)
@@ -139,8 +139,8 @@ def test_intact_chunks_come_back_whatever_is_damaged(
 ) -> None:
     cut = round(keep * len(whole.data)) if cuts else len(whole.data)
     hits = hits + [(burst[0] + i, 0x55) for i in range(burst[1])]
-    data, changed = damage(whole.data, hits, cut)
-    intact = [p for p in whole.places if p.end <= cut and changed.isdisjoint(range(p.begin, p.end))]
+    data, limited = damage(whole.data, hits, cut)
+    intact = [p for p in whole.places if p.end <= cut and limited.isdisjoint(range(p.begin, p.end))]
     path = tmp_path / "damaged.mcap"
     path.write_bytes(data)
     read = attempt(path)

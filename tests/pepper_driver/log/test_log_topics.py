@@ -159,9 +159,9 @@ def test_several_commands_may_be_left_unanswered(tmp_path: Path) -> None:
     read = read_log(tmp_path / "a.mcap")
     assert read["step"].tolist() == [0, 1, 2, 3]
     assert read["answers"].tolist() == [3, -1, 4, 1]
-    assert read.unanswered["step"].tolist() == [0, 1], "that of step 2 is answered in step 3"
+    assert read.unmatched["step"].tolist() == [0, 1], "that of step 2 is answered in step 3"
     for row, (_, one) in enumerate(sent):
-        assert same_bits(read.unanswered["sent_position"][row], one.sent.position)
+        assert same_bits(read.unmatched["sent_position"][row], one.sent.position)
 
 
 def test_a_row_that_is_none_keeps_its_events(tmp_path: Path) -> None:
@@ -187,7 +187,7 @@ def test_another_decoder_reads_every_row(tmp_path: Path) -> None:
     row = read["/tick"]
     assert (row.time, row.tick, row.missed) == (0.084, 7, 3)
     assert same_bits(np.array(row.position), tick.measurement.position)
-    assert same_bits(np.array(row.changed), tick.changed)
+    assert same_bits(np.array(row.limited), tick.limited)
     assert list(row.state) == observation.state.tolist()
     assert same_bits(np.array(read["/truth"].wheel_load), truth.wheel_load)
     assert same_bits(np.array(read["/truth"].saturated), truth.saturated)

@@ -61,7 +61,7 @@ def log() -> RunLog:
         robot=ROBOT.name,
         fields={
             "time": time,
-            "changed": np.zeros((TICKS, N), dtype=np.bool_),
+            "limited": np.zeros((TICKS, N), dtype=np.bool_),
             **{name: random.normal(0.0, 0.01, (TICKS, N)) for name in names},
             "threshold": np.full((TICKS, N), np.deg2rad(2.5)),
         },
@@ -195,11 +195,11 @@ def test_a_stretch_of_time(log: RunLog) -> None:
 
 
 def test_what_the_gate_altered_is_shown_as_it_was_wanted(log: RunLog) -> None:
-    wanted = "wanted, before the safety gate"
+    wanted = "reference, before the safety gate"
     assert not lines(panels(contact_figure(log, ["LShoulderRoll"]))[0], wanted)
-    changed = log["changed"].copy()
-    changed[100, ROLL] = True
-    log = replace(log, fields={**log.fields, "changed": changed})
+    limited = log["limited"].copy()
+    limited[100, ROLL] = True
+    log = replace(log, fields={**log.fields, "limited": limited})
     (line,) = lines(panels(contact_figure(log, ["LShoulderRoll"]))[0], wanted)
     np.testing.assert_allclose(data(line), np.rad2deg(log["reference_position"][:, ROLL]))
     assert not lines(panels(contact_figure(log, ["LElbowRoll"]))[0], wanted)
@@ -286,7 +286,7 @@ def test_formats_without_display(
 def test_errors(log: RunLog, tmp_path: Path) -> None:
     with pytest.raises(UnknownNameError, match="did you mean LElbowRoll"):
         plot_contacts(log, tmp_path / "a.png", ["LElbowRol"])
-    with pytest.raises(UnknownNameError, match="picture format 'gif'"):
+    with pytest.raises(UnknownNameError, match="figure format 'gif'"):
         plot_contacts(log, tmp_path / "a.gif")
     with pytest.raises(UnknownNameError, match="possible: pdf, png, svg"):
         plot_contacts(log, tmp_path / "a")

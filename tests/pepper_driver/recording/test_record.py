@@ -91,7 +91,7 @@ def test_a_recording_over_a_network_replays_to_the_bit(
     monkeypatch.setattr("pepper_driver.robot.make_backend", lambda uri, _: Jittery(uri, late))
     path, wave = tmp_path / "run.mcap", load_experiment("wave", ROBOT)
     record_labelled("mujoco", path, "head", experiment=wave)
-    assert len(read_log(path).unanswered["step"]) > 20
+    assert len(read_log(path).unmatched["step"]) > 20
     run = load_run(path)
     result = compare(run, replay(run, run.observer(), run.reflexes()))
     assert result.identical, result.differences

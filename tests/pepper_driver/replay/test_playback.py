@@ -43,7 +43,7 @@ def test_what_the_gate_changes_leads_to_the_same_state() -> None:
     then = moving()
     references, states = [], []
 
-    def changed(step: int, controller: WholeBodyController) -> None:
+    def limited(step: int, controller: WholeBodyController) -> None:
         if step in (5, 6, 20):
             position = controller.position
             position[3] -= 0.004
@@ -51,13 +51,13 @@ def test_what_the_gate_changes_leads_to_the_same_state() -> None:
 
     for step in range(40):
         references.append(then.step())
-        changed(step, then)
+        limited(step, then)
         states.append((then.position, then.velocity))
     now = PlaybackController(ROBOT, SETTINGS, references)
     now.reset(ROBOT.posture("Stand"))
     for step, (position, velocity) in enumerate(states):
         now.step()
-        changed(step, now)
+        limited(step, now)
         assert now.position.tobytes() == position.tobytes(), step
         assert now.velocity.tobytes() == velocity.tobytes(), step
 

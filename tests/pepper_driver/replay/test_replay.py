@@ -156,7 +156,7 @@ def test_what_the_gate_changed_is_found_again_with_wheels_and_base(tmp_path: Pat
         pepper.push("LBicep", [0, 40, 0], point=[0.16, 0, 0], duration=0.4)
         pepper.run(0.8)
     read = read_log(path)
-    assert read["changed"].any()
+    assert read["limited"].any()
     assert read["sent_wheel_speed"].any()
     found, result = replayed(path)
     assert found.events
@@ -178,13 +178,13 @@ def jittery(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_a_run_over_a_network_is_found_bit_for_bit(jittery: Path) -> None:
-    """Which command a sample answers changes from tick to tick, samples repeat, and commands stay unanswered."""
+    """Which command a sample answers changes from tick to tick, samples repeat, and commands stay unmatched."""
     found, result = replayed(jittery)
     run = load_run(jittery)
     read = run.log
     assert len(set(read["answers"])) >= 4
     assert (np.diff(read["tick"]) == 0).sum() > 50
-    assert len(read.unanswered["step"]) > 50
+    assert len(read.unmatched["step"]) > 50
     assert {event.name for event in read.events if event.kind == "reflex"} >= {"retract", "soften"}
     assert result.identical, result.differences
     assert not result.notes
@@ -207,7 +207,7 @@ def test_the_error_of_a_late_sample_is_no_error_of_the_robot(jittery: Path, log:
 def test_a_run_over_a_network_replays_from_its_replay(jittery: Path, tmp_path: Path) -> None:
     run, out = load_run(jittery), tmp_path / "again.mcap"
     replay(run, run.observer(), run.reflexes(), out=out)
-    then, now = run.log.unanswered, read_log(out).unanswered
+    then, now = run.log.unmatched, read_log(out).unmatched
     assert all(same_bits(now[name], then[name]) for name in then)
     assert replayed(out)[1].identical
 
@@ -272,7 +272,7 @@ class Harmed(Jittery):
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        ({"stiffness": np.zeros(17)}, "somebody took the stiffness of all joints"),
+        ({"stiffness": np.zeros(17)}, "the stiffness of all joints was lowered"),
         ({"age": 0.2, "missing": "no answer from RElbowYaw"}, "200 ms old: no answer from RElbow"),
     ],
 )
@@ -341,8 +341,8 @@ def test_another_setting_is_told(log: Path) -> None:
     # as recorded
     observer = contact_observer("fusion", ROBOT, identities, None, settings)
     assert compare(run, replay(run, observer, run.reflexes())).identical
-    changed = replace(settings, update_period=0.13)
-    observer = contact_observer("fusion", ROBOT, identities, None, changed)
+    limited = replace(settings, update_period=0.13)
+    observer = contact_observer("fusion", ROBOT, identities, None, limited)
     result = compare(run, replay(run, observer, run.reflexes()))
     assert not result.identical
     first = result.differences[0]
@@ -492,7 +492,10 @@ def edited(path: Path, to: Path, **metadata: str | None) -> Path:
 @pytest.mark.parametrize(
     ("metadata", "message"),
     [
-        ({"observer_models_sha256": "00ff" * 16}, "felt with the models 00ff00ff00ff.*--models"),
+        (
+            {"observer_models_sha256": "00ff" * 16},
+            "detected with the models 00ff00ff00ff.*--models",
+        ),
         ({"identity": "its own", "parents": None}, "no models come with the package.*--models"),
         ({"parents": "{"}, "no 'parents' that can be read"),
         ({"parents": "[3]"}, "no 'parents' that can be read"),

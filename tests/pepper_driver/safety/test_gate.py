@@ -33,9 +33,9 @@ def test_a_reference_within_the_limits_passes_unchanged() -> None:
     gated = g.gate(reference(wanted), ONES, speeds, 0.0)
     np.testing.assert_array_equal(gated.command.position, wanted)
     np.testing.assert_array_equal(gated.command.wheel_speed, speeds)
-    assert not gated.changed.any()
-    assert not gated.joints_changed
-    assert not gated.wheels_changed
+    assert not gated.limited.any()
+    assert not gated.joints_limited
+    assert not gated.wheels_limited
     wanted[3] += 1.0
     assert g.sent.position[3] != wanted[3], "whoever made it may write to it"
 
@@ -46,7 +46,7 @@ def test_a_small_step_over_a_position_limit_is_clamped() -> None:
         g.activate(limit)
         gated = g.gate(reference(limit + side * SMALL), ONES, STILL, 0.0)
         np.testing.assert_array_equal(gated.command.position, limit)
-        assert gated.changed.all()
+        assert gated.limited.all()
         g.deactivate()
 
 
@@ -55,9 +55,9 @@ def test_a_jump_is_clamped_and_flagged_joint_by_joint() -> None:
     wanted = STAND.copy()
     wanted[6] += 0.5
     gated = g.gate(reference(wanted), ONES, STILL, 0.0)
-    assert gated.changed.tolist() == [i == 6 for i in range(17)]
-    assert gated.joints_changed
-    assert not gated.wheels_changed
+    assert gated.limited.tolist() == [i == 6 for i in range(17)]
+    assert gated.joints_limited
+    assert not gated.wheels_limited
     assert 0 < gated.command.position[6] - STAND[6] < 0.05
 
 
@@ -67,20 +67,20 @@ def test_old_data_brake_the_robot_and_new_data_let_it_go_on() -> None:
     for step in range(1, 30):
         wanted = wanted.copy()
         wanted[6] += min(step * SMALL, 0.02)
-        assert not g.gate(reference(wanted), ONES, np.full(3, 0.02), 0.0).joints_changed
+        assert not g.gate(reference(wanted), ONES, np.full(3, 0.02), 0.0).joints_limited
     np.testing.assert_array_equal(g.sent.wheel_speed, 0.02)
     steps = []
     for _ in range(30):
         before = g.sent.position
         held = g.gate(reference(wanted), ONES, np.ones(3), SAFETY.stale_hold + 0.001)
         np.testing.assert_array_equal(held.command.wheel_speed, 0.0)
-        assert held.wheels_changed
+        assert held.wheels_limited
         steps.append(held.command.position[6] - before[6])
     assert 0.005 < steps[0] < 0.02
     assert (np.diff(steps) <= 1e-12).all()
     assert steps[-1] == 0.0
     assert g.state is RobotState.ACTIVE
-    assert not g.gate(reference(g.sent.position), ONES, STILL, 0.0).changed.any()
+    assert not g.gate(reference(g.sent.position), ONES, STILL, 0.0).limited.any()
 
 
 def faulted(g: SafetyGate) -> bool:
@@ -90,7 +90,7 @@ def faulted(g: SafetyGate) -> bool:
     before = g.sent.position.copy()
     for _ in range(3):
         gated = g.gate(reference(STAND + 0.01), ONES, np.ones(3), 0.0)
-        assert gated.changed.any()
+        assert gated.limited.any()
         np.testing.assert_array_equal(gated.command.position, before)
         np.testing.assert_array_equal(gated.command.wheel_speed, 0.0)
     g.deactivate()
@@ -137,7 +137,7 @@ def test_a_command_of_the_wrong_size_is_a_fault(part: int) -> None:
     parts[part] = parts[part][:-1]
     gated = g.gate(reference(parts[0]), parts[1], parts[2], 0.0)
     np.testing.assert_array_equal(gated.command.position, STAND)
-    assert gated.changed.all()
+    assert gated.limited.all()
     assert_fault(g, FaultReason.COMMAND, "values")
 
 
@@ -228,7 +228,7 @@ def test_wheels_start_and_turn_round_no_faster_than_the_base_may_and_keep_the_di
             sent = gated.command.wheel_speed
             assert (np.abs(sent - before) <= largest + 1e-12).all()
             np.testing.assert_allclose(np.cross(sent, wanted), 0.0, atol=1e-9)
-            assert gated.wheels_changed == (not np.array_equal(sent, sign * wanted))
+            assert gated.wheels_limited == (not np.array_equal(sent, sign * wanted))
             before = sent
             if np.array_equal(sent, sign * wanted):
                 break

@@ -107,8 +107,8 @@ def test_nothing_outside_the_limits_ever_leaves(
             room = np.where(now > 0, ROBOT.upper - sent.position, sent.position - ROBOT.lower)
             assert (way <= room + CLOSE).all()
             step = now
-            assert gated.changed.any() == gated.joints_changed
-            same = ~gated.changed
+            assert gated.limited.any() == gated.joints_limited
+            same = ~gated.limited
             np.testing.assert_allclose(sent.position[same], position[same], rtol=0, atol=CLOSE)
         before = sent
 
@@ -146,16 +146,16 @@ def test_it_brakes_as_late_as_it_can() -> None:
 
 def test_a_joint_that_runs_into_its_limit_at_a_lawful_speed_is_braked_in_time() -> None:
     """Neither speed nor acceleration give it away; with 10 rad/s2 it needs 0.05 m to stop from 1 rad/s."""
-    limits, wanted, step, changed = a_joint(), np.zeros(1), 0.0, []
+    limits, wanted, step, limited = a_joint(), np.zeros(1), 0.0, []
     for _ in range(130):
         step = min(step + 0.0005, 0.01)
         wanted = limits.position + step
         kept = limits.keep(wanted)
-        changed.append(not kept and bool(limits.clamp(wanted).any()))
-        if changed[-1]:
+        limited.append(not kept and bool(limits.clamp(wanted).any()))
+        if limited[-1]:
             break
     assert limits.position[0] == pytest.approx(0.95, abs=0.015)
-    assert changed.count(True) == 1
+    assert limited.count(True) == 1
     assert run_into(limits, 50.0, 200)[-1] == pytest.approx(1.0, abs=1e-12)
 
 
@@ -163,8 +163,8 @@ def test_limits_are_kept_by_the_joint_concerned_alone() -> None:
     n = 3
     limits = JointLimits(np.zeros(n), np.ones(n), np.full(n, 2.0), np.full(n, 10.0), 0.01)
     limits.start(np.full(n, 0.5))
-    changed = limits.clamp(np.array([0.5, 0.5005, 0.9]))
-    assert changed.tolist() == [False, False, True]
+    limited = limits.clamp(np.array([0.5, 0.5005, 0.9]))
+    assert limited.tolist() == [False, False, True]
     np.testing.assert_array_equal(limits.position[:2], [0.5, 0.5005])
 
 
@@ -188,8 +188,8 @@ def test_what_the_controller_sends_flat_out_is_never_changed(seed: int, velocity
             wanted = controller.step()
             wheels = ROBOT.wheels.matrix @ wanted.base_twist
             gated = g.gate(wanted, np.ones(17), wheels, 0.0)
-            assert not gated.changed.any()
-            assert not gated.wheels_changed
+            assert not gated.limited.any()
+            assert not gated.wheels_limited
             np.testing.assert_array_equal(gated.command.position, wanted.position)
 
 
@@ -207,7 +207,7 @@ def test_the_law_that_overshoots_is_stopped_at_the_limit() -> None:
             gated = g.gate(controller.step(), np.ones(17), np.zeros(3), 0.0)
             assert (gated.command.position <= ROBOT.upper).all()
             assert (gated.command.position >= ROBOT.lower).all()
-            if gated.joints_changed:
+            if gated.joints_limited:
                 clamped += 1
                 controller.override_state(gated.command.position)
     assert clamped > 0

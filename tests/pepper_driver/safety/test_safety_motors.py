@@ -41,12 +41,12 @@ def less(by: float, *joints: int) -> FloatArray:
 @pytest.mark.parametrize(
     ("joints", "words"),
     [
-        ((), "all joints away (0.00 in place of 1.00)"),
-        ((ELBOW,), "stiffness of RElbowYaw away"),
+        ((), "all joints was lowered from outside (0.00 in place of 1.00)"),
+        ((ELBOW,), "stiffness of RElbowYaw was lowered"),
         ((3, 4, 5, 6, 7), "HeadYaw, HeadPitch, LShoulderPitch and 2 more"),
     ],
 )
-def test_stiffness_that_somebody_took_away_stops_the_robot(
+def test_stiffness_that_is_lowered_from_outside_stops_the_robot(
     joints: tuple[int, ...], words: str
 ) -> None:
     g = gate()
@@ -57,7 +57,7 @@ def test_stiffness_that_somebody_took_away_stops_the_robot(
     assert g.fault is not None
     assert g.fault.reason is FaultReason.STIFFNESS
     assert words in g.fault.text
-    for what in ("somebody", "chest", "ALMotion.rest", "setStiffnesses", "wake the robot up"):
+    for what in ("from outside", "chest", "ALMotion.rest", "setStiffnesses", "wake the robot up"):
         assert what in g.fault.text, "what may have happened, and what to do"
     assert "\n" not in g.fault.text
 

@@ -58,18 +58,18 @@ def test_clamping_for_a_second_raises_no_contact(
         return SafetyGate(robot, safety, slowed(limits, 0.7 / safety.speed_margin))
 
     monkeypatch.setattr("pepper_driver.session.SafetyGate", slow)
-    changed: list[Any] = []
+    limited: list[Any] = []
     speeds: list[Any] = []
 
     def on_tick(tick: Tick, observation: Observation | None) -> None:
-        changed.append(tick.changed)
+        limited.append(tick.limited)
         speeds.append(tick.sent.position)
 
     with Pepper(f"mujoco://?plant={plant}&seed=3", observer=observer()) as pepper:
         pepper.run(3.0)
         flail(pepper, 3, on_tick)
         assert [contact for contact in pepper.contact_history if contact.phase == "begin"] == []
-    longest = max(_longest(column) for column in np.array(changed).T)
+    longest = max(_longest(column) for column in np.array(limited).T)
     assert longest * ROBOT.cycle > 1.0, "a joint was clamped for a second without a break"
     assert np.abs(np.diff(speeds, axis=0)).max() <= 0.7 * ROBOT.cycle + 1e-9
 
@@ -83,15 +83,15 @@ def _longest(flags: Any) -> int:
 
 
 def test_a_normal_run_with_touches_and_reflexes_is_left_alone() -> None:
-    changed = 0
+    limited = 0
     held = Hold()
     held_ticks = 0
 
     def on_tick(tick: Tick, observation: Observation | None) -> None:
-        nonlocal changed, held_ticks
-        changed += bool(tick.changed.any())
+        nonlocal limited, held_ticks
+        limited += bool(tick.limited.any())
         wheels = ROBOT.wheels.matrix @ tick.reference.base_twist
-        changed += not np.allclose(wheels, tick.sent.wheel_speed, atol=1e-12)
+        limited += not np.allclose(wheels, tick.sent.wheel_speed, atol=1e-12)
         held_ticks += held.active
 
     with Pepper("mujoco", observer="fusion", reflexes=[held]) as pepper:
@@ -100,7 +100,7 @@ def test_a_normal_run_with_touches_and_reflexes_is_left_alone() -> None:
             pepper.push("LForeArm", [0.0, 25.0, 0.0], delay=time, duration=0.5)
         flail(pepper, 1, on_tick)
     assert held_ticks > 20
-    assert changed == 0
+    assert limited == 0
 
 
 def test_a_press_on_the_chest_stops_the_robot() -> None:
