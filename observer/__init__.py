@@ -1,4 +1,4 @@
-"""Feels contacts from tracking errors: expected error, residual, detection, isolation, events; fitting and scoring."""
+"""Detection of contacts from tracking errors: expected error, residual, isolation, events; fitting and scoring."""
 
 from pepper_driver.observer.contact_observer import ContactObserver
 from pepper_driver.observer.fitting.bounds import free_threshold

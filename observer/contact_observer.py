@@ -1,4 +1,4 @@
-"""The contact observer: residual, threshold, isolation and events of one mode, as its models say."""
+"""The contact observer: residual, threshold, isolation and events of one mode, which its models determine."""
 
 from __future__ import annotations
 
@@ -38,17 +38,16 @@ from pepper_driver.observer.residuals.momentum import MomentumGenerator
 from pepper_driver.observer.residuals.paper import PaperGenerator
 
 ONSET_LOOKBACK = 0.5
-"""[s] before the median window; a touch that grows more slowly is dated too late."""
-
+"""[s] before the median window; the onset of a touch that grows more slowly is reported too late."""
 
 WEAR_PERIOD = 2500
-"""Ticks between two looks at whether joints have worn: half a minute."""
+"""Ticks between two checks for worn joints: half a minute."""
 
 LOG = logging.getLogger(__name__)
 
 
 class Tracker(Protocol):
-    """Makes events of residuals."""
+    """Stage that derives events from residuals."""
 
     @property
     def idle(self) -> bool:
@@ -62,7 +61,7 @@ class Tracker(Protocol):
         state: list[JointState],
         settled: list[bool],
     ) -> Sequence[Contact]:
-        """Take in one tick at ``time`` [s]; sets (n,) states, and where a contact has just ended."""
+        """Take in one tick at ``time`` [s]; set (n,) states, and ``settled`` where a contact has just ended."""
         ...
 
     def reset(self) -> None:
@@ -82,7 +81,7 @@ class ContactObserver(Observer):
         robot: Description of the robot.
         models: Models of its joints; those that have none stay blind.
         settings: Filter, threshold and times.
-        momentum: Of fusion models, use only what a momentum observer would: the baseline ``momentum``.
+        momentum: True to use only the momentum channel of fusion models: the baseline ``momentum``.
 
     Raises:
         ModelFileError: The models are of another robot.
@@ -99,7 +98,7 @@ class ContactObserver(Observer):
         models.check_robot(robot)
         self._models, self._robot, self._settings = models, robot, settings
         self._mode = "paper" if models.kind != "fusion" else "momentum" if momentum else "fusion"
-        self._signal, window = _signal(self._mode, robot, models, settings)
+        self._generator, window = _generator(self._mode, robot, models, settings)
         lookback = math.ceil(ONSET_LOOKBACK / robot.cycle)
         self._history = ResidualHistory(window, lookback, len(robot.joint_names))
         self._tracker: Tracker
@@ -107,11 +106,11 @@ class ContactObserver(Observer):
             self._tracker = BodyTracker(robot, settings, self._history.onset)
         else:
             self._tracker = ChainTrackers(robot, settings, self._history.onset)
-        no_model = self._signal.no_model
+        no_model = self._generator.no_model
         self._resting_state = np.where(no_model, JointState.BLIND, JointState.FREE).astype(np.int8)
         self._known = ~no_model
-        self._models_known = np.count_nonzero(self._known)
-        self._nowhere = np.zeros(len(no_model), dtype=np.bool_)
+        self._known_count = np.count_nonzero(self._known)
+        self._none_settled = np.zeros(len(no_model), dtype=np.bool_)
         self._window = window
         self.reset()
 
@@ -120,13 +119,13 @@ class ContactObserver(Observer):
         self._time = 0.0
         self._ticks = 0
         self._worn: tuple[str, ...] = ()
-        self._signal.reset()
+        self._generator.reset()
         self._history.reset()
         self._tracker.reset()
 
     def describe(self) -> str:
-        """One line: kind, models, thresholds."""
-        known = np.degrees(self._signal.bounds[~self._signal.no_model])
+        """Return one line: mode, models, thresholds."""
+        known = np.degrees(self._generator.bounds[~self._generator.no_model])
         what = f"{self._models.kind} {'trees' if self._mode == 'paper' else 'models'}"
         return (
             f"{self._mode}: {what} of {len(self._models.models)} joints, identified on "
@@ -135,7 +134,7 @@ class ContactObserver(Observer):
         )
 
     def provenance(self) -> dict[str, str]:
-        """Mode, models and settings: ``models_sha256`` is that of the model file, as ``ModelSet.save`` writes it."""
+        """Return mode, models and settings; ``models_sha256`` is the hash of the file that ``ModelSet.save`` writes."""
         return {
             "mode": self._mode,
             "models": f"{self._models.kind}, identified on {self._models.identity}",
@@ -145,18 +144,18 @@ class ContactObserver(Observer):
 
     @property
     def worn(self) -> tuple[str, ...]:
-        """Joints that have worn since they were identified, as far as the session tells; mode ``fusion`` only."""
+        """Joints that this session shows to be worn since their identification; mode ``fusion`` only."""
         return self._worn
 
     @property
-    def held(self) -> dict[str, HandLoad]:
+    def hand_loads(self) -> dict[str, HandLoad]:
         """Load of each hand beyond the robot's description, by arm; mode ``fusion`` only."""
-        return self._signal.held
+        return self._generator.hand_loads
 
-    def _look_for_wear(self) -> None:
-        """Warn once a session of each joint that has worn."""
+    def _check_wear(self) -> None:
+        """Warn once a session about each joint that has worn."""
         names = self._robot.joint_names
-        found = (names[joint] for joint in np.flatnonzero(self._signal.worn))
+        found = (names[joint] for joint in np.flatnonzero(self._generator.worn))
         fresh = tuple(name for name in found if name not in self._worn)
         self._worn += fresh
         for name in fresh:
@@ -167,9 +166,9 @@ class ContactObserver(Observer):
             )
 
     def predict(self, joint: str, recording: Recording) -> FloatArray:
-        """(n,) expected tracking error of a joint over a run [rad], with no look at what was measured; NaN if unknown.
+        """Predict the (n,) tracking error of a joint over a run [rad], without its measurements; NaN if unknown.
 
-        In mode ``fusion`` that is less than ``Observation.expected`` knows, which follows where joints come to rest.
+        In mode ``fusion`` ``Observation.expected`` is more accurate: it follows the positions in which joints rest.
         """
         model = self._models.models.get(joint)
         if model is None or self._mode == "momentum":
@@ -178,16 +177,16 @@ class ContactObserver(Observer):
 
     def step(self, tick: Tick) -> Observation:
         """Take in one tick; never raises for bad sensor values."""
-        # A clock that jumps back or is lost must not turn the order of events around.
+        # Events must stay in order when the clock of the robot jumps back, or is NaN after a lost connection.
         if tick.measurement.time > self._time:
             self._time = tick.measurement.time
-        signal = self._signal.step(tick)
+        signal = self._generator.step(tick)
         self._history.append(self._time, signal.raw, signal.base_raw)
         contacts, state, free, settled = self._events(signal)
-        self._signal.learn(signal, free, settled, self._tracker.idle)
+        self._generator.learn(signal, free, settled, self._tracker.idle)
         self._ticks += 1
         if self._ticks % WEAR_PERIOD == 0:
-            self._look_for_wear()
+            self._check_wear()
         return Observation(
             contacts=tuple(contacts),
             expected=signal.expected,
@@ -201,13 +200,14 @@ class ContactObserver(Observer):
     def _events(
         self, signal: Residuals
     ) -> tuple[Sequence[Contact], NDArray[np.int8], BoolArray, BoolArray]:
-        """Events of this tick; (n,) states; joints that nothing touches; joints just let go."""
-        no_model = self._signal.no_model
-        # A joint that cannot be judged is not within anything.
+        """Return the events of this tick; (n,) states; joints without touch; joints that were just released."""
+        no_model = self._generator.no_model
+        # NaN compares as False: a blind joint counts as not within its threshold.
         within = np.count_nonzero(np.abs(signal.residual) <= signal.threshold)
-        quiet = within == self._models_known and not abs(signal.base_residual) > 1.0
+        quiet = within == self._known_count and not abs(signal.base_residual) > 1.0
+        # Most ticks end here, which saves the state machines of all joints.
         if quiet and self._tracker.idle:
-            return (), self._resting_state.copy(), self._known, self._nowhere
+            return (), self._resting_state.copy(), self._known, self._none_settled
         n = len(no_model)
         states, settled = [JointState.BLIND] * n, [False] * n
         contacts = self._tracker.step(self._time, signal, states, settled)
@@ -215,10 +215,10 @@ class ContactObserver(Observer):
         return contacts, state, state == JointState.FREE, np.array(settled)
 
 
-def _signal(
+def _generator(
     mode: str, robot: RobotConfig, models: ModelSet, settings: ObserverSettings
 ) -> tuple[ResidualGenerator, int]:
-    """Return the residual stage that the models are for, and the window of its filter."""
+    """Return the residual generator for the models, and the window of its filter."""
     of_joint = [models.models.get(name) for name in robot.joint_names]
     fusion = [model if isinstance(model, FusionModel) else None for model in of_joint]
     if mode == "momentum":

@@ -1,4 +1,4 @@
-"""Interfaces of the observer: contacts, observations, and the residuals they are made from."""
+"""Interfaces of the observer: contacts, observations and residuals."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ class HandLoad:
     """Load of one hand.
 
     Attributes:
-        mass: [kg]; below 0 where the robot's own masses are less than its description says.
-        mass_std: Standard deviation of it [kg].
+        mass: [kg]; below 0 where the masses of the robot are less than those of its description.
+        mass_std: Its standard deviation [kg].
         first_moment: (3,) m c in the axes of the link that carries the hand [kg m].
     """
 
@@ -34,10 +34,10 @@ Phase = Literal["begin", "update", "end"]
 Direction = Literal[-1, 1]
 
 INTENSITY_STEP_DEG = 0.1
-"""[deg] Change of the intensity that is worth an update."""
+"""[deg] Change of the intensity that causes an update."""
 
 TORQUE_STEP_STDS = 0.5
-"""Standard deviations of the torque: change of it that is worth an update. Smaller ones are noise."""
+"""Change of the torque that causes an update, in standard deviations. Smaller changes are noise."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -47,19 +47,19 @@ class Contact:
     Attributes:
         id: Number of the contact; its begin, updates and end share it.
         phase: ``begin``, ``update`` or ``end``. An update comes at once when kind, place or direction change. When only
-            intensity or torque change, it comes ``update_period`` (settings) or more after the event before.
-        kind: ``contact``; ``collision`` when it is hard; ``rebound`` when the joint only swings back after one.
-        limb: ``left_arm``, ``right_arm``, ``head`` or ``trunk``, which includes the base: that of the joint.
-        joint: The last joint of the chain that feels it; None for trunk and base.
-        link: The link that hangs on that joint.
+            intensity or torque change, it comes ``update_period`` (settings) or more after the previous event.
+        kind: ``contact``; ``collision`` for a hard contact; ``rebound`` when the joint only swings back after one.
+        limb: ``left_arm``, ``right_arm``, ``head`` or ``trunk``, which includes the base.
+        joint: The last joint of the chain that detects it; None for trunk and base.
+        link: The link that this joint carries.
         direction: Sign of the external torque on the joint, in the joint's positive sense: minus the sign of the
             residual r = eps - eps_exp.
-        intensity_deg: Largest size of the residual so far [deg]; 0 where only the wheels feel it.
+        intensity_deg: Largest size of the residual so far [deg]; 0 where only the wheels detect it.
         torque: External torque estimate on the joint [N m], signed; None where no estimate exists.
         torque_std: Its standard deviation [N m]; None where no estimate exists.
         onset_time: Clock of the robot when the residual began to leave its free-motion band [s].
         detection_time: When the contact was first reported [s].
-        time: When this happened [s]; an ``end`` is raised a little later, once the residual has stayed low.
+        time: Time of the event [s]; an ``end`` is reported later, when the residual has stayed low.
     """
 
     id: int
@@ -86,20 +86,20 @@ class JointState(IntEnum):
     REBOUND = 3
     SETTLING = 4
     BLIND = 5
-    """No model, or the data cannot be judged: neither free nor touched."""
+    """No model, or data that cannot be judged: neither free nor in contact."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Observation:
-    """Result of one tick; arrays in joint order, NaN where the joint is blind, never changed once it was handed over.
+    """Result of one tick: arrays in joint order, NaN where a joint is blind. They are never changed afterwards.
 
     Attributes:
-        contacts: Events raised in this tick.
+        contacts: Events of this tick.
         expected: (17,) expected tracking error eps_exp [rad], Eq. 12.
         residual: (17,) filtered contact observer signal r = eps - eps_exp [rad], Eq. 13.
         threshold: (17,) bound that ``residual`` is compared with [rad].
-        torque: (17,) external torque estimate [N m]; NaN where there is none.
-        torque_std: (17,) its standard deviation [N m]; NaN where there is none.
+        torque: (17,) external torque estimate [N m]; NaN where it is unknown.
+        torque_std: (17,) its standard deviation [N m]; NaN where it is unknown.
         state: (17,) values of :class:`JointState`.
     """
 
@@ -113,7 +113,7 @@ class Observation:
 
 
 class Observer(ABC):
-    """A plug-in on the controller's tick. Has no access to anything but ticks."""
+    """Plug-in on the tick of the controller. It has access to ticks only, not to the truth of a simulation."""
 
     @abstractmethod
     def step(self, tick: Tick) -> Observation:
@@ -125,33 +125,33 @@ class Observer(ABC):
 
     @abstractmethod
     def describe(self) -> str:
-        """One line: kind, models, thresholds."""
+        """Return one line: mode, models, thresholds."""
 
     def provenance(self) -> dict[str, str]:
-        """Return what a log needs so that the results can be computed again: values by name, as text."""
+        """Return what a log must have to compute the results again: values by name, as text."""
         return {}
 
 
 MIN_OBSERVED_STIFFNESS = 0.99
-"""Models are identified on stiff joints: one with less follows its commands in another way."""
+"""Models are identified at full stiffness: a joint with less has another tracking error."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Residuals:
-    """Arrays (n,), NaN where a joint is blind.
+    """Residuals of one tick: arrays (n,), NaN where a joint is blind.
 
     Attributes:
         expected: Expected tracking error [rad].
-        raw: r before the filter [rad]; NaN only where this very sample cannot be judged.
+        raw: r before the filter [rad]; NaN only where this sample cannot be judged.
         residual: r, filtered [rad].
-        threshold: Of a contact [rad].
+        threshold: Threshold of a contact [rad].
         torque: External torque [N m]; NaN where there is no estimate.
         torque_std: Its standard deviation [N m].
-        band: By how much friction can hold a joint off its place [rad]; 0 where nothing is known of it.
+        friction_band: Largest error at which friction can hold a joint [rad]; 0 where it is unknown.
         blind: Joints that cannot be judged.
-        base_raw: Residual of the base before the filter, as a share of its bound; NaN where it cannot be judged.
+        base_raw: Residual of the base before the filter, in units of its bound; NaN where it cannot be judged.
         base_residual: The same, filtered.
-        detail: More that the same generator learns from, once the events of the tick are known.
+        detail: Data that the generator needs again in ``learn``, when the events of the tick are known.
     """
 
     expected: FloatArray
@@ -160,7 +160,7 @@ class Residuals:
     threshold: FloatArray
     torque: FloatArray
     torque_std: FloatArray
-    band: FloatArray
+    friction_band: FloatArray
     blind: BoolArray
     base_raw: float = np.nan
     base_residual: float = np.nan
@@ -168,32 +168,32 @@ class Residuals:
 
 
 class StaticGeneratorMixin:
-    """Second half of a :class:`ResidualGenerator` that adapts to neither joints nor loads."""
+    """Second half of a :class:`ResidualGenerator` that does not adapt to joints or loads."""
 
     no_model: BoolArray
 
     @property
     def worn(self) -> BoolArray:
-        """(n,) none."""
+        """(n,) False: wear is not estimated."""
         return np.zeros(len(self.no_model), dtype=np.bool_)
 
     @property
-    def held(self) -> dict[str, HandLoad]:
-        """Nothing."""
+    def hand_loads(self) -> dict[str, HandLoad]:
+        """Empty: loads are not estimated."""
         return {}
 
     def learn(
         self, signal: Residuals, free: BoolArray, settled: BoolArray, untouched: bool
     ) -> None:
-        """Nothing: its constants stay as they are."""
+        """Do nothing: the constants stay as they are."""
 
 
 class ResidualGenerator(Protocol):
-    """Makes residuals of ticks.
+    """Stage that computes residuals from ticks.
 
     Attributes:
         no_model: (n,) joints without a model.
-        bounds: (n,) largest threshold of known joints in use as identified [rad].
+        bounds: (n,) largest identified threshold of each joint [rad], NaN without a model.
     """
 
     no_model: BoolArray
@@ -205,24 +205,24 @@ class ResidualGenerator(Protocol):
 
     @property
     def worn(self) -> BoolArray:
-        """(n,) joints that have worn since they were identified, as far as the session tells."""
+        """(n,) joints that this session shows to be worn since their identification."""
         ...
 
     @property
-    def held(self) -> dict[str, HandLoad]:
+    def hand_loads(self) -> dict[str, HandLoad]:
         """Estimated loads of the hands, by arm; empty in modes without this estimate."""
         ...
 
     def learn(
         self, signal: Residuals, free: BoolArray, settled: BoolArray, untouched: bool
     ) -> None:
-        """Take in what the events make of a tick.
+        """Learn from a tick, once its events are known.
 
         Args:
-            signal: What :meth:`step` returned in it.
-            free: (n,) joints that nothing touches, nor has shortly before.
+            signal: Result of :meth:`step` for it.
+            free: (n,) joints without touch now and shortly before.
             settled: (n,) joints whose contact ended in this tick.
-            untouched: Whether nothing touches the robot anywhere, nor has shortly before.
+            untouched: True if no part of the robot is touched now or was shortly before.
         """
         ...
 

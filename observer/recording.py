@@ -1,4 +1,4 @@
-"""Recording: the arrays of one run, as a file, and as its mirror image."""
+"""Recording: the arrays of one run, their file, and the mirror image of a run."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ T = TypeVar("T")
 FORMAT = 2
 
 _FORMAT_NAME = "recording_format"
-_CURE = "record the run again"
+_REMEDY = "record the run again"
 
 
 class RecordingError(PepperError, ValueError):
@@ -75,11 +75,11 @@ def read_arrays(path: Path, names: Iterable[str]) -> dict[str, NDArray[Any]]:
                 raise RecordingError(f"with unknown {', '.join(extra)}")
             return {name: file[name] for name in names}
     except RecordingError as error:
-        raise RecordingError(f"{path}: is no recording, it is {error}; {_CURE}") from None
+        raise RecordingError(f"{path}: is no recording, it is {error}; {_REMEDY}") from None
     except OSError as error:
-        raise RecordingError(f"{path}: cannot be read ({reason(error)}); {_CURE}") from error
-    except Exception as error:  # whatever the decoders make of damaged bytes
-        raise RecordingError(f"{path}: damaged: {short_reason(error)}; {_CURE}") from error
+        raise RecordingError(f"{path}: cannot be read ({reason(error)}); {_REMEDY}") from error
+    except Exception as error:  # the decoders of damaged bytes raise errors of many types
+        raise RecordingError(f"{path}: damaged: {short_reason(error)}; {_REMEDY}") from error
 
 
 # The reflection turns the sign of y of a vector, and of all but y of an axis of rotation.
@@ -91,7 +91,7 @@ _MIRROR_SIGNS = {"twist": _TWIST_SIGNS, "vector": _VECTOR_SIGNS, "axis": _AXIS_S
 
 
 def mirrored_column(mirror: Mirror, column: Column, robot: RobotConfig) -> Column:
-    """Return what a mirror makes of a column; the robot gives partners and signs of joints, and places of wheels."""
+    """Return the mirror image of a column; the robot has the partners and signs of joints and the places of wheels."""
     if mirror in _MIRROR_SIGNS:
         column = column * _MIRROR_SIGNS[mirror]
     elif mirror == "wheels":
@@ -107,11 +107,11 @@ __all__ = ["STALE_AGE", "Recording", "RecordingBuilder", "RecordingError"]
 
 
 STALE_AGE = 0.03
-"""[s] An encoder sample older than this says nothing about the command it is paired with."""
+"""[s] An encoder sample older than this is no reply to the command it is paired with."""
 
 _FIELDS = {field.column: field for field in RECORDED_FIELDS}
 
-# Of a rebuilt tick, where nothing was recorded.
+# Values of a rebuilt tick that a recording does not have.
 _TEMPERATURE = 30.0  # [deg C]
 _UNTOUCHED = {"touch": np.zeros(5), "bumpers": np.zeros(3), "buttons": np.zeros(1)}
 for _zeros in _UNTOUCHED.values():
@@ -119,7 +119,7 @@ for _zeros in _UNTOUCHED.values():
 
 
 def _with_all_columns(cls: type[T]) -> type[T]:
-    """Declare the columns that the table has and no code names."""
+    """Declare the columns of the table as fields of a dataclass."""
     for name in _FIELDS:
         cls.__annotations__.setdefault(name, Column)
     return cls
@@ -136,7 +136,7 @@ class Recording:
         joint_names: Order of the columns.
         time: (n,) clock of the robot [s], increasing.
         age: (n,) age of the encoder sample beyond the usual transport [s].
-        sent_position: (n, N) position really sent [rad].
+        sent_position: (n, N) position sent [rad].
         stiffness: (n, N) stiffness sent, 0..1.
         limited: (n, N) where the safety gate altered the position.
         position: (n, N) measured position [rad].
@@ -153,7 +153,7 @@ class Recording:
         attitude: (n, 3) the same, roll, pitch, yaw [rad].
 
     Raises:
-        RecordingError: Fewer than two samples, a wrong shape, a value that is not finite, time that stands still.
+        RecordingError: Fewer than two samples, a wrong shape, a value that is not finite, time that does not increase.
     """
 
     joint_names: tuple[str, ...]
@@ -233,13 +233,13 @@ class Recording:
         return error
 
     def usable(self, joint_index: int) -> BoolArray:
-        """(n,) where the tracking error answers the reference: command not altered, sample not stale."""
+        """(n,) True where the tracking error belongs to the reference: command not altered, sample not stale."""
         return ~self.limited[:, joint_index] & (self.age <= STALE_AGE)
 
     def ticks(self) -> Iterator[Tick]:
-        """Yield the ticks again, to step an observer over them. Their arrays are read-only rows of the recording.
+        """Yield the ticks again, to run an observer on them. Their arrays are read-only rows of the recording.
 
-        What is not recorded is neutral: nothing touched or pressed, warm motors, a full battery, ticks counted from 0.
+        Values that are not recorded are neutral: no contact sensor pressed, warm motors, a full battery, ticks from 0.
         """
         temperature = np.full(len(self.joint_names), _TEMPERATURE)
         temperature.flags.writeable = False
@@ -266,7 +266,7 @@ class Recording:
         """Return the mirror image of the run: left and right swapped, signs by ``robot.mirror``.
 
         Raises:
-            RecordingError: It is of another robot.
+            RecordingError: The recording is of another robot.
         """
         self.check_robot(robot)
         columns: dict[str, Any] = {
@@ -287,7 +287,7 @@ class Recording:
             )
 
     def save(self, path: Path) -> None:
-        """Write it to a file; at no time is there half a file at ``path``.
+        """Write a file; at no time is there half a file at ``path``.
 
         Raises:
             RecordingError: The place cannot be written to.
@@ -336,14 +336,14 @@ class RecordingBuilder:
 
     Args:
         robot: Gives the number and order of the joints.
-        capacity: Samples to make room for at first; the room doubles when it is full.
+        capacity: Samples that fit at first; the arrays double in length when they are full.
     """
 
     def __init__(self, robot: RobotConfig, capacity: int = 8192) -> None:
         self._joint_names = robot.joint_names
-        self._room = max(capacity, 1)
+        self._capacity = max(capacity, 1)
         self._columns: dict[str, NDArray[Any]] = {
-            name: np.empty((self._room, *_row_shape(name, len(robot.joint_names))), field.type)
+            name: np.empty((self._capacity, *_row_shape(name, len(robot.joint_names))), field.type)
             for name, field in _FIELDS.items()
         }
         self._sources = {name: attrgetter(field.source) for name, field in _FIELDS.items()}
@@ -355,21 +355,21 @@ class RecordingBuilder:
     def append(self, tick: Tick) -> None:
         """Add one tick; its arrays are copied.
 
-        A tick of the same cycle of the robot as the one before is left out: a real robot's clock is not this
-        computer's, and its next cycle may be still to come.
+        A tick with the same cycle of the robot as the previous tick is left out. The clock of a real robot is not
+        that of this computer, so a tick may come before the robot's next cycle.
         """
         row = self._count
         if row and tick.measurement.time == self._columns["time"][row - 1]:
             return
-        if row == self._room:
+        if row == self._capacity:
             self._columns = {name: np.concatenate((a, a)) for name, a in self._columns.items()}
-            self._room *= 2
+            self._capacity *= 2
         for name, column in self._columns.items():
             column[row] = self._sources[name](tick)
         self._count += 1
 
     def finish(self) -> Recording:
-        """Return the recording of the ticks so far; the builder may go on.
+        """Return the recording of the ticks so far; more ticks may follow.
 
         Raises:
             RecordingError: See :class:`Recording`.

@@ -1,4 +1,4 @@
-"""Filters over the last samples of all joints: running median (Sec. V of the paper, 11 samples), largest value."""
+"""Filters over the last samples of all joints: running median (Sec. V of the paper, 11 samples) and maximum."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ from pepper_driver.config.arrays import BoolArray, FloatArray
 
 
 class RunningMedian:
-    """Median of the last ``window`` samples of each of ``width`` signals; of those there are, at the start.
+    """Median of the last ``window`` samples of each of ``width`` signals, at the start of fewer.
 
-    A NaN spoils the median of its signal as long as it is in the window; the caller must not use it so long.
+    The median of a signal is undefined while a NaN is in its window; the caller must not use it.
 
     Raises:
         ValueError: A window or a width below 1.
@@ -24,12 +24,13 @@ class RunningMedian:
         self._count = 0
 
     def push(self, sample: FloatArray) -> FloatArray:
-        """Take in (width,) one sample of each signal; returns (width,) the medians, a new array."""
+        """Take in (width,) one sample of each signal; return (width,) medians, a new array."""
         window = len(self._ring)
         self._ring[self._count % window] = sample
         self._count += 1
         filled = min(self._count, window)
         middle = filled // 2
+        # A partial sort in a buffer that is kept: np.median would allocate in every tick.
         sorted_half = self._scratch[:filled]
         sorted_half[:] = self._ring[:filled]
         if filled % 2:
@@ -41,7 +42,7 @@ class RunningMedian:
         return median
 
     def clear(self, where: BoolArray) -> None:
-        """Take the samples so far of the signals ``where`` (width,) as zeros."""
+        """Set the samples so far of the signals ``where`` (width,) to zero."""
         self._ring[:, where] = 0.0
 
     def reset(self) -> None:
@@ -59,25 +60,26 @@ class RunningMaximum:
     """
 
     def __init__(self, memory: float, cycle: float, width: int) -> None:
-        # Van Herk's way: the window ends in this block of samples and begins in the one before.
+        # Algorithm of van Herk: the window ends in this block of samples and begins in the previous one. Its
+        # cost per sample does not depend on the length of the window.
         self._block = np.zeros((max(1, round(memory / cycle)), width))
         self._count = 0
-        self._largest_now = np.zeros(width)
-        self._largest_from = np.zeros_like(self._block)
+        self._block_maximum = np.zeros(width)
+        self._tail_maximum = np.zeros_like(self._block)
 
     def push(self, sample: FloatArray) -> FloatArray:
-        """Take in (width,) one sample of each signal; returns (width,) the largest, a new array."""
+        """Take in (width,) one sample of each signal; return (width,) maxima, a new array."""
         row = self._count % len(self._block)
         self._count += 1
         if row == 0:
-            # Of the block that has just ended, the largest from each of its samples on.
-            np.maximum.accumulate(self._block[::-1], axis=0, out=self._largest_from)
-            self._largest_now = sample.copy()
+            # Maximum from each sample of the finished block to its end.
+            np.maximum.accumulate(self._block[::-1], axis=0, out=self._tail_maximum)
+            self._block_maximum = sample.copy()
         else:
-            self._largest_now = np.maximum(self._largest_now, sample)
+            self._block_maximum = np.maximum(self._block_maximum, sample)
         self._block[row] = sample
         left = len(self._block) - 1 - row
         if left == 0:
-            return self._largest_now.copy()
-        largest: FloatArray = np.maximum(self._largest_now, self._largest_from[left - 1])
+            return self._block_maximum.copy()
+        largest: FloatArray = np.maximum(self._block_maximum, self._tail_maximum[left - 1])
         return largest

@@ -1,4 +1,4 @@
-"""Score of contacts against known pushes; events of one contact together."""
+"""Score of contacts against known pushes, and the events of each contact as one track."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from pepper_driver.observer.interface import Contact
 
 @dataclass(frozen=True, kw_only=True)
 class ContactTrack:
-    """One contact as it was told: ``begin``, the ``updates`` in their order, ``end`` [s].
+    """One reported contact: ``begin``, the ``updates`` in their order, ``end`` [s].
 
     While it lasts, ``end`` is the time of the last event.
     """
@@ -23,68 +23,68 @@ class ContactTrack:
     end: float
 
     def at(self, time: float) -> Contact:
-        """Return the report of the contact at a time [s]: the last event until then; ``begin`` before it."""
+        """Return the last event until a time [s]; ``begin`` for earlier times."""
         return next((event for event in reversed(self.updates) if event.time <= time), self.begin)
 
     def limbs(self, until: float, robot: RobotConfig) -> frozenset[str]:
-        """Return the limbs it was put on until a time [s], that of its begin always."""
-        told = (self.begin, *(event for event in self.updates if event.time <= until))
-        return frozenset(robot.limb_of(event.joint) for event in told)
+        """Return the limbs that were reported until a time [s], that of ``begin`` always."""
+        reported = (self.begin, *(event for event in self.updates if event.time <= until))
+        return frozenset(robot.limb_of(event.joint) for event in reported)
 
 
 def group_events(contacts: Iterable[Contact]) -> tuple[ContactTrack, ...]:
-    """Return the contacts that the events of one run tell of, in the order in which they begin.
+    """Return the contacts that the events of one run report, in the order in which they begin.
 
-    Events of a contact whose begin is missing are left out.
+    Events of a contact without ``begin`` are left out.
     """
-    lives: list[list[Contact]] = []
+    tracks: list[list[Contact]] = []
     current: dict[int, list[Contact]] = {}
     for event in contacts:
         if event.phase == "begin":
             current[event.id] = [event]
-            lives.append(current[event.id])
+            tracks.append(current[event.id])
         elif event.id in current:
             current[event.id].append(event)
     return tuple(
         ContactTrack(
-            begin=life[0],
-            updates=tuple(event for event in life if event.phase == "update"),
-            end=life[-1].time,
+            begin=events[0],
+            updates=tuple(event for event in events if event.phase == "update"),
+            end=events[-1].time,
         )
-        for life in lives
+        for events in tracks
     )
 
 
 RELEASE_GRACE = 0.15
-"""[s] A contact detected this long after the release still counts as detected."""
+"""[s] A contact that begins this long after the release still counts as the detection of the push."""
 
-SETTLED = 0.17
-"""[s] After the alarm; observers may name the joint again until 150 ms after it, and tell so in the next tick."""
+ISOLATION_TIME = 0.17
+"""[s] After the detection. Observers isolate the joint again until 150 ms, and report it in the next tick."""
 
 REBOUND_TIME = 0.8
-"""[s] After a release the joint swings back; alarms in this time are neither detected pushes nor false contacts."""
+"""[s] After a release the joint swings back; contacts in this time are neither detected pushes nor false."""
 
 RUN_GAP = 0.3
-"""[s] An alarm that begins sooner after another on the same limb is the same run of alarms."""
+"""[s] A contact that begins within this time after another on the same limb continues it."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class KnownPush:
-    """A push or a pull that really happened.
+    """A push or a pull that is known from a simulation or a label.
 
     Attributes:
-        joint: The joint it was meant for: the last of its chain that it turns. None for a push on trunk or base.
-        link: Where it acted.
+        joint: The last joint of the chain that it turns. None for a push on trunk or base.
+        link: Link on which it acted.
         direction: Sign of its torque on the joint.
-        force: Its largest size [N]; of a grab, what its spring pulls with while the link does not give way.
+        force: Its largest size [N]; of a grab, the pull of the elastic hand on a link that does not move.
         torque: Largest torque on the joint [N m].
-        degrees: That torque divided by the proportional stiffness of the joint [deg]; on trunk and base, of the leg
-            joint where that is most. NaN where nobody measured it.
+        degrees: That torque divided by the proportional stiffness of the joint [deg]; on trunk and base, the largest
+            value of the leg joints. NaN where the force is unknown.
         onset: When the force began [s].
         release: When it had ended [s].
-        moving: Whether the joint was meant to move at its onset.
-        saturating: Whether it was meant to take a motor board beyond what it can hold.
-        saturated: Whether the joint's motor board was at its limit meanwhile: such pushes are to be scored apart.
+        moving: True if the joint was to move at its onset.
+        saturating: True if it was planned to exceed what a motor board can hold.
+        saturated: True if the motor board of the joint reached its limit: such pushes are scored separately.
     """
 
     joint: str | None
@@ -102,21 +102,21 @@ class KnownPush:
 
 @dataclass(frozen=True, kw_only=True)
 class DetectedPush:
-    """A push with the contact that reported it: as it began, and with all that was told of it later."""
+    """A push with the contact that detected it: ``contact`` is its begin, ``track`` all its events."""
 
     push: KnownPush
     contact: Contact
-    alarm: ContactTrack
+    track: ContactTrack
 
     @property
     def delay(self) -> float:
-        """From the onset of the force to the detection [s]."""
+        """Time from the onset of the force to the detection [s]."""
         return self.contact.detection_time - self.push.onset
 
     @property
-    def settled(self) -> Contact:
-        """The contact once its joint has been named for the last time, SETTLED after its detection."""
-        return self.alarm.at(self.contact.detection_time + SETTLED)
+    def final_contact(self) -> Contact:
+        """The contact after its last isolation, ISOLATION_TIME after its detection."""
+        return self.track.at(self.contact.detection_time + ISOLATION_TIME)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -127,10 +127,11 @@ class ContactScore:
         detected: Pushes with the first contact on their limb.
         missed: Pushes without one.
         false: Contacts that no push explains.
-        rebounds: Contacts that were the joint swinging back after a push: not counted, as in the paper.
-        repeated: Further contacts on the limb during a push that was detected already, and those that only go on with
-            an earlier one.
-        on_trunk: Contacts told on the trunk while a limb was pushed: it carries the limb. Neither detected nor false.
+        rebounds: Contacts of a joint that swings back after a push: not counted, as in the paper.
+        repeated: Further contacts on the limb during a push that was detected already, and those that continue an
+            earlier one.
+        on_trunk: Contacts on the trunk while a limb was pushed, because the trunk carries it. Neither detected nor
+            false.
     """
 
     detected: tuple[DetectedPush, ...]
@@ -144,27 +145,29 @@ class ContactScore:
 def score(
     pushes: Sequence[KnownPush], contacts: Sequence[Contact], robot: RobotConfig
 ) -> ContactScore:
-    """Match the contacts that the events of a run tell of with ``pushes``.
+    """Match the contacts that the events of a run report with ``pushes``.
 
-    A push is detected when a contact begins from its onset until RELEASE_GRACE after its release, in whatever
-    direction, and is on the pushed limb then or is moved there by an update in that time. Limbs are the arms, the head,
-    and the trunk with legs and base. A contact that begins on that limb until REBOUND_TIME after the release belongs to
-    the push too: a rebound, or a repetition of what was detected; so does one on the trunk, which carries the limb. Any
-    other contact is false, unless it goes on with another on the same limb within RUN_GAP.
+    - A push is detected when a contact begins between its onset and RELEASE_GRACE after its release, in any direction.
+      The contact must be on the pushed limb, or an update in that time must move it there. Limbs are the arms, the
+      head, and the trunk with legs and base.
+    - A contact on that limb that begins until REBOUND_TIME after the release belongs to the push too, as a rebound or
+      a repetition. So does one on the trunk, which carries the limb.
+    - Any other contact is false, unless it continues another on the same limb within RUN_GAP.
     """
     detected: dict[int, DetectedPush] = {}
     false: list[Contact] = []
     rebounds: list[Contact] = []
     repeated: list[Contact] = []
     on_trunk: list[Contact] = []
-    over: dict[str, float] = {}
-    for alarm in group_events(contacts):
-        contact = alarm.begin
+    last_end: dict[str, float] = {}
+    for track in group_events(contacts):
+        contact = track.begin
         time, limb = contact.detection_time, robot.limb_of(contact.joint)
-        continues = time - over.get(limb, -math.inf) < RUN_GAP
-        over[limb] = max(over.get(limb, alarm.end), alarm.end)
+        continues = time - last_end.get(limb, -math.inf) < RUN_GAP
+        last_end[limb] = max(last_end.get(limb, track.end), track.end)
+        # Pushes overlap: a hand may push the next limb before the joint of the last one has come to rest.
         near = [n for n, p in enumerate(pushes) if p.onset <= time <= p.release + REBOUND_TIME]
-        places = {n: alarm.limbs(pushes[n].release + RELEASE_GRACE, robot) for n in near}
+        places = {n: track.limbs(pushes[n].release + RELEASE_GRACE, robot) for n in near}
         own = [n for n in near if robot.limb_of(pushes[n].joint) in places[n]]
         carried = [n for n in near if places[n] == {TRUNK}]
         if not own and not carried:
@@ -179,7 +182,7 @@ def score(
         elif number in detected:
             repeated.append(contact)
         else:
-            detected[number] = DetectedPush(push=pushes[number], contact=contact, alarm=alarm)
+            detected[number] = DetectedPush(push=pushes[number], contact=contact, track=track)
     return ContactScore(
         detected=tuple(detected[number] for number in sorted(detected)),
         missed=tuple(push for number, push in enumerate(pushes) if number not in detected),

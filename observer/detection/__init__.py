@@ -1,1 +1,1 @@
-"""Detection: thresholds, excursions of residuals beyond them, and where the robot is touched."""
+"""Detection: thresholds, excursions of residuals beyond them, and isolation of contacts."""

@@ -1,4 +1,4 @@
-"""Isolation of contacts on the whole body, and their events: the rules of mode ``fusion``."""
+"""Isolation of contacts on the whole body, and their events: rules of mode ``fusion``."""
 
 from __future__ import annotations
 
@@ -26,27 +26,26 @@ from pepper_driver.observer.interface import (
 )
 
 RELATIVE_RATIO = 0.35
-"""Of the chain's largest ratio of residual and threshold: joints that stay below it are only shaken by the contact."""
+"""Fraction of the largest ratio of residual and threshold in a limb: the contact only shakes joints below it."""
 
 RATIO_MEMORY = 12
 """Ticks over which the largest ratio of a joint counts."""
 
 REISOLATION_TIMES = (0.05, 0.15)
-"""[s] after the alarm, when the joint is named again."""
+"""[s] after the detection, when the joint is determined again."""
 
-HOLD_BACK = 0.024
-"""[s] For which a contact that the trunk feels is not reported yet: two ticks. The trunk often feels a push on a limb
-first, and the limb within this time."""
+TRUNK_REPORT_DELAY = 0.024
+"""[s] Two ticks. The trunk often detects a push on a limb first, and the limb detects it within this time."""
 
 TRUNK_LINK = "torso"
-"""Of a contact that a joint of the legs feels: most of what can be touched above it is trunk."""
+"""Link of a contact that a joint of the legs detects: most of the surface above it belongs to the trunk."""
 
 BASE_LINK = "base_link"
-"""Of a contact that only the wheels feel."""
+"""Link of a contact that only the wheels detect."""
 
 
 class BodyContact:
-    """A contact that has begun and not ended, on one limb; it has a number once it is reported."""
+    """Contact on one limb that has begun and not ended; its number is None until it is reported."""
 
     def __init__(self, time: float, onset_time: float) -> None:
         self.number: int | None = None
@@ -57,7 +56,7 @@ class BodyContact:
         self.sign = 0
         self.peak = 0.0
         self.onset_time = onset_time
-        self.alarm_time = time
+        self.begin_time = time
         self.detection_time = time
         self.report_time = time
         self.reported_peak = 0.0
@@ -67,13 +66,13 @@ class BodyContact:
 
 
 class _Limb:
-    """A chain of joints with its monitors."""
+    """Joints of a limb with their monitors, from the trunk outwards."""
 
     def __init__(self, joints: Sequence[int], monitors: Sequence[JointMonitor]) -> None:
         self.joints = tuple(joints)
         self.monitors = tuple(monitors)
         self.ratios: deque[list[float]] = deque(maxlen=RATIO_MEMORY)
-        self.touch: BodyContact | None = None
+        self.contact: BodyContact | None = None
         self.explained = False
 
     def live(self) -> list[Excursion]:
@@ -81,22 +80,23 @@ class _Limb:
 
 
 class BodyTracker:
-    """Contacts on the whole body: one at a time on each limb, and one on the trunk.
+    """Tracker of contacts on the whole body: one at a time on each limb, and one on the trunk.
 
     - On a limb, a contact is on the last joint whose ratio of residual and threshold has exceeded 1 and RELATIVE_RATIO
-      of the limb's largest, within the last RATIO_MEMORY ticks: joints beyond the hand are shaken, but less. It is
-      named at the alarm, and again REISOLATION_TIMES later; then it stays, unless it goes blind.
-    - The trunk carries the limbs: while one is touched, or had been when the trunk's joints began to feel it, what they
-      feel belongs to it. A contact that begins on the trunk is reported HOLD_BACK later. If a limb feels it until then,
-      it is reported on that limb at once. If a limb feels it later, within the last of REISOLATION_TIMES, it moves
-      there and keeps its id.
+      of the limb's largest, within the last RATIO_MEMORY ticks: joints beyond the contact are shaken, but less. The
+      joint is determined at the detection and again REISOLATION_TIMES later. Then it changes only if it becomes blind.
+    - The trunk carries the limbs. Residuals of its joints belong to the contact on a limb if that contact exists now or
+      existed when they began.
+    - A contact that begins on the trunk is reported TRUNK_REPORT_DELAY later. If a limb detects it until then, it is
+      reported on that limb at once. If a limb detects it later, within the last of REISOLATION_TIMES, it moves there
+      and keeps its id.
     - A contact becomes a ``collision`` when a residual exceeds ``collision_factor`` times its threshold.
-    - A limb that swings back after its contact makes a ``rebound``, with an id of its own.
+    - A limb that swings back after its contact causes a ``rebound``, with an id of its own.
 
     Args:
         robot: Its description.
         settings: Times of the events.
-        onset: Tells when an excursion began.
+        onset: Function that gives the time when an excursion began.
     """
 
     def __init__(self, robot: RobotConfig, settings: ObserverSettings, onset: Onset) -> None:
@@ -109,7 +109,7 @@ class BodyTracker:
             joints = [robot.joint_index(joint) for joint in chain]
             monitors = [JointMonitor(j, settings, onset, settles=True) for j in joints]
             self._limbs[name] = _Limb(joints, monitors)
-        # The wheels are the trunk's innermost joint.
+        # The wheels are the innermost joint of the trunk: their residual counts as that of one joint more.
         wheels = len(self._names)
         self._trunk = self._limbs[TRUNK]
         self._trunk.joints = (wheels, *self._trunk.joints)
@@ -123,7 +123,7 @@ class BodyTracker:
         self._next_id = count(1).__next__
         self._idle = True
         for limb in self._limbs.values():
-            limb.touch, limb.explained = None, False
+            limb.contact, limb.explained = None, False
             limb.ratios.clear()
             for monitor in limb.monitors:
                 monitor.reset()
@@ -143,7 +143,7 @@ class BodyTracker:
         """Take in one tick.
 
         Args:
-            time: Clock of the robot [s], never running back.
+            time: Clock of the robot [s], not decreasing.
             signal: Residuals, thresholds and torques.
             state: (17,) entries are set.
             settled: (17,) entries are set where a contact has ended.
@@ -153,7 +153,7 @@ class BodyTracker:
         """
         self._signal = signal
         residual = [*signal.residual.tolist(), signal.base_residual]
-        threshold, band = [*signal.threshold.tolist(), 1.0], [*signal.band.tolist(), 0.0]
+        threshold, band = [*signal.threshold.tolist(), 1.0], [*signal.friction_band.tolist(), 0.0]
         states, ended = [*state, JointState.BLIND], [*settled, False]
         for limb in self._limbs.values():
             ratios = []
@@ -161,7 +161,7 @@ class BodyTracker:
                 states[joint] = monitor.step(time, residual[joint], threshold[joint], band[joint])
                 ended[joint] = monitor.settled
                 ratio = abs(residual[joint]) / threshold[joint]
-                ratios.append(ratio if ratio == ratio else 0.0)
+                ratios.append(ratio if ratio == ratio else 0.0)  # 0 for NaN
                 excursion = monitor.excursion
                 if (
                     excursion is not None
@@ -172,133 +172,141 @@ class BodyTracker:
             limb.ratios.append(ratios)
         state[:], settled[:] = states[:-1], ended[:-1]
         events: list[Contact] = []
+        # Limbs before the trunk: a contact on one of them explains the residuals of the trunk in the same tick.
         for limb in self._outer:
-            self._follow(limb, time, events)
-        self._follow_trunk(time, events)
+            self._update_limb(limb, time, events)
+        self._update_trunk(time, events)
         self._idle = all(
-            limb.touch is None and all(monitor.idle(time) for monitor in limb.monitors)
+            limb.contact is None and all(monitor.idle(time) for monitor in limb.monitors)
             for limb in self._limbs.values()
         )
         return events
 
-    def _follow_trunk(self, time: float, events: list[Contact]) -> None:
+    def _update_trunk(self, time: float, events: list[Contact]) -> None:
         trunk = self._trunk
         live = trunk.live()
         if not live:
             trunk.explained = False
-        elif trunk.touch is None and any(limb.touch is not None for limb in self._outer):
+        elif trunk.contact is None and any(limb.contact is not None for limb in self._outer):
             trunk.explained = True
         if not trunk.explained:
-            self._follow(trunk, time, events)
+            self._update_limb(trunk, time, events)
 
-    def _follow(self, limb: _Limb, time: float, events: list[Contact]) -> None:
-        """Events of one limb."""
+    def _update_limb(self, limb: _Limb, time: float, events: list[Contact]) -> None:
+        """Append the events of one limb."""
         live = limb.live()
         over = [excursion for excursion in live if excursion.over]
         touching = [excursion for excursion in over if excursion.kind != "rebound"]
-        touch = limb.touch
-        if touch is not None and over and (touch.kind == "rebound") == bool(touching):
-            end = time if touch.fall_time is None else touch.fall_time
-            self._end(limb, touch, end, time, events)
-            touch = None
-        if touch is None:
+        contact = limb.contact
+        # A rebound ends when a joint is pushed, and a contact when its joints only swing back.
+        if contact is not None and over and (contact.kind == "rebound") == bool(touching):
+            end = time if contact.fall_time is None else contact.fall_time
+            self._end(limb, contact, end, time, events)
+            contact = None
+        if contact is None:
             if over:
                 self._begin(limb, touching or over, time, events)
             return
-        news = False
+        changed = False
         if over:
-            touch.fall_time = None
-            news = self._revise(limb, touch, touching or over, time)
+            contact.fall_time = None
+            changed = self._revise(limb, contact, touching or over, time)
         else:
-            if touch.fall_time is None:
-                touch.fall_time = time
+            if contact.fall_time is None:
+                contact.fall_time = time
             if not live:
-                self._end(limb, touch, touch.fall_time, time, events)
+                self._end(limb, contact, contact.fall_time, time, events)
                 return
-        if touch.number is None:
-            if time - touch.alarm_time + TIME_TOLERANCE >= HOLD_BACK:
+        if contact.number is None:
+            if time - contact.begin_time + TIME_TOLERANCE >= TRUNK_REPORT_DELAY:
                 if over:
-                    self._locate(limb, touch, touching or over)
-                self._report(touch, "begin", time, events)
-        elif news or (
-            over and time - touch.report_time >= self._update_period and self._has_changed(touch)
+                    self._locate(limb, contact, touching or over)
+                self._report(contact, "begin", time, events)
+        elif changed or (
+            over
+            and time - contact.report_time >= self._update_period
+            and self._has_changed(contact)
         ):
-            self._report(touch, "update", time, events)
+            self._report(contact, "update", time, events)
 
-    def _has_changed(self, touch: BodyContact) -> bool:
-        """Return True where intensity or torque are no longer what was reported last."""
-        if abs(math.degrees(touch.peak - touch.reported_peak)) >= INTENSITY_STEP_DEG:
+    def _has_changed(self, contact: BodyContact) -> bool:
+        """Return True if intensity or torque differ enough from those reported last."""
+        if abs(math.degrees(contact.peak - contact.reported_peak)) >= INTENSITY_STEP_DEG:
             return True
-        torque, std = self._torque(touch)
-        if torque is None or std is None or touch.reported_torque is None:
-            return torque is not touch.reported_torque
-        return abs(torque - touch.reported_torque) >= TORQUE_STEP_STDS * std
+        torque, std = self._torque(contact)
+        if torque is None or std is None or contact.reported_torque is None:
+            return torque is not contact.reported_torque
+        return abs(torque - contact.reported_torque) >= TORQUE_STEP_STDS * std
 
-    def _torque(self, touch: BodyContact) -> tuple[float | None, float | None]:
-        """Return torque on the joint and its standard deviation [N m]; None where they are unknown."""
-        if touch.joint is not None:
-            torque = float(self._signal.torque[touch.joint])
-            std = float(self._signal.torque_std[touch.joint])
+    def _torque(self, contact: BodyContact) -> tuple[float | None, float | None]:
+        """Return torque on the joint and its standard deviation [N m], both None if unknown."""
+        if contact.joint is not None:
+            torque = float(self._signal.torque[contact.joint])
+            std = float(self._signal.torque_std[contact.joint])
             if torque == torque and std == std:  # not NaN
                 return torque, std
         return None, None
 
     def _end(
-        self, limb: _Limb, touch: BodyContact, end: float, time: float, events: list[Contact]
+        self, limb: _Limb, contact: BodyContact, end: float, time: float, events: list[Contact]
     ) -> None:
-        """Report at ``time`` that a contact has ended; one that was held back is reported first."""
-        limb.touch = None
-        if touch.number is None:
-            self._report(touch, "begin", time, events)
-        self._report(touch, "end", max(end, touch.report_time), events)
+        """Report the end of a contact; if its begin was delayed, report it first."""
+        limb.contact = None
+        if contact.number is None:
+            self._report(contact, "begin", time, events)
+        # The residual fell before the end is known; an end must not precede an event that was reported since.
+        self._report(contact, "end", max(end, contact.report_time), events)
 
     def _begin(
         self, limb: _Limb, over: Sequence[Excursion], time: float, events: list[Contact]
     ) -> None:
         trunk = self._trunk
         first = min(excursion.onset_time for excursion in over)
-        moved = trunk.touch
+        moved = trunk.contact
         if (
             limb is not trunk
             and moved is not None
             and moved.kind != "rebound"
-            and time - moved.alarm_time <= REISOLATION_TIMES[-1] + TIME_TOLERANCE
+            and time - moved.begin_time <= REISOLATION_TIMES[-1] + TIME_TOLERANCE
         ):
-            # What the trunk felt first was the push on this limb.
-            limb.touch, trunk.touch, trunk.explained = moved, None, True
+            # The trunk has detected the push on this limb first.
+            limb.contact, trunk.contact, trunk.explained = moved, None, True
             moved.onset_time, moved.fall_time = min(moved.onset_time, first), None
             self._locate(limb, moved, over)
             self._report(moved, "begin" if moved.number is None else "update", time, events)
             return
-        touch = limb.touch = BodyContact(time, first)
+        contact = limb.contact = BodyContact(time, first)
         if all(excursion.kind == "rebound" for excursion in over):
-            touch.kind = "rebound"
-        self._locate(limb, touch, over)
-        if limb is not trunk or touch.kind == "rebound":
-            self._report(touch, "begin", time, events)
+            contact.kind = "rebound"
+        self._locate(limb, contact, over)
+        if limb is not trunk or contact.kind == "rebound":
+            self._report(contact, "begin", time, events)
 
     def _revise(
-        self, limb: _Limb, touch: BodyContact, over: Sequence[Excursion], time: float
+        self, limb: _Limb, contact: BodyContact, over: Sequence[Excursion], time: float
     ) -> bool:
-        """Bring a contact up to date; whether there is something to tell."""
-        before = (touch.joint, touch.link, touch.kind, touch.sign)
-        since = time - touch.alarm_time + TIME_TOLERANCE
-        if touch.revisions < len(REISOLATION_TIMES) and since >= REISOLATION_TIMES[touch.revisions]:
-            touch.revisions += 1
-            self._locate(limb, touch, over)
-        elif touch.joint is not None and not any(e.joint == touch.joint for e in limb.live()):
-            self._locate(limb, touch, over)
-        if touch.kind == "contact" and any(e.kind == "collision" for e in over):
-            touch.kind = "collision"
+        """Update a contact; return True if there is a change to report."""
+        before = (contact.joint, contact.link, contact.kind, contact.sign)
+        since = time - contact.begin_time + TIME_TOLERANCE
+        if (
+            contact.revisions < len(REISOLATION_TIMES)
+            and since >= REISOLATION_TIMES[contact.revisions]
+        ):
+            contact.revisions += 1
+            self._locate(limb, contact, over)
+        elif contact.joint is not None and not any(e.joint == contact.joint for e in limb.live()):
+            self._locate(limb, contact, over)
+        if contact.kind == "contact" and any(e.kind == "collision" for e in over):
+            contact.kind = "collision"
         for excursion in over:
-            if excursion.joint == touch.joint or (
+            if excursion.joint == contact.joint or (
                 limb is self._trunk and excursion.joint < len(self._names)
             ):
-                touch.peak = max(touch.peak, excursion.peak)
-        return (touch.joint, touch.link, touch.kind, touch.sign) != before
+                contact.peak = max(contact.peak, excursion.peak)
+        return (contact.joint, contact.link, contact.kind, contact.sign) != before
 
-    def _locate(self, limb: _Limb, touch: BodyContact, over: Sequence[Excursion]) -> None:
-        """Name joint and link."""
+    def _locate(self, limb: _Limb, contact: BodyContact, over: Sequence[Excursion]) -> None:
+        """Determine joint and link of a contact."""
         peaks = [max(column) for column in zip(*limb.ratios, strict=True)]
         bound = RELATIVE_RATIO * max(peaks)
         if limb is not self._trunk:
@@ -311,38 +319,44 @@ class BodyTracker:
         ]
         place = places[-1] if places else limb.joints.index(over[-1].joint)
         excursion = by_joint.get(limb.joints[place], over[-1])
-        touch.sign = excursion.sign
-        touch.peak = excursion.peak
-        if excursion.kind == "collision" and touch.kind == "contact":
-            touch.kind = "collision"
+        contact.sign = excursion.sign
+        contact.peak = excursion.peak
+        if excursion.kind == "collision" and contact.kind == "contact":
+            contact.kind = "collision"
         if limb is self._trunk:
-            touch.limb, touch.joint = TRUNK, None
-            touch.link = TRUNK_LINK if place > 0 else BASE_LINK
-            touch.peak = max((e.peak for e in over if e.joint != limb.joints[0]), default=0.0)
+            contact.limb, contact.joint = TRUNK, None
+            contact.link = TRUNK_LINK if place > 0 else BASE_LINK
+            contact.peak = max((e.peak for e in over if e.joint != limb.joints[0]), default=0.0)
         else:
-            touch.joint = excursion.joint
+            contact.joint = excursion.joint
             joint = self._robot.joints[excursion.joint]
-            touch.limb, touch.link = self._robot.limb_of(joint.name), joint.child
+            contact.limb, contact.link = self._robot.limb_of(joint.name), joint.child
 
-    def _report(self, touch: BodyContact, phase: Phase, time: float, events: list[Contact]) -> None:
-        if touch.number is None:
-            touch.number, touch.detection_time = self._next_id(), time
-        torque, torque_std = self._torque(touch)
-        touch.report_time, touch.reported_peak, touch.reported_torque = time, touch.peak, torque
+    def _report(
+        self, contact: BodyContact, phase: Phase, time: float, events: list[Contact]
+    ) -> None:
+        if contact.number is None:
+            contact.number, contact.detection_time = self._next_id(), time
+        torque, torque_std = self._torque(contact)
+        contact.report_time, contact.reported_peak, contact.reported_torque = (
+            time,
+            contact.peak,
+            torque,
+        )
         events.append(
             Contact(
-                id=touch.number,
+                id=contact.number,
                 phase=phase,
-                kind=touch.kind,
-                limb=touch.limb,
-                joint=None if touch.joint is None else self._names[touch.joint],
-                link=touch.link,
-                direction=-1 if touch.sign > 0 else 1,
-                intensity_deg=math.degrees(touch.peak),
+                kind=contact.kind,
+                limb=contact.limb,
+                joint=None if contact.joint is None else self._names[contact.joint],
+                link=contact.link,
+                direction=-1 if contact.sign > 0 else 1,
+                intensity_deg=math.degrees(contact.peak),
                 torque=torque,
                 torque_std=torque_std,
-                onset_time=touch.onset_time,
-                detection_time=touch.detection_time,
+                onset_time=contact.onset_time,
+                detection_time=contact.detection_time,
                 time=time,
             )
         )

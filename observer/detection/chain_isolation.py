@@ -1,4 +1,4 @@
-"""Isolation of contacts on the joints of a chain, and their events. Sec. III and V of the paper."""
+"""Isolation of contacts on the joints of a chain, and their events: Sec. III and V of the paper."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from pepper_driver.observer.interface import (
 
 
 def last_in_chain(excursions: Sequence[Excursion]) -> Excursion:
-    """Return the paper's rule: the last joint of the chain whose residual is over the threshold.
+    """Return the last joint of the chain whose residual exceeds its threshold: the rule of the paper.
 
     A contact turns the joints between it and the trunk, and none beyond it.
 
@@ -35,7 +35,7 @@ def last_in_chain(excursions: Sequence[Excursion]) -> Excursion:
 
 
 class ChainContact:
-    """A contact that has begun and not ended."""
+    """Contact on one chain that has begun and not ended."""
 
     def __init__(self, number: int, time: float, kind: Kind, located: Excursion) -> None:
         self.number = number
@@ -49,14 +49,14 @@ class ChainContact:
         self.fall_time: float | None = None
 
     def move(self, excursion: Excursion) -> None:
-        """Put the contact on the joint of ``excursion``."""
+        """Move the contact to the joint of ``excursion``."""
         before = self.located
         if (before.joint, before.sign) != (excursion.joint, excursion.sign):
             self.peak = excursion.peak
         self.located = excursion
 
     def event(self, phase: Phase, time: float, robot: RobotConfig) -> Contact:
-        """Return the contact as it stands."""
+        """Return an event with the present state of the contact."""
         self.peak = max(self.peak, self.located.peak)
         self.report_time, self.reported_peak = time, self.peak
         joint = robot.joints[self.located.joint]
@@ -78,27 +78,27 @@ class ChainContact:
 
 
 class ChainTracker:
-    """Contacts on one kinematic chain. Chains are independent of each other; a chain has one contact at a time.
+    """Tracker of contacts on one kinematic chain. Chains are independent; a chain has one contact at a time.
 
-    - A contact begins with the first joint of the chain over its threshold, on the last joint that is over it in that
-      tick. All other joints of the chain over theirs, then or later, belong to it: two touches on one chain at a time
-      are one contact here.
-    - A joint further out that crosses later takes the contact over: an update with the same id. The contact never
-      moves inwards, because the inner joints are slower to come back; only if its joint goes blind, it falls to the
-      last one that is left.
-    - Updates come at once when the contact moves, and not more often than every ``update_period`` when it grows.
-    - It ends when all joints of the chain are free or blind; the end bears the time at which the last of them fell
-      under its threshold, which lies ``merge_gap`` back.
-    - If joints swing back and no other is over its threshold, the contact ends and a rebound begins, a contact with
-      its own id. When a joint takes part that does not swing back, or no longer, the rebound ends and a contact begins:
-      whoever waits for a touch hears of it.
+    - A contact begins when the first joint of the chain exceeds its threshold, on the last joint that exceeds it in
+      that tick. All other joints that exceed theirs, then or later, belong to it: two touches on one chain at a time
+      are one contact.
+    - A joint further out that exceeds its threshold later takes the contact over: an update with the same id. The
+      contact never moves inwards, because the inner joints return more slowly. If its joint becomes blind, it moves to
+      the last joint that exceeds its threshold.
+    - Updates come at once when the contact moves, and at most once per ``update_period`` when it grows.
+    - It ends when all joints of the chain are free or blind. The end has the time at which the last of them fell below
+      its threshold, which is ``merge_gap`` earlier.
+    - If joints swing back and no other exceeds its threshold, the contact ends and a rebound begins, with its own id.
+      When a joint exceeds its threshold that does not swing back, the rebound ends and a contact begins: a program that
+      waits for a touch must receive it.
 
     Args:
         robot: Its description.
         chain: Joint names from the trunk outwards.
         settings: Times of the events.
-        onset: Tells when an excursion began.
-        next_id: Gives the number of a new contact.
+        onset: Function that gives the time when an excursion began.
+        next_id: Function that gives the number of a new contact.
     """
 
     def __init__(
@@ -115,12 +115,12 @@ class ChainTracker:
         self._monitors = [JointMonitor(joint, settings, onset) for joint in self.joints]
         self._update_period = settings.update_period - TIME_TOLERANCE
         self._next_id = next_id
-        self._touch: ChainContact | None = None
+        self._contact: ChainContact | None = None
 
     @property
     def idle(self) -> bool:
         """True if a step with all residuals within their thresholds would change nothing."""
-        return self._touch is None
+        return self._contact is None
 
     def step(
         self,
@@ -132,7 +132,7 @@ class ChainTracker:
         """Take in one tick.
 
         Args:
-            time: Clock of the robot [s], never running back.
+            time: Clock of the robot [s], not decreasing.
             residual: (17,) filtered r of all joints [rad], NaN for blind ones.
             threshold: (17,) [rad].
             state: (17,) entries of this chain's joints are set.
@@ -148,59 +148,60 @@ class ChainTracker:
         over = [excursion for excursion in live if excursion.over]
         touching = [excursion for excursion in over if excursion.kind == "contact"]
         events = []
-        touch = self._touch
-        if touch is not None and over and (touch.kind == "contact") != bool(touching):
-            end = time if touch.fall_time is None else touch.fall_time
-            events.append(touch.event("end", end, self._robot))
-            touch = None
-        if touch is None:
+        contact = self._contact
+        # A rebound ends when a joint is pushed, and a contact when its joints only swing back.
+        if contact is not None and over and (contact.kind == "contact") != bool(touching):
+            end = time if contact.fall_time is None else contact.fall_time
+            events.append(contact.event("end", end, self._robot))
+            contact = None
+        if contact is None:
             if over:
                 kind: Kind = "contact" if touching else "rebound"
-                touch = ChainContact(self._next_id(), time, kind, last_in_chain(touching or over))
-                events.append(touch.event("begin", time, self._robot))
+                contact = ChainContact(self._next_id(), time, kind, last_in_chain(touching or over))
+                events.append(contact.event("begin", time, self._robot))
         elif over:
-            news = self._follow(touch, touching or over, state)
-            touch.fall_time = None
-            grown = math.degrees(touch.located.peak - touch.reported_peak) >= INTENSITY_STEP_DEG
-            if news or (grown and time - touch.report_time >= self._update_period):
-                events.append(touch.event("update", time, self._robot))
+            changed = self._update_contact(contact, touching or over, state)
+            contact.fall_time = None
+            grown = math.degrees(contact.located.peak - contact.reported_peak) >= INTENSITY_STEP_DEG
+            if changed or (grown and time - contact.report_time >= self._update_period):
+                events.append(contact.event("update", time, self._robot))
         else:
-            if touch.fall_time is None:
-                touch.fall_time = time
+            if contact.fall_time is None:
+                contact.fall_time = time
             if not live:
-                events.append(touch.event("end", touch.fall_time, self._robot))
-                touch = None
-        self._touch = touch
+                events.append(contact.event("end", contact.fall_time, self._robot))
+                contact = None
+        self._contact = contact
         return events
 
-    def _follow(
+    def _update_contact(
         self,
-        touch: ChainContact,
+        contact: ChainContact,
         over: Sequence[Excursion],
         state: Sequence[JointState],
     ) -> bool:
-        """Bring a contact up to date with the joints over their thresholds; whether it moved or turned round."""
+        """Update a contact by the joints over their thresholds; return True if joint or direction changed."""
         last = last_in_chain(over)
-        joint, sign = touch.located.joint, touch.located.sign
+        joint, sign = contact.located.joint, contact.located.sign
         outwards = self._place[last.joint] - self._place[joint]
         if outwards >= 0 or state[joint] is JointState.BLIND:
-            touch.move(last)
-        return (touch.located.joint, touch.located.sign) != (joint, sign)
+            contact.move(last)
+        return (contact.located.joint, contact.located.sign) != (joint, sign)
 
     def reset(self) -> None:
         """Forget everything."""
-        self._touch = None
+        self._contact = None
         for monitor in self._monitors:
             monitor.reset()
 
 
 class ChainTrackers:
-    """The trackers of all chains of a robot, which share the numbers of contacts: the rules of mode ``paper``.
+    """Trackers of all chains of a robot, which share the numbers of contacts: rules of mode ``paper``.
 
     Args:
         robot: Its description.
         settings: Times of the events.
-        onset: Tells when an excursion began.
+        onset: Function that gives the time when an excursion began.
     """
 
     def __init__(self, robot: RobotConfig, settings: ObserverSettings, onset: Onset) -> None:
@@ -224,7 +225,7 @@ class ChainTrackers:
     def step(
         self, time: float, signal: Residuals, state: list[JointState], settled: list[bool]
     ) -> list[Contact]:
-        """Take in one tick; see :meth:`ChainTracker.step`. Nothing settles here: the paper knows no such state."""
+        """Take in one tick; see :meth:`ChainTracker.step`. ``settled`` stays: the paper has no such state."""
         residuals, thresholds = signal.residual.tolist(), signal.threshold.tolist()
         contacts: list[Contact] = []
         for chain in self._chains:

@@ -1,4 +1,4 @@
-"""Excursions of one joint's residual beyond its threshold, and when they began."""
+"""Excursions of the residual of one joint beyond its threshold, and their onset."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from pepper_driver.config.contact_selector import Kind
 from pepper_driver.observer.interface import JointState
 
 ONSET_LEVEL = 1.0 / 3.0
-"""Share of the threshold below which the residual counts as not yet touched."""
+"""Fraction of the threshold below which the residual counts as free."""
 
 
 class ResidualHistory:
     """Unfiltered residuals of the last ticks.
 
-    The median raises the alarm several ticks late; the samples it was taken from still show the beginning.
+    The median detects a contact several ticks late; the samples in its window still show the onset.
 
     Args:
         window: Samples of the median filter.
@@ -39,8 +39,8 @@ class ResidualHistory:
 
         Args:
             time: Clock [s].
-            residual: (width,) unfiltered [rad], NaN where there is none.
-            base: That of the base, likewise.
+            residual: (width,) unfiltered [rad], NaN where it is unknown.
+            base: The same of the base.
         """
         row = self._count % len(self._time)
         self._time[row] = time
@@ -49,16 +49,16 @@ class ResidualHistory:
         self._count += 1
 
     def onset(self, joint: int, sign: int, threshold: float) -> float:
-        """Clock at which the residual began to leave its free-motion band [s].
+        """Return the time at which the residual began to leave its free-motion band [s].
 
-        From the oldest sample of the median window that is over the threshold, back to the first of the unbroken run
-        of samples that lie at ONSET_LEVEL of the threshold or more on the same side. A contact that has grown for
-        longer than the history is put at the history's beginning.
+        The search starts at the oldest sample of the median window that exceeds the threshold. It goes back as long as
+        samples are at ONSET_LEVEL of the threshold or more on the same side. The onset of a contact that has grown for
+        longer than the history is the beginning of the history.
 
         Args:
             joint: Index of the joint.
             sign: Side of the excursion: sign of the residual.
-            threshold: That it has crossed in this tick [rad].
+            threshold: Threshold that it has exceeded in this tick [rad].
         """
         filled = min(self._count, len(self._time))
         rows = np.arange(self._count - filled, self._count) % len(self._time)
@@ -66,7 +66,7 @@ class ResidualHistory:
         newest = max(filled - self._window, 0)
         over = np.flatnonzero(rising[newest:] > threshold)
         start = newest + int(over[0]) if len(over) else filled - 1
-        # Written so that NaN ends the run.
+        # The comparison is negated so that NaN, a blind sample, ends the search.
         outside = np.flatnonzero(~(rising[:start] >= ONSET_LEVEL * threshold))
         first = int(outside[-1]) + 1 if len(outside) else 0
         return float(self._time[rows[first]])
@@ -77,24 +77,23 @@ class ResidualHistory:
 
 
 TIME_TOLERANCE = 1e-6
-"""[s] Clocks count in 12 ms steps that are no exact floats; spans are compared with this much grace."""
+"""[s] Tolerance of times: sums of 12 ms steps are not exact in floating point."""
 
 STUCK_RATIO = 0.85
-"""Of its peak: a residual that has fallen below it, then stands still, and is no larger than friction can hold, is no
-hand, but friction that holds the joint off its place after the hand has gone."""
+"""Fraction of its peak: a residual that has fallen below it, is constant and within the friction band is not a hand.
+The hand has left, and friction holds the joint away from its target."""
 
 STUCK_TIME = 0.25
-"""[s] For which it stands still then."""
+"""[s] For which such a residual must be constant."""
 
 MAX_STUCK_TIME = 1.0
-"""[s] After which one that stands still without having fallen counts as well: a hand no stronger than friction may
-have gone without the joint's moving."""
+"""[s] The same for a residual that has not fallen: a hand that is weaker than friction may leave without any motion."""
 
 STUCK_SPREAD = 0.25
-"""Of the threshold: by how much a residual that stands still may vary."""
+"""Fraction of the threshold by which a constant residual may vary."""
 
 SETTLING_TIME = 0.3
-"""[s] After a contact, for which the threshold is SETTLING_FACTOR times as high: the joint has just been let go."""
+"""[s] After a contact, in which the threshold is SETTLING_FACTOR times as high: the joint was just released."""
 
 SETTLING_FACTOR = 1.5
 
@@ -104,7 +103,7 @@ Onset = Callable[[int, int, float], float]
 
 @dataclass(kw_only=True, slots=True)
 class Excursion:
-    """A joint's residual beyond its threshold, on one side.
+    """Excursion of the residual of a joint beyond its threshold, on one side.
 
     Attributes:
         joint: Index of the joint.
@@ -112,8 +111,8 @@ class Excursion:
         kind: ``contact`` or ``rebound``.
         onset_time: When the residual began to leave its free-motion band [s].
         peak: Largest size of the residual so far [rad].
-        begin_time: When it crossed the threshold [s].
-        fall_time: When it fell under the threshold [s]; None while it is over it.
+        begin_time: When it exceeded the threshold [s].
+        fall_time: When it fell below the threshold [s]; None while it exceeds it.
     """
 
     joint: int
@@ -126,7 +125,7 @@ class Excursion:
 
     @property
     def over(self) -> bool:
-        """True while the residual is over the threshold."""
+        """True while the residual exceeds the threshold."""
         return self.fall_time is None
 
 
@@ -134,26 +133,26 @@ class JointMonitor:
     """State machine of one joint.
 
     - FREE: the residual is within the threshold.
-    - CONTACT: it is over it.
-    - RELEASE: it fell under it less than ``merge_gap`` ago. If it returns on the same side, the excursion goes on; if
-      not, the excursion has ended when it fell.
-    - REBOUND: it crossed the threshold on the other side at most ``rebound_window`` after it fell: the joint swings
-      back from a strong contact. The paper leaves these out of its false positives. One that stays over the
-      threshold for longer than ``rebound_window`` is a contact after all: somebody holds the joint. (In simulation four
-      of five rebounds are shorter; and a touch that is not told is worse than a rebound that is.)
-    - BLIND: the residual is NaN. Everything is forgotten: an excursion ends at once, and what follows is no rebound.
-    - SETTLING, if the observer can start again from where the joint rests: a contact has ended. It also ends when the
-      residual stands still, no larger than friction can hold, having fallen below STUCK_RATIO of its peak.
+    - CONTACT: it exceeds the threshold.
+    - RELEASE: it fell below the threshold less than ``merge_gap`` ago. If it exceeds it again on the same side, the
+      excursion continues; if not, the excursion ended when it fell.
+    - REBOUND: it exceeded the threshold on the other side at most ``rebound_window`` after it fell: the joint swings
+      back from a strong contact. The paper does not count these as false positives. One that lasts longer than
+      ``rebound_window`` becomes a contact: a person holds the joint. In simulation four of five rebounds are shorter,
+      and a missed touch is worse than a reported rebound.
+    - BLIND: the residual is NaN. An excursion ends at once, and the next one is no rebound.
+    - SETTLING, if the observer can reset its model to the measured position: a contact has ended. It also ends when the
+      residual is constant within the friction band, below STUCK_RATIO of its peak.
 
     Args:
         joint: Index of the joint.
         settings: Merge gap and rebound window.
-        onset: Tells when an excursion began.
-        settles: Whether there is a state SETTLING.
+        onset: Function that gives the time when an excursion began.
+        settles: True for a monitor with the state SETTLING.
 
     Attributes:
-        excursion: The one that goes on.
-        settled: Whether one has ended in this tick.
+        excursion: The present one, or None.
+        settled: True if one has ended in this tick.
     """
 
     def __init__(
@@ -175,10 +174,10 @@ class JointMonitor:
         """Take in one tick.
 
         Args:
-            time: Clock of the robot [s], never running back.
+            time: Clock of the robot [s], not decreasing.
             residual: Filtered r [rad]; NaN for a blind joint.
             threshold: [rad], positive.
-            band: By how much friction can hold the joint off its place [rad].
+            band: Largest residual at which friction can hold the joint [rad].
         """
         self.settled = False
         if residual != residual:  # NaN
@@ -219,7 +218,7 @@ class JointMonitor:
         return JointState.RELEASE
 
     def idle(self, time: float) -> bool:
-        """Return true if a residual within its threshold would change nothing."""
+        """Return True if a residual within its threshold would change nothing."""
         return self.excursion is None and time > self._settling_until
 
     def _begin(self, time: float, sign: int, threshold: float) -> Excursion:
@@ -248,7 +247,7 @@ class JointMonitor:
     def _stuck(
         self, current: Excursion, time: float, residual: float, threshold: float, band: float
     ) -> bool:
-        """Return true if friction alone holds the joint away from its target."""
+        """Return True if friction alone holds the joint away from its target."""
         recent, spread = self._recent, STUCK_SPREAD * threshold
         if current.fall_time is not None or abs(residual) > band:
             recent.clear()
@@ -258,9 +257,9 @@ class JointMonitor:
             if abs(value - residual) > spread:
                 recent.clear()
                 return False
-        still = time - recent[0][0] + TIME_TOLERANCE
+        constant_time = time - recent[0][0] + TIME_TOLERANCE
         fallen = abs(residual) < STUCK_RATIO * current.peak
-        return still >= (STUCK_TIME if fallen else MAX_STUCK_TIME)
+        return constant_time >= (STUCK_TIME if fallen else MAX_STUCK_TIME)
 
     def reset(self) -> None:
         """Forget everything."""

@@ -1,4 +1,4 @@
-"""Adaptive threshold, and the envelope of the residual without touch that it follows."""
+"""Adaptive threshold, and the envelope of the residual without touch that widens it."""
 
 from __future__ import annotations
 
@@ -10,51 +10,51 @@ from pepper_driver.observer.models.tree import FEATURES, BatchedTrees
 from pepper_driver.observer.running_filters import RunningMaximum
 
 BLOCK_TICKS = 42
-"""Samples in motion, half a second, of which the largest residual is kept."""
+"""Samples in motion, half a second, of which the largest residual is stored."""
 
 MAX_BLOCKS = 60
-"""That are remembered: half a minute of a joint's own motion."""
+"""Stored blocks: half a minute of a joint's own motion."""
 
-RANK = 3
-"""The largest, second largest... of the blocks that counts: two touches that were not felt leave no trace."""
+ENVELOPE_RANK = 3
+"""Rank of the block that counts, from the largest: two touches that were not detected have no effect."""
 
-FIRST_BLOCKS = 15
-"""Of so many the largest counts, of twice as many the second largest."""
+BLOCKS_PER_RANK = 15
+"""With this many blocks the largest counts, with twice as many the second largest."""
 
 FEW_BLOCKS_FACTOR = 4.0
-"""Over the median of fewer blocks, and no more: the largest of them may be a touch, or how a joint set off."""
+"""Upper limit over the median of fewer blocks: the largest of them may be a touch, or the start of a motion."""
 
 ENVELOPE_FACTOR = 3.0
-"""Over it: how much larger the residual may still get."""
+"""Factor over the block that counts: the residual may still become larger."""
 
 MEDIAN_FACTOR = 16.0
-"""Over the median of the blocks, and no more: where every fourth one holds a touch, the largest are all touches."""
+"""Upper limit over the median of the blocks: if every fourth block has a touch, the largest ones are all touches."""
 
 START_FACTOR = 2.0
-"""Factor on identified thresholds when nothing is known of how the robot is today."""
+"""Factor on the identified thresholds at the start, when the state of the robot is unknown."""
 
-FIRST_MOTION = FIRST_BLOCKS * BLOCK_TICKS
-"""Samples in motion until something is known of how the robot is today. Touches do not make it longer."""
+FIRST_MOTION_TICKS = BLOCKS_PER_RANK * BLOCK_TICKS
+"""Samples in motion until the state of the robot is known. Touches do not extend it."""
 
-MAX_FACTOR = 10.0
-"""Factor that no stray raises a threshold beyond: a push that grows slowly enough looks like one."""
+MAX_ENVELOPE_FACTOR = 10.0
+"""Largest factor by which the envelope raises a threshold: a push that grows slowly looks like residual drift."""
 
-TOUCH_RATIO = 0.6
-"""Of the threshold of today: among touches, a block with more may well be one that was too light to be felt."""
+SUSPECT_RATIO = 0.6
+"""Fraction of the present threshold: shortly after touches, a larger block may be a touch too light to be detected."""
 
 SUSPECT_TICKS = 5000
-"""Ticks, a minute, for which that is suspected after a touch."""
+"""Ticks after a touch in which such blocks are ignored: one minute."""
 
 POST_CONTACT_TICKS = 170
-"""Ticks after a touch, two seconds, in which friction may still hold a joint where the touch has left it."""
+"""Ticks after a touch, two seconds, in which friction may still hold a joint away from its target."""
 
 
 class ResidualEnvelope:
-    """ENVELOPE_FACTOR times the RANK-th largest residual of a joint's last MAX_BLOCKS, within MEDIAN_FACTOR medians.
+    """Residual envelope: ENVELOPE_FACTOR times the ENVELOPE_RANK-th largest residual of the last MAX_BLOCKS blocks.
 
-    The residual of a worn or loaded robot differs from joint to joint and from day to day; that it will be as large
-    in the next minute as in the last is a better guess than any made at its identification. It learns most in the
-    first half minute of a session, when nobody should touch the robot.
+    MEDIAN_FACTOR times their median is its upper limit. The residual of a worn or loaded robot differs between joints
+    and between days. Its size in the last minute predicts the next minute better than any identification. The envelope
+    learns most in the first half-minute of a session, in which the robot should not be touched.
 
     Args:
         identified: (n,) thresholds [rad].
@@ -62,8 +62,8 @@ class ResidualEnvelope:
 
     Attributes:
         bound: (n,) [rad].
-        known: (n,) 0..1, how much of the first motion has been seen.
-        factor: (n,) 1 or more, on the identified thresholds as things stand.
+        known: (n,) 0..1, completed fraction of the first motion.
+        factor: (n,) 1 or more, present factor on the identified thresholds.
     """
 
     def __init__(self, identified: FloatArray, start: FloatArray) -> None:
@@ -75,131 +75,143 @@ class ResidualEnvelope:
         """Forget the session."""
         width = len(self._identified)
         self._largest[:] = 0.0
-        self._blocks = np.zeros(width, dtype=np.int64)
-        self._motion = np.zeros(width, dtype=np.int64)
+        self._block_count = np.zeros(width, dtype=np.int64)
+        self._motion_ticks = np.zeros(width, dtype=np.int64)
         self.bound, self.known = np.zeros(width), np.zeros(width)
-        self._usual = np.zeros(width)
+        self._median = np.zeros(width)
         self.factor = self._start
-        self._pause, self._untouched = 0, SUSPECT_TICKS
+        self._post_contact_ticks, self._untouched_ticks = 0, SUSPECT_TICKS
         self._drop()
 
     def _drop(self) -> None:
-        """Forget the blocks that may hold the beginning of a touch."""
+        """Forget the blocks that may contain the beginning of a touch."""
         width = len(self._largest)
-        self._now, self._before = np.zeros(width), np.full(width, np.nan)
+        self._block, self._previous_block = np.zeros(width), np.full(width, np.nan)
         self._samples = np.zeros(width, dtype=np.int64)
 
     def touched(self) -> None:
-        """Take in one tick in which something touches the robot: what was seen just before may be its beginning."""
-        self._untouched = 0
-        if self._pause < POST_CONTACT_TICKS:
-            self._pause = POST_CONTACT_TICKS
+        """Take in one tick with a touch: the residuals just before it may be its beginning."""
+        self._untouched_ticks = 0
+        if self._post_contact_ticks < POST_CONTACT_TICKS:
+            self._post_contact_ticks = POST_CONTACT_TICKS
             self._drop()
 
     def learn(self, residual: FloatArray, seen: BoolArray, moving: BoolArray) -> None:
         """Take in one tick without touch.
 
-        A block takes in all samples, and is full when enough of them were in motion: rest alone proves nothing.
+        A block takes in all samples. It is full when enough of them were in motion: residuals at rest alone are too
+        small.
 
         Args:
             residual: (n,) [rad].
             seen: (n,) joints that can be judged.
             moving: (n,) joints that are to move.
         """
-        self._untouched += 1
+        self._untouched_ticks += 1
         counts = seen & moving
         if np.count_nonzero(counts & (self.known < 1.0)):
-            self._motion += counts
-            self.known = np.minimum(self._motion / FIRST_MOTION, 1.0)
+            self._motion_ticks += counts
+            self.known = np.minimum(self._motion_ticks / FIRST_MOTION_TICKS, 1.0)
             self._widen()
-        if self._pause:
-            self._pause -= 1
+        if self._post_contact_ticks:
+            self._post_contact_ticks -= 1
             return
-        self._now = np.maximum(self._now, np.where(seen, np.abs(residual), 0.0))
+        self._block = np.maximum(self._block, np.where(seen, np.abs(residual), 0.0))
         self._samples += counts
         over = self._samples >= BLOCK_TICKS
         if not np.count_nonzero(over):
             return
-        keep = over & ~np.isnan(self._before)
-        if self._untouched < SUSPECT_TICKS:
-            suspect = self._before > TOUCH_RATIO * self.factor * self._identified
+        # One block late: a touch that was detected in the next block would have begun in this one.
+        keep = over & ~np.isnan(self._previous_block)
+        if self._untouched_ticks < SUSPECT_TICKS:
+            suspect = self._previous_block > SUSPECT_RATIO * self.factor * self._identified
             keep &= ~(suspect & (self.known == 1.0))
         for joint in np.flatnonzero(keep).tolist():
             self._keep(joint)
-        self._before[over], self._now[over], self._samples[over] = self._now[over], 0.0, 0
+        self._previous_block[over], self._block[over], self._samples[over] = (
+            self._block[over],
+            0.0,
+            0,
+        )
         self._widen()
 
     def _widen(self) -> None:
-        """Bring the factor up to date."""
-        few = np.maximum(self._start, FEW_BLOCKS_FACTOR * self._usual / self._identified)
-        most = np.where(self._blocks < FIRST_BLOCKS, np.minimum(few, MAX_FACTOR), MAX_FACTOR)
-        today = np.maximum(self._start * (1.0 - self.known), self.bound / self._identified)
-        self.factor = np.minimum(np.maximum(today, 1.0), most)
+        """Update the factor."""
+        few_blocks_factor = np.maximum(
+            self._start, FEW_BLOCKS_FACTOR * self._median / self._identified
+        )
+        max_factor = np.where(
+            self._block_count < BLOCKS_PER_RANK,
+            np.minimum(few_blocks_factor, MAX_ENVELOPE_FACTOR),
+            MAX_ENVELOPE_FACTOR,
+        )
+        factor = np.maximum(self._start * (1.0 - self.known), self.bound / self._identified)
+        self.factor = np.minimum(np.maximum(factor, 1.0), max_factor)
 
     def _keep(self, joint: int) -> None:
-        """Remember the block before this one: no touch has followed it."""
-        self._largest[joint, self._blocks[joint] % MAX_BLOCKS] = self._before[joint]
-        self._blocks[joint] += 1
-        blocks = min(int(self._blocks[joint]), MAX_BLOCKS)
+        """Store the previous block: no touch has followed it."""
+        self._largest[joint, self._block_count[joint] % MAX_BLOCKS] = self._previous_block[joint]
+        self._block_count[joint] += 1
+        blocks = min(int(self._block_count[joint]), MAX_BLOCKS)
         seen = np.sort(self._largest[joint, :blocks])
-        rank = min(RANK, max(blocks // FIRST_BLOCKS, 1))
-        self._usual[joint] = seen[blocks // 2]
-        self.bound[joint] = min(ENVELOPE_FACTOR * seen[-rank], MEDIAN_FACTOR * self._usual[joint])
+        rank = min(ENVELOPE_RANK, max(blocks // BLOCKS_PER_RANK, 1))
+        self._median[joint] = seen[blocks // 2]
+        self.bound[joint] = min(ENVELOPE_FACTOR * seen[-rank], MEDIAN_FACTOR * self._median[joint])
 
 
 REST_SPEED = 0.05
-"""[rad/s] Desired; a joint that shall move no faster can be held by its friction."""
+"""[rad/s] Desired speed below which friction can hold a joint."""
 
 SPEED_MEMORY = 0.5
-"""[s] For which the largest desired speed is kept."""
+"""[s] Window of the largest desired speed."""
 
 THRESHOLD_MEMORY = 0.25
-"""[s] For which a raised threshold stays."""
+"""[s] For which a threshold stays raised."""
 
-CHANGED_FACTOR = 2.0
-"""While the safety gate alters a command: the load torque belongs to the command that was wanted."""
+LIMITED_FACTOR = 2.0
+"""Factor while the safety gate alters a command: the load torque belongs to the command before the gate."""
 
 UNSETTLED_RATIO = 0.5
-"""By this share a threshold is higher just after a touch where a board sums errors up: it lets go of them later."""
+"""Relative increase just after a touch where a motor board integrates errors, which it releases later."""
 
 UNCERTAINTY_FACTOR = 2.0
-"""Standard deviations, of not knowing the constants better, that a threshold rises by."""
+"""Standard deviations of the prediction, from unknown constants, by which a threshold rises."""
 
 MIN_START_THRESHOLD = np.radians(1.8)
-"""[rad] Thresholds begin here at least: a worn joint strays so far, however quiet it was when it was identified."""
+"""[rad] Smallest threshold at the start: the residual of a worn joint, however small it was at identification."""
 
 QUIET_RATIO = 0.5
-"""Share of a threshold below which a residual may teach something."""
+"""Fraction of a threshold below which a residual is used for learning."""
 
 
 class FusionThreshold:
-    """Bounds of the models, times what the session so far says, plus the uncertainty of the constants.
+    """Bounds of the models, times the factor of the residual envelope, plus the uncertainty of the constants.
 
     Args:
         models: By joint, None for those without.
         cycle: Period of the ticks [s].
-        adapt: Whether anything but the bounds of the models counts.
+        adapt: False to use the bounds of the models alone.
 
     Attributes:
         bounds: (n,) largest bound of each model [rad].
-        speed: (n,) desired, of the last tick [rad/s].
-        quiet_bound: (n,) size of a residual that may teach how a joint is today [rad].
-        learning_bound: (n,) size of one that may teach what the hands hold: as large as joints stray today [rad].
+        speed: (n,) desired speed of the last tick [rad/s].
+        quiet_bound: (n,) residual below which the constants of a joint are adapted [rad].
+        learning_bound: (n,) residual below which the loads of the hands are learned [rad]; it follows the envelope.
     """
 
     def __init__(self, models: list[FusionModel | None], cycle: float, *, adapt: bool) -> None:
         self._cycle, self._adapt = cycle, adapt
         self._bounds = BatchedTrees([None if m is None else m.bound for m in models])
         self._phase = np.zeros((FEATURES, len(models)))
-        self.bounds = np.array([np.nan if m is None else m.largest_bound for m in models])
+        self.bounds = np.array([np.nan if m is None else m.max_bound for m in models])
         start = np.fmax(START_FACTOR, MIN_START_THRESHOLD / self.bounds)
-        self._strays = ResidualEnvelope(self.bounds, start)
+        self._envelope = ResidualEnvelope(self.bounds, start)
         self.reset()
 
     def reset(self) -> None:
         """Forget the session."""
         n = len(self.bounds)
-        self._strays.reset()
+        self._envelope.reset()
         self._speeds = RunningMaximum(SPEED_MEMORY, self._cycle, n)
         self._recent = RunningMaximum(THRESHOLD_MEMORY, self._cycle, n)
         self.speed, self.quiet_bound, self.learning_bound = np.zeros(n), np.zeros(n), np.zeros(n)
@@ -212,14 +224,14 @@ class FusionThreshold:
         uncertainty: FloatArray,
         unsettled: FloatArray | None = None,
     ) -> FloatArray:
-        """Take in one tick; returns (n,) thresholds [rad].
+        """Take in one tick; return (n,) thresholds [rad].
 
         Args:
             velocity: (n,) desired [rad/s].
             acceleration: (n,) desired [rad/s2].
             limited: (n,) where the safety gate altered the command.
             uncertainty: (n,) standard deviation of the expected error [rad].
-            unsettled: (n,) 0..1, how lately the robot was let go; None for nowhere.
+            unsettled: (n,) 0..1, 1 just after the robot was released; None where all joints have settled.
         """
         speed, size, largest = self._phase
         np.abs(velocity, out=speed)
@@ -229,21 +241,22 @@ class FusionThreshold:
         bound = self._bounds.predict(self._phase)
         self.quiet_bound = QUIET_RATIO * bound
         if self._adapt:
-            doubt = UNCERTAINTY_FACTOR * uncertainty
-            self.quiet_bound = QUIET_RATIO * (bound + doubt)
-            bound = bound * self._strays.factor + doubt
+            margin = UNCERTAINTY_FACTOR * uncertainty
+            self.quiet_bound = QUIET_RATIO * (bound + margin)
+            bound = bound * self._envelope.factor + margin
         self.learning_bound = QUIET_RATIO * bound
+        # The quiet and the learning bound stay: an altered command is no reason to learn more.
         if np.count_nonzero(limited):
-            bound = np.where(limited, CHANGED_FACTOR * bound, bound)
+            bound = np.where(limited, LIMITED_FACTOR * bound, bound)
         if unsettled is not None:
             bound = bound * (1.0 + UNSETTLED_RATIO * unsettled)
         return self._recent.push(bound)
 
     def learn(self, residual: FloatArray, seen: BoolArray | None) -> None:
-        """Take in the residual (n,) [rad] of joints that can be judged (n,); None while something touches the robot."""
+        """Take in residuals (n,) [rad] of joints that can be judged (n,); None for those while the robot is touched."""
         if not self._adapt:
             return
         if seen is None:
-            self._strays.touched()
+            self._envelope.touched()
         else:
-            self._strays.learn(residual, seen, self.speed > REST_SPEED)
+            self._envelope.learn(residual, seen, self.speed > REST_SPEED)

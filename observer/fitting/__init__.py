@@ -1,1 +1,1 @@
-"""Fits of models and thresholds to recordings of free motion."""
+"""Fitting of models and thresholds to recordings of free motion."""

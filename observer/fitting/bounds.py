@@ -21,13 +21,13 @@ from pepper_driver.observer.residuals.momentum import MomentumGenerator
 from pepper_driver.observer.running_filters import RunningMaximum
 
 THRESHOLD_FACTOR = 1.25
-"""Over the largest residual of the recordings: the next motion may be a little worse than all of them."""
+"""Factor over the largest residual of the recordings: the next motion may have a slightly larger one."""
 
 
 def free_residual(joint: str, recording: Recording, model: JointModel, window: int) -> FloatArray:
     """Compute the residual of free motion as the observer does: Eq. 13, running median of ``window`` samples [rad].
 
-    Only windows without a sample that is stale or whose command the safety gate altered.
+    Only windows without stale samples and without altered commands count.
     """
     index = recording.joint_names.index(joint)
     residual = recording.tracking_error(index) - predict_recording(model, joint, recording)
@@ -42,13 +42,12 @@ def free_residual(joint: str, recording: Recording, model: JointModel, window: i
 def free_threshold(
     joint: str, recordings: Sequence[Recording], model: JointModel, window: int
 ) -> float:
-    """THRESHOLD_FACTOR times the largest residual of a joint in recordings of free motion [rad].
+    """Return THRESHOLD_FACTOR times the largest residual of a joint in recordings of free motion [rad].
 
-    Recordings that the model was not fitted to, faster than those it was, make it an honest bound; recordings in which
-    somebody touched the robot make it a useless one.
+    The recordings must be free of touch. They should be others, and faster ones, than those of the fit.
 
     Raises:
-        ValueError: The recordings hold no whole window of usable samples.
+        ValueError: The recordings have no whole window of usable samples.
     """
     largest = [np.abs(free_residual(joint, r, model, window)).max(initial=0.0) for r in recordings]
     if not max(largest, default=0.0) > 0.0:
@@ -57,22 +56,22 @@ def free_threshold(
 
 
 BOUND_FACTOR = 1.5
-"""Over the largest residual of the calibration."""
+"""Factor over the largest residual of the calibration."""
 
-FLOOR = np.radians(0.6)
-"""No threshold lies below this, however quiet the recordings: seven steps of the encoder."""
+MIN_BOUND = np.radians(0.6)
+"""[rad] Smallest threshold: seven steps of the encoder."""
 
-FLATNESS = 0.75
-"""No leaf of a threshold lies below this share of the highest one: the largest of few samples is no bound."""
+MIN_LEAF_RATIO = 0.75
+"""Fraction of the highest leaf that is the least of every leaf: the largest of few samples is no bound."""
 
 LEARNING_TIME = 12.0
-"""[s] After which the observer has learned how the robot is today; until then thresholds are higher in use."""
+"""[s] After which the envelope of a robot is known; until then thresholds are higher in use."""
 
 MOMENTUM_WINDOW = 11
 """Samples of the median of the baseline ``momentum``, as in the paper."""
 
 BOUND_LEAVES = 5
-"""At most: each is to have seen many motions."""
+"""Largest number of leaves: each must contain many motions."""
 
 
 def fit_bounds(
@@ -85,35 +84,35 @@ def fit_bounds(
 ) -> dict[str, FusionModel]:
     """Add thresholds to models: BOUND_FACTOR times the largest residual of calibration runs, by phase of the motion.
 
-    The residual is that of use: with adaptation, filter, and all joints moving at once. The runs must be free motion
-    that no model was fitted to.
+    The residual is computed as in use: with adaptation, filter, and all joints moving at once. The runs must be free
+    motion that no model was fitted to.
 
     Args:
         models: By joint.
         calibration: Recordings of free whole-body motion.
         cycle: Period of the ticks [s].
         window: Samples of the median.
-        hands: To follow what the hands hold, as in use.
+        hands: Estimate of the loads of the hands, as in use.
     """
     names = calibration[0].joint_names
     ordered = [models.get(name) for name in names]
     residuals, phases = [], []
     for recording in calibration:
         signal = FusionGenerator(ordered, cycle, window=window, adapt=True, hands=hands)
-        everything, nothing = np.ones(len(names), dtype=bool), np.zeros(len(names), dtype=bool)
+        free, settled = np.ones(len(names), dtype=bool), np.zeros(len(names), dtype=bool)
         rows = []
         for tick in recording.ticks():
             made = signal.step(tick)
             rows.append(made.residual)
-            signal.learn(made, everything, nothing, True)
+            signal.learn(made, free, settled, True)
         residual = np.abs(np.array(rows))
         residual[: min(round(LEARNING_TIME / cycle), len(residual) // 2)] = np.nan
         speed = np.abs(recording.velocity)
         largest = RunningMaximum(SPEED_MEMORY, cycle, len(names))
-        held = np.array([largest.push(row) for row in speed])
+        fastest = np.array([largest.push(row) for row in speed])
         residuals.append(residual)
-        phases.append(np.stack((speed, np.abs(recording.acceleration), held), axis=2))
-    strays = _momentum_strays(ordered, calibration, cycle)
+        phases.append(np.stack((speed, np.abs(recording.acceleration), fastest), axis=2))
+    momentum_maxima = _momentum_maxima(ordered, calibration, cycle)
     residual, phase = np.concatenate(residuals), np.concatenate(phases)
     result = dict(models)
     for index, name in enumerate(names):
@@ -123,7 +122,9 @@ def fit_bounds(
             result[name] = replace(
                 models[name],
                 bound=_bound(phases_seen, sizes),
-                momentum_bound=float(BOUND_FACTOR * strays[index]) or models[name].momentum_bound,
+                # A joint without samples has a largest residual of 0 and keeps its bound.
+                momentum_bound=float(BOUND_FACTOR * momentum_maxima[index])
+                or models[name].momentum_bound,
             )
     return result
 
@@ -134,7 +135,7 @@ def _bound(phase: FloatArray, residual: FloatArray) -> CartTree:
     leaf = tree.leaf_of(phase)
     highest = residual.max()
     value = [
-        max(FLOOR, BOUND_FACTOR * max(residual[leaf == node].max(), FLATNESS * highest))
+        max(MIN_BOUND, BOUND_FACTOR * max(residual[leaf == node].max(), MIN_LEAF_RATIO * highest))
         if feature == LEAF
         else 0.0
         for node, feature in enumerate(tree.feature)
@@ -148,10 +149,10 @@ def _bound(phase: FloatArray, residual: FloatArray) -> CartTree:
     )
 
 
-def _momentum_strays(
+def _momentum_maxima(
     models: list[FusionModel | None], calibration: Sequence[Recording], cycle: float
 ) -> FloatArray:
-    """(n,) largest residual of the baseline ``momentum`` in free motion [rad]."""
+    """Return the (n,) largest residual of the baseline ``momentum`` in free motion [rad]."""
     unbounded = np.full(len(models), np.inf)
     largest = np.zeros(len(models))
     for recording in calibration:

@@ -1,4 +1,4 @@
-"""Identifies the models of mode ``fusion`` from recordings of free motion."""
+"""Identification of the models of mode ``fusion`` from recordings of free motion."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from pepper_driver.config import RobotConfig
 from pepper_driver.config.arrays import BoolArray, FloatArray
 from pepper_driver.observer.fitting.bounds import fit_bounds
 from pepper_driver.observer.fitting.mobile_base import fit_base
-from pepper_driver.observer.fitting.stick_slip import START_UP_TIME, fit_twin
+from pepper_driver.observer.fitting.stick_slip import START_UP_TIME, fit_stick_slip
 from pepper_driver.observer.fitting.tree import AffineGrowth
 from pepper_driver.observer.models.fusion_model import BaseModel, FusionModel, MomentumParameters
 from pepper_driver.observer.models.stick_slip import StickSlipModel, StickSlipParameters
@@ -24,15 +24,15 @@ from pepper_driver.observer.residuals.prediction import MIN_MOVING_SPEED
 
 REMAINDER_LEAVES = 8
 REMAINDER_SHRINKAGE = 1000.0
-"""Strong: what the stick-slip model leaves is small, and the tree must not invent anything on faster motions."""
+"""Samples. Large, because the remainder is small, and the tree must not extrapolate it to faster motions."""
 
 
 @dataclass(frozen=True)
-class _Played:
-    """A joint's twin beside a recording; arrays (n,) of the samples that count."""
+class _SimulatedRun:
+    """Stick-slip model of a joint on a recording, with the recording; arrays (n,) of the samples that count."""
 
     features: FloatArray
-    twin: FloatArray
+    model_error: FloatArray
     drive: FloatArray
     moves: BoolArray
     friction: FloatArray
@@ -42,30 +42,43 @@ class _Played:
     current: FloatArray
 
 
-def _play(
+def _simulate(
     joint: str, recording: Recording, parameters: StickSlipParameters, cycle: float
-) -> _Played:
+) -> _SimulatedRun:
     index = recording.joint_names.index(joint)
-    twins, derivatives = StickSlipModel.of([parameters], cycle), ErrorDerivatives(cycle)
+    stick_slip, derivatives = (
+        StickSlipModel.from_parameters([parameters], cycle),
+        ErrorDerivatives(cycle),
+    )
     sent, measured = recording.sent_position[:, [index]], recording.position[:, [index]]
-    twins.start(measured[0], sent[0])
+    stick_slip.start(measured[0], sent[0])
     rows = []
     for target, position, load in zip(
         sent, measured, recording.load_torque[:, [index]], strict=True
     ):
-        at = twins.step(target, load)
+        at = stick_slip.step(target, load)
         change, curvature = derivatives.step(target - position)
         rows.append(
-            np.concatenate((at, twins.velocity, twins.friction, twins.integral, change, curvature))
+            np.concatenate(
+                (
+                    at,
+                    stick_slip.velocity,
+                    stick_slip.friction,
+                    stick_slip.integral,
+                    change,
+                    curvature,
+                )
+            )
         )
     at, speed, friction, integral, change, curvature = np.array(rows).T
     error = recording.tracking_error(index)
     counts = recording.usable(index).copy()
+    # Until then the model may hold its friction in another direction than the joint does.
     counts[: round(START_UP_TIME / cycle)] = False
     features = recording.features(index)
-    played = _Played(
+    run = _SimulatedRun(
         features=features,
-        twin=at - recording.position[:, index],
+        model_error=at - recording.position[:, index],
         drive=error + integral,
         moves=np.abs(speed) > MIN_MOVING_SPEED,
         friction=friction,
@@ -74,7 +87,9 @@ def _play(
         acceleration=features[:, 1] - curvature,
         current=recording.current[:, index],
     )
-    return _Played(**{name: getattr(played, name)[counts] for name in _Played.__annotations__})
+    return _SimulatedRun(
+        **{name: getattr(run, name)[counts] for name in _SimulatedRun.__annotations__}
+    )
 
 
 def fit_fusion(
@@ -87,27 +102,27 @@ def fit_fusion(
     window: int,
     workers: int = -1,
 ) -> tuple[dict[str, FusionModel], BaseModel | None]:
-    """Models of all joints, and of the base if it moves in the calibration.
+    """Fit the models of all joints, and of the base if it moves in the calibration.
 
     Args:
         robot: Its description.
         sweeps: By joint, the estimation runs.
-        mirrors: By joint whose runs are another's in the mirror, that joint.
-        shared: By joint without a model of its own, whose it gets.
-        calibration: Free motion of the whole body that thresholds are chosen on.
+        mirrors: By joint whose runs are mirror images of another joint, that joint.
+        shared: By joint without a model of its own, the joint whose model it gets.
+        calibration: Free motion of the whole body, for the thresholds.
         window: Samples of the median.
         workers: Processes; -1 for one per core. The result does not depend on it.
     """
     pool = Parallel(n_jobs=workers)
     own = [joint for joint in sweeps if joint not in mirrors]
-    twins = dict(
-        zip(own, pool(delayed(fit_joint_twin)(j, sweeps[j], robot) for j in own), strict=True)
+    stick_slips = dict(
+        zip(own, pool(delayed(fit_joint_stick_slip)(j, sweeps[j], robot) for j in own), strict=True)
     )
     for joint, source in mirrors.items():
         _, sign = robot.mirror[robot.joint_index(joint)]
-        twins[joint] = replace(twins[source], offset=sign * twins[source].offset)
+        stick_slips[joint] = replace(stick_slips[source], offset=sign * stick_slips[source].offset)
     fits = pool(
-        delayed(fit_joint_fusion)(joint, recordings, robot, twin=twins[joint])
+        delayed(fit_joint_fusion)(joint, recordings, robot, stick_slip=stick_slips[joint])
         for joint, recordings in sweeps.items()
     )
     models = dict(zip(sweeps, fits, strict=True))
@@ -118,21 +133,21 @@ def fit_fusion(
     return fit_bounds(models, calibration, robot.cycle, window=window, hands=hands), base
 
 
-def _joined(parts: Sequence[_Played]) -> _Played:
-    return _Played(
+def _joined(parts: Sequence[_SimulatedRun]) -> _SimulatedRun:
+    return _SimulatedRun(
         **{
             name: np.concatenate([getattr(part, name) for part in parts])
-            for name in _Played.__annotations__
+            for name in _SimulatedRun.__annotations__
         }
     )
 
 
-def fit_joint_twin(
+def fit_joint_stick_slip(
     joint: str, recordings: Sequence[Recording], robot: RobotConfig
 ) -> StickSlipParameters:
-    """Return the stick-slip model of a joint, with what is known of its motor; see :func:`fit_twin`."""
+    """Fit the stick-slip model of a joint, with the constants of its motor; see :func:`fit_stick_slip`."""
     torque_constant = robot.motors.of(joint).torque_constant * robot.motors.joints[joint].ratio
-    return fit_twin(joint, recordings, robot.cycle, torque_constant=torque_constant)
+    return fit_stick_slip(joint, recordings, robot.cycle, torque_constant=torque_constant)
 
 
 def fit_joint_fusion(
@@ -140,34 +155,34 @@ def fit_joint_fusion(
     recordings: Sequence[Recording],
     robot: RobotConfig,
     *,
-    twin: StickSlipParameters | None = None,
+    stick_slip: StickSlipParameters | None = None,
 ) -> FusionModel:
-    """Everything but the threshold, which takes all joints at once; see :func:`fit_bounds`.
+    """Fit a model without its threshold, which requires all joints at once; see :func:`fit_bounds`.
 
     Args:
         joint: Name of the joint.
         recordings: The estimation runs.
         robot: Its description.
-        twin: If it is known already.
+        stick_slip: Its stick-slip model, if it is known already.
     """
     cycle = robot.cycle
-    if twin is None:
-        twin = fit_joint_twin(joint, recordings, robot)
-    data = _joined([_play(joint, recording, twin, cycle) for recording in recordings])
-    growth = AffineGrowth(data.features, data.twin, max_leaves=REMAINDER_LEAVES)
+    if stick_slip is None:
+        stick_slip = fit_joint_stick_slip(joint, recordings, robot)
+    data = _joined([_simulate(joint, recording, stick_slip, cycle) for recording in recordings])
+    growth = AffineGrowth(data.features, data.model_error, max_leaves=REMAINDER_LEAVES)
     remainder = growth.cut(REMAINDER_LEAVES, REMAINDER_SHRINKAGE)
-    by_twin = data.twin - remainder.predict(data.features)
+    remaining = data.model_error - remainder.predict(data.features)
     candidates = [_fit_voltage(data), _fit_current(data)]
     errors = [_momentum_residual(data, parameters) for parameters in candidates]
     best = int(np.argmin([error.std() for error in errors]))
     weight, spread = [], []
     for phase in (~data.moves, data.moves):
-        pair = np.stack((by_twin[phase], errors[best][phase]))
+        pair = np.stack((remaining[phase], errors[best][phase]))
         weight.append(_weight(pair))
         fused = weight[-1] * pair[0] + (1.0 - weight[-1]) * pair[1]
         spread.append(float(np.sqrt(np.mean(fused**2))))
     return FusionModel(
-        twin=twin,
+        twin=stick_slip,
         remainder=remainder,
         momentum=candidates[best],
         weight=(weight[0], weight[1]),
@@ -178,15 +193,15 @@ def fit_joint_fusion(
 
 
 def _weight(pair: FloatArray) -> float:
-    """Return the weight of the first of two errors (2, n) with the least mean square, within 0 and 1."""
+    """Return the weight of the first of two errors (2, n) that gives the least mean square, within 0 and 1."""
     square = pair @ pair.T / pair.shape[1]
     spread = square[0, 0] + square[1, 1] - 2.0 * square[0, 1]
     if spread <= 0.0:
-        return 1.0
+        return 1.0  # equal errors: any weight is as good
     return float(np.clip((square[1, 1] - square[0, 1]) / spread, 0.0, 1.0))
 
 
-def _fit_voltage(data: _Played) -> MomentumParameters:
+def _fit_voltage(data: _SimulatedRun) -> MomentumParameters:
     needed = np.stack((data.acceleration, data.velocity, np.ones_like(data.load)), axis=1)
     inertia, lag, offset = _bounded(needed, data.drive - data.friction - data.load, (0, 1))
     return MomentumParameters(
@@ -194,9 +209,9 @@ def _fit_voltage(data: _Played) -> MomentumParameters:
     )
 
 
-def _fit_current(data: _Played) -> MomentumParameters:
+def _fit_current(data: _SimulatedRun) -> MomentumParameters:
     resistance = data.friction + data.load
-    signed = np.copysign(data.current, resistance + data.twin)
+    signed = np.copysign(data.current, resistance + data.model_error)
     columns = np.stack(
         (signed, -data.acceleration, -data.velocity, -np.ones_like(data.load)), axis=1
     )
@@ -211,18 +226,19 @@ def _fit_current(data: _Played) -> MomentumParameters:
 
 
 def _bounded(columns: FloatArray, target: FloatArray, positive: tuple[int, ...]) -> list[float]:
-    """Least squares with some coefficients not below 0."""
+    """Solve least squares with some coefficients not below 0."""
     from scipy.optimize import lsq_linear
 
     lower = np.full(columns.shape[1], -np.inf)
     lower[list(positive)] = 0.0
+    # Columns of unit size: inertia, velocity and offset differ by orders of magnitude.
     scale = np.maximum(np.sqrt(np.mean(columns**2, axis=0)), 1e-12)
     solution = lsq_linear(columns / scale, target, bounds=(lower, np.inf))
     values: list[float] = (solution.x / scale).tolist()
     return values
 
 
-def _momentum_residual(data: _Played, parameters: MomentumParameters) -> FloatArray:
+def _momentum_residual(data: _SimulatedRun, parameters: MomentumParameters) -> FloatArray:
     needed = (
         parameters.inertia * data.acceleration
         + parameters.lag * data.velocity
@@ -232,8 +248,11 @@ def _momentum_residual(data: _Played, parameters: MomentumParameters) -> FloatAr
     )
     if parameters.source == "voltage":
         return data.drive - needed
-    # In use, the sum of a board counts too: here only the stick-slip model's sum exists, and it is no help.
-    return np.copysign(parameters.torque_per_ampere * data.current, needed + data.twin) - needed
+    # In use, the estimated integral of the motor board counts too. Only the model's integral exists here, which does
+    # not help to find the sign.
+    return (
+        np.copysign(parameters.torque_per_ampere * data.current, needed + data.model_error) - needed
+    )
 
 
 def _constant(value: float) -> CartTree:

@@ -1,4 +1,4 @@
-"""Fit of the response of the base to its wheel commands."""
+"""Fitting of the response of the base to its wheel commands."""
 
 from __future__ import annotations
 
@@ -12,19 +12,19 @@ from pepper_driver.observer.models.fusion_model import TAPS, BaseModel, Triple
 from pepper_driver.observer.recording import Recording
 from pepper_driver.observer.residuals.mobile_base import STANDSTILL_SPEED, leg_indices
 
-RIDGE = 1e-3  # of the mean square of the inputs
-
+RIDGE = 1e-3
+"""Relative to the mean square of the inputs."""
 
 BASE_BOUND_FACTOR = 2.6
-"""Over the largest residual of the calibration."""
+"""Factor over the largest residual of the calibration."""
 
 
 def fit_base(robot: RobotConfig, recordings: Sequence[Recording], *, window: int) -> BaseModel:
-    """Identify the response on every other recording, and bounds that hold on all of them.
+    """Identify the response on every second recording, and the bounds on all of them.
 
     Args:
         robot: Its description.
-        recordings: Two or more of free whole-body motion, the base moving.
+        recordings: Two or more of free whole-body motion with a moving base.
         window: Samples of the median.
     """
     fitted = [_regression(robot, recording) for recording in recordings[::2]]
@@ -53,13 +53,14 @@ def fit_base(robot: RobotConfig, recordings: Sequence[Recording], *, window: int
 
 
 def _regression(robot: RobotConfig, recording: Recording) -> tuple[FloatArray, FloatArray]:
-    """(n, inputs) known of each tick with TAPS - 1 before it; (n, 3) measured twist."""
+    """Return the (n, inputs) inputs of each tick and the TAPS - 1 before it; (n, 3) measured twist."""
     inverse = np.asarray(robot.wheels.inverse)
     sent = recording.sent_wheel_speed @ inverse.T
     load = recording.load_torque[:, leg_indices(robot)]
     inputs = np.hstack((sent, load))
     windows = np.lib.stride_tricks.sliding_window_view(inputs, TAPS, axis=0)[:, :, ::-1]
     known = windows.transpose(0, 2, 1).copy()
+    # Change of the load over the response: accelerations of the limbs move the base, their weight does not.
     known[:, :, 3:] -= known[:, -1:, 3:]
     twist = recording.wheel_speed[TAPS - 1 :] @ inverse.T
     return known.reshape(len(known), -1), twist

@@ -1,4 +1,4 @@
-"""Identifies the constants of a stick-slip twin from recordings of free motion."""
+"""Identification of the constants of a stick-slip model from recordings of free motion."""
 
 from __future__ import annotations
 
@@ -12,25 +12,25 @@ from pepper_driver.observer.models.stick_slip import PARAMETERS, StickSlipModel,
 from pepper_driver.observer.recording import Recording
 
 START_UP_TIME = 0.6
-"""[s] at the start of a run that do not count: the model does not know where in its friction the joint rests."""
+"""[s] at the start of a run that do not count: the friction with which the joint rests is unknown."""
 
 ROBUSTNESS = np.radians(0.15)
-"""[rad] Errors beyond this count by their size, no longer by its square: no rare slip sets a constant."""
+"""[rad] Above it errors count linearly, no longer by their square: rare slips must not determine a constant."""
 
 MIN_IMPROVEMENT = 0.05
-"""By which share another constant must make the rest smaller."""
+"""Fraction by which a further constant must reduce the cost."""
 
-LEAST_LOAD_EFFECT = np.radians(0.05)
-"""[rad] of tracking error: a load that makes less of it tells less of the stiffness than the current does."""
+MIN_LOAD_EFFECT = np.radians(0.05)
+"""[rad] of tracking error: of a smaller load the current is the better measure of the stiffness."""
 
 REST_SPEED = 0.03
-"""[rad/s] Desired; below it the error at rest is seen."""
+"""[rad/s] Desired speed below which the error is that at rest."""
 
-_STEP = 1e-3  # of the scales below, for the differences
+_STEP = 1e-3
+"""Of finite differences, in units of the scales below."""
 
-
-_EXTRAS = (("integral_rate",), ("dead_band",), ("integral_rate", "dead_band"))
-_LEAN = tuple(name for name in PARAMETERS if name not in ("integral_rate", "dead_band"))
+_OPTIONAL = (("integral_rate",), ("dead_band",), ("integral_rate", "dead_band"))
+_REQUIRED = tuple(name for name in PARAMETERS if name not in ("integral_rate", "dead_band"))
 
 
 @dataclass(frozen=True)
@@ -56,13 +56,13 @@ _RANGES = {
 
 
 class _Runs:
-    """Recordings of one joint side by side, the shorter ones continued by their last sample."""
+    """Recordings of one joint as columns, the shorter ones extended by their last sample."""
 
     def __init__(self, joint: str, recordings: Sequence[Recording], cycle: float) -> None:
         length = max(len(recording) for recording in recordings)
         columns = [(r, r.joint_names.index(joint)) for r in recordings]
 
-        def side_by_side(name: str) -> FloatArray:
+        def columns_of(name: str) -> FloatArray:
             return np.stack(
                 [
                     np.pad(getattr(r, name)[:, i], (0, length - len(r)), mode="edge")
@@ -72,69 +72,69 @@ class _Runs:
             )
 
         self.cycle = cycle
-        self.target = side_by_side("sent_position")
-        self.load_torque = side_by_side("load_torque")
-        self.position = side_by_side("position")
+        self.target = columns_of("sent_position")
+        self.load_torque = columns_of("load_torque")
+        self.position = columns_of("position")
         self.counts = np.zeros(self.position.shape, dtype=np.bool_)
         for run, (recording, index) in enumerate(columns):
             self.counts[: len(recording), run] = recording.usable(index)
         self.counts[: round(START_UP_TIME / cycle)] = False
-        self.current = side_by_side("current")
-        self.slow = self.counts & (np.abs(side_by_side("velocity")) < REST_SPEED)
+        self.current = columns_of("current")
+        self.slow = self.counts & (np.abs(columns_of("velocity")) < REST_SPEED)
 
     def load_gain_at_rest(self, torque_constant: float) -> float | None:
-        """1 / K [rad/(N m)] of a board that makes its current of the error alone; None without current."""
+        """Return 1 / K [rad/(N m)] if the current follows from the error alone; None without current."""
         current = self.current[self.slow]
         error = np.abs(self.target - self.position)[self.slow]
         power = float(current @ current)
         gain = float(current @ error) / power / torque_constant if power > 0.0 else 0.0
         return gain if gain > 0.0 else None
 
-    def play(self, parameters: dict[str, FloatArray]) -> FloatArray:
-        """(n, p, r) positions of stick-slip models with p sets of parameters (p, 1) on all r runs [rad]."""
-        twins = StickSlipModel(parameters, self.cycle)
+    def simulate(self, parameters: dict[str, FloatArray]) -> FloatArray:
+        """Simulate p sets of parameters (p, 1) on all r runs; return (n, p, r) positions [rad]."""
+        stick_slip = StickSlipModel(parameters, self.cycle)
         sets = len(parameters["lag"])
         start = np.broadcast_to(self.position[0], (sets, self.position.shape[1]))
-        twins.start(start, np.broadcast_to(self.target[0], start.shape))
+        stick_slip.start(start, np.broadcast_to(self.target[0], start.shape))
         return np.stack(
             [
-                twins.step(target, load)
+                stick_slip.step(target, load)
                 for target, load in zip(self.target, self.load_torque, strict=True)
             ]
         )
 
 
-def fit_twin(
+def fit_stick_slip(
     joint: str,
     recordings: Sequence[Recording],
     cycle: float,
     *,
     torque_constant: float | None = None,
 ) -> StickSlipParameters:
-    """Least squares of the model's position against the encoder, over whole runs: its errors feed back on it.
+    """Fit a stick-slip model by least squares of its position against the encoder, over whole runs.
 
-    A dead band looks much like friction, and an integral part like neither droop nor friction: each is taken in only if
-    it makes the rest smaller by MIN_IMPROVEMENT.
+    A dead band looks much like friction, and an integral part like neither droop nor friction. Each is included only if
+    it reduces the cost by MIN_IMPROVEMENT.
 
     Args:
         joint: Name of the joint.
-        recordings: Of its free motion.
+        recordings: Runs of its free motion.
         cycle: Period of the ticks [s].
-        torque_constant: Kt N, of motor and gear [N m/A]. With it, current over error at rest tells the stiffness of a
-            joint that bears hardly any load.
+        torque_constant: Kt N, of motor and gear [N m/A]. With it, current over error at rest determines the stiffness
+            of a joint with hardly any load.
     """
     fit = _Fit(_Runs(joint, recordings, cycle), torque_constant)
-    best, cost = fit.solve(_LEAN, {})
-    for extra in _EXTRAS:
-        trial, its_cost = fit.solve((*_LEAN, *extra), best)
-        if its_cost < (1.0 - MIN_IMPROVEMENT) * cost:
-            best, cost = trial, its_cost
+    best, cost = fit.solve(_REQUIRED, {})
+    for optional in _OPTIONAL:
+        candidate, candidate_cost = fit.solve((*_REQUIRED, *optional), best)
+        if candidate_cost < (1.0 - MIN_IMPROVEMENT) * cost:
+            best, cost = candidate, candidate_cost
             break
     return StickSlipParameters(**{name: best.get(name, 0.0) for name in PARAMETERS})
 
 
 class _Fit:
-    """The least squares problem of one joint."""
+    """Least-squares problem of one joint."""
 
     def __init__(self, runs: _Runs, torque_constant: float | None) -> None:
         self._runs = runs
@@ -142,13 +142,13 @@ class _Fit:
         self._load_gain = None
         if torque_constant is not None:
             self._load_gain = runs.load_gain_at_rest(torque_constant)
-        weight = len(self._measured) ** 0.5 * LEAST_LOAD_EFFECT / ROBUSTNESS
+        weight = len(self._measured) ** 0.5 * MIN_LOAD_EFFECT / ROBUSTNESS
         self._prior_weight = 0.0 if self._load_gain is None else weight
 
     def solve(
         self, names: tuple[str, ...], start: dict[str, float]
     ) -> tuple[dict[str, float], float]:
-        """Values of the constants ``names``, the others 0, and the cost of the rest."""
+        """Return the constants ``names``, with the others 0, and the remaining cost."""
         from scipy.optimize import least_squares
 
         ranges = [_RANGES[name] for name in names]
@@ -180,12 +180,12 @@ class _Fit:
         return values, float(solution.cost)
 
     def _residual(self, names: tuple[str, ...], points: FloatArray) -> FloatArray:
-        """(p, m) errors of p sets of constants, as shares of ROBUSTNESS; the last one is the prior's."""
-        nothing = np.zeros((len(points), 1))
-        parameters = {name: nothing for name in PARAMETERS} | {
+        """Return (p, m) errors of p sets of constants in units of ROBUSTNESS; the last one is that of the prior."""
+        zero = np.zeros((len(points), 1))
+        parameters = {name: zero for name in PARAMETERS} | {
             name: column[:, None] for name, column in zip(names, points.T, strict=True)
         }
-        positions = self._runs.play(parameters)
+        positions = self._runs.simulate(parameters)
         errors = np.array([column[self._runs.counts] for column in positions.swapaxes(0, 1)])
         scaled = (errors - self._measured) / ROBUSTNESS
         prior = np.zeros((len(points), 1))
@@ -195,6 +195,7 @@ class _Fit:
         return np.concatenate((scaled, prior), axis=1)
 
     def _slopes(self, names: tuple[str, ...], point: FloatArray, scale: FloatArray) -> FloatArray:
+        # All differences in one simulation: its cost is that of the loop over ticks, not of the sets.
         points = np.concatenate((point[None], point + _STEP * np.eye(len(point))))
         residuals = self._residual(names, points * scale)
         slopes: FloatArray = (residuals[1:] - residuals[0]).T / _STEP

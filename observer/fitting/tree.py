@@ -1,4 +1,4 @@
-"""Fit of a regression tree to recordings."""
+"""Fitting of regression trees to recordings."""
 
 from __future__ import annotations
 
@@ -28,26 +28,26 @@ CART_MIN_SAMPLES_LEAF = 50
 AFFINE_MIN_SAMPLES_LEAF = 100
 
 EXTRAPOLATION = 1.0
-"""How far beyond the features of the fit an affine tree follows its leaves, in widths of their range.
+"""Range beyond the features of the fit in which an affine tree extrapolates, in widths of their range.
 
-A posture task of four times the stiffness doubles velocities and quadruples accelerations; the range of both is
-symmetric, so that this margin is three times the largest value of the fit.
+A posture task of four times the stiffness doubles velocities and quadruples accelerations. The range of both is
+symmetric, so this margin is three times the largest value of the fit.
 """
 
 _COARSE_THRESHOLDS = 48
-_LEAST_GAIN = 1e-6  # of the total sum of squares: less is rounding or noise
+_MIN_GAIN = 1e-6  # of the total sum of squares: less is rounding or noise
 _SPLIT_RIDGE = 1e-9  # keeps the Gram matrix of a constant feature solvable
 
 
 def fit_cart(
     features: FloatArray, target: FloatArray, *, min_samples_leaf: int = CART_MIN_SAMPLES_LEAF
 ) -> CartTree:
-    """Regression tree of scikit-learn (CART, squared error), without its cost for a single sample.
+    """Fit a regression tree of scikit-learn (CART, squared error); the result is fast on a single sample.
 
     Args:
         features: (n, 3).
         target: (n,).
-        min_samples_leaf: Samples that each leaf keeps at least.
+        min_samples_leaf: Smallest number of samples in a leaf.
     """
     from sklearn.tree import DecisionTreeRegressor
 
@@ -65,7 +65,7 @@ def fit_cart(
 
 
 def _for_doubles(threshold: FloatArray) -> FloatArray:
-    """Thresholds for features in double precision that decide like ``threshold`` for features rounded to single.
+    """Return thresholds for features in double precision that decide as ``threshold`` for features in single.
 
     scikit-learn rounds features to single precision first. All doubles up to the middle between two neighbouring
     singles round to the lower one; the middle itself goes to the one with the even last bit.
@@ -80,7 +80,7 @@ def _for_doubles(threshold: FloatArray) -> FloatArray:
 
 @dataclass(slots=True)
 class _Node:
-    """A node while it grows; ``order`` is the rank of its split among all, -1 for none."""
+    """Node during the growth; ``order`` is the rank of its split among all, -1 for none."""
 
     moments: FloatArray
     parent: int
@@ -92,16 +92,16 @@ class _Node:
 
 
 class AffineGrowth:
-    """A tree grown on one data set, from which affine trees of any size and shrinkage are cut.
+    """Tree grown on one data set, from which affine trees of any size and shrinkage are cut.
 
-    Each split is the one that leaves the least squared error when both sides get an affine function of their own.
-    Splits are made in the order of their gain: a smaller tree is the beginning of a larger one.
+    Each split gives the least squared error when both sides have an affine function of their own. Splits are made in
+    the order of their gain, so a smaller tree is the beginning of a larger one.
 
     Args:
         features: (n, 3).
         target: (n,).
-        max_leaves: Where to stop.
-        min_samples_leaf: Samples that each leaf keeps at least.
+        max_leaves: Largest number of leaves.
+        min_samples_leaf: Smallest number of samples in a leaf.
     """
 
     def __init__(
@@ -137,7 +137,7 @@ class AffineGrowth:
             moments = self._products[rows].sum(axis=0)
             self._nodes.append(_Node(moments=moments, parent=parent))
             gain, feature, threshold = self._best_split(rows, moments)
-            if gain > _LEAST_GAIN * total:
+            if gain > _MIN_GAIN * total:
                 below = self._features[rows, feature] <= threshold
                 entry = (-gain, number, feature, threshold, rows[below], rows[~below])
                 heapq.heappush(queue, entry)
@@ -154,7 +154,7 @@ class AffineGrowth:
             node.right = add(above, number)
 
     def _best_split(self, rows: IntArray, moments: FloatArray) -> tuple[float, int, float]:
-        """Gain in squared error, feature and threshold of the best split; a gain of 0 for none."""
+        """Return gain in squared error, feature and threshold of the best split; a gain of 0 for none."""
         best = (0.0, 0, 0.0)
         if len(rows) < 2 * self._min_samples:
             return best
@@ -176,7 +176,7 @@ class AffineGrowth:
                 left = sums[at]
                 return error - self._squared_error(left) - self._squared_error(moments - left)
 
-            # First a few thresholds all over the range, then all near the best of them.
+            # First a few thresholds over the whole range, then all near the best of them.
             count = min(_COARSE_THRESHOLDS, len(places))
             coarse = np.linspace(0, len(places) - 1, count).astype(np.int64)
             peak = int(np.argmax(gains(places[coarse])))
@@ -192,7 +192,7 @@ class AffineGrowth:
         return best
 
     def _normal_equations(self, moments: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """(m, 4, 4) Gram matrices, (m, 4) right-hand sides, (m,) sums of squares of (m, 15) moments."""
+        """Return (m, 4, 4) Gram matrices, (m, 4) right-hand sides, (m,) sums of squares of (m, 15) moments."""
         square = np.empty((len(moments), 5, 5))
         rows, columns = self._upper_triangle
         square[:, rows, columns] = moments
@@ -200,7 +200,7 @@ class AffineGrowth:
         return square[:, :4, :4], square[:, :4, 4], square[:, 4, 4]
 
     def _squared_error(self, moments: FloatArray) -> FloatArray:
-        """(m,) squared errors that affine least squares leaves."""
+        """Return the (m,) squared errors of affine least squares."""
         gram, right, square = self._normal_equations(moments)
         gram = gram + _SPLIT_RIDGE * gram[:, :1, :1] * np.eye(4)
         solution = np.linalg.solve(gram, right[:, :, None])[:, :, 0]
@@ -212,9 +212,9 @@ class AffineGrowth:
         """Return the tree of at most ``leaves`` leaves.
 
         Args:
-            leaves: Number of leaves wanted; fewer if the data gave no more.
+            leaves: Number of leaves; fewer if the data gave no more.
             shrinkage: Weight, in samples, with which each node is drawn to the function of its parent, the root to
-                zero slopes: a leaf with few samples, or with little movement in one feature, inherits its ancestors'.
+                zero slopes. A leaf with few samples, or with little range in one feature, inherits that of its parent.
         """
         coefficients = self._shrunk(shrinkage)
         kept = [0]
@@ -241,7 +241,7 @@ class AffineGrowth:
         )
 
     def _shrunk(self, shrinkage: float) -> FloatArray:
-        """(nodes, 4) coefficients on standardised features, parents before children."""
+        """Return (nodes, 4) coefficients on standardised features, parents before children."""
         gram, right, _ = self._normal_equations(np.array([node.moments for node in self._nodes]))
         coefficients = np.zeros((len(self._nodes), 4))
         for number, node in enumerate(self._nodes):
@@ -252,7 +252,7 @@ class AffineGrowth:
                 start = np.array([right[number, 0] / samples, 0.0, 0.0, 0.0])
             else:
                 start = coefficients[node.parent]
-            # What the parent leaves: its mean, and its slopes around the mean.
+            # Fit of what the parent does not explain: its mean, and its slopes around the mean.
             left_over = right[number] - gram[number] @ start
             slopes = np.linalg.solve(
                 around_mean + (shrinkage + _SPLIT_RIDGE * samples) * np.eye(3),
@@ -264,7 +264,7 @@ class AffineGrowth:
         return coefficients
 
     def _in_units(self, coefficients: FloatArray) -> Coefficients:
-        """Coefficients of the features as they come."""
+        """Return the coefficients of features in their own units."""
         slopes = coefficients[1:] / self._scale
         constant = coefficients[0] - float(np.sum(slopes * self._mean))
         return (float(constant), *_triple(slopes))
@@ -282,20 +282,20 @@ def fit_affine(
     shrinkage: float,
     min_samples_leaf: int = AFFINE_MIN_SAMPLES_LEAF,
 ) -> AffineTree:
-    """Tree with affine leaves; see :class:`AffineGrowth` for the method and the arguments."""
+    """Fit a tree with affine leaves; see :class:`AffineGrowth` for the method and the arguments."""
     growth = AffineGrowth(features, target, max_leaves=leaves, min_samples_leaf=min_samples_leaf)
     return growth.cut(leaves, shrinkage)
 
 
 MIN_SAMPLES = 500
-"""Six seconds: fewer samples cannot show a joint in motion and at rest."""
+"""Six seconds: fewer samples do not contain a joint in motion and at rest."""
 
 LEAVES = (16, 32, 64)
 SHRINKAGES = (1000.0, 100.0, 10.0)
 
 
 class FittingError(PepperError, ValueError):
-    """The data do not determine what was asked for."""
+    """Data that do not determine the model."""
 
 
 F = TypeVar("F", bound=float | None)
@@ -307,7 +307,7 @@ class FitScore(Generic[F]):
 
     Attributes:
         estimation: Mean over the runs that the model was estimated from.
-        test: Of test runs.
+        test: Value of the test runs.
     """
 
     estimation: F
@@ -315,17 +315,17 @@ class FitScore(Generic[F]):
 
 
 def nrmse_fit(measured: FloatArray, predicted: FloatArray) -> float:
-    """Fit of a prediction [%]: 100 (1 - |y - y_pred| / |y - mean(y)|), the accuracy figure of Sec. IV.
+    """Return the NRMSE fit of a prediction [%]: 100 (1 - |y - y_pred| / |y - mean(y)|), as in Sec. IV.
 
-    100 is perfect, 0 is as good as the mean, and a bad prediction is negative. Not the share of variance explained:
-    81 % leaves 19 % of the standard deviation.
+    100 is perfect, 0 is as good as the mean, and a bad prediction is negative. It is not the fraction of explained
+    variance: at 81 %, 19 % of the standard deviation remain.
 
     Args:
         measured: (n,) y.
         predicted: (n,) in the same unit.
 
     Raises:
-        FittingError: Other shapes, or nothing to explain because ``measured`` is constant.
+        FittingError: Other shapes, or a ``measured`` that is constant.
     """
     if measured.ndim != 1 or measured.shape != predicted.shape or not len(measured):
         raise FittingError(
@@ -383,9 +383,9 @@ def _joined(runs: Sequence[tuple[FloatArray, FloatArray]]) -> tuple[FloatArray, 
 
 
 def _choose(runs: Sequence[tuple[FloatArray, FloatArray]]) -> tuple[int, float]:
-    """Leaves and shrinkage of the simplest affine tree that is as good as the best (Breiman et al. 1984, 1 SE rule).
+    """Choose leaves and shrinkage of the simplest affine tree as good as the best (Breiman et al. 1984, 1 SE rule).
 
-    Simpler is fewer leaves first, then stronger shrinkage: what the runs cannot tell apart shall extrapolate safely.
+    Simpler means fewer leaves, then stronger shrinkage: of equally good trees the simplest extrapolates best.
     """
     choices = [(leaves, shrinkage) for leaves in LEAVES for shrinkage in SHRINKAGES]
     if len(runs) < 3:
@@ -400,7 +400,7 @@ def _choose(runs: Sequence[tuple[FloatArray, FloatArray]]) -> tuple[int, float]:
             errors[number, column] = np.sqrt(np.mean(residual**2)) / spread
     mean = errors.mean(axis=0)
     best = int(np.argmin(mean))
-    # Runs differ in difficulty: what counts is the spread of the difference to the best choice.
+    # Runs differ in difficulty, so the spread of the difference to the best choice counts.
     excess = errors - errors[:, best : best + 1]
     tolerance = excess.std(axis=0, ddof=1) / np.sqrt(len(runs))
     return choices[int(np.argmax(mean - mean[best] <= tolerance))]

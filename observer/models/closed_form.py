@@ -5,15 +5,15 @@ as in Eq. 9, the expected tracking error in free motion is
 
     eps + Kd/Kp deps/dt = R Jm N / (Kt Kp) qdd + (R/Kt mu + Ke) N/Kp qd + R / (Kt Kp N) (tau_ld + tau_f)
 
-Where this departs from the print, and what it neglects:
+Differences from the printed equations, and what is neglected:
 
 - Eq. 11 leaves out the 1/N of the load torque, although it has omega = N qd: tau_l of Eq. 5 acts on the motor's side
-  of the gear, M(q) qdd + c of Eq. 6 on the joint's. With it, a load stands against the stiffness K = Kp N Kt / R.
+  of the gear, M(q) qdd + c of Eq. 6 on the joint's. With it, a load acts against the stiffness K = Kp N Kt / R.
 - Eq. 8 prints the alpha of its two outer cases with swapped signs: the torque of the teeth would jump by 2 alpha at the
-  edge of the gap. It is K (phi - alpha) for phi >= alpha, K (phi + alpha) for phi <= -alpha. Read literally, Eq. 6 also
+  edge of the gap. It is K (phi - alpha) for phi >= alpha, K (phi + alpha) for phi <= -alpha. Eq. 6 as printed also
   counts it twice: while the teeth touch, tau_B is the load torque. Here the gap is neglected: tau_B adds nothing.
 - Friction is that of Eq. 7 outside the gap, on the joint, with a smooth sign; stiction, saturation, quantisation and
-  the elasticity of the gear are neglected. So is the difference between load at the desired and at the true angle.
+  the elasticity of the gear are neglected. The load at the true angle is taken as that at the desired angle.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from pepper_driver.config.arrays import FloatArray
 
 @dataclass(frozen=True, kw_only=True)
 class MotorParameters:
-    """One joint's motor, gear and PD law.
+    """Motor, gear and PD law of one joint.
 
     Attributes:
         resistance: R [ohm].
@@ -39,8 +39,8 @@ class MotorParameters:
         ratio: N, turns of the motor per turn of the joint.
         proportional_gain: Kp [V/rad], on the joint's error.
         derivative_gain: Kd [V s/rad].
-        coulomb_friction: Of joint and gear, seen at the joint [N m].
-        viscous_friction: Likewise [N m s/rad].
+        coulomb_friction: Friction of joint and gear, on the side of the joint [N m].
+        viscous_friction: The same [N m s/rad].
         friction_velocity: Joint velocity below which the sign of Coulomb friction is smoothed [rad/s].
     """
 
@@ -73,7 +73,7 @@ class MotorParameters:
         return self.derivative_gain / self.proportional_gain
 
     def free_torque(self, features: FloatArray) -> FloatArray:
-        """(n,) torque at the joint [N m] that (n, 3) velocity, acceleration and load torque ask of the motor.
+        """Return (n,) torques at the joint [N m] that (n, 3) velocity, acceleration and load torque require.
 
         The right-hand side of Eq. 10 times N Kt / R, without tau_ext.
         """
@@ -92,15 +92,15 @@ def expected_error(
 ) -> FloatArray:
     """Compute the expected tracking error of one joint over a run: Eq. 11, with its derivative term integrated.
 
-    Between ticks the right-hand side is taken as linear; at the first tick the error is taken as settled.
+    The right-hand side is linear between ticks. At the first tick the error has settled.
 
     Args:
-        parameters: Of the joint.
+        parameters: Constants of the joint.
         features: (n, 3) desired velocity [rad/s], acceleration [rad/s2] and load torque [N m], as
             :meth:`pepper_driver.observer.recording.Recording.features` gives them.
         cycle: Period of the ticks [s].
-        delay: Ticks by which the measurement is older than the command it is compared with. The joint is then
-            compared with a command that has moved on: eps[k] = q_d[k] - q_d[k - delay] + eps_exp[k - delay].
+        delay: Ticks by which the measurement is older than the command it is compared with. The command has then
+            moved on: eps[k] = q_d[k] - q_d[k - delay] + eps_exp[k - delay].
 
     Returns:
         (n,) [rad].
@@ -117,17 +117,17 @@ def expected_error(
     velocity = features[:, 0]
     # Acceleration is constant over a cycle: the trapezoid is exact.
     travel = np.concatenate(([0.0], np.cumsum((velocity[1:] + velocity[:-1]) / 2) * cycle))
-    then = np.maximum(np.arange(len(error)) - delay, 0)
-    delayed: FloatArray = travel - travel[then] + error[then]
+    answered = np.maximum(np.arange(len(error)) - delay, 0)
+    delayed: FloatArray = travel - travel[answered] + error[answered]
     return delayed
 
 
 def _lowpass(signal: FloatArray, time_constant: float, cycle: float) -> FloatArray:
-    """(n,) exact response of y + T dy/dt = signal to a signal that is linear between ticks."""
+    """Return the (n,) exact response of y + T dy/dt = signal to a signal that is linear between ticks."""
     if time_constant <= 0.0 or len(signal) < 2:
         return signal.copy()
     decay = math.exp(-cycle / time_constant)
-    # y runs along signal - lag, where lag = T slope; what is off that line decays.
+    # The exact solution is signal - T slope plus a difference that decays.
     lag = np.diff(signal) / cycle * time_constant
     response = signal.copy()
     value = float(signal[0])
@@ -145,14 +145,14 @@ def external_torque(
     """External torque on one joint from its measured tracking error: Eq. 10 solved for tau_ext.
 
     Args:
-        parameters: Of the joint.
+        parameters: Constants of the joint.
         error: (n,) measured tracking error eps [rad]; its derivative is taken as central differences.
         features: (n, 3) velocity [rad/s], acceleration [rad/s2] and load torque M qdd + c [N m] of the true motion;
             those of the desired motion where the two differ little.
         cycle: Period of the ticks [s].
 
     Returns:
-        (n,) [N m], positive in the joint's positive sense.
+        (n,) [N m], positive in the positive direction of the joint.
     """
     rate = np.gradient(error, cycle) if len(error) > 1 else np.zeros_like(error)
     motor = parameters.stiffness * (error + parameters.derivative_time * rate)

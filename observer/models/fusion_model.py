@@ -15,23 +15,22 @@ from pepper_driver.observer.models.tree import AffineTree, CartTree
 
 Triple = tuple[float, float, float]
 
-
 TAPS = 25
-"""Ticks of the impulse response: 0.3 s, by which the wheels have settled."""
+"""Ticks of the impulse response: 0.3 s, after which the wheels have settled."""
 
 
 class BaseModelError(PepperError, ValueError):
-    """Values that make no model."""
+    """Invalid values of a base model."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class BaseModel:
-    """Model of the base's twist: vx [m/s], vy [m/s], wz [rad/s].
+    """Model of the base twist: vx [m/s], vy [m/s], wz [rad/s].
 
     Attributes:
-        coefficients: One row of three per input: first those of this tick, then of the one before, and so on.
-        standing: Bounds of the residual while the base is told to stand.
-        driving: While it is told to drive.
+        coefficients: One row of three per input: first the inputs of this tick, then of the previous one, and so on.
+        standing: Bounds of the residual while the base is commanded to stand.
+        driving: Bounds while it is commanded to drive.
     """
 
     __pydantic_config__: ClassVar[ConfigDict] = STRICT
@@ -54,15 +53,15 @@ MotorTorque = Literal["current", "voltage"]
 
 
 class MomentumError(PepperError, ValueError):
-    """Parameters that make no momentum channel."""
+    """Invalid parameters of a momentum channel."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class MomentumParameters:
-    """One joint's constants.
+    """Constants of the momentum residual of one joint.
 
     Attributes:
-        source: Where the motor's torque comes from.
+        source: Source of the motor torque.
         torque_per_ampere: Motor torque / K per current [rad/A]; 0 where the source is the voltage.
         inertia: J / K [s2].
         lag: d / K [s]; back-EMF and viscous friction for the voltage, viscous friction for the current.
@@ -88,21 +87,23 @@ Pair = tuple[float, float]
 
 
 class FusionModelError(PepperError, ValueError):
-    """Values that make no model."""
+    """Invalid values of a model."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class FusionModel:
-    """Models of one joint.
+    """Models of one joint. The names are keys of model files.
 
     Attributes:
-        twin: Its stick-slip twin.
-        remainder: What the stick-slip model leaves of the tracking error, as a tree on the desired motion (Eq. 12).
+        twin: Constants of its stick-slip model.
+        remainder: Part of the tracking error that the stick-slip model does not explain, as a tree on the desired
+            motion (Eq. 12).
         momentum: Its momentum channel.
-        weight: Of the stick-slip model beside the momentum channel, 0..1, at rest and in motion: by inverse covariance.
+        weight: Weight of the stick-slip model against the momentum channel, 0..1, at rest and in motion: by inverse
+            covariance.
         spread: Standard deviation of the fused residual in free motion, at rest and in motion [rad].
-        bound: Threshold of a contact, margin included, as a tree on desired speed [rad/s], size of the desired
-            acceleration [rad/s2], and largest desired speed of the last half second [rad/s].
+        bound: Threshold of a contact with its margin, as a tree on desired speed [rad/s], size of the desired
+            acceleration [rad/s2], and largest desired speed of the last half-second [rad/s].
         momentum_bound: Threshold of the baseline ``momentum``: the largest residual of the calibration [rad].
     """
 
@@ -125,11 +126,12 @@ class FusionModel:
             raise FusionModelError(f"'spread' must be above 0, got {self.spread}")
         if not self.momentum_bound > 0.0:
             raise FusionModelError("'momentum_bound' must be above 0")
+        # Only leaves count: inner nodes have a value of 0.
         leaves = [v for v, f in zip(self.bound.value, self.bound.feature, strict=True) if f < 0]
         if min(leaves) <= 0.0:
             raise FusionModelError("'bound' must be above 0 everywhere")
 
     @property
-    def largest_bound(self) -> float:
+    def max_bound(self) -> float:
         """Highest threshold of a contact [rad]."""
         return max(self.bound.value)

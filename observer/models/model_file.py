@@ -1,4 +1,4 @@
-"""Models of all joints in one file of JSON, and the prediction of a recording with them."""
+"""JSON file with the models of all joints, and the prediction of a recording with them."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ MODEL_TYPES: dict[ModelKind, type[JointModel]] = {
     "fusion": FusionModel,
 }
 
-_CURE = "identify the robot with 'pepper identify'"
+_REMEDY = "identify the robot with 'pepper identify'"
 _SOURCE = "'pepper identify' writes model files"
 
 
@@ -46,7 +46,7 @@ class ModelFileError(PepperError, ValueError):
 
 @validated_dataclass(frozen=True, kw_only=True, config=STRICT)
 class _Header:
-    """Everything in a file but the models."""
+    """Content of a file except the models."""
 
     format: Literal[2]
     robot: str
@@ -64,24 +64,24 @@ class _Header:
 
 @dataclass(frozen=True, kw_only=True)
 class ModelSet:
-    """Models of the joints of one robot, and where they come from.
+    """Models of the joints of one robot, and their origin.
 
     Attributes:
         robot: Name of the robot description.
         joint_names: Order of the robot's joints.
-        identity: Of the backend they were identified on: hash of the plant, or body id of a real robot.
-        kind: What the models are.
+        identity: Identity of the robot they were identified on: hash of the plant, or body id of a real robot.
+        kind: Kind of the models.
         cycle: Period of the ticks [s].
         estimation_fit: By joint, mean NRMSE fit of the estimation runs [%].
         test_fit: By joint, NRMSE fit of the test run [%].
         threshold: By joint, bound of the residual in free motion [rad].
-        version: Of the package that fitted them.
+        version: Version of the package that fitted them.
         models: By joint; joints without a model stay blind.
-        created_by: The command that made them.
-        base: Of the base's twist; mode ``fusion`` only.
+        created_by: Command that made them.
+        base: Model of the base twist; mode ``fusion`` only.
 
     Raises:
-        ModelFileError: A model that is not of ``kind``, an unknown joint, no model, fits of other joints.
+        ModelFileError: A model that is not of ``kind``, an unknown joint, no model, fit results of other joints.
     """
 
     robot: str
@@ -126,15 +126,15 @@ class ModelSet:
         """
         if self.robot != robot.name:
             raise ModelFileError(
-                f"these models are of robot '{self.robot}', not of '{robot.name}'; {_CURE}"
+                f"these models are of robot '{self.robot}', not of '{robot.name}'; {_REMEDY}"
             )
         if self.joint_names != robot.joint_names:
             raise ModelFileError(
-                f"these models are of a '{self.robot}' with other joints or another order of them; {_CURE}"
+                f"these models are of a '{self.robot}' with other joints or another order of them; {_REMEDY}"
             )
         if self.cycle != robot.cycle:
             raise ModelFileError(
-                f"these models are of a robot with a cycle of {self.cycle} s, not {robot.cycle} s; {_CURE}"
+                f"these models are of a robot with a cycle of {self.cycle} s, not {robot.cycle} s; {_REMEDY}"
             )
 
     def save(self, path: Path) -> None:
@@ -169,7 +169,7 @@ class ModelSet:
         """Read a file.
 
         Args:
-            path: Of a file that ``save`` wrote.
+            path: File that ``save`` wrote.
             robot: If given, the models must be of this robot.
 
         Raises:
@@ -182,6 +182,7 @@ class ModelSet:
             raise ModelFileError(f"{path}: cannot be read ({reason(error)}); {_SOURCE}") from error
         if not text.lstrip().startswith(b"{"):
             raise ModelFileError(f"{path}: not a model file; {_SOURCE}")
+        # JSON allows NaN and repeated keys in Python: a damaged file must not give a model.
         try:
             data = json.loads(
                 text.decode("utf-8"),
@@ -196,7 +197,7 @@ class ModelSet:
         if data["format"] != FORMAT:
             raise ModelFileError(
                 f"{path}: format {json.dumps(data['format'])[:20]} is not the format {FORMAT} "
-                f"of this version; {_CURE}"
+                f"of this version; {_REMEDY}"
             )
         models = data.pop("models", None)
         try:
@@ -220,7 +221,7 @@ class ModelSet:
 
 
 def shipped(kind: ModelKind) -> dict[str, Path]:
-    """Models of ``kind`` that come with the package, by the simulated robot they were identified on."""
+    """Return the shipped models of ``kind``, by the plant they were identified on."""
     folder = Path(str(files("pepper_driver.observer.models")))
     suffix = f"-{kind}.json"
     paths = sorted(folder.glob(f"*{suffix}"))
@@ -228,14 +229,14 @@ def shipped(kind: ModelKind) -> dict[str, Path]:
 
 
 def load_shipped(kind: ModelKind, identities: Sequence[RobotIdentity]) -> ModelSet:
-    """Return the models that come with the package for a robot.
+    """Return the shipped models for a robot.
 
     Args:
-        kind: What the models are.
-        identities: Of the robot, and of those whose models serve it too, the nearest first.
+        kind: Kind of the models.
+        identities: Identities of the robot and of those whose models it may use, the nearest first.
 
     Raises:
-        ModelFileError: There are none.
+        ModelFileError: No shipped model fits.
     """
     plants = shipped(kind)
     models = {found.identity: found for found in map(ModelSet.load, plants.values())}
@@ -244,7 +245,7 @@ def load_shipped(kind: ModelKind, identities: Sequence[RobotIdentity]) -> ModelS
             return models[robot.identity]
     raise ModelFileError(
         f"no models come with the package for '{identities[0].name}', only for the plants {', '.join(plants)} "
-        f"as they were shipped and plants that extend them; {_CURE}"
+        f"as they were shipped and plants that extend them; {_REMEDY}"
     )
 
 
@@ -277,26 +278,26 @@ def _unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
 
 
 def _damaged(path: Path, error: Exception) -> ModelFileError:
-    return ModelFileError(f"{path}: damaged: {short_reason(error)}; {_CURE}")
+    return ModelFileError(f"{path}: damaged: {short_reason(error)}; {_REMEDY}")
 
 
 JointModel = Tree | FusionModel
 
 
 def predict_recording(model: JointModel, joint: str, recording: Recording) -> FloatArray:
-    """(n,) expected tracking error of a joint over a run [rad], with no look at what was measured.
+    """Predict the (n,) tracking error of a joint over a run [rad], without its measurements.
 
-    Of a fusion model, twin and remainder; only where the joint starts is taken from the recording.
+    A fusion model predicts by stick-slip model and remainder; only the first position is taken from the recording.
     """
     index = recording.joint_names.index(joint)
     features = recording.features(index)
     if not isinstance(model, FusionModel):
         return model.predict(features)
-    twins = StickSlipModel.of([model.twin], recording.cycle)
+    stick_slip = StickSlipModel.from_parameters([model.twin], recording.cycle)
     sent = recording.sent_position[:, [index]]
-    twins.start(recording.position[0, [index]], sent[0])
+    stick_slip.start(recording.position[0, [index]], sent[0])
     at = [
-        twins.step(target, load)[0]
+        stick_slip.step(target, load)[0]
         for target, load in zip(sent, recording.load_torque[:, [index]], strict=True)
     ]
     error: FloatArray = sent[:, 0] - np.array(at) + model.remainder.predict(features)

@@ -1,14 +1,13 @@
-r"""The stick-slip twin: expected tracking error with the memory of friction, Eq. 7 and Eq. 11 of the paper in time.
+r"""Stick-slip model: expected tracking error with the memory of friction, Eq. 7 and Eq. 11 of the paper in time.
 
-Eq. 12 maps the desired motion of one instant to the expected error. What a joint's error is also depends on how it came
-there: friction holds it on either side of its goal. The twin is a joint of its own, driven by what the real one is told
-and by the load it should bear, but never by what is measured. All its torques are divided by the stiffness
-K = Kp N Kt / R, so that they are angles:
+Eq. 12 maps the desired motion of one instant to the expected error. The error of a joint also depends on its path:
+friction holds it on either side of its target. This model is a joint in time, driven by the command and the desired
+load, but never by a measurement. All its torques are divided by the stiffness K = Kp N Kt / R, so that they are angles:
 
     J dv/dt = (x - q) + I - d v - friction - g tau_ld - offset,      dI/dt = ki (x - q)
 
 with x the position sent and friction of size F + load_friction |g tau_ld + offset|, ``breakaway`` times that at rest.
-The step is implicit in velocity and friction (Moreau's time stepping): it sticks exactly, and no step is too long.
+The step is implicit in velocity and friction (time stepping of Moreau): it sticks exactly, and is stable for any step.
 """
 
 from __future__ import annotations
@@ -24,25 +23,25 @@ from pepper_driver.config.arrays import BoolArray, FloatArray
 from pepper_driver.config.loading import STRICT
 
 
-class TwinError(PepperError, ValueError):
-    """Parameters that make no twin."""
+class StickSlipError(PepperError, ValueError):
+    """Invalid parameters of a stick-slip model."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class StickSlipParameters:
-    """One joint's constants, lumped: torques are divided by its stiffness K and so are angles.
+    """Lumped constants of one joint. Torques are divided by its stiffness K, so they are angles.
 
     Attributes:
         inertia: J / K of rotor and gear [s2].
         lag: d / K, back-EMF and viscous friction [s].
         friction: F / K [rad].
-        load_friction: Share of the load's angle that adds to the friction.
+        load_friction: Fraction of the load, as an angle, that adds to the friction.
         breakaway: Friction at rest over friction in motion, 1 or more.
         load_gain: g = 1 / K [rad/(N m)], above 0.
         offset: Constant part of the load [rad].
-        dead_band: Error that the board ignores [rad].
-        integral_rate: ki / kp of the board [1/s].
-        transport: By how many ticks the response is older, or younger if negative, than the backend says; -1 to 2.
+        dead_band: Error that the motor board ignores [rad].
+        integral_rate: ki / kp of the motor board [1/s].
+        transport: Ticks by which the response is later than the backend reports, earlier if negative; -1 to 2.
     """
 
     # For reading from files: strict types, no unknown key.
@@ -61,12 +60,12 @@ class StickSlipParameters:
 
     def __post_init__(self) -> None:
         if not np.isfinite(astuple(self)).all():
-            raise TwinError("a parameter is not finite")
+            raise StickSlipError("a parameter is not finite")
         for name in ("inertia", "lag", "friction", "load_friction", "dead_band", "integral_rate"):
             if getattr(self, name) < 0.0:
-                raise TwinError(f"'{name}' is negative")
+                raise StickSlipError(f"'{name}' is negative")
         if self.load_gain <= 0.0 or self.breakaway < 1.0 or not -1.0 <= self.transport <= 2.0:
-            raise TwinError("load_gain above 0, breakaway of 1 or more, transport of -1 to 2")
+            raise StickSlipError("load_gain above 0, breakaway of 1 or more, transport of -1 to 2")
 
     @property
     def stiffness(self) -> float:
@@ -78,16 +77,16 @@ PARAMETERS = tuple(field.name for field in fields(StickSlipParameters))
 
 
 class StickSlipModel:
-    """Several stick-slip models side by side; arrays broadcast against the shape of the inputs.
+    """Stick-slip models of several joints; arrays broadcast against the shape of the inputs.
 
     Args:
         parameters: By name of :class:`StickSlipParameters`, arrays of one shape, NaN for a joint without a model.
         cycle: Period of the ticks [s].
 
     Attributes:
-        position: Where the stick-slip models are [rad].
+        position: Positions of the models [rad].
         velocity: [rad/s]
-        integral: I of the stick-slip models' boards [rad].
+        integral: I of their motor boards [rad].
         friction: Friction on them, positive against positive motion [rad].
     """
 
@@ -96,8 +95,8 @@ class StickSlipModel:
         self.set(parameters)
 
     @classmethod
-    def of(cls, models: list[StickSlipParameters | None], cycle: float) -> Self:
-        """Stick-slip models of the joints that have parameters."""
+    def from_parameters(cls, models: list[StickSlipParameters | None], cycle: float) -> Self:
+        """Return the models of joints, NaN for those without parameters."""
         return cls(
             {
                 name: np.array([np.nan if m is None else getattr(m, name) for m in models])
@@ -107,7 +106,7 @@ class StickSlipModel:
         )
 
     def set(self, parameters: dict[str, FloatArray]) -> None:
-        """Other constants from the next step on."""
+        """Set other constants from the next step on."""
         self._p = parameters
         self._momentum = parameters["inertia"] / self._cycle
         self._gain = 1.0 / (self._momentum + parameters["lag"] + self._cycle)
@@ -117,7 +116,7 @@ class StickSlipModel:
         self._has_integral = bool((parameters["integral_rate"] > 0.0).any())
 
     def start(self, position: FloatArray, target: FloatArray) -> None:
-        """Stand still at ``position`` [rad], told ``target`` [rad]."""
+        """Start at rest at ``position`` [rad] with the command ``target`` [rad]."""
         self.position = np.array(position)
         self.velocity = np.zeros_like(self.position)
         self.integral = np.zeros_like(self.position)
@@ -126,7 +125,7 @@ class StickSlipModel:
         self._targets = (target, target, target)
 
     def step(self, target: FloatArray, load_torque: FloatArray) -> FloatArray:
-        """Make one tick: the position sent [rad], desired load torque [N m]. Returns the models' positions [rad]."""
+        """Step by one tick: position sent [rad], desired load torque [N m]; return the model positions [rad]."""
         p, dt = self._p, self._cycle
         target = self._delayed(target)
         load = p["load_gain"] * load_torque + p["offset"]
@@ -134,6 +133,7 @@ class StickSlipModel:
         push = self._momentum * self.velocity - load
         if self._has_integral:
             push = push + self.integral
+        # Implicit in the velocity: the friction of this step is the one that acts at its end.
         drive = push + self._beyond_dead_band(pull)
         friction = p["friction"] + p["load_friction"] * np.abs(load)
         moves = np.abs(drive) > np.where(self._sticks, friction * p["breakaway"], friction)
@@ -151,9 +151,9 @@ class StickSlipModel:
         return self.position
 
     def beyond_friction(self, error: FloatArray, load: FloatArray) -> FloatArray:
-        """Part of the error of joints at rest that their friction cannot hold under a load, all in [rad].
+        """Return the part of the error of joints at rest that their friction cannot hold under a load, all [rad].
 
-        The boards have summed up nothing.
+        The integrals of the motor boards are taken as zero.
         """
         p = self._p
         drive = self._beyond_dead_band(error) - load
@@ -163,7 +163,7 @@ class StickSlipModel:
     def put(
         self, where: BoolArray, position: FloatArray, velocity: FloatArray, integral: FloatArray
     ) -> None:
-        """Be at ``position`` [rad] with ``velocity`` [rad/s] and ``integral`` [rad], for the joints of ``where``."""
+        """Set ``position`` [rad], ``velocity`` [rad/s] and ``integral`` [rad] of the joints ``where``."""
         self.position = np.where(where, position, self.position)
         self.velocity = np.where(where, velocity, self.velocity)
         self.integral = np.where(where, integral, self.integral)
@@ -178,7 +178,7 @@ class StickSlipModel:
     def _within_dead_band(
         self, velocity: FloatArray, push: FloatArray, drive: FloatArray
     ) -> FloatArray:
-        """Return the velocity where the error that the board ignores is the one after the step."""
+        """Return the velocity if the dead band applies to the error after the step."""
         p = self._p
         alone = push / np.maximum(self._momentum + p["lag"], 1e-9)
         band = p["dead_band"] * self._gain
@@ -187,7 +187,8 @@ class StickSlipModel:
         return np.where(velocity * drive > 0.0, velocity, 0.0)
 
     def _delayed(self, target: FloatArray) -> FloatArray:
-        """Return the target as old as the response, between ticks by a line; one that is to come, by the last two."""
+        """Return the target at the time of the response: interpolated, or extrapolated from the last two ticks."""
+        # A response that is earlier than reported belongs to a target that was not sent yet.
         _, before, now = self._targets = (*self._targets[1:], target)
         older = self._targets[0]
         delayed: FloatArray = now + self._first * (before - now) + self._second * (older - before)

@@ -1,7 +1,7 @@
 """Regression trees of the expected tracking error, alone and of all joints at once.
 
-The paper cites CART, which is constant in each leaf. Its wording and its figures (a better fit on motions faster than
-those of the identification) point to a binary-tree estimator with affine leaves. Both are here.
+The paper cites CART, which is constant in each leaf. Its wording and its results (a better fit on motions that are
+faster than those of the identification) indicate a binary tree with affine leaves. Both are implemented.
 """
 
 from __future__ import annotations
@@ -26,31 +26,32 @@ TreeKind = Literal["cart", "affine"]
 FEATURES = 3
 
 LEAF = -1
-"""Stands for the feature and the children that a leaf does not have."""
+"""Feature and children of a leaf, which has none."""
 
 
 class TreeError(PepperError, ValueError):
-    """The arrays do not make a tree."""
+    """Arrays that form no valid tree."""
 
 
 class ExpectedErrorModel(Protocol):
-    """Predicts the tracking error of one joint in free motion."""
+    """Model of the tracking error of one joint in free motion."""
 
     def predict_one(self, velocity: float, acceleration: float, load_torque: float) -> float:
         """Predict the tracking error [rad] of one sample: [rad/s], [rad/s2], [N m], all desired.
 
-        For use inside a tick: about a microsecond, and never raises. Not finite values in, any value out.
+        For use inside a tick: it takes about a microsecond and never raises. If an input is not finite, the result is
+        any value.
         """
         ...
 
     def predict(self, features: FloatArray) -> FloatArray:
-        """(n,) expected tracking error [rad] of (n, 3) features, columns as in ``predict_one``."""
+        """Predict the (n,) tracking errors [rad] of (n, 3) features, columns as in ``predict_one``."""
         ...
 
 
 @dataclass(frozen=True, kw_only=True)
 class _Partition:
-    """Binary tree in flat arrays, one entry a node, the root first and children after their parent.
+    """Binary tree in flat arrays, one entry per node, the root first and children after their parent.
 
     A sample goes to the left child where its feature is at most the threshold.
 
@@ -58,7 +59,7 @@ class _Partition:
         feature: 0 velocity, 1 acceleration, 2 load torque; LEAF in a leaf.
         threshold: In the unit of the feature; 0 in a leaf.
         left: Number of a child; LEAF in a leaf.
-        right: Likewise.
+        right: The same.
     """
 
     # For reading from files: strict types, no unknown key.
@@ -87,7 +88,7 @@ class _Partition:
             if not 0 <= feature < FEATURES:
                 raise TreeError(f"node {node} splits on feature {feature}")
             for child in children:
-                # Children after their parent: a walk cannot run in a circle.
+                # Children after their parent: a descent cannot run in a circle.
                 if not node < child < nodes:
                     raise TreeError(f"node {node} of {nodes} has child {child}")
                 parents[child] += 1
@@ -115,7 +116,7 @@ class _Partition:
         )
 
     def _leaf(self, sample: Triple) -> int:
-        # For one sample a walk over tuples beats any NumPy call.
+        # For one sample, tuples are faster than any NumPy call.
         feature, threshold, left, right = self.feature, self.threshold, self.left, self.right
         node = 0
         while (column := feature[node]) >= 0:
@@ -123,7 +124,7 @@ class _Partition:
         return node
 
     def leaf_of(self, features: FloatArray) -> IntArray:
-        """(n,) number of the leaf that each row of (n, 3) features falls into."""
+        """Return the (n,) number of the leaf of each row of (n, 3) features."""
         feature, threshold, left, right = self._arrays
         node = np.zeros(len(features), dtype=np.int64)
         inner = np.flatnonzero(feature[node] >= 0)
@@ -140,7 +141,7 @@ class CartTree(_Partition):
     """Tree with a constant in each leaf (Breiman et al. 1984).
 
     Attributes:
-        value: One expected tracking error a node [rad]; only those of leaves count.
+        value: One expected tracking error per node [rad]; only those of leaves count.
     """
 
     value: tuple[float, ...]
@@ -166,12 +167,12 @@ class AffineTree(_Partition):
     """Tree with an affine function in each leaf: eps_exp = c0 + c1 velocity + c2 acceleration + c3 load torque.
 
     Features are clamped to ``lower`` and ``upper`` first. These lie well outside the motions of the identification:
-    the affine leaves are there to extrapolate, but not without end.
+    affine leaves extrapolate, but only so far.
 
     Attributes:
-        coefficients: (c0, c1, c2, c3) a node: [rad], [s], [s2], [rad/(N m)]; only those of leaves count.
-        lower: Smallest features taken as they are [rad/s], [rad/s2], [N m].
-        upper: Largest.
+        coefficients: (c0, c1, c2, c3) per node: [rad], [s], [s2], [rad/(N m)]; only those of leaves count.
+        lower: Smallest features [rad/s], [rad/s2], [N m].
+        upper: Largest features.
     """
 
     coefficients: tuple[Coefficients, ...]
@@ -191,7 +192,7 @@ class AffineTree(_Partition):
     def predict_one(self, velocity: float, acceleration: float, load_torque: float) -> float:
         """See :class:`ExpectedErrorModel`."""
         lower, upper = self.lower, self.upper
-        # Spelled out: min and max would cost more than the rest of this function.
+        # Written out: min and max would cost more than the rest of this function.
         if velocity < lower[0]:
             velocity = lower[0]
         elif velocity > upper[0]:
@@ -228,24 +229,24 @@ Box = tuple[int, list[float], list[float]]
 
 
 class BatchedTrees:
-    """Several trees side by side, each leaf as the box of features that lead to it.
+    """Several trees evaluated at once, each leaf as the box of features that lead to it.
 
     Args:
-        trees: One a joint, None for those without; all with at most a few dozen leaves.
+        trees: One per joint, None for those without; all with at most a few dozen leaves.
     """
 
     def __init__(self, trees: Sequence[Tree | None]) -> None:
         boxes = [[] if tree is None else _boxes(tree) for tree in trees]
         n, width = len(trees), max([1, *map(len, boxes)])
-        # No sample lies in a box that is not there.
+        # No sample lies in the boxes that pad shorter rows: their bounds are infinite.
         self._lower = np.full((FEATURES, n, width), np.inf)
         self._upper = np.full((FEATURES, n, width), np.inf)
-        self._least = np.full((FEATURES, n), -np.inf)
-        self._most = np.full((FEATURES, n), np.inf)
+        self._lower_clamp = np.full((FEATURES, n), -np.inf)
+        self._upper_clamp = np.full((FEATURES, n), np.inf)
         coefficients = np.full((4, n, width), np.nan)
         for row, (tree, of_tree) in enumerate(zip(trees, boxes, strict=True)):
             if isinstance(tree, AffineTree):
-                self._least[:, row], self._most[:, row] = tree.lower, tree.upper
+                self._lower_clamp[:, row], self._upper_clamp[:, row] = tree.lower, tree.upper
             for column, (leaf, lower, upper) in enumerate(of_tree):
                 self._lower[:, row, column], self._upper[:, row, column] = lower, upper
                 coefficients[:, row, column] = _coefficients(tree, leaf)
@@ -254,12 +255,12 @@ class BatchedTrees:
         self._affine = any(isinstance(tree, AffineTree) for tree in trees)
 
     def predict(self, features: FloatArray) -> FloatArray:
-        """(n,) values of the trees for (3, n) features, NaN for joints without one.
+        """Return the (n,) values of the trees for (3, n) features, NaN for joints without one.
 
-        A feature that is not finite gives any value of its tree, and NaN if that is affine.
+        For a feature that is not finite the result is any value of the tree, or NaN if the tree is affine.
         """
         if self._affine:
-            features = np.minimum(np.maximum(features, self._least), self._most)
+            features = np.minimum(np.maximum(features, self._lower_clamp), self._upper_clamp)
         sample = features[:, :, None]
         inside = ((sample > self._lower) & (sample <= self._upper)).all(axis=0)
         leaf = inside.argmax(axis=1) + self._first
@@ -273,11 +274,11 @@ class BatchedTrees:
 
 
 def _boxes(tree: Tree) -> list[Box]:
-    """Leaves with what lies below and above them of each feature: (leaf, lower, upper]."""
+    """Return the leaves with their bounds of each feature: (leaf, lower, upper]."""
     found: list[Box] = []
-    ahead: list[Box] = [(0, [-np.inf] * FEATURES, [np.inf] * FEATURES)]
-    while ahead:
-        node, lower, upper = ahead.pop()
+    pending: list[Box] = [(0, [-np.inf] * FEATURES, [np.inf] * FEATURES)]
+    while pending:
+        node, lower, upper = pending.pop()
         feature, threshold = tree.feature[node], tree.threshold[node]
         if feature == LEAF:
             found.append((node, lower, upper))
@@ -285,7 +286,7 @@ def _boxes(tree: Tree) -> list[Box]:
         below, above = list(upper), list(lower)
         below[feature] = min(upper[feature], threshold)
         above[feature] = max(lower[feature], threshold)
-        ahead += [(tree.left[node], lower, below), (tree.right[node], above, upper)]
+        pending += [(tree.left[node], lower, below), (tree.right[node], above, upper)]
     return found
 
 

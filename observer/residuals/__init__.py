@@ -1,1 +1,1 @@
-"""Residuals: tracking errors beyond those of a free motion, by method."""
+"""Residuals: tracking errors that free motion does not explain, by method."""

@@ -1,9 +1,9 @@
-"""Adaptation in a session: constants of each joint, and what the hands hold.
+"""Adaptation in a session: constants of each joint, and the loads of the hands.
 
 A body in a hand adds to the load torque of every joint between it and the wheels, in proportion to its mass m and its
-first moment m c: tau = Y (m, m c_x, m c_y, m c_z), with Y from inverse dynamics of the desired motion. One estimate an
-arm says more than a share of the load on each joint would: a wrist that bears nothing by itself needs it, and the
-shoulder learns from the elbow. Inertia about the wrist, m c^2, is left out.
+first moment m c: tau = Y (m, m c_x, m c_y, m c_z), with Y from inverse dynamics of the desired motion. There is one
+estimate per arm. It is better than a factor on the load of each joint: a wrist has hardly any load of its own, and the
+shoulder learns from the elbow. The inertia about the wrist, m c^2, is neglected.
 """
 
 from __future__ import annotations
@@ -20,32 +20,33 @@ from pepper_driver.observer.models.fusion_model import FusionModel
 from pepper_driver.observer.models.stick_slip import StickSlipParameters
 
 PRIOR_STD = np.array([0.25, 0.25, 0.1, 1.0])
-"""Standard deviation before anything is known, as shares of the identified values; the offset in OFFSET_UNIT."""
+"""Standard deviation at the start, relative to the identified values; the offset in OFFSET_UNIT."""
 
 LEARN_PERIOD = 10
 """Ticks between two updates."""
 
 PROCESS_NOISE = np.array([0.04, 0.02, 0.02, 0.1])
-"""By how much each may change in a minute."""
+"""Standard deviation of the change in a minute, in the same units."""
 
 OFFSET_UNIT = np.radians(0.1)
 NOISE_FACTOR = 3.0
-"""Times the spread of the free residual: its errors last for many samples, and count once."""
+"""Times the spread of the free residual: its errors last for many samples, but are one observation."""
 
 WEAR_RATIO = 0.4
-"""Friction or lag beyond this share of what was identified: the joint is worn, and should be identified again."""
+"""Increase of friction or lag, relative to the identified value, above which a joint is reported as worn."""
 
 
 class Adaptation:
-    """Recursive least squares with forgetting (a Kalman filter on a random walk), four numbers a joint.
+    """Recursive least squares with forgetting (a Kalman filter on a random walk), four numbers per joint.
 
     Args:
-        models: Of the joints; None where there is none.
+        models: By joint, None for those without.
         spread: (n,) standard deviation of the residual in free motion [rad].
         cycle: Period of the ticks [s].
 
     Attributes:
-        share: (n, 4) deviation from the identified values, in the units of PRIOR_STD.
+        deviation: (n, 4) deviation of friction, lag, load and offset from their identified values, in the units of
+            PRIOR_STD.
     """
 
     def __init__(
@@ -57,17 +58,17 @@ class Adaptation:
         self._prior = np.tile(PRIOR_STD, (len(models), 1))
         self._lag = np.array([np.nan if m is None else m.lag for m in models])
         self._noise = (NOISE_FACTOR * spread) ** 2
-        self._wander = np.diag(PROCESS_NOISE**2 * LEARN_PERIOD * cycle / 60.0)
+        self._process_noise = np.diag(PROCESS_NOISE**2 * LEARN_PERIOD * cycle / 60.0)
         self._count = len(models)
         self.reset()
 
     def reset(self) -> None:
-        """Back to the identified values."""
-        self.share = np.zeros((self._count, 4))
+        """Return to the identified values."""
+        self.deviation = np.zeros((self._count, 4))
         self._covariance = self._prior[:, :, None] ** 2 * np.eye(4)
 
     def effects(self, friction: FloatArray, velocity: FloatArray, load: FloatArray) -> FloatArray:
-        """(n, 4) what a full share of each would add to the tracking error [rad].
+        """Return the (n, 4) effects of a deviation of 1 on the tracking error [rad].
 
         Args:
             friction: (n,) on the stick-slip models [rad].
@@ -82,7 +83,7 @@ class Adaptation:
         return effects
 
     def variance(self, effects: FloatArray) -> FloatArray:
-        """(n,) of the expected tracking error, for not knowing the shares better [rad2]."""
+        """Return the (n,) variance of the expected tracking error that the unknown deviations cause [rad2]."""
         seen = (self._covariance @ effects[:, :, None])[:, :, 0]
         variance: FloatArray = (seen * effects).sum(axis=1)
         return variance
@@ -95,62 +96,63 @@ class Adaptation:
         Args:
             residual: (n,) [rad].
             effects: (n, 4) of each quantity.
-            other: (n,) variance of the residual for what else is not known [rad2].
-            free: (n,) joints that nothing touches.
+            other: (n,) variance of the residual from other causes [rad2].
+            free: (n,) joints without touch.
         """
         effects = np.where(free[:, None], effects, 0.0)
         seen = np.einsum("nij,nj->ni", self._covariance, effects)
         scale = self._noise + other + np.einsum("ni,ni->n", effects, seen)
+        # A joint without a model has a scale of NaN, which would spoil its covariance.
         free = free & np.isfinite(scale)
         gain = np.where(free[:, None], seen / scale[:, None], 0.0)
-        self.share += gain * np.where(free, residual, 0.0)[:, None]
-        np.clip(self.share, -3.0 * self._prior, 3.0 * self._prior, out=self.share)
+        self.deviation += gain * np.where(free, residual, 0.0)[:, None]
+        np.clip(self.deviation, -3.0 * self._prior, 3.0 * self._prior, out=self.deviation)
         self._covariance -= gain[:, :, None] * seen[:, None, :]
-        self._covariance += self._wander
-        # No quantity gets less certain than at the start.
+        self._covariance += self._process_noise
+        # Without motion only the process noise acts: no variance may exceed that of the start.
         known = np.einsum("nii->ni", self._covariance)
         shrink = np.sqrt(np.minimum(1.0, self._prior**2 / np.maximum(known, 1e-12)))
         self._covariance *= shrink[:, :, None] * shrink[:, None, :]
 
     @property
     def worn(self) -> BoolArray:
-        """(n,) true where friction or lag has grown beyond WEAR_RATIO, by two standard deviations of its estimate."""
+        """(n,) True where friction or lag has grown beyond WEAR_RATIO, by two standard deviations of its estimate."""
         spread = np.sqrt(np.maximum(np.einsum("nii->ni", self._covariance)[:, :2], 0.0))
-        grown: BoolArray = (self.share[:, :2] - 2.0 * spread > WEAR_RATIO).any(axis=1)
+        grown: BoolArray = (self.deviation[:, :2] - 2.0 * spread > WEAR_RATIO).any(axis=1)
         return grown
 
 
 LOAD_PRIOR_STD = np.array([0.3, 0.03, 0.03, 0.03])
-"""Standard deviation of mass [kg] and first moment [kg m] before anything is known."""
+"""Standard deviation of mass [kg] and first moment [kg m] at the start."""
 
 LOAD_PROCESS_NOISE = np.array([0.02, 0.002, 0.002, 0.002])
-"""By how much each may change in a minute, as long as no contact is felt."""
+"""Standard deviation of their change in a minute without contact."""
 
 MAX_EFFECT = 200.0
-"""[N m] per kilogram and per kilogram metre: a metre of arm at ten times gravity, or an arm that is flung."""
+"""[N m] per kilogram and per kilogram metre: an arm of one metre at twenty times gravity."""
 
 SLOW_CHECK_PERIOD = 2
-"""Ticks between two looks at where the arms are."""
+"""Ticks between two computations of the regressor."""
 
-LEAST_NOISE = np.radians(0.3) ** 2
-"""[rad2] Of a residual: what else is wrong with the models is not noise, and does not average out."""
+MIN_NOISE = np.radians(0.3) ** 2
+"""[rad2] Smallest variance of a residual: errors of the models do not average out as noise does."""
 
 FRICTION_UNCERTAINTY = 0.5
-"""Share of a joint's friction that counts as noise too."""
+"""Fraction of the friction of a joint that counts as noise too."""
 
 LOAD_UNCERTAINTY = 0.15
-"""Share of what the hands' load does to a joint that nobody foresees: gears rub harder under load."""
+"""Fraction of the effect of a load that cannot be predicted: gears have more friction under load."""
 
 MIN_MOVING_TICKS = 20
-"""Ticks for which a joint must have moved: before, nobody knows what its friction holds."""
+"""Ticks for which a joint must have moved: before, the direction of its friction is unknown."""
 
 
 class HandLoads:
-    """Recursive least squares on a random walk (a Kalman filter), four numbers an arm.
+    """Recursive least squares on a random walk (a Kalman filter), four numbers per arm.
 
     Args:
         robot: Its description; every chain that ends in a hand is an arm.
-        models: By joint, None for those without. Joints whose boards have an integral part tell nothing of loads.
+        models: By joint, None for those without. Joints whose motor boards integrate errors do not show loads.
     """
 
     def __init__(self, robot: RobotConfig, models: Sequence[FusionModel | None]) -> None:
@@ -161,21 +163,23 @@ class HandLoads:
                 wrist = next(joint for joint in reversed(joints) if joint not in robot.hands.joints)
                 self._arms.append(chain)
                 self._wrists.append(self._model.joint_id(wrist))
-        # A board that sums errors up takes a load up, and nobody knows how far it had come at the start.
-        tells = [m is not None and m.twin.integral_rate == 0.0 for m in models]
+        # The integral of a motor board cancels the droop of a load, and its value at the start is unknown.
+        shows_load = [m is not None and m.twin.integral_rate == 0.0 for m in models]
         gain = np.array([0.0 if m is None else m.twin.load_gain for m in models])
-        self._gain = np.where(tells, gain, 0.0)
+        self._gain = np.where(shows_load, gain, 0.0)
         friction = np.array([0.0 if m is None else m.twin.friction for m in models])
-        self._noise = LEAST_NOISE + (FRICTION_UNCERTAINTY * friction) ** 2
+        self._noise = MIN_NOISE + (FRICTION_UNCERTAINTY * friction) ** 2
         breakaway = np.array([1.0 if m is None else m.twin.breakaway for m in models])
-        self._held = (breakaway * friction) ** 2
+        self._friction_variance = (breakaway * friction) ** 2
         arms = len(self._wrists)
         self._prior = np.tile(LOAD_PRIOR_STD, arms) ** 2
-        self._wander = np.tile(LOAD_PROCESS_NOISE, arms) ** 2 * LEARN_PERIOD * robot.cycle / 60.0
+        self._process_noise = (
+            np.tile(LOAD_PROCESS_NOISE, arms) ** 2 * LEARN_PERIOD * robot.cycle / 60.0
+        )
         self.reset()
 
     def reset(self) -> None:
-        """Empty hands, as far as anybody knows."""
+        """Return to empty hands."""
         n, quantities = len(self._gain), len(self._prior)
         self._load = np.zeros(quantities)
         self._covariance = np.diag(self._prior)
@@ -185,10 +189,10 @@ class HandLoads:
     def step(
         self, position: FloatArray, velocity: FloatArray, acceleration: FloatArray
     ) -> FloatArray:
-        """Take in one tick; (n,) load torque of what the hands hold [N m].
+        """Take in one tick; return the (n,) load torque of the hands' loads [N m].
 
         Args:
-            position: (n,) measured [rad]: a weak wrist gives way by tens of degrees.
+            position: (n,) measured [rad]: a load moves a weak wrist by tens of degrees.
             velocity: (n,) desired [rad/s].
             acceleration: (n,) desired [rad/s2].
         """
@@ -197,7 +201,7 @@ class HandLoads:
                 regressor = self._model.payload_regressor(
                     self._wrists, position, velocity, acceleration
                 )
-                # Not finite, or beyond what any arm can do: better the last one.
+                # Only bad samples give values that are not finite or larger than an arm allows.
                 if np.abs(regressor).max() < MAX_EFFECT:
                     self._regressor = regressor
         self._ticks += 1
@@ -205,72 +209,75 @@ class HandLoads:
         return torque
 
     def variance(self) -> FloatArray:
-        """(n,) of the expected tracking error, for not knowing better what the hands' load does [rad2]."""
+        """Return the (n,) variance of the expected tracking error that the unknown loads cause [rad2]."""
         seen = self._regressor @ self._covariance
         unknown = np.einsum("ij,ij->i", seen, self._regressor)
-        variance: FloatArray = self._gain**2 * (unknown + self._unforeseen())
+        variance: FloatArray = self._gain**2 * (unknown + self._unpredicted())
         return variance
 
-    def _unforeseen(self) -> FloatArray:
-        """(n,) variance of the load torque that no estimate of the hands explains [(N m)2]."""
+    def _unpredicted(self) -> FloatArray:
+        """Return the (n,) variance of the load torque that no estimate of the loads explains [(N m)2]."""
         torque: FloatArray = LOAD_UNCERTAINTY * (self._regressor @ self._load)
         return torque**2
 
     def update(self, residual: FloatArray, noise: FloatArray, use: BoolArray) -> FloatArray:
-        """Learn from the residual of the last tick; (n,) how much of it that explains [rad].
+        """Learn from the residual of the last tick; return the (n,) part of it that is now explained [rad].
 
         Args:
             residual: (n,) [rad].
-            noise: (n,) variance of it for not knowing the joints better [rad2].
-            use: (n,) joints to learn from: they move, and nothing touches them.
+            noise: (n,) variance of it that the unknown constants of the joints cause [rad2].
+            use: (n,) joints to learn from: they move without touch.
         """
-        noise = noise + self._gain**2 * self._unforeseen()
+        noise = noise + self._gain**2 * self._unpredicted()
         use = use & np.isfinite(noise)
         effect = self._regressor * np.where(use, self._gain, 0.0)[:, None]
         weighted = effect.T / np.where(use, self._noise + noise, 1.0)
         self._covariance = np.linalg.inv(np.linalg.inv(self._covariance) + weighted @ effect)
         change = self._covariance @ (weighted @ np.where(use, residual, 0.0))
         self._load = self._load + change
-        # Nothing gets less certain than at the start.
-        known = self._covariance.diagonal() + self._wander
+        # As for the joints: no variance may exceed that of the start.
+        known = self._covariance.diagonal() + self._process_noise
         shrink = np.sqrt(np.minimum(1.0, self._prior / known))
-        self._covariance = (self._covariance + np.diag(self._wander)) * shrink * shrink[:, None]
+        self._covariance = (
+            (self._covariance + np.diag(self._process_noise)) * shrink * shrink[:, None]
+        )
         explained: FloatArray = effect @ change
         return explained
 
     def reconcile(self, beyond: FloatArray, use: BoolArray) -> FloatArray | None:
-        """Give up the part of the load that joints at rest contradict.
+        """Remove the part of the load that joints at rest contradict.
 
-        In one posture a load in the hand and an offset of the shoulder's own model are the same to the shoulder. Their
-        sum is known, and the share of each drifts. A wrist that stands still tells: its friction could not hold what
-        the estimate makes it bear. The estimate then moves, along its covariance, to where friction could; it gets no
-        more certain by that. A joint counts only where the load's uncertainty exceeds its friction: worn gears hold
-        more than was identified, which would look like a lighter load.
+        In one posture a load in the hand and an offset of the shoulder's own model have the same effect on the
+        shoulder. Their sum is known, but their split drifts. A wrist at rest shows the drift: its friction could not
+        hold the estimated load. The estimate then moves, along its covariance, to a load that friction could hold; its
+        covariance does not change. A joint counts only where the uncertainty of the load exceeds its friction: worn
+        gears hold more than was identified, which would look like a lighter load.
 
         Args:
             beyond: (n,) part of the tracking error that friction cannot hold under the estimated load [rad].
-            use: (n,) joints that stand still, and that nothing touches.
+            use: (n,) joints at rest without touch.
 
         Returns:
-            (n,) how much of ``beyond`` is explained now [rad]; None if nothing has changed.
+            (n,) part of ``beyond`` that is explained now [rad]; None if nothing has changed.
         """
         effect = self._regressor * self._gain[:, None]
-        less = use & (beyond * (effect @ self._load) < 0.0)
+        contradicting = use & (beyond * (effect @ self._load) < 0.0)
         explained: FloatArray | None = None
-        for joint in np.flatnonzero(less).tolist():
+        for joint in np.flatnonzero(contradicting).tolist():
             row = effect[joint]
             spread = self._covariance @ row
-            unknown, borne = float(row @ spread), float(row @ self._load)
-            if unknown <= self._held[joint] or beyond[joint] * borne >= 0.0:
+            unknown, droop = float(row @ spread), float(row @ self._load)
+            if unknown <= self._friction_variance[joint] or beyond[joint] * droop >= 0.0:
                 continue
-            wanted = float(np.clip(beyond[joint], -abs(borne), abs(borne)))
-            self._load = self._load + spread * (wanted / unknown)
+            # No further than to zero load: the contradiction is no evidence of a load of the other sign.
+            correction = float(np.clip(beyond[joint], -abs(droop), abs(droop)))
+            self._load = self._load + spread * (correction / unknown)
             explained = np.zeros(len(use)) if explained is None else explained
-            explained[joint] = wanted
+            explained[joint] = correction
         return explained
 
-    def held(self) -> dict[str, HandLoad]:
-        """By arm, as its chain is called."""
+    def by_arm(self) -> dict[str, HandLoad]:
+        """Return the loads by arm, with the names of the chains."""
         load, deviation = self._load.reshape(-1, 4), np.sqrt(np.diag(self._covariance))[::4]
         return {
             arm: HandLoad(

@@ -1,4 +1,4 @@
-"""Residuals of mode ``fusion``: stick-slip model, tree, momentum and base together, with the torque of the contact."""
+"""Residuals of mode ``fusion``: stick-slip model, tree, momentum and base, and the torque of the contact."""
 
 from __future__ import annotations
 
@@ -27,19 +27,19 @@ from pepper_driver.observer.residuals.prediction import MAX_LATE_TICKS, ErrorPre
 from pepper_driver.observer.running_filters import RunningMedian
 
 FRICTION_RATIO = 0.5
-"""Of the friction that a push has turned round: gears hold some of it back."""
+"""Fraction of the reversed friction that counts as external torque: gears keep some of it."""
 
 DAHL_DISTANCE = 0.003
-"""[rad] of motion within which friction turns round."""
+"""[rad] of motion within which friction reverses."""
 
 TOUCHED_RATIO = 0.5
-"""Share of its threshold beyond which a residual counts as touched."""
+"""Fraction of its threshold above which a residual counts as touch."""
 
 
 class TorqueEstimate:
-    """External torque tau_ext = -K r, and some of the friction that it has turned round.
+    """External torque tau_ext = -K r, plus a part of the friction that the push has reversed.
 
-    Whoever pushes a joint also turns its friction round, which then helps to hold against the push. It turns with the
+    A push on a joint also reverses its friction, which then acts against the push. The friction reverses with the
     motion that the residual shows (Dahl's model).
 
     Args:
@@ -54,7 +54,7 @@ class TorqueEstimate:
         self.reset()
 
     def reset(self) -> None:
-        """Forget the past."""
+        """Forget the previous ticks."""
         self._slip = np.zeros(len(self._friction))
         self._last = np.zeros(len(self._friction))
 
@@ -65,7 +65,7 @@ class TorqueEstimate:
 
         Args:
             residual: (n,) [rad].
-            friction: (n,) on the joints if nothing touched them, over K [rad].
+            friction: (n,) friction of the joints without touch, over K [rad].
             threshold: (n,) of a contact [rad].
 
         Returns:
@@ -77,44 +77,44 @@ class TorqueEstimate:
         if not np.count_nonzero(touched):
             self._slip = friction
             return self._push * residual, self._certain.copy()
-        motion = last - residual  # of the joint, away from where it would be
+        motion = last - residual  # of the joint, relative to its free motion
         slip = np.clip(self._slip + motion * (size / DAHL_DISTANCE), -size, size)
         self._slip = np.where(touched, slip, friction)
-        turned = np.where(touched, FRICTION_RATIO * (self._slip - friction), 0.0)
-        unsure = np.where(touched, FRICTION_RATIO * size, 0.0)
-        return self._stiffness * (turned - residual), self._stiffness * np.hypot(
-            self._spread, unsure
+        reversed_part = np.where(touched, FRICTION_RATIO * (self._slip - friction), 0.0)
+        uncertain = np.where(touched, FRICTION_RATIO * size, 0.0)
+        return self._stiffness * (reversed_part - residual), self._stiffness * np.hypot(
+            self._spread, uncertain
         )
 
 
 MAX_PLAUSIBLE = 1e4
-"""[rad], [rad/s], [rad/s2], [N m] or [A]: no robot is, does, wants or measures so much."""
+"""[rad], [rad/s], [rad/s2], [N m] or [A]: larger commands and measurements are not valid."""
 
 SETTLING_TICKS = 40
-"""After a contact has ended, within which its joint must have come to rest for its model to start again there."""
+"""Ticks after a contact in which its joint must come to rest for its model to start again there."""
 
 UNCERTAINTY_PERIOD = 4
-"""Ticks between two looks at how sure all this is; a threshold that it raises stays up longer."""
+"""Ticks between two computations of the uncertainty: a threshold that it raises stays up longer than this."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class _Detail:
-    """Values of a tick, (n,) each: what was expected, measured [rad], and limited by the safety gate."""
+    """Values of a tick, (n,) each: prediction, measured position [rad], joints altered by the safety gate."""
 
-    then: Prediction
+    prediction: Prediction
     measured: FloatArray
     limited: BoolArray
 
 
 class FusionGenerator:
-    """r = w r_twin + (1 - w) r_momentum, filtered by a short running median.
+    """r = w r_model + (1 - w) r_momentum, filtered by a short running median.
 
     A joint is blind
 
     - as long as it has no model;
     - in a tick whose stiffness is below MIN_OBSERVED_STIFFNESS, whose sample is later than MAX_LATE_TICKS, or whose
-      values are not finite, and until the median window holds none of these samples any more. Its model then starts
-      from where the joint is.
+      values are not finite, and until the median window has none of these samples. Its model then starts from the
+      measured position.
 
     While the safety gate alters the command of a joint, and shortly after, its threshold rises by CHANGED_FACTOR.
 
@@ -122,9 +122,9 @@ class FusionGenerator:
         models: By joint, None for those without.
         cycle: Period of the ticks [s].
         window: Samples of the median.
-        adapt: Whether to follow the joints as they change.
-        hands: What the hands hold, if that is to be followed as well.
-        base: Residual of the base, if there is a model of it.
+        adapt: True to adapt the constants of the joints.
+        hands: Estimate of the loads of the hands, None for no such estimate.
+        base: Residual of the base, None without a model of it.
     """
 
     def __init__(
@@ -140,9 +140,9 @@ class FusionGenerator:
         self._cycle, self._window, self._adapt = cycle, window, adapt
         self._hands = hands if adapt else None
         self._base = base
-        self._expectation = ErrorPredictor(models, cycle)
+        self._predictor = ErrorPredictor(models, cycle)
         self._momentum = MomentumChannel(
-            [None if m is None else m.momentum for m in models], self._expectation.integrates
+            [None if m is None else m.momentum for m in models], self._predictor.integrates
         )
         self._derivatives = ErrorDerivatives(cycle)
         self.no_model = np.array([m is None for m in models])
@@ -158,7 +158,7 @@ class FusionGenerator:
         self._adaptation = Adaptation(
             [None if m is None else m.twin for m in models], spread, cycle
         )
-        identified = self._expectation.identified
+        identified = self._predictor.identified
         self._torque = TorqueEstimate(1.0 / identified["load_gain"], identified["friction"], spread)
         self._median = RunningMedian(window, len(models))
         self.reset()
@@ -166,7 +166,7 @@ class FusionGenerator:
     def reset(self) -> None:
         """Forget everything but the models."""
         n = len(self.no_model)
-        self._expectation.reset()
+        self._predictor.reset()
         self._adaptation.reset()
         if self._hands is not None:
             self._hands.reset()
@@ -177,12 +177,12 @@ class FusionGenerator:
         if self._base is not None:
             self._base.reset()
         self._blind_ticks = np.zeros(n, dtype=np.int64)
-        self._waking = 0
+        self._blind_countdown = 0
         self._change = np.zeros(n)
-        self._due = np.zeros(n, dtype=np.int64)
-        self._under_way = np.zeros(n, dtype=np.int64)
+        self._settling_ticks = np.zeros(n, dtype=np.int64)
+        self._moving_ticks = np.zeros(n, dtype=np.int64)
         self._untouched = POST_CONTACT_TICKS
-        self._doubt = np.zeros(n)
+        self._prediction_std = np.zeros(n)
         self._count = 0
 
     def step(self, tick: Tick) -> Residuals:
@@ -198,12 +198,12 @@ class FusionGenerator:
                 + measurement.position
                 + measurement.current
             )
-            # NaN is not below anything either.
+            # One sum finds NaN and infinity in any of its terms; NaN compares as False.
             good = (np.abs(inputs) < MAX_PLAUSIBLE) & (
                 tick.sent.stiffness >= MIN_OBSERVED_STIFFNESS
             )
         late = measurement.age / self._cycle
-        lost = not 0.0 <= late < MAX_LATE_TICKS + 0.5  # NaN is lost too
+        lost = not 0.0 <= late < MAX_LATE_TICKS + 0.5  # also for NaN
         late_ticks = 0 if lost else round(late)
         if lost:
             good[:] = False
@@ -216,11 +216,11 @@ class FusionGenerator:
             velocity, acceleration = _zero_invalid(velocity), _zero_invalid(acceleration)
         if self._hands is not None:
             load_torque = load_torque + self._hands.step(measured, velocity, acceleration)
-        self._expectation.step(target, load_torque, velocity, acceleration, measured)
-        # A late sample answers an older command.
-        then = self._expectation.before(late_ticks)
+        self._predictor.step(target, load_torque, velocity, acceleration, measured)
+        # A late sample is the response to an older command.
+        prediction = self._predictor.before(late_ticks)
         current = measurement.current if bad is None else np.where(bad, 0.0, measurement.current)
-        residual = self._residual(then, measured, current, bad)
+        residual = self._residual(prediction, measured, current, bad)
         lost_track = ~(np.isfinite(residual) | self.no_model)
         if np.count_nonzero(lost_track):
             bad = lost_track if bad is None else bad | lost_track
@@ -231,12 +231,12 @@ class FusionGenerator:
             residual[bad] = np.nan
         blind = self._blind(bad, measured)
         if self._adapt and self._count % UNCERTAINTY_PERIOD == 0:
-            self._doubt = self._uncertainty(then)
+            self._prediction_std = self._uncertainty(prediction)
         threshold = self._threshold.step(
-            velocity, acceleration, tick.limited, self._doubt, self._unsettled()
+            velocity, acceleration, tick.limited, self._prediction_std, self._unsettled()
         )
-        torque, torque_std = self._torque.step(filtered, then.friction, threshold)
-        expected_error = then.target - then.position + then.remainder
+        torque, torque_std = self._torque.step(filtered, prediction.friction, threshold)
+        expected_error = prediction.target - prediction.position + prediction.remainder
         if np.count_nonzero(blind):
             for values in (expected_error, filtered, threshold, torque, torque_std):
                 values[blind] = np.nan
@@ -250,151 +250,165 @@ class FusionGenerator:
             threshold=threshold,
             torque=torque,
             torque_std=torque_std,
-            band=np.where(self._threshold.speed > REST_SPEED, 0.0, self._expectation.band(then)),
+            # Friction cannot hold a joint that is to move.
+            friction_band=np.where(
+                self._threshold.speed > REST_SPEED, 0.0, self._predictor.friction_band(prediction)
+            ),
             blind=blind,
             base_raw=base[0],
             base_residual=base[1],
-            detail=_Detail(then=then, measured=measured, limited=tick.limited),
+            detail=_Detail(prediction=prediction, measured=measured, limited=tick.limited),
         )
 
     def _unsettled(self) -> FloatArray | None:
-        """(n,) 0..1, how lately joints were let go whose boards sum errors up; None where all have settled."""
+        """Return (n,) 1 just after a touch, falling to 0, where motor boards integrate; None if all have settled."""
         if not 0 < self._untouched < POST_CONTACT_TICKS:
             return None
-        return self._expectation.integrates * (1.0 - self._untouched / POST_CONTACT_TICKS)
+        return self._predictor.integrates * (1.0 - self._untouched / POST_CONTACT_TICKS)
 
     def _blind(self, bad: BoolArray | None, measured: FloatArray) -> BoolArray:
-        """(n,) joints that cannot be judged; their stick-slip models stay where they are."""
+        """Return the (n,) joints that cannot be judged; their stick-slip models follow the measured position."""
         if bad is not None:
             self._blind_ticks[bad] = self._window + 1
-            self._waking = self._window + 1
-        if not self._waking:
+            self._blind_countdown = self._window + 1
+        if not self._blind_countdown:
             return self.no_model
-        self._waking -= 1
+        self._blind_countdown -= 1
         self._blind_ticks = np.maximum(self._blind_ticks - 1, 0)
-        waking = self._blind_ticks > 0
-        self._reset_models(waking & ~self.no_model, measured)
-        blind: BoolArray = waking | self.no_model
+        still_blind = self._blind_ticks > 0
+        self._reset_models(still_blind & ~self.no_model, measured)
+        blind: BoolArray = still_blind | self.no_model
         return blind
 
     def _replace_invalid(
         self, target: FloatArray, measured: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
-        """Both with something harmless where they are not finite."""
-        here = self._expectation.position
+        """Return both with the model's position in place of values that are not valid."""
+        # NaN would stay in the states of models and filters for ever.
+        here = self._predictor.position
         harmless = np.zeros(len(measured)) if here is None else np.nan_to_num(here)
         measured = np.where(np.abs(measured) < MAX_PLAUSIBLE, measured, harmless)
         return np.where(np.abs(target) < MAX_PLAUSIBLE, target, measured), measured
 
     def _residual(
-        self, then: Prediction, measured: FloatArray, current: FloatArray, bad: BoolArray | None
+        self,
+        prediction: Prediction,
+        measured: FloatArray,
+        current: FloatArray,
+        bad: BoolArray | None,
     ) -> FloatArray:
-        """Fused residual [rad]."""
-        error = then.target - measured
-        twin = then.position - measured - then.remainder
+        """Return the fused residual [rad]."""
+        error = prediction.target - measured
+        model_residual = prediction.position - measured - prediction.remainder
         change, curvature = self._derivatives.step(error)
         self._change = change
         momentum, motor = self._momentum.residual(
             current=current,
-            drive=error + self._expectation.board,
-            velocity=then.velocity - change,
-            acceleration=then.acceleration - curvature,
-            resistance=self._expectation.resistance(then),
-            twin_residual=twin,
+            drive=error + self._predictor.board_integral,
+            velocity=prediction.velocity - change,
+            acceleration=prediction.acceleration - curvature,
+            resistance=self._predictor.resistance(prediction),
+            model_residual=model_residual,
         )
-        self._expectation.update_integrals(error, motor, bad)
-        weight = np.where(then.moves, self._weight[1], self._weight[0])
-        return weight * twin + (1.0 - weight) * momentum
+        self._predictor.update_integrals(error, motor, bad)
+        weight = np.where(prediction.moves, self._weight[1], self._weight[0])
+        return weight * model_residual + (1.0 - weight) * momentum
 
     @property
     def worn(self) -> BoolArray:
-        """(n,) joints whose friction or lag has grown far beyond what was identified."""
+        """(n,) joints whose friction or lag has grown by more than WEAR_RATIO."""
         return self._adaptation.worn
 
     @property
-    def held(self) -> dict[str, HandLoad]:
+    def hand_loads(self) -> dict[str, HandLoad]:
         """Load of each hand, by arm."""
-        return {} if self._hands is None else self._hands.held()
+        return {} if self._hands is None else self._hands.by_arm()
 
     def learn(
         self, signal: Residuals, free: BoolArray, settled: BoolArray, untouched: bool
     ) -> None:
-        """Take in what the events make of a tick; see :class:`ResidualGenerator`."""
+        """Learn from a tick, once its events are known; see :class:`ResidualGenerator`."""
         detail, residual, blind = signal.detail, signal.residual, signal.blind
         assert isinstance(detail, _Detail)
-        then, measured, limited = detail.then, detail.measured, detail.limited
+        prediction, measured, limited = detail.prediction, detail.measured, detail.limited
         self._settle(settled, blind, measured)
         judged = ~(blind | limited)
         seen, size = free & judged, np.abs(residual)
         quiet_bound = seen & (size < self._threshold.quiet_bound)
-        self._expectation.rest(quiet_bound & ~then.moves, residual)
+        self._predictor.rest(quiet_bound & ~prediction.moves, residual)
         if not self._adapt:
             return
-        self._under_way = np.where(seen & then.moves, self._under_way + 1, 0)
+        self._moving_ticks = np.where(seen & prediction.moves, self._moving_ticks + 1, 0)
         self._untouched = self._untouched + 1 if untouched else 0
         self._threshold.learn(residual, judged if untouched else None)
         if self._base is not None:
             moving = bool(np.count_nonzero(self._threshold.speed > REST_SPEED))
             self._base.learn(untouched, moving)
         self._count += 1
+        # Half a period after the joints, so that no tick makes both updates.
         if self._count % LEARN_PERIOD == LEARN_PERIOD // 2 and self._untouched > POST_CONTACT_TICKS:
             use = seen & (size < self._threshold.learning_bound)
             self._reconcile_hands(use, detail)
-            self._learn_hands(use, then, residual)
+            self._learn_hands(use, prediction, residual)
         if self._count % LEARN_PERIOD == 0:
             other = 0.0 if self._hands is None else self._hands.variance()
-            self._adaptation.update(residual, self._effects(then), other, quiet_bound)
-            self._expectation.adopt(self._adaptation.share)
+            self._adaptation.update(residual, self._effects(prediction), other, quiet_bound)
+            self._predictor.adopt(self._adaptation.deviation)
 
-    def _learn_hands(self, use: BoolArray, then: Prediction, residual: FloatArray) -> None:
-        """One touch on an arm would be a load to all its joints: only a robot that nothing touches tells."""
+    def _learn_hands(self, use: BoolArray, prediction: Prediction, residual: FloatArray) -> None:
+        """Update the loads of the hands, only without touch: a touch on an arm looks like a load."""
         if self._hands is None:
             return
-        noise = self._adaptation.variance(self._effects(then))
-        explained = self._hands.update(residual, noise, use & (self._under_way >= MIN_MOVING_TICKS))
-        # At once: until the stick-slip models had moved there, the same residual would be learned from again.
-        self._expectation.shift(explained)
+        noise = self._adaptation.variance(self._effects(prediction))
+        explained = self._hands.update(
+            residual, noise, use & (self._moving_ticks >= MIN_MOVING_TICKS)
+        )
+        # At once: until the stick-slip models had moved there, the same residual would be learned again.
+        self._predictor.shift(explained)
 
     def _reconcile_hands(self, use: BoolArray, detail: _Detail) -> None:
-        """Correct the loads by joints at rest: these teach no load, but may contradict one."""
+        """Correct the loads by joints at rest: these do not show a load, but may contradict one."""
         if self._hands is None:
             return
         still = (self._threshold.speed <= REST_SPEED) & (np.abs(self._change) <= REST_SPEED)
-        beyond = self._expectation.beyond_friction(detail.then, detail.measured)
-        explained = self._hands.reconcile(beyond, use & still & (self._under_way == 0))
+        beyond = self._predictor.beyond_friction(detail.prediction, detail.measured)
+        explained = self._hands.reconcile(beyond, use & still & (self._moving_ticks == 0))
         if explained is not None:
-            self._expectation.shift(explained)
+            self._predictor.shift(explained)
 
-    def _effects(self, then: Prediction) -> FloatArray:
-        return self._adaptation.effects(then.friction, self._expectation.twin_velocity, then.load)
+    def _effects(self, prediction: Prediction) -> FloatArray:
+        return self._adaptation.effects(
+            prediction.friction, self._predictor.model_velocity, prediction.load
+        )
 
-    def _uncertainty(self, then: Prediction) -> FloatArray:
-        """(n,) standard deviation of the expected tracking error, for not knowing robot and load better [rad]."""
-        variance = self._adaptation.variance(self._effects(then))
+    def _uncertainty(self, prediction: Prediction) -> FloatArray:
+        """Return the (n,) standard deviation of the expected error from unknown constants and loads [rad]."""
+        variance = self._adaptation.variance(self._effects(prediction))
         if self._hands is not None:
             variance = variance + self._hands.variance()
         return np.sqrt(np.maximum(variance, 0.0))
 
     def _settle(self, settled: BoolArray, blind: BoolArray, measured: FloatArray) -> None:
-        """Start the stick-slip models of joints again that come to rest after a contact."""
+        """Reset the stick-slip models of joints that come to rest after a contact."""
         if np.count_nonzero(settled):
-            self._due[settled] = SETTLING_TICKS + 1
-        elif not np.count_nonzero(self._due):
+            self._settling_ticks[settled] = SETTLING_TICKS + 1
+        elif not np.count_nonzero(self._settling_ticks):
             return
-        self._due = np.maximum(self._due - 1, 0)
+        self._settling_ticks = np.maximum(self._settling_ticks - 1, 0)
         rests = (self._threshold.speed <= REST_SPEED) & (np.abs(self._change) <= REST_SPEED)
-        settles = (self._due > 0) & rests & ~blind
-        self._due[settles] = 0
+        settles = (self._settling_ticks > 0) & rests & ~blind
+        self._settling_ticks[settles] = 0
         self._reset_models(settles, measured)
 
     def _reset_models(self, where: BoolArray, measured: FloatArray) -> None:
-        """Start the stick-slip models again from where the joints are."""
+        """Reset the stick-slip models to the measured positions."""
         if np.count_nonzero(where):
+            # Older residuals were those of the model before its reset.
             self._median.clear(where)
-            self._derivatives.put(where, self._expectation.before(0).target - measured)
-            self._expectation.put(where, measured)
+            self._derivatives.put(where, self._predictor.before(0).target - measured)
+            self._predictor.put(where, measured)
 
 
 def _zero_invalid(values: FloatArray) -> FloatArray:
-    """``values`` with 0 where they are absurd or not finite."""
+    """Return ``values`` with 0 where they are not finite or exceed MAX_PLAUSIBLE."""
     return np.where(np.abs(values) < MAX_PLAUSIBLE, values, 0.0)

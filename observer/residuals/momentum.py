@@ -1,13 +1,14 @@
 """Residual of the generalised momentum, from motor torques.
 
-What the motor gives, minus what motion, friction and load take, is what something else adds. All torques are divided by
-the joint's stiffness K, so that the result is an angle and comparable with r = eps - eps_exp of Eq. 13:
+The motor torque minus the torques of motion, friction and load is the external torque. All torques are divided by the
+stiffness K of the joint, so that the result is an angle and comparable with r = eps - eps_exp of Eq. 13:
 
     r = motor - (J a + friction + g tau_ld + offset)
 
-The motor's torque comes from the board's absolute current, or, where that tells less, from its law: eps + I - d v.
-Velocity and acceleration are the desired ones minus smoothed derivatives of the tracking error. The friction is the
-stick-slip model's: a measured velocity near zero has no sign, and that model knows how the joint came to rest.
+The motor torque comes from the absolute current of the motor board or from its law, eps + I - d v; identification
+takes the one with the smaller error. Velocity and acceleration are the desired ones minus smoothed derivatives of the
+tracking error. The friction is that of the stick-slip model: a measured velocity near zero has no sign, and that model
+has the direction from which the joint came to rest.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ from pepper_driver.observer.recording import STALE_AGE
 from pepper_driver.observer.running_filters import RunningMedian
 
 SMOOTHING = 0.03
-"""[s] Of the derivatives of the tracking error: an encoder step of 0.09 deg a tick is 0.13 rad/s."""
+"""[s] Time constant of the derivatives: an encoder step of 0.09 deg in one tick is 0.13 rad/s."""
 
 
 class ErrorDerivatives:
@@ -38,10 +39,10 @@ class ErrorDerivatives:
         self._error: FloatArray | None = None
 
     def step(self, error: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Take in one sample [rad]; returns its derivatives [rad/s], [rad/s2]."""
+        """Take in one sample [rad]; return its derivatives [rad/s], [rad/s2]."""
         if self._error is None:
             self._error, self._velocity = error.copy(), np.zeros_like(error)
-        # Exact on a ramp.
+        # Of the filter before its update: this is exact on a ramp.
         velocity = (error - self._error) * self._rate
         acceleration = (velocity - self._velocity) * self._rate
         self._error = self._error + self._gain * (error - self._error)
@@ -60,11 +61,11 @@ class ErrorDerivatives:
 
 
 class MomentumChannel:
-    """The channel of several joints; NaN for those without parameters.
+    """Momentum residual of several joints; NaN for those without parameters.
 
     Args:
         models: By joint.
-        integrates: (n,) joints whose boards have an integral part: what these have summed up tells of the sign too.
+        integrates: (n,) joints whose motor boards integrate errors: the integral also indicates the current's sign.
     """
 
     def __init__(self, models: list[MomentumParameters | None], integrates: BoolArray) -> None:
@@ -84,39 +85,39 @@ class MomentumChannel:
         velocity: FloatArray,
         acceleration: FloatArray,
         resistance: FloatArray,
-        twin_residual: FloatArray,
+        model_residual: FloatArray,
     ) -> tuple[FloatArray, FloatArray]:
         """External torque on the motor over K, with the sign of r.
 
         Args:
             current: Absolute [A].
-            drive: What the board's law makes of the measured error: eps + I [rad].
+            drive: Output of the law of the motor board for the measured error: eps + I [rad].
             velocity: Of the joint, as measured [rad/s].
             acceleration: [rad/s2]
             resistance: Friction and load / K [rad].
-            twin_residual: r as the stick-slip model sees it [rad], for the sign of the current.
+            model_residual: r of the stick-slip model [rad], for the sign of the current.
 
         Returns:
             The residual [rad]; the motor's torque / K [rad].
         """
         needed = self._inertia * acceleration + self._lag * velocity + resistance + self._offset
         size = self._per_ampere * current
-        # The board tells no sign: the one that is nearer to what the motor should be doing, and, where errors are
-        # summed up, to what the board should be asking of it. Either alone is wrong for seconds at times.
-        likely = needed + twin_residual + np.where(self._integrates, drive, 0.0)
+        # The current has no sign. It takes that of the required torque and, where the board integrates errors, also of
+        # the output of its law. Either of them alone is sometimes wrong for seconds.
+        likely = needed + model_residual + np.where(self._integrates, drive, 0.0)
         motor = np.where(self._by_current, np.copysign(size, likely), drive)
         return motor - needed, motor
 
 
 SIGN_VELOCITY = 0.03
-"""[rad/s] Below which the sign of the friction is smoothed."""
+"""[rad/s] Speed below which the sign of the friction is smoothed."""
 
 
 class MomentumGenerator(StaticGeneratorMixin):
     """Residuals of a momentum observer without memory, from the same sensors and constants.
 
     r = eps - (J a + d v + F sign(v) + g tau_ld + offset), as in Eq. 10 over the stiffness, with measured velocity and
-    acceleration: friction at rest is unknown to it. Running median and a constant threshold as in mode ``paper``.
+    acceleration: the friction at rest is not modelled. Running median and constant threshold as in mode ``paper``.
 
     Args:
         models: By joint, None for those without.
@@ -132,10 +133,10 @@ class MomentumGenerator(StaticGeneratorMixin):
         threshold: FloatArray,
         window: int,
     ) -> None:
-        twins = [None if m is None else m.twin for m in models]
+        parameters = [None if m is None else m.twin for m in models]
 
         def each(name: str) -> FloatArray:
-            return np.array([np.nan if t is None else getattr(t, name) for t in twins])
+            return np.array([np.nan if p is None else getattr(p, name) for p in parameters])
 
         self._inertia, self._lag, self._friction = each("inertia"), each("lag"), each("friction")
         self._load_gain, self._offset = each("load_gain"), each("offset")
@@ -144,7 +145,7 @@ class MomentumGenerator(StaticGeneratorMixin):
         self._window = window
         self.no_model = np.array([m is None for m in models])
         self.bounds = threshold
-        self._nothing = np.zeros(len(models))
+        self._no_band = np.zeros(len(models))
         self.reset()
 
     def reset(self) -> None:
@@ -193,6 +194,6 @@ class MomentumGenerator(StaticGeneratorMixin):
             threshold=threshold,
             torque=torque,
             torque_std=np.full(len(blind), np.nan),
-            band=self._nothing,
+            friction_band=self._no_band,
             blind=blind,
         )

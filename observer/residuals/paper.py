@@ -1,4 +1,4 @@
-"""The residual of mode ``paper``: r = eps - eps_exp (Eq. 13) with eps_exp from trees (Eq. 12), and a running median."""
+"""Residual of mode ``paper``: r = eps - eps_exp (Eq. 13) with eps_exp from trees (Eq. 12), and a running median."""
 
 from __future__ import annotations
 
@@ -15,16 +15,16 @@ from pepper_driver.observer.running_filters import RunningMedian
 
 
 class PaperGenerator(StaticGeneratorMixin):
-    """Sec. III to V of the paper.
+    """Residuals of Sec. III to V of the paper.
 
     A joint is blind
 
     - as long as it has no model;
     - in a tick whose position the safety gate altered, whose stiffness is below MIN_OBSERVED_STIFFNESS, whose sample is
-      older than STALE_AGE, or whose values are not finite, and until the median window holds none of these samples any
-      more: ``window`` ticks in all.
+      older than STALE_AGE, or whose values are not finite, and until the median window has none of these samples:
+      ``window`` ticks in all.
 
-    At the start the median is that of the samples there are.
+    At the start the median is that of fewer samples.
 
     Args:
         trees: By joint, None for those without.
@@ -56,7 +56,7 @@ class PaperGenerator(StaticGeneratorMixin):
             raw = error - expected
             inputs = error + reference.velocity + reference.acceleration + reference.load_torque
             bad = tick.limited | ~np.isfinite(inputs) | ~np.isfinite(raw)
-        bad |= ~(tick.sent.stiffness >= MIN_OBSERVED_STIFFNESS)  # NaN is bad too
+        bad |= ~(tick.sent.stiffness >= MIN_OBSERVED_STIFFNESS)  # also for NaN
         if not measurement.age <= STALE_AGE:
             bad[:] = True
         raw[bad] = np.nan
@@ -73,12 +73,12 @@ class PaperGenerator(StaticGeneratorMixin):
             threshold=threshold,
             torque=self._no_torque.copy(),
             torque_std=self._no_torque.copy(),
-            band=self._no_band,
+            friction_band=self._no_band,
             blind=blind,
         )
 
     def _expected(self, tick: Tick) -> FloatArray:
-        """(n,) Eq. 12 of all joints [rad], NaN where there is no model."""
+        """Return (n,) Eq. 12 of all joints [rad], NaN where there is no model."""
         reference = tick.reference
         return np.array(
             [

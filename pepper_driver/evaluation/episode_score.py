@@ -299,7 +299,7 @@ def _group(push: KnownPush, robot: RobotConfig) -> Group:
 def _is_there(detected: DetectedPush, after: float, robot: RobotConfig) -> bool:
     """Check if the contact was on the right joint some time after the alarm, by the first tick that is so late."""
     grace = robot.cycle if after else 0.0
-    joint = detected.alarm.at(detected.contact.detection_time + after + grace).joint
+    joint = detected.track.at(detected.contact.detection_time + after + grace).joint
     if detected.push.joint is None:
         return robot.limb_of(joint) == TRUNK
     return joint == detected.push.joint

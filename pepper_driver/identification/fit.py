@@ -212,7 +212,7 @@ def _fit_fusion(
     return FittedModels(
         models=dict(models),
         fits=fits,
-        thresholds={name: model.largest_bound for name, model in models.items()},
+        thresholds={name: model.max_bound for name, model in models.items()},
         base=base,
     )
 

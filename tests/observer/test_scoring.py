@@ -131,13 +131,13 @@ def test_what_is_told_of_a_contact_over_time() -> None:
     events = told(3, ("begin", 10.2, None), ("update", 10.25, "LElbowRoll"), ("end", 10.6, None))
     detected = score([PUSH], events, ROBOT).detected[0]
     assert detected.contact.joint is None
-    assert [detected.alarm.at(t).joint for t in (10.2, 10.24, 10.25, 20.0)] == [
+    assert [detected.track.at(t).joint for t in (10.2, 10.24, 10.25, 20.0)] == [
         None,
         None,
         "LElbowRoll",
         "LElbowRoll",
     ]
-    assert detected.alarm.end == 10.6
+    assert detected.track.end == 10.6
 
 
 @pytest.mark.parametrize(

@@ -12,11 +12,11 @@ from hypothesis import strategies as st
 from pepper_driver.config.robot import TRUNK
 from pepper_driver.observer.detection.body_isolation import (
     BASE_LINK,
-    HOLD_BACK,
     RATIO_MEMORY,
     REISOLATION_TIMES,
     RELATIVE_RATIO,
     TRUNK_LINK,
+    TRUNK_REPORT_DELAY,
     BodyTracker,
 )
 from pepper_driver.observer.detection.excursions import SETTLING_TIME
@@ -33,7 +33,7 @@ from support.observer import CYCLE, JOINTS, ROBOT, SETTINGS
 # Of each joint another, so that ratios and residuals are told apart.
 THRESHOLDS = np.linspace(0.01, 0.04, JOINTS)
 PERIOD = round(SETTINGS.update_period / CYCLE)
-HELD = round(HOLD_BACK / CYCLE)
+HELD = round(TRUNK_REPORT_DELAY / CYCLE)
 GAP = round(SETTINGS.merge_gap / CYCLE)
 QUIET = GAP + round(SETTLING_TIME / CYCLE) + 3
 FIRST, LAST = (math.ceil(span / CYCLE) for span in REISOLATION_TIMES)
@@ -64,7 +64,7 @@ class Player:
             threshold=np.where(np.isnan(ratio), np.nan, THRESHOLDS),
             torque=-10.0 * residual,
             torque_std=np.where(np.isnan(ratio), np.nan, 0.1),
-            band=np.zeros(JOINTS),
+            friction_band=np.zeros(JOINTS),
             blind=np.isnan(ratio),
             base_raw=base,
             base_residual=base,
@@ -221,7 +221,7 @@ def test_a_contact_on_the_trunk_is_told_after_two_ticks_even_if_it_is_over_then(
     player = Player()
     [begin, end] = player.play(1, base=1.5) + player.play(QUIET)
     assert (begin.phase, end.phase) == ("begin", "end")
-    assert begin.time == end.time == pytest.approx(HOLD_BACK)
+    assert begin.time == end.time == pytest.approx(TRUNK_REPORT_DELAY)
 
 
 @pytest.mark.parametrize("value", [math.nan, -2.0])

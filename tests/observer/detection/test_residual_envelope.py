@@ -10,15 +10,15 @@ from hypothesis import strategies as st
 from pepper_driver.config.arrays import BoolArray, FloatArray
 from pepper_driver.observer.detection.threshold import (
     BLOCK_TICKS,
+    BLOCKS_PER_RANK,
     ENVELOPE_FACTOR,
+    ENVELOPE_RANK,
     FEW_BLOCKS_FACTOR,
-    FIRST_BLOCKS,
-    FIRST_MOTION,
+    FIRST_MOTION_TICKS,
     MAX_BLOCKS,
-    MAX_FACTOR,
+    MAX_ENVELOPE_FACTOR,
     MEDIAN_FACTOR,
     POST_CONTACT_TICKS,
-    RANK,
     START_FACTOR,
     SUSPECT_TICKS,
     ResidualEnvelope,
@@ -64,11 +64,11 @@ def defined(
         maxima += of_run(residual[run], seen[run], moving[run])
     untouched = np.ones(len(residual), dtype=np.bool_)
     untouched[touches] = False
-    known = min((seen & moving & untouched).sum() / FIRST_MOTION, 1.0)
+    known = min((seen & moving & untouched).sum() / FIRST_MOTION_TICKS, 1.0)
     kept = sorted(maxima[-MAX_BLOCKS:])
     if not kept:
         return 0.0, known
-    largest = kept[-min(max(len(kept) // FIRST_BLOCKS, 1), RANK)]
+    largest = kept[-min(max(len(kept) // BLOCKS_PER_RANK, 1), ENVELOPE_RANK)]
     return min(ENVELOPE_FACTOR * largest, MEDIAN_FACTOR * kept[len(kept) // 2]), known
 
 
@@ -101,14 +101,14 @@ def test_is_the_margin_over_a_high_rank_of_the_blocks(
 
 def test_forgets_what_was_longer_ago_than_it_remembers() -> None:
     target = strays()
-    learn_blocks(target, [0.2] * RANK + [0.1] * (MAX_BLOCKS - RANK))
+    learn_blocks(target, [0.2] * ENVELOPE_RANK + [0.1] * (MAX_BLOCKS - ENVELOPE_RANK))
     assert target.bound[0] == pytest.approx(ENVELOPE_FACTOR * 0.2)
-    learn_blocks(target, [0.1] * RANK)
+    learn_blocks(target, [0.1] * ENVELOPE_RANK)
     assert target.bound[0] == pytest.approx(ENVELOPE_FACTOR * 0.1)
 
 
 def test_two_touches_that_were_not_felt_leave_no_trace() -> None:
-    quiet = [0.1] * (FIRST_BLOCKS * RANK)
+    quiet = [0.1] * (BLOCKS_PER_RANK * ENVELOPE_RANK)
     target = strays()
     learn_blocks(target, [*quiet, 0.2, *quiet[:5], 0.3])
     assert target.bound[0] == pytest.approx(ENVELOPE_FACTOR * 0.1)
@@ -130,23 +130,25 @@ def test_of_the_first_blocks_the_largest_counts() -> None:
         (0.5, START_FACTOR),
     ):
         target = strays(identified=identified)
-        learn_blocks(target, [0.9, *[0.1] * (FIRST_BLOCKS - 2)])
+        learn_blocks(target, [0.9, *[0.1] * (BLOCKS_PER_RANK - 2)])
         assert target.bound[0] == pytest.approx(MEDIAN_FACTOR * 0.1)
         assert target.factor[0] == pytest.approx(few)
         learn_blocks(target, [0.1])
-        assert target.factor[0] == pytest.approx(min(MEDIAN_FACTOR * 0.1 / identified, MAX_FACTOR))
+        assert target.factor[0] == pytest.approx(
+            min(MEDIAN_FACTOR * 0.1 / identified, MAX_ENVELOPE_FACTOR)
+        )
     target = strays(identified=0.1)
-    learn_blocks(target, [0.2, *[0.1] * (FIRST_BLOCKS - 1)])
+    learn_blocks(target, [0.2, *[0.1] * (BLOCKS_PER_RANK - 1)])
     assert target.bound[0] == pytest.approx(ENVELOPE_FACTOR * 0.2)
-    learn_blocks(target, [0.1] * FIRST_BLOCKS)
+    learn_blocks(target, [0.1] * BLOCKS_PER_RANK)
     assert target.bound[0] == pytest.approx(ENVELOPE_FACTOR * 0.1)
     assert target.factor[0] == pytest.approx(ENVELOPE_FACTOR)
 
 
 def test_all_is_known_after_the_first_blocks_of_motion() -> None:
     target = strays()
-    for k in range(FIRST_BLOCKS):
-        assert target.known[0] == pytest.approx(k / FIRST_BLOCKS)
+    for k in range(BLOCKS_PER_RANK):
+        assert target.known[0] == pytest.approx(k / BLOCKS_PER_RANK)
         target.touched()  # takes nothing of it away
         for _ in range(BLOCK_TICKS):
             target.learn(np.array([QUIET]), YES, YES)
@@ -160,14 +162,14 @@ def test_rest_alone_proves_nothing_but_counts_with_motion() -> None:
     for _ in range(20 * BLOCK_TICKS):
         target.learn(np.array([0.2]), YES, NO)
     assert (target.bound[0], target.known[0]) == (0.0, 0.0)
-    learn_blocks(target, [0.1] * FIRST_BLOCKS)
+    learn_blocks(target, [0.1] * BLOCKS_PER_RANK)
     assert target.bound[0] == pytest.approx(ENVELOPE_FACTOR * 0.2)
 
 
 def test_the_beginning_of_a_touch_teaches_nothing() -> None:
     """It grows for a while before it is felt, and here the robot was at rest before."""
     target = strays()
-    learn_blocks(target, [0.1] * FIRST_BLOCKS)
+    learn_blocks(target, [0.1] * BLOCKS_PER_RANK)
     for _ in range(BLOCK_TICKS + BLOCK_TICKS // 2):
         target.learn(np.array([0.2]), YES, YES)
     target.touched()
@@ -191,14 +193,14 @@ def test_after_a_touch_nothing_is_learned_for_a_while() -> None:
 
 def test_a_touch_takes_nothing_of_what_was_learned_before() -> None:
     target = strays()
-    learn_blocks(target, [0.1] * FIRST_BLOCKS)
+    learn_blocks(target, [0.1] * BLOCKS_PER_RANK)
     target.touched()
     assert (target.bound[0], target.known[0]) == (pytest.approx(ENVELOPE_FACTOR * 0.1), 1.0)
 
 
 def test_joints_that_cannot_be_judged_disturb_no_other() -> None:
     target = strays(2)
-    for _ in range((FIRST_BLOCKS + 1) * BLOCK_TICKS):
+    for _ in range((BLOCKS_PER_RANK + 1) * BLOCK_TICKS):
         target.learn(np.array([np.nan, 0.1]), np.array([False, True]), np.array([True, True]))
     np.testing.assert_allclose(target.bound, [0.0, ENVELOPE_FACTOR * 0.1])
     # Nor does it matter later that there was nothing.
@@ -215,14 +217,14 @@ def test_reset_forgets() -> None:
     target.touched()
     target.reset()
     assert (target.bound[0], target.known[0]) == (0.0, 0.0)
-    learn_blocks(target, [0.1] * FIRST_BLOCKS)
+    learn_blocks(target, [0.1] * BLOCKS_PER_RANK)
     assert target.bound[0] == pytest.approx(ENVELOPE_FACTOR * 0.1)
 
 
 def test_long_after_a_touch_what_is_nearly_felt_counts_again() -> None:
     identified = 3.0 * ENVELOPE_FACTOR * QUIET
     target = strays(identified=identified)
-    learn_blocks(target, [QUIET] * (FIRST_BLOCKS + 2))
+    learn_blocks(target, [QUIET] * (BLOCKS_PER_RANK + 2))
     target.touched()
     for _ in range(SUSPECT_TICKS + POST_CONTACT_TICKS):
         target.learn(np.array([QUIET]), YES, NO)
@@ -242,7 +244,7 @@ def test_what_is_nearly_felt_among_touches_widens_nothing(
     """Once today's strays are known; of a robot that nobody touches, all of it is what it strays by."""
     identified = 3.0 * ENVELOPE_FACTOR * QUIET
     target = strays(identified=identified)
-    for _ in range((FIRST_BLOCKS + 2) * BLOCK_TICKS):
+    for _ in range((BLOCKS_PER_RANK + 2) * BLOCK_TICKS):
         target.learn(np.array([QUIET]), YES, YES)
     before = float(target.bound[0])
     assert target.known[0] == 1.0

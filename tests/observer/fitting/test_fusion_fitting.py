@@ -10,9 +10,9 @@ import pytest
 from pepper_driver.observer.contact_observer import ContactObserver
 from pepper_driver.observer.fitting.bounds import (
     BOUND_FACTOR,
-    FLATNESS,
-    FLOOR,
     LEARNING_TIME,
+    MIN_BOUND,
+    MIN_LEAF_RATIO,
     fit_bounds,
 )
 from pepper_driver.observer.fitting.fusion import fit_fusion, fit_joint_fusion
@@ -118,10 +118,10 @@ def residuals(model: FusionModel, run: Recording) -> list[float]:
 
 def test_thresholds_keep_their_margin_on_the_calibration(bounded: FusionModel) -> None:
     largest = max(max(residuals(fusion_model(), run)) for run in calibration())
-    assert largest > FLOOR
-    assert bounded.largest_bound == pytest.approx(BOUND_FACTOR * largest, rel=1e-9)
+    assert largest > MIN_BOUND
+    assert bounded.max_bound == pytest.approx(BOUND_FACTOR * largest, rel=1e-9)
     leaves = [v for v, f in zip(bounded.bound.value, bounded.bound.feature, strict=True) if f < 0]
-    assert min(leaves) >= min(FLOOR, FLATNESS * bounded.largest_bound)
+    assert min(leaves) >= min(MIN_BOUND, MIN_LEAF_RATIO * bounded.max_bound)
     for run in calibration():
         speed, size = np.abs(run.velocity[:, ELBOW]), np.abs(run.acceleration[:, ELBOW])
         memory = round(0.5 / CYCLE)
@@ -135,7 +135,7 @@ def test_a_quiet_joint_gets_the_least_threshold() -> None:
     motion = swing(6.0, 0.2, 0.8)
     quiet = recording_of(motion, drive(motion))
     model = fit_bounds({JOINT: fusion_model()}, [quiet], CYCLE, window=WINDOW)[JOINT]
-    assert set(model.bound.value) <= {0.0, FLOOR}
+    assert set(model.bound.value) <= {0.0, MIN_BOUND}
 
 
 def test_all_of_it_together_feels_a_push_and_nothing_else() -> None:

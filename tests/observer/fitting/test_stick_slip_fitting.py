@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pepper_driver.observer.fitting.stick_slip import START_UP_TIME, fit_twin
+from pepper_driver.observer.fitting.stick_slip import START_UP_TIME, fit_stick_slip
 from pepper_driver.observer.models.stick_slip import StickSlipParameters
 from pepper_driver.observer.recording import Recording
 from support.fusion import ELBOW, TORQUE_CONSTANT, TWIN, drive, recording_of, swing
@@ -40,7 +40,7 @@ def total_lag(twin: StickSlipParameters) -> float:
 
 @pytest.fixture(scope="module")
 def found() -> StickSlipParameters:
-    return fit_twin(JOINT, runs(), CYCLE)
+    return fit_stick_slip(JOINT, runs(), CYCLE)
 
 
 def test_finds_the_constants_of_the_joint(found: StickSlipParameters) -> None:
@@ -60,16 +60,16 @@ def test_what_comes_a_tick_late_is_found_as_late(found: StickSlipParameters) -> 
         position = run.position.copy()
         position[1:] = run.position[:-1]
         late.append(replace(run, position=position))
-    there = fit_twin(JOINT, late, CYCLE)
+    there = fit_stick_slip(JOINT, late, CYCLE)
     assert there.transport > found.transport + 0.3
     assert total_lag(there) == pytest.approx(TRUE.lag + CYCLE, abs=0.0015)
     assert there.friction == pytest.approx(TRUE.friction, rel=0.12)
 
 
 def test_a_dead_band_and_an_integral_are_found_where_they_are() -> None:
-    band = fit_twin(JOINT, runs(replace(TRUE, dead_band=0.006)), CYCLE)
+    band = fit_stick_slip(JOINT, runs(replace(TRUE, dead_band=0.006)), CYCLE)
     assert band.dead_band == pytest.approx(0.006, abs=0.003)
-    board = fit_twin(JOINT, runs(replace(TRUE, integral_rate=0.8)), CYCLE)
+    board = fit_stick_slip(JOINT, runs(replace(TRUE, integral_rate=0.8)), CYCLE)
     assert board.integral_rate == pytest.approx(0.8, abs=0.25)
 
 
@@ -79,7 +79,7 @@ def test_the_current_tells_the_stiffness_of_a_joint_that_bears_no_load() -> None
     for size, rate in ((0.5, 1.0), (0.4, 2.2)):
         motion = replace(swing(6.0, size, rate, rest=1.0), load=np.zeros(round(7.0 / CYCLE)))
         made.append(recording_of(motion, drive(motion, light)))
-    found = fit_twin(JOINT, made, CYCLE, torque_constant=TORQUE_CONSTANT)
+    found = fit_stick_slip(JOINT, made, CYCLE, torque_constant=TORQUE_CONSTANT)
     assert found.load_gain == pytest.approx(light.load_gain, rel=0.1)
 
 
@@ -95,12 +95,12 @@ def test_samples_that_cannot_be_used_do_not_count() -> None:
         limited[90:100, ELBOW] = True
         age[70:75] = 0.05
         spoilt.append((replace(run, limited=limited, age=age), position))
-    clean = fit_twin(JOINT, [run for run, _ in spoilt], CYCLE)
+    clean = fit_stick_slip(JOINT, [run for run, _ in spoilt], CYCLE)
     garbage = []
     for run, position in spoilt:
         for span in (slice(1, round(START_UP_TIME / CYCLE)), slice(90, 100), slice(70, 75)):
             position[span, ELBOW] += 0.5
         garbage.append(replace(run, position=position))
-    assert fit_twin(JOINT, garbage, CYCLE) == clean
+    assert fit_stick_slip(JOINT, garbage, CYCLE) == clean
     garbage[1] = replace(garbage[1], limited=np.zeros_like(garbage[1].limited))
-    assert fit_twin(JOINT, garbage, CYCLE) != clean
+    assert fit_stick_slip(JOINT, garbage, CYCLE) != clean

@@ -31,7 +31,7 @@ def test_values_that_make_no_model_are_refused(changes: dict[str, Any], message:
 
 
 def test_the_largest_bound_is_that_of_all_leaves() -> None:
-    assert MODEL.largest_bound == BOUND
+    assert MODEL.max_bound == BOUND
     # The value of a node that is no leaf does not count: here it would be the lowest.
     split = CartTree(
         feature=(0, -1, -1),
@@ -40,4 +40,4 @@ def test_the_largest_bound_is_that_of_all_leaves() -> None:
         right=(2, -1, -1),
         value=(0.0, 0.01, 0.03),
     )
-    assert fusion_model(bound=split).largest_bound == 0.03
+    assert fusion_model(bound=split).max_bound == 0.03

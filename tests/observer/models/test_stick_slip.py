@@ -14,9 +14,9 @@ from pepper_driver.config import PepperError
 from pepper_driver.config.arrays import FloatArray
 from pepper_driver.observer.models.stick_slip import (
     PARAMETERS,
+    StickSlipError,
     StickSlipModel,
     StickSlipParameters,
-    TwinError,
 )
 from support.fusion import TWIN, Motion, drive, swing
 from support.observer import CYCLE
@@ -33,7 +33,7 @@ def play(
     cycle: float = CYCLE,
 ) -> FloatArray:
     """(n,) positions of one twin [rad]."""
-    twins = StickSlipModel.of([twin], cycle)
+    twins = StickSlipModel.from_parameters([twin], cycle)
     twins.start(np.array([target[0] if start is None else start]), target[:1])
     loads = np.broadcast_to(load, len(target))
     rows = [
@@ -185,7 +185,7 @@ def test_what_friction_cannot_hold_is_what_would_move_a_twin(
     error: float, load: float, changes: dict[str, float]
 ) -> None:
     twin = replace(TWIN, **changes)
-    twins = StickSlipModel.of([twin], CYCLE)
+    twins = StickSlipModel.from_parameters([twin], CYCLE)
     borne = twin.load_gain * load + twin.offset
     [beyond] = twins.beyond_friction(np.array([error]), np.array([borne]))
     [at] = play(twin, np.array([error, error]), load, start=0.0)[-1:]
@@ -197,7 +197,7 @@ def test_what_friction_cannot_hold_is_what_would_move_a_twin(
 
 
 def test_friction_is_what_holds_it_and_opposes_motion() -> None:
-    twins = StickSlipModel.of([TWIN], CYCLE)
+    twins = StickSlipModel.from_parameters([TWIN], CYCLE)
     twins.start(np.zeros(1), np.zeros(1))
     twins.step(np.array([0.006]), np.array([0.2]))
     assert twins.velocity[0] == 0.0
@@ -257,7 +257,7 @@ def test_negative_transport_looks_ahead_along_the_last_step() -> None:
 
 
 def test_put_moves_only_the_joints_named() -> None:
-    twins = StickSlipModel.of([TWIN, TWIN, TWIN], CYCLE)
+    twins = StickSlipModel.from_parameters([TWIN, TWIN, TWIN], CYCLE)
     twins.start(np.zeros(3), np.zeros(3))
     goal, nothing = np.full(3, 0.1), np.zeros(3)
     for _ in range(5):
@@ -275,7 +275,7 @@ def test_put_moves_only_the_joints_named() -> None:
 
 def test_put_gives_the_board_its_integral() -> None:
     board = replace(TWIN, integral_rate=0.5)
-    twins = StickSlipModel.of([board, board], CYCLE)
+    twins = StickSlipModel.from_parameters([board, board], CYCLE)
     twins.start(np.zeros(2), np.zeros(2))
     # Exactly what the load needs: there it stays, and without it it sinks.
     twins.put(np.array([True, False]), np.zeros(2), np.zeros(2), np.full(2, 0.05))
@@ -288,7 +288,7 @@ def test_put_gives_the_board_its_integral() -> None:
 def test_twins_side_by_side_know_nothing_of_each_other() -> None:
     motion = swing(2.0)
     kinds = [TWIN, None, replace(TWIN, integral_rate=0.6), replace(TWIN, dead_band=0.004)]
-    twins = StickSlipModel.of(kinds, CYCLE)
+    twins = StickSlipModel.from_parameters(kinds, CYCLE)
     start = np.full(4, motion.position[0])
     twins.start(start, start)
     rows = [
@@ -303,7 +303,7 @@ def test_twins_side_by_side_know_nothing_of_each_other() -> None:
 
 
 def test_positions_handed_out_are_not_written_to_later() -> None:
-    twins = StickSlipModel.of([TWIN], CYCLE)
+    twins = StickSlipModel.from_parameters([TWIN], CYCLE)
     twins.start(np.zeros(1), np.zeros(1))
     first = twins.step(np.array([0.2]), np.zeros(1))
     kept = first.copy()
@@ -314,7 +314,7 @@ def test_positions_handed_out_are_not_written_to_later() -> None:
 
 @pytest.mark.parametrize("name", PARAMETERS)
 def test_parameters_that_are_not_finite_are_refused(name: str) -> None:
-    with pytest.raises(TwinError, match="not finite"):
+    with pytest.raises(StickSlipError, match="not finite"):
         replace(TWIN, **{name: float("nan")})
 
 
@@ -330,9 +330,9 @@ def test_parameters_that_are_not_finite_are_refused(name: str) -> None:
     ],
 )
 def test_parameters_that_make_no_joint_are_refused(changes: dict[str, float], message: str) -> None:
-    with pytest.raises(TwinError, match=message):
+    with pytest.raises(StickSlipError, match=message):
         replace(TWIN, **changes)
-    assert issubclass(TwinError, PepperError)
+    assert issubclass(StickSlipError, PepperError)
 
 
 def test_stiffness_is_the_torque_per_angle() -> None:

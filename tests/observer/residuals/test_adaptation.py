@@ -62,13 +62,13 @@ def test_without_wandering_it_is_ridge_regression(monkeypatch: pytest.MonkeyPatc
     residual += SPREAD * np.random.default_rng(1).standard_normal(residual.shape)
     for k in range(80):
         # The twins follow: what is left is what they do not know yet.
-        left = residual[k] - (effects[k] * target.share).sum(axis=1)
+        left = residual[k] - (effects[k] * target.deviation).sum(axis=1)
         target.update(left, effects[k], 0.0, np.ones(2, dtype=np.bool_))
         for joint in range(2):
             batch = ridge(effects[: k + 1, joint], residual[: k + 1, joint], PRIOR_STD)
-            np.testing.assert_allclose(target.share[joint], batch, rtol=1e-6, atol=1e-9)
+            np.testing.assert_allclose(target.deviation[joint], batch, rtol=1e-6, atol=1e-9)
     # And that of many samples is the truth.
-    np.testing.assert_allclose(target.share, true, atol=0.15)
+    np.testing.assert_allclose(target.deviation, true, atol=0.15)
 
 
 def test_variance_is_that_of_ridge_regression(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -94,14 +94,14 @@ def test_what_else_is_not_known_counts_as_noise(monkeypatch: pytest.MonkeyPatch)
     other = rng.uniform(0.0, 4e-5, size=(60, 2))
     residual = 0.005 * rng.standard_normal((60, 2))
     for k in range(60):
-        left = residual[k] - (effects[k] * target.share).sum(axis=1)
+        left = residual[k] - (effects[k] * target.deviation).sum(axis=1)
         target.update(left, effects[k], other[k], np.ones(2, dtype=np.bool_))
     asked = samples(1, 15)[0]
     for joint in range(2):
         rows = effects[:, joint] / ((NOISE_FACTOR * SPREAD) ** 2 + other[:, joint])[:, None]
         covariance = np.linalg.inv(rows.T @ effects[:, joint] + np.diag(PRIOR_STD**-2.0))
         batch = covariance @ rows.T @ residual[:, joint]
-        np.testing.assert_allclose(target.share[joint], batch, rtol=1e-6, atol=1e-9)
+        np.testing.assert_allclose(target.deviation[joint], batch, rtol=1e-6, atol=1e-9)
         expected = asked[joint] @ covariance @ asked[joint]
         assert target.variance(asked)[joint] == pytest.approx(expected, rel=1e-6)
 
@@ -117,8 +117,8 @@ def test_touched_joints_learn_nothing() -> None:
     effects = samples(50, 5)
     for row in effects:
         target.update(np.full(2, 0.05), row, 0.0, np.array([True, False]))
-    assert np.abs(target.share[0]).max() > 0.1
-    assert (target.share[1] == 0).all()
+    assert np.abs(target.deviation[0]).max() > 0.1
+    assert (target.deviation[1] == 0).all()
     asked = samples(1, 6)[0]
     # Nor do they forget beyond what they knew at first.
     assert target.variance(asked)[1] == pytest.approx(adapt().variance(asked)[1])
@@ -147,8 +147,8 @@ def test_variance_never_exceeds_the_prior(seed: int, n: int, size: float) -> Non
         target.update(size * rng.standard_normal(2), row, 0.0, rng.uniform(size=2) < 0.7)
         for unit in units:
             assert (target.variance(unit) <= prior.variance(unit) * (1 + 1e-9)).all()
-    assert np.isfinite(target.share).all()
-    assert (np.abs(target.share) <= 3 * PRIOR_STD + 1e-12).all()
+    assert np.isfinite(target.deviation).all()
+    assert (np.abs(target.deviation) <= 3 * PRIOR_STD + 1e-12).all()
 
 
 def test_follows_what_changes_slowly() -> None:
@@ -157,21 +157,21 @@ def test_follows_what_changes_slowly() -> None:
     # Six minutes in which friction first stays, then grows by a tenth.
     friction = np.concatenate((np.zeros(1500), np.linspace(0.0, 0.1, 1500)))
     for share, row in zip(friction, effects, strict=True):
-        target.update(share * row[:, 0] - row @ target.share[0], row, 0.0, np.array([True]))
-    assert target.share[0, 0] == pytest.approx(0.1, abs=0.04)
+        target.update(share * row[:, 0] - row @ target.deviation[0], row, 0.0, np.array([True]))
+    assert target.deviation[0, 0] == pytest.approx(0.1, abs=0.04)
 
 
 def test_worn_is_surely_more_friction_or_lag_than_identified() -> None:
     """By two standard deviations of what is known: at first those of PRIOR_STD."""
     target = adapt(4)
     assert not target.worn.any()
-    target.share[:2, :2] = WEAR_RATIO + 2.0 * PRIOR_STD[:2] - 0.01
+    target.deviation[:2, :2] = WEAR_RATIO + 2.0 * PRIOR_STD[:2] - 0.01
     assert not target.worn.any()
-    target.share[:2] = 0.0
-    target.share[0, 0] = WEAR_RATIO + 2.0 * PRIOR_STD[0] + 0.01
-    target.share[1, 1] = WEAR_RATIO + 2.0 * PRIOR_STD[1] + 0.01
-    target.share[2, 2:] = 10.0
-    target.share[3, :2] = -1.0
+    target.deviation[:2] = 0.0
+    target.deviation[0, 0] = WEAR_RATIO + 2.0 * PRIOR_STD[0] + 0.01
+    target.deviation[1, 1] = WEAR_RATIO + 2.0 * PRIOR_STD[1] + 0.01
+    target.deviation[2, 2:] = 10.0
+    target.deviation[3, :2] = -1.0
     np.testing.assert_array_equal(target.worn, [True, True, False, False])
 
 
@@ -182,8 +182,8 @@ def test_joints_without_a_model_disturb_no_other() -> None:
         both = np.nan_to_num(np.vstack((row, np.full((1, 4), np.nan))))
         target.update(np.array([0.01, 0.0]), both, 0.0, np.array([True, False]))
         alone.update(np.array([0.01]), row, 0.0, np.array([True]))
-    np.testing.assert_allclose(target.share[0], alone.share[0])
-    assert (target.share[1] == 0).all()
+    np.testing.assert_allclose(target.deviation[0], alone.deviation[0])
+    assert (target.deviation[1] == 0).all()
 
 
 def test_reset_forgets() -> None:
@@ -191,7 +191,7 @@ def test_reset_forgets() -> None:
     for row in samples(40, 11):
         target.update(np.full(2, 0.02), row, 0.0, np.ones(2, dtype=np.bool_))
     target.reset()
-    assert (target.share == 0).all()
+    assert (target.deviation == 0).all()
     asked = samples(1, 12)[0]
     np.testing.assert_array_equal(target.variance(asked), adapt().variance(asked))
 

@@ -18,7 +18,7 @@ from pepper_driver.controller.tick import Tick
 from pepper_driver.observer.contact_observer import ContactObserver
 from pepper_driver.observer.detection.excursions import SETTLING_FACTOR
 from pepper_driver.observer.detection.threshold import (
-    CHANGED_FACTOR,
+    LIMITED_FACTOR,
     SPEED_MEMORY,
     START_FACTOR,
     THRESHOLD_MEMORY,
@@ -154,7 +154,7 @@ def test_a_joint_that_friction_holds_off_its_place_is_let_go(torque: float) -> N
     push = push_profile(len(motion), 1.0, 1.0, 2.0 * torque)
     driven = drive(motion, rough, torque=push)
     model = fusion_model(rough, bound=constant_tree(0.015))
-    assert 1.1 < abs(driven.position[-1]) / model.largest_bound < 0.95 * SETTLING_FACTOR
+    assert 1.1 < abs(driven.position[-1]) / model.max_bound < 0.95 * SETTLING_FACTOR
     observations, events = run(fusion_observer(model), ticks_of(motion, driven))
     first = [event for event in events if event.id == 1]
     assert first[-1].phase == "end"
@@ -364,7 +364,7 @@ def test_a_command_that_the_gate_altered_widens_the_threshold_for_a_while() -> N
     threshold = of_elbow(observations, "threshold")
     memory = round(THRESHOLD_MEMORY / CYCLE)
     raised = slice(100, 109 + memory)
-    np.testing.assert_allclose(threshold[raised], CHANGED_FACTOR * BOUND)
+    np.testing.assert_allclose(threshold[raised], LIMITED_FACTOR * BOUND)
     np.testing.assert_allclose(np.delete(threshold, np.r_[100 : 110 + memory]), BOUND)
     assert all(one.state[ELBOW] == JointState.FREE for one in observations)
     np.testing.assert_allclose([one.threshold[HEAD] for one in observations], BOUND)

@@ -64,8 +64,8 @@ def test_an_absurd_value_blinds_its_joint_for_a_moment_and_teaches_nothing(
         assert np.isfinite(seen.threshold[~blind]).all()
         assert blind[ELBOW] or k not in (204, 205, 209, 210)
     assert not blind.any()
-    assert abs(seen.residual[ELBOW]) < 0.3 * MODEL.largest_bound
-    assert all(abs(load.mass) < 0.1 for load in observer.held.values())
+    assert abs(seen.residual[ELBOW]) < 0.3 * MODEL.max_bound
+    assert all(abs(load.mass) < 0.1 for load in observer.hand_loads.values())
 
 
 def test_a_board_keeps_what_it_has_summed_up_while_its_joint_cannot_be_judged() -> None:
@@ -82,7 +82,7 @@ def test_a_board_keeps_what_it_has_summed_up_while_its_joint_cannot_be_judged() 
         signal.learn(seen, free, nothing, True)
         if k * CYCLE > 3.2:
             after.append(abs(float(seen.residual[ELBOW])))
-    assert max(after) < 0.1 * model.largest_bound
+    assert max(after) < 0.1 * model.max_bound
 
 
 @pytest.mark.parametrize("integral_rate", [0.0, 2.0])
@@ -126,7 +126,7 @@ def test_a_long_push_on_the_base_does_not_make_it_deaf(adapt: bool) -> None:
 
 
 def test_a_push_that_grows_for_long_is_felt_in_the_end() -> None:
-    """However slowly: strays raise no threshold beyond MAX_FACTOR."""
+    """However slowly: strays raise no threshold beyond MAX_ENVELOPE_FACTOR."""
     motion = swing(60.0, rate=1.5)
     growth = 1.2 ** (np.arange(len(motion)) * CYCLE)  # of torque, 20 % a second
     made = ticks_of(motion, drive(motion, steps=20))
@@ -137,4 +137,4 @@ def test_a_push_that_grows_for_long_is_felt_in_the_end() -> None:
         contacts += observer.step(one).contacts
     assert contacts
     assert contacts[0].joint == ROBOT.joint_names[ELBOW]
-    assert contacts[0].intensity_deg < 12.0 * np.degrees(MODEL.largest_bound)
+    assert contacts[0].intensity_deg < 12.0 * np.degrees(MODEL.max_bound)

@@ -17,8 +17,8 @@ from pepper_driver.observer.residuals import adaptation
 from pepper_driver.observer.residuals.adaptation import (
     FRICTION_UNCERTAINTY,
     LEARN_PERIOD,
-    LEAST_NOISE,
     LOAD_PRIOR_STD,
+    MIN_NOISE,
     HandLoads,
 )
 from pepper_driver.observer.residuals.fusion import FusionGenerator
@@ -44,7 +44,7 @@ MIDDLE = 0.5 * (
 GAIN = TWIN.load_gain
 MASS, PLACE = 0.4, np.array([0.07, -0.01, -0.025])
 EVERYTHING = np.ones(JOINTS, dtype=np.bool_)
-NOISE_FACTOR = np.full(JOINTS, LEAST_NOISE)
+NOISE_FACTOR = np.full(JOINTS, MIN_NOISE)
 
 
 def loaded(loads: dict[str, Any]) -> RobotModel:
@@ -202,9 +202,9 @@ def hands() -> HandLoads:
 @pytest.mark.parametrize(("arm", "joint"), WRISTS.items())
 def test_finds_the_load_of_an_arm_that_moves(arm: str, joint: str) -> None:
     target = hands()
-    assert target.held().keys() == WRISTS.keys()
-    assert target.held()[arm].mass == 0.0
-    assert target.held()[arm].mass_std == pytest.approx(LOAD_PRIOR_STD[0])
+    assert target.by_arm().keys() == WRISTS.keys()
+    assert target.by_arm()[arm].mass == 0.0
+    assert target.by_arm()[arm].mass_std == pytest.approx(LOAD_PRIOR_STD[0])
     load = loaded({joint: point(MASS, PLACE)})
     moving = ARM if arm == "left_arm" else OTHER_ARM[:5]
     rng = np.random.default_rng(1)
@@ -212,11 +212,11 @@ def test_finds_the_load_of_an_arm_that_moves(arm: str, joint: str) -> None:
     for k, (q, v, a) in enumerate(zip(*arm_motion(40.0, moving), strict=True)):
         known = target.step(q, v, a)
         if k % LEARN_PERIOD == 0:
-            deviations.append(target.held()[arm].mass_std)
+            deviations.append(target.by_arm()[arm].mass_std)
             residual = GAIN * (added(load, q, v, a) - known)
             residual += 0.5 * np.sqrt(NOISE_FACTOR) * rng.standard_normal(JOINTS)
             target.update(residual, NOISE_FACTOR, EVERYTHING)
-    held = target.held()
+    held = target.by_arm()
     assert held[arm].mass == pytest.approx(MASS, abs=0.03)
     np.testing.assert_allclose(held[arm].first_moment, MASS * PLACE, atol=0.004)
     # It knows how well it knows, and better and better at first.
@@ -238,7 +238,7 @@ def test_without_wandering_it_is_ridge_regression(monkeypatch: pytest.MonkeyPatc
         fusion_model(replace(TWIN, load_gain=float(gain))) if gain else None for gain in gains
     ]
     target = HandLoads(ROBOT, of_joint)
-    floor = LEAST_NOISE + (FRICTION_UNCERTAINTY * TWIN.friction) ** 2
+    floor = MIN_NOISE + (FRICTION_UNCERTAINTY * TWIN.friction) ** 2
     rng = np.random.default_rng(2)
     carriers = [PLAIN.joint_id(wrist) for wrist in WRISTS.values()]
     precision, pull = np.diag(np.tile(LOAD_PRIOR_STD, 2) ** -2.0), np.zeros(8)
@@ -249,7 +249,7 @@ def test_without_wandering_it_is_ridge_regression(monkeypatch: pytest.MonkeyPatc
             known = target.step(q, v, a)
         use = rng.uniform(size=JOINTS) < 0.7
         use[3] = False
-        noise = LEAST_NOISE * rng.uniform(0.2, 20.0, JOINTS)
+        noise = MIN_NOISE * rng.uniform(0.2, 20.0, JOINTS)
         residual = 0.02 * rng.standard_normal(JOINTS)
         effect = gains[:, None] * PLAIN.payload_regressor(carriers, q, v, a)
         weight = np.where(use, 1.0 / (floor + noise), 0.0)
@@ -262,7 +262,7 @@ def test_without_wandering_it_is_ridge_regression(monkeypatch: pytest.MonkeyPatc
         np.testing.assert_allclose(target.variance(), variance, rtol=1e-6)
     batch = (covariance @ pull).reshape(2, 4)
     for k, arm in enumerate(WRISTS):
-        held = target.held()[arm]
+        held = target.by_arm()[arm]
         np.testing.assert_allclose([held.mass, *held.first_moment], batch[k], rtol=1e-6, atol=1e-9)
         assert held.mass_std == pytest.approx(np.sqrt(covariance[4 * k, 4 * k]), rel=1e-6)
 
@@ -273,15 +273,15 @@ def test_it_knows_less_with_time_but_never_less_than_at_the_start(rng: np.random
     nobody = np.zeros(JOINTS, dtype=np.bool_)
     target.step(MIDDLE, ZERO, ZERO)
     target.update(rng.normal(size=JOINTS), NOISE_FACTOR, nobody)
-    assert target.held()["left_arm"].mass_std == pytest.approx(LOAD_PRIOR_STD[0], rel=1e-9)
+    assert target.by_arm()["left_arm"].mass_std == pytest.approx(LOAD_PRIOR_STD[0], rel=1e-9)
     for _ in range(100):
         target.update(np.zeros(JOINTS), NOISE_FACTOR, EVERYTHING)
-    before = target.held()["left_arm"].mass_std
+    before = target.by_arm()["left_arm"].mass_std
     assert before < 0.9 * LOAD_PRIOR_STD[0]
     for _ in range(round(60.0 / CYCLE / LEARN_PERIOD)):
         target.update(rng.normal(size=JOINTS), NOISE_FACTOR, nobody)
     expected = np.hypot(before, adaptation.LOAD_PROCESS_NOISE[0])
-    assert target.held()["left_arm"].mass_std == pytest.approx(expected, rel=1e-2)
+    assert target.by_arm()["left_arm"].mass_std == pytest.approx(expected, rel=1e-2)
 
 
 def test_a_share_of_what_the_load_does_stays_doubtful(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -308,14 +308,14 @@ def test_joints_that_are_not_used_teach_nothing() -> None:
         target.step(q, v, a)
         explained = target.update(seen, NOISE_FACTOR, use)
         np.testing.assert_array_equal(explained[~use], 0.0)
-    assert learned.held() == spared.held()
-    assert learned.held()["left_arm"].mass > 0.1
+    assert learned.by_arm() == spared.by_arm()
+    assert learned.by_arm()["left_arm"].mass > 0.1
     # And none at all teach nothing at all.
     idle = hands()
     idle.step(q, v, a)
     explained = idle.update(residual, NOISE_FACTOR, np.zeros(JOINTS, dtype=np.bool_))
     np.testing.assert_array_equal(explained, 0.0)
-    assert idle.held()["left_arm"].mass == 0.0
+    assert idle.by_arm()["left_arm"].mass == 0.0
     assert (idle.step(q, v, a) == 0.0).all()
 
 
@@ -407,7 +407,7 @@ def at(joint: int) -> BoolArray:
 
 def test_a_wrist_at_rest_takes_back_what_its_friction_could_not_hold() -> None:
     target = weak_wrist()
-    before, others = borne(target), target.held()
+    before, others = borne(target), target.by_arm()
     known = target.step(MIDDLE, ZERO, ZERO)
     assert abs(before) > 2.0 * HELD
     beyond = contradiction(before)
@@ -416,8 +416,8 @@ def test_a_wrist_at_rest_takes_back_what_its_friction_could_not_hold() -> None:
     np.testing.assert_allclose(explained, beyond, rtol=1e-9)
     assert borne(target) == pytest.approx(np.copysign(HELD, before), rel=1e-6)
     # Nobody knows more than before, and the other hand is as it was.
-    assert target.held()["left_arm"].mass_std == others["left_arm"].mass_std
-    assert target.held()["right_arm"] == others["right_arm"]
+    assert target.by_arm()["left_arm"].mass_std == others["left_arm"].mass_std
+    assert target.by_arm()["right_arm"] == others["right_arm"]
     # What the shoulder has been taught is still right for the shoulder, within what it knows.
     shoulder = ARM[0]
     limited = (target.step(MIDDLE, ZERO, ZERO) - known)[shoulder]
@@ -426,7 +426,7 @@ def test_a_wrist_at_rest_takes_back_what_its_friction_could_not_hold() -> None:
 
 def test_what_says_nothing_against_the_load_changes_nothing() -> None:
     target = weak_wrist()
-    angle, before = borne(target), target.held()
+    angle, before = borne(target), target.by_arm()
     beyond = contradiction(angle)
     nobody = np.zeros(JOINTS, dtype=np.bool_)
     assert target.reconcile(beyond, nobody) is None
@@ -443,10 +443,10 @@ def test_what_says_nothing_against_the_load_changes_nothing() -> None:
     )
     rough.step(MIDDLE, ZERO, ZERO)
     rough.update(np.full(JOINTS, 0.05), NOISE_FACTOR, np.isin(np.arange(JOINTS), ARM[:3]))
-    there = rough.held()
+    there = rough.by_arm()
     assert rough.reconcile(strong, ~at(WRIST)) is None
-    assert rough.held() == there
-    assert target.held() == before
+    assert rough.by_arm() == there
+    assert target.by_arm() == before
 
 
 def test_no_more_is_taken_back_than_the_load_is_thought_to_do() -> None:
@@ -463,12 +463,12 @@ def test_reset_empties_the_hands() -> None:
     load = loaded({"LWristYaw": point(MASS, PLACE)})
     follow(target, load, 2.03)  # an odd number of ticks
     target.reset()
-    assert target.held() == hands().held()
+    assert target.by_arm() == hands().by_arm()
     np.testing.assert_array_equal(target.variance(), hands().variance())
     fresh = hands()
     for one in (target, fresh):
         follow(one, load, 1.0, seed=3)
-    assert target.held() == fresh.held()
+    assert target.by_arm() == fresh.by_arm()
 
 
 # -- in the residual ------------------------------------------------------------------------------------------------
@@ -524,15 +524,15 @@ def test_an_unknown_load_in_the_hand_leaves_the_residual_within_half_a_minute() 
     of_joint = [MODEL if j in MOVED else None for j in range(JOINTS)]
     target = HandLoads(ROBOT, of_joint)
     without, followed = last_residuals(made, None), last_residuals(made, target)
-    bound = MODEL.largest_bound
+    bound = MODEL.max_bound
     assert np.abs(without).max() > 0.5 * bound
     assert np.abs(followed).max() < 0.3 * bound
     assert np.sqrt((followed**2).mean()) < 0.4 * np.sqrt((without**2).mean())
-    held = target.held()["left_arm"]
+    held = target.by_arm()["left_arm"]
     # The shares of the joints' own models take the rest.
     assert 0.5 * 0.6 < held.mass < 1.2 * 0.6
     assert held.mass > 5.0 * held.mass_std
-    assert abs(target.held()["right_arm"].mass) < 0.05
+    assert abs(target.by_arm()["right_arm"].mass) < 0.05
 
 
 class Jolted(HandLoads):
@@ -600,27 +600,27 @@ def test_an_empty_hand_is_found_empty() -> None:
     of_joint = [MODEL if j in MOVED else None for j in range(JOINTS)]
     target = HandLoads(ROBOT, of_joint)
     followed = last_residuals(waved(0.0, 24.0), target)
-    assert np.abs(followed).max() < 0.3 * MODEL.largest_bound
-    assert abs(target.held()["left_arm"].mass) < 0.06
+    assert np.abs(followed).max() < 0.3 * MODEL.max_bound
+    assert abs(target.by_arm()["left_arm"].mass) < 0.06
 
 
 def test_the_observer_tells_what_the_hands_hold() -> None:
     made = waved(0.6, 20.0)
     observer = fusion_observer(fusion_model(weight=(1.0, 1.0)), adapt=True)
-    empty = observer.held
+    empty = observer.hand_loads
     assert empty.keys() == WRISTS.keys()
     for one in made:
         observer.step(one)
-    assert observer.held["left_arm"].mass > 0.2
+    assert observer.hand_loads["left_arm"].mass > 0.2
     observer.reset()
-    assert observer.held == empty
+    assert observer.hand_loads == empty
     # Nothing is followed if nothing is to be.
-    assert fusion_observer(adapt=False).held == {}
+    assert fusion_observer(adapt=False).hand_loads == {}
 
 
 def test_what_touches_one_joint_of_an_arm_is_no_load_to_the_others() -> None:
     """The elbow is held for long; the shoulder feels it below its thresholds, as residuals of a load would be."""
-    bound = MODEL.largest_bound
+    bound = MODEL.max_bound
     held = []
     for touched in (False, True):
         made = waved(0.0, 24.0)
@@ -629,7 +629,7 @@ def test_what_touches_one_joint_of_an_arm_is_no_load_to_the_others() -> None:
             if touched and 16.0 <= k * CYCLE < 22.0:
                 one.measurement.position[MOVED] -= np.array([0.3, 0.3, 3.0]) * bound
             observer.step(one)
-        held.append(observer.held["left_arm"])
+        held.append(observer.hand_loads["left_arm"])
     free, after = held
     assert after.mass == pytest.approx(free.mass, abs=0.01)
     assert after.first_moment == pytest.approx(free.first_moment, abs=0.002)

@@ -14,8 +14,8 @@ from pepper_driver.config.arrays import FloatArray
 from pepper_driver.controller.tick import Tick
 from pepper_driver.observer.detection.threshold import (
     BLOCK_TICKS,
-    FIRST_BLOCKS,
-    FIRST_MOTION,
+    BLOCKS_PER_RANK,
+    FIRST_MOTION_TICKS,
     POST_CONTACT_TICKS,
     START_FACTOR,
 )
@@ -114,7 +114,7 @@ def settled(model: BaseModel, made: Sequence[Tick]) -> BaseGenerator:
             measurement=replace(first.measurement, wheel_speed=MATRIX @ (sent @ gain)),
         )
         for k in range(
-            2 * TAPS + round(POST_DRIVE_TIME / CYCLE) + WINDOW + (FIRST_BLOCKS + 1) * BLOCK_TICKS
+            2 * TAPS + round(POST_DRIVE_TIME / CYCLE) + WINDOW + (BLOCKS_PER_RANK + 1) * BLOCK_TICKS
         ):
             signal.step(steady, False)
             if k >= TAPS + WINDOW:
@@ -152,14 +152,14 @@ def test_residual_is_that_of_the_impulse_response(axis: int) -> None:
 
 
 def test_bounds_are_wide_until_the_first_motion_has_been_seen(model: BaseModel) -> None:
-    n = TAPS + WINDOW + (FIRST_BLOCKS + 3) * BLOCK_TICKS
+    n = TAPS + WINDOW + (BLOCKS_PER_RANK + 3) * BLOCK_TICKS
     quiet = ticks(np.zeros((n, 3)), np.zeros((n, 3)), np.zeros((n, 3)))
     pushed = 1.5 * np.array([model.standing[0], 0.0, 0.0])
     [push] = ticks(np.zeros((1, 3)), np.zeros((1, 3)), pushed[None])
     signal = BaseGenerator(model, ROBOT, WINDOW, adapt=True)
     for k, one in enumerate(quiet):
         if k % (4 * BLOCK_TICKS) == TAPS + WINDOW + 1:
-            known = max(k - TAPS - WINDOW, 0) / FIRST_MOTION
+            known = max(k - TAPS - WINDOW, 0) / FIRST_MOTION_TICKS
             expected = 1.5 / max(START_FACTOR * (1.0 - known), 1.0)
             # One sample that the filter takes out again.
             assert abs(signal.step(push, False)[0]) == pytest.approx(expected, rel=0.15)

@@ -45,7 +45,7 @@ def test_residual_is_minus_the_external_torque_over_the_stiffness(
         acceleration=acceleration,
         resistance=resistance,
         # A twin that errs by less than the motor's torque still tells its sign.
-        twin_residual=-external + mistake * abs(motor),
+        model_residual=-external + mistake * abs(motor),
     )
     assert found == pytest.approx(-external, abs=1e-12)
     assert given_motor == pytest.approx(motor, abs=1e-12)
@@ -65,7 +65,7 @@ def test_a_wrong_sign_errs_by_no_more_than_the_twin_did(
         velocity=0.0,
         acceleration=0.0,
         resistance=resistance,
-        twin_residual=-external + mistake,
+        model_residual=-external + mistake,
     )
     assert abs(found + external) <= 2 * abs(mistake) + 1e-12
 
@@ -84,7 +84,7 @@ def test_of_a_voltage_the_motor_is_what_the_board_makes_of_the_error(
         velocity=velocity,
         acceleration=acceleration,
         resistance=resistance,
-        twin_residual=0.0,
+        model_residual=0.0,
     )
     assert found == pytest.approx(-external, abs=1e-12)
     assert motor == drive
@@ -99,7 +99,7 @@ def test_joints_keep_to_their_own_source() -> None:
         velocity=zero,
         acceleration=zero,
         resistance=np.full(3, 0.05),
-        twin_residual=zero,
+        model_residual=zero,
     )
     np.testing.assert_allclose(found, [0.1 - 0.052, np.nan, 0.3 - 0.052])
 
@@ -181,7 +181,7 @@ def test_boards_that_sum_up_are_asked_for_the_sign_beside_twin_and_load(
         velocity=np.zeros(1),
         acceleration=np.zeros(1),
         resistance=np.array([resistance]),
-        twin_residual=np.array([twin]),
+        model_residual=np.array([twin]),
     )
     assert float(given_motor[0]) == pytest.approx(motor)
     assert float(found[0]) == pytest.approx(motor - resistance)

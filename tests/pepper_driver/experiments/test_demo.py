@@ -56,8 +56,8 @@ def test_every_push_of_five_equivalent_degrees_is_felt(tmp_path: Path) -> None:
     right = [detected for detected in result.score.detected if detected.push in strong]
     assert len(right) > 4
     for detected in right:
-        assert detected.settled.direction == detected.push.direction
-        assert detected.settled.joint == detected.push.joint
+        assert detected.final_contact.direction == detected.push.direction
+        assert detected.final_contact.joint == detected.push.joint
         assert 0.0 < detected.delay < detected.push.release - detected.push.onset + 0.15
 
     # each contact is told once, where it ended up
