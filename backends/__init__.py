@@ -1,6 +1,5 @@
 """Robots, real and simulated, behind one interface."""
 
-from pepper_driver.backends.extras import Extras
 from pepper_driver.backends.fields import Command, Imu, Measurement
 from pepper_driver.backends.interface import (
     DEAD_MAN_CYCLES,
@@ -17,6 +16,7 @@ from pepper_driver.backends.interface import (
     serial,
 )
 from pepper_driver.backends.pushes import ScheduledPush
+from pepper_driver.backends.robot_services import RobotServices
 from pepper_driver.backends.selection import BackendUri, make_backend, with_query
 from pepper_driver.backends.simulated import Grab, Push, SimulatedPlant, TrueContact, Truth
 
@@ -31,12 +31,12 @@ __all__ = [
     "Command",
     "CommandError",
     "DeviceError",
-    "Extras",
     "Grab",
     "Imu",
     "Measurement",
     "NotConnectedError",
     "Push",
+    "RobotServices",
     "ScheduledPush",
     "Serial",
     "SimulatedPlant",

@@ -14,8 +14,8 @@ from typing import Concatenate, Literal, ParamSpec, Self, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from pepper_driver.backends.extras import Extras
 from pepper_driver.backends.fields import Command, Measurement
+from pepper_driver.backends.robot_services import RobotServices
 from pepper_driver.backends.simulated import Grab, Push, SimulatedPlant, Truth
 from pepper_driver.config import PepperError, RobotIdentity
 from pepper_driver.config.arguments import real_array
@@ -56,7 +56,7 @@ Capability = Literal[
     "push", "grab", "seed", "truth", "speech", "leds", "tablet", "postures", "wake"
 ]
 """``push`` and ``grab``: can be touched by software, has :attr:`Backend.plant`. ``truth``: has :attr:`Backend.truth`.
-``seed``: its URI takes ``seed=N``, the root of all its noise. The others: parts of :attr:`Backend.extras`."""
+``seed``: its URI takes ``seed=N``, the root of all its noise. The others: parts of :attr:`Backend.services`."""
 
 
 class BackendError(PepperError, RuntimeError):
@@ -354,9 +354,9 @@ class Backend(ABC):
         raise CapabilityError(f"'{self.uri}' cannot grab itself: only simulated backends do")
 
     @cached_property
-    def extras(self) -> Extras:
+    def services(self) -> RobotServices:
         """Speech, lights and the like. Where the robot has none of it they do nothing and say so."""
-        return Extras(self.uri)
+        return RobotServices(self.uri)
 
     @property
     def plant(self) -> SimulatedPlant:

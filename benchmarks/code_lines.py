@@ -42,7 +42,7 @@ BASELINE = (
     "pepper_driver/contact_stream.py",
     "pepper_driver/events.py",
     "pepper_driver/sensor_edges.py",
-    "pepper_driver/extras.py",
+    "pepper_driver/services.py",
     "pepper_driver/reflexes/control.py",
     "pepper_driver/reflexes/arbiter.py",
 )
@@ -57,7 +57,7 @@ FACADE = (
     "pepper_driver/callbacks/events.py",
     "pepper_driver/callbacks/filters.py",
     "pepper_driver/callbacks/waiting.py",
-    "pepper_driver/extras.py",
+    "pepper_driver/services.py",
     "pepper_driver/reflexes/arbiter.py",
     "pepper_driver/reflexes/requests.py",
     "controller/changes.py",

@@ -518,7 +518,7 @@ def main() -> int:
         with StandIn(ROBOT.format(seed=given.seed), network=network, consent=True) as stand_in:
             uri = f"naoqi://127.0.0.1:{stand_in.port}"
             sleeper = Pepper(uri, observer=None)
-            sleeper.extras.wake_up()
+            sleeper.services.wake_up()
             sleeper.stop()
             if given.busy:
                 with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as worker:

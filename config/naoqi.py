@@ -94,12 +94,17 @@ class NaoqiSettings:
     """See ``naoqi_settings.yaml`` for the meaning of each; times in [s]."""
 
     connect_time: Positive
+    probe_time: Positive
     call_time: Positive
     take_over_time: Positive
     switch_time: Positive
     alive_time: Positive
     end_silence: Positive
     wheel_stop_time: Positive
+    wheel_stop_speed: Positive
+    leg_tolerance: Positive
+    posture_time: Positive
+    tablet_time: Positive
     temperature_status: Annotated[int, Field(ge=0, le=3)]
     charging_flap: Literal["refuse", "stand"]
     release_legs: bool

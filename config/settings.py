@@ -68,6 +68,9 @@ class ControllerSettings:
     base: TaskGains
     attentive: AttentiveSettings
     regularisation: Positive
+    rest_rate: Positive
+    return_speed: Positive
+    min_return_time: Positive
     velocity: Literal["safe", "robot"]
     velocity_limit: dict[str, Positive]
     acceleration_limit: dict[str, Positive]
@@ -157,6 +160,12 @@ class SafetySettings:
     limit_activate: Positive
     bumper_release: NonNegative
     chest_button: bool
+    check_period: Annotated[float, Field(ge=0.1, le=5.0)]
+    confirmations: Annotated[int, Field(ge=1, le=20)]
+    min_driven_stiffness: UnitInterval
+    drive_time: Annotated[float, Field(ge=0.1, le=5.0)]
+    caller_silence: Annotated[float, Field(ge=0.03, le=0.5)]
+    callback_time: Annotated[float, Field(ge=0.1, le=60.0)]
 
     def __post_init__(self) -> None:
         """Check what spans fields: warnings come before faults."""

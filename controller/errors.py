@@ -7,7 +7,7 @@ from collections.abc import Iterable
 from pepper_driver.config import PepperError
 from pepper_driver.config.errors import shown
 
-MAX_LISTED = 6
+MAX_NAMES = 6
 """Names in a message."""
 
 
@@ -95,7 +95,7 @@ class RobotMismatchError(PepperError, ValueError):
 
     def __init__(self, task: str, made_for: str, moved: str, names: Iterable[str]) -> None:
         self.task, self.names = task, tuple(names)
-        differing = ", ".join(self.names[:MAX_LISTED]) or "the order of joints or links"
+        differing = ", ".join(self.names[:MAX_NAMES]) or "the order of joints or links"
         super().__init__(
             f"the task '{task}' was made for another description ('{made_for}') than the controller moves"
             f" ('{moved}'); they differ in {differing}: give the task robot=... as the controller has it"

@@ -21,9 +21,6 @@ from pepper_driver.controller.tasks.task import Gains, TaskRows
 MIN_COST = 1e-4
 """Of the largest diagonal entry of the cost: an acceleration that tasks care less for is regularised as this one."""
 
-REST_RATE = 4.0
-"""[1/s] How fast a movement that no task asks for dies out. Regularised, not wanted: any task outweighs it."""
-
 SLACK_WEIGHT = 1e4
 """Of the largest diagonal entry of the cost: what breaking a row that was given up costs, per (rad/s2)^2."""
 
@@ -60,11 +57,12 @@ class QuadraticProgram:
 
     Args:
         nv: Number of accelerations.
-        share: Regularisation as a share of each acceleration's own cost; so the unit of the weights cancels out.
+        regularisation: Ratio to each acceleration's own cost; so the unit of the weights cancels out.
+        rest_rate: Rate at which a motion that no task requests dies out [1/s].
     """
 
-    def __init__(self, nv: int, fraction: float) -> None:
-        self._nv, self._fraction = nv, fraction
+    def __init__(self, nv: int, regularisation: float, rest_rate: float) -> None:
+        self._nv, self._ratio, self._rest_rate = nv, regularisation, rest_rate
         self.hessian, self.gradient = np.zeros((nv, nv)), np.zeros(nv)
         self._diagonal = self.hessian.ravel()[:: nv + 1]
         self._regularisation, self._resting, self._rest = np.zeros((3, nv))
@@ -136,8 +134,8 @@ class QuadraticProgram:
         """Add a fraction of each variable's own cost to it; movements that no task asks for come to rest."""
         least, regularisation = MIN_COST * self._diagonal.max(), self._regularisation
         np.maximum(self._diagonal, least if least > 0 else 1.0, out=regularisation)
-        multiply(self._fraction, regularisation, regularisation)
-        multiply(REST_RATE, regularisation, self._resting)
+        multiply(self._ratio, regularisation, regularisation)
+        multiply(self._rest_rate, regularisation, self._resting)
 
     def solve(
         self,

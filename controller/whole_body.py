@@ -72,6 +72,8 @@ class WholeBodyController:
         base_velocity: The base velocity task that is there from the start; its target is zero. While a task in use
             moves the base, it gives way, unless its target is a motion.
         odometry: Where the wheels have rolled to.
+        return_speed: Largest speed of joints that a reflex has released [rad/s].
+        min_return_time: Smallest time of their return [s].
         dither: Small oscillation that is added to the posture task; off from the start.
         hold: Whether only the posture task acts and the base comes to rest, whatever other tasks there are; they stand
             still meanwhile, and go on afterwards.
@@ -97,10 +99,11 @@ class WholeBodyController:
         self.model = RobotModel(robot)
         # Small arrays are quicker to multiply by arrays of their shape than by numbers.
         self._cycle, self._half = np.full(self.model.nv, self._dt), np.full(self.model.nv, 0.5)
+        self.return_speed, self.min_return_time = settings.return_speed, settings.min_return_time
         self._box = AccelerationBox(robot, settings, self.model, self._dt)
         self._braking_limits = BrakingLimits(self._box.acceleration_limit, self._dt)
         self._solver = make_solver(settings.solver)
-        self._program = QuadraticProgram(self.model.nv, settings.regularisation)
+        self._program = QuadraticProgram(self.model.nv, settings.regularisation, settings.rest_rate)
         self.odometry = Odometry(robot)
         self.dither = Dither(robot, settings.attentive, self._dt)
         self._feedback: Feedback | None = None

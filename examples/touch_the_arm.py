@@ -16,7 +16,9 @@ RETRACT = Retract(limb="left_arm", min_torque=5.0, distance=0.3, priority=50)
 if __name__ == "__main__":
     uri = sys.argv[1] if len(sys.argv) > 1 else "mujoco"
     with Pepper(uri, reflexes=[FOLLOW, RETRACT], log="touch.mcap") as pepper:
-        pepper.on_contact(limb="left_arm")(lambda _: pepper.extras.say("You are touching my arm."))
+        pepper.on_contact(limb="left_arm")(
+            lambda _: pepper.services.say("You are touching my arm.")
+        )
         for posture in ("Stand", FORWARD, ASIDE, DOWN, "Stand"):
             pepper.set_posture(posture, duration=4.0)
             pepper.run(4.0)

@@ -25,7 +25,7 @@ logger = logging.getLogger("pepper_driver")
 MAX_PHASE_SHIFT = 0.005
 """Fraction of a cycle by which a tick may be shifted: fifty times as much as clocks run apart."""
 
-PRIORITY = 40
+TICK_PRIORITY = 40
 """SCHED_FIFO priority: above all usual threads, below those that serve interrupts (50)."""
 
 SWITCH_INTERVAL = 50e-6
@@ -203,7 +203,7 @@ def _priority() -> Iterator[str]:
     obstacle = ""
     try:
         if not given:
-            _set_scheduler(os.SCHED_FIFO | os.SCHED_RESET_ON_FORK, PRIORITY)
+            _set_scheduler(os.SCHED_FIFO | os.SCHED_RESET_ON_FORK, TICK_PRIORITY)
     except OSError:  # a container may refuse with other errors than PermissionError
         obstacle = (
             "real-time priority is not permitted; a line like '@realtime - rtprio 50' in "

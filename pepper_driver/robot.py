@@ -48,7 +48,6 @@ from pepper_driver.controller.whole_body import check_part
 from pepper_driver.experiments.plan import Plan, plan_experiment
 from pepper_driver.experiments.player import OnStep, Player
 from pepper_driver.experiments.reports import ExperimentReport
-from pepper_driver.extras import RobotExtras
 from pepper_driver.log import LogError, LogWriter, run_metadata
 from pepper_driver.loop import Labelling, Loop
 from pepper_driver.observer import Contact, Observation, Observer
@@ -58,6 +57,7 @@ from pepper_driver.reflexes import Arbiter, Reflex, prepare_reflexes
 from pepper_driver.reflexes.declared import declare
 from pepper_driver.safety import FaultReason, RobotState
 from pepper_driver.safety.plugins import dry_run_observer, dry_run_part, dry_run_reflexes
+from pepper_driver.services import UserServices
 from pepper_driver.session import OnTick, Session
 
 logger = logging.getLogger("pepper_driver")
@@ -69,9 +69,6 @@ MAX_RUN = 1e9
 
 MAX_DRIVE = 10.0
 """[m/s], [rad/s] Of a drive: far beyond what the wheels do, so it is a mistake."""
-
-DRIVE_TIME = 0.5
-"""[s] for which the base follows one :meth:`Pepper.drive`."""
 
 
 @checked_arguments
@@ -112,7 +109,7 @@ class Pepper(CallbackRegistry):
     Attributes:
         config: Description of the robot.
         backend: The robot or simulation behind it.
-        extras: Speech, lights, tablet, postures, wake-up and rest, where the robot has them.
+        services: Speech, lights, tablet, postures, wake-up and rest, where the robot has them.
         paced: True where ticks wait for the wall clock: on a real robot, or with ``real_time``.
         observer: The observer in use; of a real robot, by name, once it is connected.
         reflexes: In the order in which they are asked.
@@ -142,7 +139,7 @@ class Pepper(CallbackRegistry):
         dry_run_reflexes(self.reflexes, config)
         super().__init__(config, self.reflexes)
         self.backend: Backend = make_backend(uri, self.config)
-        self.extras = RobotExtras(self.backend, self._is_active)
+        self.services = UserServices(self.backend, self._is_active)
         self.paced = real_time or self.backend.real_time
         if loop not in (None, "thread", "caller") or (loop == "thread" and not self.paced):
             raise BackendError(
@@ -462,7 +459,8 @@ class Pepper(CallbackRegistry):
             vx: Forwards [m/s].
             vy: To the left [m/s].
             wz: Turn to the left [rad/s].
-            hold: Keep driving until the next call. By default the base stops half a second after the last call.
+            hold: Keep driving until the next call. By default the base stops ``drive_time`` of ``safety.yaml``, half
+                a second, after the last call.
 
         Raises:
             TargetError: Not finite numbers, or beyond 10; nothing changes.
@@ -473,7 +471,8 @@ class Pepper(CallbackRegistry):
         for name, value in zip(names, twist.tolist(), strict=True):
             if abs(value) > MAX_DRIVE:
                 raise TargetError(f"drive: {name} is {MAX_DRIVE:g} at most, got {value:g}")
-        self._changes.make(lambda: arbiter.drive(twist, None if hold else DRIVE_TIME))
+        time = self._safety_settings.drive_time
+        self._changes.make(lambda: arbiter.drive(twist, None if hold else time))
 
     def add(self, part: Task | Constraint) -> None:
         """Have the robot follow a task, or keep a constraint, from the next tick on; before the start too.

@@ -38,17 +38,11 @@ from pepper_driver.safety.plugins import describe_failure
 
 logger = logging.getLogger("pepper_driver")
 
-CALLBACK_TIME = 2.0
-"""[s] that the end of a run waits for all callbacks that are still busy."""
-
 MAX_TICK_TIME = 1.0
 """[s] that a caller waits for the current tick of another thread."""
 
 MAX_CLOSE_TIME = 10.0
 """[s] that the end of a run waits for a robot to be closed in the middle of a tick."""
-
-MAX_CALLER_SILENCE = 0.06
-"""[s] without a tick after which a robot whose caller ticks is brought to rest."""
 
 OnTick = Callable[[Tick, Observation | None], object]
 
@@ -108,8 +102,8 @@ class Session:
     """Connects, opens the log, raises the stiffness, holds the measured posture; ticks until it is closed.
 
     Without a pacer that waits, time passes only inside :meth:`run`. Else a thread ticks from the start to the end; or,
-    with ``loop_thread`` False, it ticks whenever the caller has not done so for ``MAX_CALLER_SILENCE``: base and joints
-    then come to rest, and the robot is watched on.
+    with ``loop_thread`` False, it ticks whenever the caller has not done so for ``caller_silence`` of ``safety.yaml``:
+    base and joints then come to rest, and the robot is watched on.
 
     Args:
         backend: Closed.
@@ -152,7 +146,7 @@ class Session:
         self._backend, self._robot, self._settings = backend, robot, controller
         self._pacer, self._changes, self._loop_thread = pacer, changes, loop_thread
         self._metadata = metadata
-        self.gate = SafetyGate(robot, safety, controller)
+        self.gate, self._safety = SafetyGate(robot, safety, controller), safety
         self.dispatcher, self.cycle = dispatcher, robot.cycle
         self.active = False
         self.log: LogWriter | None = None
@@ -161,9 +155,8 @@ class Session:
         self._failure: BaseException | None = None  # what ended the ticks
         self._failure_raised = False  # to a caller
         self._wait = TickWait(0)  # the newest; over while no call waits
-        self._turn = (
-            threading.RLock()
-        )  # held by the thread that ticks or waits for ticks; re-entrant
+        # Held by the thread that ticks or waits for ticks.
+        self._turn = threading.RLock()
         self._runner: threading.Thread | None = None
         self._ticking: threading.Thread | None = None
         self._home = threading.current_thread()
@@ -174,12 +167,10 @@ class Session:
         self._ending = threading.Event()
         self._closed = False
         self._closing = threading.RLock()  # re-entrant, for signal handlers
-        self._fault_lock = (
-            threading.Lock()
-        )  # acquired for good by the thread that publishes the first fault
+        self._fault_lock = threading.Lock()  # acquired for good by the first fault
         self._rest = ExitStack()  # closed after the robot, the last first
         self.raises_signals = self._rest.enter_context(raised_signals())
-        self._rest.callback(dispatcher.close, timeout=CALLBACK_TIME)
+        self._rest.callback(dispatcher.close, timeout=safety.callback_time)
 
     # -- begin and end --------------------------------------------------------------------------------------------
 
@@ -383,7 +374,7 @@ class Session:
         if wait.error is not None:
             self._raise(wait.error)
         if not self._pacer.paced:  # a real robot would stand without ticks meanwhile
-            self.dispatcher.flush(timeout=CALLBACK_TIME)
+            self.dispatcher.flush(timeout=self._safety.callback_time)
         return wait
 
     def check_free(self) -> None:
@@ -479,13 +470,14 @@ class Session:
 
     def _tick_for_silent_caller(self) -> None:
         """Tick whenever the caller has not done so for some time, with the robot at rest, until it does again."""
+        max_silence = self._safety.caller_silence
         while self._failure is None and not self._ending.is_set():
             # A waiting caller gets the turn meanwhile.
-            self._ending.wait(max(MAX_CALLER_SILENCE - self._silence, 0.001))
-            if not self._turn.acquire(timeout=MAX_CALLER_SILENCE):  # or it would not end
+            self._ending.wait(max(max_silence - self._silence, 0.001))
+            if not self._turn.acquire(timeout=max_silence):  # or it would not end
                 continue
             try:
-                if self._silence < MAX_CALLER_SILENCE or self._failure is not None:
+                if self._silence < max_silence or self._failure is not None:
                     continue
                 self.loop.arbiter.paused = True
                 while not (self._callers or self._ending.is_set()):

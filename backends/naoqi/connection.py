@@ -22,9 +22,6 @@ from pepper_driver.backends.naoqi.qi_library import (
 from pepper_driver.config import NaoqiSettings, load_naoqi_settings
 from pepper_driver.config.signals import check_signals
 
-PROBE_TIME = 2.0
-"""[s] a peer may take to begin with TLS. A robot in the same building takes a tenth of it."""
-
 
 class NoAnswerError(NotConnectedError, TimeoutError):
     """A server listens, but does not answer."""
@@ -55,14 +52,15 @@ def check_listening(address: Address, timeout: float) -> None:
         ) from error
 
 
-def refusal(address: Address, *, silent: bool) -> NotConnectedError:
+def refusal(address: Address, probe_time: float, *, silent: bool) -> NotConnectedError:
     """Reason why ``qi`` did not connect to a server that listens.
 
     Args:
         address: Where.
+        probe_time: How long the peer may take to begin with TLS [s].
         silent: Whether it still waited for an answer, and was not turned away.
     """
-    peer = _peer(address)
+    peer = _peer(address, probe_time)
     place = f"{address.host}:{address.port}"
     if peer == "tls" and not address.secure:
         return NotConnectedError(
@@ -87,14 +85,14 @@ def refusal(address: Address, *, silent: bool) -> NotConnectedError:
     )
 
 
-def _peer(address: Address) -> Literal["tls", "plain", "silent"]:
+def _peer(address: Address, probe_time: float) -> Literal["tls", "plain", "silent"]:
     """Return the peer's answer to the begin of TLS. Nothing is sent in it, and no certificate is trusted."""
     context = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
     context.check_hostname = False
     context.verify_mode = ssl.CERT_NONE
     try:
         with (
-            socket.create_connection((address.host, address.port), timeout=PROBE_TIME) as plain,
+            socket.create_connection((address.host, address.port), timeout=probe_time) as plain,
             context.wrap_socket(plain),
         ):
             return "tls"
@@ -336,7 +334,7 @@ def connect(
     answered = finished(future, settings.connect_time)
     if not answered or future.hasError():
         session.close()
-        raise refusal(address, silent=not answered)
+        raise refusal(address, settings.probe_time, silent=not answered)
     return Connection(address, session, on_lost, settings.call_time)
 
 

@@ -20,12 +20,6 @@ from pepper_driver.config.signals import check_signals
 
 logger = logging.getLogger("pepper_driver")
 
-WHEEL_STOP_SPEED = 0.2
-"""[rad/s] below which wheels stand: 14 mm/s."""
-
-ARRIVED = 0.03
-"""[rad] within which legs are where they should be: what they droop by."""
-
 MIN_STIFFNESS = 0.1
 """Stiffness below which a joint has none."""
 
@@ -122,7 +116,7 @@ def let_go(
         measurement = tick(None, link.stiffness)
         if measurement is None:
             return False
-        at_rest = bool((np.abs(measurement.wheel_speed) < WHEEL_STOP_SPEED).all())
+        at_rest = bool((np.abs(measurement.wheel_speed) < settings.wheel_stop_speed).all())
         if number >= 2 and at_rest and link.idle:
             break
     off = [(2 * robot.cycle, 0.0)]
@@ -192,7 +186,7 @@ def _return_legs(
         return False
     distance = np.where(np.isfinite(goal), goal - start, 0.0)
     farthest = float(np.abs(distance).max())
-    if farthest <= ARRIVED:
+    if farthest <= settings.leg_tolerance:
         return True
     speed = settings.timing.leg_return_speed
     ticks = round(PEAK_SPEED_RATIO * farthest / speed / robot.cycle)

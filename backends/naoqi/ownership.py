@@ -190,7 +190,7 @@ def _alive(connection: Connection, timeout: float) -> bool:
     return True
 
 
-POLL = 0.1
+POLL_PERIOD = 0.1
 """[s] between two checks of a slow operation."""
 
 
@@ -390,5 +390,5 @@ class TakeOver:
         while not reached():
             if time.monotonic() > end:
                 return False
-            time.sleep(POLL)
+            time.sleep(POLL_PERIOD)
         return True

@@ -150,7 +150,7 @@ logger = logging.getLogger("pepper_driver")
 THREADS = ("EventLoop", "MainEventLoop")
 """How the names of libqi's threads begin, which send and receive."""
 
-PRIORITY = 39
+QI_PRIORITY = 39
 """Of SCHED_FIFO: just below that of ticks."""
 
 
@@ -166,7 +166,7 @@ def prefer_messages(prefer: bool) -> None:
         try:
             if (task / "comm").read_text().startswith(THREADS):
                 scheduler = os.SCHED_FIFO if prefer else os.SCHED_OTHER
-                param = os.sched_param(PRIORITY if prefer else 0)
+                param = os.sched_param(QI_PRIORITY if prefer else 0)
                 os.sched_setscheduler(int(task.name), scheduler, param)
         except OSError as error:  # not permitted; or the thread has ended meanwhile
             logger.debug("priority of libqi's thread %s: %s", task.name, error)
@@ -177,7 +177,7 @@ def preferred() -> Iterator[None]:
     """Give this thread real-time priority as well, where that is permitted: what it measures, ticks will find."""
     try:
         before = os.sched_getscheduler(0), os.sched_getparam(0)
-        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(PRIORITY))
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(QI_PRIORITY))
     except (OSError, AttributeError) as error:
         logger.debug("priority of measurements: %s", error)
         yield

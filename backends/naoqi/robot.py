@@ -27,7 +27,7 @@ from pepper_driver.backends.naoqi.connection import Connection, connect
 from pepper_driver.backends.naoqi.ownership import TakeOver
 from pepper_driver.backends.naoqi.preflight import Preflight, check_robot, diagnosis, preflight
 from pepper_driver.backends.naoqi.presence import Presence
-from pepper_driver.backends.naoqi.services import NaoqiExtras, abilities
+from pepper_driver.backends.naoqi.services import NaoqiRobotServices, abilities
 from pepper_driver.backends.naoqi.stand_in import SERVICE, Handled, simulated_parents
 from pepper_driver.config import (
     NaoqiSettings,
@@ -242,9 +242,11 @@ class NaoqiRobot(Serial, Handled):
     # -- beyond motion ------------------------------------------------------------------------------------------
 
     @cached_property
-    def extras(self) -> NaoqiExtras:
+    def services(self) -> NaoqiRobotServices:
         """Speech, lights, tablet, postures, waking up and resting, as far as this robot has them."""
-        return NaoqiExtras(self._address.uri, self._connected, lambda: self._state == "active")
+        return NaoqiRobotServices(
+            self._address.uri, self._connected, lambda: self._state == "active", self._settings
+        )
 
     def diagnosis(self) -> tuple[DeviceError, ...] | None:
         """Return the parts that the robot's own diagnosis finds broken."""

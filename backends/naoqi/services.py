@@ -1,12 +1,13 @@
-"""A Pepper's extras over NAOqi: speech, lights, tablet, and motions of its own programs."""
+"""A Pepper's services over NAOqi: speech, lights, tablet, and motions of its own programs."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Collection
 
-from pepper_driver.backends.extras import Extras
 from pepper_driver.backends.interface import BackendError, Capability
 from pepper_driver.backends.naoqi.connection import Connection
+from pepper_driver.backends.robot_services import RobotServices
+from pepper_driver.config.naoqi import NaoqiSettings
 
 SERVICES: dict[Capability, str] = {
     "speech": "ALTextToSpeech",
@@ -17,20 +18,14 @@ SERVICES: dict[Capability, str] = {
 }
 """What a robot must have for each of its abilities."""
 
-TABLET_TIME = 10.0
-"""[s] in which a tablet gets an image, or does not."""
-
-POSTURE_TIME = 60.0
-"""[s] to a posture, to its feet, or to rest."""
-
 
 def abilities(service_names: Collection[str]) -> frozenset[Capability]:
     """Return the abilities of a robot with these services."""
     return frozenset(ability for ability, name in SERVICES.items() if name in service_names)
 
 
-class NaoqiExtras(Extras):
-    """Services of a robot over NAOqi; see :class:`~pepper_driver.backends.extras.Extras` for what each does and raises.
+class NaoqiRobotServices(RobotServices):
+    """Services of a robot over NAOqi; see :class:`~pepper_driver.backends.robot_services.RobotServices`.
 
     ``say`` and ``leds`` only begin: what the robot refuses later is logged.
 
@@ -38,12 +33,18 @@ class NaoqiExtras(Extras):
         uri: Of the backend.
         connection: Returns the open connection, or raises with the reason.
         is_active: Whether the backend moves the robot now.
+        settings: How long postures and the tablet may take.
     """
 
     def __init__(
-        self, uri: str, connection: Callable[[], Connection], is_active: Callable[[], bool]
+        self,
+        uri: str,
+        connection: Callable[[], Connection],
+        is_active: Callable[[], bool],
+        settings: NaoqiSettings,
     ) -> None:
         super().__init__(uri)
+        self._settings = settings
         self._connection = connection
         self._is_active = is_active
 
@@ -67,7 +68,7 @@ class NaoqiExtras(Extras):
         """Have the tablet show an image; it may have to fetch it first."""
         if not self._has("tablet"):
             super().show_image(url)
-        elif not self._call("tablet", "showImage", url, timeout=TABLET_TIME):
+        elif not self._call("tablet", "showImage", url, timeout=self._settings.tablet_time):
             raise BackendError(
                 f"'{self._uri}': the tablet does not show '{url}'; it must be an image, at an address that the tablet "
                 "itself can reach, such as http://198.18.0.1/... of the robot"
@@ -76,7 +77,7 @@ class NaoqiExtras(Extras):
     def hide_image(self) -> None:
         """Have the tablet show no image."""
         if self._has("tablet"):
-            self._call("tablet", "hideImage", timeout=TABLET_TIME)
+            self._call("tablet", "hideImage", timeout=self._settings.tablet_time)
         else:
             super().hide_image()
 
@@ -86,7 +87,9 @@ class NaoqiExtras(Extras):
             super().go_to_posture(name, speed)
             return
         self._check_inactive(f"go to posture '{name}'")
-        if not self._call("postures", "goToPosture", name, speed, timeout=POSTURE_TIME):
+        if not self._call(
+            "postures", "goToPosture", name, speed, timeout=self._settings.posture_time
+        ):
             raise BackendError(
                 f"'{self._uri}' did not reach posture '{name}'; is it awake, is an obstacle in its path, and does it "
                 "have that posture?"
@@ -102,7 +105,7 @@ class NaoqiExtras(Extras):
 
     def _by_itself(self, method: str, what: str, *, awake: bool) -> None:
         self._check_inactive(what)
-        self._call("wake", method, timeout=POSTURE_TIME)
+        self._call("wake", method, timeout=self._settings.posture_time)
         if bool(self._call("wake", "robotIsWakeUp")) is not awake:
             raise BackendError(
                 f"'{self._uri}' does not {what}; press the chest button once, its notifications say why"

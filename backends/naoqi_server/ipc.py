@@ -18,7 +18,7 @@ from pepper_driver.backends.naoqi_server.dcm import TimedCommand, UpdateType
 from pepper_driver.backends.naoqi_server.shared_values import BlackBox, Table
 from pepper_driver.config import PepperError
 
-PACKET = 1 << 18
+MAX_PACKET_SIZE = 1 << 18
 """[bytes] of the longest packet."""
 
 
@@ -26,7 +26,7 @@ def make_pair() -> tuple[socket.socket, socket.socket]:
     """Two ends of a connection that keeps packets whole, even if a sender is killed."""
     pair = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
     for end in pair:
-        end.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, 2 * PACKET)
+        end.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, 2 * MAX_PACKET_SIZE)
     return pair
 
 
@@ -38,14 +38,16 @@ def send(end: socket.socket, message: dict[str, Any], *, wait: bool = True) -> N
         OSError: The other end is closed; or, without ``wait``, it does not read.
     """
     packet = json.dumps(message).encode()
-    if len(packet) > PACKET:
-        raise BackendError(f"a request of {len(packet)} bytes is too long: {PACKET} is the most")
+    if len(packet) > MAX_PACKET_SIZE:
+        raise BackendError(
+            f"a request of {len(packet)} bytes is too long: {MAX_PACKET_SIZE} is the most"
+        )
     end.send(packet, 0 if wait else socket.MSG_DONTWAIT)
 
 
 def receive(end: socket.socket) -> dict[str, Any] | None:
     """Return the next message; None once the other end is closed."""
-    packet = end.recv(PACKET)
+    packet = end.recv(MAX_PACKET_SIZE)
     if not packet:
         return None
     message: dict[str, Any] = json.loads(packet)
@@ -234,7 +236,7 @@ class Robot(Protocol):
         """Return the truth of the last cycles; all that are kept, or so many."""
 
 
-_MOST_COMMANDS = PACKET // 64
+_MOST_COMMANDS = MAX_PACKET_SIZE // 64
 """In one packet; a longer order is given in parts."""
 
 

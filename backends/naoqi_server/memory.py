@@ -147,7 +147,7 @@ class Memory:
             raise NoDataError(f"no data under '{key}'") from None
 
 
-PERIOD = 0.012
+SENSOR_PERIOD = 0.012
 """[s] between two readings: the period of the sensors."""
 
 CLICKS = (
@@ -193,7 +193,7 @@ class SensorEvents:
 
     def _run(self) -> None:
         while True:
-            time.sleep(PERIOD)
+            time.sleep(SENSOR_PERIOD)
             if self.on:
                 self.read_sensors(time.monotonic())
 

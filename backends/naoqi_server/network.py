@@ -30,7 +30,7 @@ open again, as TCP repeats it. ``cut``: connections are closed at both ends, and
 Greeting = Callable[[asyncio.StreamReader, asyncio.StreamWriter], Awaitable[bytes | None]]
 """Reads what a client says first. Returns what of it the server is to get, or None where the client is refused."""
 
-PACKET = 65536  # [B] read at once
+READ_SIZE = 65536  # [B] read at once
 
 
 class Relay:
@@ -113,7 +113,7 @@ class Relay:
         due = 0.0
         try:
             while True:
-                data = await reader.read(PACKET)
+                data = await reader.read(READ_SIZE)
                 due = max(due, asyncio.get_running_loop().time() + self._delay())
                 in_flight.put_nowait((due, data))
                 if not data:

@@ -28,7 +28,7 @@ def table_keys(robot: RobotConfig, devices: NaoqiDevices) -> dict[str, int]:
     }
 
 
-CYCLES = 10_000
+KEPT_CYCLES = 10_000
 """Kept: two minutes."""
 
 
@@ -124,7 +124,7 @@ class Table:
 
     def __init__(self, file: int, keys: int, robot: RobotConfig) -> None:
         rows = row_type(robot)
-        sizes = [8 * _HEADER, _INFO, 2 * 8 * keys, CYCLES * rows.itemsize]
+        sizes = [8 * _HEADER, _INFO, 2 * 8 * keys, KEPT_CYCLES * rows.itemsize]
         if os.fstat(file).st_size < sum(sizes):
             os.ftruncate(file, sum(sizes))
         memory = mmap.mmap(file, sum(sizes))
@@ -132,7 +132,7 @@ class Table:
         self._header = np.ndarray(_HEADER, np.int64, memory, begins[0])
         self._info = np.ndarray(_INFO, np.uint8, memory, begins[1])
         self._values = np.ndarray((2, keys), np.float64, memory, begins[2])
-        self._rows = np.ndarray(CYCLES, rows, memory, begins[3])
+        self._rows = np.ndarray(KEPT_CYCLES, rows, memory, begins[3])
 
     @staticmethod
     def make_file() -> int:
@@ -156,7 +156,7 @@ class Table:
     def record(self, row: tuple[Any, ...]) -> None:
         """Put a cycle into the black box."""
         count = int(self._header[_ROWS])
-        self._rows[count % CYCLES] = row
+        self._rows[count % KEPT_CYCLES] = row
         self._header[_ROWS] = count + 1
 
     @property
@@ -187,8 +187,8 @@ class Table:
     def black_box(self, last: int | None = None) -> BlackBox:
         """Return the last cycles in the black box; all that is kept, or that many."""
         count = int(self._header[_ROWS])
-        first = max(0, count - CYCLES, count - last if last is not None else 0)
-        rows: NDArray[np.void] = self._rows[np.arange(first, count) % CYCLES]
+        first = max(0, count - KEPT_CYCLES, count - last if last is not None else 0)
+        rows: NDArray[np.void] = self._rows[np.arange(first, count) % KEPT_CYCLES]
         # What the robot wrote over meanwhile, and the row it may be at now.
-        lost = max(0, int(self._header[_ROWS]) + 1 - CYCLES - first)
+        lost = max(0, int(self._header[_ROWS]) + 1 - KEPT_CYCLES - first)
         return BlackBox.of(rows[lost:])

@@ -33,7 +33,7 @@ from pepper_driver.controller.constraints.constraint import (
 )
 from pepper_driver.controller.model import RobotModel
 
-CYCLES = (1.0, 3.0)
+CHECKED_CYCLES = (1.0, 3.0)
 """After how many cycles of braking distances are kept, beside at rest."""
 
 WATCHED = 20
@@ -119,7 +119,7 @@ class SelfCollision(Constraint):
     def _prepare(self, braking_limits: BrakingLimits) -> None:
         brake, dt = braking_limits.brake, braking_limits.dt
         self._rest = BrakingPath(brake, dt, inf)
-        self._in_flight = [(cycles, BrakingPath(brake, dt, cycles)) for cycles in CYCLES]
+        self._in_flight = [(cycles, BrakingPath(brake, dt, cycles)) for cycles in CHECKED_CYCLES]
         self._acceleration = brake / BRAKE_RATIO
         self._reach = self._capsules.levers * self._acceleration
         self._prepared = braking_limits

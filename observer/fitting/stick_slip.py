@@ -23,7 +23,7 @@ MIN_IMPROVEMENT = 0.05
 MIN_LOAD_EFFECT = np.radians(0.05)
 """[rad] of tracking error: of a smaller load the current is the better measure of the stiffness."""
 
-REST_SPEED = 0.03
+FIT_REST_SPEED = 0.03
 """[rad/s] Desired speed below which the error is that at rest."""
 
 _STEP = 1e-3
@@ -80,7 +80,7 @@ class _Runs:
             self.counts[: len(recording), run] = recording.usable(index)
         self.counts[: round(START_UP_TIME / cycle)] = False
         self.current = columns_of("current")
-        self.slow = self.counts & (np.abs(columns_of("velocity")) < REST_SPEED)
+        self.slow = self.counts & (np.abs(columns_of("velocity")) < FIT_REST_SPEED)
 
     def load_gain_at_rest(self, torque_constant: float) -> float | None:
         """Return 1 / K [rad/(N m)] if the current follows from the error alone; None without current."""

@@ -131,7 +131,7 @@ LOAD_PROCESS_NOISE = np.array([0.02, 0.002, 0.002, 0.002])
 MAX_EFFECT = 200.0
 """[N m] per kilogram and per kilogram metre: an arm of one metre at twenty times gravity."""
 
-SLOW_CHECK_PERIOD = 2
+ARM_CHECK_TICKS = 2
 """Ticks between two computations of the regressor."""
 
 MIN_NOISE = np.radians(0.3) ** 2
@@ -196,7 +196,7 @@ class HandLoads:
             velocity: (n,) desired [rad/s].
             acceleration: (n,) desired [rad/s2].
         """
-        if self._ticks % SLOW_CHECK_PERIOD == 0:
+        if self._ticks % ARM_CHECK_TICKS == 0:
             with np.errstate(all="ignore"):
                 regressor = self._model.payload_regressor(
                     self._wrists, position, velocity, acceleration

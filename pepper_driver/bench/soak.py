@@ -14,7 +14,7 @@ from pepper_driver.backends.motion_profile import minimum_jerk
 from pepper_driver.config import RobotConfig, load_robot
 from pepper_driver.config.arrays import FloatArray
 
-PERIOD = 4.0
+GOAL_PERIOD = 4.0
 """[s] between two goals; in each period the robot is pushed once or held once."""
 
 RANGE = 0.8
@@ -77,7 +77,7 @@ def run_soak(
         backend.open()
         measurement = backend.activate()
         cycle, posture = backend.info.cycle, robot.posture("Stand")
-        ticks, period = max(4, round(seconds / cycle)), round(PERIOD / cycle)
+        ticks, period = max(4, round(seconds / cycle)), round(GOAL_PERIOD / cycle)
         start = goal = np.clip(measurement.position, robot.lower, robot.upper)
         wheels, finite, energy = np.zeros(3), True, np.zeros(4)
         begin = perf_counter()
@@ -121,7 +121,7 @@ def _goal(robot: RobotConfig, posture: FloatArray, rng: np.random.Generator) -> 
 
 def _touch(backend: Backend, rng: np.random.Generator) -> None:
     """Order a push of at most 15 N, or a hand that pulls at most 3 cm, somewhere in the next period."""
-    link, delay = str(rng.choice(TOUCHED)), float(rng.uniform(0.0, PERIOD / 3))
+    link, delay = str(rng.choice(TOUCHED)), float(rng.uniform(0.0, GOAL_PERIOD / 3))
     direction = rng.standard_normal(3)
     direction /= np.linalg.norm(direction)
     if rng.random() < 0.5:

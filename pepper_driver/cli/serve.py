@@ -23,7 +23,7 @@ USER = "nao"
 PASSWORD = "nao"
 """Of the stand-in where the environment says none: there is nothing to protect."""
 
-PAUSE = 3
+RESTART_DELAY = 3
 """[s] after which a NAOqi that ended is started again. A robot does so too, and takes longer."""
 
 
@@ -122,8 +122,10 @@ def serve(
             console.print(f"user '{USER}', password {known}")
         while True:
             how = stand_in.wait()
-            _warn(f"NAOqi ended {how}; the robot goes on, and NAOqi starts again in {PAUSE} s")
-            time.sleep(PAUSE)
+            _warn(
+                f"NAOqi ended {how}; the robot goes on, and NAOqi starts again in {RESTART_DELAY} s"
+            )
+            time.sleep(RESTART_DELAY)
             stand_in.start_naoqi()
             console.print(f"ready on {stand_in.url}")
 

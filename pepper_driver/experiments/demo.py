@@ -29,7 +29,7 @@ from pepper_driver.robot import Pepper
 
 LOG_NAME, CONTACTS_NAME, FIGURE_NAME = "demo.mcap", "contacts.json", "contacts.png"
 
-SETTLING_TIME = 0.15
+EVENT_SETTLING_TIME = 0.15
 """[s] After its detection a contact may still move to another joint or limb."""
 
 
@@ -166,7 +166,9 @@ def run_demo(
     def _(contact: Contact) -> None:
         if contact.phase == "begin" or contact.id in unsettled:
             unsettled[contact.id] = contact
-        settled = contact.time - contact.detection_time >= SETTLING_TIME or contact.phase == "end"
+        settled = (
+            contact.time - contact.detection_time >= EVENT_SETTLING_TIME or contact.phase == "end"
+        )
         if settled and unsettled.pop(contact.id, None) is not None:
             report_contact(contact, tuple(pushes))
 

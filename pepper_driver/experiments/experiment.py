@@ -101,7 +101,7 @@ class ExperimentRun:
             robot=robot,
             about=_about(experiment),
         )
-        self.pepper.on_cue()(self.pepper.extras.perform)
+        self.pepper.on_cue()(self.pepper.services.perform)
         self.report: ExperimentReport | None = None
         self._plan: Plan | None = None
         if not self.pepper.backend.real_time:

@@ -330,7 +330,7 @@ class Player:
         self._reach_again()
         left = max(round((step.duration or 0.0) / cycle) - self._ticks, 0)
         here = self._controller.position - self._controller.dither.position
-        seconds = max(return_time(before.target - here), left * cycle)
+        seconds = max(return_time(before.target - here, self._controller), left * cycle)
         self._ticks -= round(seconds / cycle) - left
         arbiter.move_to(before.target, seconds)
         for goal in before.active:

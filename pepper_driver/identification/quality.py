@@ -48,7 +48,7 @@ LEAST_BURST = np.radians(0.5)
 FLAT_TIME = 0.36
 """[s] A current at its maximum for so long is held there."""
 
-MOVING = 0.1
+MIN_MOVING_SPEED = 0.1
 """[rad/s] Slower, the weight of an arm may well take the most current of a run, for long."""
 
 FLAT_TOP = (0.02, 0.02)
@@ -165,7 +165,7 @@ def _flat_current(name: str, run: Recording, joint: str) -> list[Finding]:
         return []
     smooth = np.median(np.lib.stride_tricks.sliding_window_view(current, FLAT_WINDOW), axis=1)
     top = float(smooth.max())
-    moving = np.abs(run.velocity[half : half + len(smooth), index]) > MOVING
+    moving = np.abs(run.velocity[half : half + len(smooth), index]) > MIN_MOVING_SPEED
     flat = moving & (smooth >= top - max(FLAT_TOP[0] * top, FLAT_TOP[1]))
     begin, end = _longest(flat)
     seconds = (end - begin) * float(np.median(np.diff(run.time)))

@@ -198,7 +198,7 @@ DRAIN_PERIOD = 0.05
 """[s] Sleep of the writer thread between two checks of the ring."""
 BLOCK = 8
 """Rows written in one go: a fraction of a millisecond, for the tick must not wait long for the interpreter."""
-PAUSE = 0.001
+BACKLOG_SLEEP = 0.001
 """[s] Sleep between blocks of a backlog."""
 
 
@@ -322,7 +322,7 @@ class LogWriter:
             self._wake.wait(DRAIN_PERIOD)
             self._wake.clear()
             closing = self._closing  # read before the ring: no row follows it
-            self._drain(pause=0.0 if closing else PAUSE)
+            self._drain(pause=0.0 if closing else BACKLOG_SLEEP)
         try:
             if self._failure is None:
                 self._file.finish()

@@ -23,12 +23,6 @@ from pepper_driver.reflexes.basic import Ignore
 from pepper_driver.reflexes.reflex import Reflex, ReflexError, kind_of
 from pepper_driver.reflexes.requests import BRAKING_STIFFNESS, ReflexRequests
 
-MAX_RETURN_SPEED = 0.6
-"""[rad/s] Of joints that return to the user's posture after a reflex."""
-
-MIN_RETURN_TIME = 0.8
-"""[s] For small distances, so that the motion stays smooth."""
-
 
 @checked_arguments
 def prepare_reflexes(reflexes: Sequence[Reflex], robot: RobotConfig) -> tuple[Reflex, ...]:
@@ -220,7 +214,7 @@ class Arbiter:
         elif held is None and np.count_nonzero(requests.released_to_posture) and not task.under_way:
             # A spring would jerk at first, and creep at the end, where worn gears stick and slip.
             away = (target - controller.position)[requests.released_to_posture]
-            task.move_to(target, return_time(away))
+            task.move_to(target, return_time(away, controller))
         stiffness = self.posture_stiffness if stiffness is None else stiffness
         if task.stiffness != stiffness:
             task.stiffness = stiffness
@@ -248,10 +242,10 @@ class Arbiter:
         return tuple(self._robot.joint_names[joint] for joint in np.flatnonzero(joints))
 
 
-def return_time(away: FloatArray) -> float:
-    """Return the time for joints to come back from ``away`` [rad], gently [s]."""
+def return_time(away: FloatArray, controller: WholeBodyController) -> float:
+    """Return the time for joints to come back from ``away`` [rad] by the controller's settings [s]."""
     distance = float(np.abs(away).max())
-    return max(PEAK_SPEED_RATIO * distance / MAX_RETURN_SPEED, MIN_RETURN_TIME)
+    return max(PEAK_SPEED_RATIO * distance / controller.return_speed, controller.min_return_time)
 
 
 def _without(observation: Observation, ignore: Ignore) -> Observation:

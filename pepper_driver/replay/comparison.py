@@ -21,7 +21,7 @@ from pepper_driver.replay.logged_run import LoggedRun
 from pepper_driver.replay.run import Replayed
 from pepper_driver.safety import FaultReason
 
-SAME = 0.5
+MATCH_WINDOW = 0.5
 """[s] Contacts and reflexes match when they are no further apart."""
 
 ARITHMETIC = ("pepper_driver", "numpy", "pin")
@@ -246,15 +246,15 @@ def _pairs(
 def _contact_distance(then: Contact, now: Contact) -> float | None:
     """[s] between two contacts that may match; further apart if another joint detected them."""
     overlap = min(then.time, now.time) - max(then.onset_time, now.onset_time)
-    if overlap < -SAME:
+    if overlap < -MATCH_WINDOW:
         return None
-    return abs(_time(now) - _time(then)) + SAME * (now.joint != then.joint)
+    return abs(_time(now) - _time(then)) + MATCH_WINDOW * (now.joint != then.joint)
 
 
 def _reflex_distance(then: LogEvent, now: LogEvent) -> float | None:
     apart = abs(now.time - then.time)
     same = (then.name, then.phase) == (now.name, now.phase)
-    return apart if same and apart <= SAME else None
+    return apart if same and apart <= MATCH_WINDOW else None
 
 
 def _time(item: Contact | LogEvent | None) -> float:

@@ -13,9 +13,6 @@ from pepper_driver.config import RobotConfig, SafetySettings
 from pepper_driver.config.arrays import BoolArray, FloatArray
 from pepper_driver.safety.states import Fault, FaultReason
 
-MIN_DRIVEN_STIFFNESS = 0.5
-"""Of a joint below it, no one expects that it follows its command."""
-
 NAMED = 3
 """Joints and wheels that a message names, at most."""
 
@@ -97,7 +94,7 @@ class MotorMonitor:
         if np.count_nonzero(stands) == len(stands):
             return None  # the same sample once more
         far = np.abs(distance) > self._settings.frozen_distance
-        should = far & self._judged & (answered.stiffness > MIN_DRIVEN_STIFFNESS)
+        should = far & self._judged & (answered.stiffness > self._settings.min_driven_stiffness)
         stands &= should & (measurement.position == last.position)
         self._silent = np.where(stands, self._silent + 1, 0)
         worst = int(self._silent.argmax())
@@ -122,12 +119,6 @@ def _list(names: Sequence[str]) -> str:
 
 logger = logging.getLogger("pepper_driver")
 
-SLOW_CHECK_PERIOD = 0.5
-"""[s] Between two checks of temperatures and charge, which change over minutes."""
-
-CONFIRMATIONS = 3
-"""Consecutive checks that must agree before the robot is stopped: one odd sample stops nothing."""
-
 
 class MeasurementMonitor:
     """Compares each measurement with the command it answers. Costs a few microseconds.
@@ -143,7 +134,7 @@ class MeasurementMonitor:
         self._divergence_ticks = round(settings.following_error_time / robot.cycle)
         self._square = min(settings.following_error, settings.frozen_distance) ** 2
         self._motors = MotorMonitor(robot, settings)
-        self._check_ticks = round(SLOW_CHECK_PERIOD / robot.cycle)
+        self._check_ticks = round(settings.check_period / robot.cycle)
         self._distance = np.zeros(len(self._names))
         self.reset()
 
@@ -209,7 +200,7 @@ class MeasurementMonitor:
             text = f"the position of {self._broken(measurement)} is not a number"
             return Fault(reason=FaultReason.SENSOR, text=text)
         far = (distance > self._settings.following_error) & (
-            answered.stiffness > MIN_DRIVEN_STIFFNESS
+            answered.stiffness > self._settings.min_driven_stiffness
         )
         self._diverging = np.where(far, self._diverging + 1, 0)
         self._far = bool(far.any())
@@ -232,7 +223,7 @@ class MeasurementMonitor:
             )
         hot = temperature >= settings.temperature_fault
         self._hot = np.where(hot, self._hot + 1, 0)
-        if self._hot.max() >= CONFIRMATIONS:
+        if self._hot.max() >= self._settings.confirmations:
             index = int(self._hot.argmax())
             text = f"the motor of {self._names[index]} has {temperature[index]:.0f} deg C"
             return Fault(reason=FaultReason.TEMPERATURE, text=text)
@@ -240,7 +231,7 @@ class MeasurementMonitor:
         if charge < settings.battery_warning:
             self._warn("battery", f"{text}: the robot is stopped at {settings.battery_fault:.0%}")
         self._low = self._low + 1 if charge < settings.battery_fault else 0
-        if self._low >= CONFIRMATIONS:
+        if self._low >= self._settings.confirmations:
             return Fault(reason=FaultReason.BATTERY, text=text)
         if isnan(charge):
             self._warn("charge", "the charge of the battery cannot be read: nothing watches it")

@@ -618,66 +618,66 @@ EVENTS: list[Case] = [
 ]
 
 SERVICES: list[Case] = [
-    (lambda p: p.extras.say(3), "say must be a text, got 3"),
-    (lambda p: p.extras.say(" "), "say must be a text, got ' '"),
-    (lambda p: p.extras.say(), "say: missing a required argument: 'text'"),
-    (lambda p: p.extras.leds(3, (1, 0, 0)), "group must be a text, got 3"),
+    (lambda p: p.services.say(3), "say must be a text, got 3"),
+    (lambda p: p.services.say(" "), "say must be a text, got ' '"),
+    (lambda p: p.services.say(), "say: missing a required argument: 'text'"),
+    (lambda p: p.services.leds(3, (1, 0, 0)), "group must be a text, got 3"),
     (
-        lambda p: p.extras.leds("FaceLeds", (1, 0)),
+        lambda p: p.services.leds("FaceLeds", (1, 0)),
         "a colour is (r, g, b), each from 0 to 1, got (1, 0)",
     ),
-    (lambda p: p.extras.leds("FaceLeds", 3), "a colour is (r, g, b), each from 0 to 1, got 3"),
+    (lambda p: p.services.leds("FaceLeds", 3), "a colour is (r, g, b), each from 0 to 1, got 3"),
     (
-        lambda p: p.extras.leds("FaceLeds", None),
+        lambda p: p.services.leds("FaceLeds", None),
         "a colour is (r, g, b), each from 0 to 1, got None",
     ),
     (
-        lambda p: p.extras.leds("FaceLeds", "red"),
+        lambda p: p.services.leds("FaceLeds", "red"),
         "a colour is (r, g, b), each from 0 to 1, got 'red'",
     ),
     (
-        lambda p: p.extras.leds("FaceLeds", (255, 0, 0)),
+        lambda p: p.services.leds("FaceLeds", (255, 0, 0)),
         "a colour is (r, g, b), each from 0 to 1, got (255, 0, 0)",
     ),
     (
-        lambda p: p.extras.leds("FaceLeds", (True, 0, 0)),
+        lambda p: p.services.leds("FaceLeds", (True, 0, 0)),
         "a colour is (r, g, b), each from 0 to 1, got (True, 0, 0)",
     ),
     (
-        lambda p: p.extras.leds("FaceLeds", (nan, 0, 0)),
+        lambda p: p.services.leds("FaceLeds", (nan, 0, 0)),
         "a colour is (r, g, b), each from 0 to 1, got (nan, 0, 0)",
     ),
     (
-        lambda p: p.extras.leds("FaceLeds", (1, 0, 0), -1),
+        lambda p: p.services.leds("FaceLeds", (1, 0, 0), -1),
         "lights fade within a time from 0 to 60 s, got -1",
     ),
     (
-        lambda p: p.extras.leds("FaceLeds", (1, 0, 0), True),
+        lambda p: p.services.leds("FaceLeds", (1, 0, 0), True),
         "lights fade within a time from 0 to 60 s, got True",
     ),
     (
-        lambda p: p.extras.leds("FaceLeds", color=(1, 0, 0)),
+        lambda p: p.services.leds("FaceLeds", color=(1, 0, 0)),
         "leds: unknown argument 'color' (did you mean colour?",
     ),
-    (lambda p: p.extras.show_image(3), "url must be a text, got 3"),
+    (lambda p: p.services.show_image(3), "url must be a text, got 3"),
     (
-        lambda p: p.extras.go_to_posture("Stand", 0),
+        lambda p: p.services.go_to_posture("Stand", 0),
         "a speed is a ratio to the full one, above 0 up to 1, got 0",
     ),
     (
-        lambda p: p.extras.go_to_posture("Stand", True),
+        lambda p: p.services.go_to_posture("Stand", True),
         "a speed is a ratio to the full one, above 0 up to 1, got True",
     ),
     (
-        lambda p: p.extras.go_to_posture("Stand"),
+        lambda p: p.services.go_to_posture("Stand"),
         "'mujoco' cannot go to posture 'Stand' by its own program while the loop moves it:",
     ),
     (
-        lambda p: p.extras.wake_up(),
+        lambda p: p.services.wake_up(),
         "'mujoco' cannot wake up by its own program while the loop moves it: it is awake",
     ),
     (
-        lambda p: p.extras.rest(),
+        lambda p: p.services.rest(),
         "'mujoco' cannot rest by its own program while the loop moves it: leave the 'with' block",
     ),
 ]

@@ -16,17 +16,18 @@ from pepper_driver import FaultError, Hold, Pepper
 from pepper_driver.backends import BackendError, Command
 from pepper_driver.backends.mock import MockBackend
 from pepper_driver.callbacks.events import FaultEvent
-from pepper_driver.config import load_controller_settings
+from pepper_driver.config import load_controller_settings, load_safety_settings
 from pepper_driver.config.arrays import FloatArray
 from pepper_driver.controller import PositionTask
 from pepper_driver.log import read_log
 from pepper_driver.safety import RobotState
-from pepper_driver.session import MAX_CALLER_SILENCE, Session
+from pepper_driver.session import Session
 from pepper_driver.testing import aged
 from support.sessions import ROBOT, VirtualTime, active, backend_of, in_thread, virtual_time
 from support.waiting import wait_until
 
 SETTINGS = load_controller_settings(ROBOT)
+MAX_SILENCE = load_safety_settings().caller_silence
 LIMIT = SETTINGS.joint_acceleration(ROBOT)
 BASE_LIMIT = 0.3
 """[m/s2]"""
@@ -47,7 +48,7 @@ def base_speed(commands: list[Command]) -> FloatArray:
 def fall_silent(session: Session, time: VirtualTime) -> None:
     """Let so much time pass without a tick that the session's thread ticks."""
     assert not time.sleeping, "it is the caller that ticks"
-    time.now += round(1.02e9 * MAX_CALLER_SILENCE)
+    time.now += round(1.02e9 * MAX_SILENCE)
     time.wait_for_sleeper()
     assert session.loop.arbiter.paused
 
@@ -107,7 +108,7 @@ def test_who_calls_step_now_and_then_is_not_silent(silence: float) -> None:
         set_out(session)
         for _ in range(5):
             time.now += round(1e9 * silence)
-            clock.sleep(1.5 * MAX_CALLER_SILENCE)
+            clock.sleep(1.5 * MAX_SILENCE)
             assert not time.sleeping
             session.run(1)
             assert not session.loop.arbiter.paused
@@ -119,13 +120,13 @@ def test_a_tick_that_takes_long_is_not_silence() -> None:
 
     def think(*_: object) -> None:
         time.now += 200_000_000
-        clock.sleep(1.5 * MAX_CALLER_SILENCE)
+        clock.sleep(1.5 * MAX_SILENCE)
         assert not time.sleeping
 
     with active(robot, time=time) as session:
         set_out(session)
         session.run(3, think)
-        clock.sleep(1.5 * MAX_CALLER_SILENCE)
+        clock.sleep(1.5 * MAX_SILENCE)
         assert not time.sleeping, "the caller has just ticked"
         assert session.loop.times.statistics.ticks == 63
 
@@ -176,7 +177,7 @@ def test_a_fault_that_the_caller_has_seen_is_not_raised_again_in_the_end() -> No
             with pytest.raises(FaultError):
                 pepper.run(0.12)
             time.now += 200_000_000
-            clock.sleep(2 * MAX_CALLER_SILENCE)
+            clock.sleep(2 * MAX_SILENCE)
 
 
 def test_a_thread_that_waits_for_the_turn_gets_it_from_the_resting_robot() -> None:
@@ -233,7 +234,7 @@ def test_it_does_not_rest_before_its_time() -> None:
             return super().activate()
 
     with active(Slow(), time=time) as session:
-        clock.sleep(1.5 * MAX_CALLER_SILENCE)
+        clock.sleep(1.5 * MAX_SILENCE)
         assert not time.sleeping
         session.run(1)
         assert session.loop.times.statistics.missed == 0
@@ -248,7 +249,7 @@ def test_without_pacing_nothing_happens_outside_run_and_step() -> None:
         pepper.drive(0.2, 0.0, 0.0, hold=True)
         pepper.run(0.12)
         before = (pepper.time, len(backend_of(pepper).commands))
-        clock.sleep(3 * MAX_CALLER_SILENCE)
+        clock.sleep(3 * MAX_SILENCE)
         assert (pepper.time, len(backend_of(pepper).commands)) == before
         assert pepper.statistics.end is None
         pepper.step()

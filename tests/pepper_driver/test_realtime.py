@@ -21,9 +21,9 @@ from pepper_driver.backends.mock import MockBackend
 from pepper_driver.config import load_robot
 from pepper_driver.realtime import (
     MAX_FROZEN_BY_PYTHON,
-    PRIORITY,
     STAGES,
     SWITCH_INTERVAL,
+    TICK_PRIORITY,
     WAKING,
     Pacer,
     RealTimePacer,
@@ -516,7 +516,7 @@ def test_the_thread_gets_priority_and_its_children_do_not(monkeypatch: pytest.Mo
         scheduler = Scheduler(patch)
         with realtime_thread():
             assert scheduler.now == os.SCHED_FIFO | os.SCHED_RESET_ON_FORK
-            assert scheduler.priority == PRIORITY
+            assert scheduler.priority == TICK_PRIORITY
         assert scheduler.now & ~os.SCHED_RESET_ON_FORK == os.SCHED_OTHER
         assert scheduler.priority == 0
 

@@ -310,11 +310,11 @@ class Rising(MockBackend):
     """Gets up before it is held, as a robot does that is woken up."""
 
     @property
-    def held(self) -> FloatArray:
+    def hold_position(self) -> FloatArray:
         return ROBOT.posture("Stand") + np.where(np.arange(17) == HEAD, 0.3, 0.0)
 
     def activate(self) -> Measurement:
-        self.position = self.held
+        self.position = self.hold_position
         return super().activate()
 
 

@@ -205,7 +205,7 @@ class Idle:
             )
 
 
-MOVING = 1e-3
+MIN_MOVING_SPEED = 1e-3
 """[rad/s] A joint commanded to be faster than this moves."""
 
 
@@ -251,7 +251,7 @@ class Joints:
     @property
     def moving(self) -> bool:
         """True if any joint with stiffness is commanded to move."""
-        return any(abs(self.velocity[joint]) > MOVING for joint in self.stiff)
+        return any(abs(self.velocity[joint]) > MIN_MOVING_SPEED for joint in self.stiff)
 
     def target(self, joint: int) -> float:
         """Return the target of a joint, or its position."""
@@ -268,7 +268,7 @@ class Joints:
             self.tasks.end(task, completed=False)
             for joint in task.joints if task.running and task.what == "angle" else ():
                 speed = abs(self.velocity[joint])
-                if speed > MOVING:
+                if speed > MIN_MOVING_SPEED:
                     distance = self.velocity[joint] * self._settings.rise / 2
                     fraction = speed / self._body.speed[joint]
                     self.set_target(joint, self.command[joint] + distance, fraction)

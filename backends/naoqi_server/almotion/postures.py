@@ -14,7 +14,7 @@ from pepper_driver.config import NaoqiServices, RobotConfig
 NAMES = ("Crouch", "Stand", "StandInit", "StandZero")
 """Those of Pepper, NAOqi 2.8 page "Predefined postures"."""
 
-SAME = 0.15
+MAX_POSTURE_ERROR = 0.15
 """[rad] A joint this near to a posture's has it. CHOSEN."""
 
 MIN_POSTURE_TIME = 0.5
@@ -51,7 +51,7 @@ class Postures:
             sensed = self._motion.joints.sensed
         hands = self._motion.body.hands
         return all(
-            joint in hands or abs(angle - sensed[joint]) < SAME
+            joint in hands or abs(angle - sensed[joint]) < MAX_POSTURE_ERROR
             for joint, angle in enumerate(self._angles[name])
         )
 

@@ -23,7 +23,7 @@ FAMILIES = {
     "Crouch": "Crouching",
 }
 
-PERIOD = 50
+EVENT_CYCLES = 50
 """Cycles of ALMotion between two checks for events: a second, as documented."""
 
 
@@ -91,7 +91,7 @@ class PostureService:
 
     def _notify(self) -> None:
         self._cycles += 1
-        if self._cycles % PERIOD:
+        if self._cycles % EVENT_CYCLES:
             return
         now = self._postures.now
         before, self._notified = self._notified, (now, FAMILIES.get(now, "Unknown"))

@@ -16,7 +16,7 @@ from pepper_driver.backends.naoqi_server.services.context import Context, Motion
 from pepper_driver.config import suggestion
 from pepper_driver.config.arrays import FloatArray
 
-POLL = 0.02
+POLL_PERIOD = 0.02
 """[s] between two checks that it stands."""
 
 
@@ -170,7 +170,7 @@ class BaseCalls(MotionCalls):
     def _stand(self) -> bool:
         """Wait until the base stands; whether nothing made it drive again."""
         while self.moveIsActive():
-            if self._motion.closed.wait(POLL):
+            if self._motion.closed.wait(POLL_PERIOD):
                 return False
         return True
 

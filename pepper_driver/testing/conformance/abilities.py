@@ -15,8 +15,8 @@ from pepper_driver.backends import (
     Capability,
     CapabilityError,
     DeviceError,
-    Extras,
     NotConnectedError,
+    RobotServices,
     Truth,
     make_backend,
     with_query,
@@ -48,12 +48,12 @@ WRONG: tuple[dict[str, object], ...] = (
 )
 
 
-EXTRAS: dict[Capability, Callable[[Extras], None]] = {
-    "speech": lambda extras: extras.say("hello"),
-    "leds": lambda extras: extras.leds("FaceLeds", (0.0, 0.5, 1.0), 0.1),
-    "tablet": lambda extras: extras.show_image("http://198.18.0.1/a.png"),
-    "postures": lambda extras: extras.go_to_posture("Stand", 0.9),
-    "wake": lambda extras: extras.wake_up(),
+SERVICES: dict[Capability, Callable[[RobotServices], None]] = {
+    "speech": lambda services: services.say("hello"),
+    "leds": lambda services: services.leds("FaceLeds", (0.0, 0.5, 1.0), 0.1),
+    "tablet": lambda services: services.show_image("http://198.18.0.1/a.png"),
+    "postures": lambda services: services.go_to_posture("Stand", 0.9),
+    "wake": lambda services: services.wake_up(),
 }
 
 
@@ -184,30 +184,30 @@ class AbilityTests(BackendSuite):
         found = backend.diagnosis()
         assert found is None or all(isinstance(device, DeviceError) for device in found)
 
-    def test_extras_are_done_or_said_to_be_lacking(
+    def test_services_are_done_or_said_to_be_lacking(
         self, backend: Backend, caplog: pytest.LogCaptureFixture
     ) -> None:
-        extras = backend.extras
+        services = backend.services
         backend.open()
-        has = [name for name in EXTRAS if name in backend.info.capabilities]
+        has = [name for name in SERVICES if name in backend.info.capabilities]
         backend.close()
         for name in has:
             with pytest.raises(NotConnectedError):
-                EXTRAS[name](extras)
+                SERVICES[name](services)
         backend.open()
         for name in has:
-            EXTRAS[name](extras)
-        lacking = [name for name in EXTRAS if name not in has]
+            SERVICES[name](services)
+        lacking = [name for name in SERVICES if name not in has]
         with caplog.at_level(logging.WARNING, logger="pepper_driver"):
             for name in 2 * lacking:
-                EXTRAS[name](extras)
+                SERVICES[name](services)
             backend.close()
             for name in lacking:
-                EXTRAS[name](extras)
+                SERVICES[name](services)
         messages = [r.getMessage() for r in caplog.records if "nothing happens" in r.getMessage()]
         assert len(messages) == len(lacking), "once each"
         assert all(backend.uri in text for text in messages)
-        assert backend.extras is extras
+        assert backend.services is services
 
     def test_only_one_program_moves_the_robot(self, backend: Backend) -> None:
         backend.open()
@@ -215,5 +215,5 @@ class AbilityTests(BackendSuite):
         for name in ("postures", "wake"):
             if name in backend.info.capabilities:
                 with pytest.raises(BackendError):
-                    EXTRAS[name](backend.extras)
+                    SERVICES[name](backend.services)
         run(backend, held, 0.1)

@@ -13,7 +13,7 @@ from pepper_driver.backends import Backend, Command, CommandError, Measurement, 
 from pepper_driver.config import PepperError
 from pepper_driver.testing.conformance.driving import LATEST, BackendSuite, cycles, hold
 
-PAUSE = 0.001
+CALL_PERIOD = 0.001
 """[s] Between two calls of a worker: a recording would end too soon otherwise."""
 
 
@@ -35,7 +35,7 @@ class Worker(threading.Thread):
                 self._call()
                 self.calls += 1
                 self.begun.set()
-                self.done.wait(PAUSE)
+                self.done.wait(CALL_PERIOD)
         except BaseException as error:
             self.error = error
         self.begun.set()
@@ -44,7 +44,7 @@ class Worker(threading.Thread):
         """Wait until it has made so many calls; False where it does not."""
         end = time.monotonic() + LATEST
         while self.calls < calls and self.error is None and time.monotonic() < end:
-            time.sleep(PAUSE)
+            time.sleep(CALL_PERIOD)
         return self.calls >= calls
 
     def end(self) -> None:
@@ -181,7 +181,7 @@ class ThreadTests(BackendSuite):
         running = Worker(paced(backend, held))
         calls: list[Callable[[], object]] = [
             lambda: backend.info.capabilities,
-            lambda: backend.extras.say("hello"),
+            lambda: backend.services.say("hello"),
         ]
         if "push" in backend.info.capabilities:
             calls.append(lambda: backend.push("LForeArm", np.array([1.0, 0, 0]), duration=0.02))

@@ -15,7 +15,6 @@ from dataclasses import replace
 import pytest
 
 from pepper_driver.backends import NotConnectedError
-from pepper_driver.backends.naoqi import connection
 from pepper_driver.backends.naoqi.address import Secret
 from pepper_driver.backends.naoqi.connection import (
     CallTimeoutError,
@@ -31,8 +30,11 @@ from support.waiting import PATIENCE
 
 pytestmark = pytest.mark.usefixtures("qi")
 
-PATIENT = replace(load_naoqi_settings(), connect_time=PATIENCE, call_time=PATIENCE)
+PATIENT = replace(
+    load_naoqi_settings(), connect_time=PATIENCE, probe_time=PATIENCE, call_time=PATIENCE
+)
 QUICK_CONNECT = replace(PATIENT, connect_time=0.5)
+QUICK_PROBE = replace(QUICK_CONNECT, probe_time=0.5)
 QUICK_CALL = replace(PATIENT, call_time=0.5)
 """For answers that never come."""
 SECRET = Secret("xyzzy-7")
@@ -127,16 +129,6 @@ def tls_door(context: ssl.SSLContext, *, polite: bool = True) -> Callable[[socke
     return answer
 
 
-@pytest.fixture(autouse=True)
-def _patient(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(connection, "PROBE_TIME", PATIENCE)
-
-
-@pytest.fixture
-def impatient(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(connection, "PROBE_TIME", 0.5)
-
-
 def failure(
     uri: str, secret: Secret | None = None, settings: NaoqiSettings = PATIENT
 ) -> PepperError:
@@ -213,22 +205,20 @@ def test_somebody_else_listens() -> None:
         assert "speaks no TLS" in str(failure(f"naoqis://127.0.0.1:{port}", SECRET))
 
 
-@pytest.mark.usefixtures("impatient")
 @pytest.mark.parametrize("scheme", ["naoqi", "naoqis"])
 def test_somebody_listens_and_says_nothing(scheme: str) -> None:
     with listener(None) as port:
         started = time.monotonic()
-        error = failure(f"{scheme}://127.0.0.1:{port}", SECRET, QUICK_CONNECT)
+        error = failure(f"{scheme}://127.0.0.1:{port}", SECRET, QUICK_PROBE)
     assert isinstance(error, NoAnswerError)
     assert isinstance(error, TimeoutError)
     assert time.monotonic() - started < 10, "half a second of trying, and of probing"
 
 
-@pytest.mark.usefixtures("impatient")
 def test_a_robot_that_hangs_while_one_connects() -> None:
     with other_process() as (process, uri):
         os.kill(process.pid, signal.SIGSTOP)
-        error = failure(uri, settings=QUICK_CONNECT)
+        error = failure(uri, settings=QUICK_PROBE)
     assert "takes connections and says nothing" in str(error)
 
 

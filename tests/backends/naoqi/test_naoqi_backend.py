@@ -23,7 +23,7 @@ from pepper_driver.backends import (
     NotConnectedError,
     make_backend,
 )
-from pepper_driver.backends.naoqi.qi_library import PRIORITY, THREADS, preferred
+from pepper_driver.backends.naoqi.qi_library import QI_PRIORITY, THREADS, preferred
 from pepper_driver.backends.naoqi_server.launch import StandIn
 from pepper_driver.backends.naoqi_server.shared_values import BlackBox
 from pepper_driver.config import (
@@ -397,7 +397,7 @@ def test_messages_go_before_other_programs_while_a_robot_is_open(backend: Backen
     if obstacle:
         assert set(priorities()) == {0}
         pytest.skip(obstacle)
-    assert set(priorities()) == {PRIORITY}
+    assert set(priorities()) == {QI_PRIORITY}
     backend.close()
     assert set(priorities()) == {0}
 
@@ -407,7 +407,7 @@ def test_what_is_measured_at_the_start_has_the_priority_of_ticks() -> None:
     obstacle = priority_obstacle()
     with preferred():
         now = os.sched_getscheduler(0), os.sched_getparam(0).sched_priority
-    assert now == ((before, 0) if obstacle else (os.SCHED_FIFO, PRIORITY))
+    assert now == ((before, 0) if obstacle else (os.SCHED_FIFO, QI_PRIORITY))
     assert os.sched_getscheduler(0) == before
 
 

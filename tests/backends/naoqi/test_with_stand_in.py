@@ -278,7 +278,7 @@ def test_what_it_is_in_angles_mode(angles: AnglesBackend, robot: StandIn) -> Non
     angles.open()
     angles.activate()
     with pytest.raises(BackendError, match="by its own program"):
-        angles.extras.rest()
+        angles.services.rest()
     assert wait_until(lambda: stiffness(robot).min() > 0.9)
     angles.deactivate()
     legs = [ROBOT.joint_index(name) for name in ROBOT.chains["legs"]]

@@ -10,7 +10,13 @@ import pytest
 
 from pepper_driver.backends import BackendError
 from pepper_driver.backends.naoqi_server import ipc
-from pepper_driver.backends.naoqi_server.ipc import PACKET, RobotClient, make_pair, receive, send
+from pepper_driver.backends.naoqi_server.ipc import (
+    MAX_PACKET_SIZE,
+    RobotClient,
+    make_pair,
+    receive,
+    send,
+)
 from pepper_driver.backends.naoqi_server.shared_values import Table
 from pepper_driver.config import load_robot
 
@@ -78,4 +84,4 @@ def test_a_robot_that_does_not_answer(
 def test_too_much_at_once(table: Table, ends: tuple[socket.socket, socket.socket]) -> None:
     link = RobotClient(table, ends[0], {}, frozenset())
     with pytest.raises(BackendError, match="too long"):
-        link.set_fault("press", sensors=["x" * PACKET])
+        link.set_fault("press", sensors=["x" * MAX_PACKET_SIZE])

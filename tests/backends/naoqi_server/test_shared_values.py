@@ -12,7 +12,7 @@ import pytest
 
 from pepper_driver.backends.naoqi_server import shared_values
 from pepper_driver.backends.naoqi_server.dcm import DcmClock
-from pepper_driver.backends.naoqi_server.shared_values import CYCLES, Table
+from pepper_driver.backends.naoqi_server.shared_values import KEPT_CYCLES, Table
 from pepper_driver.config import load_robot
 from support.waiting import PATIENCE
 
@@ -97,7 +97,7 @@ def test_a_writer_that_stopped_in_the_middle_holds_nobody_up(file: int) -> None:
 
 
 def test_the_black_box_keeps_the_last_cycles(file: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(shared_values, "CYCLES", 10)
+    monkeypatch.setattr(shared_values, "KEPT_CYCLES", 10)
     writer, reader = Table(file, KEYS, ROBOT), Table(file, KEYS, ROBOT)
     assert len(reader.black_box()) == 0
     for number in range(7):
@@ -114,4 +114,4 @@ def test_the_black_box_keeps_the_last_cycles(file: int, monkeypatch: pytest.Monk
 
 
 def test_two_minutes_are_kept() -> None:
-    assert CYCLES * ROBOT.cycle >= 120.0
+    assert KEPT_CYCLES * ROBOT.cycle >= 120.0

@@ -8,13 +8,12 @@ import numpy as np
 import pytest
 
 from pepper_driver import FaultError, Hold, Pepper
-from pepper_driver.config import Experiment
+from pepper_driver.config import Experiment, load_controller_settings
 from pepper_driver.config.arrays import FloatArray
 from pepper_driver.controller import TargetError
 from pepper_driver.experiments import goals
 from pepper_driver.experiments.player import Player
 from pepper_driver.observer import Contact
-from pepper_driver.reflexes.arbiter import MAX_RETURN_SPEED, MIN_RETURN_TIME
 from support.events import contact
 from support.experiments import (
     CYCLE,
@@ -30,10 +29,12 @@ from support.experiments import (
     wrist,
 )
 
+SETTINGS = load_controller_settings(ROBOT)
+
 BEGIN = round(0.1 / CYCLE)
 """[ticks] that the first step takes."""
 
-BACK = round(MIN_RETURN_TIME / CYCLE)
+BACK = round(SETTINGS.min_return_time / CYCLE)
 """[ticks] that a small way back takes."""
 
 NOD = {"name": "nod", "joints": {"HeadPitch": 0.0}, "duration": 0.48}
@@ -161,11 +162,11 @@ def test_the_way_back_is_gentle_wherever_it_was(tick: int) -> None:
     """Near its end there is less time left than the way back takes: it takes longer then."""
     played = Played(with_play(TURN, play=AWAY), tap(BEGIN + tick))
     here = played.position[BEGIN + tick + AWAY_TICKS]
-    needed = 1.875 * (0.6 - here[YAW]) / MAX_RETURN_SPEED
+    needed = 1.875 * (0.6 - here[YAW]) / SETTINGS.return_speed
     back = max(needed / CYCLE, TURN_TICKS - tick)
     assert ticks_of(played)["turn"] == pytest.approx(tick + AWAY_TICKS + back, abs=3)
     returning = np.abs(played.velocity[BEGIN + tick + AWAY_TICKS :])
-    assert returning.max() <= 1.02 * MAX_RETURN_SPEED
+    assert returning.max() <= 1.02 * SETTINGS.return_speed
     assert np.abs(np.diff(played.velocity, axis=0)).max() <= 0.1
     assert played.position[-11, YAW] == pytest.approx(0.6, abs=0.01)
 

@@ -10,12 +10,12 @@ from typing import Any
 import pytest
 
 from pepper_driver import Pepper, PepperError
-from pepper_driver.backends import BackendError, BackendInfo, Extras, Measurement
+from pepper_driver.backends import BackendError, BackendInfo, Measurement, RobotServices
 from pepper_driver.backends.mock import MockBackend
 from support.experiments import STAND, make_run
 
 
-class Recorder(Extras):
+class Recorder(RobotServices):
     """Keeps what it was told, and by which thread."""
 
     def __init__(self, backend: "Gifted") -> None:
@@ -43,7 +43,7 @@ class Recorder(Extras):
 
 
 class Gifted(MockBackend):
-    """Has extras, and knows whether it is open."""
+    """Has services, and knows whether it is open."""
 
     connected = False
 
@@ -52,7 +52,7 @@ class Gifted(MockBackend):
         return replace(super().info, capabilities=frozenset({"speech", "leds", "postures", "wake"}))
 
     @cached_property
-    def extras(self) -> Recorder:
+    def services(self) -> Recorder:
         return Recorder(self)
 
     def open(self) -> Measurement:
@@ -76,43 +76,43 @@ def test_a_robot_without_extras_says_so_once(caplog: pytest.LogCaptureFixture) -
     pepper = Pepper("mujoco", observer=None)
     with caplog.at_level(logging.WARNING, logger="pepper_driver"):
         for _ in range(2):
-            pepper.extras.say("hello")
-            pepper.extras.leds("FaceLeds", (1, 0, 0))
-            pepper.extras.show_image("http://198.18.0.1/a.png")
-            pepper.extras.hide_image()
-            pepper.extras.go_to_posture("Stand")
-            pepper.extras.wake_up()
-            pepper.extras.rest()
+            pepper.services.say("hello")
+            pepper.services.leds("FaceLeds", (1, 0, 0))
+            pepper.services.show_image("http://198.18.0.1/a.png")
+            pepper.services.hide_image()
+            pepper.services.go_to_posture("Stand")
+            pepper.services.wake_up()
+            pepper.services.rest()
     told = [record.getMessage() for record in caplog.records]
     assert len(told) == 5, told
     assert all("'mujoco'" in text for text in told)
 
 
-def test_extras_connect_for_their_time(robot: tuple[Pepper, Gifted]) -> None:
+def test_services_connect_for_their_time(robot: tuple[Pepper, Gifted]) -> None:
     pepper, backend = robot
-    pepper.extras.say("hello")
-    pepper.extras.go_to_posture("Crouch", speed=0.3)
-    assert backend.extras.done == [("say", "hello"), ("go_to_posture", "Crouch", 0.3)]
+    pepper.services.say("hello")
+    pepper.services.go_to_posture("Crouch", speed=0.3)
+    assert backend.services.done == [("say", "hello"), ("go_to_posture", "Crouch", 0.3)]
     assert not backend.connected
     assert backend.calls == ["open", "close"] * 2
     with pepper:
-        pepper.extras.leds("EarLeds", [0, 0.5, 1], 1)
+        pepper.services.leds("EarLeds", [0, 0.5, 1], 1)
         assert backend.connected
         assert backend.calls.count("open") == 3
-    assert backend.extras.done[-1] == ("leds", "EarLeds", (0.0, 0.5, 1.0), 1.0)
+    assert backend.services.done[-1] == ("leds", "EarLeds", (0.0, 0.5, 1.0), 1.0)
 
 
 def test_only_one_program_moves_the_robot(robot: tuple[Pepper, Gifted]) -> None:
     pepper, backend = robot
     with pepper:
-        for move in (pepper.extras.wake_up, pepper.extras.rest):
+        for move in (pepper.services.wake_up, pepper.services.rest):
             with pytest.raises(BackendError, match="while the loop moves it"):
                 move()
         with pytest.raises(BackendError, match="set_posture"):
-            pepper.extras.go_to_posture("Stand")
-    assert backend.extras.done == []
-    pepper.extras.rest()
-    assert backend.extras.done == [("rest",)]
+            pepper.services.go_to_posture("Stand")
+    assert backend.services.done == []
+    pepper.services.rest()
+    assert backend.services.done == [("rest",)]
 
 
 def test_a_connection_of_somebody_else_is_left_alone(robot: tuple[Pepper, Gifted]) -> None:
@@ -120,7 +120,7 @@ def test_a_connection_of_somebody_else_is_left_alone(robot: tuple[Pepper, Gifted
     pepper, backend = robot
     backend.open()
     with pytest.raises(BackendError, match="already open"):
-        pepper.extras.rest()
+        pepper.services.rest()
     assert backend.connected
 
 
@@ -147,7 +147,7 @@ def test_what_is_no_order_is_refused(
 ) -> None:
     pepper, backend = robot
     with pytest.raises(PepperError):
-        getattr(pepper.extras, method)(*arguments)
+        getattr(pepper.services, method)(*arguments)
     assert backend.calls == []
 
 
@@ -163,13 +163,13 @@ def test_cues_of_an_experiment_are_performed_off_the_tick(
     run = make_run(monkeypatch, tmp_path, STAND, *cues, backend=backend)
     assert run.perform().completed
     done = [("say", "left"), ("leds", "FaceLeds", (0.0, 0.5, 1.0), 0.4), ("say", "bye")]
-    assert backend.extras.done == done
-    assert threading.get_ident() not in backend.extras.threads
+    assert backend.services.done == done
+    assert threading.get_ident() not in backend.services.threads
 
     def broken(text: str) -> None:
         raise BackendError(f"the robot is hoarse: {text}")
 
-    monkeypatch.setattr(backend.extras, "say", broken)
+    monkeypatch.setattr(backend.services, "say", broken)
     assert run.perform().completed, "an experiment goes on without speech"
-    assert backend.extras.done == [*done, done[1]], "once for each cue, also in a second run"
+    assert backend.services.done == [*done, done[1]], "once for each cue, also in a second run"
     assert "left out: say: left: the robot is hoarse" in caplog.text

@@ -7,7 +7,8 @@ import pytest
 
 from pepper_driver.backends import BackendError, NotConnectedError
 from pepper_driver.backends.naoqi.connection import Connection, connect
-from pepper_driver.backends.naoqi.services import NaoqiExtras, abilities
+from pepper_driver.backends.naoqi.services import NaoqiRobotServices, abilities
+from pepper_driver.config import load_naoqi_settings
 from support.naoqi_fakes import FakeRobot
 from support.waiting import wait_until
 
@@ -15,13 +16,15 @@ pytestmark = pytest.mark.usefixtures("qi")
 
 
 class Bench:
-    """Extras, the robot that has them, and whether it is moved meanwhile."""
+    """Services, the robot that has them, and whether it is moved meanwhile."""
 
     def __init__(self, fake: FakeRobot) -> None:
         self.fake = fake
         self.active = False
         self.link: Connection = connect(fake.address)
-        self.extras = NaoqiExtras(fake.uri, lambda: self.link, lambda: self.active)
+        self.services = NaoqiRobotServices(
+            fake.uri, lambda: self.link, lambda: self.active, load_naoqi_settings()
+        )
 
     def logged(self, entry: tuple[object, ...]) -> bool:
         """Wait until the robot has done something."""
@@ -44,24 +47,24 @@ def test_a_pepper_can_do_all(bench: Bench) -> None:
 
 def test_speaking_holds_nobody_up(bench: Bench) -> None:
     bench.fake.speech.may_end.clear()
-    bench.extras.say("hello")
+    bench.services.say("hello")
     assert not bench.fake.log, "it still speaks"
     bench.fake.speech.may_end.set()
     assert bench.logged(("say", "hello"))
 
 
 def test_lights(bench: Bench) -> None:
-    bench.extras.leds("FaceLeds", (1.0, 0.5, 0.0), 0.2)
+    bench.services.leds("FaceLeds", (1.0, 0.5, 0.0), 0.2)
     assert bench.logged(("fadeRGB", "FaceLeds", 1.0, 0.5, 0.0, 0.2))
-    bench.extras.leds("ChestLeds", (0.0, 0.0, 1.0), 0.5)
+    bench.services.leds("ChestLeds", (0.0, 0.0, 1.0), 0.5)
     assert bench.logged(("fadeRGB", "ChestLeds", 0.0, 0.0, 1.0, 0.5))
-    bench.extras.leds("EarLeds", (0.0, 0.25, 0.75), 0.5)
+    bench.services.leds("EarLeds", (0.0, 0.25, 0.75), 0.5)
     assert bench.logged(("fade", "EarLeds", 0.75, 0.5)), "ears have no colours"
 
 
 def test_what_fails_later_is_logged(bench: Bench, caplog: pytest.LogCaptureFixture) -> None:
     bench.fake.speech.mute = True
-    bench.extras.say("hello")
+    bench.services.say("hello")
     assert wait_until(lambda: caplog.records)
     (told,) = [record.getMessage() for record in caplog.records]
     assert "ALTextToSpeech.say failed: " in told
@@ -70,40 +73,40 @@ def test_what_fails_later_is_logged(bench: Bench, caplog: pytest.LogCaptureFixtu
 
 
 def test_the_tablet(bench: Bench) -> None:
-    bench.extras.show_image("http://198.18.0.1/img/help_charger.png")
-    bench.extras.hide_image()
+    bench.services.show_image("http://198.18.0.1/img/help_charger.png")
+    bench.services.hide_image()
     assert bench.fake.log == [
         ("showImage", "http://198.18.0.1/img/help_charger.png"),
         ("hideImage",),
     ]
     with pytest.raises(BackendError, match="an address that the tablet itself can reach"):
-        bench.extras.show_image("file:///images/a.png")
+        bench.services.show_image("file:///images/a.png")
 
 
 def test_postures(bench: Bench) -> None:
-    bench.extras.go_to_posture("Stand", 0.5)
+    bench.services.go_to_posture("Stand", 0.5)
     assert ("goToPosture", "Stand", 0.5) in bench.fake.log
     with pytest.raises(BackendError, match="did not reach posture 'Lotus'"):
-        bench.extras.go_to_posture("Lotus", 0.5)
+        bench.services.go_to_posture("Lotus", 0.5)
 
 
 def test_waking_up_and_resting(bench: Bench) -> None:
-    bench.extras.rest()
+    bench.services.rest()
     assert not bench.fake.motion.is_awake
-    bench.extras.wake_up()
+    bench.services.wake_up()
     assert bench.fake.motion.is_awake
     bench.fake.motion.stuck |= {"wakeUp", "rest"}
     with pytest.raises(BackendError, match="does not rest; press the chest button"):
-        bench.extras.rest()
+        bench.services.rest()
     bench.fake.motion.is_awake = False
     with pytest.raises(BackendError, match="does not wake up"):
-        bench.extras.wake_up()
+        bench.services.wake_up()
 
 
-MOTIONS: dict[str, Callable[[NaoqiExtras], None]] = {
-    "posture": lambda extras: extras.go_to_posture("Stand", 0.5),
-    "wake up": lambda extras: extras.wake_up(),
-    "rest": lambda extras: extras.rest(),
+MOTIONS: dict[str, Callable[[NaoqiRobotServices], None]] = {
+    "posture": lambda services: services.go_to_posture("Stand", 0.5),
+    "wake up": lambda services: services.wake_up(),
+    "rest": lambda services: services.rest(),
 }
 
 
@@ -111,16 +114,16 @@ MOTIONS: dict[str, Callable[[NaoqiExtras], None]] = {
 def test_two_programs_do_not_move_it(bench: Bench, motion: str) -> None:
     bench.active = True
     with pytest.raises(BackendError, match=f"{motion}.* by its own program"):
-        MOTIONS[motion](bench.extras)
+        MOTIONS[motion](bench.services)
     assert not bench.fake.log
-    bench.extras.say("hello")
+    bench.services.say("hello")
     assert bench.logged(("say", "hello"))
 
 
 def test_after_the_connection(bench: Bench) -> None:
     bench.link.close()
     with pytest.raises(NotConnectedError):
-        bench.extras.say("hello")
+        bench.services.say("hello")
 
 
 def test_a_robot_without_a_tablet(caplog: pytest.LogCaptureFixture) -> None:
@@ -130,11 +133,11 @@ def test_a_robot_without_a_tablet(caplog: pytest.LogCaptureFixture) -> None:
     ) as fake:
         bench = Bench(fake)
         for _ in range(2):
-            bench.extras.show_image("http://198.18.0.1/a.png")
-            bench.extras.hide_image()
-            bench.extras.leds("FaceLeds", (1.0, 1.0, 1.0), 0.1)
-            bench.extras.say("hello")
-            bench.extras.go_to_posture("Stand", 0.5)
+            bench.services.show_image("http://198.18.0.1/a.png")
+            bench.services.hide_image()
+            bench.services.leds("FaceLeds", (1.0, 1.0, 1.0), 0.1)
+            bench.services.say("hello")
+            bench.services.go_to_posture("Stand", 0.5)
         bench.link.close()
         assert not fake.log
     assert len(caplog.records) == 4, "said once for each ability"

@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable, Sequence
 
-from pepper_driver.backends import Backend, BackendError, Capability, Extras
+from pepper_driver.backends import Backend, BackendError, Capability, RobotServices
 from pepper_driver.callbacks.events import CueEvent
 from pepper_driver.config import PepperError
 from pepper_driver.config.arguments import checked_arguments, is_number, real_array
@@ -18,8 +18,8 @@ class ExtrasError(PepperError, ValueError):
     """An invalid colour, time or text."""
 
 
-class RobotExtras:
-    """Abilities of a robot besides moving and measuring: ``pepper.extras``.
+class UserServices:
+    """Abilities of a robot besides moving and measuring: ``pepper.services``.
 
     A backend without an ability does nothing and logs that once; ``info.capabilities`` lists the abilities.
     Each connects to the robot for its time where that is not yet connected. All may be called from any thread, but not
@@ -42,7 +42,7 @@ class RobotExtras:
             PepperError: That is no text, or the robot cannot be reached or refuses.
         """
         _check_text("say", text)
-        self._call("speech", lambda extras: extras.say(text))
+        self._call("speech", lambda services: services.say(text))
 
     @checked_arguments
     def leds(self, group: str, colour: Sequence[float], duration: float = 0.2) -> None:
@@ -63,7 +63,7 @@ class RobotExtras:
         if not (is_number(duration) and 0 <= duration <= 60):
             raise ExtrasError(f"lights fade within a time from 0 to 60 s, got {shown(duration)}")
         r, g, b = rgb.tolist()
-        self._call("leds", lambda extras: extras.leds(group, (r, g, b), float(duration)))
+        self._call("leds", lambda services: services.leds(group, (r, g, b), float(duration)))
 
     @checked_arguments
     def show_image(self, url: str) -> None:
@@ -76,7 +76,7 @@ class RobotExtras:
             PepperError: That is no text, or the robot cannot be reached or refuses.
         """
         _check_text("url", url)
-        self._call("tablet", lambda extras: extras.show_image(url))
+        self._call("tablet", lambda services: services.show_image(url))
 
     def hide_image(self) -> None:
         """Have the tablet show no image.
@@ -84,7 +84,7 @@ class RobotExtras:
         Raises:
             PepperError: The robot cannot be reached or refuses.
         """
-        self._call("tablet", lambda extras: extras.hide_image())
+        self._call("tablet", lambda services: services.hide_image())
 
     @checked_arguments
     def go_to_posture(self, name: str, speed: float = 0.5) -> None:
@@ -103,7 +103,7 @@ class RobotExtras:
                 f"a speed is a ratio to the full one, above 0 up to 1, got {shown(speed)}"
             )
         self._check_inactive(f"go to posture '{name}'", "set_posture() moves it now")
-        self._call("postures", lambda extras: extras.go_to_posture(name, float(speed)))
+        self._call("postures", lambda services: services.go_to_posture(name, float(speed)))
 
     def wake_up(self) -> None:
         """Have the robot switch its motors on and stand up; returns when it stands. Not inside the ``with`` block.
@@ -112,7 +112,7 @@ class RobotExtras:
             PepperError: The robot is active, cannot be reached or refuses.
         """
         self._check_inactive("wake up", "it is awake")
-        self._call("wake", lambda extras: extras.wake_up())
+        self._call("wake", lambda services: services.wake_up())
 
     def rest(self) -> None:
         """Have the robot sit down and switch its motors off; returns when it is done. Not inside the ``with`` block.
@@ -121,7 +121,7 @@ class RobotExtras:
             PepperError: The robot is active, cannot be reached or refuses.
         """
         self._check_inactive("rest", "leave the 'with' block first")
-        self._call("wake", lambda extras: extras.rest())
+        self._call("wake", lambda services: services.rest())
 
     def perform(self, cue: CueEvent) -> None:
         """Say or show the output of an experiment. A refusal of the robot is logged, and the experiment continues."""
@@ -139,15 +139,15 @@ class RobotExtras:
                 f"'{self._backend.uri}' cannot {what} by its own program while the loop moves it: {instead}"
             )
 
-    def _call(self, capability: Capability, call: Callable[[Extras], None]) -> None:
-        """Call the backend's extras, with a connection as long as it takes where there is one to be made."""
+    def _call(self, capability: Capability, call: Callable[[RobotServices], None]) -> None:
+        """Call the backend's services, with a connection as long as it takes where there is one to be made."""
         backend = self._backend
         if self._is_active() or capability not in backend.info.capabilities:
-            call(backend.extras)
+            call(backend.services)
             return
         backend.open()  # fails where another program part has it open, which then closes it
         with backend:
-            call(backend.extras)
+            call(backend.services)
 
 
 def _check_text(what: str, text: object) -> None:

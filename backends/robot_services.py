@@ -7,8 +7,8 @@ import logging
 logger = logging.getLogger("pepper_driver")
 
 
-class Extras:
-    """The extras of a robot that has none: each does nothing and says so once by ``logging``.
+class RobotServices:
+    """The services of a robot that has none: each does nothing and says so once by ``logging``.
 
     A backend whose robot has some gives a subclass and names them among its capabilities: ``speech``, ``leds``,
     ``tablet``, ``postures``, ``wake``. All may be called from any thread, but not inside a tick: a robot may take its
