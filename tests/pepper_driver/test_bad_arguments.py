@@ -881,8 +881,8 @@ TASKS: list[Case] = [
         "fraction must be a finite number above 0, got True",
     ),
     (
-        lambda _: untyped(TorqueLimit)(ROBOT, shre=0.5),
-        "TorqueLimit: unknown argument 'shre' (did you mean share?",
+        lambda _: untyped(TorqueLimit)(ROBOT, fracton=0.5),
+        "TorqueLimit: unknown argument 'fracton' (did you mean fraction?",
     ),
     (
         lambda _: RobotModel(untyped("pepper")),
