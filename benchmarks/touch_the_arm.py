@@ -99,7 +99,7 @@ class RandomHand:
         robot = load_robot()
         self._untouched, self._max_tipping = untouched, experiment.max_tipping
         self._rng = np.random.default_rng(seed)
-        self._model, self._footing = RobotModel(robot), SupportPolygon.of(robot)
+        self._model, self._footing = RobotModel(robot), SupportPolygon.from_robot(robot)
         self._named = np.isin(robot.joint_names, MOVED_JOINTS)
         self._kinds: list[tuple[float, str]] = []
         self._open: set[int] = set()
@@ -122,7 +122,7 @@ class RandomHand:
         point = hand_position(self._model, posture)
         while True:
             force, way = self._next()
-            tipping = self._footing.share(posture, point, force * np.array(WAYS[way]))
+            tipping = self._footing.tipping_ratio(posture, point, force * np.array(WAYS[way]))
             if tipping <= self._max_tipping:
                 return Pushed(number, force, way)
             self.left_out.append((force, way))

@@ -1,4 +1,4 @@
-"""The task-space whole-body controller: tasks and limits in, reference and load torque out."""
+"""Task-space whole-body controller: it computes reference and load torque from tasks and limits."""
 
 # ruff: noqa: E402
 from pepper_driver.backends.naoqi.qi_library import preload_qi

@@ -1,4 +1,4 @@
-"""Changes from any thread, made between two ticks, and a group of them together."""
+"""Changes from any thread between two ticks, alone or as a group."""
 
 from __future__ import annotations
 
@@ -11,25 +11,27 @@ from contextlib import AbstractContextManager, contextmanager
 from pepper_driver.controller.errors import ChangesError
 
 Change = Callable[[], None]
-"""Must be quick: it holds up the next tick."""
+"""It must be quick: the next tick waits for it."""
 
 GIVE_WAY_TIME = 20e-6
-"""[s] between two looks at whether other threads have made their changes."""
+"""[s] between two checks whether other threads have made their changes."""
 
 MAX_GIVE_WAY_TIME = 1e-3
-"""[s] for which a tick is held up by threads that make one change after the other."""
+"""[s] Longest delay of a tick by threads that make one change after the other."""
 
 
 class Changes:
-    """Keeper of one lock, which a tick holds from its beginning to its end, and a change while it is made.
+    """Changes under one lock, which a tick holds from its beginning to its end, and a change while it is made.
 
-    The lock is re-entrant: inside a tick, its own thread makes changes at once. A thread that has opened
-    :meth:`together` gets nothing made until the block ends, and cannot tick before that.
+    The lock is re-entrant: inside a tick, its own thread makes changes at once. The changes of a thread inside
+    :meth:`together` wait until the block ends, and the thread cannot tick before that.
     """
 
     def __init__(self) -> None:
         self._lock = threading.RLock()
-        self._waiting: deque[None] = deque()  # one for each thread that makes a change, or wants to
+        self._waiting: deque[None] = (
+            deque()
+        )  # one for each thread that makes a change or waits for it
         self._thread = _Thread()
 
     def tick(self) -> AbstractContextManager[bool]:
@@ -62,18 +64,17 @@ class Changes:
             self._waiting.pop()
 
     def give_way(self) -> None:
-        """Let threads that wait to make a change go first: ticks without a pause would keep the lock from them."""
+        """Let threads with waiting changes go first: a lock is not fair, and ticks without a pause would keep it."""
         end = time.perf_counter() + MAX_GIVE_WAY_TIME
         while self._waiting and time.perf_counter() < end:
             time.sleep(GIVE_WAY_TIME)
 
     @contextmanager
     def together(self) -> Iterator[None]:
-        """Collect what the calling thread changes, and make it between the same two ticks at the end of the block.
+        """Collect the changes of the calling thread, and make them between the same two ticks at the end of the block.
 
-        Changes are made in the order in which they were given. If the block raises, none is made. A block inside
-        another one joins it. A change that is refused at the end stays out, the others are made, and the first
-        refusal is raised.
+        Changes are made in their order. If the block raises, none is made. A block inside another one joins it. If a
+        change is refused at the end, the others are still made, and the first refusal is raised.
         """
         thread, group = self._thread, list[Change]()
         outer, thread.group = thread.group, group
@@ -96,6 +97,6 @@ class Changes:
 
 
 class _Thread(threading.local):
-    """State of one thread: the group it is collecting, if it is."""
+    """State of one thread: the group that it collects, or None."""
 
     group: list[Change] | None = None

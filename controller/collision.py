@@ -1,4 +1,4 @@
-"""The robot as capsules: Pinocchio's geometry model of what must not touch, with coal's closed form for distances."""
+"""Capsules of the robot: geometry model of Pinocchio with the closed-form distances of coal."""
 
 from __future__ import annotations
 
@@ -15,18 +15,18 @@ from pepper_driver.controller.model import RobotModel
 
 
 class CapsuleDistances:
-    """Distances of all pairs of capsules in one posture after the other.
+    """Distances of all pairs of capsules, for one posture at a time.
 
     Args:
-        model: For links and joints.
+        model: Model with links and joints.
         settings: Capsules by link and pairs of links.
-        margin: [m] What :meth:`any_near` looks for.
+        margin: [m] Distance of :meth:`any_near`.
 
     Attributes:
-        names: Of the pairs of capsules, as those of their links: ``"l_wrist-torso"``.
-        signs: (pairs, 20) how each velocity of the model enters a distance: 1 where it carries the second capsule
-            only, -1 where the first only, 0 where both or none.
-        levers: (pairs, 20) by how much each velocity changes a distance at most, in any posture [m/rad].
+        names: Names of the pairs, by their links: ``"l_wrist-torso"``.
+        signs: (pairs, 20) sign of each velocity of the model in a distance: 1 where it moves the second capsule only,
+            -1 where it moves the first only, 0 where both or none.
+        levers: (pairs, 20) largest change of a distance by each velocity, in any posture [m/rad].
     """
 
     def __init__(self, model: RobotModel, settings: SelfCollisionSettings, margin: float) -> None:
@@ -75,24 +75,25 @@ class CapsuleDistances:
         return index
 
     def place(self, data: Any) -> None:  # noqa: ANN401 Pinocchio has no types
-        """Put the capsules where the joints of Pinocchio's ``data`` are."""
+        """Place the capsules by the joint placements of Pinocchio's ``data``."""
         pin.updateGeometryPlacements(self._model, data, self._geometry, self._data)
 
     def any_near(self) -> bool:
-        """Return true if any pair is nearer than the margin."""
+        """Return True if any pair is nearer than the margin."""
+        # It stops at the first such pair, so it is much cheaper than all distances.
         near: bool = pin.computeCollisions(self._geometry, self._data, True)
         return near
 
     def distances(self) -> FloatArray:
-        """(pairs,) of all [m], negative where they overlap."""
+        """Return the (pairs,) distances [m], negative where capsules overlap."""
         pin.computeDistances(self._geometry, self._data)
         return np.array([result.min_distance for result in self._results])
 
     def wrenches(self, pairs: Sequence[int]) -> FloatArray:
-        """(n, 6) unit force along the line where ``pairs`` are nearest, with its moment about the world's origin [m].
+        """Return (n, 6) unit forces along the shortest lines of ``pairs``, with moments about the world's origin [m].
 
-        It points from the first capsule to the second. As of the last :meth:`distances`. Its product with the Jacobian
-        of the joints in the world is what moves the nearest points along that line.
+        They point from the first capsule to the second, as of the last :meth:`distances`. Their product with the
+        Jacobian of the joints in the world is the rate of the distance.
         """
         wrenches = np.empty((len(pairs), 6))
         for row, pair in zip(wrenches, pairs, strict=True):
@@ -104,12 +105,12 @@ class CapsuleDistances:
 
 
 def _reach(model: Any, joint: int, beyond: float) -> FloatArray:  # noqa: ANN401 Pinocchio has no types
-    """(nv,) how far what ``joint`` carries can be from the axis of each joint that moves it [m]; 0 where none does.
+    """Return the (nv,) largest distance of what ``joint`` carries from the axes that move it [m]; 0 for others.
 
     Args:
-        model: Pinocchio's.
+        model: Model of Pinocchio.
         joint: Number of a joint.
-        beyond: Farthest point of what it carries, from its origin [m].
+        beyond: Distance of the farthest point that it carries from its origin [m].
     """
     reach = np.zeros(model.nv)
     while joint > 0:

@@ -1,8 +1,8 @@
-"""Dither: a small oscillation of some joints, on top of any posture, that keeps friction from hiding a touch.
+"""Dither: a small oscillation of some joints, added to any posture, so that friction hides less of a touch.
 
-A joint that stands still hides a torque as large as twice its friction: its encoder, command and current are the same
-with and without it. A joint that oscillates by more than friction and backlash hold slides twice a period, and its
-friction then has a known sign.
+A joint at rest hides a torque of up to twice its friction: its encoder, command and current are the same with and
+without it. A joint that oscillates by more than friction and backlash slides twice a period, and its friction then has
+a known sign.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from pepper_driver.config.settings import AttentiveSettings
 
 @dataclass(frozen=True, slots=True)
 class Superposition:
-    """Motion on top of another one in one cycle, arrays (17,).
+    """Motion that is added to another one in one cycle, arrays (17,).
 
     Attributes:
         position: At the start of the cycle [rad].
@@ -34,7 +34,7 @@ class Superposition:
 
 
 class Dither:
-    """Joint j oscillates as A e_j(t) sin(2 pi f t + phase_j), with e_j from 0 to 1 and back along a minimum-jerk curve.
+    """Oscillation A e_j(t) sin(2 pi f t + phase_j) of joint j, with e_j between 0 and 1 along a minimum-jerk curve.
 
     It depends on the number of cycles alone. From rest to rest, t begins at 0.
 
@@ -44,9 +44,9 @@ class Dither:
         dt: Cycle [s].
 
     Attributes:
-        enabled: True to fade in and go on, False to fade out.
-        position: (17,) share of the controller's joint positions that is the oscillation [rad].
-        velocity: (17,) the same of its velocities [rad/s].
+        enabled: True to fade in and continue, False to fade out.
+        position: (17,) oscillation in the joint positions of the controller [rad].
+        velocity: (17,) oscillation in their velocities [rad/s].
 
     Raises:
         UnknownNameError: No such joint.
@@ -66,27 +66,27 @@ class Dither:
         self.reset()
 
     def reset(self) -> None:
-        """Stand still at once."""
+        """Stop at once."""
         self.enabled = False
         self._cycle = 0
         self._suspended: BoolArray | None = None
-        self._level = np.zeros_like(self._phase)  # 0..1, how far each joint has faded in
+        self._level = np.zeros_like(self._phase)  # 0..1, fraction of the fade-in of each joint
         self.position, self.velocity = np.zeros((2, len(self._phase)))
 
     @property
     def active(self) -> bool:
-        """True while it fades in, goes on or fades out."""
+        """True while it fades in, oscillates or fades out."""
         return self.enabled or self._cycle > 0
 
     def suspend(self, joints: BoolArray) -> None:
-        """Keep joints, a mask (17,), from oscillating in the next cycle; they stop at once, and fade in again later."""
+        """Stop joints, a mask (17,), at once and for the next cycle; they fade in again later."""
         self._suspended = joints
         self._level = np.where(joints, 0.0, self._level)
         self.position = np.where(joints, 0.0, self.position)
         self.velocity = np.where(joints, 0.0, self.velocity)
 
     def step(self) -> Superposition:
-        """Go on by one cycle."""
+        """Advance by one cycle."""
         position, velocity, dt = self.position, self.velocity, self._dt
         change = self._fade_rate * dt
         level = np.clip(self._level + (change if self.enabled else -change), 0.0, 1.0)

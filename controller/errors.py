@@ -1,4 +1,4 @@
-"""Errors that callers of the controller can make."""
+"""Errors of callers of the controller."""
 
 from __future__ import annotations
 
@@ -8,15 +8,15 @@ from pepper_driver.config import PepperError
 from pepper_driver.config.errors import shown
 
 MAX_NAMES = 6
-"""Names in a message."""
+"""Largest number of names in a message."""
 
 
 class TargetError(PepperError, ValueError):
-    """A target that no robot can be sent to: not finite, wrong size, outside a limit. The task keeps its old one.
+    """Invalid target: not finite, wrong size, outside a limit. The task keeps its previous one.
 
     Attributes:
-        joint: Name of the joint at fault; None where the target as a whole is.
-        value: What it was told [rad].
+        joint: Name of the joint with the invalid value; None if it is the target as a whole.
+        value: Its invalid value [rad].
         lower: Its limit [rad].
         upper: Its limit [rad].
     """
@@ -35,10 +35,10 @@ class TargetError(PepperError, ValueError):
 
 
 class LimitError(PepperError, ValueError):
-    """A margin, share or choice of a constraint that limits nothing: negative, not finite, unknown.
+    """Invalid margin, fraction or choice of a constraint: negative, not finite, unknown.
 
     Attributes:
-        name: Which.
+        name: Name of the argument.
         value: As given.
     """
 
@@ -48,10 +48,10 @@ class LimitError(PepperError, ValueError):
 
 
 class GainError(PepperError, ValueError):
-    """A stiffness, damping or weight that is negative or not finite.
+    """Invalid stiffness, damping or weight: negative or not finite.
 
     Attributes:
-        name: Which.
+        name: Name of the gain.
         value: As given.
     """
 
@@ -63,16 +63,16 @@ class GainError(PepperError, ValueError):
 
 
 class ChangesError(PepperError, RuntimeError):
-    """The robot was told to run inside a group of changes, which are made only when the group is complete."""
+    """Attempt to run the robot inside a group of changes, which are made only when the group is complete."""
 
 
 class ShapeError(PepperError, ValueError):
-    """An array of another shape than is expected, or something that is no array of numbers.
+    """Array of another shape than expected, or a value that is no array of numbers.
 
     Attributes:
-        name: Which, as it stands in a program.
-        expected: Its shape.
-        given: The shape, or the type, that was given.
+        name: Name in the program.
+        expected: Expected shape.
+        given: Shape, or type, that was given.
     """
 
     def __init__(self, name: str, expected: tuple[int, ...], given: tuple[int, ...] | str) -> None:
@@ -82,15 +82,15 @@ class ShapeError(PepperError, ValueError):
 
 
 class PartError(PepperError, TypeError):
-    """An object to be added that is neither a task nor a constraint."""
+    """Added object that is neither a task nor a constraint."""
 
 
 class RobotMismatchError(PepperError, ValueError):
-    """A task for another robot than the controller's.
+    """Task for another robot than that of the controller.
 
     Attributes:
         task: Name of the task.
-        names: Joints and links that only one of the two descriptions has; none where only their order differs.
+        names: Joints and links that only one of the two descriptions has; empty if only their order differs.
     """
 
     def __init__(self, task: str, made_for: str, moved: str, names: Iterable[str]) -> None:
@@ -103,11 +103,11 @@ class RobotMismatchError(PepperError, ValueError):
 
 
 class TaskCountError(PepperError, ValueError):
-    """One task more than a controller takes.
+    """Task beyond the largest number of tasks.
 
     Attributes:
         task: Name of the task that was refused.
-        limit: Number of tasks that may be in use.
+        limit: Largest number of tasks in use.
     """
 
     def __init__(self, task: str, limit: int) -> None:

@@ -1,4 +1,4 @@
-"""The rigid-body model of the controller: Pinocchio on the robot's URDF, with a base that moves in the plane."""
+"""Rigid-body model of the controller: Pinocchio on the URDF of the robot, with a base that moves in the plane."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ WORLD_AXES = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
 ACCELERATIONS = pin.KinematicLevel.ACCELERATION
 
 BASE = 3
-"""Velocities of the base come first: vx, vy, wz of base_link in its own axes."""
+"""Number of base velocities, which come first: vx, vy, wz of base_link in its own axes."""
 
 
 @dataclass(frozen=True, slots=True)
 class BodyFrame:
-    """A frame fixed to a link: number of the ``joint`` that carries it, and its ``placement`` (SE3) behind it."""
+    """Frame on a link: number of the ``joint`` that carries it, and its ``placement`` (SE3) relative to that joint."""
 
     link: str
     joint: int
@@ -34,7 +34,7 @@ class BodyFrame:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class LoadTorque:
-    """The parts of a load torque, each (17,) [N m]: M(q) a, C(q, v) v and g(q). Their sum is tau_ld of Eq. 11."""
+    """Parts of a load torque, each (17,) [N m]: M(q) a, C(q, v) v and g(q). Their sum is tau_ld of Eq. 11."""
 
     inertial: FloatArray
     coriolis: FloatArray
@@ -48,12 +48,12 @@ class RobotModel:
     Model vectors have length ``nv`` = 20: base twist (vx, vy, wz) in base axes, then Pinocchio's joint order. Joint
     vectors have length 17 and follow ``RobotConfig.joint_names``. Joints are found by name: Pinocchio sorts them.
 
-    The world is where the base started: its origin and axes are those of base_link after a reset. What the methods on
-    frames and the centre of mass return belongs to the stored state, after :meth:`update_kinematics`.
+    The world is the start of the base: its origin and axes are those of base_link after a reset. The results of the
+    methods on frames and centre of mass are those of the stored state, after :meth:`update_kinematics`.
 
     Attributes:
         nv: 20.
-        joint_columns: (17,) place of each joint in a model vector.
+        joint_columns: (17,) index of each joint in a model vector.
         q: Configuration that :meth:`set_state` stored (base pose, joints in Pinocchio's order).
         v: (20,) velocity that :meth:`set_state` stored.
         joint_position: (17,) joint positions of that state [rad]; may be a view of it.
@@ -76,9 +76,8 @@ class RobotModel:
         armature[self.joint_columns] += robot.armature
         self.pin.armature = armature
         self.data = self.pin.createData()
-        self._elsewhere = (
-            self.pin.createData()
-        )  # for questions about other states than the stored one
+        # For other states than the stored one, whose results must stay.
+        self._other_data = self.pin.createData()
         self.nv: int = self.pin.nv
         self._zero = np.zeros(self.nv)
         self.q: FloatArray
@@ -86,7 +85,7 @@ class RobotModel:
         self.joint_position: FloatArray
         self.joint_velocity: FloatArray
         self.set_state(pin.neutral(self.pin), np.zeros(self.nv))
-        # Views of what Pinocchio computes.
+        # Views of the results of Pinocchio: they change with its next call.
         self._com, self._com_velocity = self.data.com[0], self.data.vcom[0]
         self._com_bias = self.data.acom[0]
 
@@ -105,12 +104,12 @@ class RobotModel:
         pin.computeJointJacobians(model, data)
 
     def joints_of_configuration(self, q: FloatArray) -> FloatArray:
-        """(17,) joint positions of a configuration [rad]; may be a view of it."""
+        """Return the (17,) joint positions of a configuration [rad]; may be a view of it."""
         position: FloatArray = q[self._position_columns]
         return position
 
     def joints_of(self, vector: FloatArray) -> FloatArray:
-        """(17,) the joints' part of a (20,) model vector; may be a view of it."""
+        """Return the (17,) part of the joints of a (20,) model vector; may be a view of it."""
         part: FloatArray = vector[self._velocity_columns]
         return part
 
@@ -132,24 +131,24 @@ class RobotModel:
         return BodyFrame(link, int(frame.parentJoint), frame.placement * offset)
 
     def pose(self, frame: BodyFrame) -> Any:  # noqa: ANN401 Pinocchio has no types
-        """SE3 ``transform_frame_to_world``."""
+        """Return the SE3 ``transform_frame_to_world``."""
         return self.data.oMi[frame.joint] * frame.placement
 
     def jacobian(self, frame: BodyFrame) -> FloatArray:
-        """(6, 20) linear, then angular velocity of the frame in world axes, per velocity."""
+        """Return (6, 20) linear, then angular velocity of the frame in world axes, per velocity."""
         jacobian: FloatArray = pin.getFrameJacobian(
             self.pin, self.data, frame.joint, frame.placement, WORLD_AXES
         )
         return jacobian
 
     def velocity(self, frame: BodyFrame) -> FloatArray:
-        """(6,) linear [m/s], then angular [rad/s] velocity of the frame in world axes."""
+        """Return (6,) linear [m/s], then angular [rad/s] velocity of the frame in world axes."""
         motion = pin.getFrameVelocity(self.pin, self.data, frame.joint, frame.placement, WORLD_AXES)
         velocity: FloatArray = motion.vector
         return velocity
 
     def bias(self, frame: BodyFrame) -> FloatArray:
-        """(6,) Jdot v: acceleration of the frame's origin in world axes without joint accelerations."""
+        """Return (6,) Jdot v: acceleration of the frame's origin in world axes without joint accelerations."""
         motion = pin.getFrameClassicalAcceleration(
             self.pin, self.data, frame.joint, frame.placement, WORLD_AXES
         )
@@ -159,7 +158,7 @@ class RobotModel:
     # -- centre of mass and momentum ----------------------------------------------------------------------------
 
     def com(self) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-        """Centre of mass in the world: position (3,), Jacobian (3, 20), velocity (3,), Jdot v (3,).
+        """Compute the centre of mass in the world: position (3,), Jacobian (3, 20), velocity (3,), Jdot v (3,).
 
         Views of the results for the stored state, which the next call overwrites.
         """
@@ -169,7 +168,7 @@ class RobotModel:
         return self._com, jacobian, self._com_velocity, self._com_bias
 
     def centroidal_momentum(self) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Momentum about the centre of mass in world axes, linear, then angular.
+        """Compute the momentum about the centre of mass in world axes, linear, then angular.
 
         Returns:
             (6, 20) momentum per velocity; (6,) momentum [kg m/s], [kg m2/s]; (6,) its rate without accelerations.
@@ -200,19 +199,19 @@ class RobotModel:
         return changed
 
     def base_pose(self, q: FloatArray) -> FloatArray:
-        """(3,) x [m], y [m], heading [rad] of the base in the world."""
+        """Return (3,) x [m], y [m], heading [rad] of the base in the world."""
         return np.array([q[0], q[1], np.arctan2(q[3], q[2])])
 
     def integrate(self, q: FloatArray, displacement: FloatArray) -> FloatArray:
-        """``q`` moved by a (20,) displacement; the base moves on SE(2)."""
+        """Return ``q`` after a (20,) displacement; the base moves on SE(2)."""
         moved: FloatArray = pin.integrate(self.pin, q, displacement)
         return moved
 
     # -- dynamics -----------------------------------------------------------------------------------------------
 
     def load_torque(self, q: FloatArray, v: FloatArray, a: FloatArray) -> FloatArray:
-        """(17,) inverse dynamics M(q) a + C(q, v) v + g(q), the desired load torque of Eq. 11 [N m]."""
-        torque: FloatArray = pin.rnea(self.pin, self._elsewhere, q, v, a)
+        """Compute the (17,) inverse dynamics M(q) a + C(q, v) v + g(q), the desired load torque of Eq. 11 [N m]."""
+        torque: FloatArray = pin.rnea(self.pin, self._other_data, q, v, a)
         return self.joints_of(torque)
 
     def load_torque_parts(self, q: FloatArray, v: FloatArray, a: FloatArray) -> LoadTorque:
@@ -226,7 +225,7 @@ class RobotModel:
         )
 
     def gravity_torque(self, joint_position: FloatArray) -> FloatArray:
-        """(17,) load torque of a robot that stands still at (17,) joint positions [N m]."""
+        """Return the (17,) load torque of a robot at rest at (17,) joint positions [N m]."""
         q = self.configuration(joint_position)
         return self.load_torque(q, self._zero, self._zero)
 
@@ -237,18 +236,18 @@ class RobotModel:
         velocity: FloatArray,
         acceleration: FloatArray,
     ) -> FloatArray:
-        """(17, 4 n) load torque that payloads add, per mass m [kg] and first moment m c [kg m].
+        """Return the (17, 4 n) load torque of payloads, per mass m [kg] and first moment m c [kg m].
 
-        The torque of a payload is linear in (m, m c_x, m c_y, m c_z), c in the frame of the link it is on, but for its
-        inertia about the frame's origin, which is left out.
+        The torque of a payload is linear in (m, m c_x, m c_y, m c_z), with c in the frame of its link. The inertia
+        about the origin of that frame is neglected.
 
         Args:
-            carriers: n joints that move the links with the payloads, as ``joint_id`` numbers them.
-            position: (17,) [rad]; the base stands at the origin.
+            carriers: n joints that carry the links with the payloads, as ``joint_id`` numbers them.
+            position: (17,) [rad]; the base is at the origin.
             velocity: (17,) [rad/s]
             acceleration: (17,) [rad/s2]
         """
-        model, data, q = self.pin, self._elsewhere, self.configuration(position)
+        model, data, q = self.pin, self._other_data, self.configuration(position)
         v, a = np.zeros(self.nv), np.zeros(self.nv)
         v[self._velocity_columns], a[self._velocity_columns] = velocity, acceleration
         pin.rnea(model, data, q, v, a)
@@ -263,12 +262,12 @@ class RobotModel:
     # -- other states -------------------------------------------------------------------------------------------
 
     def joint_id(self, joint: str) -> int:
-        """Pinocchio's number of a joint."""
+        """Return the number of a joint in Pinocchio."""
         number: int = self.pin.getJointId(joint)
         return number
 
     def frame_id(self, link: str) -> int:
-        """Pinocchio's number of a link.
+        """Return the number of a link in Pinocchio.
 
         Raises:
             UnknownNameError: No such link.
@@ -278,14 +277,14 @@ class RobotModel:
         return number
 
     def link_pose(self, link: str, joint_position: FloatArray) -> FloatArray:
-        """(4, 4) transform of a link in base_link, at (17,) joint positions [rad].
+        """Return the (4, 4) transform of a link in base_link, at (17,) joint positions [rad].
 
         Raises:
             UnknownNameError: No such link.
             ArgumentError: Not 17 numbers.
         """
         frame = self.frame_id(link)
-        data, count = self._elsewhere, len(self.robot.joint_names)
+        data, count = self._other_data, len(self.robot.joint_names)
         position = real_array(joint_position, (count,))
         if position is None:
             raise ArgumentError(f"link_pose takes {count} angles, got {shown(joint_position)}")
@@ -296,7 +295,7 @@ class RobotModel:
     def point_jacobian(
         self, link: str, point: FloatArray, joint_position: FloatArray
     ) -> FloatArray:
-        """(3, 17) velocity of a point of a link per joint velocity, in the axes of base_link.
+        """Return the (3, 17) velocity of a point of a link per joint velocity, in the axes of base_link.
 
         Args:
             link: Name of the link.
@@ -308,7 +307,7 @@ class RobotModel:
         """
         frame = self.frame_id(link)
         q = self.configuration(joint_position)
-        full = pin.computeFrameJacobian(self.pin, self._elsewhere, q, frame, WORLD_AXES)
+        full = pin.computeFrameJacobian(self.pin, self._other_data, q, frame, WORLD_AXES)
         jacobian = full[:, self.joint_columns]
         rotation = self.link_pose(link, joint_position)[:3, :3]
         arm = rotation @ point
@@ -317,7 +316,7 @@ class RobotModel:
 
 
 def _selection(columns: list[int]) -> slice | IndexArray:
-    """Return a slice, which costs no copy, where the columns follow one another."""
+    """Return a slice, which avoids a copy, if the columns are consecutive."""
     if columns == list(range(columns[0], columns[0] + len(columns))):
         return slice(columns[0], columns[0] + len(columns))
     return np.array(columns, dtype=np.intp)

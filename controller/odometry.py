@@ -1,4 +1,4 @@
-"""Wheels: commands that all can follow, the path of the base that they rolled, and what the robot did instead."""
+"""Wheels: speeds within their limit, odometry of the base, and feedback of the measured configuration."""
 
 from __future__ import annotations
 
@@ -13,16 +13,16 @@ from pepper_driver.controller.model import RobotModel
 
 
 class Feedback:
-    """The controller's own configuration less the robot's tracking error, on a base where odometry has it.
+    """Configuration of the controller minus the tracking error of the robot, with the base pose of the odometry.
 
-    Each measurement is held against the command that it answers, so that the transport between them is no error, and
-    the error is smoothed: what acceleration and lag do to it would come back as a poorly damped motion. At rest the
+    Each measurement is compared with the command that it answers, so the transport between them causes no error. The
+    error is smoothed: the effects of acceleration and lag would otherwise reduce the damping of the motion. At rest the
     result is the measured configuration.
 
     Args:
         model: Of the controller.
         odometry: Of the controller.
-        share: Of what is new in each cycle: cycle over smoothing time, 1 at most.
+        fraction: Of a new error that is taken over in each cycle: cycle over smoothing time, 1 at most.
     """
 
     def __init__(self, model: RobotModel, odometry: Odometry, fraction: float) -> None:
@@ -30,30 +30,30 @@ class Feedback:
         self.reset()
 
     def reset(self) -> None:
-        """Forget what was measured."""
+        """Forget the measurements."""
         self._error: FloatArray = np.zeros(len(self._model.joint_columns))
 
     def configuration(
         self, q: FloatArray, measurement: Measurement, answered: FloatArray | None
     ) -> FloatArray:
-        """Return the configuration that tasks see in place of the controller's ``q``.
+        """Return the configuration for tasks in place of the controller's ``q``.
 
         Args:
             q: Configuration of the controller.
-            measurement: The newest.
+            measurement: The newest measurement.
             answered: (17,) positions of the command that it answers [rad]; by default those of ``q``.
         """
         model = self._model
         position = model.joints_of_configuration(q)
         error = (position if answered is None else answered) - measurement.position
-        if np.isfinite(error).all():  # the safety gate stops a robot that measures nothing
+        if np.isfinite(error).all():  # else the safety gate stops the robot
             self._error = self._error + self._fraction * (error - self._error)
         shifted = model.with_joint_position(q, position - self._error)
         return model.with_base_pose(shifted, self._odometry.pose)
 
 
 def desaturate(wheel_speed: FloatArray, limit: float) -> FloatArray:
-    """Wheel speeds (3,) within a limit [rad/s]: all slowed by one factor, so that the base keeps its direction."""
+    """Scale wheel speeds (3,) to a limit [rad/s], all by one factor, so that the base keeps its direction."""
     fastest = float(np.abs(wheel_speed).max())
     if fastest <= limit:
         return wheel_speed
@@ -62,7 +62,7 @@ def desaturate(wheel_speed: FloatArray, limit: float) -> FloatArray:
 
 
 class Odometry:
-    """Pose of the base from its wheel speeds. Slip is not seen, nor is a push with wheels that slip.
+    """Pose of the base from its wheel speeds. Slip of the wheels is not measured.
 
     Args:
         robot: Its description.
@@ -82,7 +82,7 @@ class Odometry:
         self.twist: FloatArray = np.zeros(3)
 
     def update(self, wheel_speed: FloatArray, dt: float) -> None:
-        """Roll on for one cycle [s] at (3,) wheel speeds [rad/s], along an arc; stay if they are not finite."""
+        """Move by one cycle [s] at (3,) wheel speeds [rad/s], along an arc; stay if they are not finite."""
         twist = self._wheel_to_twist @ wheel_speed
         if not np.isfinite(twist).all():
             return
@@ -90,7 +90,7 @@ class Odometry:
         vx, vy, wz = self.twist.tolist()
         x, y, heading = self.pose.tolist()
         turn = wz * dt
-        # The chord of the arc, exact for a constant twist: v dt turned by half the angle, shortened by sinc.
+        # Chord of the arc, exact for a constant twist: v dt turned by half the angle, shortened by sinc.
         middle = heading + turn / 2
         length = dt * (sin(turn / 2) / (turn / 2) if abs(turn) > 1e-6 else 1.0)
         c, s = cos(middle) * length, sin(middle) * length

@@ -10,8 +10,8 @@ import numpy as np
 from pepper_driver.config.arrays import FloatArray
 from pepper_driver.controller.qp import QpStatus
 
-NOTICEABLE = 0.01
-"""[m/s2], [rad/s2] What a task may miss without being mentioned."""
+MIN_REPORTED_ERROR = 0.01
+"""[m/s2], [rad/s2] Smallest acceleration error of a task that is reported."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -19,14 +19,14 @@ class ControllerStatus:
     """State of the controller after the last cycle.
 
     Attributes:
-        solver: ``solved``; ``relaxed``: not all rows could be kept, some were broken as little as possible;
+        solver: ``solved``; ``relaxed``: some rows were violated as little as possible, because not all can hold;
             ``infeasible`` or ``failed``: no solution, the controller braked.
-        at_limit: Joints and base axes at a bound of their acceleration box, each with the limit that it is:
-            ``position``, ``velocity``, ``acceleration`` or ``jerk``.
-        active: Names of the constraints' rows that hold the motion back.
-        violated: Names of the constraints' rows that the accelerations break.
-        relaxed: Limits of the box that could not be kept, as ``"LHand acceleration"``: one that matters more prevailed,
-            or the joint was beyond it.
+        at_limit: Joints and base axes at an acceleration bound, each with the limit that causes it: ``position``,
+            ``velocity``, ``acceleration`` or ``jerk``.
+        active: Names of the rows of constraints that limit the motion.
+        violated: Names of the rows of constraints that the accelerations violate.
+        relaxed: Relaxed limits of the acceleration bounds, as ``"LHand acceleration"``: a more important limit
+            prevailed, or the joint was beyond its limit.
     """
 
     solver: QpStatus
@@ -43,48 +43,51 @@ class TaskReport:
     Attributes:
         name: Of the task.
         error: (rows,) target minus value.
-        acceleration_error: (rows,) J qdd + Jdot qd - a*: by how much the accelerations are not those the task asks for.
+        acceleration_error: (rows,) J qdd + Jdot qd - a*: difference to the accelerations that the task requests.
         cost: weight * sum of dim_weight acceleration_error^2.
-        share: Of the cost of all tasks, 0..1.
+        cost_fraction: Fraction of the cost of all tasks, 0..1.
     """
 
     name: str
     error: FloatArray
     acceleration_error: FloatArray
     cost: float
-    share: float
+    cost_fraction: float
 
 
 def explain(status: ControllerStatus, reports: Sequence[TaskReport]) -> str:
-    """Describe in a few lines what limits the motion."""
+    """Describe in a few lines which limits act on the motion."""
     lines = []
     if status.solver == "relaxed":
-        lines.append(f"Not all constraints can be kept: {_list(status.violated)} given up.")
+        lines.append(
+            f"Not all constraints can hold; relaxed by priority: {_list(status.violated)}."
+        )
     elif status.solver != "solved":
         lines.append(
-            f"The problem is {status.solver}: braking to rest. Broken: {_list(status.violated)}."
+            f"The problem is {status.solver}: braking to rest. Violated: {_list(status.violated)}."
         )
     if status.relaxed:
-        lines.append(f"Limits not kept: {_list(status.relaxed)}.")
+        lines.append(f"Relaxed limits: {_list(status.relaxed)}.")
     if status.at_limit:
         lines.append(
             "At a limit: " + _list([f"{name} ({kind})" for name, kind in status.at_limit]) + "."
         )
     if status.active:
-        lines.append(f"Held back by: {_list(status.active)}.")
+        lines.append(f"Active constraints: {_list(status.active)}.")
     if not lines:
         lines.append("Nothing limits the motion.")
-    dear = [
+    expensive = [
         report
         for report in reports
-        if report.share > 0.01 and np.abs(report.acceleration_error).max() > NOTICEABLE
+        if report.cost_fraction > 0.01
+        and np.abs(report.acceleration_error).max() > MIN_REPORTED_ERROR
     ]
-    if dear:
+    if expensive:
         costs = [
-            f"{report.name} {100 * report.share:.0f} % (error {np.linalg.norm(report.error):.3g})"
-            for report in dear
+            f"{report.name} {100 * report.cost_fraction:.0f} % (error {np.linalg.norm(report.error):.3g})"
+            for report in expensive
         ]
-        lines.append(f"Tasks that do not get what they want: {_list(costs)}.")
+        lines.append(f"Tasks with an acceleration error: {_list(costs)}.")
     return "\n".join(lines)
 
 

@@ -1,4 +1,4 @@
-"""One tick: the measurement, what the controller computed from it, and the command that was sent."""
+"""One tick: measurement, reference of the controller, and the command that was sent."""
 
 from __future__ import annotations
 
@@ -30,11 +30,11 @@ class Reference:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class SentCommand:
-    """A command as it was sent.
+    """Command as it was sent.
 
     Attributes:
-        reference: What the controller wanted when the command was made.
-        sent: What the robot was told.
+        reference: Reference of the controller for the command.
+        sent: Command after the safety gate.
         limited: (17,) where the safety gate altered the position, so that ``sent`` differs from ``reference``.
     """
 
@@ -47,10 +47,10 @@ class SentCommand:
 class Tick(SentCommand):
     """One cycle: a command as it was sent, and the measurement that answers it.
 
-    Nothing reachable from here leads to the ground truth of a simulation, nor is ever changed.
+    Its attributes are never changed, and none gives access to the truth of a simulation.
 
     Attributes:
-        measurement: What the robot measured.
+        measurement: Measurement of the robot.
     """
 
     measurement: Measurement

@@ -1,4 +1,4 @@
-"""Reference motions of tasks: quintic splines, sampled some cycles ahead, then read off cycle by cycle."""
+"""Reference motions of tasks: quintic splines, sampled some cycles ahead and read cycle by cycle."""
 
 from __future__ import annotations
 
@@ -12,20 +12,20 @@ from scipy.spatial.transform import Rotation
 from pepper_driver.config.arrays import FloatArray
 
 Motion = Callable[[FloatArray], tuple[FloatArray, FloatArray]]
-"""From (n,) times [s] to (n, ...) targets as a task keeps them and (n, rows) velocities."""
+"""Function from (n,) times [s] to (n, ...) targets, as a task stores them, and (n, rows) velocities."""
 
 SAMPLED_CYCLES = 128
-"""Cycles sampled at once: few enough that a motion of an hour does not stop the robot when it begins."""
+"""Cycles sampled at once: few enough that the start of a motion of an hour fits into a cycle."""
 
 
 class Trajectory:
     """Targets with velocities and accelerations, one of each for every cycle from the start to the end.
 
-    The acceleration given is the mean of the cycle to come: held for the cycle it leads to the next velocity exactly.
+    The acceleration is the mean of the next cycle: held for the cycle it leads exactly to the next velocity.
 
     Args:
-        motion: From the state in the first cycle to rest.
-        duration: Of the motion [s].
+        motion: Motion from the state in the first cycle to rest.
+        duration: Duration of the motion [s].
         dt: Cycle [s].
     """
 
@@ -41,7 +41,7 @@ class Trajectory:
         return self._cycle > self._last
 
     def next(self) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Target, velocity and acceleration of the next cycle; the last are the end at rest."""
+        """Return target, velocity and acceleration of the next cycle; the last are those of the end at rest."""
         if self._cycle == self._sampled:
             self._sample()
         index = self._cycle % SAMPLED_CYCLES
@@ -63,16 +63,19 @@ def spline(points: FloatArray, velocity: FloatArray, durations: Sequence[float])
     """Return a quintic spline through points.
 
     It starts with a given velocity, ends at rest, and has no acceleration at either end: between two points and from
-    rest, the motion of least jerk.
+    rest, the minimum-jerk motion.
 
     Args:
         points: (m + 1, n) start and m points to pass.
-        velocity: (n,) at the start.
+        velocity: (n,) velocity at the start.
         durations: m times [s] from point to point.
     """
     knots = np.concatenate([[0.0], np.cumsum(durations)])
     still = np.zeros_like(velocity)
-    ends: Any = ([(1, velocity), (2, still)], [(1, still), (2, still)])  # SciPy's types know less
+    ends: Any = (
+        [(1, velocity), (2, still)],
+        [(1, still), (2, still)],
+    )  # more general than SciPy's types
     curve = make_interp_spline(knots, points, k=5, bc_type=ends)
     rate = curve.derivative()
 
@@ -85,16 +88,16 @@ def spline(points: FloatArray, velocity: FloatArray, durations: Sequence[float])
 def vector_trajectory(
     points: FloatArray, velocity: FloatArray, durations: Sequence[float], dt: float
 ) -> Trajectory:
-    """Trajectory of a task whose target is a vector; arguments as for :func:`spline`, and the cycle [s]."""
+    """Return the trajectory of a vector target; arguments as for :func:`spline`, and the cycle [s]."""
     return Trajectory(spline(points, velocity, durations), sum(durations), dt)
 
 
 def rotation_spline(
     rotations: Sequence[FloatArray], velocity: FloatArray, durations: Sequence[float]
 ) -> Motion:
-    """Rotations along a spline of rotation vectors, R(t) = exp(phi(t)) R(0), phi in the fixed axes.
+    """Return rotations along a spline of rotation vectors, R(t) = exp(phi(t)) R(0), phi in the fixed axes.
 
-    Between two rotations and from rest it is the shortest way about a fixed axis. Targets are (n, 3, 3), velocities
+    Between two rotations and from rest it is the shorter turn about a fixed axis. Targets are (n, 3, 3), velocities
     angular, in the fixed axes.
 
     Args:
@@ -117,7 +120,7 @@ def rotation_spline(
 
 
 def _nearest(vector: FloatArray, before: FloatArray) -> FloatArray:
-    """Return the rotation vector nearest to another among those that mean the same rotation: whole turns apart."""
+    """Return the rotation vector nearest to ``before`` among those of the same rotation."""
     angle = float(np.linalg.norm(vector))
     if angle < 1e-9:
         return vector
@@ -127,8 +130,9 @@ def _nearest(vector: FloatArray, before: FloatArray) -> FloatArray:
 
 
 def _angular_velocity(phi: FloatArray, rate: FloatArray) -> FloatArray:
-    """(n, 3) of exp(phi) in the fixed axes [rad/s], for phi and its rate, each (n, 3)."""
+    """Return the (n, 3) angular velocity of exp(phi) in the fixed axes [rad/s], for phi and its rate, each (n, 3)."""
     angle = np.linalg.norm(phi, axis=1, keepdims=True)
+    # For smaller angles the closed form loses its digits; the first term of its series is precise enough.
     safe = np.maximum(angle, 1e-4)
     first = np.where(angle > 1e-4, (1 - np.cos(safe)) / safe**2, 0.5)
     second = np.where(angle > 1e-4, (safe - np.sin(safe)) / safe**3, 1 / 6)

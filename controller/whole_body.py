@@ -1,4 +1,4 @@
-"""The whole-body controller: one quadratic program a cycle gives accelerations, integration gives the reference."""
+"""Whole-body controller: one quadratic program per cycle gives accelerations, integration gives the reference."""
 
 from __future__ import annotations
 
@@ -39,48 +39,46 @@ from pepper_driver.controller.tasks.targets import finite_vector
 from pepper_driver.controller.tick import Reference
 
 BASE_HOLD_STIFFNESS = 400.0
-"""[1/s2] Of the base that is held: it brakes as fast as its acceleration limits allow."""
+"""[1/s2] Stiffness of the base while it is held: it brakes as fast as its acceleration limits allow."""
 
 MAX_TASKS = 64
-"""Tasks in use at a time, the two own ones among them: as many of the most expensive kind take 2.4 ms of a cycle."""
+"""Largest number of tasks in use, with the two own ones: of the most expensive kind they take 2.4 ms of a cycle."""
 
 VIOLATION_TOLERANCE = 1e-6
-"""[rad/s2] By how much a row may be violated and still count as kept."""
+"""[rad/s2] Violation up to which a row counts as satisfied."""
 
 
 @checked_arguments
 class WholeBodyController:
     """Acceleration-resolved, weighted multi-objective QP on the 3 base and 17 joint degrees of freedom.
 
-    In each cycle the tasks' costs are minimised over the accelerations inside the box of limits and the rows of the
-    constraints; the accelerations are integrated, q+ = q + v dt + a dt^2 / 2 and v+ = v + a dt. With ``feedback: none``
-    the state is the controller's own: no measurement enters it, so that the tracking error keeps the whole effect of a
-    touch (the paper's controller runs in the same way). With ``feedback: joints`` tasks and constraints are evaluated
-    where the robot measures itself to be once it has settled, and the accelerations are still integrated on the
-    controller's own state.
+    In each cycle the costs of the tasks are minimised over the accelerations within their bounds and the rows of the
+    constraints. The accelerations are integrated, q+ = q + v dt + a dt^2 / 2 and v+ = v + a dt. With ``feedback: none``
+    no measurement enters the state of the controller, so the tracking error keeps the whole effect of a touch, as in
+    the paper. With ``feedback: joints`` tasks and constraints are evaluated at the smoothed measured position, and the
+    accelerations are still integrated on the controller's own state.
 
     Args:
         robot: Its description.
         settings: Gains, limits, solver; by default those of ``controller.yaml``.
         dt: Cycle [s], by default the robot's.
-        changes: Keeper of what other threads change between two ticks, by default one of its own.
+        changes: Changes of other threads between two ticks, by default of its own.
 
     Attributes:
-        changes: What :meth:`add`, :meth:`remove` and the setters of tasks in use go through.
-        model: At the state of the last cycle.
-        posture: The posture task that is there from the start.
-        base_velocity: The base velocity task that is there from the start; its target is zero. While a task in use
-            moves the base, it gives way, unless its target is a motion.
-        odometry: Where the wheels have rolled to.
+        changes: Changes by :meth:`add`, :meth:`remove` and the setters of tasks in use.
+        model: Model at the state of the last cycle.
+        posture: Posture task that exists from the start.
+        base_velocity: Base velocity task that exists from the start; its target is zero. While a task in use moves the
+            base, its weight is a hundredth, unless its target is a motion.
+        odometry: Pose of the base from its wheels.
         return_speed: Largest speed of joints that a reflex has released [rad/s].
         min_return_time: Smallest time of their return [s].
-        dither: Small oscillation that is added to the posture task; off from the start.
-        hold: Whether only the posture task acts and the base comes to rest, whatever other tasks there are; they stand
-            still meanwhile, and go on afterwards.
+        dither: Small oscillation that is added to the posture task; off at the start.
+        hold: True if only the posture task acts and the base comes to rest. All other tasks pause meanwhile.
 
     Raises:
         UnknownNameError: No such solver.
-        GainError: A cycle that is no time.
+        GainError: A cycle that is not a time above 0.
     """
 
     def __init__(
@@ -97,7 +95,7 @@ class WholeBodyController:
         self._dt = robot.cycle if dt is None else _checked_cycle(dt)
         self._jerk_limited = settings.jerk_limit is not None
         self.model = RobotModel(robot)
-        # Small arrays are quicker to multiply by arrays of their shape than by numbers.
+        # Small arrays are multiplied faster by arrays of their shape than by numbers.
         self._cycle, self._half = np.full(self.model.nv, self._dt), np.full(self.model.nv, 0.5)
         self.return_speed, self.min_return_time = settings.return_speed, settings.min_return_time
         self._box = AccelerationBox(robot, settings, self.model, self._dt)
@@ -108,15 +106,15 @@ class WholeBodyController:
         self.dither = Dither(robot, settings.attentive, self._dt)
         self._feedback: Feedback | None = None
         if settings.feedback == "joints":
-            share = min(1.0, self._dt / settings.feedback_time)
-            self._feedback = Feedback(self.model, self.odometry, share)
+            fraction = min(1.0, self._dt / settings.feedback_time)
+            self._feedback = Feedback(self.model, self.odometry, fraction)
         self.posture = PostureTask(
             stiffness=settings.posture.stiffness, weight=settings.posture.weight, robot=robot
         )
         self.base_velocity = BaseVelocityTask(
             stiffness=settings.base.stiffness, weight=settings.base.weight
         )
-        self._standing = BaseVelocityTask(
+        self._base_hold = BaseVelocityTask(
             stiffness=BASE_HOLD_STIFFNESS, weight=settings.base.weight, name="base at rest"
         )
         self._tasks: list[Task] = []
@@ -125,7 +123,7 @@ class WholeBodyController:
         self.add(self.base_velocity)
         self._constraints = standard_constraints(robot, settings)
         self.hold = False
-        self._laid_out = False
+        self._allocated = False
         self.reset((robot.lower + robot.upper) / 2)
 
     # -- tasks and constraints ----------------------------------------------------------------------------------
@@ -137,20 +135,20 @@ class WholeBodyController:
 
     @property
     def constraints(self) -> tuple[Constraint, ...]:
-        """The constraints in use, beyond the box of limits of single joints."""
+        """The constraints in use, without the limits of single joints."""
         return tuple(self._constraints)
 
     def add(self, part: Task | Constraint, *, enforce_limit: bool = True) -> None:
-        """Take a task or a constraint into the QP from the next cycle on; one already there stays once.
+        """Add a task or a constraint to the QP from the next cycle on; one that is in use already stays once.
 
-        A task that another controller has is taken from it. From any thread: what is added acts from the next tick on.
+        A task that another controller has is removed from that one. The call is allowed from any thread.
 
         Args:
             part: The task or constraint.
-            enforce_limit: False for a task that must act however many there are, such as one of a reflex.
+            enforce_limit: False for a task that must act in spite of the largest number of tasks, as of a reflex.
 
         Raises:
-            PartError: It is neither.
+            PartError: It is neither a task nor a constraint.
             RobotMismatchError: The task was made for a robot with other joints or links.
             TaskCountError: :data:`MAX_TASKS` are in use.
         """
@@ -171,17 +169,17 @@ class WholeBodyController:
             owner.remove(task)
         task.owner, task.changes = weakref.ref(self), self.changes
         self._tasks = [*others, task]
-        self._laid_out = False
+        self._allocated = False
 
     def _add_constraint(self, constraint: Constraint) -> None:
         others = [other for other in self._constraints if other is not constraint]
         self._constraints = [*others, constraint]
-        self._laid_out = False
+        self._allocated = False
 
     def remove(self, part: Task | Constraint) -> None:
-        """Take a task or a constraint out of the QP; one that is not there is no error.
+        """Remove a task or a constraint from the QP; one that is not in use is no error.
 
-        A motion of the task by ``move_to`` ends. From any thread: what is removed acts until the next tick.
+        A motion of the task by ``move_to`` ends. From another thread, the part acts until the next tick.
         """
         self.changes.make(lambda: self._remove(part))
 
@@ -193,7 +191,7 @@ class WholeBodyController:
         self._constraints = [
             constraint for constraint in self._constraints if constraint is not part
         ]
-        self._laid_out = False
+        self._allocated = False
 
     def _without(self, part: Task | Constraint) -> list[Task]:
         return [task for task in self._tasks if task is not part]
@@ -201,7 +199,7 @@ class WholeBodyController:
     # -- state --------------------------------------------------------------------------------------------------
 
     def reset(self, position: ArrayLike) -> None:
-        """Stand still at (17,) joint positions [rad], the base at the origin; both own tasks want to stay there.
+        """Set the state to rest at (17,) joint positions [rad], base at the origin; both own tasks have it as target.
 
         Raises:
             TargetError: Not 17 finite numbers; nothing changes.
@@ -243,7 +241,7 @@ class WholeBodyController:
 
     @property
     def base_pose(self) -> FloatArray:
-        """(3,) integrated x [m], y [m], heading [rad] of the base; the origin is where it was at the last reset."""
+        """(3,) integrated x [m], y [m], heading [rad] of the base since the last reset."""
         return self.model.base_pose(self._q)
 
     @property
@@ -257,13 +255,13 @@ class WholeBodyController:
         return self._robot.upper
 
     def stopping_position(self, stiffness: float, *, dither: bool = True) -> FloatArray:
-        """(17,) where the joints come to rest without turning round, led by tasks of this stiffness [1/s2], in rad.
+        """Return (17,) positions [rad] in which joints come to rest without reversal, by tasks of a given stiffness.
 
         A critically damped joint at q with velocity v decays exponentially towards q + v / sqrt(stiffness).
 
         Args:
-            stiffness: Of the tasks [1/s2].
-            dither: False for joints that go on oscillating about that place.
+            stiffness: Stiffness of the tasks [1/s2].
+            dither: False for joints that continue to oscillate about that position.
         """
         position, velocity = self.position, self.velocity
         if not dither:
@@ -272,15 +270,15 @@ class WholeBodyController:
         return np.clip(rest, self.lower, self.upper)
 
     def override_state(self, position: ArrayLike, base_twist: ArrayLike | None = None) -> None:
-        """Go on from a command that the safety gate changed.
+        """Continue from a command that the safety gate altered.
 
-        The integrated joint positions become what was sent, the velocities of the joints concerned those that lead
-        there from the position before, within the velocity limits. The base goes on with the twist that was sent, from
-        where it led.
+        The integrated joint positions become those that were sent. The velocities of the altered joints become those
+        that lead there from the previous position, within the velocity limits. The base continues with the twist that
+        was sent, from the pose to which it led.
 
         Args:
-            position: (17,) as really sent [rad].
-            base_twist: (3,) as really sent, vx [m/s], vy [m/s], wz [rad/s]; None if it was not changed.
+            position: (17,) as sent [rad].
+            base_twist: (3,) as sent, vx [m/s], vy [m/s], wz [rad/s]; None if it was not altered.
 
         Raises:
             TargetError: Not 17, or not 3, finite numbers; nothing changes.
@@ -298,9 +296,9 @@ class WholeBodyController:
         q = self._q
         if twist is not None:
             v[:BASE] = twist
-            way = np.zeros(model.nv)
-            way[:BASE] = twist * self._dt
-            q = model.integrate(self._before, way)
+            displacement = np.zeros(model.nv)
+            displacement[:BASE] = twist * self._dt
+            q = model.integrate(self._before, displacement)
         self._q, self._v = model.with_joint_position(q, position), v
         model.set_state(self._q, self._v)
 
@@ -311,15 +309,15 @@ class WholeBodyController:
     ) -> Reference:
         """Solve and integrate one cycle.
 
-        Never raises for what tasks want or constraints forbid: rows that cannot all be kept are relaxed in the order
-        of their priorities, and a problem without solution brakes to rest within the limits.
+        It never raises because of tasks or constraints: rows that exclude each other are relaxed in the order of their
+        priorities, and without a solution the robot brakes to rest within the limits.
 
         Args:
-            measurement: What the robot measured: for odometry, and for tasks if ``feedback`` says so.
+            measurement: Measurement of the robot, for odometry, and for tasks with ``feedback: joints``.
             answered: (17,) positions of the command that this measurement answers [rad]; by default the last ones.
 
         Returns:
-            Position, velocity, acceleration and load torque at the end of the cycle, all of that one instant.
+            Position, velocity, acceleration and load torque at the end of the cycle, all at that instant.
         """
         with self.changes.tick():
             return self._step(measurement, answered)
@@ -332,11 +330,11 @@ class WholeBodyController:
             self.odometry.update(measurement.wheel_speed, dt)
             if self._feedback is not None:
                 model.set_state(self._feedback.configuration(q, measurement, answered), v)
-        dithers = self.dither.active
-        if dithers:
+        dithering = self.dither.active
+        if dithering:
             self.posture.superpose(self.dither.step())
         acceleration = self._solve(q, v)
-        if dithers and not self.dither.active:
+        if dithering and not self.dither.active:
             self.posture.superpose(None)
         self._acceleration = acceleration
         change = acceleration * self._cycle
@@ -355,10 +353,10 @@ class WholeBodyController:
         )
 
     def _solve(self, q: FloatArray, v: FloatArray) -> FloatArray:
-        """(20,) accelerations."""
+        """Return (20,) accelerations."""
         model, program, box = self.model, self._program, self._box
-        if not self._laid_out or self.hold is not self._holding:
-            self._lay_out()
+        if not self._allocated or self.hold is not self._holding:
+            self._allocate()
         if self._needs_kinematics:
             model.update_kinematics()
         program.assemble(model, self._dt)
@@ -366,29 +364,31 @@ class WholeBodyController:
         self._active = []
         waiting = [constraint for constraint in self._constraints if constraint.lazy]
         self._activate([c for c in self._constraints if not c.lazy])
-        answer = self._optimise(q, v)
-        # Rows of lazy constraints are made when the accelerations would break them; each is asked until all agree.
-        while waiting and answer.outcome in ("solved", "relaxed"):
-            a = answer.acceleration
+        result = self._optimise(q, v)
+        # Rows of lazy constraints are added when the accelerations violate them, and all others are checked again: a
+        # solution with more rows may violate a constraint that the previous one satisfied.
+        while waiting and result.outcome in ("solved", "relaxed"):
+            a = result.acceleration
             broken = [c for c in waiting if not c.is_satisfied(model, self._braking_limits, a)]
             if not broken:
                 break
             waiting = [c for c in waiting if c not in broken]
             if self._activate(broken):
-                answer = self._optimise(q, v)
-        self._outcome = answer.outcome
-        if answer.outcome in ("solved", "relaxed"):
-            return answer.acceleration
+                result = self._optimise(q, v)
+        self._outcome = result.outcome
+        if result.outcome in ("solved", "relaxed"):
+            return result.acceleration
         braking: FloatArray = np.minimum(np.maximum(-v / self._dt, box.lower), box.upper)
         return braking
 
     def _activate(self, constraints: Sequence[Constraint]) -> bool:
-        """Take in the rows of constraints; whether there were any."""
+        """Add the rows of constraints; return True if there are any."""
         before = len(self._active)
         for constraint in constraints:
             rows = constraint.compute_inequality(self.model, self._braking_limits)
             if rows is None:
                 continue
+            # The row of NaN makes the status name the faulty constraint; an error would end the tick.
             if not rows.usable(self.model.nv):
                 rows = LinearInequality(
                     np.zeros((1, self.model.nv)), np.array([np.nan]), (constraint.name,)
@@ -397,27 +397,27 @@ class WholeBodyController:
         return len(self._active) > before
 
     def _optimise(self, q: FloatArray, v: FloatArray) -> QpResult:
-        """Solve for the rows there are."""
+        """Solve with the present rows."""
         box, program = self._box, self._program
         groups = [(constraint.priority, rows) for constraint, rows in self._active]
-        answer = program.solve(self._solver, box.lower, box.upper, groups)
-        if answer.outcome != "solved" and self._jerk_limited:
-            # Joints that may not brake at once cannot keep what they share: jerk matters less than that.
+        result = program.solve(self._solver, box.lower, box.upper, groups)
+        if result.outcome != "solved" and self._jerk_limited:
+            # Joints that may not brake at once can violate limits that they share, which matter more than jerk.
             box.update(q, v, self._acceleration, jerk=False)
-            answer = program.solve(self._solver, box.lower, box.upper, groups)
-        return answer
+            result = program.solve(self._solver, box.lower, box.upper, groups)
+        return result
 
-    def _lay_out(self) -> None:
-        """Give all tasks that act their rows."""
-        self._laid_out, self._holding = True, self.hold
-        own = (self.posture, self._standing)
+    def _allocate(self) -> None:
+        """Allocate rows for all tasks that act."""
+        self._allocated, self._holding = True, self.hold
+        own = (self.posture, self._base_hold)
         tasks: Sequence[Task] = own if self._holding else self._tasks
         self.base_velocity.relax(any(task.moves_base for task in tasks))
         self._program.allocate(tasks, self.model)
         parts: Sequence[Task | Constraint] = [*tasks, *self._constraints]
         self._needs_kinematics = any(part.needs_kinematics for part in parts)
 
-    # -- what happened ------------------------------------------------------------------------------------------
+    # -- status -------------------------------------------------------------------------------------------------
 
     @property
     def status(self) -> ControllerStatus:
@@ -426,7 +426,7 @@ class WholeBodyController:
         violated: list[str] = []
         for _, rows in self._active:
             for name, excess in zip(rows.names, self._excess(rows).tolist(), strict=True):
-                if not excess <= VIOLATION_TOLERANCE:  # no number is not met either
+                if not excess <= VIOLATION_TOLERANCE:  # also for NaN
                     violated.append(name)
                 elif excess >= -VIOLATION_TOLERANCE:
                     active.append(name)
@@ -441,29 +441,29 @@ class WholeBodyController:
     def report(self) -> tuple[TaskReport, ...]:
         """Return the cost of every task in the last cycle, the most expensive first."""
         acceleration_errors = self._program.acceleration_errors(self._acceleration)
-        whole = sum(cost for _, _, cost in acceleration_errors)
+        total_cost = sum(cost for _, _, cost in acceleration_errors)
         reports = [
             TaskReport(
                 name=task.name,
                 error=task.error,
                 acceleration_error=acceleration_error,
                 cost=cost,
-                share=cost / whole if whole > 0 else 0.0,
+                cost_fraction=cost / total_cost if total_cost > 0 else 0.0,
             )
             for task, acceleration_error, cost in acceleration_errors
         ]
         return tuple(sorted(reports, key=lambda report: -report.cost))
 
     def explain(self) -> str:
-        """Return in a few lines what limits the motion now."""
+        """Describe in a few lines which limits act on the motion."""
         return explain(self.status, self.report())
 
     def load_torque_parts(self) -> LoadTorque:
-        """Return the load torque of the last reference, in parts, at the state it belongs to: the end of the cycle."""
+        """Return the parts of the load torque of the last reference, at its state: the end of the cycle."""
         return self.model.load_torque_parts(self._q, self._v, self._acceleration)
 
     def _excess(self, rows: LinearInequality) -> FloatArray:
-        """By how much the accelerations break each row, in units of its largest entry."""
+        """Return the violation of each row by the accelerations, in units of its largest entry."""
         size = np.abs(rows.matrix).max(axis=1, initial=0.0)
         size[size <= 0.0] = 1.0
         excess: FloatArray = (rows.matrix @ self._acceleration - rows.bound) / size
@@ -471,7 +471,7 @@ class WholeBodyController:
 
 
 def check_part(part: Task | Constraint, robot: RobotConfig) -> None:
-    """Check what is to be added to the controller of a robot.
+    """Check that a part can be added to the controller of a robot.
 
     Raises:
         PartError: It is neither a task nor a constraint.

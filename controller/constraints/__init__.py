@@ -27,7 +27,7 @@ __all__ = [
 
 
 def standard_constraints(robot: RobotConfig, settings: ControllerSettings) -> list[Constraint]:
-    """Make the constraints that the settings switch on."""
+    """Make the constraints that the settings select."""
     switches, constraints = settings.constraints, list[Constraint]()
     if switches.coupled_limits:
         constraints.append(CoupledLimits(robot, settings.position_margin))

@@ -1,25 +1,26 @@
-"""Balance: the robot does not tip over the lines between its wheels.
+"""Balance: the robot must not tip over the lines between its wheels.
 
-Motion: what counts is the zero moment point, where the floor pushes. About a line through e along t, counter-clockwise
-round the triangle of the wheels, let H be the angular momentum of the robot, positive where it tips over the line:
+Motion: the zero moment point, the centre of pressure of the floor, must stay inside. About a line through e along t,
+counter-clockwise round the triangle of the wheels, let H be the angular momentum of the robot, positive if it tips over
+the line:
 
     H = t' ((c - e) x l + k),    dH/dt + m g d = b f,
 
 with c the centre of mass, d its distance inside the line, l and k the momenta about it, f the vertical force of the
-floor and b the distance inside the line of the zero moment point. With (l, k) = A v all of it is linear in the
+floor and b the distance inside the line of the zero moment point. With (l, k) = A v all terms are linear in the
 accelerations: b >= moving margin is an exact row.
 
-Rest: a braking distance as for other limits does not do. Braking as hard as the joints can may itself push the zero
-moment point out, and who is late can only fall. As an inverted pendulum of height z the robot can be caught where
+Rest: a braking distance as for other limits is not enough. The hardest braking of the joints may itself move the zero
+moment point out, and after that the robot tips. As an inverted pendulum of height z the robot can be brought to rest if
 
     d - H / (m sqrt(g z)) >= margin,
 
-which moves outwards as long as it is outside of the zero moment point (the capture point; Pratt et al. 2006, Koolen et
-al. 2012). The row keeps it after this cycle; at rest it says that the centre of mass is inside. Only what the joints
-move counts in it: a base that goes on as it does carries the triangle along.
+This capture point moves outwards while it is outside the zero moment point (Pratt et al. 2006, Koolen et al. 2012). The
+row is its condition after this cycle; at rest it requires the centre of mass inside. Only the motion of the joints
+counts in it: a base with constant velocity carries the triangle with it.
 
-One row bounds dH/dt of the joints from above, the other from below. The upper bound gives way as far as both leave
-something to choose, so they do not exclude each other.
+One row bounds dH/dt of the joints from above, the other from below. The upper bound is widened as far as both together
+require, so they do not exclude each other.
 """
 
 from __future__ import annotations
@@ -46,23 +47,23 @@ from pepper_driver.controller.support_polygon import WHEEL_LINK, wheel_triangle
 GRAVITY = 9.81
 """[m/s2]"""
 
-LEAST_ROOM = 0.005
-"""[m] What the row for rest leaves to the zero moment point beyond its margin."""
+MIN_ZMP_RANGE = 0.005
+"""[m] Range of the zero moment point, beyond its margin, that the row for rest must leave."""
 
 BASE_RATIO = 0.5
-"""Of the acceleration of the base: what rest and motion may ask of it where they disagree."""
+"""Fraction of the acceleration of the base that the rows for rest and motion may require in a conflict."""
 
 RETURN_RATIO = 0.3
-"""Of the acceleration of the joints: what they return with when the centre of mass is too far out to be caught."""
+"""Fraction of the acceleration of the joints with which the robot returns when the capture point is outside."""
 
 
 class _Place(NamedTuple):
-    """The centre of mass between the edges, one entry for each edge.
+    """Place of the centre of mass between the edges, one entry for each edge.
 
     Attributes:
-        height: Of the centre of mass [m].
+        height: Height of the centre of mass [m].
         inside: Its distance inside the edge [m].
-        caught: The same less what a turn of the base takes of it [m].
+        caught: The same minus the effect of a turn of the base [m].
         moments: (6,) moment about the edge of a force at the centre of mass and of a torque, in world axes.
     """
 
@@ -73,22 +74,22 @@ class _Place(NamedTuple):
 
 
 def _product(a: list[float], b: list[float]) -> float:
-    """Multiply two lists of six; the last entry of moments is zero."""
+    """Return the scalar product of two lists of six; the last entry of moments is zero."""
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2] + a[3] * b[3] + a[4] * b[4]
 
 
 @checked_arguments
 class Balance(Constraint):
-    """Keeps zero moment point and centre of mass over the triangle of the wheels.
+    """Balance of the robot: zero moment point and centre of mass stay over the triangle of the wheels.
 
     Args:
         robot: Its description.
-        margin: How far inside the triangle the centre of mass can be brought to rest [m].
-        moving_margin: How far inside the zero moment point stays [m], by default a third of the other: it must be able
-            to go beyond the centre of mass to bring it to rest.
+        margin: Distance inside the triangle within which the centre of mass can be brought to rest [m].
+        moving_margin: Distance inside the triangle of the zero moment point [m], by default a third of ``margin``: it
+            must be able to move beyond the centre of mass to bring it to rest.
 
     Attributes:
-        corners: (3, 2) where the wheels touch the floor, in base_link [m], counter-clockwise.
+        corners: (3, 2) contact points of the wheels with the floor, in base_link [m], counter-clockwise.
         inwards: (3, 2) unit vectors across the edges that start at the corners.
 
     Raises:
@@ -116,32 +117,32 @@ class Balance(Constraint):
         self._names = tuple(
             f"balance {state}, {name}" for state in ("at rest", "moving") for name in names
         )
-        # Per edge, as plain numbers: its inward normal and how far along that it lies. For three edges they are
-        # quicker than arrays.
+        # Per edge, as plain numbers: its inward normal and its offset along it. For three edges they are faster than
+        # arrays.
         offset = (self.inwards * self.corners).sum(axis=1)
         self._edges = [(*n, o) for n, o in zip(self.inwards.tolist(), offset.tolist(), strict=True)]
         self._margin, self._moving_margin = margin, moving_margin
         self._mass = float(pin.computeTotalMass(model.pin))
-        self._least = LEAST_ROOM * self._mass * GRAVITY
-        self._own = model.pin.createData()  # for accelerations that are only looked at
+        self._min_moment = MIN_ZMP_RANGE * self._mass * GRAVITY
+        self._check_data = model.pin.createData()  # for accelerations that are only checked
 
     def is_satisfied(
         self, model: RobotModel, braking_limits: BrakingLimits, acceleration: FloatArray
     ) -> bool:
         """Check that zero moment point and capture point stay inside with (20,) accelerations."""
-        own, dt = self._own, braking_limits.dt
-        pin.computeCentroidalMomentumTimeVariation(model.pin, own, model.q, model.v, acceleration)
-        place = self._place(model, own.com[0].tolist())
-        force = own.dhg.vector.tolist()
+        data, dt = self._check_data, braking_limits.dt
+        pin.computeCentroidalMomentumTimeVariation(model.pin, data, model.q, model.v, acceleration)
+        place = self._place(model, data.com[0].tolist())
+        force = data.dhg.vector.tolist()
         force[2] += self._mass * GRAVITY
         if any(_product(row, force) < self._moving_margin * force[2] for row in place.moments):
             return False
         velocity = model.v.copy()
         velocity[:BASE] = 0.0
-        before = pin.ccrba(model.pin, own, model.q, velocity) @ velocity
+        before = pin.ccrba(model.pin, data, model.q, velocity) @ velocity
         change = acceleration.copy()
         change[:BASE] = 0.0
-        after = (before + own.Ag @ change * dt).tolist()
+        after = (before + data.Ag @ change * dt).tolist()
         rate, momentum = sqrt(GRAVITY / place.height), before.tolist()
         return all(
             _product(row, after) + _product(row, momentum) * rate * dt
@@ -152,7 +153,7 @@ class Balance(Constraint):
     def compute_inequality(
         self, model: RobotModel, braking_limits: BrakingLimits
     ) -> LinearInequality | None:
-        """Up to six rows, of the lines that an acceleration could reach."""
+        """Return up to six rows, of the lines that an acceleration could reach."""
         acceleration, dt, data = braking_limits.acceleration, braking_limits.dt, model.data
         pin.ccrba(model.pin, data, model.q, model.v)
         pin.computeCentroidalMomentumTimeVariation(model.pin, data)
@@ -166,34 +167,34 @@ class Balance(Constraint):
         force = data.dhg.vector.tolist()
         force[2] += self._mass * GRAVITY
         pushed = [_product(row, force) - self._moving_margin * force[2] for row in moments]
-        # What is asked for by both must be possible together. The base alone can do this much, either way.
+        # Both rows must be possible together. The base alone can contribute this much, in either direction.
         base_reach = (BASE_RATIO * acceleration[:BASE]).tolist()
         base = [
             sum(abs(entry) * reach for entry, reach in zip(row, base_reach, strict=True))
             for row in outwards[:, :BASE].tolist()
         ]
         pushed = [max(p, -b) for p, b in zip(pushed, base, strict=True)]
-        # Of a base that goes on as it does: only what joints move must be caught.
+        # A base with constant velocity carries the triangle with it: only the momentum of the joints counts.
         outwards[:, :BASE] = 0.0
         momentum = outwards.dot(model.v).tolist()
         rate = sqrt(GRAVITY / height)
-        room = []
+        bounds = []
         for i, caught in enumerate(place.caught):
-            allowed = min(self._least - pushed[i] - base[i], 0.0)
+            allowed = min(self._min_moment - pushed[i] - base[i], 0.0)
             if inside[i] < self._moving_margin:
-                # The robot tips already, or would: it goes back, wherever the floor pushes meanwhile.
+                # The robot tips already, or is about to: it must return, without regard to the zero moment point.
                 allowed = -RETURN_RATIO * float(np.abs(outwards[i]) @ acceleration)
                 pushed[i] = inf
             free = self._mass * height * rate * (caught - self._margin) / dt
-            room.append(max(free - momentum[i] * (rate + 1 / dt), allowed))
-        return self._that_matter(matrix, room + pushed, acceleration)
+            bounds.append(max(free - momentum[i] * (rate + 1 / dt), allowed))
+        return self._relevant_rows(matrix, bounds + pushed, acceleration)
 
     def _place(self, model: RobotModel, com: list[float]) -> _Place:
         """Return the place of the centre of mass (3,) in the world between the edges."""
         x, y, cosine, sine = model.q[:4].tolist()
         cx, cy, height = com
         cx, cy = cosine * (cx - x) + sine * (cy - y), cosine * (cy - y) - sine * (cx - x)
-        # In a turn the zero moment point lies further out than the centre of mass for as long as the turn lasts.
+        # During a turn the zero moment point is further out than the centre of mass, by the centripetal force.
         vx, vy, wz = model.v[:BASE].tolist()
         turn_x, turn_y = -wz * (vy + wz * cx), wz * (vx - wz * cy)
         inside, caught, moments = [], [], []
@@ -201,32 +202,31 @@ class Balance(Constraint):
             d = nx * cx + ny * cy - offset
             inside.append(d)
             caught.append(d - max((nx * turn_x + ny * turn_y) * height / GRAVITY, 0.0))
-            tx, ty = (
-                cosine * ny + sine * nx,
-                sine * ny - cosine * nx,
-            )  # along the edge, in world axes
+            # Direction of the edge in world axes.
+            tx, ty = cosine * ny + sine * nx, sine * ny - cosine * nx
             moments.append([ty * height, -tx * height, d, tx, ty, 0.0])
         return _Place(height, inside, caught, moments)
 
-    def _that_matter(
-        self, matrix: FloatArray, room: list[float], acceleration: FloatArray
+    def _relevant_rows(
+        self, matrix: FloatArray, bounds: list[float], acceleration: FloatArray
     ) -> LinearInequality | None:
-        """Without rows that no acceleration within its limits can break; the others in units of their largest entry."""
+        """Return the rows that some acceleration within its limits violates, in units of their largest entry."""
+        # Solvers judge rows by one tolerance, which suits entries near 1.
         size = np.abs(matrix)
         reach = size.dot(acceleration).tolist()
-        matters = [i for i, least in enumerate(room) if least < reach[i]]
-        if not matters:
+        relevant = [i for i, bound in enumerate(bounds) if bound < reach[i]]
+        if not relevant:
             return None
-        scale = [1.0 / max(row.max(), MIN_ROW_SIZE) for row in size[matters]]
+        scale = [1.0 / max(row.max(), MIN_ROW_SIZE) for row in size[relevant]]
         return LinearInequality(
-            matrix[matters] * np.array(scale)[:, None],
-            np.array([room[i] * s for i, s in zip(matters, scale, strict=True)]),
-            tuple(self._names[i] for i in matters),
+            matrix[relevant] * np.array(scale)[:, None],
+            np.array([bounds[i] * s for i, s in zip(relevant, scale, strict=True)]),
+            tuple(self._names[i] for i in relevant),
         )
 
 
 def _triangle(model: RobotModel) -> tuple[FloatArray, FloatArray, tuple[str, ...]]:
-    """(3, 2) corners in base_link [m], (3, 2) inward normals of the edges from each to the next, and their names."""
+    """Return (3, 2) corners in base_link [m], (3, 2) inward normals of the edges from each to the next, and names."""
     placement = model.body_frame(WHEEL_LINK).placement
     centres, labels = wheel_triangle(placement, model.robot.wheels)
     corners = centres[:, :2]

@@ -1,8 +1,7 @@
-"""Position, velocity, acceleration and jerk limits of base and joints, merged into one box of accelerations.
+"""Acceleration bounds from position, velocity, acceleration and jerk limits of base and joints.
 
-The box holds lo <= hi by construction: each limit is an interval, and the box of what matters less is projected onto
-the interval of what matters more. Position counts more than velocity, velocity more than acceleration, acceleration
-more than jerk.
+lower <= upper holds by construction: each limit is an interval, and the interval of a less important limit is projected
+onto that of a more important one. The order is position, velocity, acceleration, jerk.
 """
 
 from __future__ import annotations
@@ -15,27 +14,27 @@ from pepper_driver.controller.constraints.braking import BrakingDistance, Veloci
 from pepper_driver.controller.model import BASE, RobotModel
 
 BOX_TOLERANCE = 1e-9
-"""By how much a bound may be violated and still count as kept."""
+"""Violation up to which a bound counts as satisfied."""
 
-ANYWHERE = 1e9
-"""[m], [rad] Position limit of the base."""
+UNLIMITED_POSITION = 1e9
+"""[m], [rad] Position limit of the base, which has none."""
 
 
 class AccelerationBox:
     """Bounds on the 20 accelerations.
 
     Args:
-        robot: Position limits of joints, velocity and acceleration limits of the base.
+        robot: Description with position limits of joints, velocity and acceleration limits of the base.
         settings: Velocity, acceleration and jerk limits of joints, margin and law of position limits.
-        model: For the order of the joints.
+        model: Model with the order of the joints.
         dt: Cycle [s].
 
     Raises:
-        ConfigError: A table of limits that lacks a joint.
+        ConfigError: A table of limits without one of the joints.
 
     Attributes:
-        lower: (20,) of the last update [m/s2], [rad/s2].
-        upper: (20,) likewise.
+        lower: (20,) bounds of the last update [m/s2], [rad/s2].
+        upper: (20,) the same.
         acceleration_limit: (20,) [m/s2], [rad/s2].
         joint_velocity_limit: (17,) in joint order [rad/s].
     """
@@ -46,7 +45,9 @@ class AccelerationBox:
         self._dt = dt
         base, names = robot.limits.base, robot.joint_names
         self.joint_velocity_limit = settings.joint_velocity(robot)
-        order = np.argsort(model.joint_columns)  # all arrays from here on are in the model's order
+        order = np.argsort(
+            model.joint_columns
+        )  # from here on all arrays are in the order of the model
         self._names = ("base_vx", "base_vy", "base_wz", *(names[i] for i in order))
         acceleration = settings.joint_acceleration(robot)[order]
         linear, angular = base.linear_velocity, base.angular_velocity
@@ -61,18 +62,18 @@ class AccelerationBox:
         if jerk is not None:
             linear, angular = base.linear_jerk, base.angular_jerk
             self._jerk_step = np.array([linear, linear, angular, *jerk[order]]) * dt
-        # A margin wider than the joint's range would leave no place to be; the base may be anywhere.
+        # A margin wider than the range of a joint would leave no allowed position.
         margin = np.minimum(settings.position_margin, (robot.upper - robot.lower) / 4)
-        anywhere = np.full(BASE, ANYWHERE)
-        self._low = np.concatenate([-anywhere, (robot.lower + margin)[order]])
-        self._high = np.concatenate([anywhere, (robot.upper - margin)[order]])
+        unlimited = np.full(BASE, UNLIMITED_POSITION)
+        self._low = np.concatenate([-unlimited, (robot.lower + margin)[order]])
+        self._high = np.concatenate([unlimited, (robot.upper - margin)[order]])
         self._position_limit: BrakingDistance | VelocityDamper = (
             BrakingDistance(self._low, self._high, self.acceleration_limit, dt)
             if settings.position_limit == "braking"
             else VelocityDamper(self._low, self._high, self._velocity)
         )
-        # Arrays of 40 hold the upper sides, then the lower sides mirrored, so that one formula serves both. They are
-        # contiguous and of one shape: that is what makes small NumPy operations quick.
+        # Arrays of 40 have the upper sides, then the mirrored lower sides, so that one formula is valid for both. They
+        # are contiguous and of one shape, with which small NumPy operations are fastest.
         nv = model.nv
         self._state, self._before = np.zeros(2 * nv), np.zeros(nv)
         self._position, self._v = self._state[:nv], self._state[nv:]
@@ -88,36 +89,36 @@ class AccelerationBox:
     def update(
         self, q: FloatArray, v: FloatArray, before: FloatArray, *, jerk: bool = True
     ) -> None:
-        """Compute the box for a state of the model.
+        """Compute the bounds for a state of the model.
 
         Args:
             q: Configuration of the model.
             v: (20,) velocity.
-            before: (20,) acceleration of the cycle before; only the jerk limit asks for it.
-            jerk: Whether to keep the jerk limit, if there is one.
+            before: (20,) acceleration of the previous cycle, for the jerk limit.
+            jerk: False to ignore the jerk limit.
         """
         mirrored, bounds, other, nv = self._mirrored, self._bounds, self._other, len(v)
         self._joints[...] = q[BASE - nv :]
         self._v[...] = mirrored[:nv] = v
         self._before = before
         np.negative(v, self._mirrored_low)
-        # Velocities after this cycle first, from accelerations at the end.
+        # Computed as velocities after this cycle, and converted to accelerations at the end.
         np.add(mirrored, self._step_40, bounds)
         if jerk and self._jerk_step is not None:
             self._limit_jerk(before)
         np.minimum(bounds, self._velocity_40, out=bounds)
         np.maximum(bounds, self._against_velocity, out=bounds)
-        reach = self._position_limit.max_velocity(self._state)
-        np.minimum(bounds, reach, out=bounds)
-        np.negative(reach[nv:], self._other_high)
-        np.negative(reach[:nv], self._other_low)
+        max_velocity = self._position_limit.max_velocity(self._state)
+        np.minimum(bounds, max_velocity, out=bounds)
+        np.negative(max_velocity[nv:], self._other_high)
+        np.negative(max_velocity[:nv], self._other_low)
         np.maximum(bounds, other, out=bounds)
         bounds -= mirrored
         bounds *= self._rate_40
         np.negative(self._bounds_low, self.lower)
 
     def _limit_jerk(self, before: FloatArray) -> None:
-        """Velocities after this cycle that change the acceleration no faster than allowed, where that is possible."""
+        """Set the velocities after this cycle that the jerk limit allows, within the acceleration limit."""
         assert self._jerk_step is not None
         nv, limit = len(before), self.acceleration_limit
         upper = np.clip(before + self._jerk_step, -limit, limit)
@@ -126,13 +127,13 @@ class AccelerationBox:
         self._bounds[nv:] = self._mirrored[nv:] - lower * self._dt
 
     def relaxed(self, acceleration: FloatArray | None = None) -> tuple[str, ...]:
-        """Limits that the last update gave up for one that matters more, as ``"LHand acceleration"``.
+        """Return limits that the last update relaxed for more important ones, as ``"LHand acceleration"``.
 
-        A joint beyond a position limit is named too; all vectors are those of the last update.
+        Joints beyond a position limit are named too.
 
         Args:
-            acceleration: (20,) that was chosen, for the jerk it took where the last update was one without jerk limit;
-                without it jerk is named where no acceleration in the box keeps it.
+            acceleration: (20,) accelerations of the solution, for their jerk after an update without jerk limit. By
+                default jerk is named where no acceleration within the bounds satisfies it.
         """
         v, dt, limit = self._v, self._dt, self.acceleration_limit
         fast = (v + self.lower * dt > self._velocity + BOX_TOLERANCE) | (
@@ -145,17 +146,17 @@ class AccelerationBox:
         kinds = {"position": beyond, "velocity": fast, "acceleration": hard}
         if self._jerk_step is not None:
             low, high = (self.lower, self.upper) if acceleration is None else (acceleration,) * 2
-            most = self._jerk_step + BOX_TOLERANCE
-            kinds["jerk"] = (low - self._before > most) | (high - self._before < -most)
+            max_change = self._jerk_step + BOX_TOLERANCE
+            kinds["jerk"] = (low - self._before > max_change) | (high - self._before < -max_change)
         return tuple(
             f"{name} {kind}"
             for i, name in enumerate(self._names)
-            for kind, given_up in kinds.items()
-            if given_up[i]
+            for kind, relaxed in kinds.items()
+            if relaxed[i]
         )
 
     def binding(self, acceleration: FloatArray) -> tuple[tuple[str, str], ...]:
-        """Return the active bounds of (20,) accelerations: names of joint or base axis, each with its limit."""
+        """Return the active bounds of (20,) accelerations: name of joint or base axis, and its limit."""
         found = []
         after = np.abs(self._v + acceleration * self._dt)
         jerk = np.abs(acceleration - self._before)

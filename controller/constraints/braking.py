@@ -1,7 +1,7 @@
-"""Ways to come to rest before a limit: braking distance, braking path, velocity damper.
+"""Laws of rest before a limit: braking distance, braking path, velocity damper.
 
 With d the distance to the limit now, v+ the velocity after this cycle and b the deceleration, the distance after this
-cycle is d+ = d - (v + v+) dt / 2, and it must leave room
+cycle is d+ = d - (v + v+) dt / 2, and it must be enough
 
     to stop,          v+^2 / (2 b) <= d+ - b dt^2 / 2    where v+ is above b dt,
     to arrive,        v+ dt <= d+                        below.
@@ -10,28 +10,29 @@ The two meet at v+ = b dt with one tangent. Solved for v+, with w = (d - v dt / 
 
     v+ <= w  for w <= b dt,   v+ <= sqrt(3 b dt w - 3/4 (b dt)^2) - b dt / 2  above.
 
-The stopping distance alone, with no room to arrive, asks for v+ = 2 d / dt - v close to the limit: the velocity turns
-round in every cycle for as long as a task pulls beyond the limit. With it the velocity goes down to a third in each
-cycle, and v <= sqrt(2 b d) stays true. The velocity damper of older controllers (``damper.py``) lets joints as fast as
-Pepper's run past their limits at 12 ms.
+The stopping distance alone gives v+ = 2 d / dt - v close to the limit: the velocity would change its sign in every
+cycle while a task pulls beyond the limit. With the second condition the velocity falls to a third in each cycle, and
+v <= sqrt(2 b d) stays true. With the velocity damper of older controllers, joints as fast as those of Pepper exceed
+their limits at 12 ms.
 
-Each joint brakes as the box allows, from the end of this cycle on, and those that move fast brake longest: the way to
-rest is curved. A limit kept at its end alone can be broken on the way. After n more cycles a joint that enters them
-with v+ has gone, with t = n dt or the time it takes to stop, whichever is less,
+Braking path. Each joint brakes as its bounds allow, from the end of this cycle on, and fast joints brake longest: the
+path to rest is curved. A limit that holds at its end may be violated before. A joint that enters the next n cycles with
+v+ moves, with t = n dt or its time to stop, whichever is less, by
 
     s(v+) = sign(v+) (|v+| t - b (t^2 - dt^2) / 2),
 
-which for n without end is the stopping distance of ``braking.py``. It is linearised in the acceleration of this cycle
-about the velocity now: s is convex on each side, so that falls short by at most (a dt)^2 / (2 b), a millimetre or a
-milliradian; margins are wider.
+which for infinite n is the stopping distance above. It is linearised in the acceleration of this cycle about the
+present velocity. s is convex on each side, so the error is at most (a dt)^2 / (2 b), a millimetre or a milliradian;
+margins are wider.
 
-With d the distance to a limit, d_i = 0.1 and d_s = 0.01 of the range and xi_off = 0.5 1/s (mc_pepper's values): where
-d < d_i, the velocity towards the limit after this cycle is at most xi (d - d_s) / (d_i - d_s), with xi frozen when the
-joint enters that zone at speed |v|: xi = |(d_i - d_s) / (d - d_s) v| + xi_off (jrl-umi3218/tasks, QPConstr.h).
+Velocity damper. d is the distance to a limit, d_i = 0.1 and d_s = 0.01 of the range, xi_off = 0.5 1/s (values of
+mc_pepper). For d < d_i, the velocity towards the limit after this cycle is at most xi (d - d_s) / (d_i - d_s). xi is
+frozen when the joint enters that zone at speed |v|: xi = |(d_i - d_s) / (d - d_s) v| + xi_off (jrl-umi3218/tasks,
+QPConstr.h).
 
 At 12 ms this is not safe at the speeds of Pepper's URDF: a joint can cross the zone in one cycle, and the discrete gain
-exceeds 1. It is here for parity; ``braking.py`` is the default. One thing differs from those controllers: it asks for
-no more than the velocity limit, else a joint thrown over its limit comes back faster each time, without end.
+exceeds 1. It exists for comparison; the braking distance is the default. One thing differs from those controllers: the
+velocity back is at most the velocity limit. Otherwise a joint beyond its limit would oscillate with growing amplitude.
 """
 
 from __future__ import annotations
@@ -41,13 +42,13 @@ import numpy as np
 from pepper_driver.config.arrays import FloatArray
 
 BRAKE_RATIO = 0.9
-"""Of the acceleration limit: the braking distance is computed with it."""
+"""Fraction of the acceleration limit with which the braking distance is computed."""
 
 
 class BrakingDistance:
-    """Highest velocities towards position limits from which joints can still stop.
+    """Largest velocities towards position limits from which joints can still stop.
 
-    A joint that starts beyond a limit is brought back at b dt / 2, a few hundredths of a radian a second.
+    A joint that starts beyond a limit returns at b dt / 2, a few hundredths of a radian per second.
 
     Args:
         lower: (n,) limits [rad].
@@ -62,8 +63,8 @@ class BrakingDistance:
         n = len(lower)
         step = np.tile(BRAKE_RATIO * acceleration * dt, 2)  # b dt, for both sides
         self._floor = -step / 2
-        self._least = 2.25 * step**2
-        # w of both sides, then 3 b dt w - 3/4 (b dt)^2 of both, linear in (position, velocity): one product for all.
+        self._lowest = 2.25 * step**2
+        # w of both sides, then 3 b dt w - 3/4 (b dt)^2 of both: linear in (position, velocity), so one product.
         distance, velocity = 1 / (1.5 * dt) * np.eye(n), np.eye(n) / 3
         w = np.block([[-distance, -velocity], [distance, velocity]])
         constant = np.concatenate([upper, -lower]) / (1.5 * dt)
@@ -73,7 +74,7 @@ class BrakingDistance:
         self._w, self._stop = self._result[: 2 * n], self._result[2 * n :]
 
     def max_velocity(self, state: FloatArray) -> FloatArray:
-        """(2 n,) velocity after this cycle towards the upper, then towards the lower limits [rad/s].
+        """Return (2 n,) velocities after this cycle towards the upper, then the lower limits [rad/s].
 
         Args:
             state: (2 n,) positions [rad], then velocities [rad/s].
@@ -81,7 +82,7 @@ class BrakingDistance:
         w, stop, floor = self._w, self._stop, self._floor
         self._matrix.dot(state, self._result)
         self._result += self._constant
-        np.maximum(stop, self._least, out=stop)
+        np.maximum(stop, self._lowest, out=stop)
         np.sqrt(stop, stop)
         stop += floor
         np.minimum(w, stop, out=stop)
@@ -90,60 +91,66 @@ class BrakingDistance:
 
 
 class BrakingPath:
-    """One place on the way to rest.
+    """One point of the path to rest.
 
     Args:
         brake: (n,) deceleration [m/s2], [rad/s2].
         dt: Cycle [s].
-        cycles: After how many cycles of braking, one at least; infinity for rest.
+        cycles: Cycles of braking, one at least; infinity for rest.
 
     Attributes:
-        way: (n,) from here to that place when the velocity stays as it is in this cycle [m], [rad].
-        gain: (n,) by how much an acceleration in this cycle changes it [s2].
+        distance: (n,) distance to that point with the present velocity in this cycle [m], [rad].
+        gain: (n,) its change per acceleration in this cycle [s2].
     """
 
     def __init__(self, brake: FloatArray, dt: float, cycles: float) -> None:
         n = len(brake)
-        # Arrays all of one shape: NumPy is quickest with them.
-        self._dt, self._longest = np.full(n, dt), np.full(n, cycles * dt)
+        # Arrays of one shape: NumPy is fastest with them.
+        self._dt, self._max_time = np.full(n, dt), np.full(n, cycles * dt)
         self._half, self._inverse = brake / 2, 1 / brake
         self._shift = self._half * dt**2
         self._first = np.full(n, dt**2 / 2)
         self._speed, self._time = np.zeros(n), np.zeros(n)
-        self.way, self.gain = np.zeros(n), np.zeros(n)
+        self.distance, self.gain = np.zeros(n), np.zeros(n)
 
     def update(self, velocity: FloatArray) -> None:
-        """Compute way and gain for (n,) velocities at the start of the cycle."""
-        speed, time, way, gain, dt = self._speed, self._time, self.way, self.gain, self._dt
+        """Compute distance and gain for (n,) velocities at the start of the cycle."""
+        speed, time, distance, gain, dt = (
+            self._speed,
+            self._time,
+            self.distance,
+            self.gain,
+            self._dt,
+        )
         np.abs(velocity, speed)
         np.multiply(speed, self._inverse, time)
         np.maximum(time, dt, out=time)
-        np.minimum(time, self._longest, out=time)
-        np.multiply(self._half, time, way)
-        np.subtract(speed, way, way)
-        way *= time
-        way += self._shift
-        np.copysign(way, velocity, way)
+        np.minimum(time, self._max_time, out=time)
+        np.multiply(self._half, time, distance)
+        np.subtract(speed, distance, distance)
+        distance *= time
+        distance += self._shift
+        np.copysign(distance, velocity, distance)
         np.multiply(velocity, dt, speed)
-        way += speed
+        distance += speed
         np.multiply(time, dt, gain)
         gain += self._first
 
     @property
-    def longest(self) -> float:
-        """For how long the joint that brakes longest does so, as far as that place [s]."""
+    def max_time(self) -> float:
+        """Longest braking time of a joint until that point [s]."""
         return float(self._time.max())
 
 
-INTERACTION_SHARE, SECURITY_SHARE = 0.1, 0.01
-"""Of a joint's range: where damping begins, and where the velocity towards the limit is to be zero."""
+INTERACTION_RATIO, SECURITY_RATIO = 0.1, 0.01
+"""Fractions of the range of a joint: distance where damping begins, and distance where the velocity shall be zero."""
 
-OFFSET = 0.5
+XI_OFFSET = 0.5
 """[rad/s] xi_off."""
 
 
 class VelocityDamper:
-    """Highest velocities towards position limits by the damper.
+    """Largest velocities towards position limits by the damper.
 
     Args:
         lower: (n,) limits [rad].
@@ -152,14 +159,14 @@ class VelocityDamper:
     """
 
     def __init__(self, lower: FloatArray, upper: FloatArray, speed: FloatArray) -> None:
-        self._lower, self._upper, self._least = lower, upper, -speed
-        self._interaction = INTERACTION_SHARE * (upper - lower)
-        self._security = SECURITY_SHARE * (upper - lower)
+        self._lower, self._upper, self._lowest = lower, upper, -speed
+        self._interaction = INTERACTION_RATIO * (upper - lower)
+        self._security = SECURITY_RATIO * (upper - lower)
         self._width = self._interaction - self._security
         self._xi = np.zeros((2, len(lower)))  # 0 outside the zone
 
     def max_velocity(self, state: FloatArray) -> FloatArray:
-        """(2 n,) velocity after this cycle towards the upper, then towards the lower limits [rad/s].
+        """Return (2 n,) velocities after this cycle towards the upper, then the lower limits [rad/s].
 
         Args:
             state: (2 n,) positions [rad], then velocities [rad/s].
@@ -169,10 +176,10 @@ class VelocityDamper:
         inside = distance < self._interaction
         entered = inside & (self._xi == 0.0)
         beyond = distance - self._security
-        # Entered at or behind the security distance: xi as a fifth of the way into the zone.
+        # A joint that enters at or beyond the security distance gets xi as at a fifth of the zone.
         ahead = np.where(beyond > 0, beyond, 0.2 * self._width)
-        xi = np.abs(self._width / ahead * velocity) + OFFSET
+        xi = np.abs(self._width / ahead * velocity) + XI_OFFSET
         self._xi = np.where(inside, np.where(entered, xi, self._xi), 0.0)
         limit = np.where(inside, self._xi * beyond / self._width, np.inf)
-        np.maximum(limit, self._least, out=limit)
+        np.maximum(limit, self._lowest, out=limit)
         return limit.ravel()

@@ -1,8 +1,8 @@
-"""Base class of constraints, and what the robot can brake.
+"""Base class of constraints, and the braking limits of the robot.
 
-Limits that joints share, h(q) <= 0, are kept as those of single joints are, by braking distance: a motion is allowed as
-long as the robot, if each joint braked as its box allows, would keep them all the way to rest. Braking is always inside
-the box, so a robot that satisfies this now can satisfy it in the next cycle too.
+Limits that joints share, h(q) <= 0, hold by braking distance, as those of single joints. A motion is allowed as long as
+the robot would satisfy them on the whole path to rest if each joint braked as its bounds allow. Braking is always
+within the bounds, so a robot that satisfies this now can satisfy it in the next cycle too.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from pepper_driver.controller.constraints.braking import BRAKE_RATIO
 from pepper_driver.controller.model import RobotModel
 
 MIN_ROW_SIZE = 1e-9
-"""A row with smaller entries moves nothing."""
+"""Largest entry of a row below which no motion changes it."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -35,7 +35,7 @@ class BrakingLimits:
 
     @property
     def brake(self) -> FloatArray:
-        """(20,) deceleration that the way to rest is computed with [m/s2], [rad/s2]."""
+        """(20,) deceleration on the path to rest [m/s2], [rad/s2]."""
         return BRAKE_RATIO * self.acceleration
 
 
@@ -68,12 +68,12 @@ class Constraint(ABC):
     """Rows of linear inequalities on the acceleration.
 
     Attributes:
-        name: For messages.
-        priority: When not all rows can be kept, those of the lowest priority are relaxed first: 0 what users add,
-            1 torque, 2 self-collision and wheel speed, 3 coupled limits, 4 balance. The box is never relaxed.
+        name: Name in messages.
+        priority: Rows that exclude each other are relaxed from the lowest priority on: 0 constraints of users,
+            1 torque, 2 self-collision and wheel speed, 3 coupled limits, 4 balance. Acceleration bounds never are.
         needs_kinematics: True if the controller must compute placements and Jacobians before
             :meth:`compute_inequality`.
-        lazy: True if :meth:`is_satisfied` is to be asked before :meth:`compute_inequality`.
+        lazy: True if the controller shall call :meth:`is_satisfied` before :meth:`compute_inequality`.
     """
 
     name: str
@@ -84,9 +84,9 @@ class Constraint(ABC):
     def is_satisfied(
         self, model: RobotModel, braking_limits: BrakingLimits, acceleration: FloatArray
     ) -> bool:
-        """Return True if (20,) accelerations, chosen without the rows, keep the constraint anyway.
+        """Return True if (20,) accelerations, computed without the rows, certainly satisfy the constraint.
 
-        Then no rows are needed. For constraints whose rows cost more than this answer. False where it is not certain.
+        Then no rows are needed. This is for constraints whose rows cost more time than this check.
         """
         return False
 
@@ -94,16 +94,16 @@ class Constraint(ABC):
     def compute_inequality(
         self, model: RobotModel, braking_limits: BrakingLimits
     ) -> LinearInequality | None:
-        """Return the rows that matter at the model's state, None when none does; other ones each time.
+        """Return the relevant rows at the state of the model, in new arrays; None without any.
 
         Args:
-            model: At the state of the controller.
-            braking_limits: How fast it can change its speed, and the cycle.
+            model: Model at the state of the controller.
+            braking_limits: Accelerations of the robot, and the cycle.
         """
 
 
 def stack(parts: Sequence[LinearInequality]) -> LinearInequality:
-    """All rows below one another."""
+    """Return all rows as one inequality."""
     if len(parts) == 1:
         return parts[0]
     return LinearInequality(

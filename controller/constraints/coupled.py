@@ -1,22 +1,22 @@
 """Position limits that depend on another joint: HeadPitch's on HeadYaw, ElbowRoll's on ElbowYaw.
 
-Below an upper limit, phi <= f(theta), with f linear between the rows of a table (a lower limit is one after turning the
-driven joint's sign). Each joint on its way to rest moves in one direction, but not all in equal time: the path may lie
-anywhere in the rectangle between where they are and where they come to rest. So all of that rectangle is kept in the
-region. With phi* the furthest that the driven joint gets to, theta+ the driver after this cycle and theta* where it
-comes to rest, this is asked for in every cycle:
+An upper limit is phi <= f(theta), with f linear between the rows of a table. A lower limit is an upper one with the
+sign of the driven joint reversed. Each joint on its path to rest moves in one direction, but for different times. The
+path may therefore be anywhere in the rectangle between the present position and rest, and the whole rectangle must be
+in the region. With phi* the furthest position of the driven joint, theta+ the driver after this cycle and theta* the
+driver at rest, every cycle requires
 
     phi* <= f(theta+)  and  phi* <= f(theta*),
 
-which is enough for the whole rectangle where f rises to one peak and falls from it, as Pepper's limits do. Braking
-makes the rectangle smaller: what holds now can be kept in every later cycle.
+which is enough for the whole rectangle if f rises to one peak and falls from it, as the limits of Pepper do. Braking
+makes the rectangle smaller, so a condition that holds now can hold in every later cycle.
 
-phi* and theta* bend with the acceleration, phi* to the side that makes it a convex function. Its chord over all
-accelerations that the joint may have lies above it, so rows made of chords are never too lenient. They are too strict
-by at most a dt^2 / 2 of each joint, a milliradian, which is where joints come to rest before the limit.
+phi* and theta* are not linear in the acceleration; phi* is convex. Its chord over all accelerations of the joint lies
+above it, so rows of chords are never too lenient. They are too strict by at most a dt^2 / 2 of each joint, a
+milliradian: joints come to rest that much before the limit.
 
-The region is not convex. f is the highest of several concave pieces, each the lowest of some lines; the rows are the
-lines of that piece which is the highest where the joints would come to rest if they braked now. They let the joints
+The region is not convex. f is the maximum of several concave pieces, each the minimum of some lines. The rows are the
+lines of the piece that is the highest where the joints would come to rest if they braked now. They let the joints
 cross from one piece to the next wherever both allow it.
 """
 
@@ -40,13 +40,13 @@ from pepper_driver.controller.errors import LimitError
 from pepper_driver.controller.model import RobotModel
 
 Line = tuple[float, float, float, float]
-"""Slope, value at 0 [rad]; first and last angle of the driver where it is the limit [rad]."""
+"""Slope, value at 0 [rad]; first and last angle of the driver at which it is the limit [rad]."""
 
 Row = tuple[str, int, float, int, float, float]
 """Name; column and entry of the driven joint, and of the driver; bound."""
 
 SLOPE_TOLERANCE = 1e-6
-"""[rad], or as a slope: two limits nearer than this are the same one, written with fewer digits."""
+"""[rad], or as a slope: nearer limits are the same one, written with fewer digits."""
 
 
 class Span:
@@ -62,45 +62,49 @@ class Span:
         self.brake = BRAKE_RATIO * acceleration
         self._step = acceleration * dt
         self._half = self._step * dt / 2
-        # Furthest at speed |v|, whatever the acceleration: a polynomial, at least as far as `furthest`.
+        # Bound of `furthest` at speed |v| for any acceleration: a polynomial, for a quick check.
         self.far = (
             self._half + self._step**2 / (2 * self.brake) + self.brake * dt**2 / 2,
             dt + self._step / self.brake,
             1 / (2 * self.brake),
         )
 
-    def way(self, velocity: float) -> float:
-        """Return the way to rest in the positive direction from a velocity [rad/s]; 0 when it is negative [rad]."""
+    def stopping_distance(self, velocity: float) -> float:
+        """Return the distance to rest [rad] from a velocity [rad/s]; 0 for a negative one."""
         if velocity <= self.brake * self.dt:
             return velocity * self.dt if velocity > 0 else 0.0
         return velocity**2 / (2 * self.brake) + self.brake * self.dt**2 / 2
 
     def furthest(self, velocity: float) -> tuple[float, float, float]:
-        """Constant [rad] and gain [s2] of the chord: the furthest way from here is at most constant + gain * a.
+        """Return constant [rad] and gain [s2] of the chord: the largest distance is at most constant + gain * a.
 
-        Third, the acceleration that brakes, and goes on to the slow return of a joint beyond a limit, b dt / 2
-        [rad/s2].
+        The third value is the acceleration that brakes, and leads on to the slow return of a joint beyond a limit,
+        b dt / 2 [rad/s2].
         """
         dt, step, limit = self.dt, self._step, self.acceleration
-        least = velocity * dt - self._half + self.way(velocity - step)
-        most = velocity * dt + self._half + self.way(velocity + step)
+        least = velocity * dt - self._half + self.stopping_distance(velocity - step)
+        most = velocity * dt + self._half + self.stopping_distance(velocity + step)
         back = max(-limit, min(limit, -self.brake / 2 - velocity / dt))
         return (most + least) / 2, (most - least) / (2 * limit), back
 
     def rest(self, velocity: float) -> tuple[float, float, float]:
-        """Return the ways to the end of this cycle and to rest when it brakes at its limit [rad]; that acceleration."""
+        """Return the distances to the end of this cycle and to rest, braking at the limit [rad]; its acceleration."""
         change = max(-self._step, min(self._step, -velocity))
         after = velocity + change
         end = (velocity + change / 2) * self.dt
-        return end, end + self.way(after) - self.way(-after), change / self.dt
+        return (
+            end,
+            end + self.stopping_distance(after) - self.stopping_distance(-after),
+            change / self.dt,
+        )
 
 
 class Ceiling:
-    """An upper limit of the driven joint, linear between the points of a table.
+    """Upper limit of the driven joint, linear between the points of a table.
 
     Args:
         driver: Angles of the driver, increasing [rad].
-        limit: The driven joint's limit at each [rad].
+        limit: Limit of the driven joint at each [rad].
 
     Raises:
         ConfigError: The angles do not increase, or the limit has more than one peak.
@@ -143,16 +147,20 @@ class Ceiling:
 
 
 class CoupledPair:
-    """A driven joint and its driver, with the limits of one ``CoupledLimit``, the margin taken off."""
+    """Driven joint and its driver, with the limits of one ``CoupledLimit`` minus the margin."""
 
     def __init__(self, robot: RobotConfig, index: int, margin: float) -> None:
         limit = robot.limits.coupled[index]
         driver, lower, upper = zip(*limit.table, strict=True)
         self.name = f"{limit.driven} by {limit.driver}"
-        self.driver, self.driven = robot.joint_index(limit.driver), robot.joint_index(limit.driven)
+        self.driver, self.driven = (
+            robot.joint_index(limit.driver),
+            robot.joint_index(limit.driven),
+        )
         top, bottom = robot.upper[self.driven], -robot.lower[self.driven]
         sides = [(1.0, upper, float(top)), (-1.0, [-x for x in lower], float(bottom))]
-        # A limit nowhere tighter than the joint's own is left to the box, and so is a line of one (``levels``).
+        # A limit that is nowhere tighter than that of the joint alone is left to the acceleration bounds; so is a
+        # single line of a limit.
         self.sides = [
             (sign, Ceiling(driver, [x - margin for x in limits]), own - margin - SLOPE_TOLERANCE)
             for sign, limits, own in sides
@@ -164,15 +172,15 @@ class CoupledPair:
 
 @checked_arguments
 class CoupledLimits(Constraint):
-    """Keeps coupled joints in the region of their common limits.
+    """Region of coupled joints between their common limits.
 
-    Robots that start outside of it come back at a few hundredths of a radian a second, as with the limits of single
-    joints, until a task wants them back sooner. With ``jerk_limit`` set, joints cannot brake at once: rows may then be
-    broken for a while.
+    Joints that start outside return at a few hundredths of a radian per second, as with limits of single joints, or
+    faster if a task requests it. With ``jerk_limit`` set, joints cannot brake at once: rows may then be violated for
+    some cycles.
 
     Args:
-        robot: Its coupled limits.
-        margin: Kept from them [rad].
+        robot: Description with the coupled limits.
+        margin: Distance from them [rad].
 
     Raises:
         ConfigError: A table that is not increasing in the driver, or has a limit with more than one peak.
@@ -187,14 +195,14 @@ class CoupledLimits(Constraint):
         if not (is_number(margin) and 0.0 <= margin < inf):
             raise LimitError("margin", margin, "a finite angle that is not negative")
         self._pairs = [CoupledPair(robot, i, margin) for i in range(len(robot.limits.coupled))]
-        self._for: tuple[RobotModel, BrakingLimits] | None = None
-        self._quick: list[tuple[int, int, float, float, float, float, float]] = []
+        self._prepared: tuple[RobotModel, BrakingLimits] | None = None
+        self._quick_checks: list[tuple[int, int, float, float, float, float, float]] = []
 
     def _prepare(self, model: RobotModel, braking_limits: BrakingLimits) -> None:
-        """Look up columns and accelerations."""
-        self._for = (model, braking_limits)
+        """Prepare columns and accelerations."""
+        self._prepared = (model, braking_limits)
         self._offset = len(model.q) - model.nv
-        self._columns, self._quick, self._spans = [], [], []
+        self._columns, self._quick_checks, self._spans = [], [], []
         for number, pair in enumerate(self._pairs):
             driver, driven = (int(model.joint_columns[i]) for i in (pair.driver, pair.driven))
             spans = [
@@ -203,17 +211,21 @@ class CoupledLimits(Constraint):
             ]
             self._columns.append((driver, driven))
             self._spans.append((spans[0], spans[1]))
-            self._quick.append((number, driven, pair.low, pair.high, *spans[1].far))
+            self._quick_checks.append((number, driven, pair.low, pair.high, *spans[1].far))
 
     def compute_inequality(
         self, model: RobotModel, braking_limits: BrakingLimits
     ) -> LinearInequality | None:
-        """Return the lines that the joints could get beyond; none while the driven joints are far from all of them."""
-        if self._for is None or self._for[0] is not model or self._for[1] is not braking_limits:
+        """Return rows of the lines that joints could exceed; None while the driven joints are far from all of them."""
+        if (
+            self._prepared is None
+            or self._prepared[0] is not model
+            or self._prepared[1] is not braking_limits
+        ):
             self._prepare(model, braking_limits)
         position, velocity, offset = model.q.item, model.v.item, self._offset
         found: list[Row] = []
-        for number, driven, low, high, far, gain, bend in self._quick:
+        for number, driven, low, high, far, gain, bend in self._quick_checks:
             phi, speed = position(driven + offset), abs(velocity(driven))
             far += speed * (gain + speed * bend)
             if not low + far <= phi <= high - far:
@@ -234,7 +246,7 @@ class CoupledLimits(Constraint):
         limit, driver_limit = driven_span.acceleration, driver_span.acceleration
         end, rest, braking = driver_span.rest(w)
         up, down = driver_span.furthest(w), driver_span.furthest(-w)
-        # Where the driver can get to: lines of other segments of the table do not bind.
+        # Range that the driver can reach: lines of other segments of the table do not act.
         first = theta - (down[0] + down[1] * driver_limit)
         last = theta + up[0] + up[1] * driver_limit
         for sign, ceiling, level in pair.sides:
@@ -243,7 +255,7 @@ class CoupledLimits(Constraint):
             if constant + gain * limit <= ceiling.tightest:
                 continue
             here, there = ceiling.piece(theta + end), ceiling.piece(theta + rest)
-            # Where it comes to rest: the lines that it moves towards, or all if that is in the same piece.
+            # At rest, only lines in the direction of motion act, or all if that is in the same piece.
             lines = [(line, True) for line in there if here is there or line[0] * w <= 0]
             if here is not there:
                 lines += [(line, False) for line in here]
@@ -251,9 +263,9 @@ class CoupledLimits(Constraint):
                 if start > last or stop < first or (slope == 0.0 and value >= level):
                     continue
                 if at_rest:
-                    # In the direction of the driver in which the limit falls.
-                    out, (way, lever, slow) = (-1.0, down) if slope > 0 else (1.0, up)
-                    known = constant - slope * (theta + out * way)
+                    # The driver at its furthest in the direction in which the limit falls.
+                    out, (distance, lever, slow) = (-1.0, down) if slope > 0 else (1.0, up)
+                    known = constant - slope * (theta + out * distance)
                     lever, slow = -slope * lever, out * slow
                 else:
                     known = constant - slope * (theta + w * driver_span.dt)
@@ -261,6 +273,6 @@ class CoupledLimits(Constraint):
                 room = value - known
                 if gain * limit + abs(lever) * driver_limit <= room:
                     continue
-                # What brakes, and what comes back slowly, is always allowed: the box has room for that.
+                # Braking and the slow return are always allowed: they are within the acceleration bounds.
                 room = max(room, gain * back + lever * slow)
                 found.append((pair.name, driven, sign, driver, lever / gain, room / gain))

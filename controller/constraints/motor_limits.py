@@ -21,26 +21,26 @@ from pepper_driver.controller.model import BASE, RobotModel
 
 @checked_arguments
 class TorqueLimit(Constraint):
-    """The load torque of each joint, |M qdd + C v + g|, within a share of what its motor brings through its reduction.
+    """Limit of the load torque of each joint, |M qdd + C v + g|, by a fraction of the torque of motor and gear.
 
-    It is taken at the start of the cycle, without friction and without the inertia of the rotors: these must fit into
-    the rest of the motor's torque. At the accelerations of ``controller.yaml`` rotors take up to 3 % of it.
-    A hand's torque is that on its aperture, carried as if it were an angle, and its ratio is motor turns per that.
+    The load torque is that at the start of the cycle, without friction and without the inertia of the rotors: the rest
+    of the motor torque must be enough for these. At the accelerations of ``controller.yaml`` rotors take up to 3 %.
+    The torque of a hand acts on its aperture, which is treated as an angle; its ratio is motor turns per aperture.
 
-    What braking to rest and holding a posture take is allowed even where it is more: a robot that may not hold itself
-    would be let down by its own controller. With ``of="stall"`` that does not happen; of the nominal torque the weight
-    alone takes up to three times as much when Pepper leans as far as it can.
+    The torque for braking to rest and for holding a posture is allowed even if it is larger: otherwise the controller
+    would let the robot fall. With ``of="stall"`` this does not happen. The weight alone takes up to three times the
+    nominal torque when Pepper leans as far as it can.
 
     Args:
-        robot: Its motors.
-        share: Of the motors' torque.
-        of: ``"stall"``: the largest torque of a motor that stands still; ``"nominal"``: the largest continuous one.
+        robot: Description with the motors.
+        fraction: Fraction of the torque of the motors.
+        of: ``"stall"``: torque of a motor at rest; ``"nominal"``: largest continuous torque.
 
     Attributes:
         limit: (17,) in joint order [N m].
 
     Raises:
-        LimitError: A share that is not above 0 or not finite; another torque than these two.
+        LimitError: A fraction that is not above 0 or not finite; another torque than these two.
     """
 
     name = "torque"
@@ -48,10 +48,10 @@ class TorqueLimit(Constraint):
     needs_kinematics = False
 
     def __init__(
-        self, robot: RobotConfig, share: float = 0.8, of: Literal["stall", "nominal"] = "stall"
+        self, robot: RobotConfig, fraction: float = 0.8, of: Literal["stall", "nominal"] = "stall"
     ) -> None:
-        if not (is_number(share) and 0.0 < share < inf):
-            raise LimitError("share", share, "a finite number above 0")
+        if not (is_number(fraction) and 0.0 < fraction < inf):
+            raise LimitError("fraction", fraction, "a finite number above 0")
         if of not in ("stall", "nominal"):
             raise LimitError("of", of, "'stall' or 'nominal'")
         motors = robot.motors
@@ -60,17 +60,19 @@ class TorqueLimit(Constraint):
             * motors.joints[name].ratio
             for name in robot.joint_names
         ]
-        self.limit = share * np.array(torque)
+        self.limit = fraction * np.array(torque)
         self._joints = robot.joint_names
         self._model: RobotModel | None = None
 
     def compute_inequality(
         self, model: RobotModel, braking_limits: BrakingLimits
     ) -> LinearInequality | None:
-        """Rows of the joints that could get beyond their limit, on the side where they could."""
+        """Return rows of the joints that could exceed their limit, on the side where they could."""
         if model is not self._model:
             self._model = model
-            self._data = model.pin.createData()  # of its own: others read what model.data holds
+            self._data = (
+                model.pin.createData()
+            )  # of its own: other constraints use the results in model.data
             order = np.argsort(model.joint_columns)
             self._columns = model.joint_columns[order]
             self._limits = self.limit[order]
@@ -78,11 +80,11 @@ class TorqueLimit(Constraint):
         columns, limit = self._columns, self._limits
         inertia = pin.crba(model.pin, self._data, model.q)[columns]
         load = pin.nonLinearEffects(model.pin, self._data, model.q, model.v)[columns]
-        reach = np.abs(inertia) @ braking_limits.acceleration
-        if not np.any(np.abs(load) + reach > limit):
+        max_change = np.abs(inertia) @ braking_limits.acceleration
+        if not np.any(np.abs(load) + max_change > limit):
             return None
-        (high,) = np.nonzero(load + reach > limit)
-        (low,) = np.nonzero(reach - load > limit)
+        (high,) = np.nonzero(load + max_change > limit)
+        (low,) = np.nonzero(max_change - load > limit)
         brake = braking_limits.brake
         braking = inertia @ np.minimum(np.maximum(-model.v / braking_limits.dt, -brake), brake)
         return LinearInequality(
@@ -99,12 +101,12 @@ class TorqueLimit(Constraint):
 
 @checked_arguments
 class WheelSpeedLimit(Constraint):
-    """Wheel speeds after each cycle within the wheels' limit, so that none has to be slowed on its way out.
+    """Limit of the wheel speeds after each cycle, so that no command has to be slowed afterwards.
 
-    Wheels that are too fast at the start slow down as fast as the base may brake without leaving its direction.
+    Wheels that are too fast at the start slow down as fast as the base may brake in its direction.
 
     Args:
-        robot: Its wheels.
+        robot: Description with the wheels.
     """
 
     name = "wheel speed"
@@ -114,37 +116,38 @@ class WheelSpeedLimit(Constraint):
     def __init__(self, robot: RobotConfig) -> None:
         self._matrix, self._limit = robot.wheels.matrix, robot.wheels.speed_limit
         self._names = tuple(f"{self.name} {name}" for name in robot.wheels.names)
-        self._fastest = tuple(np.abs(self._matrix).max(axis=0).tolist())
-        self._for: BrakingLimits | None = None
-        self._enough = 0.0
+        self._max_entries = tuple(np.abs(self._matrix).max(axis=0).tolist())
+        self._prepared: BrakingLimits | None = None
+        self._safe_speed = 0.0
 
     def compute_inequality(
         self, model: RobotModel, braking_limits: BrakingLimits
     ) -> LinearInequality | None:
-        """Rows of the wheels that could become too fast in this cycle."""
-        if braking_limits is not self._for:
-            self._for = braking_limits
+        """Return rows of the wheels that could become too fast in this cycle."""
+        if braking_limits is not self._prepared:
+            self._prepared = braking_limits
             step = braking_limits.acceleration[:BASE] * braking_limits.dt
-            self._gained = np.abs(self._matrix) @ step
-            self._enough = self._limit - float(self._gained.max())
-        x, y, turn = self._fastest
+            self._max_change = np.abs(self._matrix) @ step
+            self._safe_speed = self._limit - float(self._max_change.max())
+        x, y, turn = self._max_entries
         item = model.v.item
-        if x * abs(item(0)) + y * abs(item(1)) + turn * abs(item(2)) <= self._enough:
+        # A bound in plain numbers, which saves the arrays below in most cycles.
+        if x * abs(item(0)) + y * abs(item(1)) + turn * abs(item(2)) <= self._safe_speed:
             return None
         twist, dt = model.v[:BASE], braking_limits.dt
         speed = self._matrix @ twist
         size = np.abs(speed)
-        (near,) = np.nonzero(size + self._gained > self._limit)
+        (near,) = np.nonzero(size + self._max_change > self._limit)
         if not len(near):
             return None
-        # Of a twist that is too fast, the share that is left when it is braked for a cycle.
-        left = 1.0 - float(
+        # Fraction of a too fast twist that remains after one cycle of braking.
+        remaining = 1.0 - float(
             np.min(braking_limits.brake[:BASE] * dt / np.maximum(np.abs(twist), 1e-9))
         )
         sign = np.where(speed[near] < 0, -1.0, 1.0)
         matrix = np.zeros((len(near), model.nv))
         matrix[:, :BASE] = sign[:, None] * self._matrix[near]
-        allowed = np.maximum(self._limit, left * size[near])
+        allowed = np.maximum(self._limit, remaining * size[near])
         return LinearInequality(
             matrix, (allowed - size[near]) / dt, tuple(self._names[i] for i in near)
         )

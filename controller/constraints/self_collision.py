@@ -1,15 +1,15 @@
-"""Self-collision: pairs of links keep their distance, now and on the whole way to rest.
+"""Self-collision: pairs of links keep their distance, now and on the whole path to rest.
 
 The distance of two capsules is that of their axes minus their radii. Its gradient is n' (J2 - J1), with n the direction
 from the first to the second where they are nearest, and both Jacobians for that point: as a wrench f = (n, p x n) along
 the line of the two nearest points, f' J over the joints between the two links. It stays defined where capsules overlap.
 
-Distances and gradients are taken on the way to rest (``braking_path.py``), not here: that way can be 0.15 rad a joint,
-over which a linearised distance errs by centimetres. What is linearised is only by how much an acceleration in this
-cycle moves those places, 0.03 rad at most. Rest alone does not do: arms that brake past each other come nearer on the
-way than at its end. A robot that keeps the rows can keep them in the next cycle too, by braking.
+Distances and gradients are computed on the path to rest (``braking.py``), not at the present position. That path can be
+0.15 rad per joint, over which a linearised distance has an error of centimetres. Only the effect of an acceleration in
+this cycle on that path is linearised, 0.03 rad at most. The end of the path alone is not enough: arms that brake past
+each other are nearer before its end. A robot that satisfies the rows can satisfy them in the next cycle too: it brakes.
 
-Two capsules that start nearer than the security distance are parted at no more than the recovery speed.
+Two capsules that start nearer than the security distance are separated at most at the recovery speed.
 """
 
 from __future__ import annotations
@@ -34,15 +34,15 @@ from pepper_driver.controller.constraints.constraint import (
 from pepper_driver.controller.model import RobotModel
 
 CHECKED_CYCLES = (1.0, 3.0)
-"""After how many cycles of braking distances are kept, beside at rest."""
+"""Cycles of braking after which distances are checked, in addition to rest."""
 
-WATCHED = 20
-"""[cycles] For how long all of the way is looked at after anything was near at its end: longer than braking takes."""
+MONITORED_CYCLES = 20
+"""Cycles in which the whole path is checked after a pair was near at its end: longer than braking takes."""
 
 
 @checked_arguments
 class SelfCollision(Constraint):
-    """Keeps the security distance between pairs of links.
+    """Security distance between pairs of links.
 
     Args:
         robot: Its description.
@@ -65,7 +65,7 @@ class SelfCollision(Constraint):
         self._names = tuple(f"{self.name} {pair}" for pair in self._capsules.names)
         self._limit = np.full(len(self._names), settings.security_distance)
         self._prepared: BrakingLimits | None = None
-        self._watched = 0
+        self._monitored_cycles = 0
 
     def is_satisfied(
         self, model: RobotModel, braking_limits: BrakingLimits, acceleration: FloatArray
@@ -75,21 +75,21 @@ class SelfCollision(Constraint):
             self._prepare(braking_limits)
         rest = self._rest
         rest.update(model.v)
-        if not self._near(self._capsules, model.q, rest.way + rest.gain * acceleration):
-            if not self._watched:
+        if not self._near(self._capsules, model.q, rest.distance + rest.gain * acceleration):
+            if not self._monitored_cycles:
                 return True
-            self._watched -= 1
+            self._monitored_cycles -= 1
         else:
-            self._watched = WATCHED
+            self._monitored_cycles = MONITORED_CYCLES
         for place in self._places(model, braking_limits):
-            if self._near(self._close, model.q, place.way + place.gain * acceleration):
+            if self._near(self._close, model.q, place.distance + place.gain * acceleration):
                 return False
         return True
 
     def compute_inequality(
         self, model: RobotModel, braking_limits: BrakingLimits
     ) -> LinearInequality | None:
-        """Distances on the way to rest, of the pairs that an acceleration could bring too near there."""
+        """Return rows for the distances on the path to rest, of pairs that an acceleration could bring too near."""
         if braking_limits is not self._prepared:
             self._prepare(braking_limits)
         self._rest.update(model.v)
@@ -101,31 +101,33 @@ class SelfCollision(Constraint):
         return stack(found) if found else None
 
     def _places(self, model: RobotModel, braking_limits: BrakingLimits) -> list[BrakingPath]:
-        """Return the places on the way to rest that are looked at: rest, and those before it."""
-        places, longest = [self._rest], self._rest.longest
-        for cycles, place in self._in_flight:
-            if longest > cycles * braking_limits.dt:  # else the robot is at rest there
+        """Return the checked points of the path to rest: its end, and those before it."""
+        places, max_time = [self._rest], self._rest.max_time
+        for cycles, place in self._braking_points:
+            if max_time > cycles * braking_limits.dt:  # else the robot is at rest by then
                 place.update(model.v)
                 places.append(place)
         return places
 
-    def _near(self, capsules: CapsuleDistances, q: FloatArray, way: FloatArray) -> bool:
-        """Return true if any pair is nearer than the capsules' margin after a (20,) displacement from ``q``."""
+    def _near(self, capsules: CapsuleDistances, q: FloatArray, displacement: FloatArray) -> bool:
+        """Return True if any pair is nearer than the margin of the capsules after a (20,) displacement from ``q``."""
         data = self._data
-        pin.forwardKinematics(self._pin, data, pin.integrate(self._pin, q, way))
+        pin.forwardKinematics(self._pin, data, pin.integrate(self._pin, q, displacement))
         capsules.place(data)
         return capsules.any_near()
 
     def _prepare(self, braking_limits: BrakingLimits) -> None:
         brake, dt = braking_limits.brake, braking_limits.dt
         self._rest = BrakingPath(brake, dt, inf)
-        self._in_flight = [(cycles, BrakingPath(brake, dt, cycles)) for cycles in CHECKED_CYCLES]
+        self._braking_points = [
+            (cycles, BrakingPath(brake, dt, cycles)) for cycles in CHECKED_CYCLES
+        ]
         self._acceleration = brake / BRAKE_RATIO
         self._reach = self._capsules.levers * self._acceleration
         self._prepared = braking_limits
 
     def _limit_now(self, model: RobotModel, dt: float) -> FloatArray:
-        """(pairs,) the distances to keep [m]: less than the security distance where it is not kept yet."""
+        """Return the (pairs,) least distances [m]: smaller than the security distance for pairs that start nearer."""
         close, settings = self._close, self.settings
         close.place(model.data)
         if not close.any_near():
@@ -136,9 +138,9 @@ class SelfCollision(Constraint):
     def _rows_at(
         self, place: BrakingPath, q: FloatArray, limit: FloatArray
     ) -> LinearInequality | None:
-        """Rows for one place on the way; those that no acceleration within its limits can break are left out."""
+        """Return rows for one point of the path, without those that no acceleration within its limits violates."""
         capsules, data, gain = self._capsules, self._data, place.gain
-        pin.computeJointJacobians(self._pin, data, pin.integrate(self._pin, q, place.way))
+        pin.computeJointJacobians(self._pin, data, pin.integrate(self._pin, q, place.distance))
         capsules.place(data)
         if not capsules.any_near():
             return None
@@ -150,10 +152,10 @@ class SelfCollision(Constraint):
         matrix *= capsules.signs[near]
         matrix *= -gain
         size, room = np.abs(matrix), room[near]
-        matters = (room < size @ self._acceleration) & (size.max(axis=1) > MIN_ROW_SIZE)
-        if not matters.any():
+        relevant = (room < size @ self._acceleration) & (size.max(axis=1) > MIN_ROW_SIZE)
+        if not relevant.any():
             return None
-        # Solvers judge rows by one tolerance, meant for entries near 1.
-        scale = 1.0 / size[matters].max(axis=1)
-        names = tuple(self._names[pair] for pair in near[matters])
-        return LinearInequality(matrix[matters] * scale[:, None], room[matters] * scale, names)
+        # Solvers judge rows by one tolerance, which suits entries near 1.
+        scale = 1.0 / size[relevant].max(axis=1)
+        names = tuple(self._names[pair] for pair in near[relevant])
+        return LinearInequality(matrix[relevant] * scale[:, None], room[relevant] * scale, names)

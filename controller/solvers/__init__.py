@@ -1,4 +1,4 @@
-"""Solvers for the controller's quadratic program, by name."""
+"""Solvers of the quadratic program of the controller, by name."""
 
 from pepper_driver.config import UnknownNameError
 from pepper_driver.controller.solvers.daqp_ import DaqpSolver
@@ -8,14 +8,14 @@ __all__ = ["Solution", "Solver", "make_solver"]
 
 
 def make_solver(name: str) -> Solver:
-    """``daqp``, ``osqp``, or any solver that qpsolvers knows and finds installed.
+    """Make a solver: ``daqp``, ``osqp``, or any solver of qpsolvers that is installed.
 
     Raises:
-        UnknownNameError: No such solver here; the message lists those there are.
+        UnknownNameError: No such solver; the message lists those that are available.
     """
     if name == "daqp":
         return DaqpSolver()
-    # Only those asked for: together they take a quarter of a second to import.
+    # Imported only when selected: together they take a quarter of a second.
     if name == "osqp":
         from pepper_driver.controller.solvers.osqp_ import OsqpSolver
 

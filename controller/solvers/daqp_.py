@@ -1,7 +1,7 @@
 """DAQP: a dense active-set solver, exact and the fastest for a robot of this size.
 
-Every cycle brings a new cost, so a problem is handed over whole: keeping a workspace between cycles was measured to be
-slower, and a workspace can be spoilt.
+Every cycle has a new cost, so the whole problem is passed each time. A workspace that is kept between cycles was
+measured to be slower, and bad values can spoil it.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ INFEASIBLE = -1
 
 
 class DaqpSolver:
-    """Hands every problem to DAQP as a whole."""
+    """Solver that passes every problem to DAQP as a whole."""
 
     name = "daqp"
 
@@ -32,7 +32,7 @@ class DaqpSolver:
         self._no_rows = NO_ROWS
 
     def _none(self, n: int) -> FloatArray:
-        """(0, n) rows: DAQP reads the number of variables off them."""
+        """Return (0, n) rows: DAQP takes the number of variables from them."""
         if self._no_rows.shape[1] != n:
             self._no_rows = np.zeros((0, n))
         return self._no_rows

@@ -1,8 +1,8 @@
 """OSQP through its own interface: set up once, then updated and warm started.
 
-Its default accuracy of 1e-3 shows in the load torque of the small joints and depends on the unit of the weights; 1e-10
-costs little time. Part of it is relative to the largest variable: at 1e-8 a small one has missed its bound by more than
-is allowed. Polishing prints to the terminal and can return wrong points, so it stays off.
+Its default accuracy of 1e-3 is visible in the load torque of the small joints and depends on the unit of the weights;
+1e-10 costs little time. Part of it is relative to the largest variable: at 1e-8 a small variable exceeded its bound by
+more than the tolerance. Polishing prints to the terminal and can return wrong points, so it is off.
 """
 
 from __future__ import annotations
@@ -20,20 +20,20 @@ from pepper_driver.controller.solvers.solver import (
     checked,
 )
 
-ACCURACY = 1e-10
+SOLVER_TOLERANCE = 1e-10
 
 MAX_ITERATIONS = 2000
-"""Take 2 to 4 ms, a third of a cycle: what does not converge leaves time for an exact solution."""
+"""They take 2 to 4 ms, a third of a cycle, and leave time for an exact solution if OSQP does not converge."""
 
 RHO_TOLERANCE = 2.0
-"""By what factor the step size may be off before it is adapted; with OSQP's own 5 some cycles took twice as long."""
+"""Factor of the step size beyond which it is adapted; with OSQP's default of 5 some cycles took twice as long."""
 
-SMALLEST = 1e-6
-"""Of the largest diagonal entry of the cost: what smaller ones are scaled as."""
+MIN_DIAGONAL_RATIO = 1e-6
+"""Relative to the largest diagonal entry of the cost: smaller entries are scaled as this one."""
 
 
 class OsqpSolver:
-    """Keeps OSQP's workspace; the patterns of cost and rows are full, so that values may become zero."""
+    """Solver with a workspace of OSQP. Its patterns of cost and rows are full, so that values may become zero."""
 
     name = "osqp"
 
@@ -51,18 +51,18 @@ class OsqpSolver:
     ) -> Solution:
         """Solve one problem; see :class:`Solver`."""
         n, m = len(g), len(h)
-        # Given numbers that are none, OSQP prints to the terminal, returns anything, and its workspace stays spoilt.
+        # With NaN or infinity OSQP prints to the terminal, returns any result, and its workspace stays spoilt.
         numbers = all(np.isfinite(a).all() for a in (H, g, G))
         if not numbers or any(np.isnan(a).any() for a in (lower, upper, h)):
             return Solution(np.zeros(n), "failed")
         if (lower > upper).any() or (h <= -UNBOUNDED).any():
             return Solution(np.zeros(n), "infeasible")
         diagonal = H.diagonal()
-        if diagonal.min() < 0:  # not convex; OSQP would print and go on with the last cost
+        if diagonal.min() < 0:  # not convex: OSQP would print and continue with the last cost
             return Solution(np.zeros(n), "failed")
-        # OSQP works to an absolute accuracy, and its own scaling saw only the matrices of the set-up: solve for
-        # x / unit, where every diagonal entry of the cost is 1, so that the answer is the same for any weights.
-        diagonal = np.maximum(diagonal, SMALLEST * (diagonal.max() or 1.0))
+        # OSQP has an absolute accuracy, and scales only by the matrices of the set-up. The problem is solved for
+        # x / unit, where every diagonal entry of the cost is 1, so that the result is the same for any weights.
+        diagonal = np.maximum(diagonal, MIN_DIAGONAL_RATIO * (diagonal.max() or 1.0))
         smallest = diagonal.min()
         unit = np.sqrt(smallest / diagonal)
         H, g = H * (np.outer(unit, unit) / smallest), g * (unit / smallest)
@@ -72,7 +72,7 @@ class OsqpSolver:
         try:
             if self._shape != (n, m):
                 self._set_up(n, m)
-            # Column by column: the 1 of the box, then the rows.
+            # In the order of the sparse format: per column the 1 of the bounds, then the rows.
             matrix = np.concatenate([np.ones((1, n)), G.reshape(m, n) * unit])
             self._solver.update(
                 Px=H[self._upper_rows, self._upper_columns],
@@ -106,8 +106,8 @@ class OsqpSolver:
             constraint,
             np.full(n + m, -1.0),
             np.full(n + m, 1.0),
-            eps_abs=ACCURACY,
-            eps_rel=ACCURACY,
+            eps_abs=SOLVER_TOLERANCE,
+            eps_rel=SOLVER_TOLERANCE,
             max_iter=MAX_ITERATIONS,
             adaptive_rho_tolerance=RHO_TOLERANCE,
             warm_starting=True,

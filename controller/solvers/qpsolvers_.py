@@ -12,7 +12,7 @@ from pepper_driver.controller.solvers.solver import NO_BOUNDS, NO_ROWS, Solution
 
 
 class QpsolversSolver:
-    """One of ``qpsolvers.available_solvers``, set up again in every call."""
+    """Solver of ``qpsolvers.available_solvers``, set up again in every call."""
 
     def __init__(self, name: str) -> None:
         self.name = name

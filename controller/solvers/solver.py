@@ -11,24 +11,24 @@ from pepper_driver.config.arrays import FloatArray
 Status = Literal["solved", "infeasible", "failed"]
 
 BOUND_TOLERANCE = 1e-5
-"""By how much a solution may leave its bounds; a solver that says solved and returns worse has failed."""
+"""Tolerance of the bounds; a solver that reports success and returns a worse point has failed."""
 
 UNBOUNDED = 1e30
-"""What solvers take for infinity."""
+"""Value that solvers treat as infinity."""
 
 NO_ROWS = np.zeros((0, 0))
 NO_BOUNDS = np.zeros(0)
 
 
 class Solution(NamedTuple):
-    """Minimiser ``x`` (n,), to be used only when ``status`` is ``solved``."""
+    """Minimiser ``x`` (n,), valid only if ``status`` is ``solved``."""
 
     x: FloatArray
     status: Status
 
 
 class Solver(Protocol):
-    """Solves min 1/2 x'Hx + g'x subject to lower <= x <= upper and Gx <= h. Never raises."""
+    """Solver of min 1/2 x'Hx + g'x subject to lower <= x <= upper and Gx <= h. It never raises."""
 
     name: str
 
@@ -47,7 +47,7 @@ class Solver(Protocol):
 def checked(
     x: FloatArray, lower: FloatArray, upper: FloatArray, matrix: FloatArray, bound: FloatArray
 ) -> Solution:
-    """``x`` clipped into its box, if it was there but for rounding and keeps the rows; a failure otherwise.
+    """Return ``x`` clipped to its bounds if it satisfies bounds and rows within the tolerance; a failure otherwise.
 
     Solvers have returned infeasible points as solved.
     """

@@ -1,4 +1,4 @@
-"""Base pose: the base goes to a place and a heading on the floor."""
+"""Base pose: position and heading of the base on the floor."""
 
 from __future__ import annotations
 
@@ -17,15 +17,15 @@ from pepper_driver.controller.trajectory import Trajectory, vector_trajectory
 
 @checked_arguments
 class BasePoseTask(Task):
-    """The base as a critically damped spring in the plane, turning the short way.
+    """Pose of the base in the plane by a critically damped PD law, with the shorter turn.
 
-    Errors, reference velocities and accelerations are in the world's axes. While it is in use, the controller's own
-    base velocity task gives way.
+    Errors, reference velocities and accelerations are in world axes. While it is in use, the controller's own base
+    velocity task has less weight.
 
     Args:
         stiffness: [1/s2].
-        weight: In the cost.
-        name: For reports.
+        weight: Weight in the cost.
+        name: Name in reports.
     """
 
     needs_kinematics = False
@@ -39,10 +39,10 @@ class BasePoseTask(Task):
 
     @property
     def target(self) -> FloatArray:
-        """(3,) x [m], y [m], heading [rad] of base_link in the world; until one is set, where the base was first seen.
+        """(3,) x [m], y [m], heading [rad] of base_link in the world; until it is set, the pose at first use.
 
         Raises:
-            TargetError: Not three finite numbers; the old target stays.
+            TargetError: Not three finite numbers; the previous target stays.
         """
         return np.full(BASE, np.nan) if self._target is None else self._target.copy()
 
@@ -61,7 +61,7 @@ class BasePoseTask(Task):
         return finite_vector("a base pose (x, y, heading)", target, BASE)
 
     def compute(self, model: RobotModel, rows: TaskRows) -> None:
-        """Velocities of the model are in the base's axes, which turn: d/dt (R v) = R (dv/dt + w x v)."""
+        """Compute the rows. The velocities are in the axes of the base, which turn: d/dt (R v) = R (dv/dt + w x v)."""
         if self._target is None:
             self._target = model.base_pose(model.q)
         x, y, cosine, sine = model.q[:4].tolist()
@@ -79,7 +79,7 @@ class BasePoseTask(Task):
         self, model: RobotModel, targets: list[FloatArray], durations: list[float], dt: float
     ) -> Trajectory:
         points = [model.base_pose(model.q)]
-        for target in targets:  # each turn the short way from the one before
+        for target in targets:  # each by the shorter turn from the previous one
             point = target.copy()
             point[2] = points[-1][2] + _wrapped(target[2] - points[-1][2])
             points.append(point)
@@ -93,5 +93,5 @@ class BasePoseTask(Task):
 
 
 def _wrapped(angle: float) -> float:
-    """``angle`` in [-pi, pi)."""
+    """Return ``angle`` in [-pi, pi)."""
     return float((angle + pi) % (2 * pi) - pi)

@@ -1,4 +1,4 @@
-"""Centre of mass: of the whole robot, in the world or in base_link."""
+"""Centre of mass of the whole robot, in the world or in base_link."""
 
 from __future__ import annotations
 
@@ -19,15 +19,15 @@ BASE_LINK = "base_link"
 
 @checked_arguments
 class ComTask(Task):
-    """The centre of mass goes to a place.
+    """Position of the centre of mass.
 
     Args:
-        root: ``base_link`` for a target in it; None for the world, which is where the base started.
-        joints: What may move for it, by default all joints.
-        base: True to let the base move for it too, which changes nothing for a target in base_link.
+        root: ``base_link`` for a target in it; None for the world, which is the start of the base.
+        joints: Joints that may move for it, by default all.
+        base: True to let the base move for it too; without effect for a target in base_link.
         stiffness: [1/s2].
-        weight: In the cost. Use ``dim_weight`` (1, 1, 0) to leave the height free.
-        name: For reports.
+        weight: Weight in the cost. Use ``dim_weight`` (1, 1, 0) to leave the height free.
+        name: Name in reports.
         robot: Description of the robot, by default the shipped Pepper's.
 
     Raises:
@@ -55,10 +55,10 @@ class ComTask(Task):
 
     @property
     def target(self) -> FloatArray:
-        """(3,) where to go [m], a copy; until it is set, where it was when the task was first used (NaN before that).
+        """(3,) target [m], a copy; until it is set, the position at first use of the task (NaN before that).
 
         Raises:
-            TargetError: Not three finite numbers; the old target stays.
+            TargetError: Not three finite numbers; the previous target stays.
         """
         return np.full(3, np.nan) if self._target is None else self._target.copy()
 
@@ -100,7 +100,7 @@ def _rotation_world_to_base(model: RobotModel) -> FloatArray:
 def _in_base_link(
     model: RobotModel, position: FloatArray, velocity: FloatArray, bias: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Position, velocity and bias of a point in base_link, which moves by the model's twist."""
+    """Return position, velocity and bias of a point in base_link, which moves with the twist of the model."""
     rotation = _rotation_world_to_base(model)
     vx, vy, w = model.v[:BASE].tolist()
     origin = np.array([model.q[0], model.q[1], 0.0])

@@ -35,11 +35,12 @@ class FrameMotion:
     """Pose, Jacobian and bias of a frame, all in the axes of its root.
 
     Args:
-        frame: Which.
+        model: Model that gives them.
+        frame: The frame.
         root: Frame that they are relative to; None for the world.
 
     Attributes:
-        position: (3,) of the frame's origin [m].
+        position: (3,) position of the origin [m].
         rotation: (3, 3) ``rotation_frame_to_root``.
         jacobian: (6, 20) velocity per velocity of the model.
         bias: (6,) acceleration without accelerations of the model.
@@ -52,15 +53,14 @@ class FrameMotion:
 
     def __init__(self, model: RobotModel, frame: BodyFrame, root: BodyFrame | None = None) -> None:
         self._frame, self._root = frame, root
-        # Views of what Pinocchio computes, where the frame is that of a joint.
+        # Views of the results of Pinocchio, if the frame is that of a joint.
         at_joint = frame.placement.isIdentity() and root is None
         self._carrier = model.data.oMi[frame.joint]
         self.position, self.rotation = self._carrier.translation, self._carrier.rotation
         self._at_joint = at_joint
         self._turned, self._turned_bias = np.zeros((6, model.nv)), np.zeros(6)
-        self._shift = -np.eye(
-            6
-        )  # what the motion of the origin takes away; the way is written in each time
+        # Minus the velocity of the origin at the frame; update writes the distance in.
+        self._shift = -np.eye(6)
 
     def update(self, model: RobotModel) -> None:
         """Evaluate at the model's state, whose kinematics must have been computed."""
@@ -72,10 +72,11 @@ class FrameMotion:
             self._turn_to(model, self._root)
 
     def _turn_to(self, model: RobotModel, origin: BodyFrame) -> None:
-        """From the world to a frame that moves itself.
+        """Transform from the world to a frame that moves itself.
 
-        All in that frame's axes: with w its angular velocity, d the way from its origin and l = v - v_0 - w x d the
-        velocity relative to it, the bias is a - a_0 - dw/dt x d - w x (w x d + 2 l); angular dW/dt - dw/dt - w x W.
+        All in the axes of that frame, with w its angular velocity and d the distance from its origin: the relative
+        velocity is l = v - v_0 - w x d, and the bias is a - a_0 - dw/dt x d - w x (w x d + 2 l), angular
+        dW/dt - dw/dt - w x W.
         """
         pose = model.pose(origin)
         back = pose.rotation.T
@@ -83,8 +84,8 @@ class FrameMotion:
         frame, bias, jacobian = self.jacobian, self._turned_bias, self._turned
         back.dot(frame[:3], jacobian[:3])
         back.dot(frame[3:], jacobian[3:])
-        way = back.dot(self.position - pose.translation)
-        x, y, z = way.tolist()
+        distance = back.dot(self.position - pose.translation)
+        x, y, z = distance.tolist()
         shift = self._shift
         shift[0, 4], shift[0, 5], shift[1, 3] = -z, y, z
         shift[1, 5], shift[2, 3], shift[2, 4] = -x, -y, x
@@ -109,17 +110,17 @@ class FrameMotion:
         bias[:3] += back.dot(self.bias[:3])
         bias[3:] += back.dot(self.bias[3:])
         self.jacobian, self.bias = jacobian, bias
-        self.position, self.rotation = way, back.dot(self.rotation)
+        self.position, self.rotation = distance, back.dot(self.rotation)
 
 
 def cross(a: FloatArray, b: FloatArray) -> FloatArray:
-    """Vector product of (3,) vectors, without the overhead of NumPy's."""
+    """Return the vector product of (3,) vectors, without the overhead of NumPy."""
     (a0, a1, a2), (b0, b1, b2) = a.tolist(), b.tolist()
     return np.array([a1 * b2 - a2 * b1, a2 * b0 - a0 * b2, a0 * b1 - a1 * b0])
 
 
 class _FrameTask(Task):
-    """Common part of tasks on a frame: which frame, in which root, moved by what."""
+    """Common part of tasks of a frame: the frame, its root, and what may move it."""
 
     _shape: tuple[int, ...]  # of the target
 
@@ -156,10 +157,10 @@ class _FrameTask(Task):
 
     @property
     def target(self) -> FloatArray:
-        """Target, a copy; until it is set, the frame's place when the task was first used (NaN before that).
+        """Target, a copy; until it is set, the value at first use of the task (NaN before that).
 
         Raises:
-            TargetError: It is none; the old target stays.
+            TargetError: Invalid target; the previous one stays.
         """
         if self._target is None:
             return np.full(self._shape, np.nan)
@@ -170,7 +171,7 @@ class _FrameTask(Task):
         self._set_target(self.checked(value))
 
     def attach(self, model: RobotModel, rows: TaskRows) -> None:
-        """Look the frames up."""
+        """Find the frames in the model."""
         super().attach(model, rows)
         origin = None if self._root is None else model.body_frame(self._root)
         self._motion = FrameMotion(model, model.body_frame(self._link, self._point), origin)
@@ -181,24 +182,24 @@ class _FrameTask(Task):
 
 @checked_arguments
 class PositionTask(_FrameTask):
-    """A point of a link goes to a place.
+    """Position of a point of a link.
 
     The error is in the axes of the root, and so are the rows of ``dim_weight``.
 
     Args:
-        link: Which link.
+        link: Name of the link.
         point: (3,) in the link [m], by default its origin.
-        root: Link in which the target is given; None for the world, which is where the base started.
-        joints: What may move for it, by default all joints.
+        root: Link in which the target is given; None for the world, which is the start of the base.
+        joints: Joints that may move for it, by default all.
         base: True to let the base move for it too.
         stiffness: [1/s2].
-        weight: In the cost.
-        name: For reports.
+        weight: Weight in the cost.
+        name: Name in reports.
         robot: Description of the robot, by default the shipped Pepper's.
 
     Raises:
         UnknownNameError: No such link or joint.
-        TargetError: The point is none; link and root are the same.
+        TargetError: Invalid point; link and root are the same.
     """
 
     _shape = (3,)
@@ -240,18 +241,18 @@ class PositionTask(_FrameTask):
 
 @checked_arguments
 class OrientationTask(_FrameTask):
-    """A link takes an orientation, the short way round.
+    """Orientation of a link, by the shorter turn.
 
     The error is a rotation vector in the axes of the root, and so are the rows of ``dim_weight``.
 
     Args:
-        link: Which link.
+        link: Name of the link.
         root: Link in which the target is given; None for the world.
-        joints: What may move for it, by default all joints.
+        joints: Joints that may move for it, by default all.
         base: True to let the base move for it too.
         stiffness: [1/s2].
-        weight: In the cost.
-        name: For reports.
+        weight: Weight in the cost.
+        name: Name in reports.
         robot: Description of the robot, by default the shipped Pepper's.
 
     Raises:
@@ -278,7 +279,7 @@ class OrientationTask(_FrameTask):
         )
 
     def checked(self, target: Target) -> FloatArray:
-        """(3, 3) rotation matrix; a unit quaternion (x, y, z, w) is taken too."""
+        """Return the (3, 3) rotation matrix of a rotation matrix or a unit quaternion (x, y, z, w)."""
         return checked_rotation(f"the target of {self.name}", target)
 
     def compute(self, model: RobotModel, rows: TaskRows) -> None:
@@ -294,31 +295,31 @@ class OrientationTask(_FrameTask):
         self, model: RobotModel, targets: list[FloatArray], durations: list[float], dt: float
     ) -> Trajectory:
         self._motion.update(model)
-        ways = [self._motion.rotation, *targets]
+        rotations = [self._motion.rotation, *targets]
         velocity = (self._motion.jacobian @ model.v)[3:]
-        return Trajectory(rotation_spline(ways, velocity, durations), sum(durations), dt)
+        return Trajectory(rotation_spline(rotations, velocity, durations), sum(durations), dt)
 
 
 @checked_arguments
 class FrameTask(_FrameTask):
-    """A frame of a link goes to a pose: position and orientation together (SE3).
+    """Pose of a frame of a link: position and orientation together (SE3).
 
-    The error is the way [m], then the rotation vector [rad], in the axes of the root.
+    The error is the distance [m], then the rotation vector [rad], in the axes of the root.
 
     Args:
-        link: Which link.
+        link: Name of the link.
         point: (3,) origin of the frame in the link [m], by default the link's; the axes are those of the link.
         root: Link in which the target is given (a relative task); None for the world.
-        joints: What may move for it, by default all joints.
+        joints: Joints that may move for it, by default all.
         base: True to let the base move for it too.
         stiffness: [1/s2].
-        weight: In the cost.
-        name: For reports.
+        weight: Weight in the cost.
+        name: Name in reports.
         robot: Description of the robot, by default the shipped Pepper's.
 
     Raises:
         UnknownNameError: No such link or joint.
-        TargetError: The point is none; link and root are the same.
+        TargetError: Invalid point; link and root are the same.
     """
 
     _shape = (4, 4)
@@ -339,13 +340,13 @@ class FrameTask(_FrameTask):
         super().__init__("pose", 6, link, point, root, joints, base, stiffness, weight, name, robot)
 
     def checked(self, target: Target) -> FloatArray:
-        """(4, 4) transform; (7,) position [m] and unit quaternion (x, y, z, w) are taken too."""
+        """Return the (4, 4) transform of a transform or of (7,) position [m] and unit quaternion (x, y, z, w)."""
         return checked_pose(f"the target of {self.name}", target)
 
     def attach(self, model: RobotModel, rows: TaskRows) -> None:
-        """Look the frames up."""
+        """Find the frames in the model."""
         super().attach(model, rows)
-        self._way_left, self._turn_left = rows.error[:3], rows.error[3:]
+        self._distance_left, self._turn_left = rows.error[:3], rows.error[3:]
 
     def _follow(self, target: FloatArray) -> None:
         self._target = target
@@ -357,7 +358,7 @@ class FrameTask(_FrameTask):
         motion.update(model)
         if self._target is None:
             self._follow(_pose(motion.position, motion.rotation))
-        np.subtract(self._place, motion.position, self._way_left)
+        np.subtract(self._place, motion.position, self._distance_left)
         np.negative(pin.log3(motion.rotation.dot(self._back)), self._turn_left)
         rows.jacobian[...] = motion.jacobian
         rows.bias[...] = motion.bias
@@ -369,12 +370,12 @@ class FrameTask(_FrameTask):
         motion.update(model)
         points = np.array([motion.position, *(target[:3, 3] for target in targets)])
         velocity = motion.jacobian @ model.v
-        way = spline(points, velocity[:3], durations)
+        path = spline(points, velocity[:3], durations)
         turns = [motion.rotation, *(target[:3, :3] for target in targets)]
         turn = rotation_spline(turns, velocity[3:], durations)
 
         def both(times: FloatArray) -> tuple[FloatArray, FloatArray]:
-            (positions, speeds), (rotations, angular) = way(times), turn(times)
+            (positions, speeds), (rotations, angular) = path(times), turn(times)
             poses = np.tile(np.eye(4), (len(times), 1, 1))
             poses[:, :3, 3], poses[:, :3, :3] = positions, rotations
             return poses, np.hstack([speeds, angular])

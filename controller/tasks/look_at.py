@@ -1,4 +1,4 @@
-"""Look-at: an axis of a link points at a place in the world or on the robot."""
+"""Look-at: an axis of a link points at a point in the world or on the robot."""
 
 from __future__ import annotations
 
@@ -20,42 +20,41 @@ from pepper_driver.controller.tasks.task import Task, TaskRows
 from pepper_driver.controller.trajectory import Trajectory, vector_trajectory
 
 MIN_GAZE_DISTANCE = 0.05
-"""[m] A target nearer to the eye than this has no direction to speak of: the line of sight stops turning."""
+"""[m] The direction to a nearer target is undefined within rounding: the line of sight stops turning."""
 
 DEFAULT_GAZE_DISTANCE = 1.0
-"""[m] How far ahead a link looks that was given nothing to look at."""
+"""[m] Distance of the default target, ahead of the link."""
 
-
-TINY = 1e-12
-"""Sine of an angle that no float tells from 0."""
+MIN_SINE = 1e-12
+"""Sine of an angle that is 0 within rounding."""
 
 
 @checked_arguments
 class LookAtTask(Task):
-    """An axis of a link, the line of sight, points at a target.
+    """Line of sight: an axis of a link points at a target.
 
-    Two rows: the turn of the link relative to the way to the target, about two axes of the link across the line of
-    sight; the turn about the line itself stays free. The error is the rotation vector that brings the line onto the
-    target [rad]. Being opposite to the target is no special case: the line then starts to turn about one of the axes.
-    While the target is nearer than 5 cm to the eye, the line of sight holds still and the error is 0.
+    It has two rows: the turn of the link relative to the line to the target, about two axes of the link that are normal
+    to the line of sight. The turn about the line itself is free. The error is the rotation vector that moves the line
+    onto the target [rad]. If the target is opposite, the line starts to turn about one of the axes. While the target is
+    nearer than 5 cm to the eye, the line of sight stops and the error is 0.
 
     Args:
-        link: Which looks.
-        axis: (3,) of the link that points at the target.
-        eye: (3,) point of the link where the line of sight starts [m], by default the link's origin.
-        target_link: Link of the robot that the target belongs to: look at your own hand; None for the world, which is
-            where the base started.
-        joints: What may move for it, by default all joints; ``("HeadYaw", "HeadPitch")`` for the head alone, which
-            answers what the other joints do by its spring: a little late while they speed up or slow down.
+        link: Link with the line of sight.
+        axis: (3,) axis of the link that points at the target.
+        eye: (3,) point of the link where the line of sight starts [m], by default the origin of the link.
+        target_link: Link of the robot that the target belongs to, for example a hand; None for the world, which is the
+            start of the base.
+        joints: Joints that may move for it, by default all; ``("HeadYaw", "HeadPitch")`` for the head alone. Its PD law
+            then follows the other joints, with a small delay while they accelerate.
         base: True to let the base move for it too.
         stiffness: [1/s2].
-        weight: In the cost.
-        name: For reports.
+        weight: Weight in the cost.
+        name: Name in reports.
         robot: Description of the robot, by default the shipped Pepper's.
 
     Raises:
         UnknownNameError: No such link or joint.
-        TargetError: The axis or eye is none; the target would be on the link that looks.
+        TargetError: Invalid axis or eye; a target on the link itself.
     """
 
     def __init__(
@@ -84,7 +83,7 @@ class LookAtTask(Task):
         if np.linalg.norm(line) < 1e-6:
             raise TargetError(f"the axis of {self.name} has no direction: {line.tolist()}")
         self._axes = _axes_about(line)
-        self._lines = np.eye(2, 6, 3)  # from the eye's velocity and angular velocity to the rows
+        self._lines = np.eye(2, 6, 3)  # from velocity and angular velocity of the eye to the rows
         self._link, self._target_link = link, target_link
         self._eye = None if eye is None else finite_vector(f"the eye of {self.name}", eye, 3)
         self._target = None if target_link is None else np.zeros(3)
@@ -93,12 +92,12 @@ class LookAtTask(Task):
 
     @property
     def target(self) -> FloatArray:
-        """(3,) where to look [m], a copy: in the world, or a point of the target's link, by default its origin.
+        """(3,) target [m], a copy: in the world, or a point of the target's link, by default its origin.
 
-        In the world it is, until it is set, 1 m ahead of the eye where the task was first used (NaN before that).
+        In the world it is, until it is set, 1 m ahead of the eye at first use of the task (NaN before that).
 
         Raises:
-            TargetError: Not three finite numbers; the old target stays.
+            TargetError: Not three finite numbers; the previous target stays.
         """
         return np.full(3, np.nan) if self._target is None else self._target.copy()
 
@@ -111,19 +110,19 @@ class LookAtTask(Task):
         return finite_vector(f"the target of {self.name}", target, 3)
 
     def attach(self, model: RobotModel, rows: TaskRows) -> None:
-        """Look the frames up."""
+        """Find the frames in the model."""
         super().attach(model, rows)
         self._frame = model.body_frame(self._link, self._eye, self._axes.T)
-        self._seen: BodyFrame | None = None
-        self._seen_point: FloatArray | None = None
+        self._target_frame: BodyFrame | None = None
+        self._target_frame_point: FloatArray | None = None
 
     def compute(self, model: RobotModel, rows: TaskRows) -> None:
-        """Turn of the link minus turn of the way to the target, w - s with s = d x d' / d^2 and d that way.
+        """Compute the turn of the link minus that of the line to the target, w - s with s = d x d' / d^2 on d.
 
-        All in the axes of the eye, the third of which is the line of sight. They turn with w, so that the rows y are
-        differentiated as d/dt (w - s) = dw/dt - ds/dt + w x s, each derivative seen from the world. To that comes
-        (w - s)_3 e_3 x y: the law holds in axes that do not turn about the line of sight, or else a turn about it,
-        which is free, would bend the way of the error.
+        All in the axes of the eye, the third of which is the line of sight. They turn with w, so the rows y are
+        differentiated as d/dt (w - s) = dw/dt - ds/dt + w x s, with derivatives in the world. A further term is
+        (w - s)_3 e_3 x y: the law holds in axes that do not turn about the line of sight. Otherwise a turn about it,
+        which is free, would bend the path of the error.
         """
         frame = self._frame
         eye = model.pose(frame)
@@ -135,7 +134,7 @@ class LookAtTask(Task):
         jacobian = pin.getFrameJacobian(*of_frame)
         bias = pin.getFrameClassicalAcceleration(*of_frame).vector
         vx, vy, vz, wx, wy, wz = jacobian.dot(model.v).tolist()
-        # What moves the target: its link, and a motion by the user.
+        # The target moves with its link, and by a motion of the task.
         link, motion = self._target_link, self._target_motion
         other, velocity, acceleration = None, None, None
         if link is not None:
@@ -162,7 +161,7 @@ class LookAtTask(Task):
         if velocity is not None:
             tx, ty, tz = velocity.tolist()
             vx, vy, vz = vx - tx, vy - ty, vz - tz
-        # From here on v is that of the eye relative to the target, -d'.
+        # From here on v is the velocity of the eye relative to the target, -d'.
         sx, sy = (z * vy - y * vz) / square, (x * vz - z * vx) / square
         sz = (y * vx - x * vy) / square
         approach = -2.0 * (x * vx + y * vy + z * vz) / square
@@ -185,15 +184,18 @@ class LookAtTask(Task):
         rows.error[:] = _turn_left(x, y, z)
 
     def _frame_of_target(self, model: RobotModel, link: str) -> BodyFrame:
-        """Return the frame at the target; found again only when the target was set."""
-        if self._seen is None or self._seen_point is not self._target:
-            self._seen, self._seen_point = model.body_frame(link, self._target), self._target
-        return self._seen
+        """Return the frame at the target; it is computed again only after the target was set."""
+        if self._target_frame is None or self._target_frame_point is not self._target:
+            self._target_frame, self._target_frame_point = (
+                model.body_frame(link, self._target),
+                self._target,
+            )
+        return self._target_frame
 
     def _plan(
         self, model: RobotModel, targets: list[FloatArray], durations: list[float], dt: float
     ) -> Trajectory:
-        """Return the way starts on the line of sight as far away as the first target, and moves with it."""
+        """Return a path that starts on the line of sight, at the distance of the first target, and moves with it."""
         pose, twist = model.pose(self._frame), model.velocity(self._frame)
         place, velocity = pose.translation, twist[:3]
         back, origin, origin_twist = np.eye(3), np.zeros(3), np.zeros(6)
@@ -203,15 +205,17 @@ class LookAtTask(Task):
             back, origin = at.rotation.T, at.translation
         distance = float(np.linalg.norm(back.T @ targets[0] + origin - place))
         ahead = max(distance, 2 * MIN_GAZE_DISTANCE) * pose.rotation[:, 2]
-        way = place + ahead - origin
-        speed = velocity + cross(twist[3:], ahead) - origin_twist[:3] - cross(origin_twist[3:], way)
-        return vector_trajectory(np.array([back @ way, *targets]), back @ speed, durations, dt)
+        offset = place + ahead - origin
+        speed = (
+            velocity + cross(twist[3:], ahead) - origin_twist[:3] - cross(origin_twist[3:], offset)
+        )
+        return vector_trajectory(np.array([back @ offset, *targets]), back @ speed, durations, dt)
 
     def _follow(self, target: FloatArray) -> None:
         self._target = target
 
-    def _refer_to(self, velocity: FloatArray | None, acceleration: FloatArray | None) -> None:
-        """Add nothing: the target's own motion is part of the rows, by :meth:`compute`."""
+    def _set_reference(self, velocity: FloatArray | None, acceleration: FloatArray | None) -> None:
+        """Store the motion of the target: :meth:`compute` makes it a part of the rows."""
         if velocity is None or acceleration is None:
             self._target_motion = None
         else:
@@ -220,10 +224,10 @@ class LookAtTask(Task):
 
 
 def _turn_left(x: float, y: float, z: float) -> tuple[float, float]:
-    """First two numbers of the rotation vector from the third axis to (x, y, z) [rad]; its third number is 0."""
+    """Return the first two numbers of the rotation vector from the third axis to (x, y, z) [rad]; the third is 0."""
     sine = hypot(x, y)
     angle = atan2(sine, z)
-    if sine <= TINY * abs(z):  # along the axis, or opposite: then any axis across will do
+    if sine <= MIN_SINE * abs(z):  # along the axis, or opposite: then any normal axis is correct
         return (0.0, 0.0) if z > 0 else (angle, 0.0)
     return -y / sine * angle, x / sine * angle
 
@@ -231,13 +235,13 @@ def _turn_left(x: float, y: float, z: float) -> tuple[float, float]:
 def _carried(
     motion: tuple[FloatArray, FloatArray], rotation: FloatArray, w: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Velocity and acceleration, in the world's axes, that a motion within a turning link adds to the link's."""
+    """Return velocity and acceleration, in world axes, that a motion within a turning link adds to that of the link."""
     velocity = rotation.dot(motion[0])
     return velocity, rotation.dot(motion[1]) + 2.0 * cross(w, velocity)
 
 
 def _axes_about(axis: FloatArray) -> FloatArray:
-    """(3, 3) right-handed unit axes as rows, the last of them along ``axis``."""
+    """Return (3, 3) right-handed unit axes as rows, the last one along ``axis``."""
     last = axis / np.linalg.norm(axis)
     first = np.cross(np.eye(3)[np.argmin(np.abs(last))], last)
     first /= np.linalg.norm(first)

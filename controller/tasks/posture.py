@@ -1,4 +1,4 @@
-"""Tasks of joints: posture, hands open and closed, joints that give way."""
+"""Tasks of joints: posture, aperture of a hand, compliance with an external torque."""
 
 from __future__ import annotations
 
@@ -21,20 +21,20 @@ from pepper_driver.controller.tasks.task import Task, TaskRows
 from pepper_driver.controller.trajectory import Trajectory, vector_trajectory
 
 LIMIT_TOLERANCE = 1e-6
-"""[rad] A target may lie this far beyond a limit: what rounding does to a limit itself."""
+"""[rad] A target may lie this far beyond a limit: rounding changes limits by as much."""
 
 
 @checked_arguments
 class PostureTask(Task):
-    """Joints as critically damped springs about a reference motion.
+    """Angles of joints, by a critically damped PD law about a reference motion.
 
     qdd* = reference acceleration + damping (reference velocity - qd) + stiffness (target - q).
 
     Args:
-        joints: Which, in the order of the target; by default all 17 in the robot's order.
+        joints: Joints in the order of the target; by default all 17 in the order of the robot.
         stiffness: [1/s2]. At 0 the damping is 0 too: joints then keep their speed unless ``damping`` is set.
-        weight: In the cost.
-        name: For reports.
+        weight: Weight in the cost.
+        name: Name in reports.
         robot: Description of the robot, by default the shipped Pepper's.
 
     Raises:
@@ -68,13 +68,13 @@ class PostureTask(Task):
 
     @property
     def target(self) -> FloatArray:
-        """(joints,) angles to go to [rad], a copy; setting them checks them.
+        """(joints,) target angles [rad], a copy; they are checked when they are set.
 
-        Joints by name with their angles [rad] are taken too; the others keep theirs.
+        A dictionary of joints with their angles [rad] is accepted too; the other joints keep their targets.
 
         Raises:
-            TargetError: Not as many finite numbers, or outside a joint's limits; the old target stays.
-            UnknownNameError: No such joint in the task; the old target stays.
+            TargetError: Not as many finite numbers, or outside a joint's limits; the previous target stays.
+            UnknownNameError: No such joint in the task; the previous target stays.
         """
         return self._target.copy()
 
@@ -89,14 +89,14 @@ class PostureTask(Task):
         self.change(change)
 
     def checked(self, target: Target) -> FloatArray:
-        """(joints,) the angles that ``target`` means [rad]; the task's target stays. Raises as :attr:`target` does."""
+        """Return the (joints,) angles of a target [rad]; that of the task stays. Raises as :attr:`target` does."""
         return self._completed([self._checked_part(target)])[0]
 
     def _completed(self, parts: list[FloatArray]) -> list[FloatArray]:
         postures = [self._target]
         for part in parts:
             posture = np.where(np.isnan(part), postures[-1], part)
-            # A rest posture that is not known yet completes nothing.
+            # The rest posture of a compliance task is NaN until its first use, and cannot complete a target.
             postures.append(finite_vector("a posture", posture, self.rows, names=self.joints))
         return postures[1:]
 
@@ -130,18 +130,18 @@ class PostureTask(Task):
         return inside
 
     def attach(self, model: RobotModel, rows: TaskRows) -> None:
-        """One row a joint."""
+        """Write one row per joint."""
         super().attach(model, rows)
         rows.jacobian[np.arange(self.rows), model.joint_columns[self._indices]] = 1.0
 
     def superpose(self, motion: Superposition | None) -> None:
-        """Add a motion of all joints of the robot to targets and reference motion for one cycle; None for none."""
+        """Add a motion of all joints of the robot to targets and reference motion for one cycle; None removes it."""
         self._superposed = motion
-        self._update_driven()
+        self._update_has_reference()
 
-    def _update_driven(self) -> None:
-        super()._update_driven()
-        self.driven = self.driven or self._superposed is not None
+    def _update_has_reference(self) -> None:
+        super()._update_has_reference()
+        self.has_reference = self.has_reference or self._superposed is not None
 
     def compute(self, model: RobotModel, rows: TaskRows) -> None:
         """Compute the error: target minus position [rad]; a superposed motion is part of the target."""
@@ -150,11 +150,11 @@ class PostureTask(Task):
             rows.error += self._superposed.position[self._indices]
 
     def add_feedforward(self, rows: TaskRows) -> None:
-        """Add what the reference motion and the superposed one ask for."""
+        """Add the reference motion and the superposed one."""
         super().add_feedforward(rows)
         if self._superposed is not None:
-            rows.wanted += self._damping * self._superposed.velocity[self._indices]
-            rows.wanted += self._superposed.acceleration[self._indices]
+            rows.requested += self._damping * self._superposed.velocity[self._indices]
+            rows.requested += self._superposed.acceleration[self._indices]
 
     def _relative_rate(self) -> FloatArray:
         if self._superposed is None:
@@ -166,7 +166,7 @@ class PostureTask(Task):
     ) -> Trajectory:
         start = model.joint_position[self._indices]
         velocity = model.joint_velocity[self._indices].copy()
-        if self._superposed is not None:  # which goes on meanwhile
+        if self._superposed is not None:  # it continues during the motion
             start = start - self._superposed.position[self._indices]
             velocity -= self._superposed.velocity[self._indices]
         return vector_trajectory(np.array([start, *targets]), velocity, durations, dt)
@@ -177,14 +177,14 @@ class PostureTask(Task):
 
 @checked_arguments
 class HandTask(PostureTask):
-    """A hand goes to an aperture, 0 closed to 1 open.
+    """Aperture of a hand, 0 closed to 1 open.
 
-    Its weight is above the posture task's, so that the hand does what this task says.
+    Its weight is above that of the posture task, so that the hand follows this task.
 
     Args:
         hand: ``LHand`` or ``RHand``.
         stiffness: [1/s2].
-        weight: In the cost.
+        weight: Weight in the cost.
         robot: Description of the robot, by default the shipped Pepper's.
 
     Raises:
@@ -206,7 +206,7 @@ class HandTask(PostureTask):
         )
 
     def checked(self, target: Target) -> FloatArray:
-        """(1,) aperture; one number is taken too."""
+        """Return the (1,) aperture of an array or a number."""
         return super().checked(target)
 
     def _checked_part(self, target: Target) -> FloatArray:
@@ -228,41 +228,42 @@ class HandTask(PostureTask):
 
 
 TORQUE_HOLD_TIME = 0.1
-"""[s] How long a torque acts that is not renewed: a reflex that stops must not leave the robot drifting."""
+"""[s] For which a torque acts without being set again: a reflex that fails must not leave the robot drifting."""
 
 TIME_ROUNDING = 1e-9
-"""[s] What sums of cycles may be off by."""
+"""[s] Rounding error of sums of cycles."""
 
 
 @checked_arguments
 class ComplianceTask(PostureTask):
     """Joints follow an external torque: qdd* = torque / inertia - damping qd + stiffness (rest - q).
 
-    The torque is an estimate that a reflex writes to :attr:`torque` in every cycle. Its dead band is subtracted, so
-    that nothing jumps at the edge; what is left is clipped. A torque that is not renewed for 0.1 s ends: the joints
-    come to rest. Held, they end at a speed of torque / (inertia damping). Without stiffness, joints stay where they
-    were led to; with it they return to :attr:`target`, the rest posture: by default where they were at first use.
+    The torque is an estimate that a reflex writes to :attr:`torque` in every cycle. A dead band is subtracted from it,
+    without a jump at its edge; the rest is clipped. A torque that is not set again for 0.1 s ends: the joints come to
+    rest. A constant torque leads to a speed of torque / (inertia damping). Without stiffness, joints stay where they
+    were moved to. With it they return to :attr:`target`, the rest posture: by default that of the first use.
 
-    The posture task pulls too. Between two tasks the higher weight decides: at the default one, joints follow this
-    task to a part in a thousand of the posture's pull of weight 10, enough to lead them but not to keep them for
-    minutes (they creep back with a time constant of damping weight / (the posture's stiffness and weight): 20 min).
-    Give the joints ``dim_weight`` 0 in the posture task to have none of it.
+    The posture task acts on the joints too. The weights of two tasks decide: at the default weight, the posture of
+    weight 10 has an effect of a part in a thousand. A person can move the joints, but they return within minutes, with
+    a time constant of damping weight / (stiffness and weight of the posture): 20 min. ``dim_weight`` 0 of these joints
+    in the posture task prevents it.
 
     Args:
-        joints: Which, in the order of torque and target; by default all 17 in the robot's order.
-        inertia: That the joints seem to have [kg m2], one number or one a joint.
+        joints: Joints in the order of torque and target; by default all 17 in the order of the robot.
+        inertia: Apparent inertia of the joints [kg m2], one number or one per joint.
         stiffness: Towards the rest posture [1/s2].
         damping: [1/s], also without stiffness; None for the critical one.
-        dead_band: Torque that moves nothing [N m], one number or one a joint: above what the estimate is off by.
-        max_torque: Beyond the dead band [N m], one number or one a joint; by default half the joints' effort.
-        weight: In the cost.
-        name: For reports.
+        dead_band: Torque without effect [N m], one number or one per joint: above the error of the estimate.
+        max_torque: Largest torque beyond the dead band [N m], one number or one per joint; by default half the effort
+            of the joints.
+        weight: Weight in the cost.
+        name: Name in reports.
         robot: Description of the robot, by default the shipped Pepper's.
 
     Raises:
         UnknownNameError: No such joint.
-        GainError: A number that is negative or not finite; an inertia or largest torque of 0; neither stiffness nor
-            damping.
+        GainError: A number that is negative or not finite; an inertia or largest torque of 0; stiffness and damping
+            both 0.
     """
 
     def __init__(
@@ -287,14 +288,14 @@ class ComplianceTask(PostureTask):
             max_torque = [0.5 * robot.joints[robot.joint_index(j)].effort for j in self.joints]
         self._inertia = self._each("inertia", inertia, above_zero=True)
         self._dead_band = self._each("dead_band", dead_band)
-        self._largest = self._each("max_torque", max_torque, above_zero=True)
-        self._torque, self._left = np.zeros(self.rows), 0.0
+        self._max_torque = self._each("max_torque", max_torque, above_zero=True)
+        self._torque, self._torque_time = np.zeros(self.rows), 0.0
         self._push: FloatArray | None = None
         self._target = np.full(self.rows, np.nan)
         self._rest_known = False
 
     def _each(self, name: str, value: ArrayLike, *, above_zero: bool = False) -> FloatArray:
-        """(joints,) one number for all or one a joint."""
+        """Return (joints,) numbers from one number for all or one per joint."""
         what = f"one or {self.rows} finite numbers {'above' if above_zero else 'not below'} 0"
         numbers = real_array(value, (), (self.rows,))
         if numbers is None or not np.isfinite(numbers).all():
@@ -309,10 +310,10 @@ class ComplianceTask(PostureTask):
 
     @property
     def torque(self) -> FloatArray:
-        """(joints,) external torque to follow [N m], a copy, as last set; zero once it was not renewed for 0.1 s.
+        """(joints,) external torque to follow [N m], a copy; zero when it was not set again for 0.1 s.
 
         Raises:
-            TargetError: Not as many finite numbers; the old torque stays for the rest of its time.
+            TargetError: Not as many finite numbers; the previous torque stays for the rest of its time.
         """
         return self._torque.copy()
 
@@ -320,30 +321,30 @@ class ComplianceTask(PostureTask):
     def torque(self, value: ArrayLike) -> None:
         torque = finite_vector("an external torque", value, self.rows, names=self.joints)
         beyond = np.maximum(np.abs(torque) - self._dead_band, 0.0)
-        push = np.copysign(np.minimum(beyond, self._largest), torque) / self._inertia
+        push = np.copysign(np.minimum(beyond, self._max_torque), torque) / self._inertia
 
         def change() -> None:
-            self._torque, self._left = torque, TORQUE_HOLD_TIME
+            self._torque, self._torque_time = torque, TORQUE_HOLD_TIME
             self._push = push if torque.any() else None
-            self._update_driven()
+            self._update_has_reference()
 
         self.change(change)
 
-    def _update_driven(self) -> None:
-        super()._update_driven()
-        self.driven = self.driven or self._push is not None
+    def _update_has_reference(self) -> None:
+        super()._update_has_reference()
+        self.has_reference = self.has_reference or self._push is not None
 
     def _follow(self, target: FloatArray) -> None:
         super()._follow(target)
         self._rest_known = True
 
     def advance(self, model: RobotModel, dt: float) -> None:
-        """Let the torque grow old, and a motion of the rest posture go on."""
+        """Advance the age of the torque and a motion of the rest posture."""
         super().advance(model, dt)
-        self._left -= dt
-        if self._left < -TIME_ROUNDING and self._push is not None:
+        self._torque_time -= dt
+        if self._torque_time < -TIME_ROUNDING and self._push is not None:
             self._torque, self._push = np.zeros(self.rows), None
-            self._update_driven()
+            self._update_has_reference()
 
     def compute(self, model: RobotModel, rows: TaskRows) -> None:
         """Compute the error: rest posture minus position [rad]."""
@@ -355,4 +356,4 @@ class ComplianceTask(PostureTask):
         """Add the torque's acceleration to that of the reference motion."""
         super().add_feedforward(rows)
         if self._push is not None:
-            rows.wanted += self._push
+            rows.requested += self._push

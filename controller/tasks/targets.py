@@ -1,4 +1,4 @@
-"""Targets as users give them, checked: vectors, rotations, poses."""
+"""Checks of targets from users: vectors, rotations, poses."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ from pepper_driver.config.task_specs import UNIT
 from pepper_driver.controller.errors import TargetError
 
 Target = ArrayLike | Mapping[str, float]
-"""What users may give as a target; joints by name where a task has joints."""
+"""Target from a user; joints by name for tasks of joints."""
 
 
 def checked_joints(robot: RobotConfig, joints: Sequence[str] | None) -> tuple[str, ...] | None:
-    """Names of joints as given by the user; None for all of them.
+    """Return names of joints from a user as a tuple; None for all joints.
 
     Raises:
         TargetError: Not a list of names, an empty one, or one that has a name twice.
@@ -41,7 +41,7 @@ def checked_joints(robot: RobotConfig, joints: Sequence[str] | None) -> tuple[st
 
 
 def check_link(robot: RobotConfig, link: str) -> None:
-    """Refuse what is no link of the robot.
+    """Check that a value names a link of the robot.
 
     Raises:
         TargetError: Not a name.
@@ -57,10 +57,10 @@ def finite_vector(what: str, value: Target, size: int, *, names: Sequence[str] =
     """Return a copy of ``value`` (size,) as floats.
 
     Args:
-        what: For the message.
-        value: As given by the user.
-        size: How many numbers there must be.
-        names: (size,) joints, to name the one at fault.
+        what: Subject of the message.
+        value: Value from the user.
+        size: Number of values.
+        names: (size,) joints, for messages.
 
     Raises:
         TargetError: Not ``size`` finite numbers.
@@ -84,14 +84,14 @@ def finite_vector(what: str, value: Target, size: int, *, names: Sequence[str] =
 
 
 def checked_rotation(what: str, value: Target) -> FloatArray:
-    """(3, 3) rotation matrix of a rotation matrix or of a unit quaternion (x, y, z, w).
+    """Return the (3, 3) rotation matrix of a rotation matrix or of a unit quaternion (x, y, z, w).
 
     Args:
-        what: For the message.
+        what: Subject of the message.
         value: (3, 3) or (4,).
 
     Raises:
-        TargetError: Neither; not finite; not a rotation; a quaternion that is not of unit length.
+        TargetError: Another shape; not finite; not a rotation; a quaternion that is not of unit length.
     """
     array = _array(what, value, "a (3, 3) rotation matrix or a unit quaternion (x, y, z, w)")
     if array.shape == (4,):
@@ -108,6 +108,7 @@ def checked_rotation(what: str, value: Target) -> FloatArray:
             raise TargetError(
                 f"{what} takes a rotation matrix, got one that is not orthonormal (off by {off:.2g})"
             )
+        # Orthonormal to rounding again: the tolerance above would show as an error that never ends.
         matrix = Rotation.from_matrix(array).as_matrix()
         return matrix
     raise TargetError(
@@ -116,10 +117,10 @@ def checked_rotation(what: str, value: Target) -> FloatArray:
 
 
 def checked_pose(what: str, value: Target) -> FloatArray:
-    """(4, 4) transform of a (4, 4) transform or of (7,) position [m] and unit quaternion (x, y, z, w).
+    """Return the (4, 4) transform of a (4, 4) transform or of (7,) position [m] and unit quaternion (x, y, z, w).
 
     Raises:
-        TargetError: Neither; not finite; not a rotation; a quaternion that is not of unit length.
+        TargetError: Another shape; not finite; not a rotation; a quaternion that is not of unit length.
     """
     array = _array(what, value, "a (4, 4) transform or (x, y, z, qx, qy, qz, qw)")
     pose = np.eye(4)
@@ -150,7 +151,7 @@ def _numbers(size: int) -> str:
 
 
 def _no_number(what: str, value: object, size: int, names: Sequence[str]) -> str:
-    """Return why a value is no vector of numbers; of a list of the right size, the first that is no number."""
+    """Return why a value is no vector of numbers; for a list of the right size, its first entry that is none."""
     if isinstance(value, list | tuple) and len(value) == size:
         for index, number in enumerate(value):
             if not is_number(number):

@@ -1,8 +1,8 @@
 """Base class of tasks: error, Jacobian and bias, gains, targets.
 
 The controller minimises the sum over tasks of weight * sum_i dim_weight_i * (J qdd + Jdot qd - a*)_i^2, with the
-desired acceleration a* = stiffness * error + damping * (reference velocity - velocity) + reference acceleration: the
-laws of the JRL task library; with a reference at rest, the set-point law.
+desired acceleration a* = stiffness * error + damping * (reference velocity - velocity) + reference acceleration. These
+are the laws of the JRL task library; with a reference at rest it is the set-point law.
 """
 
 from __future__ import annotations
@@ -30,10 +30,10 @@ from pepper_driver.controller.tasks.targets import Target, checked_joints, finit
 from pepper_driver.controller.trajectory import Trajectory
 
 MAX_DAMPING = 120.0
-"""[1/s] Beyond about 1.4 times this, a cycle of 12 ms is too long for the law, as with stiffness beyond STIFFEST."""
+"""[1/s] Above about 1.4 times this, the law is unstable with a cycle of 12 ms, as above the largest stiffness."""
 
 MAX_WEIGHT = 1e12
-"""Weights beyond would leave nothing of the others in double precision."""
+"""Larger weights would leave no digit of the others in double precision."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,18 +46,18 @@ class Gains:
 
 
 class GainsMixin:
-    """Stiffness [1/s2], damping [1/s] and weights of a task, set between two ticks.
+    """Stiffness [1/s2], damping [1/s] and weights of a task, which change between two ticks.
 
     Damping follows the stiffness as 2 sqrt(stiffness), which is critical, unless it is set.
 
     Args:
         rows: Number of rows.
-        stiffness: Of the error [1/s2].
-        weight: In the cost, against other tasks.
+        stiffness: Gain of the error [1/s2].
+        weight: Weight in the cost, against other tasks.
 
     Attributes:
-        gains: What the rows are multiplied by; another object whenever one of them was set.
-        changes: Of the controller that has the task; None where none has it.
+        gains: Factors of the rows; another object whenever one of them was set.
+        changes: Changes of the controller that has the task; None without a controller.
     """
 
     def __init__(self, rows: int, *, stiffness: float, weight: float) -> None:
@@ -86,7 +86,7 @@ class GainsMixin:
 
     @property
     def damping(self) -> float:
-        """Damping [1/s]; 2 sqrt(stiffness) unless set; None makes it follow the stiffness again."""
+        """Damping [1/s]: 2 sqrt(stiffness) unless set; after None it follows the stiffness again."""
         return self._damping
 
     @damping.setter
@@ -102,7 +102,7 @@ class GainsMixin:
 
     @property
     def weight(self) -> float:
-        """In the cost, against other tasks."""
+        """Weight in the cost, against other tasks."""
         return self._weight
 
     @weight.setter
@@ -117,7 +117,7 @@ class GainsMixin:
 
     @property
     def dim_weight(self) -> FloatArray:
-        """(rows,) weight of each row within the task, a copy; a row of weight 0 is not asked for."""
+        """(rows,) weight of each row within the task, a copy; a row of weight 0 has no effect."""
         return self._dim_weight.copy()
 
     @dim_weight.setter
@@ -135,14 +135,14 @@ class GainsMixin:
         self.change(change)
 
     def change(self, change: Change) -> None:
-        """Make a change between two ticks, or at once where no controller has the task."""
+        """Make a change between two ticks, or at once if no controller has the task."""
         if self.changes is None:
             change()
         else:
             self.changes.make(change)
 
     def _allow(self, stiffness: float, damping: float | None) -> None:
-        """Refuse gains that a task cannot live with, by a GainError. For tasks that have such."""
+        """Raise a GainError for gains that are invalid for this kind of task."""
         return
 
     def _update_gains(self) -> None:
@@ -160,32 +160,32 @@ def checked_stiffness(value: float) -> float:
     return _within("stiffness", value, MAX_TASK_STIFFNESS)
 
 
-def _within(name: str, value: float, most: float) -> float:
-    if not (is_number(value) and 0.0 <= value <= most):  # False for NaN
-        raise GainError(name, value, f"a number from 0 to {most:g}")
+def _within(name: str, value: float, largest: float) -> float:
+    if not (is_number(value) and 0.0 <= value <= largest):  # False for NaN
+        raise GainError(name, value, f"a number from 0 to {largest:g}")
     return float(value)
 
 
 class Task(GainsMixin, ABC):
     """Rows of the cost with common gains. A task belongs to one controller at a time.
 
-    While a controller has it, what is set takes effect between two ticks, from whatever thread; see :class:`Changes`.
+    While a controller has it, settings from any thread take effect between two ticks; see :class:`Changes`.
 
     Args:
         rows: Number of rows.
-        stiffness: Of the error [1/s2].
-        weight: In the cost, against other tasks.
-        name: For reports, by default the name of the class.
+        stiffness: Gain of the error [1/s2].
+        weight: Weight in the cost, against other tasks.
+        name: Name in reports, by default that of the class.
 
     Attributes:
-        name: For reports.
+        name: Name in reports.
         rows: Number of rows.
         needs_kinematics: True if the controller must compute placements and Jacobians before :meth:`compute`.
         owner: Controller that has it.
-        robot: Description that its joints and links belong to; None for a task that names none.
-        moves_base: True if it was told to move the base: then the controller's own base task gives way.
-        up_to_date: True if the error is that of the target there is now: False from setting it to the next cycle.
-        driven: True if there is a reference motion: something to do in :meth:`advance` and :meth:`add_feedforward`.
+        robot: Description that its joints and links belong to; None for a task without joints and links.
+        moves_base: True if it may move the base: the controller's own base task then has less weight.
+        up_to_date: True if the error is that of the present target: False from setting it to the next cycle.
+        has_reference: True if there is a reference motion: :meth:`advance` and :meth:`add_feedforward` have an effect.
     """
 
     needs_kinematics = True
@@ -204,10 +204,10 @@ class Task(GainsMixin, ABC):
         self._moving: tuple[str, ...] | None = None
         self._with_base = True
         self._error, self._rate = np.full((2, rows), np.nan)
-        self.driven = self.up_to_date = False
+        self.has_reference = self.up_to_date = False
         self._reference_velocity: FloatArray | None = None
         self._reference_acceleration: FloatArray | None = None
-        self._way: tuple[list[FloatArray], list[float]] | None = None
+        self._planned_motion: tuple[list[FloatArray], list[float]] | None = None
         self._trajectory: Trajectory | None = None
 
     # -- reference motion ---------------------------------------------------------------------------------------
@@ -217,7 +217,7 @@ class Task(GainsMixin, ABC):
         """(rows,) velocity of the reference motion, a copy. The target does not move by itself.
 
         Raises:
-            TargetError: Not as many finite numbers; the old one stays.
+            TargetError: Not as many finite numbers; the previous velocity stays.
         """
         value = self._reference_velocity
         return np.zeros(self.rows) if value is None else value.copy()
@@ -228,7 +228,7 @@ class Task(GainsMixin, ABC):
 
         def change() -> None:
             self._reference_velocity = velocity if velocity.any() else None
-            self._update_driven()
+            self._update_has_reference()
 
         self.change(change)
 
@@ -237,7 +237,7 @@ class Task(GainsMixin, ABC):
         """(rows,) acceleration of the reference motion, a copy.
 
         Raises:
-            TargetError: Not as many finite numbers; the old one stays.
+            TargetError: Not as many finite numbers; the previous acceleration stays.
         """
         value = self._reference_acceleration
         return np.zeros(self.rows) if value is None else value.copy()
@@ -248,15 +248,15 @@ class Task(GainsMixin, ABC):
 
         def change() -> None:
             self._reference_acceleration = acceleration if acceleration.any() else None
-            self._update_driven()
+            self._update_has_reference()
 
         self.change(change)
 
-    def _update_driven(self) -> None:
-        self.driven = any(
+    def _update_has_reference(self) -> None:
+        self.has_reference = any(
             part is not None
             for part in (
-                self._way,
+                self._planned_motion,
                 self._trajectory,
                 self._reference_velocity,
                 self._reference_acceleration,
@@ -266,14 +266,14 @@ class Task(GainsMixin, ABC):
     @property
     def under_way(self) -> bool:
         """True during a motion by :meth:`move_to` or :meth:`move_through`."""
-        return self._way is not None or self._trajectory is not None
+        return self._planned_motion is not None or self._trajectory is not None
 
     @checked_arguments
     def move_to(self, target: Target, duration: float) -> None:
-        """Go to a target in a given time [s], along a spline that starts as the robot moves now and ends at rest.
+        """Go to a target in a given time [s], along a spline from the present motion to rest.
 
         Raises:
-            TargetError: As for the target; or no duration above 0. The task goes on as before.
+            TargetError: As for the target; or no duration above 0. The task continues as before.
         """
         self.move_through([target], [duration])
 
@@ -283,7 +283,7 @@ class Task(GainsMixin, ABC):
 
         Raises:
             TargetError: As for the target; no target; durations that are not as many numbers from a millisecond up;
-                the task has no target to move to. The task goes on as before.
+                the task has no target to move to. The task continues as before.
         """
         if type(self)._plan is Task._plan:
             raise TargetError(f"{self.name} has no target to move to")
@@ -297,29 +297,29 @@ class Task(GainsMixin, ABC):
         parts = [self._checked_part(target) for target in targets]
 
         def change() -> None:
-            self._way = (self._completed(parts), times.tolist())
-            self._update_driven()
+            self._planned_motion = (self._completed(parts), times.tolist())
+            self._update_has_reference()
 
         self.change(change)
 
     def _checked_part(self, target: Target) -> FloatArray:
-        """Return a target as far as it goes, checked; NaN where it leaves a joint open."""
+        """Return a checked target; NaN for joints that it does not have."""
         return self.checked(target)
 
     def _completed(self, parts: list[FloatArray]) -> list[FloatArray]:
-        """Fill in what checked targets, to go through in this order, leave open: that stays as it was before."""
+        """Return checked targets of one motion with their missing values, each from the target before it."""
         return parts
 
     def checked(self, target: Target) -> FloatArray:
-        """Return the target as the task keeps it; the task does not change.
+        """Return the target as the task stores it; the task does not change.
 
         Raises:
-            TargetError: It is none.
+            TargetError: Invalid target.
         """
         return finite_vector(f"the target of {self.name}", target, self.rows)
 
     def _set_target(self, target: FloatArray) -> None:
-        """Take a target, checked and complete, and end the motion to the one before."""
+        """Set a target, checked and complete, and end the motion to the previous one."""
 
         def change() -> None:
             self._follow(target)
@@ -328,50 +328,50 @@ class Task(GainsMixin, ABC):
         self.change(change)
 
     def stop(self) -> None:
-        """End a motion by :meth:`move_to`: the target stays where it has come to."""
+        """End a motion by :meth:`move_to`: the target stays where it is on its path."""
         self.change(self._stop_moving)
 
     def _stop_moving(self) -> None:
-        """Forget a motion under way, and what it left as reference velocity and acceleration."""
+        """Remove the present motion with its reference velocity and acceleration."""
         self.up_to_date = False
         if self.under_way:
-            self._way = self._trajectory = None
-            self._refer_to(None, None)
-            self._update_driven()
+            self._planned_motion = self._trajectory = None
+            self._set_reference(None, None)
+            self._update_has_reference()
 
     def advance(self, model: RobotModel, dt: float) -> None:
-        """Let the reference motion go on by one cycle [s]; called by the controller before :meth:`compute`.
+        """Advance the reference motion by one cycle [s]; the controller calls it before :meth:`compute`.
 
         Args:
-            model: At the state of the controller, kinematics computed for tasks that need them.
+            model: Model at the state of the controller, with kinematics for tasks that need them.
             dt: Cycle [s].
         """
-        if self._way is not None:
-            # In this order: another thread may ask meanwhile whether the target is reached.
-            self._trajectory = self._plan(model, *self._way, dt)
-            self._way = None
+        if self._planned_motion is not None:
+            # In this order, so that `under_way` stays True for other threads in between.
+            self._trajectory = self._plan(model, *self._planned_motion, dt)
+            self._planned_motion = None
         if self._trajectory is not None:
             target, velocity, acceleration = self._trajectory.next()
             self._follow(target)
             if self._trajectory.over:
                 self._trajectory = None
-                self._refer_to(None, None)
-                self._update_driven()
+                self._set_reference(None, None)
+                self._update_has_reference()
             else:
-                self._refer_to(velocity, acceleration)
+                self._set_reference(velocity, acceleration)
 
     def _plan(
         self, model: RobotModel, targets: list[FloatArray], durations: list[float], dt: float
     ) -> Trajectory:
-        """Return a trajectory from the model's state through the targets. For tasks whose targets can be moved to."""
+        """Return a trajectory from the state of the model through the targets. For tasks with such motions."""
         raise NotImplementedError
 
     def _follow(self, target: FloatArray) -> None:
-        """Take a target of a trajectory; needs no check."""
+        """Set a target of a trajectory, without checks."""
         raise NotImplementedError
 
-    def _refer_to(self, velocity: FloatArray | None, acceleration: FloatArray | None) -> None:
-        """Take the motion of a trajectory's target; None is rest."""
+    def _set_reference(self, velocity: FloatArray | None, acceleration: FloatArray | None) -> None:
+        """Set velocity and acceleration of the target on its trajectory; None at rest."""
         self._reference_velocity, self._reference_acceleration = velocity, acceleration
 
     # -- use ----------------------------------------------------------------------------------------------------
@@ -383,11 +383,11 @@ class Task(GainsMixin, ABC):
 
     @checked_arguments
     def reached(self, tolerance: ArrayLike) -> bool:
-        """Return true if every row with weight, at least one, is within a tolerance of its target and at rest.
+        """Return True if every row with weight, at least one, is within a tolerance of its target and at rest.
 
         At rest means that the velocity is below tolerance * sqrt(stiffness), or the tolerance per second if that is
-        more: what is left of the motion is less than the tolerance. A motion by :meth:`move_to` must have ended, and
-        a target just set have seen a cycle.
+        more: the remaining motion is then shorter than the tolerance. A motion by :meth:`move_to` must have ended, and
+        one cycle must have passed since the target was set.
 
         Args:
             tolerance: One number or (rows,), in the unit of the task.
@@ -404,7 +404,7 @@ class Task(GainsMixin, ABC):
         return bool(asked.any() and (near & slow)[asked].all())
 
     def _relative_rate(self) -> FloatArray:
-        """(rows,) velocity that comes to rest at the target."""
+        """Return the (rows,) velocity that is zero at rest on the target."""
         return self._rate
 
     def _tolerance(self, value: ArrayLike) -> FloatArray:
@@ -418,11 +418,11 @@ class Task(GainsMixin, ABC):
     # -- rows ---------------------------------------------------------------------------------------------------
 
     def select(self, robot: RobotConfig, joints: Sequence[str] | None, *, base: bool) -> None:
-        """Choose what the task may move, some joints or all, and the base or not; before it is added.
+        """Select the joints, and the base or not, that the task may move; before it is added.
 
         Raises:
             UnknownNameError: No such joint.
-            TargetError: No list of names, or an empty one where the base may not move either.
+            TargetError: No list of names, or an empty one without the base.
         """
         base_alone = base and isinstance(joints, Sequence) and not joints
         self._moving = () if base_alone else checked_joints(robot, joints)
@@ -430,7 +430,7 @@ class Task(GainsMixin, ABC):
         self.robot = robot
 
     def joint_mask(self, model: RobotModel) -> FloatArray:
-        """(20,) 1 for what may move for the task, 0 for what may not."""
+        """Return (20,) 1 for velocities that the task may move, 0 for the others."""
         columns = np.zeros(model.nv)
         columns[:BASE] = self._with_base
         names = model.robot.joint_names if self._moving is None else self._moving
@@ -440,7 +440,7 @@ class Task(GainsMixin, ABC):
     def attach(self, model: RobotModel, rows: TaskRows) -> None:
         """Prepare the rows when the controller allocates them, before the first :meth:`compute`.
 
-        Rows are zero at first and keep what is written: what never changes can be written here.
+        Rows are zero at first and keep their values: write constant entries here.
         """
         rows.error[:], rows.rate[:] = self._error, self._rate
         self._error, self._rate = rows.error, rows.rate
@@ -453,38 +453,38 @@ class Task(GainsMixin, ABC):
         """
 
     def add_feedforward(self, rows: TaskRows) -> None:
-        """Add what the reference motion asks for to ``rows.wanted``, once the rest of it is there."""
+        """Add the reference motion to ``rows.requested``, which has the feedback already."""
         velocity, acceleration = self._reference_velocity, self._reference_acceleration
         if velocity is not None:
-            rows.wanted += self._damping * velocity
+            rows.requested += self._damping * velocity
         if acceleration is not None:
-            rows.wanted += acceleration
+            rows.requested += acceleration
 
 
 class TaskRows:
-    """Rows of a task in the QP: views of the arrays of all tasks. What is assigned to a field is copied into it.
+    """Rows of a task in the QP: views of the arrays of all tasks. An assignment to a field copies values into it.
 
-    ``rows.jacobian = J``, ``rows.jacobian[:] = J`` and ``rows.jacobian[0, 3] = 1.0`` all do what they say. Columns are
+    ``rows.jacobian = J``, ``rows.jacobian[:] = J`` and ``rows.jacobian[0, 3] = 1.0`` all have an effect. Columns are
     those of ``RobotModel.v``.
 
     Attributes:
-        jacobian: (rows, 20), whose product with the velocity is the rate of the value.
+        jacobian: (rows, 20) matrix whose product with the velocity is the rate of the value.
         error: (rows,) target minus value.
         bias: (rows,) Jdot qd: acceleration of the value without accelerations of the robot.
         rate: (rows,) J qd; the controller computes it after :meth:`Task.compute`.
-        wanted: (rows,) accelerations a* - Jdot qd that are asked for; the controller computes them.
+        requested: (rows,) requested accelerations a* - Jdot qd; the controller computes them.
 
     Raises:
-        ShapeError: Assigned is an array of another shape, or no numbers.
+        ShapeError: An assigned value of another shape, or without numbers.
     """
 
-    __slots__ = ("bias", "error", "jacobian", "rate", "wanted")
+    __slots__ = ("bias", "error", "jacobian", "rate", "requested")
 
     jacobian: FloatArray
     error: FloatArray
     bias: FloatArray
     rate: FloatArray
-    wanted: FloatArray
+    requested: FloatArray
 
     def __init__(
         self,
@@ -492,18 +492,19 @@ class TaskRows:
         error: FloatArray,
         rate: FloatArray,
         bias: FloatArray,
-        wanted: FloatArray,
+        requested: FloatArray,
     ) -> None:
+        # The own __setattr__ copies into arrays, which do not exist yet.
         keep = super().__setattr__
         keep("jacobian", jacobian)
         keep("error", error)
         keep("rate", rate)
         keep("bias", bias)
-        keep("wanted", wanted)
+        keep("requested", requested)
 
     @classmethod
     def empty(cls, rows: int, columns: int) -> TaskRows:
-        """Rows of a task on its own, all zero."""
+        """Return rows of a single task, all zero."""
         return cls(np.zeros((rows, columns)), *np.zeros((4, rows)))
 
     def __setattr__(self, name: str, value: ArrayLike) -> None:

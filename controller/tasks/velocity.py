@@ -17,10 +17,10 @@ from pepper_driver.controller.tasks.task import Task, TaskRows
 
 
 class LagTask(Task):
-    """A rate goes to a target: a* = damping (target - rate). The target is the task's reference velocity."""
+    """Task of a rate: a* = damping (target - rate). Its target is the reference velocity of the task."""
 
     def attach(self, model: RobotModel, rows: TaskRows) -> None:
-        """There is no error of position: only the rate matters, and the target is its reference."""
+        """Set the error of the rows to zero: the feedback is that of the rate alone."""
         super().attach(model, rows)
         rows.error[:] = 0.0
 
@@ -36,7 +36,7 @@ class LagTask(Task):
 
     @checked_arguments
     def reached(self, tolerance: ArrayLike) -> bool:
-        """Return true if every row with weight is within a tolerance of its target.
+        """Return True if every row with weight is within a tolerance of its target.
 
         Args:
             tolerance: One number or (rows,), in the unit of the task.
@@ -49,20 +49,20 @@ class LagTask(Task):
 
 
 RELAXED_BASE_RATIO = 0.01
-"""Of the weight, for a base at rest that gives way to a task: then it weighs as much as the posture does."""
+"""Factor on the weight of the base task while another task moves the base: it then equals that of the posture."""
 
 
 @checked_arguments
 class BaseVelocityTask(LagTask):
-    """The base reaches a twist as a first-order lag: a* = damping (target - twist).
+    """Twist of the base with a first-order lag: a* = damping (target - twist).
 
-    The controller has one of its own, which it relaxes while a task in use moves the base: then it has a hundredth of
-    its weight, except while its target is a motion.
+    The controller has its own. While a task in use moves the base, the weight of that own task is a hundredth, unless
+    its target is a motion.
 
     Args:
         stiffness: [1/s2]; the rate is the damping that follows from it.
-        weight: In the cost.
-        name: For reports.
+        weight: Weight in the cost.
+        name: Name in reports.
     """
 
     needs_kinematics = False
@@ -75,10 +75,10 @@ class BaseVelocityTask(LagTask):
 
     @property
     def target(self) -> FloatArray:
-        """(3,) vx [m/s], vy [m/s], wz [rad/s] of base_link in its own axes; setting it checks it.
+        """(3,) vx [m/s], vy [m/s], wz [rad/s] of base_link in its own axes; it is checked when it is set.
 
         Raises:
-            TargetError: Not three finite numbers; the old target stays.
+            TargetError: Not three finite numbers; the previous target stays.
         """
         return self.reference_velocity
 
@@ -87,7 +87,7 @@ class BaseVelocityTask(LagTask):
         self.reference_velocity = finite_vector("a base twist (vx, vy, wz)", value, BASE)
 
     def relax(self, relaxed: bool) -> None:
-        """Give way to tasks that move the base, or no longer; called by the controller when it lays out its tasks."""
+        """Reduce the weight while other tasks move the base; the controller calls it when it allocates its tasks."""
         if relaxed is not self._relaxed:
             self._relaxed = relaxed
             self._update_gains()
@@ -97,34 +97,34 @@ class BaseVelocityTask(LagTask):
         if self._relaxed and self._reference_velocity is None:
             self.gains = replace(self.gains, weight=RELAXED_BASE_RATIO * self.gains.weight)
 
-    def _update_driven(self) -> None:
-        super()._update_driven()
-        if self._relaxed:  # the target may have begun or ceased to be a motion
+    def _update_has_reference(self) -> None:
+        super()._update_has_reference()
+        if self._relaxed:  # the target may be a motion now, or rest again
             self._update_gains()
 
     def attach(self, model: RobotModel, rows: TaskRows) -> None:
-        """One row for each of vx, vy, wz."""
+        """Write one row for each of vx, vy, wz."""
         super().attach(model, rows)
         rows.jacobian[:, :BASE] = np.eye(BASE)
 
     def compute(self, model: RobotModel, rows: TaskRows) -> None:
-        """Compute nothing: the rate is the model's velocity."""
+        """Do nothing: the rate is the velocity of the model, by the constant rows."""
 
 
 @checked_arguments
 class MomentumTask(LagTask):
-    r"""The centroidal momentum h goes to a target as a first-order lag: A qdd + dA/dt qd = damping (target - h).
+    r"""Centroidal momentum h with a first-order lag: A qdd + dA/dt qd = damping (target - h).
 
-    Rows are linear [kg m/s], then angular [kg m2/s] momentum, in the world's axes. The use it is mostly put to is to
-    let the arms and the torso balance each other's swing: ``task.dim_weight = (0, 0, 0, 1, 1, 1)``. All six rows at
-    zero hold the centre of mass still as well. A large weight freezes the robot.
+    Rows are linear [kg m/s], then angular [kg m2/s] momentum, in world axes. With
+    ``task.dim_weight = (0, 0, 0, 1, 1, 1)`` arms and torso balance each other's swing. All six rows at zero keep the
+    centre of mass at rest as well. A large weight stops all motion.
 
     Args:
-        joints: What may move for it, by default all joints.
+        joints: Joints that may move for it, by default all.
         base: True to let the base move for it too.
         stiffness: [1/s2]; the rate is the damping that follows from it.
-        weight: In the cost, by default below that of a posture: momentum is then what other tasks leave free.
-        name: For reports.
+        weight: Weight in the cost, by default below that of a posture: other tasks then have precedence.
+        name: Name in reports.
         robot: Description of the robot, by default the shipped Pepper's.
 
     Raises:
@@ -146,10 +146,10 @@ class MomentumTask(LagTask):
 
     @property
     def target(self) -> FloatArray:
-        """(6,) linear [kg m/s], then angular [kg m2/s] momentum, zero at first; setting it checks it.
+        """(6,) linear [kg m/s], then angular [kg m2/s] momentum, zero at first; it is checked when it is set.
 
         Raises:
-            TargetError: Not six finite numbers; the old target stays.
+            TargetError: Not six finite numbers; the previous target stays.
         """
         return self.reference_velocity
 
@@ -158,5 +158,5 @@ class MomentumTask(LagTask):
         self.reference_velocity = finite_vector("a momentum (linear, angular)", value, self.rows)
 
     def compute(self, model: RobotModel, rows: TaskRows) -> None:
-        """Compute the rate, the momentum: it is linear in the velocities."""
+        """Compute the rows of the momentum, which is linear in the velocities."""
         rows.jacobian[:], _, rows.bias[:] = model.centroidal_momentum()

@@ -225,7 +225,7 @@ def evaluate_push(
     tipping = 0.0
     if plant.rolling:
         where = pose[:3, :3] @ point + pose[:3, 3]
-        tipping = SupportPolygon.of(robot).tipping_ratio(posture, where, in_world)
+        tipping = SupportPolygon.from_robot(robot).tipping_ratio(posture, where, in_world)
     planned = PlannedPush(
         joint=joint,
         link=link,

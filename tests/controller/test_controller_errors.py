@@ -89,11 +89,11 @@ def test_a_target_that_nobody_set_is_nan_of_its_own_shape(task: Any, shape: Any)
 @pytest.mark.parametrize(
     ("build", "words"),
     [
-        (lambda: TorqueLimit(ROBOT, share=-1), "share must be .* got -1"),
-        (lambda: TorqueLimit(ROBOT, share=0), "share must be .* got 0"),
-        (lambda: TorqueLimit(ROBOT, share=nan), "share must be .* got nan"),
-        (lambda: TorqueLimit(ROBOT, share=inf), "share must be .* got inf"),
-        (lambda: TorqueLimit(ROBOT, share=bad("half")), "share must be .* got 'half'"),
+        (lambda: TorqueLimit(ROBOT, fraction=-1), "fraction must be .* got -1"),
+        (lambda: TorqueLimit(ROBOT, fraction=0), "fraction must be .* got 0"),
+        (lambda: TorqueLimit(ROBOT, fraction=nan), "fraction must be .* got nan"),
+        (lambda: TorqueLimit(ROBOT, fraction=inf), "fraction must be .* got inf"),
+        (lambda: TorqueLimit(ROBOT, fraction=bad("half")), "fraction must be .* got 'half'"),
         (lambda: TorqueLimit(ROBOT, of=bad("foo")), "of must be 'stall' or 'nominal', got 'foo'"),
         (lambda: CoupledLimits(ROBOT, nan), "margin must be .* got nan"),
         (lambda: CoupledLimits(ROBOT, -1), "margin must be .* got -1"),

@@ -154,7 +154,7 @@ def test_it_ends_where_it_began_and_changes_nothing_afterwards() -> None:
     control.dither.enabled = False
     steps(control, 4.0)
     assert not control.dither.active
-    assert not control.posture.driven
+    assert not control.posture.has_reference
     np.testing.assert_allclose(control.position, BENT, atol=1e-4)
     np.testing.assert_allclose(control.velocity, 0.0, atol=1e-4)
 

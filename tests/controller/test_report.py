@@ -29,7 +29,7 @@ def test_two_tasks_that_disagree_share_the_cost_by_hand() -> None:
     costs = {report.name: report.cost for report in control.report()}
     assert costs["posture"] == pytest.approx(w1 * mean**2, rel=1e-4)
     assert costs["other"] == pytest.approx(w2 * (k * 0.2 - mean) ** 2, rel=1e-4)
-    assert sum(report.share for report in control.report()) == pytest.approx(1.0)
+    assert sum(report.cost_fraction for report in control.report()) == pytest.approx(1.0)
     assert control.report()[0].name == "posture"  # the dearer one first
     by_name = {report.name: report for report in control.report()}
     assert by_name["other"].error == pytest.approx([0.2])
@@ -67,13 +67,13 @@ def test_rows_that_hold_back_and_rows_that_break_are_told_apart() -> None:
     control.step()
     assert control.status.active == ("row 0",)
     assert control.status.violated == ()
-    assert "Held back by: row 0" in control.explain()
+    assert "Active constraints: row 0" in control.explain()
     control.remove(rows)
     impossible = FixedRows(np.vstack([matrix, -matrix]), np.array([-1.0, -1.0]))
     control.add(impossible)
     control.step()
     assert control.status.solver == "relaxed"
-    assert "given up" in control.explain()
+    assert "relaxed by priority" in control.explain()
 
 
 def test_a_joint_beyond_its_limit_is_explained() -> None:
@@ -82,7 +82,7 @@ def test_a_joint_beyond_its_limit_is_explained() -> None:
     start[3] = ROBOT.upper[3] + 0.05
     control.reset(start)
     control.step()
-    assert "Limits not kept: HeadYaw position" in control.explain()
+    assert "Relaxed limits: HeadYaw position" in control.explain()
 
 
 def test_the_load_torque_is_the_sum_of_its_parts_at_the_end_of_the_cycle() -> None:

@@ -9,7 +9,7 @@ from pepper_driver.config.arrays import FloatArray
 from pepper_driver.controller.support_polygon import SupportPolygon
 
 ROBOT = load_robot()
-SUPPORT_POLYGON = SupportPolygon.of(ROBOT)
+SUPPORT_POLYGON = SupportPolygon.from_robot(ROBOT)
 
 
 def mass_centre(posture: FloatArray) -> tuple[FloatArray, float]:

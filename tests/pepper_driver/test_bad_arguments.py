@@ -876,10 +876,13 @@ TASKS: list[Case] = [
         lambda _: SelfCollision(ROBOT, untyped("x")),
         "SelfCollision: settings must be a SelfCollisionSettings, got 'x'",
     ),
-    (lambda _: TorqueLimit(ROBOT, share=True), "share must be a finite number above 0, got True"),
     (
-        lambda _: untyped(TorqueLimit)(ROBOT, shre=0.5),
-        "TorqueLimit: unknown argument 'shre' (did you mean share?",
+        lambda _: TorqueLimit(ROBOT, fraction=True),
+        "fraction must be a finite number above 0, got True",
+    ),
+    (
+        lambda _: untyped(TorqueLimit)(ROBOT, fracton=0.5),
+        "TorqueLimit: unknown argument 'fracton' (did you mean fraction?",
     ),
     (
         lambda _: RobotModel(untyped("pepper")),

@@ -95,7 +95,7 @@ def test_places_on_the_way_to_rest_are_where_braking_leads(cycles: float) -> Non
         way = (after - q)[4:]
         # Off by the last, partial cycle of braking, and by the second order of the acceleration.
         allowed = 1.2 * brake * DT**2
-        assert (np.abs(way - (path.way + path.gain * a)[3:]) <= allowed[3:]).all()
+        assert (np.abs(way - (path.distance + path.gain * a)[3:]) <= allowed[3:]).all()
 
 
 def test_the_way_to_rest_is_that_of_single_joints() -> None:
@@ -108,7 +108,7 @@ def test_the_way_to_rest_is_that_of_single_joints() -> None:
         path.update(v)
         speed = np.abs(v)
         stop = np.where(speed > brake * DT, v**2 / (2 * brake) + brake * DT**2 / 2, speed * DT)
-        np.testing.assert_allclose(path.way, v * DT + np.sign(v) * stop, atol=1e-15)
+        np.testing.assert_allclose(path.distance, v * DT + np.sign(v) * stop, atol=1e-15)
         slope = np.maximum(speed / brake, DT)
         np.testing.assert_allclose(path.gain, DT**2 / 2 + slope * DT, atol=1e-15)
 

@@ -27,7 +27,7 @@ def breakable(
         path.update(v)
         if cycles < inf and np.abs(v / braking_limits.brake).max() <= cycles * DT:
             continue  # at rest by then
-        distances = ruler(ruler.model.integrate(q, path.way))
+        distances = ruler(ruler.model.integrate(q, path.distance))
         every = list(range(len(distances)))
         gradient = ruler.capsules.wrenches(every) @ ruler.model.data.J * ruler.capsules.signs
         nearer = np.abs(gradient * path.gain) @ braking_limits.acceleration
@@ -73,7 +73,7 @@ def test_arms_that_brake_past_each_other_are_seen_though_they_end_far_apart() ->
     path = BrakingPath(braking_limits.brake, DT, 3.0)
     path.update(v)
     passing = model.configuration(meeting)
-    q = model.integrate(passing, -path.way)
+    q = model.integrate(passing, -path.distance)
     way = [ruler(posture).min() for posture in braked(q, v, still, braking_limits.brake)]
     assert ruler(q).min() > SECURITY
     assert min(way) < SECURITY

@@ -37,7 +37,7 @@ def rows_at(
 
 def test_limits_are_a_share_of_the_motors_torque_at_the_joint() -> None:
     """By hand from the tables of the maker: motor types 5, 2 and 3 of knee, elbow and hand."""
-    stall, nominal = TorqueLimit(ROBOT).limit, TorqueLimit(ROBOT, share=0.5, of="nominal").limit
+    stall, nominal = TorqueLimit(ROBOT).limit, TorqueLimit(ROBOT, fraction=0.5, of="nominal").limit
     for name, at_stall, continuous, ratio in (
         ("KneePitch", 1.46, 0.128, 108.33),
         ("LElbowRoll", 0.0617, 0.0238, 118.1),
@@ -52,7 +52,7 @@ def test_rows_forbid_what_inverse_dynamics_finds_too_much_and_nothing_else() -> 
     model, judge = RobotModel(ROBOT), RobotModel(ROBOT)
     seen = {True: 0, False: 0}
     for _ in range(150):
-        limit = TorqueLimit(ROBOT, share=0.5)
+        limit = TorqueLimit(ROBOT, fraction=0.5)
         weak = random.random(JOINTS) < 0.3
         limit.limit[weak] *= random.uniform(0.05, 1.0, int(weak.sum()))
         q = model.configuration(random_posture(random))
@@ -74,7 +74,7 @@ def test_rows_forbid_what_inverse_dynamics_finds_too_much_and_nothing_else() -> 
 def test_what_braking_takes_is_allowed_to_the_side_that_it_takes_it_and_no_more() -> None:
     """Leaning far with weak motors: braking_limits is possible, pushing up harder is not, nor pushing down beyond."""
     model = RobotModel(ROBOT)
-    limit = TorqueLimit(ROBOT, share=0.5, of="nominal")
+    limit = TorqueLimit(ROBOT, fraction=0.5, of="nominal")
     knee = ROBOT.joint_index("KneePitch")
     lean = MIDDLE.copy()
     lean[knee] = ROBOT.upper[knee]
@@ -96,7 +96,7 @@ def test_what_braking_takes_is_allowed_to_the_side_that_it_takes_it_and_no_more(
 
 def test_a_robot_that_leans_beyond_its_nominal_torque_is_not_let_down() -> None:
     control = controller()
-    control.add(TorqueLimit(ROBOT, share=0.5, of="nominal"))
+    control.add(TorqueLimit(ROBOT, fraction=0.5, of="nominal"))
     lean = MIDDLE.copy()
     lean[:3] = 0.9 * ROBOT.upper[:3]
     control.reset(lean)
@@ -149,7 +149,7 @@ def test_it_leaves_the_models_results_alone_and_needs_none() -> None:
     model.update_kinematics()
     frame = model.body_frame("l_wrist")
     before = model.jacobian(frame).copy(), model.com()[0].copy(), model.bias(frame).copy()
-    limit = TorqueLimit(ROBOT, share=0.01)
+    limit = TorqueLimit(ROBOT, fraction=0.01)
     state = model.configuration(random_posture(random)), np.ones(20)
     rows = rows_at(limit, model, *state)
     assert rows is not None
@@ -157,7 +157,7 @@ def test_it_leaves_the_models_results_alone_and_needs_none() -> None:
     after = model.jacobian(frame), model.com()[0], model.bias(frame)
     for x, y in zip(before, after, strict=True):
         assert np.array_equal(x, y)
-    fresh = rows_at(TorqueLimit(ROBOT, share=0.01), RobotModel(ROBOT), *state)
+    fresh = rows_at(TorqueLimit(ROBOT, fraction=0.01), RobotModel(ROBOT), *state)
     assert fresh is not None
     assert np.array_equal(fresh.matrix, rows.matrix)
 
@@ -169,7 +169,7 @@ def test_limits_follow_the_names_of_the_joints(share: float) -> None:
     control, other = controller(), type(controller())(robot, SETTINGS)
     names = set()
     for c, r in ((control, ROBOT), (other, robot)):
-        c.add(TorqueLimit(r, share=share))
+        c.add(TorqueLimit(r, fraction=share))
         c.posture.target = r.upper
         c.posture.stiffness = 100.0
     for _ in range(60):

@@ -85,7 +85,7 @@ def test_a_torque_that_is_not_renewed_ends() -> None:
     assert (np.diff(speeds[:8]) > 0).all()
     np.testing.assert_allclose(speeds[8:] / speeds[7:-1], 1 - DAMPING * DT, atol=1e-4)
     assert task.torque.tolist() == [0.0]
-    assert not task.driven
+    assert not task.has_reference
 
 
 def test_the_dead_band_is_subtracted_without_a_jump() -> None:

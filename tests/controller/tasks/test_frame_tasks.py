@@ -156,7 +156,7 @@ def test_a_place_that_is_none_is_refused(wrong: Any) -> None:
     task.target = [0.1, 0.2, 0.3]
     refused(task, wrong, "position l_wrist")
     assert task.target.tolist() == [0.1, 0.2, 0.3]
-    assert not task.driven
+    assert not task.has_reference
 
 
 @pytest.mark.parametrize("make", [PositionTask, OrientationTask, FrameTask])

@@ -105,4 +105,4 @@ def test_what_is_no_pose_is_refused(value: Any) -> None:
     with pytest.raises(TargetError):
         task.move_through([np.eye(4), value], [1.0, 1.0])
     np.testing.assert_allclose(task.target, transform(TURN.as_matrix()), atol=1e-12)
-    assert not task.driven
+    assert not task.has_reference

@@ -143,19 +143,19 @@ def test_motions_begin_and_end_between_ticks(make: Callable[[], Task], target: T
         return
     with control.changes.together():
         task.move_to(target, 1.0)
-        assert not task.driven
-    assert task.driven
+        assert not task.has_reference
+    assert task.has_reference
     control.step()
     with control.changes.together():
         task.stop()
-        assert task.driven
-    assert not task.driven
+        assert task.has_reference
+    assert not task.has_reference
     waits_for_the_tick(
-        control, lambda: task.move_through([target], [1.0]), lambda: task.driven, False
+        control, lambda: task.move_through([target], [1.0]), lambda: task.has_reference, False
     )
-    assert task.driven
-    waits_for_the_tick(control, task.stop, lambda: task.driven, True)
-    assert not task.driven
+    assert task.has_reference
+    waits_for_the_tick(control, task.stop, lambda: task.has_reference, True)
+    assert not task.has_reference
 
 
 def test_what_is_wrong_is_refused_in_a_group_where_it_is_set() -> None:
@@ -245,7 +245,7 @@ def test_tasks_come_and_go_together() -> None:
         control.remove(other)
         other.move_to(PLACE, 1.0)
         control.add(other)
-    assert other.driven
+    assert other.has_reference
     assert control.tasks == (*own, other)
 
 

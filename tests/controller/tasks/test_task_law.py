@@ -116,7 +116,7 @@ def test_move_to_arrives_in_time_and_at_rest(name: str) -> None:
     assert late < (5e-3 if name == "look-at own hand" else 5e-4)
     control.step()
     assert task.reached(3e-3)
-    assert not task.driven
+    assert not task.has_reference
     assert np.array_equal(task.reference_velocity, np.zeros(task.rows))
     checked = task.checked(target)
     np.testing.assert_allclose(task.target, checked, atol=1e-9)

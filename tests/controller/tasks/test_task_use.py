@@ -145,7 +145,7 @@ def test_a_duration_that_is_none_is_refused(task: Task, duration: Any) -> None:
         task.move_to(target, duration)
     with pytest.raises(TargetError):
         task.move_through([target, target], [1.0, duration])
-    assert not task.driven
+    assert not task.has_reference
     assert np.array_equal(task.target, target)  # type: ignore[attr-defined]
 
 
@@ -164,7 +164,7 @@ def test_ways_that_make_no_sense_are_refused(targets: Any, durations: Any) -> No
     task = PositionTask("l_wrist")
     with pytest.raises(TargetError):
         task.move_through(targets, durations)
-    assert not task.driven
+    assert not task.has_reference
 
 
 @pytest.mark.parametrize("make", [PostureTask, ComTask, LookAtTask, MomentumTask])
@@ -187,7 +187,7 @@ def test_a_target_ends_a_motion() -> None:
         control.step()
     assert task.reference_velocity.any()
     task.target = there
-    assert not task.driven
+    assert not task.has_reference
     assert not task.reference_velocity.any()
     for _ in range(500):
         control.step()
@@ -288,7 +288,7 @@ def test_a_motion_asked_for_before_the_task_is_added_begins_when_it_is() -> None
     task.move_to(there, 1.0)
     for _ in range(200):
         control.step()
-    assert task.driven
+    assert task.has_reference
     control.add(task)
     for _ in range(round(1.0 / DT) + 1):
         control.step()

@@ -315,7 +315,7 @@ def test_postures_of_one_group_add_up() -> None:
         assert pepper.controller.posture.stiffness != 20.0
         pepper.step()
         assert pepper.controller.posture.stiffness == 20.0
-        assert pepper.controller.posture.driven
+        assert pepper.controller.posture.has_reference
 
 
 def test_of_a_group_that_fails_nothing_is_made() -> None:

@@ -97,7 +97,7 @@ def test_a_motion_of_the_posture_begins_anew_after_it_was_held() -> None:
     assert held < stage.controller.position[YAW] < 0.5, "it takes the whole time"
     stage.run(1.1)
     assert stage.controller.position[YAW] == pytest.approx(stage.arbiter.target[YAW], abs=2e-3)
-    assert not stage.controller.posture.driven
+    assert not stage.controller.posture.has_reference
 
 
 class Posing(Reflex):

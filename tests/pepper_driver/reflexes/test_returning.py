@@ -71,10 +71,10 @@ def test_a_motion_under_way_keeps_its_time() -> None:
     with make_pepper(Lead(way=0.4, release_delay=0.0), script) as pepper:
         pepper.set_posture({"HeadYaw": 0.8}, duration=6.0)
         pepper.run(4.0)
-        assert pepper.controller.posture.driven
+        assert pepper.controller.posture.has_reference
         assert pepper.controller.position[ROBOT.joint_index("HeadYaw")] < 0.7
         pepper.run(2.2)
-        assert not pepper.controller.posture.driven
+        assert not pepper.controller.posture.has_reference
         assert pepper.controller.position[ROBOT.joint_index("HeadYaw")] == pytest.approx(
             0.8, abs=1e-3
         )
@@ -87,5 +87,5 @@ def test_while_another_reflex_holds_the_posture_nothing_is_led_back() -> None:
     with Pepper("mock", observer=Scripted(script), reflexes=reflexes) as pepper:
         home = pepper.controller.position[ROLL]
         pepper.run(2.2)
-        assert not pepper.controller.posture.driven
+        assert not pepper.controller.posture.has_reference
         assert pepper.controller.position[ROLL] == pytest.approx(home, abs=1e-3)
