@@ -86,7 +86,7 @@ class Gap:
 
 
 @dataclass(frozen=True, kw_only=True)
-class LogFile:
+class RawLog:
     """The contents of a log file.
 
     Attributes:
@@ -144,7 +144,7 @@ def row_type(fields: Iterable[Field]) -> np.dtype[Any]:
     )
 
 
-def read_log_file(path: Path, usual_layout: Mapping[str, str] | None = None) -> LogFile:
+def read_log_file(path: Path, usual_layout: Mapping[str, str] | None = None) -> RawLog:
     """Read all of a log that is intact, and warn in one line of what is missing.
 
     Args:
@@ -178,7 +178,7 @@ def read_records(path: Path) -> Records:
 
 def decode_records(
     path: Path, records: Records, usual_layout: Mapping[str, str] | None = None
-) -> LogFile:
+) -> RawLog:
     """Return the contents of a log of these records; see :func:`read_log_file`."""
     try:
         return _decode(path, records, usual_layout)
@@ -194,7 +194,7 @@ def misfit(path: Path, error: Exception) -> LogError:
     return LogError(f"{path}: its rows do not fit its layout ({what})")
 
 
-def _decode(path: Path, records: Records, usual_layout: Mapping[str, str] | None) -> LogFile:
+def _decode(path: Path, records: Records, usual_layout: Mapping[str, str] | None) -> RawLog:
     """Return the contents of a log; the errors lack its path."""
     own = records.metadata.get(LAYOUT)
     if own is not None and own["version"] != LAYOUT_VERSION:
@@ -221,7 +221,7 @@ def _decode(path: Path, records: Records, usual_layout: Mapping[str, str] | None
             raise LogError("is not a log of this package, or of another version") from error
         raise
     complete, gaps = is_complete(records), _gaps(records)
-    return LogFile(
+    return RawLog(
         path=path,
         metadata=records.metadata.get(RUN, {}),
         layout=dict(layout),

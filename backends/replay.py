@@ -32,7 +32,7 @@ from pepper_driver.backends.log_file import (
     TICK_TOPIC,
     UNMATCHED_TOPIC,
     LogError,
-    LogFile,
+    RawLog,
     misfit,
     read_log_file,
 )
@@ -106,7 +106,7 @@ class ReplayBackend(Serial, Backend):
         LogError: It has no tick, is of another robot, or does not say of which backend it is.
     """
 
-    def __init__(self, robot: RobotConfig, file: LogFile, uri: str) -> None:
+    def __init__(self, robot: RobotConfig, file: RawLog, uri: str) -> None:
         super().__init__()
         if file.joint_names != robot.joint_names:
             raise LogError(
@@ -201,7 +201,7 @@ class ReplayBackend(Serial, Backend):
         if self._state == "closed":
             raise NotConnectedError(f"'{self.uri}' is not open")
 
-    def _commands_by_step(self, file: LogFile) -> dict[int, tuple[float, Command]]:
+    def _commands_by_step(self, file: RawLog) -> dict[int, tuple[float, Command]]:
         """Each by the step it was given in, with the time of the first sample that answers it, or a later one."""
         passed_over = file.tables[UNMATCHED_TOPIC]
         rows = zip(
@@ -234,7 +234,7 @@ def from_uri(uri: BackendUri, robot: RobotConfig) -> ReplayBackend:
     return ReplayBackend(robot, read_log_file(Path(path)), uri.text)
 
 
-def _info(file: LogFile) -> BackendInfo:
+def _info(file: RawLog) -> BackendInfo:
     run = file.metadata
     try:
         cycle, delay, identity = float(run["cycle"]), int(run["response_delay"]), run["identity"]
@@ -276,13 +276,13 @@ def _match_command(table: dict[str, Column], delay: int) -> IntArray:
     return np.maximum(step, -1)
 
 
-def _commands(file: LogFile, topic: str) -> tuple[Command, ...]:
+def _commands(file: RawLog, topic: str) -> tuple[Command, ...]:
     """All of a topic."""
     columns = {field: file.tables[topic][field.name] for field in fields_of("sent")}
     return tuple(objects(Command, "sent", columns))
 
 
-def _measurements(file: LogFile, robot: RobotConfig) -> tuple[Measurement, ...]:
+def _measurements(file: RawLog, robot: RobotConfig) -> tuple[Measurement, ...]:
     """All of a log; why the robot was stopped says the parts of a measurement that are in no row."""
     table = file.tables[TICK_TOPIC]
     if not len(table["time"]):

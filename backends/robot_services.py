@@ -24,7 +24,7 @@ class RobotServices:
 
     def say(self, text: str) -> None:
         """Begin to speak; return when the robot has accepted the order, before it has spoken."""
-        self._tell("cannot speak")
+        self._report_missing("cannot speak")
 
     def leds(self, group: str, colour: tuple[float, float, float], duration: float) -> None:
         """Begin to fade lights to a colour; return when the robot has accepted the order.
@@ -34,15 +34,15 @@ class RobotServices:
             colour: (r, g, b), each 0..1.
             duration: Of the fade [s].
         """
-        self._tell("has no lights")
+        self._report_missing("has no lights")
 
     def show_image(self, url: str) -> None:
         """Have the tablet show an image, by an address that the tablet can reach."""
-        self._tell("has no tablet")
+        self._report_missing("has no tablet")
 
     def hide_image(self) -> None:
         """Have the tablet show no image."""
-        self._tell("has no tablet")
+        self._report_missing("has no tablet")
 
     def go_to_posture(self, name: str, speed: float) -> None:
         """Have the robot's own program move it to a named posture; return when it is there.
@@ -54,7 +54,7 @@ class RobotServices:
         Raises:
             BackendError: The backend is active: two programs would move the robot. Or the robot got stuck.
         """
-        self._tell("goes to no posture by a program of its own")
+        self._report_missing("goes to no posture by a program of its own")
 
     def wake_up(self) -> None:
         """Have the robot switch its motors on and stand up; returns when it stands.
@@ -62,7 +62,7 @@ class RobotServices:
         Raises:
             BackendError: The backend is active, or the robot refuses.
         """
-        self._tell("neither wakes up nor rests")
+        self._report_missing("neither wakes up nor rests")
 
     def rest(self) -> None:
         """Have the robot sit down on its brakes and switch its motors off; returns when it is done.
@@ -70,9 +70,9 @@ class RobotServices:
         Raises:
             BackendError: The backend is active, or the robot refuses.
         """
-        self._tell("neither wakes up nor rests")
+        self._report_missing("neither wakes up nor rests")
 
-    def _tell(self, what: str) -> None:
+    def _report_missing(self, what: str) -> None:
         if what not in self._told:
             self._told.add(what)
             logger.warning("'%s' %s: nothing happens", self._uri, what)

@@ -24,7 +24,7 @@ from pepper_driver.config.plant_parts import (
     Actuator,
     Battery,
     Board,
-    Body,
+    BodyParameters,
     Flexibility,
     Heat,
     Physics,
@@ -66,7 +66,7 @@ class PlantConfig:
     heat: Heat
     wheels: WheelDrive
     flexibilities: tuple[Flexibility, ...]
-    body: Body
+    body: BodyParameters
     actuators: tuple[Actuator, ...]
     source: str = ""
 

@@ -141,7 +141,7 @@ class Payload:
 
 
 @dataclass(frozen=True, kw_only=True, config=STRICT)
-class Body:
+class BodyParameters:
     """Differences between the links and the URDF, which the controller does not know.
 
     ``masses`` are factors on mass and inertia by link, ``coms`` shifts of centres of mass [m].

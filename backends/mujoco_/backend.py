@@ -23,7 +23,7 @@ from pepper_driver.backends.interface import (
     checked_command,
     serial,
 )
-from pepper_driver.backends.mujoco_.sensors import CommandLine
+from pepper_driver.backends.mujoco_.sensors import CommandDelayLine
 from pepper_driver.backends.mujoco_.simulation import MujocoTruth, Readings, Simulation
 from pepper_driver.backends.selection import BackendUri
 from pepper_driver.backends.simulated import Grab, Push, Resumable, SimulatedPlant, Truth
@@ -51,7 +51,7 @@ def check_display() -> None:
         raise BackendError("no window: on macOS run with 'mjpython' in place of 'python'")
 
 
-class Window:
+class MujocoWindow:
     """Shows the state of the simulation; closing it by hand does not stop the robot."""
 
     def __init__(self, model: mujoco.MjModel, data: mujoco.MjData) -> None:
@@ -135,11 +135,11 @@ class MujocoBackend(Serial, Backend):
         self._simulation.reset(self._start)  # reports an object that collides now, not at ``open``
         self._model, self._data = self._simulation.model, self._simulation.data
         self._readings = Readings(robot, plant, self._simulation)
-        self._commands = CommandLine(plant)
+        self._commands = CommandDelayLine(plant)
         self._state: Literal["closed", "open", "active"] = "closed"
         self.wheel_stiffness = np.ones(3)
         self._shown = window
-        self._window: Window | None = None
+        self._window: MujocoWindow | None = None
         self._truth = MujocoTruth(self._simulation)
         self._uri = uri
         self._info = BackendInfo(
@@ -187,7 +187,7 @@ class MujocoBackend(Serial, Backend):
             raise BackendError(f"'{self.uri}' is already open")
         measurement = self._begin()
         if self._shown:
-            self._window = Window(self._model.mj, self._data)
+            self._window = MujocoWindow(self._model.mj, self._data)
         self._state = "open"
         return measurement
 

@@ -7,11 +7,11 @@ from typing import Any
 import mujoco
 import numpy as np
 
+from pepper_driver.backends.mujoco_.contact_accumulator import ContactAccumulator
 from pepper_driver.backends.mujoco_.objects import Throws, body_name, check_clearance
 from pepper_driver.backends.mujoco_.plant_model import PlantModel
 from pepper_driver.backends.mujoco_.pushes import GrabForces, Pushes
 from pepper_driver.backends.mujoco_.sensors import TouchSensors
-from pepper_driver.backends.mujoco_.tally import Tally
 from pepper_driver.backends.simulated import Resumable, TrueContact
 from pepper_driver.config import RobotConfig, World
 from pepper_driver.config.arrays import FloatArray
@@ -34,7 +34,7 @@ class Collisions:
         self._link = {geom: body for geom, body in bodies if body in links}
         self._wrench = np.zeros(6)
 
-    def take_in(self, tally: Tally) -> None:
+    def take_in(self, accumulator: ContactAccumulator) -> None:
         """Add what acted between robot and objects in the step just made."""
         data = self._data
         if data.ncon == 0:
@@ -57,7 +57,9 @@ class Collisions:
             if size == 0.0:
                 continue  # near enough to be a contact, but parting
             point = contact.pos
-            tally.add(tally.entry((link, thing), "object", link, thing), point, force, size)
+            accumulator.add(
+                accumulator.entry((link, thing), "object", link, thing), point, force, size
+            )
             for sensor in self._touch.near(link, *point.tolist()):
                 self._touch.press(sensor, size)
 
@@ -81,7 +83,7 @@ class Contacts(Resumable):
         self._joint_torque = data.qfrc_applied
         self.touch = TouchSensors(robot, model, data)
         self.pushes, self.grabs = Pushes(model, data), GrabForces(model, data)
-        self._tally = Tally(model, data, self.touch, self._steps)
+        self._accumulator = ContactAccumulator(model, data, self.touch, self._steps)
         self._world = world if world is not None and world.objects else None
         self._collisions: Collisions | None = None
         self._throws: Throws | None = None
@@ -94,24 +96,24 @@ class Contacts(Resumable):
     @property
     def torque(self) -> FloatArray:
         """(17,) J^T f, mean over the last cycle [N m]."""
-        return self._tally.torque
+        return self._accumulator.torque
 
     @property
     def peak_torque(self) -> FloatArray:
         """(17,) largest size of J^T f in a step of the last cycle [N m]."""
-        return self._tally.peak
+        return self._accumulator.peak
 
     @property
     def acted(self) -> tuple[TrueContact, ...]:
         """True contacts of the last cycle."""
-        return self._tally.contacts
+        return self._accumulator.contacts
 
     def reset(self) -> None:
         """Nothing touches, nothing is to come but what the world throws."""
         self.pushes.clear()
         self.grabs.clear()
         self.touch.reset()
-        self._tally.reset()
+        self._accumulator.reset()
 
     def check_clearance(self) -> None:
         """Refuse a start inside an object; see :func:`~.objects.check_clearance`. MuJoCo holds the contacts."""
@@ -126,7 +128,7 @@ class Contacts(Resumable):
         self._scheduled = pushes or hands
         self._waiting = self._throws is not None and self._throws.waiting
         self._idle = not self._scheduled and self._world is None
-        self._tally.begin()
+        self._accumulator.begin()
 
     def step(self) -> None:
         """One step of physics with all that touches the robot."""
@@ -137,23 +139,23 @@ class Contacts(Resumable):
         if self._waiting and self._throws is not None:
             self._throws.hold()
         if self._scheduled:
-            tally, torque = self._tally, self._joint_torque
+            accumulator, torque = self._accumulator, self._joint_torque
             mujoco.mj_step1(mj, data)
             torque.fill(0.0)
-            self.pushes.apply(tally, torque)
-            self.grabs.apply(tally, torque)
+            self.pushes.apply(accumulator, torque)
+            self.grabs.apply(accumulator, torque)
             mujoco.mj_step2(mj, data)
         else:
             mujoco.mj_step(mj, data)
         if self._collisions is not None:
-            self._collisions.take_in(self._tally)
-        self._tally.next_step()
+            self._collisions.take_in(self._accumulator)
+        self._accumulator.next_step()
 
     def end_cycle(self) -> None:
         """Finish the truth of the cycle and the answers of the sensors."""
         if self._scheduled:
             self._joint_torque.fill(0.0)
-        self._tally.end()
+        self._accumulator.end()
         self.touch.end(self._steps)
 
     def save(self) -> dict[str, Any]:
@@ -170,5 +172,5 @@ class Contacts(Resumable):
             "pushes": self.pushes,
             "grabs": self.grabs,
             "touch": self.touch,
-            "tally": self._tally,
+            "contacts": self._accumulator,
         }

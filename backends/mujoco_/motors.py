@@ -9,7 +9,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from pepper_driver.backends.mujoco_.plant_model import PlantModel, Slots
+from pepper_driver.backends.mujoco_.plant_model import ArrayView, PlantModel
 from pepper_driver.backends.simulated import Resumable
 from pepper_driver.config import PlantConfig, RobotConfig
 from pepper_driver.config.arrays import FloatArray
@@ -32,14 +32,17 @@ class JointFriction:
             return plant.per_joint(f"friction.{key}", robot)
 
         mj, n = model.mj, len(model.half_gap)
-        self._motor_angle = Slots(data.qpos, model.motor_qpos)
-        self._link_angle = Slots(data.qpos, model.link_qpos)
+        self._motor_angle = ArrayView(data.qpos, model.motor_qpos)
+        self._link_angle = ArrayView(data.qpos, model.link_qpos)
         motor, link = model.motor_dof, model.link_dof
-        self._velocities = Slots(data.qvel, motor), Slots(data.qvel, link)
-        self._frictions = Slots(mj.dof_frictionloss, motor), Slots(mj.dof_frictionloss, link)
-        self._dampings = Slots(mj.dof_damping, motor), Slots(mj.dof_damping, link)
-        self._tooth_damping = Slots(mj.tendon_damping, model.tendon)
-        self._tooth_friction = Slots(mj.tendon_frictionloss, model.tendon)
+        self._velocities = ArrayView(data.qvel, motor), ArrayView(data.qvel, link)
+        self._frictions = (
+            ArrayView(mj.dof_frictionloss, motor),
+            ArrayView(mj.dof_frictionloss, link),
+        )
+        self._dampings = ArrayView(mj.dof_damping, motor), ArrayView(mj.dof_damping, link)
+        self._tooth_damping = ArrayView(mj.tendon_damping, model.tendon)
+        self._tooth_friction = ArrayView(mj.tendon_frictionloss, model.tendon)
         # Motor's sides, then links' sides. What the gap changes is added where the teeth are apart.
         coulomb = _both_sides(each, "contact", "")
         self._cold_coulomb = coulomb, _both_sides(each, "gap", "") - coulomb
@@ -123,7 +126,7 @@ class JointFriction:
         link.write(self._link_torque)
 
     @staticmethod
-    def _write(sides: tuple[Slots, Slots], values: FloatArray) -> None:
+    def _write(sides: tuple[ArrayView, ArrayView], values: FloatArray) -> None:
         for side, part in zip(sides, np.split(values, 2), strict=True):
             side.write(part)
 
@@ -142,7 +145,7 @@ SMALLEST_FACTOR = 0.1
 
 
 @dataclass(frozen=True, kw_only=True)
-class Warmth:
+class ThermalState:
     """(17,) factors on the resistance of the windings, on the torque constant, and on all friction."""
 
     copper: FloatArray
@@ -174,7 +177,7 @@ class Supply(Resumable):
         self.charge = self._battery.charge
         self.temperature = np.full(len(self._rise), self._heat.start)
         self._sag = 0.0
-        self._warmth: Warmth | None = None
+        self._warmth: ThermalState | None = None
 
     @property
     def voltage(self) -> float:
@@ -184,13 +187,13 @@ class Supply(Resumable):
         return max(0.0, battery.empty_voltage + span * self.charge - self._sag)
 
     @property
-    def warmth(self) -> Warmth:
+    def warmth(self) -> ThermalState:
         """Effect of the temperatures; the same object as long as no motor is a tenth of a degree off."""
         tenths = np.rint(10.0 * self.temperature)
         if self._warmth is None or not np.array_equal(tenths, self._tenths):
             self._tenths = tenths
             above, heat = 0.1 * tenths - self._heat.reference, self._heat
-            self._warmth = Warmth(
+            self._warmth = ThermalState(
                 copper=np.maximum(1.0 + heat.copper * above, SMALLEST_FACTOR),
                 magnet=np.maximum(1.0 + heat.magnet * above, SMALLEST_FACTOR),
                 grease=np.clip(1.0 + heat.grease * above, WARMEST_FRICTION, COLDEST_FRICTION),

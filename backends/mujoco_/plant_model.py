@@ -16,7 +16,7 @@ import numpy as np
 from pepper_driver.backends.mujoco_.objects import add_objects
 from pepper_driver.config import ConfigError, PlantConfig, RobotConfig, World
 from pepper_driver.config.arrays import BoolArray, FloatArray, IndexArray
-from pepper_driver.config.plant_parts import Body
+from pepper_driver.config.plant_parts import BodyParameters
 
 FALLEN = 1.2
 """[rad] of tilt at which the base comes to lie: the robot has fallen over."""
@@ -30,7 +30,7 @@ def grip(wheel: str) -> str:
     return f"grip_{wheel}"
 
 
-class Slots:
+class ArrayView:
     """Entries of ``array`` at ``indices``, as a view where they lie side by side: that costs nothing.
 
     A passive hinge between two joints parts them; then they are gathered and scattered.
@@ -286,7 +286,7 @@ def _set_options(spec: mujoco.MjSpec, plant: PlantConfig) -> None:
     spec.option.jacobian = mujoco.mjtJacobian.mjJAC_DENSE
 
 
-def _change_body(spec: mujoco.MjSpec, body: Body) -> None:
+def _change_body(spec: mujoco.MjSpec, body: BodyParameters) -> None:
     """Masses, centres of mass and payloads that differ from the URDF."""
     for name, factor in body.masses.items():
         link = spec.body(name)

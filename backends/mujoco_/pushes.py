@@ -11,8 +11,8 @@ import numpy as np
 
 from pepper_driver.backends.interface import CommandError
 from pepper_driver.backends.motion_profile import minimum_jerk, minimum_jerk_slope
+from pepper_driver.backends.mujoco_.contact_accumulator import ContactAccumulator, Point
 from pepper_driver.backends.mujoco_.plant_model import PlantModel
-from pepper_driver.backends.mujoco_.tally import Point, Tally
 from pepper_driver.backends.pushes import ScheduledPush, check_grab
 from pepper_driver.backends.simulated import Grab, Push, Resumable
 from pepper_driver.config.arrays import FloatArray
@@ -46,7 +46,7 @@ class Pushes(Resumable):
         self._due = [push for push in self._pending if push.start < end]
         return bool(self._due)
 
-    def apply(self, tally: Tally, joint_torque: FloatArray) -> None:
+    def apply(self, accumulator: ContactAccumulator, joint_torque: FloatArray) -> None:
         """Add J^T f of all pushes to ``joint_torque`` (nv,), at the state whose kinematics MuJoCo holds."""
         data = self._data
         for push in self._due:
@@ -60,8 +60,8 @@ class Pushes(Resumable):
                 force = rotation @ force
             px, py, pz = (data.xpos[body] + rotation @ push.point).tolist()
             x, y, z = force.tolist()
-            joint_torque += tally.put(
-                tally.entry(push, "push", body),
+            joint_torque += accumulator.put(
+                accumulator.entry(push, "push", body),
                 (px, py, pz),
                 (x, y, z),
                 sqrt(x * x + y * y + z * z),
@@ -192,7 +192,7 @@ class GrabForces(Resumable):
         self._due = [grip for grip in self._pending if grip.hand.start < end]
         return bool(self._due)
 
-    def apply(self, tally: Tally, joint_torque: FloatArray) -> None:
+    def apply(self, accumulator: ContactAccumulator, joint_torque: FloatArray) -> None:
         """Add J^T f of all hands to ``joint_torque`` (nv,), at the state whose kinematics MuJoCo holds."""
         now = self._data.time
         for grip in self._due:
@@ -201,7 +201,7 @@ class GrabForces(Resumable):
             gone = since - hand.rise - hand.hold
             if since < 0.0 or gone >= hand.release:
                 continue
-            entry = tally.entry(grip, "hand", hand.body)
+            entry = accumulator.entry(grip, "hand", hand.body)
             # Where the point is: origin of the link and its rotation; how it moves: twist about the tree's centre.
             origin, rotation, twist, centre = self._motion[hand.body]
             x, y, z = grip.point
@@ -235,7 +235,7 @@ class GrabForces(Resumable):
             if gone > 0.0:
                 share *= 0.5 + 0.5 * cos(pi * gone / hand.release)
             force = (share * fx, share * fy, share * fz)
-            joint_torque += tally.put(entry, where, force, share * size)
+            joint_torque += accumulator.put(entry, where, force, share * size)
 
     def _close(self, grip: _Grip, where: Point) -> Point:
         """Return the hand closes at ``where`` in the world: there it stays from now on, but for its own pull."""

@@ -215,7 +215,7 @@ class CurrentSensors(Resumable):
         return np.asarray(np.rint(np.abs(noisy) / self._step) * self._step)
 
 
-class CommandLine(Resumable):
+class CommandDelayLine(Resumable):
     """Commands in flight to the motor boards: each acts whole cycles after it was sent."""
 
     STATE = ("_delayed",)

@@ -9,8 +9,8 @@ import numpy as np
 
 from pepper_driver.backends.fields import Imu, Measurement
 from pepper_driver.backends.mujoco_.contacts import Contacts
-from pepper_driver.backends.mujoco_.motors import JointFriction, MotorBoards, Supply, Warmth
-from pepper_driver.backends.mujoco_.plant_model import FALLEN, Slots, build_model
+from pepper_driver.backends.mujoco_.motors import JointFriction, MotorBoards, Supply, ThermalState
+from pepper_driver.backends.mujoco_.plant_model import FALLEN, ArrayView, build_model
 from pepper_driver.backends.mujoco_.sensors import CurrentSensors, Encoders, InertialUnit
 from pepper_driver.backends.mujoco_.wheels import WheelDynamics
 from pepper_driver.backends.simulated import Resumable, TrueContact, Truth
@@ -139,12 +139,12 @@ class Simulation(Resumable):
         self._resistance = np.array([robot.motors.of(n).resistance for n in robot.joint_names])
         self._constant = np.array([robot.motors.of(n).torque_constant for n in robot.joint_names])
         n = len(robot.joint_names)
-        self._link_angle = Slots(self.data.qpos, self.model.link_qpos)
-        self._motor_speed = Slots(self.data.qvel, self.model.motor_dof)
-        self._voltage = Slots(self.data.ctrl, self.model.actuator)
+        self._link_angle = ArrayView(self.data.qpos, self.model.link_qpos)
+        self._motor_speed = ArrayView(self.data.qvel, self.model.motor_dof)
+        self._voltage = ArrayView(self.data.ctrl, self.model.actuator)
         self.current = np.zeros(n)
         self._target, self._braked_at = np.zeros(n), np.zeros(n)
-        self._warmth: Warmth | None = None
+        self._warmth: ThermalState | None = None
 
     @property
     def position(self) -> FloatArray:
@@ -248,7 +248,7 @@ class Simulation(Resumable):
             "contacts": self.contacts,
         }
 
-    def _warm(self, warmth: Warmth) -> None:
+    def _warm(self, warmth: ThermalState) -> None:
         """Torque constant and resistance of each motor, and friction, at its temperature."""
         mj, actuator = self.model.mj, self.model.actuator
         constant = self._constant * warmth.magnet

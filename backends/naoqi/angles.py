@@ -36,7 +36,7 @@ STIFFNESS_STEP = 0.02
 """Smallest change of a stiffness that is passed on."""
 
 
-class AnglesLink:
+class AnglesChannel:
     """With ALMotion and the memory of one robot.
 
     Args:
@@ -231,7 +231,7 @@ class AnglesBackend(NaoqiRobot):
             push_recovery="keep",
         )
         super().__init__(address, robot, settings, policy=policy, wake=wake, force=force)
-        self._link: AnglesLink | None = None
+        self._link: AnglesChannel | None = None
         self._moving = self._warned = False
 
     @property
@@ -243,7 +243,7 @@ class AnglesBackend(NaoqiRobot):
 
     def _begin(self, connection: Connection) -> Measurement:
         keys = SensorKeys(self._robot, complete=False)
-        self._link = AnglesLink(connection, self._robot, keys, self._settings.angles)
+        self._link = AnglesChannel(connection, self._robot, keys, self._settings.angles)
         return self._link.newest
 
     def _ramp_up(self) -> tuple[FloatArray, Measurement]:
@@ -305,6 +305,6 @@ class AnglesBackend(NaoqiRobot):
         return False
 
     @property
-    def _open_link(self) -> AnglesLink:
+    def _open_link(self) -> AnglesChannel:
         assert self._link is not None
         return self._link

@@ -9,8 +9,8 @@ from pepper_driver.backends.fields import Measurement
 from pepper_driver.backends.naoqi.address import Address, naoqi_address
 from pepper_driver.backends.naoqi.angles import AnglesBackend
 from pepper_driver.backends.naoqi.connection import Connection
-from pepper_driver.backends.naoqi.dcm_channel import Link
-from pepper_driver.backends.naoqi.handover import let_go, ramp_up
+from pepper_driver.backends.naoqi.dcm_channel import DcmChannel
+from pepper_driver.backends.naoqi.handover import ramp_up, release_robot
 from pepper_driver.backends.naoqi.memory_keys import SensorKeys, actuator_keys
 from pepper_driver.backends.naoqi.preflight import Preflight
 from pepper_driver.backends.naoqi.qi_library import prefer_messages, preferred
@@ -58,7 +58,7 @@ class NaoqiBackend(NaoqiRobot):
     ) -> None:
         super().__init__(address, robot, settings, wake=wake, force=force)
         self._delay = settings.timing.response_delay if delay is None else delay
-        self._link: Link | None = None
+        self._link: DcmChannel | None = None
 
     @property
     def _needed(self) -> Sequence[str]:
@@ -72,7 +72,7 @@ class NaoqiBackend(NaoqiRobot):
         """Measure the connection to the robot for almost a second."""
         prefer_messages(True)
         with preferred():
-            self._link = Link(connection, self._robot, self._settings, self._delay)
+            self._link = DcmChannel(connection, self._robot, self._settings, self._delay)
         return self._link.newest
 
     def _ramp_up(self) -> tuple[FloatArray, Measurement]:
@@ -87,7 +87,9 @@ class NaoqiBackend(NaoqiRobot):
 
     def _let_go(self, posture: FloatArray) -> bool:
         try:
-            return let_go(self._open_link, self._robot, self._settings, self._safety, posture)
+            return release_robot(
+                self._open_link, self._robot, self._settings, self._safety, posture
+            )
         finally:
             self._open_link.end()
 
@@ -120,7 +122,7 @@ class NaoqiBackend(NaoqiRobot):
             prefer_messages(False)
 
     @property
-    def _open_link(self) -> Link:
+    def _open_link(self) -> DcmChannel:
         assert self._link is not None
         return self._link
 

@@ -20,7 +20,7 @@ from pepper_driver.backends.naoqi.timing import (
     CommandScheduler,
     Cycles,
     DcmClockEstimate,
-    Playout,
+    JitterBuffer,
     RoundTrips,
     ScheduledCommand,
     burst,
@@ -38,7 +38,9 @@ NORMAL_AGE = 0.072
 observer counts; older ones are as old as they are."""
 
 
-def sample_age(late: int, since: float, silence: float, watched: float, cycle: float) -> float:
+def sample_age(
+    late: int, since: float, unacknowledged_time: float, watched: float, cycle: float
+) -> float:
     """Return the age of the newest sample as :class:`~pepper_driver.backends.interface.Measurement` has it [s].
 
     The sample of the tick's cycle has none, whatever its latency was. When samples are missing for long, nothing is
@@ -51,13 +53,13 @@ def sample_age(late: int, since: float, silence: float, watched: float, cycle: f
     Args:
         late: Cycles by which the newest sample is later than usual.
         since: Time since its cycle [s].
-        silence: Time for which nothing that was sent has been acknowledged [s].
+        unacknowledged_time: Time for which nothing that was sent has been acknowledged [s].
         watched: Time since ticks last began after a pause [s].
         cycle: Of the robot [s].
     """
     age = late * cycle if since <= NORMAL_AGE else since
-    if silence > NORMAL_AGE:
-        age = max(age, silence)
+    if unacknowledged_time > NORMAL_AGE:
+        age = max(age, unacknowledged_time)
     return min(age, watched + cycle)
 
 
@@ -225,7 +227,7 @@ READ_BACK = (2, 1, 3, 2)
 Irregular, so that another program with a rhythm of its own is not missed each time."""
 
 
-class Link:
+class DcmChannel:
     """With the DCM and the memory of one robot. Construction measures the connection, and moves nothing.
 
     Args:
@@ -286,7 +288,7 @@ class Link:
         self._read_at = self._watched = now()
         date = self._clock.date(first.shown, self._read_at)
         self._cycles = Cycles(1e3 * robot.cycle, date)
-        self._playout = Playout(1e3 * robot.cycle, first)
+        self._buffer = JitterBuffer(1e3 * robot.cycle, first)
         self._reader = Reader(memory, dcm, keys, self._clock, first=first, date=date, now=now)
         self._writer = Writer(dcm, timing.max_step, now)
         self._orders: Orders | None = None
@@ -337,14 +339,14 @@ class Link:
         self._requested = False
         self._writer.collect()
         since = self._clock.now(now) - self._reader.date
-        self._playout.step(elapsed, since)
+        self._buffer.step(elapsed, since)
         if self._foreign is not None:
-            self._foreign.tick(self._playout.sample.position)
+            self._foreign.tick(self._buffer.sample.position)
         self.newest = self._measurement(
             sample_age(
-                self._playout.late,
+                self._buffer.late,
                 since=1e-3 * since,
-                silence=self._writer.silence,
+                unacknowledged_time=self._writer.unacknowledged_time,
                 watched=1e-9 * (now - self._watched),
                 cycle=self._cycle,
             )
@@ -413,9 +415,9 @@ class Link:
         return self._connection.connected
 
     @property
-    def silence(self) -> float:
+    def unacknowledged_time(self) -> float:
         """Time without acknowledgement of sent commands [s]; 0 if all were acknowledged."""
-        return self._writer.silence
+        return self._writer.unacknowledged_time
 
     @property
     def idle(self) -> bool:
@@ -438,7 +440,7 @@ class Link:
         if not self._reader.take():
             return
         date, sample = self._reader.date, self._reader.newest
-        self._playout.add(self._cycles.see(date), sample)
+        self._buffer.add(self._cycles.see(date), sample)
         if self._foreign is not None and sample.commanded is not None:
             self._foreign.read_back(sample.commanded, date)
 
@@ -468,7 +470,7 @@ class Link:
                 raise BackendError(f"'{uri}': the robot's DCM does not know the actuator {what}")
 
     def _measurement(self, age: float) -> Measurement:
-        orders, values, cycle = self._orders, self._playout.sample, self._playout.cycle
+        orders, values, cycle = self._orders, self._buffer.sample, self._buffer.cycle
         return Measurement(
             time=cycle * self._cycle,
             tick=cycle,

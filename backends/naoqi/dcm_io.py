@@ -157,7 +157,7 @@ class _TimeQuestion:
 
 Update = Literal["ClearAll", "ClearAfter"]
 
-OUTSTANDING = 2
+MAX_OUTSTANDING = 2
 """Largest number of commands in flight."""
 
 
@@ -195,7 +195,7 @@ class Writer:
     @property
     def free(self) -> int:
         """Return the number of commands that may be sent now."""
-        return OUTSTANDING - len(self._in_flight)
+        return MAX_OUTSTANDING - len(self._in_flight)
 
     @property
     def idle(self) -> bool:
@@ -203,7 +203,7 @@ class Writer:
         return not self._in_flight
 
     @property
-    def silence(self) -> float:
+    def unacknowledged_time(self) -> float:
         """Longest time without acknowledgement, over the kinds of commands [s]; 0 if all were acknowledged."""
         if not self._unacknowledged:
             return 0.0

@@ -12,7 +12,7 @@ import numpy as np
 from pepper_driver.backends.fields import Measurement
 from pepper_driver.backends.interface import BackendError
 from pepper_driver.backends.motion_profile import PEAK_SPEED_RATIO, minimum_jerk
-from pepper_driver.backends.naoqi.dcm_channel import Link
+from pepper_driver.backends.naoqi.dcm_channel import DcmChannel
 from pepper_driver.backends.naoqi.memory_keys import Alias
 from pepper_driver.config import NaoqiSettings, PepperError, RobotConfig, SafetySettings
 from pepper_driver.config.arrays import FloatArray
@@ -27,7 +27,7 @@ WHEELS_AT_REST = np.zeros(3)
 
 
 def ramp_up(
-    link: Link,
+    link: DcmChannel,
     robot: RobotConfig,
     settings: NaoqiSettings,
     safety: SafetySettings,
@@ -77,8 +77,8 @@ def ramp_up(
     return hold, measurement
 
 
-def let_go(
-    link: Link,
+def release_robot(
+    link: DcmChannel,
     robot: RobotConfig,
     settings: NaoqiSettings,
     safety: SafetySettings,
@@ -109,7 +109,7 @@ def let_go(
         """None where the robot does not answer."""
         next(paced_ticks)
         measurement = link.exchange(position, stiffnesses, WHEELS_AT_REST)
-        patient = min(link.silence, time.monotonic() - begin) <= settings.end_silence
+        patient = min(link.unacknowledged_time, time.monotonic() - begin) <= settings.end_silence
         return measurement if link.connected and patient else None
 
     for number in range(round(settings.wheel_stop_time / robot.cycle)):
@@ -151,7 +151,7 @@ def let_go(
     return True
 
 
-def _shown(link: Link, otherwise: FloatArray) -> FloatArray:
+def _shown(link: DcmChannel, otherwise: FloatArray) -> FloatArray:
     """(17,) stiffness at the motor boards, as far as known; a very small one counts as 0."""
     shown = link.newest.stiffness
     return otherwise if shown is None else np.where(shown < MIN_STIFFNESS, 0.0, shown)
@@ -166,7 +166,7 @@ def _moved_by_others(measurement: Measurement, robot: RobotConfig) -> bool:
 
 
 def _return_legs(
-    link: Link,
+    link: DcmChannel,
     robot: RobotConfig,
     goal: FloatArray,
     settings: NaoqiSettings,
@@ -205,7 +205,7 @@ def _return_legs(
 
 
 def cycle_timer(
-    cycle: float, ticks: int | None = None, *, link: Link | None = None
+    cycle: float, ticks: int | None = None, *, link: DcmChannel | None = None
 ) -> Iterator[int]:
     """Yield the number of each tick when it begins, ``cycle`` [s] apart, the first at once; wait after the last too.
 

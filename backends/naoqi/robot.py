@@ -28,7 +28,7 @@ from pepper_driver.backends.naoqi.ownership import TakeOver
 from pepper_driver.backends.naoqi.preflight import Preflight, check_robot, diagnosis, preflight
 from pepper_driver.backends.naoqi.presence import Presence
 from pepper_driver.backends.naoqi.services import NaoqiRobotServices, abilities
-from pepper_driver.backends.naoqi.stand_in import SERVICE, Handled, simulated_parents
+from pepper_driver.backends.naoqi.stand_in import SERVICE, RemotePushMixin, simulated_parents
 from pepper_driver.config import (
     NaoqiSettings,
     RobotConfig,
@@ -40,7 +40,7 @@ from pepper_driver.config.naoqi import TakeOverSettings
 logger = logging.getLogger("pepper_driver")
 
 
-class NaoqiRobot(Serial, Handled):
+class NaoqiRobot(Serial, RemotePushMixin):
     """A Pepper over NAOqi. Subclasses say by which of its services it is moved.
 
     ``open`` reads only. ``activate`` switches off other sources of motion and raises the stiffness; ``deactivate``

@@ -17,11 +17,11 @@ from pepper_driver.config import PepperError, RobotConfig, RobotIdentity
 SERVICE = "StandIn"
 
 
-class HandlingError(ServiceError, ValueError):
+class RemotePushError(ServiceError, ValueError):
     """The stand-in cannot push or grab like that; the message says why."""
 
 
-class Handled(Backend):
+class RemotePushMixin(Backend):
     """Pushes and grabs of a robot that may be a stand-in."""
 
     _robot: RobotConfig
@@ -58,7 +58,7 @@ class Handled(Backend):
         Raises:
             UnknownNameError: No such link or frame.
             CommandError: A number that is not finite or out of range.
-            HandlingError: That is not possible, for the reason given.
+            RemotePushError: That is not possible, for the reason given.
         """
         connection = self._connected()
         if method not in self.info.capabilities:
@@ -71,7 +71,7 @@ class Handled(Backend):
         try:
             connection.call(SERVICE, method, plain)
         except ServiceError as error:
-            raise HandlingError(str(error)) from error
+            raise RemotePushError(str(error)) from error
 
 
 def simulated_plant(connection: Connection, robot: RobotConfig) -> SimulatedPlant:

@@ -317,7 +317,7 @@ LATER, SOONER = 25, 5
 """Ticks in a row with all samples late, or early, before that counts as normal."""
 
 
-class Playout:
+class JitterBuffer:
     """Gives each tick the sample of its own cycle of the robot, or the last before it.
 
     Cycles increase by one a tick, as in a simulation: a sample that comes early waits for its tick, and one that does
@@ -358,12 +358,12 @@ class Playout:
         passed = max(1, int(elapsed / self._length + 0.25))
         latest = self._newest + int(age / self._length)
         self.cycle = max(self.cycle, min(self.cycle + passed, latest))
-        self._count_anew()
+        self._realign()
         while self._waiting and self._waiting[0][0] <= self.cycle:
             self._of, self.sample = self._waiting.popleft()
         self.late = self.cycle - self._of
 
-    def _count_anew(self) -> None:
+    def _realign(self) -> None:
         late = self.cycle - self._newest
         self._late_ticks, self._least_late = _lasting(late, self._late_ticks, self._least_late)
         self._early_ticks, self._least_early = _lasting(-late, self._early_ticks, self._least_early)

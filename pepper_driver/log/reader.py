@@ -16,7 +16,7 @@ from pepper_driver.backends.log_file import (
     TICK_TOPIC,
     UNMATCHED_TOPIC,
     Gap,
-    LogFile,
+    RawLog,
     misfit,
     read_log_file,
 )
@@ -95,7 +95,7 @@ class RunLog:
         return len(self.fields["time"])
 
     @classmethod
-    def of(cls, file: LogFile) -> Self:
+    def of(cls, file: RawLog) -> Self:
         """Return the log in a file.
 
         Raises:
@@ -141,7 +141,7 @@ def usual_layout() -> dict[str, str]:
     return layout_metadata(load_robot())
 
 
-def _items(file: LogFile, topic: JsonTopic[T]) -> list[T]:
+def _items(file: RawLog, topic: JsonTopic[T]) -> list[T]:
     return [topic.decode(message) for message in file.messages.get(topic.topic, [])]
 
 

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from pepper_driver.backends.log_file import LogFile, decode_records, read_records
+from pepper_driver.backends.log_file import RawLog, decode_records, read_records
 from pepper_driver.config.file_lock import lock_file
 from pepper_driver.config.files import OutputError, make_folder, replacing
 from pepper_driver.log.reader import usual_layout
 from pepper_driver.log.writer import McapFile
 
 
-def repair_log(path: Path, out: Path, *, force: bool = False) -> LogFile:
+def repair_log(path: Path, out: Path, *, force: bool = False) -> RawLog:
     """Write all that is intact of a log as a log that every program reads: with index, end, and no damaged bytes.
 
     Its messages are the same, bit for bit. What is missing stays known: ``read_log`` says it of the new log too.

@@ -16,7 +16,7 @@ from pepper_driver.config import PlantConfig, load_plant, load_robot
 from pepper_driver.config.arrays import FloatArray
 from pepper_driver.config.plant_parts import (
     Battery,
-    Body,
+    BodyParameters,
     FrictionParameters,
     GapFriction,
     TouchingFriction,
@@ -103,7 +103,7 @@ def plain(**changes: Any) -> PlantConfig:
         ),
         heat=replace(plant.heat, start=plant.heat.reference, copper=0.0, magnet=0.0, grease=0.0),
         flexibilities=(),
-        body=Body(masses={}, coms={}, payloads=()),
+        body=BodyParameters(masses={}, coms={}, payloads=()),
         actuators=tuple(drives),
     )
 

@@ -16,7 +16,7 @@ import numpy as np
 
 from pepper_driver.backends.fields import Measurement
 from pepper_driver.backends.naoqi.connection import Connection
-from pepper_driver.backends.naoqi.dcm_channel import Link
+from pepper_driver.backends.naoqi.dcm_channel import DcmChannel
 from pepper_driver.backends.naoqi.memory_keys import Alias, SensorKeys, actuator_keys
 from pepper_driver.backends.naoqi.timing import shown
 from pepper_driver.backends.naoqi_server.dcm import Dcm, UpdateType
@@ -301,9 +301,9 @@ class VirtualRobot:
         return self._ask("moveIsActive", lambda: self.drives)
 
 
-def link_with(robot: VirtualRobot, settings: NaoqiSettings = SETTINGS) -> Link:
+def link_with(robot: VirtualRobot, settings: NaoqiSettings = SETTINGS) -> DcmChannel:
     """The client's end of it."""
-    return Link(cast(Connection, robot), ROBOT, settings, 3, now=robot.now)
+    return DcmChannel(cast(Connection, robot), ROBOT, settings, 3, now=robot.now)
 
 
 class VirtualLoop:

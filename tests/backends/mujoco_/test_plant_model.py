@@ -11,7 +11,7 @@ import pytest
 from pepper_driver.backends.mujoco_.plant_model import build_model
 from pepper_driver.config import PlantConfig, load_plant
 from pepper_driver.config.arrays import FloatArray
-from pepper_driver.config.plant_parts import Body, Payload
+from pepper_driver.config.plant_parts import BodyParameters, Payload
 from pepper_driver.controller import RobotModel
 from support.plant import INDEX, ONE, ROBOT, STAND, hold, plain, standing
 
@@ -84,7 +84,7 @@ def test_a_payload_weighs_on_the_joints_at_its_place(link: str) -> None:
     """MuJoCo's gravity torques, against Pinocchio with the same ball on the same link."""
     mass, radius, xyz = 0.5, 0.035, (0.08, -0.02, -0.03)
     ball = Payload(link=link, mass=mass, radius=radius, xyz=xyz)
-    laden = replace(plain(), body=Body(masses={}, coms={}, payloads=(ball,)))
+    laden = replace(plain(), body=BodyParameters(masses={}, coms={}, payloads=(ball,)))
     bare, more = RobotModel(ROBOT), RobotModel(ROBOT)
     frame = more.pin.frames[more.frame_id(link)]
     inertia = pin.Inertia(mass, np.array(xyz), 0.4 * mass * radius**2 * np.eye(3))
@@ -114,7 +114,7 @@ def test_a_payload_has_the_inertia_of_a_ball_about_its_own_middle() -> None:
     """About the axis of the wrist, one more of m d^2 + 2/5 m r^2."""
     mass, radius, xyz = 0.5, 0.04, (0.08, 0.05, -0.03)
     ball = Payload(link="l_wrist", mass=mass, radius=radius, xyz=xyz)
-    laden = replace(plain(), body=Body(masses={}, coms={}, payloads=(ball,)))
+    laden = replace(plain(), body=BodyParameters(masses={}, coms={}, payloads=(ball,)))
     index = ROBOT.joint_index("LWristYaw")
     axis = np.array(ROBOT.joints[index].axis)
     distance = np.linalg.norm(np.cross(axis, xyz))

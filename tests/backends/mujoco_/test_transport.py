@@ -8,7 +8,7 @@ import pytest
 
 from pepper_driver.backends import Command
 from pepper_driver.backends.mujoco_ import MujocoBackend
-from pepper_driver.backends.mujoco_.sensors import CommandLine, CurrentSensors, Encoders
+from pepper_driver.backends.mujoco_.sensors import CommandDelayLine, CurrentSensors, Encoders
 from pepper_driver.config import PlantConfig
 from pepper_driver.config.arrays import FloatArray
 from support.plant import ROBOT, N, plain
@@ -135,7 +135,7 @@ def test_the_current_is_low_passed_absolute_and_counted() -> None:
 
 
 def test_commands_wait_in_line() -> None:
-    line = CommandLine(transported(command_delay=2))
+    line = CommandDelayLine(transported(command_delay=2))
     line.reset(np.full(N, -1.0))
     arrived = [line.send(np.full(N, float(n)))[0] for n in range(6)]
     assert arrived == [-1.0, -1.0, 0.0, 1.0, 2.0, 3.0]

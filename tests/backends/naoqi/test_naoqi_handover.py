@@ -10,7 +10,7 @@ import pytest
 
 from pepper_driver.backends.interface import BackendError
 from pepper_driver.backends.naoqi import handover
-from pepper_driver.backends.naoqi.dcm_channel import Link
+from pepper_driver.backends.naoqi.dcm_channel import DcmChannel
 from pepper_driver.backends.naoqi.memory_keys import Alias
 from pepper_driver.config import load_safety_settings
 from support.virtual_robot import ROBOT, SETTINGS, VirtualRobot, link_with
@@ -32,11 +32,13 @@ def robot(monkeypatch: pytest.MonkeyPatch) -> VirtualRobot:
 
 
 @pytest.fixture
-def link(robot: VirtualRobot) -> Link:
+def link(robot: VirtualRobot) -> DcmChannel:
     return link_with(robot)
 
 
-def test_joints_and_wheels_get_stiff_and_nothing_moves(robot: VirtualRobot, link: Link) -> None:
+def test_joints_and_wheels_get_stiff_and_nothing_moves(
+    robot: VirtualRobot, link: DcmChannel
+) -> None:
     """The wheels as well, though each tick already has two commands on their way, and no more are allowed."""
     stands = ROBOT.posture("Stand")
     hold, measurement = handover.ramp_up(link, ROBOT, SETTINGS, SAFETY, lambda: None)
@@ -50,7 +52,9 @@ def test_joints_and_wheels_get_stiff_and_nothing_moves(robot: VirtualRobot, link
         assert not wheels.any()
 
 
-def test_the_first_sample_that_counts_is_of_the_last_cycle(robot: VirtualRobot, link: Link) -> None:
+def test_the_first_sample_that_counts_is_of_the_last_cycle(
+    robot: VirtualRobot, link: DcmChannel
+) -> None:
     """Taking the robot over lasted for seconds: the posture held is the one measured after it."""
     robot.pass_time(robot.time + 3000.0)
     robot.order(
@@ -65,7 +69,7 @@ def test_the_first_sample_that_counts_is_of_the_last_cycle(robot: VirtualRobot, 
 
 
 def test_wheels_that_cannot_be_switched_on_are_an_error(
-    robot: VirtualRobot, link: Link, monkeypatch: pytest.MonkeyPatch
+    robot: VirtualRobot, link: DcmChannel, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     send = robot.setAlias
 
@@ -79,7 +83,9 @@ def test_wheels_that_cannot_be_switched_on_are_an_error(
         handover.ramp_up(link, ROBOT, SETTINGS, SAFETY, lambda: None)
 
 
-def test_a_robot_that_falls_silent_gets_no_more_stiffness(robot: VirtualRobot, link: Link) -> None:
+def test_a_robot_that_falls_silent_gets_no_more_stiffness(
+    robot: VirtualRobot, link: DcmChannel
+) -> None:
     looks: list[float] = []
 
     def look() -> None:
@@ -97,7 +103,7 @@ LEGS = [ROBOT.joint_index(name) for name in ROBOT.chains["legs"]]
 
 @pytest.mark.parametrize("begins", [None, "before", "meanwhile"])
 def test_legs_are_led_back_unless_another_program_moves_them(
-    robot: VirtualRobot, link: Link, begins: str | None
+    robot: VirtualRobot, link: DcmChannel, begins: str | None
 ) -> None:
     """As one that sends the robot to rest: two would fight for them."""
     hold, _ = handover.ramp_up(link, ROBOT, SETTINGS, SAFETY, lambda: None)
@@ -115,7 +121,7 @@ def test_legs_are_led_back_unless_another_program_moves_them(
         link.exchange(hold + (bowed - hold) * min(tick / 100, 1.0), np.ones(17), np.zeros(3))
     if begins == "meanwhile":
         robot._plan(robot.time + 500.0, others_move_legs)
-    assert handover.let_go(link, ROBOT, SETTINGS, SAFETY, hold)
+    assert handover.release_robot(link, ROBOT, SETTINGS, SAFETY, hold)
     left = robot.commanded[max(robot.commanded)][0][LEGS]
     if begins is None:
         np.testing.assert_allclose(left, hold[LEGS], atol=1e-6)
@@ -126,10 +132,10 @@ def test_legs_are_led_back_unless_another_program_moves_them(
 
 
 def test_a_robot_that_is_silent_in_the_end_is_not_waited_for(
-    robot: VirtualRobot, link: Link
+    robot: VirtualRobot, link: DcmChannel
 ) -> None:
     handover.ramp_up(link, ROBOT, SETTINGS, SAFETY, lambda: None)
     hung = robot.time
     robot.hang(hung + 10_000.0)
-    assert not handover.let_go(link, ROBOT, SETTINGS, SAFETY, np.full(17, np.nan))
+    assert not handover.release_robot(link, ROBOT, SETTINGS, SAFETY, np.full(17, np.nan))
     assert robot.time - hung < 200.0, "[ms]"

@@ -25,8 +25,12 @@ HOUR = 3600.0
         (9, 0.127, 0.090, 0.024, 0.036),
     ],
 )
-def test_ages(late: int, since: float, silence: float, watched: float, age: float) -> None:
-    found = sample_age(late, since=since, silence=silence, watched=watched, cycle=CYCLE)
+def test_ages(
+    late: int, since: float, unacknowledged_time: float, watched: float, age: float
+) -> None:
+    found = sample_age(
+        late, since=since, unacknowledged_time=unacknowledged_time, watched=watched, cycle=CYCLE
+    )
     assert found == pytest.approx(age)
 
 
@@ -43,7 +47,9 @@ def test_a_robot_that_falls_silent_is_held_first_and_stopped_100_ms_after_its_la
 ) -> None:
     """The gate looks once a cycle; the last sample was taken in tick 0."""
     ages = [
-        sample_age(tick, since=CYCLE * tick + phase, silence=0.0, watched=HOUR, cycle=CYCLE)
+        sample_age(
+            tick, since=CYCLE * tick + phase, unacknowledged_time=0.0, watched=HOUR, cycle=CYCLE
+        )
         for tick in range(12)
     ]
     held = next(tick for tick, age in enumerate(ages) if age > 0.080)
@@ -54,5 +60,5 @@ def test_a_robot_that_falls_silent_is_held_first_and_stopped_100_ms_after_its_la
 
 @given(late=st.integers(0, MAX_COUNTED), phase=REQUESTED | UNREQUESTED)
 def test_as_long_as_the_observer_counts_ages_are_whole_cycles(late: int, phase: float) -> None:
-    age = sample_age(late, phase + late * CYCLE, silence=0.0, watched=HOUR, cycle=CYCLE)
+    age = sample_age(late, phase + late * CYCLE, unacknowledged_time=0.0, watched=HOUR, cycle=CYCLE)
     assert age / CYCLE == pytest.approx(late)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from pepper_driver.backends import BackendError, Measurement
-from pepper_driver.backends.naoqi.angles import AnglesLink
+from pepper_driver.backends.naoqi.angles import AnglesChannel
 from pepper_driver.backends.naoqi.connection import Connection, connect
 from pepper_driver.backends.naoqi.memory_keys import SensorKeys
 from pepper_driver.config import load_naoqi_settings
@@ -35,11 +35,11 @@ def connection(fake: FakeRobot) -> Iterator[Connection]:
     connection.close()
 
 
-def made(connection: Connection) -> AnglesLink:
-    return AnglesLink(connection, ROBOT, SensorKeys(ROBOT, complete=False), ANGLES)
+def made(connection: Connection) -> AnglesChannel:
+    return AnglesChannel(connection, ROBOT, SensorKeys(ROBOT, complete=False), ANGLES)
 
 
-def ticks(link: AnglesLink, count: int, stiffness: float = 1.0) -> list[Measurement]:
+def ticks(link: AnglesChannel, count: int, stiffness: float = 1.0) -> list[Measurement]:
     """Measurements of ticks in real time."""
     measured, due = [], time.monotonic()
     for _ in range(count):

@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pepper_driver.backends.naoqi.memory_keys import Values
-from pepper_driver.backends.naoqi.timing import Playout
+from pepper_driver.backends.naoqi.timing import JitterBuffer
 
 SOONER_OR_LATER = 20
 """[ticks] between two counts anew, at least on average."""
@@ -19,15 +19,15 @@ def sample(cycle: int) -> Values:
 
 def play(arrivals: list[list[int]], elapsed: list[float] | None = None) -> list[tuple[int, int]]:
     """(cycle, cycle of the sample) of each tick, before which samples of these cycles arrive."""
-    playout, newest, found = Playout(12.0, sample(0)), 0, []
+    buffer, newest, found = JitterBuffer(12.0, sample(0)), 0, []
     for tick, cycles in enumerate(arrivals):
         for cycle in cycles:
-            playout.add(cycle, sample(cycle))
+            buffer.add(cycle, sample(cycle))
             newest = cycle
         # Ticks begin 19 ms after the cycle that they are of.
-        playout.step(12.0 if elapsed is None else elapsed[tick], 12.0 * (tick + 1 - newest) + 19.0)
-        assert playout.late == playout.cycle - cast("int", playout.sample)
-        found.append((playout.cycle, cast("int", playout.sample)))
+        buffer.step(12.0 if elapsed is None else elapsed[tick], 12.0 * (tick + 1 - newest) + 19.0)
+        assert buffer.late == buffer.cycle - cast("int", buffer.sample)
+        found.append((buffer.cycle, cast("int", buffer.sample)))
     return found
 
 
@@ -58,10 +58,10 @@ def test_what_comes_late_or_early_for_long_is_usual() -> None:
 
 
 def test_ticks_without_pauses_do_not_run_ahead_of_the_robot() -> None:
-    playout = Playout(12.0, sample(0))
+    buffer = JitterBuffer(12.0, sample(0))
     for _ in range(100):
-        playout.step(0.01, 5.0)
-        assert playout.late <= 1
+        buffer.step(0.01, 5.0)
+        assert buffer.late <= 1
 
 
 @given(delays=st.lists(st.sampled_from([0, 0, 0, 0, 0, 0, 0, -1, 1, 2, 6, None]), max_size=300))

@@ -40,7 +40,7 @@ class Entry:
         self.near: tuple[int, ...] = ()
 
 
-class Tally(Resumable):
+class ContactAccumulator(Resumable):
     """All contacts of a cycle. Its state is what the last cycle came to.
 
     Attributes:
