@@ -173,6 +173,7 @@ def score(
         if not own and not carried:
             (repeated if continues else false).append(contact)
             continue
+        # Of pushes that overlap in time, the latest counts.
         number = (own or carried)[-1]
         in_time = time <= pushes[number].release + RELEASE_GRACE
         if contact.kind == "rebound" or not in_time:

@@ -126,6 +126,7 @@ class PostureTask(Task):
                 lower=lower,
                 upper=upper,
             )
+        # The tolerance is for rounding only: the target itself must be within its limits.
         inside: FloatArray = np.clip(posture, self._lower, self._upper)
         return inside
 

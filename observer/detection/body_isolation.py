@@ -136,7 +136,7 @@ class BodyTracker:
     def step(
         self,
         time: float,
-        signal: Residuals,
+        residuals: Residuals,
         state: list[JointState],
         settled: list[bool],
     ) -> list[Contact]:
@@ -144,16 +144,19 @@ class BodyTracker:
 
         Args:
             time: Clock of the robot [s], not decreasing.
-            signal: Residuals, thresholds and torques.
+            residuals: Residuals, thresholds and torques.
             state: (17,) entries are set.
             settled: (17,) entries are set where a contact has ended.
 
         Returns:
             Events in their order.
         """
-        self._signal = signal
-        residual = [*signal.residual.tolist(), signal.base_residual]
-        threshold, band = [*signal.threshold.tolist(), 1.0], [*signal.friction_band.tolist(), 0.0]
+        self._residuals = residuals
+        residual = [*residuals.residual.tolist(), residuals.base_residual]
+        threshold, band = (
+            [*residuals.threshold.tolist(), 1.0],
+            [*residuals.friction_band.tolist(), 0.0],
+        )
         states, ended = [*state, JointState.BLIND], [*settled, False]
         for limb in self._limbs.values():
             ratios = []
@@ -241,8 +244,8 @@ class BodyTracker:
     def _torque(self, contact: BodyContact) -> tuple[float | None, float | None]:
         """Return torque on the joint and its standard deviation [N m], both None if unknown."""
         if contact.joint is not None:
-            torque = float(self._signal.torque[contact.joint])
-            std = float(self._signal.torque_std[contact.joint])
+            torque = float(self._residuals.torque[contact.joint])
+            std = float(self._residuals.torque_std[contact.joint])
             if torque == torque and std == std:  # not NaN
                 return torque, std
         return None, None

@@ -106,6 +106,7 @@ class Adaptation:
         free = free & np.isfinite(scale)
         gain = np.where(free[:, None], seen / scale[:, None], 0.0)
         self.deviation += gain * np.where(free, residual, 0.0)[:, None]
+        # A long touch that looks like free motion must not make a model useless.
         np.clip(self.deviation, -3.0 * self._prior, 3.0 * self._prior, out=self.deviation)
         self._covariance -= gain[:, :, None] * seen[:, None, :]
         self._covariance += self._process_noise
@@ -230,6 +231,7 @@ class HandLoads:
         """
         noise = noise + self._gain**2 * self._unpredicted()
         use = use & np.isfinite(noise)
+        # In information form: one inversion of a small matrix takes in all joints at once.
         effect = self._regressor * np.where(use, self._gain, 0.0)[:, None]
         weighted = effect.T / np.where(use, self._noise + noise, 1.0)
         self._covariance = np.linalg.inv(np.linalg.inv(self._covariance) + weighted @ effect)

@@ -85,6 +85,7 @@ class PaperGenerator(StaticGeneratorMixin):
                 math.nan if predict is None else predict(velocity, acceleration, load_torque)
                 for predict, velocity, acceleration, load_torque in zip(
                     self._predict,
+                    # Python floats: the trees compare them faster than NumPy scalars.
                     reference.velocity.tolist(),
                     reference.acceleration.tolist(),
                     reference.load_torque.tolist(),

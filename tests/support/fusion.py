@@ -95,7 +95,7 @@ def fusion_observer(
     return ContactObserver(ROBOT, fusion_set(model, base), replace(SETTINGS, adapt=adapt))
 
 
-def fusion_signal(
+def fusion_generator(
     model: FusionModel = MODEL, *, adapt: bool = False, hands: HandLoads | None = None
 ) -> FusionGenerator:
     return FusionGenerator(

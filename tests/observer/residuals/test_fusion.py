@@ -42,10 +42,10 @@ from support.fusion import (
     check_lives,
     constant_tree,
     drive,
+    fusion_generator,
     fusion_model,
     fusion_observer,
     fusion_set,
-    fusion_signal,
     play,
     push_profile,
     standing,
@@ -416,7 +416,7 @@ def test_a_joint_with_larger_residuals_today_gets_a_wider_threshold() -> None:
     rough = drive(motion, replace(STICK_SLIP, friction=0.016))
     model = fusion_model(weight=(1.0, 1.0), spread=(0.02, 0.02), bound=constant_tree(0.004))
     free, nothing = np.ones(JOINTS, dtype=np.bool_), np.zeros(JOINTS, dtype=np.bool_)
-    signal = fusion_signal(model, adapt=True)
+    signal = fusion_generator(model, adapt=True)
     rows = []
     for one in ticks_of(motion, rough):
         seen = signal.step(one)
@@ -434,7 +434,7 @@ def test_a_joint_with_larger_residuals_today_gets_a_wider_threshold() -> None:
 
 def test_thresholds_begin_wide_and_come_down_in_free_motion() -> None:
     motion = swing(40.0)
-    signals = play(fusion_signal(adapt=True), ticks_of(motion, drive(motion)))
+    signals = play(fusion_generator(adapt=True), ticks_of(motion, drive(motion)))
     threshold = np.array([one.threshold[ELBOW] for one in signals])
     assert threshold[0] >= START_FACTOR * BOUND
     assert threshold[-50:].min() >= BOUND
@@ -444,7 +444,7 @@ def test_thresholds_begin_wide_and_come_down_in_free_motion() -> None:
 def test_thresholds_stay_wide_while_something_touches_the_robot() -> None:
     """Even on joints that do not detect it."""
     motion = swing(20.0)
-    signal = fusion_signal(adapt=True)
+    signal = fusion_generator(adapt=True)
     free, nothing = np.ones(JOINTS, dtype=np.bool_), np.zeros(JOINTS, dtype=np.bool_)
     free[HEAD] = False
     for one in ticks_of(motion, drive(motion)):
@@ -466,7 +466,7 @@ def test_models_follow_a_joint_that_has_changed(changes: dict[str, float]) -> No
     model = fusion_model(weight=(1.0, 1.0))
 
     def sizes(adapt: bool) -> FloatArray:
-        signals = play(fusion_signal(model, adapt=adapt), made)
+        signals = play(fusion_generator(model, adapt=adapt), made)
         residual = np.array([one.residual[ELBOW] for one in signals])
         quarter = len(residual) // 4
         parts = (residual[:quarter], residual[-quarter:])
@@ -505,12 +505,12 @@ def test_the_model_of_a_joint_at_rest_moves_to_where_it_rests() -> None:
     motion = standing(8.0)
     crept = np.where(np.arange(len(motion)) < 100, 0.0, 0.007)
     driven = Driven(position=crept, motor=np.zeros(len(motion)))
-    signals = play(fusion_signal(fusion_model(weight=(1.0, 1.0))), ticks_of(motion, driven))
+    signals = play(fusion_generator(fusion_model(weight=(1.0, 1.0))), ticks_of(motion, driven))
     residual = np.array([one.residual[ELBOW] for one in signals])
     assert np.abs(residual).max() > 0.006
     assert np.abs(residual[-1]) < 0.001
     # A joint that is touched is not one of them.
-    touched = fusion_signal(fusion_model(weight=(1.0, 1.0)))
+    touched = fusion_generator(fusion_model(weight=(1.0, 1.0)))
     free, nothing = np.ones(JOINTS, dtype=np.bool_), np.zeros(JOINTS, dtype=np.bool_)
     free[ELBOW] = False
     for one in ticks_of(motion, driven):

@@ -16,9 +16,9 @@ from support.fusion import (
     MODEL,
     STICK_SLIP,
     drive,
+    fusion_generator,
     fusion_model,
     fusion_observer,
-    fusion_signal,
     standing,
     swing,
     ticks_of,
@@ -72,7 +72,7 @@ def test_a_board_keeps_what_it_has_summed_up_while_its_joint_cannot_be_judged() 
     model = fusion_model(replace(STICK_SLIP, integral_rate=2.0))
     motion = standing(6.0, load=4.0)
     made = ticks_of(motion, drive(motion, model.twin, start=0.0))
-    signal = fusion_signal(model, adapt=True)
+    signal = fusion_generator(model, adapt=True)
     free, nothing = np.ones(JOINTS, dtype=np.bool_), np.zeros(JOINTS, dtype=np.bool_)
     after = []
     for k, one in enumerate(made):
@@ -90,7 +90,7 @@ def test_boards_that_integrate_are_given_time_to_release(integral_rate: float) -
     """They push against a touch for a while after it has ended; their thresholds fall in two seconds."""
     model = fusion_model(replace(STICK_SLIP, integral_rate=integral_rate))
     motion = standing(8.0)
-    signal = fusion_signal(model, adapt=True)
+    signal = fusion_generator(model, adapt=True)
     free, nothing = np.ones(JOINTS, dtype=np.bool_), np.zeros(JOINTS, dtype=np.bool_)
     thresholds = []
     for k, one in enumerate(ticks_of(motion, drive(motion, model.twin))):

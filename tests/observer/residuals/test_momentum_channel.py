@@ -13,7 +13,11 @@ from hypothesis import strategies as st
 from pepper_driver.config import PepperError
 from pepper_driver.config.arrays import FloatArray
 from pepper_driver.observer.models.fusion_model import MomentumError, MomentumParameters
-from pepper_driver.observer.residuals.momentum import SMOOTHING, ErrorDerivatives, MomentumChannel
+from pepper_driver.observer.residuals.momentum import (
+    SMOOTHING_TIME,
+    ErrorDerivatives,
+    MomentumChannel,
+)
 from support.observer import CYCLE
 
 CURRENT = MomentumParameters(
@@ -135,8 +139,8 @@ def test_a_step_is_forgotten_with_the_time_of_the_filter() -> None:
     velocity, _ = derivatives(np.where(np.arange(60) < 5, 0.0, 0.01))
     after = velocity[5:]
     assert after[0] == velocity.max() > 0
-    k = round(3 * SMOOTHING / CYCLE)
-    assert after[k] / after[0] == pytest.approx(np.exp(-k * CYCLE / SMOOTHING), rel=0.01)
+    k = round(3 * SMOOTHING_TIME / CYCLE)
+    assert after[k] / after[0] == pytest.approx(np.exp(-k * CYCLE / SMOOTHING_TIME), rel=0.01)
 
 
 def test_reset_forgets() -> None:
