@@ -82,9 +82,10 @@ class _Limb:
 class BodyTracker:
     """Tracker of contacts on the whole body: one at a time on each limb, and one on the trunk.
 
-    - On a limb, a contact is on the last joint whose ratio of residual and threshold has exceeded 1 and RELATIVE_RATIO
-      of the limb's largest, within the last RATIO_MEMORY ticks: joints beyond the contact are shaken, but less. The
-      joint is determined at the detection and again REISOLATION_TIMES later. Then it changes only if it becomes blind.
+    - On a limb, a contact is on the last joint whose largest ratio of residual and threshold exceeds 1 and
+      RELATIVE_RATIO of the limb's largest. The last RATIO_MEMORY ticks count. Joints beyond the contact are shaken, but
+      less. The joint is determined at the detection and again REISOLATION_TIMES later. Then it changes only if it
+      becomes blind.
     - The trunk carries the limbs. Residuals of its joints belong to the contact on a limb if that contact exists now or
       existed when they began.
     - A contact that begins on the trunk is reported TRUNK_REPORT_DELAY later. If a limb detects it until then, it is

@@ -1,9 +1,9 @@
 """Adaptation in a session: constants of each joint, and the loads of the hands.
 
-A body in a hand adds to the load torque of every joint between it and the wheels, in proportion to its mass m and its
-first moment m c: tau = Y (m, m c_x, m c_y, m c_z), with Y from inverse dynamics of the desired motion. There is one
-estimate per arm. It is better than a factor on the load of each joint: a wrist has hardly any load of its own, and the
-shoulder learns from the elbow. The inertia about the wrist, m c^2, is neglected.
+A body in a hand adds to the load torque of every joint between it and the wheels. The torque is linear in its mass m
+and its first moment m c: tau = Y (m, m c_x, m c_y, m c_z), with Y from inverse dynamics of the desired motion. There is
+one estimate per arm. It is better than a factor on the load of each joint: a wrist has hardly any load of its own, and
+the shoulder learns from the elbow. The inertia about the wrist, m c^2, is neglected.
 """
 
 from __future__ import annotations

@@ -111,12 +111,14 @@ class FusionGenerator:
 
     A joint is blind
 
-    - as long as it has no model;
-    - in a tick whose stiffness is below MIN_OBSERVED_STIFFNESS, whose sample is later than MAX_LATE_TICKS, or whose
-      values are not finite, and until the median window has none of these samples. Its model then starts from the
-      measured position.
+    - if it has no model;
+    - if its stiffness is below MIN_OBSERVED_STIFFNESS;
+    - if its sample is later than MAX_LATE_TICKS;
+    - if a value is not finite.
 
-    While the safety gate alters the command of a joint, and shortly after, its threshold rises by CHANGED_FACTOR.
+    It stays blind until the median window has none of these samples. Its model then starts from the measured position.
+
+    While the safety gate alters the command of a joint, and shortly after, its threshold rises by LIMITED_FACTOR.
 
     Args:
         models: By joint, None for those without.

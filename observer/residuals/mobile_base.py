@@ -1,7 +1,7 @@
 """Expected and measured motion of the wheels: contacts on the base, and on a stiff trunk.
 
-The speed controllers of the wheels respond nearly linearly to their set-points, and the base responds nearly linearly
-to the motion of the limbs. A finite impulse response predicts the measured twist from the commanded wheel speeds and
+The speed controllers of the wheels are nearly linear, and so is the response of the base to the motion of the limbs. A
+finite impulse response predicts the measured twist from the commanded wheel speeds and
 the load on the legs.
 """
 
