@@ -56,6 +56,7 @@ class Changes:
         if group is not None:
             group.append(change)
             return
+        # Append and pop of a deque are atomic, so no second lock is required.
         self._waiting.append(None)
         try:
             with self._lock:

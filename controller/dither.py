@@ -102,5 +102,6 @@ class Dither:
         self.position = self._amplitude * envelope * sine
         self.velocity = self._amplitude * (slope * sine + envelope * self._rate * cosine)
         if not self.enabled and not np.count_nonzero(level):
+            # The next oscillation must start at sine 0, without a step.
             self._cycle = 0
         return Superposition(position, velocity, (self.velocity - velocity) / dt)

@@ -195,6 +195,7 @@ class RobotModel:
         """Return a copy of ``q`` with the base at (3,) x [m], y [m], heading [rad] in the world."""
         changed = q.copy()
         changed[0], changed[1] = pose[0], pose[1]
+        # Pinocchio stores the heading of a planar joint as cosine and sine.
         changed[2], changed[3] = np.cos(pose[2]), np.sin(pose[2])
         return changed
 

@@ -149,8 +149,8 @@ class QuadraticProgram:
     ) -> QpResult:
         """Minimise the cost within the acceleration bounds and the rows.
 
-        Rows that exclude each other are relaxed: first those of the lowest priority may be violated at a high cost,
-        then also those of the next, until there is a solution. The acceleration bounds are never violated.
+        Rows that exclude each other are relaxed: first those of the lowest priority may be violated at a high cost.
+        Those of the next follow, until there is a solution. The acceleration bounds are never violated.
 
         Args:
             solver: Solver of the first attempt.

@@ -78,6 +78,7 @@ class SupportPolygon:
         return max(0.0, *ratios)
 
 
+# Pinocchio reads the URDF again for each model.
 @lru_cache(maxsize=8)
 def _cached(urdf: Path, joint_names: tuple[str, ...], wheels: Wheels) -> SupportPolygon:
     return SupportPolygon(urdf, joint_names, wheels)

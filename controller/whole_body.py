@@ -54,7 +54,7 @@ class WholeBodyController:
 
     In each cycle the costs of the tasks are minimised over the accelerations within their bounds and the rows of the
     constraints. The accelerations are integrated, q+ = q + v dt + a dt^2 / 2 and v+ = v + a dt. With ``feedback: none``
-    no measurement enters the state of the controller, so the tracking error keeps the whole effect of a touch, as in
+    no measurement enters the state of the controller. The tracking error then keeps the whole effect of a touch, as in
     the paper. With ``feedback: joints`` tasks and constraints are evaluated at the smoothed measured position, and the
     accelerations are still integrated on the controller's own state.
 
@@ -309,8 +309,8 @@ class WholeBodyController:
     ) -> Reference:
         """Solve and integrate one cycle.
 
-        It never raises because of tasks or constraints: rows that exclude each other are relaxed in the order of their
-        priorities, and without a solution the robot brakes to rest within the limits.
+        It never raises because of tasks or constraints. Rows that exclude each other are relaxed in the order of their
+        priorities. Without a solution the robot brakes to rest within the limits.
 
         Args:
             measurement: Measurement of the robot, for odometry, and for tasks with ``feedback: joints``.

@@ -57,7 +57,7 @@ class Tracker(Protocol):
     def step(
         self,
         time: float,
-        signal: Residuals,
+        residuals: Residuals,
         state: list[JointState],
         settled: list[bool],
     ) -> Sequence[Contact]:
@@ -98,7 +98,7 @@ class ContactObserver(Observer):
         models.check_robot(robot)
         self._models, self._robot, self._settings = models, robot, settings
         self._mode = "paper" if models.kind != "fusion" else "momentum" if momentum else "fusion"
-        self._generator, window = _generator(self._mode, robot, models, settings)
+        self._generator, window = _make_generator(self._mode, robot, models, settings)
         lookback = math.ceil(ONSET_LOOKBACK / robot.cycle)
         self._history = ResidualHistory(window, lookback, len(robot.joint_names))
         self._tracker: Tracker
@@ -139,6 +139,7 @@ class ContactObserver(Observer):
             "mode": self._mode,
             "models": f"{self._models.kind}, identified on {self._models.identity}",
             "models_sha256": self._models.sha256(),
+            # Sorted, so that equal settings give equal text.
             "settings": json.dumps(asdict(self._settings), sort_keys=True),
         }
 
@@ -180,45 +181,45 @@ class ContactObserver(Observer):
         # Events must stay in order when the clock of the robot jumps back, or is NaN after a lost connection.
         if tick.measurement.time > self._time:
             self._time = tick.measurement.time
-        signal = self._generator.step(tick)
-        self._history.append(self._time, signal.raw, signal.base_raw)
-        contacts, state, free, settled = self._events(signal)
-        self._generator.learn(signal, free, settled, self._tracker.idle)
+        residuals = self._generator.step(tick)
+        self._history.append(self._time, residuals.raw, residuals.base_raw)
+        contacts, state, free, settled = self._events(residuals)
+        self._generator.learn(residuals, free, settled, self._tracker.idle)
         self._ticks += 1
         if self._ticks % WEAR_PERIOD == 0:
             self._check_wear()
         return Observation(
             contacts=tuple(contacts),
-            expected=signal.expected,
-            residual=signal.residual,
-            threshold=signal.threshold,
-            torque=signal.torque,
-            torque_std=signal.torque_std,
+            expected=residuals.expected,
+            residual=residuals.residual,
+            threshold=residuals.threshold,
+            torque=residuals.torque,
+            torque_std=residuals.torque_std,
             state=state,
         )
 
     def _events(
-        self, signal: Residuals
+        self, residuals: Residuals
     ) -> tuple[Sequence[Contact], NDArray[np.int8], BoolArray, BoolArray]:
         """Return the events of this tick; (n,) states; joints without touch; joints that were just released."""
         no_model = self._generator.no_model
         # NaN compares as False: a blind joint counts as not within its threshold.
-        within = np.count_nonzero(np.abs(signal.residual) <= signal.threshold)
-        quiet = within == self._known_count and not abs(signal.base_residual) > 1.0
+        within = np.count_nonzero(np.abs(residuals.residual) <= residuals.threshold)
+        quiet = within == self._known_count and not abs(residuals.base_residual) > 1.0
         # Most ticks end here, which saves the state machines of all joints.
         if quiet and self._tracker.idle:
             return (), self._resting_state.copy(), self._known, self._none_settled
         n = len(no_model)
         states, settled = [JointState.BLIND] * n, [False] * n
-        contacts = self._tracker.step(self._time, signal, states, settled)
+        contacts = self._tracker.step(self._time, residuals, states, settled)
         state = np.array(states, dtype=np.int8)
         return contacts, state, state == JointState.FREE, np.array(settled)
 
 
-def _generator(
+def _make_generator(
     mode: str, robot: RobotConfig, models: ModelSet, settings: ObserverSettings
 ) -> tuple[ResidualGenerator, int]:
-    """Return the residual generator for the models, and the window of its filter."""
+    """Make the residual generator for the models, and the window of its filter."""
     of_joint = [models.models.get(name) for name in robot.joint_names]
     fusion = [model if isinstance(model, FusionModel) else None for model in of_joint]
     if mode == "momentum":
@@ -231,7 +232,7 @@ def _generator(
         base = None
         if models.base is not None:
             base = BaseGenerator(models.base, robot, window, adapt=adapt)
-        signal = FusionGenerator(
+        generator = FusionGenerator(
             fusion,
             robot.cycle,
             window=window,
@@ -239,7 +240,7 @@ def _generator(
             hands=HandLoads(robot, fusion) if adapt else None,
             base=base,
         )
-        return signal, window
+        return generator, window
     trees = [model if isinstance(model, CartTree | AffineTree) else None for model in of_joint]
     threshold = np.array(
         [settings.threshold or models.threshold.get(name, np.nan) for name in robot.joint_names]

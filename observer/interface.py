@@ -96,7 +96,7 @@ class Observation:
     Attributes:
         contacts: Events of this tick.
         expected: (17,) expected tracking error eps_exp [rad], Eq. 12.
-        residual: (17,) filtered contact observer signal r = eps - eps_exp [rad], Eq. 13.
+        residual: (17,) filtered residual r = eps - eps_exp [rad], Eq. 13.
         threshold: (17,) bound that ``residual`` is compared with [rad].
         torque: (17,) external torque estimate [N m]; NaN where it is unknown.
         torque_std: (17,) its standard deviation [N m]; NaN where it is unknown.
@@ -183,7 +183,7 @@ class StaticGeneratorMixin:
         return {}
 
     def learn(
-        self, signal: Residuals, free: BoolArray, settled: BoolArray, untouched: bool
+        self, residuals: Residuals, free: BoolArray, settled: BoolArray, untouched: bool
     ) -> None:
         """Do nothing: the constants stay as they are."""
 
@@ -214,12 +214,12 @@ class ResidualGenerator(Protocol):
         ...
 
     def learn(
-        self, signal: Residuals, free: BoolArray, settled: BoolArray, untouched: bool
+        self, residuals: Residuals, free: BoolArray, settled: BoolArray, untouched: bool
     ) -> None:
         """Learn from a tick, once its events are known.
 
         Args:
-            signal: Result of :meth:`step` for it.
+            residuals: Result of :meth:`step` for it.
             free: (n,) joints without touch now and shortly before.
             settled: (n,) joints whose contact ended in this tick.
             untouched: True if no part of the robot is touched now or was shortly before.

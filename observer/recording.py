@@ -187,6 +187,7 @@ class Recording:
                 )
             if not np.isfinite(array).all():
                 self._refuse_not_finite(name, array)
+            # A view: the caller's own array stays writeable.
             array = array.view()
             array.flags.writeable = False
             object.__setattr__(self, name, array)
@@ -212,6 +213,7 @@ class Recording:
     @property
     def cycle(self) -> float:
         """Period of the ticks [s]."""
+        # The median ignores skipped ticks; rounding removes the error of the differences.
         return round(float(np.median(np.diff(self.time))), 6)
 
     def features(self, joint_index: int) -> FloatArray:
@@ -362,6 +364,7 @@ class RecordingBuilder:
         if row and tick.measurement.time == self._columns["time"][row - 1]:
             return
         if row == self._capacity:
+            # Doubling keeps the mean cost of an append constant.
             self._columns = {name: np.concatenate((a, a)) for name, a in self._columns.items()}
             self._capacity *= 2
         for name, column in self._columns.items():
@@ -375,5 +378,6 @@ class RecordingBuilder:
             RecordingError: See :class:`Recording`.
         """
         n = self._count
+        # Copies: the builder may continue to write, and a recording must not change.
         columns: dict[str, Any] = {name: a[:n].copy() for name, a in self._columns.items()}
         return Recording(joint_names=self._joint_names, **columns)

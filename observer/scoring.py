@@ -150,8 +150,8 @@ def score(
     - A push is detected when a contact begins between its onset and RELEASE_GRACE after its release, in any direction.
       The contact must be on the pushed limb, or an update in that time must move it there. Limbs are the arms, the
       head, and the trunk with legs and base.
-    - A contact on that limb that begins until REBOUND_TIME after the release belongs to the push too, as a rebound or
-      a repetition. So does one on the trunk, which carries the limb.
+    - A contact on that limb until REBOUND_TIME after the release belongs to the push too: a rebound or a repetition. So
+      does one on the trunk, which carries the limb.
     - Any other contact is false, unless it continues another on the same limb within RUN_GAP.
     """
     detected: dict[int, DetectedPush] = {}
@@ -173,6 +173,7 @@ def score(
         if not own and not carried:
             (repeated if continues else false).append(contact)
             continue
+        # Of pushes that overlap in time, the latest counts.
         number = (own or carried)[-1]
         in_time = time <= pushes[number].release + RELEASE_GRACE
         if contact.kind == "rebound" or not in_time:

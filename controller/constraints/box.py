@@ -158,6 +158,7 @@ class AccelerationBox:
     def binding(self, acceleration: FloatArray) -> tuple[tuple[str, str], ...]:
         """Return the active bounds of (20,) accelerations: name of joint or base axis, and its limit."""
         found = []
+        # The velocity limit applies at the end of the cycle.
         after = np.abs(self._v + acceleration * self._dt)
         jerk = np.abs(acceleration - self._before)
         for i, name in enumerate(self._names):

@@ -1,7 +1,7 @@
 """Base class of constraints, and the braking limits of the robot.
 
-Limits that joints share, h(q) <= 0, hold by braking distance, as those of single joints. A motion is allowed as long as
-the robot would satisfy them on the whole path to rest if each joint braked as its bounds allow. Braking is always
+Limits that joints share, h(q) <= 0, hold by braking distance, as those of single joints. A motion is allowed if
+the robot can brake to rest, each joint as its bounds allow, and satisfy them on the whole path. Braking is always
 within the bounds, so a robot that satisfies this now can satisfy it in the next cycle too.
 """
 

@@ -2,8 +2,8 @@
 
 An upper limit is phi <= f(theta), with f linear between the rows of a table. A lower limit is an upper one with the
 sign of the driven joint reversed. Each joint on its path to rest moves in one direction, but for different times. The
-path may therefore be anywhere in the rectangle between the present position and rest, and the whole rectangle must be
-in the region. With phi* the furthest position of the driven joint, theta+ the driver after this cycle and theta* the
+path may therefore be anywhere in the rectangle between the present position and rest. The whole rectangle must be in
+the region. With phi* the furthest position of the driven joint, theta+ the driver after this cycle and theta* the
 driver at rest, every cycle requires
 
     phi* <= f(theta+)  and  phi* <= f(theta*),
@@ -174,9 +174,9 @@ class CoupledPair:
 class CoupledLimits(Constraint):
     """Region of coupled joints between their common limits.
 
-    Joints that start outside return at a few hundredths of a radian per second, as with limits of single joints, or
-    faster if a task requests it. With ``jerk_limit`` set, joints cannot brake at once: rows may then be violated for
-    some cycles.
+    Joints that start outside return at a few hundredths of a radian per second, as with limits of single joints. They
+    return faster if a task requests it. With ``jerk_limit`` set, joints cannot brake at once: rows may then be violated
+    for some cycles.
 
     Args:
         robot: Description with the coupled limits.

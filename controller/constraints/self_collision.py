@@ -122,6 +122,7 @@ class SelfCollision(Constraint):
         self._braking_points = [
             (cycles, BrakingPath(brake, dt, cycles)) for cycles in CHECKED_CYCLES
         ]
+        # Rows must consider all accelerations within their limits, not only braking.
         self._acceleration = brake / BRAKE_RATIO
         self._reach = self._capsules.levers * self._acceleration
         self._prepared = braking_limits

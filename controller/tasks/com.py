@@ -103,6 +103,7 @@ def _in_base_link(
     """Return position, velocity and bias of a point in base_link, which moves with the twist of the model."""
     rotation = _rotation_world_to_base(model)
     vx, vy, w = model.v[:BASE].tolist()
+    # The base moves in the plane: its height is 0.
     origin = np.array([model.q[0], model.q[1], 0.0])
     x, y, z = (rotation @ (position - origin)).tolist()
     ux, uy, uz = (rotation @ velocity).tolist()

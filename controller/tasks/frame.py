@@ -346,6 +346,7 @@ class FrameTask(_FrameTask):
     def attach(self, model: RobotModel, rows: TaskRows) -> None:
         """Find the frames in the model."""
         super().attach(model, rows)
+        # Views of the rows: `compute` writes into them without a copy.
         self._distance_left, self._turn_left = rows.error[:3], rows.error[3:]
 
     def _follow(self, target: FloatArray) -> None:

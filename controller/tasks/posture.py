@@ -126,6 +126,7 @@ class PostureTask(Task):
                 lower=lower,
                 upper=upper,
             )
+        # The tolerance is for rounding only: the target itself must be within its limits.
         inside: FloatArray = np.clip(posture, self._lower, self._upper)
         return inside
 
@@ -244,8 +245,8 @@ class ComplianceTask(PostureTask):
     were moved to. With it they return to :attr:`target`, the rest posture: by default that of the first use.
 
     The posture task acts on the joints too. The weights of two tasks decide: at the default weight, the posture of
-    weight 10 has an effect of a part in a thousand. A person can move the joints, but they return within minutes, with
-    a time constant of damping weight / (stiffness and weight of the posture): 20 min. ``dim_weight`` 0 of these joints
+    weight 10 has an effect of a part in a thousand. A person can move the joints, but they return slowly. The
+    time constant is damping weight / (stiffness and weight of the posture): 20 min. ``dim_weight`` 0 of these joints
     in the posture task prevents it.
 
     Args:

@@ -82,9 +82,10 @@ class _Limb:
 class BodyTracker:
     """Tracker of contacts on the whole body: one at a time on each limb, and one on the trunk.
 
-    - On a limb, a contact is on the last joint whose ratio of residual and threshold has exceeded 1 and RELATIVE_RATIO
-      of the limb's largest, within the last RATIO_MEMORY ticks: joints beyond the contact are shaken, but less. The
-      joint is determined at the detection and again REISOLATION_TIMES later. Then it changes only if it becomes blind.
+    - On a limb, a contact is on the last joint whose largest ratio of residual and threshold exceeds 1 and
+      RELATIVE_RATIO of the limb's largest. The last RATIO_MEMORY ticks count. Joints beyond the contact are shaken, but
+      less. The joint is determined at the detection and again REISOLATION_TIMES later. Then it changes only if it
+      becomes blind.
     - The trunk carries the limbs. Residuals of its joints belong to the contact on a limb if that contact exists now or
       existed when they began.
     - A contact that begins on the trunk is reported TRUNK_REPORT_DELAY later. If a limb detects it until then, it is
@@ -136,7 +137,7 @@ class BodyTracker:
     def step(
         self,
         time: float,
-        signal: Residuals,
+        residuals: Residuals,
         state: list[JointState],
         settled: list[bool],
     ) -> list[Contact]:
@@ -144,16 +145,19 @@ class BodyTracker:
 
         Args:
             time: Clock of the robot [s], not decreasing.
-            signal: Residuals, thresholds and torques.
+            residuals: Residuals, thresholds and torques.
             state: (17,) entries are set.
             settled: (17,) entries are set where a contact has ended.
 
         Returns:
             Events in their order.
         """
-        self._signal = signal
-        residual = [*signal.residual.tolist(), signal.base_residual]
-        threshold, band = [*signal.threshold.tolist(), 1.0], [*signal.friction_band.tolist(), 0.0]
+        self._residuals = residuals
+        residual = [*residuals.residual.tolist(), residuals.base_residual]
+        threshold, band = (
+            [*residuals.threshold.tolist(), 1.0],
+            [*residuals.friction_band.tolist(), 0.0],
+        )
         states, ended = [*state, JointState.BLIND], [*settled, False]
         for limb in self._limbs.values():
             ratios = []
@@ -241,8 +245,8 @@ class BodyTracker:
     def _torque(self, contact: BodyContact) -> tuple[float | None, float | None]:
         """Return torque on the joint and its standard deviation [N m], both None if unknown."""
         if contact.joint is not None:
-            torque = float(self._signal.torque[contact.joint])
-            std = float(self._signal.torque_std[contact.joint])
+            torque = float(self._residuals.torque[contact.joint])
+            std = float(self._residuals.torque_std[contact.joint])
             if torque == torque and std == std:  # not NaN
                 return torque, std
         return None, None

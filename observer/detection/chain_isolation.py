@@ -206,6 +206,7 @@ class ChainTrackers:
 
     def __init__(self, robot: RobotConfig, settings: ObserverSettings, onset: Onset) -> None:
         self._chains = [
+            # A lambda, because `reset` replaces the counter.
             ChainTracker(robot, chain, settings, onset, lambda: next(self._ids))
             for chain in robot.chains.values()
         ]
@@ -223,11 +224,11 @@ class ChainTrackers:
         return all(chain.idle for chain in self._chains)
 
     def step(
-        self, time: float, signal: Residuals, state: list[JointState], settled: list[bool]
+        self, time: float, residuals: Residuals, state: list[JointState], settled: list[bool]
     ) -> list[Contact]:
         """Take in one tick; see :meth:`ChainTracker.step`. ``settled`` stays: the paper has no such state."""
-        residuals, thresholds = signal.residual.tolist(), signal.threshold.tolist()
+        residual, threshold = residuals.residual.tolist(), residuals.threshold.tolist()
         contacts: list[Contact] = []
         for chain in self._chains:
-            contacts += chain.step(time, residuals, thresholds, state)
+            contacts += chain.step(time, residual, threshold, state)
         return contacts

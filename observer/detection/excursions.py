@@ -188,6 +188,7 @@ class JointMonitor:
             if time <= self._settling_until:
                 threshold *= SETTLING_FACTOR
             elif current is not None and self._stuck(current, time, residual, threshold, band):
+                # The hand left when the residual became constant.
                 self._end(current, time - STUCK_TIME, time)
                 return JointState.SETTLING
         if (
@@ -249,6 +250,7 @@ class JointMonitor:
     ) -> bool:
         """Return True if friction alone holds the joint away from its target."""
         recent, spread = self._recent, STUCK_SPREAD * threshold
+        # Friction alone cannot hold a larger residual: a hand does.
         if current.fall_time is not None or abs(residual) > band:
             recent.clear()
             return False

@@ -124,6 +124,7 @@ class ResidualEnvelope:
         # One block late: a touch that was detected in the next block would have begun in this one.
         keep = over & ~np.isnan(self._previous_block)
         if self._untouched_ticks < SUSPECT_TICKS:
+            # Until the first motion is complete, large blocks are normal: they must count.
             suspect = self._previous_block > SUSPECT_RATIO * self.factor * self._identified
             keep &= ~(suspect & (self.known == 1.0))
         for joint in np.flatnonzero(keep).tolist():
@@ -204,6 +205,7 @@ class FusionThreshold:
         self._bounds = BatchedTrees([None if m is None else m.bound for m in models])
         self._phase = np.zeros((FEATURES, len(models)))
         self.bounds = np.array([np.nan if m is None else m.max_bound for m in models])
+        # fmax ignores the NaN of joints without a model.
         start = np.fmax(START_FACTOR, MIN_START_THRESHOLD / self.bounds)
         self._envelope = ResidualEnvelope(self.bounds, start)
         self.reset()
@@ -250,6 +252,7 @@ class FusionThreshold:
             bound = np.where(limited, LIMITED_FACTOR * bound, bound)
         if unsettled is not None:
             bound = bound * (1.0 + UNSETTLED_RATIO * unsettled)
+        # The filtered residual is later than the motion that raised the threshold.
         return self._recent.push(bound)
 
     def learn(self, residual: FloatArray, seen: BoolArray | None) -> None:

@@ -98,14 +98,15 @@ def fit_bounds(
     ordered = [models.get(name) for name in names]
     residuals, phases = [], []
     for recording in calibration:
-        signal = FusionGenerator(ordered, cycle, window=window, adapt=True, hands=hands)
+        generator = FusionGenerator(ordered, cycle, window=window, adapt=True, hands=hands)
         free, settled = np.ones(len(names), dtype=bool), np.zeros(len(names), dtype=bool)
         rows = []
         for tick in recording.ticks():
-            made = signal.step(tick)
+            made = generator.step(tick)
             rows.append(made.residual)
-            signal.learn(made, free, settled, True)
+            generator.learn(made, free, settled, True)
         residual = np.abs(np.array(rows))
+        # In use, thresholds are higher until then: the start must not determine the bound.
         residual[: min(round(LEARNING_TIME / cycle), len(residual) // 2)] = np.nan
         speed = np.abs(recording.velocity)
         largest = RunningMaximum(SPEED_MEMORY, cycle, len(names))
@@ -153,10 +154,11 @@ def _momentum_maxima(
     models: list[FusionModel | None], calibration: Sequence[Recording], cycle: float
 ) -> FloatArray:
     """Return the (n,) largest residual of the baseline ``momentum`` in free motion [rad]."""
+    # No threshold: only the residual is used here.
     unbounded = np.full(len(models), np.inf)
     largest = np.zeros(len(models))
     for recording in calibration:
-        signal = MomentumGenerator(models, cycle, unbounded, MOMENTUM_WINDOW)
-        rows = np.abs([signal.step(tick).residual for tick in recording.ticks()])
+        generator = MomentumGenerator(models, cycle, unbounded, MOMENTUM_WINDOW)
+        rows = np.abs([generator.step(tick).residual for tick in recording.ticks()])
         largest = np.fmax(largest, np.fmax.reduce(rows[round(START_UP_TIME / cycle) :]))
     return largest

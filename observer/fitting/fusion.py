@@ -121,6 +121,7 @@ def fit_fusion(
     for joint, source in mirrors.items():
         _, sign = robot.mirror[robot.joint_index(joint)]
         stick_slips[joint] = replace(stick_slips[source], offset=sign * stick_slips[source].offset)
+    # After the stick-slip models: those of mirrored joints come from their source.
     fits = pool(
         delayed(fit_joint_fusion)(joint, recordings, robot, stick_slip=stick_slips[joint])
         for joint, recordings in sweeps.items()
@@ -227,6 +228,7 @@ def _fit_current(data: _SimulatedRun) -> MomentumParameters:
 
 def _bounded(columns: FloatArray, target: FloatArray, positive: tuple[int, ...]) -> list[float]:
     """Solve least squares with some coefficients not below 0."""
+    # Imported for identification only: the import is slow.
     from scipy.optimize import lsq_linear
 
     lower = np.full(columns.shape[1], -np.inf)

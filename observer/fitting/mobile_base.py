@@ -12,7 +12,7 @@ from pepper_driver.observer.models.fusion_model import TAPS, BaseModel, Triple
 from pepper_driver.observer.recording import Recording
 from pepper_driver.observer.residuals.mobile_base import STANDSTILL_SPEED, leg_indices
 
-RIDGE = 1e-3
+RIDGE_RATIO = 1e-3
 """Relative to the mean square of the inputs."""
 
 BASE_BOUND_FACTOR = 2.6
@@ -31,8 +31,9 @@ def fit_base(robot: RobotConfig, recordings: Sequence[Recording], *, window: int
     rows, targets = zip(*fitted, strict=True)
     x, y = np.concatenate(rows), np.concatenate(targets)
     gram = x.T @ x
-    gram += RIDGE * np.mean(np.diag(gram)) * np.eye(len(gram))
+    gram += RIDGE_RATIO * np.mean(np.diag(gram)) * np.eye(len(gram))
     coefficients = np.linalg.solve(gram, x.T @ y)
+    # Above 0 in any case: a bound of 0 is invalid.
     largest = {True: np.full(3, 1e-6), False: np.full(3, 1e-6)}
     for recording in recordings:
         known, twist = _regression(robot, recording)
@@ -44,6 +45,7 @@ def fit_base(robot: RobotConfig, recordings: Sequence[Recording], *, window: int
             seen = np.abs(median[stands == case])
             if len(seen):
                 largest[case] = np.maximum(largest[case], seen.max(axis=0))
+    # The bound for driving also applies shortly afterwards, when the base stands.
     driving = np.maximum(largest[False], largest[True])
     return BaseModel(
         coefficients=tuple((float(a), float(b), float(c)) for a, b, c in coefficients),

@@ -14,7 +14,7 @@ from pepper_driver.observer.recording import Recording
 START_UP_TIME = 0.6
 """[s] at the start of a run that do not count: the friction with which the joint rests is unknown."""
 
-ROBUSTNESS = np.radians(0.15)
+LOSS_SCALE = np.radians(0.15)
 """[rad] Above it errors count linearly, no longer by their square: rare slips must not determine a constant."""
 
 MIN_IMPROVEMENT = 0.05
@@ -75,6 +75,7 @@ class _Runs:
         self.target = columns_of("sent_position")
         self.load_torque = columns_of("load_torque")
         self.position = columns_of("position")
+        # Padded samples do not count, but the simulation must run over them.
         self.counts = np.zeros(self.position.shape, dtype=np.bool_)
         for run, (recording, index) in enumerate(columns):
             self.counts[: len(recording), run] = recording.usable(index)
@@ -142,13 +143,14 @@ class _Fit:
         self._load_gain = None
         if torque_constant is not None:
             self._load_gain = runs.load_gain_at_rest(torque_constant)
-        weight = len(self._measured) ** 0.5 * MIN_LOAD_EFFECT / ROBUSTNESS
+        weight = len(self._measured) ** 0.5 * MIN_LOAD_EFFECT / LOSS_SCALE
         self._prior_weight = 0.0 if self._load_gain is None else weight
 
     def solve(
         self, names: tuple[str, ...], start: dict[str, float]
     ) -> tuple[dict[str, float], float]:
         """Return the constants ``names``, with the others 0, and the remaining cost."""
+        # Imported for identification only: the import is slow.
         from scipy.optimize import least_squares
 
         ranges = [_RANGES[name] for name in names]
@@ -180,17 +182,18 @@ class _Fit:
         return values, float(solution.cost)
 
     def _residual(self, names: tuple[str, ...], points: FloatArray) -> FloatArray:
-        """Return (p, m) errors of p sets of constants in units of ROBUSTNESS; the last one is that of the prior."""
+        """Return (p, m) errors of p sets of constants in units of LOSS_SCALE; the last one is that of the prior."""
         zero = np.zeros((len(points), 1))
         parameters = {name: zero for name in PARAMETERS} | {
             name: column[:, None] for name, column in zip(names, points.T, strict=True)
         }
         positions = self._runs.simulate(parameters)
         errors = np.array([column[self._runs.counts] for column in positions.swapaxes(0, 1)])
-        scaled = (errors - self._measured) / ROBUSTNESS
+        scaled = (errors - self._measured) / LOSS_SCALE
         prior = np.zeros((len(points), 1))
         if self._load_gain is not None:
             gain = points[:, names.index("load_gain")]
+            # A ratio of gains, so that the prior is the same for strong and weak joints.
             prior[:, 0] = self._prior_weight * np.log(gain / self._load_gain)
         return np.concatenate((scaled, prior), axis=1)
 

@@ -49,6 +49,7 @@ def fit_cart(
         target: (n,).
         min_samples_leaf: Smallest number of samples in a leaf.
     """
+    # Imported for identification only: the import is slow.
     from sklearn.tree import DecisionTreeRegressor
 
     fitted = DecisionTreeRegressor(min_samples_leaf=min_samples_leaf, random_state=0)

@@ -152,6 +152,7 @@ class ModelSet:
 
     def _text(self) -> str:
         header = {f.name: getattr(self, f.name) for f in fields(self) if f.name != "models"}
+        # One line per joint, so that differences between files are readable.
         lines = [
             f"  {json.dumps(joint)}: {self._model_text(joint)}"
             for joint in self.joint_names
@@ -261,6 +262,7 @@ def _plain(value: BaseModel | Mapping[str, float]) -> dict[str, Any]:
 
 def _finite(text: str) -> float:
     value = float(text)
+    # A number such as 1e999 is valid JSON, and becomes infinity.
     if not math.isfinite(value):
         raise ValueError(f"{text[:20]} is not finite")
     return value

@@ -122,6 +122,7 @@ class StickSlipModel:
         self.integral = np.zeros_like(self.position)
         self.friction = np.zeros_like(self.position)
         self._sticks = np.ones(self.position.shape, dtype=np.bool_)
+        # Before the start the command is taken as constant.
         self._targets = (target, target, target)
 
     def step(self, target: FloatArray, load_torque: FloatArray) -> FloatArray:
@@ -136,6 +137,7 @@ class StickSlipModel:
         # Implicit in the velocity: the friction of this step is the one that acts at its end.
         drive = push + self._beyond_dead_band(pull)
         friction = p["friction"] + p["load_friction"] * np.abs(load)
+        # A joint at rest starts only beyond its break-away friction.
         moves = np.abs(drive) > np.where(self._sticks, friction * p["breakaway"], friction)
         signed = np.copysign(friction, drive)
         self.friction = np.where(moves, signed, drive)
@@ -184,6 +186,7 @@ class StickSlipModel:
         band = p["dead_band"] * self._gain
         pulled = np.maximum(velocity - band - alone, 0.0) + np.minimum(velocity + band - alone, 0.0)
         velocity = alone + pulled
+        # The dead band may end the motion, but not reverse it.
         return np.where(velocity * drive > 0.0, velocity, 0.0)
 
     def _delayed(self, target: FloatArray) -> FloatArray:

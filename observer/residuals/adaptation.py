@@ -1,9 +1,9 @@
 """Adaptation in a session: constants of each joint, and the loads of the hands.
 
-A body in a hand adds to the load torque of every joint between it and the wheels, in proportion to its mass m and its
-first moment m c: tau = Y (m, m c_x, m c_y, m c_z), with Y from inverse dynamics of the desired motion. There is one
-estimate per arm. It is better than a factor on the load of each joint: a wrist has hardly any load of its own, and the
-shoulder learns from the elbow. The inertia about the wrist, m c^2, is neglected.
+A body in a hand adds to the load torque of every joint between it and the wheels. The torque is linear in its mass m
+and its first moment m c: tau = Y (m, m c_x, m c_y, m c_z), with Y from inverse dynamics of the desired motion. There is
+one estimate per arm. It is better than a factor on the load of each joint: a wrist has hardly any load of its own, and
+the shoulder learns from the elbow. The inertia about the wrist, m c^2, is neglected.
 """
 
 from __future__ import annotations
@@ -106,6 +106,7 @@ class Adaptation:
         free = free & np.isfinite(scale)
         gain = np.where(free[:, None], seen / scale[:, None], 0.0)
         self.deviation += gain * np.where(free, residual, 0.0)[:, None]
+        # A long touch that looks like free motion must not make a model useless.
         np.clip(self.deviation, -3.0 * self._prior, 3.0 * self._prior, out=self.deviation)
         self._covariance -= gain[:, :, None] * seen[:, None, :]
         self._covariance += self._process_noise
@@ -230,6 +231,7 @@ class HandLoads:
         """
         noise = noise + self._gain**2 * self._unpredicted()
         use = use & np.isfinite(noise)
+        # In information form: one inversion of a small matrix takes in all joints at once.
         effect = self._regressor * np.where(use, self._gain, 0.0)[:, None]
         weighted = effect.T / np.where(use, self._noise + noise, 1.0)
         self._covariance = np.linalg.inv(np.linalg.inv(self._covariance) + weighted @ effect)

@@ -111,12 +111,14 @@ class FusionGenerator:
 
     A joint is blind
 
-    - as long as it has no model;
-    - in a tick whose stiffness is below MIN_OBSERVED_STIFFNESS, whose sample is later than MAX_LATE_TICKS, or whose
-      values are not finite, and until the median window has none of these samples. Its model then starts from the
-      measured position.
+    - if it has no model;
+    - if its stiffness is below MIN_OBSERVED_STIFFNESS;
+    - if its sample is later than MAX_LATE_TICKS;
+    - if a value is not finite.
 
-    While the safety gate alters the command of a joint, and shortly after, its threshold rises by CHANGED_FACTOR.
+    It stays blind until the median window has none of these samples. Its model then starts from the measured position.
+
+    While the safety gate alters the command of a joint, and shortly after, its threshold rises by LIMITED_FACTOR.
 
     Args:
         models: By joint, None for those without.
@@ -269,6 +271,7 @@ class FusionGenerator:
     def _blind(self, bad: BoolArray | None, measured: FloatArray) -> BoolArray:
         """Return the (n,) joints that cannot be judged; their stick-slip models follow the measured position."""
         if bad is not None:
+            # One tick more than the window, because this tick is counted down at once.
             self._blind_ticks[bad] = self._window + 1
             self._blind_countdown = self._window + 1
         if not self._blind_countdown:
@@ -325,16 +328,17 @@ class FusionGenerator:
         return {} if self._hands is None else self._hands.by_arm()
 
     def learn(
-        self, signal: Residuals, free: BoolArray, settled: BoolArray, untouched: bool
+        self, residuals: Residuals, free: BoolArray, settled: BoolArray, untouched: bool
     ) -> None:
         """Learn from a tick, once its events are known; see :class:`ResidualGenerator`."""
-        detail, residual, blind = signal.detail, signal.residual, signal.blind
+        detail, residual, blind = residuals.detail, residuals.residual, residuals.blind
         assert isinstance(detail, _Detail)
         prediction, measured, limited = detail.prediction, detail.measured, detail.limited
         self._settle(settled, blind, measured)
         judged = ~(blind | limited)
         seen, size = free & judged, np.abs(residual)
         quiet_bound = seen & (size < self._threshold.quiet_bound)
+        # Also without adaptation: this corrects the state of the models, not their constants.
         self._predictor.rest(quiet_bound & ~prediction.moves, residual)
         if not self._adapt:
             return
@@ -395,6 +399,7 @@ class FusionGenerator:
         elif not np.count_nonzero(self._settling_ticks):
             return
         self._settling_ticks = np.maximum(self._settling_ticks - 1, 0)
+        # A model that starts during a motion would have its friction in the wrong direction.
         rests = (self._threshold.speed <= REST_SPEED) & (np.abs(self._change) <= REST_SPEED)
         settles = (self._settling_ticks > 0) & rests & ~blind
         self._settling_ticks[settles] = 0

@@ -1,7 +1,7 @@
 """Expected and measured motion of the wheels: contacts on the base, and on a stiff trunk.
 
-The speed controllers of the wheels respond nearly linearly to their set-points, and the base responds nearly linearly
-to the motion of the limbs. A finite impulse response predicts the measured twist from the commanded wheel speeds and
+The speed controllers of the wheels are nearly linear, and so is the response of the base to the motion of the limbs. A
+finite impulse response predicts the measured twist from the commanded wheel speeds and
 the load on the legs.
 """
 
@@ -18,7 +18,7 @@ from pepper_driver.observer.detection.threshold import START_FACTOR, ResidualEnv
 from pepper_driver.observer.models.fusion_model import TAPS, BaseModel
 from pepper_driver.observer.running_filters import RunningMedian
 
-ROWS = 10 * TAPS
+BUFFER_ROWS = 10 * TAPS
 """Rows of the buffer of inputs: its content is moved once in nine lengths of the response."""
 
 STANDSTILL_SPEED = 0.005
@@ -61,8 +61,8 @@ class BaseGenerator:
     def reset(self) -> None:
         """Forget everything but the model."""
         # The newest TAPS rows begin at `_newest`, which moves up: the window of inputs is then a view without a copy.
-        self._inputs = np.zeros((ROWS, self._inputs_per_tick))
-        self._newest = ROWS - TAPS
+        self._inputs = np.zeros((BUFFER_ROWS, self._inputs_per_tick))
+        self._newest = BUFFER_ROWS - TAPS
         self._median = RunningMedian(self._window, 3)
         self._count = 0
         self._standing_ticks = self._standing_delay
@@ -87,6 +87,7 @@ class BaseGenerator:
         error = inputs.ravel() @ self._response - twist
         stands = self._standing_ticks >= self._standing_delay
         ratio = error / (self._standing if stands else self._driving)
+        # The median must take in a number: a NaN would spoil the whole window.
         self._filtered = self._median.push(ratio if seen else np.zeros(3))
         self._judged = self._blind == 0
         if not self._judged:
@@ -113,7 +114,7 @@ class BaseGenerator:
     def _append_inputs(self, wheel_speed: FloatArray, load_torque: FloatArray) -> FloatArray:
         """Append commanded wheel speeds and load of the legs; return the inputs of the response, newest first."""
         if self._newest == 0:
-            self._newest = ROWS - TAPS
+            self._newest = BUFFER_ROWS - TAPS
             self._inputs[self._newest + 1 :] = self._inputs[: TAPS - 1]
         else:
             self._newest -= 1

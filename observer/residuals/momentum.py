@@ -22,7 +22,7 @@ from pepper_driver.observer.models.fusion_model import FusionModel, MomentumPara
 from pepper_driver.observer.recording import STALE_AGE
 from pepper_driver.observer.running_filters import RunningMedian
 
-SMOOTHING = 0.03
+SMOOTHING_TIME = 0.03
 """[s] Time constant of the derivatives: an encoder step of 0.09 deg in one tick is 0.13 rad/s."""
 
 
@@ -34,7 +34,7 @@ class ErrorDerivatives:
     """
 
     def __init__(self, cycle: float) -> None:
-        self._gain = 1.0 - float(np.exp(-cycle / SMOOTHING))
+        self._gain = 1.0 - float(np.exp(-cycle / SMOOTHING_TIME))
         self._rate = self._gain / cycle
         self._error: FloatArray | None = None
 
@@ -167,6 +167,7 @@ class MomentumGenerator(StaticGeneratorMixin):
             )
         if not measurement.age <= STALE_AGE:
             bad[:] = True
+        # A value that is not finite would stay in the smoothed derivatives.
         error = np.where(bad, 0.0, error)
         change, curvature = self._derivatives.step(error)
         velocity = np.where(bad, 0.0, reference.velocity) - change

@@ -19,10 +19,13 @@ class PaperGenerator(StaticGeneratorMixin):
 
     A joint is blind
 
-    - as long as it has no model;
-    - in a tick whose position the safety gate altered, whose stiffness is below MIN_OBSERVED_STIFFNESS, whose sample is
-      older than STALE_AGE, or whose values are not finite, and until the median window has none of these samples:
-      ``window`` ticks in all.
+    - if it has no model;
+    - if the safety gate altered its position;
+    - if its stiffness is below MIN_OBSERVED_STIFFNESS;
+    - if its sample is older than STALE_AGE;
+    - if a value is not finite.
+
+    It stays blind until the median window has none of these samples: ``window`` ticks in all.
 
     At the start the median is that of fewer samples.
 
@@ -85,6 +88,7 @@ class PaperGenerator(StaticGeneratorMixin):
                 math.nan if predict is None else predict(velocity, acceleration, load_torque)
                 for predict, velocity, acceleration, load_torque in zip(
                     self._predict,
+                    # Python floats: the trees compare them faster than NumPy scalars.
                     reference.velocity.tolist(),
                     reference.acceleration.tolist(),
                     reference.load_torque.tolist(),

@@ -85,6 +85,7 @@ class ErrorPredictor:
         self._remainders = BatchedTrees([None if m is None else m.remainder for m in models])
         self._features = np.zeros((FEATURES, len(models)))
         self._correction = cycle / REST_CORRECTION_TIME
+        # Motion in one direction, then break-away in the other.
         both = 1.0 + self.identified["breakaway"]
         self._band_unloaded = self.identified["friction"] * both
         self._band_per_load = self.identified["load_friction"] * both
@@ -190,6 +191,7 @@ class ErrorPredictor:
 
     def rest(self, where: BoolArray, residual: FloatArray) -> None:
         """Move the models of joints (n,) at rest without touch slowly by their residual (n,) [rad]."""
+        # Exactly 0.0: the model sticks, it is not only slow.
         resting = where & (self._models.velocity == 0.0)
         if not np.count_nonzero(resting):
             return
@@ -223,6 +225,7 @@ class ErrorPredictor:
         self._models.set(
             {
                 **p,
+                # At least a fifth of the identified values: both must stay positive.
                 "friction": p["friction"] * np.maximum(1.0 + deviation[:, 0], 0.2),
                 "lag": p["lag"] * np.maximum(1.0 + deviation[:, 1], 0.2),
                 "load_gain": p["load_gain"] * self._load_factor,

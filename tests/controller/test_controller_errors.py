@@ -80,7 +80,7 @@ def test_a_robot_in_place_of_a_name_is_refused_in_one_line(task: Any) -> None:
 
 
 @pytest.mark.parametrize(("task", "shape"), list(zip(FRAMES, [(3,), (3, 3), (4, 4)], strict=True)))
-def test_a_target_that_nobody_set_is_nan_of_its_own_shape(task: Any, shape: Any) -> None:
+def test_a_target_that_was_not_set_is_nan_of_its_own_shape(task: Any, shape: Any) -> None:
     target = task("l_wrist").target
     assert target.shape == shape
     assert np.isnan(target).all()

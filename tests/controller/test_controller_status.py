@@ -1,4 +1,4 @@
-"""What the controller tells about a cycle, what it takes from the safety gate, and how idle joints stop."""
+"""Reports of the controller on a cycle, commands of the safety gate, and the stop of idle joints."""
 
 from __future__ import annotations
 
@@ -94,8 +94,8 @@ def test_after_a_clamped_command_the_reference_goes_on_from_it(cut: float) -> No
     speed = np.clip((sent - before) / DT, -VELOCITY, VELOCITY)[joint]
     after = control.step()
     assert abs(after.velocity[joint] - speed) <= ACCELERATION[joint] * DT + 1e-9
-    way = (speed + after.velocity[joint]) / 2 * DT
-    assert after.position[joint] - sent[joint] == pytest.approx(way, abs=1e-12)
+    distance = (speed + after.velocity[joint]) / 2 * DT
+    assert after.position[joint] - sent[joint] == pytest.approx(distance, abs=1e-12)
     others = np.arange(JOINTS) != joint
     step = np.abs(after.velocity - reference.velocity)[others]
     assert (step <= ACCELERATION[others] * DT + 1e-9).all()

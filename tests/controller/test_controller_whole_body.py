@@ -121,7 +121,7 @@ def test_reset_to_nonsense_changes_nothing(position: FloatArray) -> None:
 # -- solvers ----------------------------------------------------------------------------------------------------
 
 
-def test_osqp_takes_the_same_way_as_daqp() -> None:
+def test_osqp_takes_the_same_path_as_daqp() -> None:
     exact = wander(controller("daqp"), TEN_SECONDS, seed=4)
     other = wander(controller("osqp"), TEN_SECONDS, seed=4)
     assert largest_difference(exact, other, "position") < 1e-6
@@ -306,7 +306,7 @@ def test_a_clamped_joint_goes_on_from_what_was_sent() -> None:
     assert np.abs(reference.position - expected).max() < 1e-3
 
 
-def test_a_gate_that_changes_nothing_is_not_felt() -> None:
+def test_a_gate_that_changes_nothing_has_no_effect() -> None:
     control, twin = moving(), moving()
     for _ in range(20):
         control.override_state(control.step().position)

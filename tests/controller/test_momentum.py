@@ -16,7 +16,7 @@ from support.tasks import MODEL, STEP, Bench, State, centre_of_mass, later, rand
 
 
 def momentum(state: State) -> FloatArray:
-    """(6,) about the centre of mass, from the ways and turns of the bodies in a short time."""
+    """(6,) about the centre of mass, from the displacements and turns of the bodies in a short time."""
 
     def bodies(q: FloatArray) -> list[tuple[FloatArray, FloatArray]]:
         data = MODEL.pin.createData()

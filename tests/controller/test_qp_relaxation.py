@@ -1,4 +1,4 @@
-"""What is given up when rows cannot all be kept, in which order, and by how much."""
+"""Relaxation of rows that exclude each other: which, in which order, and by how much."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ class Ranked(FixedRows):
 
 
 def solved(*constraints: Constraint) -> tuple[FloatArray, WholeBodyController]:
-    """(20,) accelerations of one cycle; what the joints want is to stay where they are."""
+    """(20,) accelerations of one cycle; the task of the joints is to stay."""
     control = controller()
     for constraint in constraints:
         control.add(constraint)

@@ -57,7 +57,7 @@ def test_the_limit_that_holds_a_joint_back_is_named(kind: str) -> None:
     assert kind in seen
 
 
-def test_rows_that_hold_back_and_rows_that_break_are_told_apart() -> None:
+def test_active_and_violated_rows_are_distinguished() -> None:
     control = controller()
     control.posture.target = ROBOT.upper
     matrix = np.zeros((1, 20))

@@ -1,4 +1,4 @@
-"""When a push would tip the robot, reckoned another way."""
+"""Push that would tip the robot, computed by another method."""
 
 import mujoco
 import numpy as np
@@ -30,10 +30,10 @@ def test_a_push_forwards_works_against_the_weight_over_the_front_wheels(name: st
     centre, weight = mass_centre(posture)
     front = ROBOT.wheels.positions[0][0]
     expected = 20.0 * 0.8 / (weight * (front - centre[0]))
-    share = SUPPORT_POLYGON.tipping_ratio(
+    ratio = SUPPORT_POLYGON.tipping_ratio(
         posture, np.array([0.1, 0.0, 0.8]), np.array([20.0, 0.0, 0.0])
     )
-    assert share == pytest.approx(expected, rel=1e-3)
+    assert ratio == pytest.approx(expected, rel=1e-3)
 
 
 @pytest.mark.parametrize("side", [-1.0, 1.0])
@@ -48,8 +48,8 @@ def test_a_push_sideways_tips_over_the_edge_to_the_rear_wheel(side: float) -> No
     distance = float((corner - centre[:2]) @ outwards)
     expected = 20.0 * 0.8 * abs(outwards[1]) / (weight * distance)
     force = np.array([0.0, side * 20.0, 0.0])
-    share = SUPPORT_POLYGON.tipping_ratio(posture, np.array([0.0, side * 0.2, 0.8]), force)
-    assert share == pytest.approx(expected, rel=1e-3)
+    ratio = SUPPORT_POLYGON.tipping_ratio(posture, np.array([0.0, side * 0.2, 0.8]), force)
+    assert ratio == pytest.approx(expected, rel=1e-3)
 
 
 def test_a_push_at_the_floor_or_down_between_the_wheels_does_not_tip() -> None:
@@ -68,8 +68,8 @@ def test_a_push_at_the_floor_or_down_between_the_wheels_does_not_tip() -> None:
 def test_lifting_by_the_whole_weight_is_beyond_standing() -> None:
     posture = ROBOT.posture("Stand")
     centre, weight = mass_centre(posture)
-    share = SUPPORT_POLYGON.tipping_ratio(posture, centre, np.array([0.0, 0.0, weight]))
-    assert share == pytest.approx(1.0, rel=1e-3)
+    ratio = SUPPORT_POLYGON.tipping_ratio(posture, centre, np.array([0.0, 0.0, weight]))
+    assert ratio == pytest.approx(1.0, rel=1e-3)
 
 
 def test_a_robot_that_leans_out_over_its_wheels_falls_without_a_push() -> None:

@@ -23,8 +23,8 @@ def test_wheels_too_fast_are_slowed_along_the_same_direction(twist: FloatArray) 
     sent = desaturate(speed, LIMIT)
     assert np.abs(sent).max() <= LIMIT
     slower = np.linalg.solve(MATRIX, sent)
-    share = min(1.0, LIMIT / max(np.abs(speed).max(), 1e-12))
-    np.testing.assert_allclose(slower, share * twist, atol=1e-9)
+    fraction = min(1.0, LIMIT / max(np.abs(speed).max(), 1e-12))
+    np.testing.assert_allclose(slower, fraction * twist, atol=1e-9)
     if np.abs(speed).max() > LIMIT:
         assert np.abs(sent).max() == pytest.approx(LIMIT)
 

@@ -100,7 +100,7 @@ def test_a_touch_from_begin_to_end() -> None:
     assert (begin.joint, begin.link, begin.kind) == ("LElbowRoll", "LForeArm", "contact")
     assert begin.direction == 1
     assert begin.intensity_deg == pytest.approx(math.degrees(0.08))
-    # The median of 11 turns with the sixth sample, both ways.
+    # The median of 11 changes with the sixth sample, in both directions.
     assert begin.detection_time == begin.time == pytest.approx(105 * CYCLE)
     assert begin.onset_time == pytest.approx(100 * CYCLE)
     assert end.time == pytest.approx(165 * CYCLE)
@@ -185,7 +185,7 @@ def test_a_sample_of_the_usual_age_is_none_of_that() -> None:
     assert (observations[-1].state == JointState.FREE).all()
 
 
-def test_a_joint_the_gate_keeps_altering_never_feels_a_contact() -> None:
+def test_a_joint_the_gate_keeps_altering_never_detects_a_contact() -> None:
     ticks = [
         tick(k, error_of(ELBOW, 0.5), limited=[ELBOW] if k % 7 == 0 else []) for k in range(90)
     ]
@@ -201,7 +201,7 @@ def test_a_contact_ends_when_its_joint_goes_blind() -> None:
     first = [event for event in events if event.id == 1]
     assert first[-1].phase == "end"
     assert first[-1].time == pytest.approx(40 * CYCLE)
-    # What is felt when the joint sees again is a contact, not a rebound.
+    # A contact when the joint is judged again is a contact, not a rebound.
     [begin] = [event for event in events if event.phase == "begin" and event.id == 2]
     assert begin.kind == "contact"
     assert begin.time == pytest.approx((40 + WINDOW) * CYCLE)
@@ -306,7 +306,7 @@ def test_events_make_sense_for_any_signal(
     check_life(events)
 
 
-def test_feels_light_touches_and_nothing_else_in_fast_motion() -> None:
+def test_detects_light_touches_and_nothing_else_in_fast_motion() -> None:
     """Identification as in Sec. IV, then pushes of 4 deg in a motion faster than any it was identified on."""
     estimation = [free_run(k, seed) for seed, k in enumerate((2.0, 3.0, 4.0, 5.0))]
     model = fit_joint("LElbowRoll", estimation, "affine")

@@ -24,7 +24,7 @@ OF_THE_SIMULATION = "pepper_driver.backends.mujoco_"
 
 
 def referents(thing: object) -> list[object]:
-    """What an object holds, also where the garbage collector does not look."""
+    """Contents of an object, also those that the garbage collector does not visit."""
     if isinstance(thing, type | ModuleType):
         return []
     if isinstance(thing, FunctionType):
@@ -75,7 +75,7 @@ def test_nothing_that_an_observer_sees_leads_to_the_truth(mode: str) -> None:
         pepper.set_posture({"LElbowRoll": -0.8})
         pepper.push("LForeArm", [0.0, 8.0, 0.0], delay=0.1)
         pepper.run(0.4, on_tick=lambda tick, observation: seen.append((tick, observation)))
-        # The walk does find it where it is.
+        # The search does find it where it is.
         assert "MjData" in truths(pepper)
     assert len(seen) > 30
     tick, observation = seen[-1]
@@ -88,7 +88,7 @@ def test_nothing_that_an_observer_sees_leads_to_the_truth(mode: str) -> None:
 
 
 class Hidden(Truth):
-    """A truth that nobody may find."""
+    """A truth that must not be found."""
 
 
 Hidden.__abstractmethods__ = frozenset()

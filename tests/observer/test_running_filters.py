@@ -42,7 +42,7 @@ def test_results_are_not_overwritten_and_reset_forgets() -> None:
     np.testing.assert_array_equal(median.push(np.array([7.0, 8.0])), [7.0, 8.0])
 
 
-def test_nan_is_gone_after_one_window() -> None:
+def test_nan_has_no_effect_after_one_window() -> None:
     median = RunningMedian(5, 1)
     out = [median.push(np.array([np.nan if k == 4 else float(k)]))[0] for k in range(12)]
     assert out[9:] == [7.0, 8.0, 9.0]
@@ -70,7 +70,7 @@ def test_the_largest_keeps_at_least_this_sample_and_is_not_overwritten() -> None
     assert first[0] == 5.0
 
 
-def test_the_largest_may_be_told_in_a_buffer_that_is_written_to_again() -> None:
+def test_samples_may_come_in_a_buffer_that_is_written_to_again() -> None:
     samples = np.random.default_rng(0).uniform(size=(60, 2))
     largest, buffer = RunningMaximum(5 * CYCLE, CYCLE, 2), np.empty(2)
     for k in range(60):

@@ -95,7 +95,7 @@ def test_two_pushes_close_together_keep_their_contacts() -> None:
     assert [f.push.onset for f in result.detected] == [10.0, 11.5]
 
 
-def told(number: int, *events: tuple[str, float, str | None]) -> list[Contact]:
+def reported(number: int, *events: tuple[str, float, str | None]) -> list[Contact]:
     """The events of one contact: phase, time, joint."""
     begin = events[0][1]
     return [
@@ -122,13 +122,15 @@ def told(number: int, *events: tuple[str, float, str | None]) -> list[Contact]:
 def test_updates_move_a_contact(
     events: tuple[tuple[str, float, str | None], ...], detected: int, false: int
 ) -> None:
-    result = score([PUSH], told(1, *events), ROBOT)
+    result = score([PUSH], reported(1, *events), ROBOT)
     assert (len(result.detected), len(result.false)) == (detected, false)
     assert len(result.detected) + len(result.missed) == 1
 
 
-def test_what_is_told_of_a_contact_over_time() -> None:
-    events = told(3, ("begin", 10.2, None), ("update", 10.25, "LElbowRoll"), ("end", 10.6, None))
+def test_what_is_reported_of_a_contact_over_time() -> None:
+    events = reported(
+        3, ("begin", 10.2, None), ("update", 10.25, "LElbowRoll"), ("end", 10.6, None)
+    )
     detected = score([PUSH], events, ROBOT).detected[0]
     assert detected.contact.joint is None
     assert [detected.track.at(t).joint for t in (10.2, 10.24, 10.25, 20.0)] == [
@@ -161,7 +163,7 @@ def test_two_pushes_at_once_each_have_their_contact() -> None:
 
 def test_alarms_with_a_short_gap_are_one_false_run() -> None:
     def run(number: int, begin: float, end: float, joint: str = "HeadYaw") -> list[Contact]:
-        return told(number, ("begin", begin, joint), ("end", end, joint))
+        return reported(number, ("begin", begin, joint), ("end", end, joint))
 
     close = [*run(1, 1.0, 1.5), *run(2, 1.7, 2.0), *run(3, 2.2, 2.5)]
     result = score([], [*close, *run(4, 2.9, 3.0), *run(5, 3.1, 3.2, "LElbowRoll")], ROBOT)
@@ -171,17 +173,17 @@ def test_alarms_with_a_short_gap_are_one_false_run() -> None:
 
 def test_what_goes_on_after_a_push_is_no_new_alarm() -> None:
     contacts = [
-        *told(1, ("begin", 10.2, "LElbowRoll"), ("end", 11.9, "LElbowRoll")),
-        *told(2, ("begin", 12.1, "LElbowRoll"), ("end", 12.2, "LElbowRoll")),
-        *told(3, ("begin", 12.6, "LElbowRoll")),
+        *reported(1, ("begin", 10.2, "LElbowRoll"), ("end", 11.9, "LElbowRoll")),
+        *reported(2, ("begin", 12.1, "LElbowRoll"), ("end", 12.2, "LElbowRoll")),
+        *reported(3, ("begin", 12.6, "LElbowRoll")),
     ]
     assert [c.id for c in score([PUSH], contacts, ROBOT).false] == [3]
 
 
 def test_a_false_alarm_shortly_before_a_push_does_not_hide_it() -> None:
     contacts = [
-        *told(1, ("begin", 9.5, "LElbowRoll"), ("end", 9.9, "LElbowRoll")),
-        *told(2, ("begin", 10.1, "LElbowRoll")),
+        *reported(1, ("begin", 9.5, "LElbowRoll"), ("end", 9.9, "LElbowRoll")),
+        *reported(2, ("begin", 10.1, "LElbowRoll")),
     ]
     result = score([PUSH], contacts, ROBOT)
     assert [f.contact.id for f in result.detected] == [2]

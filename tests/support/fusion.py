@@ -1,4 +1,4 @@
-"""A joint with stick-slip friction in small steps, independent of the twin, and models that know it."""
+"""A joint with stick-slip friction in small steps, independent of the stick-slip model, and models of it."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ TORQUE_CONSTANT = (
 )
 ENCODER = 2 * np.pi / 4096
 
-TWIN = StickSlipParameters(
+STICK_SLIP = StickSlipParameters(
     inertia=4e-4,
     lag=0.02,
     friction=0.008,
@@ -42,7 +42,7 @@ TWIN = StickSlipParameters(
     transport=0.0,
 )
 
-PER_AMPERE = TWIN.load_gain * TORQUE_CONSTANT
+PER_AMPERE = STICK_SLIP.load_gain * TORQUE_CONSTANT
 
 NOTHING = AffineTree(
     feature=(-1,),
@@ -59,17 +59,17 @@ def constant_tree(value: float) -> CartTree:
     return CartTree(feature=(-1,), threshold=(0.0,), left=(-1,), right=(-1,), value=(value,))
 
 
-def fusion_model(twin: StickSlipParameters = TWIN, **changes: Any) -> FusionModel:
-    """A model that knows the joint with these constants exactly."""
+def fusion_model(parameters: StickSlipParameters = STICK_SLIP, **changes: Any) -> FusionModel:
+    """A model of the joint with exactly these constants."""
     values: dict[str, Any] = {
-        "twin": twin,
+        "twin": parameters,
         "remainder": NOTHING,
         "momentum": MomentumParameters(
             source="current",
             torque_per_ampere=PER_AMPERE,
-            inertia=twin.inertia,
+            inertia=parameters.inertia,
             lag=0.0,  # back-EMF takes no current
-            offset=twin.offset,
+            offset=parameters.offset,
         ),
         "weight": (0.8, 0.6),
         "spread": (0.001, 0.001),
@@ -95,7 +95,7 @@ def fusion_observer(
     return ContactObserver(ROBOT, fusion_set(model, base), replace(SETTINGS, adapt=adapt))
 
 
-def fusion_signal(
+def fusion_generator(
     model: FusionModel = MODEL, *, adapt: bool = False, hands: HandLoads | None = None
 ) -> FusionGenerator:
     return FusionGenerator(
@@ -157,7 +157,7 @@ class Driven:
 
 def drive(
     motion: Motion,
-    twin: StickSlipParameters = TWIN,
+    parameters: StickSlipParameters = STICK_SLIP,
     *,
     torque: FloatArray | float = 0.0,
     start: float | None = None,
@@ -166,13 +166,13 @@ def drive(
     """Coulomb friction with breakaway, explicit, in steps of 0.2 ms; commands and loads run straight between ticks.
 
     Args:
-        motion: What it is told.
-        twin: Its constants.
+        motion: Its command.
+        parameters: Its constants.
         torque: From outside, by tick [N m].
         start: Where it stands at first [rad], by default at its goal.
         steps: In a tick.
     """
-    gain, h = twin.load_gain, CYCLE / steps
+    gain, h = parameters.load_gain, CYCLE / steps
     outside = np.broadcast_to(torque, len(motion))
     q = float(motion.position[0]) if start is None else start
     v = integral = 0.0
@@ -185,20 +185,20 @@ def drive(
         for step in range(1, steps + 1):
             part = step / steps
             error = goal_then + part * (goal_now - goal_then) - q
-            pull = error - min(max(error, -twin.dead_band), twin.dead_band)
-            load = gain * (load_then + part * (load_now - load_then)) + twin.offset
+            pull = error - min(max(error, -parameters.dead_band), parameters.dead_band)
+            load = gain * (load_then + part * (load_now - load_then)) + parameters.offset
             hand = gain * (outside_then + part * (outside_now - outside_then))
-            size = twin.friction + twin.load_friction * abs(load)
-            motor = pull + integral - twin.lag * v
+            size = parameters.friction + parameters.load_friction * abs(load)
+            motor = pull + integral - parameters.lag * v
             net = motor - load + hand
-            integral += h * twin.integral_rate * pull
+            integral += h * parameters.integral_rate * pull
             if sticks:
-                if abs(net) <= twin.breakaway * size:
+                if abs(net) <= parameters.breakaway * size:
                     continue
                 sticks = False
-                v = h * (net - np.sign(net) * size) / twin.inertia
+                v = h * (net - np.sign(net) * size) / parameters.inertia
             else:
-                new = v + h * (net - np.sign(v) * size) / twin.inertia
+                new = v + h * (net - np.sign(v) * size) / parameters.inertia
                 sticks = new * v <= 0.0
                 v = 0.0 if sticks else new
             q += h * v

@@ -95,7 +95,7 @@ def test_corners_are_below_the_wheels() -> None:
 
 
 def test_rows_of_the_motion_are_exact() -> None:
-    """On a row the zero moment point is at its margin, by an inverse dynamics that knows no momentum."""
+    """On a row the zero moment point is at its margin, by an inverse dynamics without momentum."""
     random, seen = np.random.default_rng(0), 0
     for _ in range(60):
         model = random_state(random)
@@ -107,7 +107,7 @@ def test_rows_of_the_motion_are_exact() -> None:
                 continue
             line = next(number for end, number in LINES.items() if name.endswith(end))
             if inside(FREE.centre_of_mass(model.q))[line] < 0.03:
-                continue  # there the robot is brought back whatever the floor does
+                continue  # there the robot returns, whatever the zero moment point is
             a = random.normal(size=model.nv)
             a += row * (bound - row @ a) / (row @ row)
             point = FREE.zero_moment_point(model.q, model.v, a)
@@ -122,7 +122,7 @@ def test_rows_of_the_motion_are_exact() -> None:
 
 
 def test_at_rest_the_centre_of_mass_may_come_to_its_margin_and_no_further() -> None:
-    """Standing still, a slow lean that keeps the row may go on in front of the margin, but not beyond it."""
+    """At rest, a slow lean that satisfies the row may continue in front of the margin, but not beyond it."""
     model, balance = RobotModel(ROBOT), Balance(ROBOT)
     lean = ROBOT.posture("StandInit")
     rooms = []
@@ -225,7 +225,7 @@ def test_a_centre_of_mass_outside_is_not_kept_by_standing_still() -> None:
 
 
 def test_what_is_kept_with_the_centre_of_mass_outside_breaks_no_row() -> None:
-    """It comes in fast enough to be caught, and a turn holds the zero moment point inside meanwhile."""
+    """It moves inwards fast enough, and a turn holds the zero moment point inside meanwhile."""
     random, balance, seen = np.random.default_rng(3), Balance(ROBOT), 0
     for _ in range(4000):
         model = random_state(random)
@@ -301,7 +301,7 @@ def test_a_higher_margin_keeps_the_centre_of_mass_further_in() -> None:
     assert coms.min() > 0.05 - 0.006
 
 
-def test_what_matters_less_gives_way() -> None:
+def test_what_matters_less_is_relaxed() -> None:
     """Rows of rank 0 that demand a lean forward are broken, by name; nothing raises."""
     push = np.zeros((1, 20))
     push[0, bare().model.joint_columns[0]] = 1.0

@@ -1,4 +1,4 @@
-"""Arriving at position limits: no overshoot, no limit given up, and no trembling once there."""
+"""Arrival at position limits: no overshoot, no relaxed limit, and no oscillation."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ TINY = 1e-9
 
 
 class Pull(Task):
-    """Wants an acceleration, whatever the posture: as a hand task does that reaches out of range."""
+    """Task that requests an acceleration in any posture, as a hand task with a target out of reach."""
 
     needs_kinematics = False
 
@@ -44,12 +44,12 @@ class Pull(Task):
 
 
 @pytest.mark.parametrize("side", [-1.0, 1.0])
-@pytest.mark.parametrize("share", [0.01, 1.0])
-def test_a_joint_pulled_at_its_limit_comes_to_rest_there(side: float, share: float) -> None:
+@pytest.mark.parametrize("fraction", [0.01, 1.0])
+def test_a_joint_pulled_at_its_limit_comes_to_rest_there(side: float, fraction: float) -> None:
     """The acceleration must not change its sign in every cycle: the load torque would."""
     control = controller()
     control.posture.weight = 0.0
-    control.add(Pull(side * share * ACCELERATION))
+    control.add(Pull(side * fraction * ACCELERATION))
     limit = np.where(side > 0, ROBOT.upper - MARGIN, ROBOT.lower + MARGIN)
     for _ in range(4500):
         reference = control.step()
@@ -61,7 +61,7 @@ def test_a_joint_pulled_at_its_limit_comes_to_rest_there(side: float, share: flo
 
 
 @pytest.mark.parametrize("joint", range(JOINTS))
-def test_the_velocity_never_turns_round_on_the_way_to_a_limit(joint: int) -> None:
+def test_the_velocity_never_reverses_before_a_limit(joint: int) -> None:
     control = controller()
     pull = np.zeros(JOINTS)
     pull[joint] = ACCELERATION[joint]
@@ -82,7 +82,7 @@ def test_the_velocity_never_turns_round_on_the_way_to_a_limit(joint: int) -> Non
     dt=st.sampled_from([DT, DT / 8, 4 * DT]),
 )
 @settings(max_examples=40)
-def test_no_way_through_the_box_breaks_a_limit(seed: int, mode: str, dt: float) -> None:
+def test_no_sequence_of_bounds_violates_a_limit(seed: int, mode: str, dt: float) -> None:
     """Whatever is chosen inside the box, the next box still holds all limits: none is ever relaxed."""
     random = np.random.default_rng(seed)
     model = RobotModel(ROBOT)
@@ -143,15 +143,15 @@ def test_the_bound_is_the_largest_velocity_that_can_be_stopped(side: float) -> N
         edge = box.upper[columns] if side > 0 else -box.lower[columns]
         for joint in range(JOINTS):
             after = max_velocity(distance[joint], velocity[joint], brake[joint])
-            wanted = (after - velocity[joint]) / DT
+            requested = (after - velocity[joint]) / DT
             free = min(ACCELERATION[joint], (VELOCITY[joint] - velocity[joint]) / DT)
-            bound_by_position[joint] += wanted < free
-            assert edge[joint] == pytest.approx(min(wanted, free), abs=1e-7)
+            bound_by_position[joint] += requested < free
+            assert edge[joint] == pytest.approx(min(requested, free), abs=1e-7)
     assert bound_by_position.min() > 20
 
 
 def test_braking_uses_the_acceleration_that_is_allowed() -> None:
-    """From full speed: the stopping distance is that of 0.9 of the limit, give or take one cycle's way."""
+    """From full speed: the stopping distance is that of 0.9 of the limit, give or take the distance of one cycle."""
     control = controller()
     control.add(Pull(ACCELERATION))
     joint = ROBOT.joint_index("LShoulderPitch")
@@ -173,7 +173,7 @@ def box_at(position: FloatArray, joint_velocity: FloatArray) -> AccelerationBox:
     return box
 
 
-def test_what_was_given_up_is_named() -> None:
+def test_what_was_relaxed_is_named() -> None:
     assert box_at(MIDDLE, np.zeros(JOINTS)).relaxed() == ()
     hand, knee = ROBOT.joint_index("LHand"), ROBOT.joint_index("KneePitch")
     fast = np.zeros(JOINTS)

@@ -41,21 +41,21 @@ def test_the_tables_are_tighter_than_the_joints_limits() -> None:
 
 def rest(position: float, velocity: float, brake: float) -> FloatArray:
     """Positions of a joint after each cycle of braking."""
-    way = []
+    path = []
     while velocity != 0.0:
         after = np.sign(velocity) * max(abs(velocity) - brake * DT, 0.0)
         position += (velocity + after) / 2 * DT
         velocity = after
-        way.append(position)
-    return np.array(way or [position])
+        path.append(position)
+    return np.array(path or [position])
 
 
 def assert_can_be_stopped(position: FloatArray, velocity: FloatArray) -> None:
     """Wherever between the limits of braking a joint brakes, all pairs stay in their regions."""
-    for share in (1.0, 0.9):
-        ways = [rest(*s) for s in zip(position, velocity, share * ACCELERATION, strict=True)]
-        for k in range(max(map(len, ways))):
-            there = np.array([way[min(k, len(way) - 1)] for way in ways])
+    for fraction in (1.0, 0.9):
+        paths = [rest(*s) for s in zip(position, velocity, fraction * ACCELERATION, strict=True)]
+        for k in range(max(map(len, paths))):
+            there = np.array([path[min(k, len(path) - 1)] for path in paths])
             assert room(there).min() > 0
 
 
@@ -88,8 +88,10 @@ def walk(random: np.random.Generator, velocity: Velocity) -> int:
             matrix, bound = rows.matrix, rows.bound
             active += 1
         price = 10.0 ** random.uniform(-1, 1, 20)
-        wanted = 30 * side
-        answer = solver.solve(np.diag(price), -price * wanted, box.lower, box.upper, matrix, bound)
+        requested = 30 * side
+        answer = solver.solve(
+            np.diag(price), -price * requested, box.lower, box.upper, matrix, bound
+        )
         assert answer.status == "solved"
         q = model.integrate(q, (v + answer.x * DT / 2) * DT)
         v = v + answer.x * DT

@@ -29,7 +29,7 @@ def test_all_of_the_region_can_be_reached_and_joints_come_to_rest_at_its_edge(
     target = start.copy()
     target[PITCH] = (ROBOT.lower, ROBOT.upper)[side][PITCH]
     weights = np.ones(JOINTS)
-    weights[YAW] = 1e4  # else yaw goes out of the way
+    weights[YAW] = 1e4  # else yaw moves instead
     control.posture.dim_weight = weights
     control.posture.target = target
     control.posture.stiffness = 400.0
@@ -74,7 +74,7 @@ def test_joints_pass_from_piece_to_piece_of_the_region(velocity: Velocity) -> No
 def test_where_the_limit_turns_up_joints_need_not_give_way(
     velocity: Velocity, outward: bool, pitch: float
 ) -> None:
-    """Past yaw of 1.6, where the limit is flat and pitch below it or, on the way in, pressed at it."""
+    """Past yaw of 1.6, where the limit is flat and pitch below it or, before that, pressed at it."""
     if outward and pitch > 0.3:
         return  # then pitch has to come down first
     ticks = []

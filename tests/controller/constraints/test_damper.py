@@ -83,7 +83,7 @@ def test_bounds_are_those_of_the_formula() -> None:
 
 
 def overshoot(law: Law, acceleration: float) -> tuple[FloatArray, FloatArray]:
-    """(17,) largest way beyond a limit [rad], over several starts, and the largest acceleration."""
+    """(17,) largest distance beyond a limit [rad], over several starts, and the largest acceleration."""
     worst, hardest = np.zeros(JOINTS), np.zeros(JOINTS)
     model = RobotModel(ROBOT)
     for phase in np.linspace(0, 1, 12):

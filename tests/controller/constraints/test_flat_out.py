@@ -64,14 +64,14 @@ def drive(
     """Run towards (posture, twist) targets, one per cycle, and check all that must hold after each.
 
     Returns:
-        (17,) top speed as a share of the limit; least distance from a coupled limit.
+        (17,) top speed as a fraction of the limit; least distance from a coupled limit.
     """
     references = []
     posture: FloatArray | None = None
     for _ in range(ticks):
-        wanted, base = next(targets)
-        if wanted is not posture:
-            control.posture.target = posture = wanted
+        target, base = next(targets)
+        if target is not posture:
+            control.posture.target = posture = target
             control.base_velocity.target = base
         references.append(control.step())
         status = control.status
@@ -105,12 +105,12 @@ def held(
 @SPEEDS
 @pytest.mark.parametrize("name", ROBOT.joint_names)
 def test_every_joint_alone(name: str, velocity: Velocity) -> None:
-    """From one limit to the other and back, and thrown round at half of the way."""
+    """From one limit to the other and back, and reversed at half of the distance."""
     joint = ROBOT.joint_index(name)
-    way = (ROBOT.upper - ROBOT.lower)[joint]
+    distance = (ROBOT.upper - ROBOT.lower)[joint]
     speed = ROBOT.joints[joint].velocity if velocity == "robot" else VELOCITY[joint]
     brake = 0.9 * ACCELERATION[joint]
-    there = int((way / speed + min(speed / brake, 2 * (way / brake) ** 0.5)) / DT) + 25
+    there = int((distance / speed + min(speed / brake, 2 * (distance / brake) ** 0.5)) / DT) + 25
 
     def choices() -> Iterator[tuple[FloatArray, FloatArray]]:
         for side in (1, 0, 1, 0, 1):
@@ -127,7 +127,7 @@ def test_every_joint_alone(name: str, velocity: Velocity) -> None:
 
 
 @pytest.mark.parametrize("jerk", [5.0, 12.0, 30.0])
-def test_a_jerk_limit_gives_way_to_what_joints_share(jerk: float) -> None:
+def test_a_jerk_limit_is_relaxed_for_limits_that_joints_share(jerk: float) -> None:
     random = np.random.default_rng(int(jerk))
 
     def choices() -> Iterator[tuple[FloatArray, FloatArray]]:

@@ -1,4 +1,4 @@
-"""The jerk limit: kept where nothing that matters more prevails, given up for velocity and position."""
+"""Jerk limit: it holds unless a more important limit prevails, and is relaxed for velocity and position."""
 
 from __future__ import annotations
 
@@ -82,15 +82,15 @@ def test_without_it_the_box_is_that_of_a_controller_that_has_none() -> None:
 
 
 def thrown(jerk: bool) -> float:
-    """Largest change of an acceleration, in units of the jerk limit, on ways that end far from any limit."""
+    """Largest change of an acceleration, in units of the jerk limit, on paths that end far from any limit."""
     control = WholeBodyController(ROBOT, WITH_JERK if jerk else SETTINGS)
     random = np.random.default_rng(1)
     control.posture.stiffness = 60.0
     before, largest = np.zeros(JOINTS), 0.0
-    way = np.minimum(0.1 * (ROBOT.upper - ROBOT.lower), 0.05 * VELOCITY)
+    distance = np.minimum(0.1 * (ROBOT.upper - ROBOT.lower), 0.05 * VELOCITY)
     for tick in range(1000):
         if tick % 40 == 0:
-            control.posture.target = MIDDLE + way * random.uniform(-1, 1, JOINTS)
+            control.posture.target = MIDDLE + distance * random.uniform(-1, 1, JOINTS)
             control.base_velocity.target = 0.2 * random.uniform(-1, 1, 3)
         reference = control.step()
         assert control.status.solver == "solved"
@@ -136,10 +136,10 @@ def test_position_and_velocity_count_more(velocity: Literal["safe", "robot"]) ->
         assert (np.abs(reference.acceleration) <= ACCELERATION + TINY).all()
         hardest = np.maximum(hardest, np.abs(reference.acceleration - before) / (JERK * DT))
         before = reference.acceleration
-    assert (hardest > 1.5).all()  # given up by every joint
+    assert (hardest > 1.5).all()  # relaxed by every joint
 
 
-def test_a_jerk_limit_that_was_given_up_is_named() -> None:
+def test_a_jerk_limit_that_was_relaxed_is_named() -> None:
     model, hand = RobotModel(ROBOT), ROBOT.joint_index("LHand")
     box, column = AccelerationBox(ROBOT, WITH_JERK, model, DT), model.joint_columns[hand]
     q, v, before = model.configuration(MIDDLE), np.zeros(20), np.zeros(20)

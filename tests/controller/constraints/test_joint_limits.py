@@ -1,4 +1,4 @@
-"""Limits of position, velocity and acceleration, whatever is asked for."""
+"""Limits of position, velocity and acceleration, for any request."""
 
 from __future__ import annotations
 
@@ -154,7 +154,7 @@ def test_the_base_keeps_its_limits(solver: str) -> None:
 
 @pytest.mark.parametrize("beyond", [-MARGIN, -MARGIN / 2, 0.001, 0.05, 0.5])
 def test_started_beyond_a_limit_it_comes_back_slowly(beyond: float) -> None:
-    """Every joint beyond one of its limits or in the margin before it, and no task that wants it back."""
+    """Every joint beyond one of its limits or in the margin before it, and no task that leads it back."""
     control = controller()
     side = np.where(np.arange(JOINTS) % 2, 1.0, -1.0)
     limit = np.where(side > 0, ROBOT.upper, ROBOT.lower) - side * MARGIN
@@ -175,7 +175,7 @@ def test_started_beyond_a_limit_it_comes_back_slowly(beyond: float) -> None:
     assert (reference.position >= ROBOT.lower + MARGIN - TINY).all()
 
 
-def test_started_beyond_a_limit_it_follows_a_task_that_wants_it_back() -> None:
+def test_started_beyond_a_limit_it_follows_a_task_that_leads_back() -> None:
     control = controller()
     control.reset(ROBOT.upper + 0.3)
     control.posture.target = MIDDLE
@@ -254,7 +254,7 @@ def test_too_fast_at_the_start_it_is_braked_to_the_velocity_limit_at_once() -> N
 
 
 @pytest.mark.parametrize("side", [-1.0, 1.0])
-def test_beyond_a_limit_and_on_the_way_out_it_is_turned_at_once(side: float) -> None:
+def test_beyond_a_limit_and_moving_out_it_is_turned_at_once(side: float) -> None:
     """Position counts more than acceleration."""
     columns = RobotModel(ROBOT).joint_columns
     limit = ROBOT.upper if side > 0 else ROBOT.lower

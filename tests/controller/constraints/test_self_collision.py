@@ -30,8 +30,13 @@ def bare_controller() -> WholeBodyController:
 def segment_distance(one: FloatArray, other: FloatArray) -> float:
     """Least distance of two lines between (2, 3) points each, searched for."""
 
-    def squared(share: FloatArray) -> float:
-        gap = one[0] + share[0] * (one[1] - one[0]) - other[0] - share[1] * (other[1] - other[0])
+    def squared(fraction: FloatArray) -> float:
+        gap = (
+            one[0]
+            + fraction[0] * (one[1] - one[0])
+            - other[0]
+            - fraction[1] * (other[1] - other[0])
+        )
         return float(gap @ gap)
 
     starts = [(a, b) for a in (0.1, 0.9) for b in (0.1, 0.9)]
@@ -81,7 +86,7 @@ def test_wrenches_give_the_gradient_of_the_distances() -> None:
 
 
 @pytest.mark.parametrize("cycles", [1.0, 3.0, inf])
-def test_places_on_the_way_to_rest_are_where_braking_leads(cycles: float) -> None:
+def test_points_of_the_path_to_rest_are_where_braking_leads(cycles: float) -> None:
     random, model = np.random.default_rng(2), RobotModel(ROBOT)
     brake = 0.9 * limits(model)
     path = BrakingPath(brake, DT, cycles)
@@ -92,13 +97,13 @@ def test_places_on_the_way_to_rest_are_where_braking_leads(cycles: float) -> Non
         path.update(v)
         q = model.configuration(np.zeros(17))
         after = braked(q, v, a, brake)[-1 if cycles == inf else int(cycles)]
-        way = (after - q)[4:]
+        displacement = (after - q)[4:]
         # Off by the last, partial cycle of braking, and by the second order of the acceleration.
         allowed = 1.2 * brake * DT**2
-        assert (np.abs(way - (path.distance + path.gain * a)[3:]) <= allowed[3:]).all()
+        assert (np.abs(displacement - (path.distance + path.gain * a)[3:]) <= allowed[3:]).all()
 
 
-def test_the_way_to_rest_is_that_of_single_joints() -> None:
+def test_the_path_to_rest_is_that_of_single_joints() -> None:
     """s(v) = v dt up to b dt, v^2 / (2 b) + b dt^2 / 2 above, after one cycle at v (``braking.py``)."""
     random, model = np.random.default_rng(3), RobotModel(ROBOT)
     brake = 0.9 * limits(model)
@@ -117,7 +122,7 @@ def test_the_way_to_rest_is_that_of_single_joints() -> None:
 
 
 def test_accelerations_on_a_row_end_at_the_security_distance() -> None:
-    """Both ways: a row that is kept leads to it, and what is left out cannot come nearer."""
+    """In both directions: a row that holds leads to it, and a pair without a row cannot come nearer."""
     random, ruler = np.random.default_rng(4), Ruler()
     constraint, model = SelfCollision(ROBOT), RobotModel(ROBOT)
     limit = limits(model)
@@ -231,7 +236,7 @@ def test_hands_that_start_in_the_body_come_out_slowly() -> None:
 
 
 def test_rows_that_matter_less_than_others_never_stop_the_controller() -> None:
-    """A row of a higher rank pushes the hand into the body: self-collision gives way, by name."""
+    """A row of a higher rank pushes the hand into the body: self-collision is relaxed, by name."""
     control = bare_controller()
     control.add(SelfCollision(ROBOT))
     control.reset(ROBOT.posture("StandInit"))

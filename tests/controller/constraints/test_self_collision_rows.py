@@ -59,7 +59,7 @@ def test_there_is_a_row_for_every_pair_that_an_acceleration_could_bring_too_near
 
 
 def test_arms_that_brake_past_each_other_are_seen_though_they_end_far_apart() -> None:
-    """After anything was near where it would come to rest, all of the way is looked at."""
+    """After a pair was near at the end of the path to rest, the whole path is checked."""
     settings = replace(SETTINGS, interaction_distance=0.03)
     constraint, ruler, model = SelfCollision(ROBOT, settings), Ruler(), RobotModel(ROBOT)
     braking_limits = BrakingLimits(limits(model), DT)
@@ -74,10 +74,10 @@ def test_arms_that_brake_past_each_other_are_seen_though_they_end_far_apart() ->
     path.update(v)
     passing = model.configuration(meeting)
     q = model.integrate(passing, -path.distance)
-    way = [ruler(posture).min() for posture in braked(q, v, still, braking_limits.brake)]
+    distances = [ruler(posture).min() for posture in braked(q, v, still, braking_limits.brake)]
     assert ruler(q).min() > SECURITY
-    assert min(way) < SECURITY
-    assert way[-1] > settings.interaction_distance
+    assert min(distances) < SECURITY
+    assert distances[-1] > settings.interaction_distance
 
     model.set_state(passing, still)
     model.update_kinematics()

@@ -35,7 +35,7 @@ def rows_at(
     return limit.compute_inequality(model, braking_limits)
 
 
-def test_limits_are_a_share_of_the_motors_torque_at_the_joint() -> None:
+def test_limits_are_a_fraction_of_the_motors_torque_at_the_joint() -> None:
     """By hand from the tables of the maker: motor types 5, 2 and 3 of knee, elbow and hand."""
     stall, nominal = TorqueLimit(ROBOT).limit, TorqueLimit(ROBOT, fraction=0.5, of="nominal").limit
     for name, at_stall, continuous, ratio in (
@@ -111,8 +111,8 @@ def test_flat_out_with_weak_motors_the_load_torque_stays_within_them() -> None:
     limit = TorqueLimit(ROBOT)
     slow = controller()
     # Weak enough to matter, strong enough to hold and to brake.
-    share = np.where(np.arange(JOINTS) < 3, 0.45, 1.0) * 0.55
-    limit.limit[:] *= share
+    fraction = np.where(np.arange(JOINTS) < 3, 0.45, 1.0) * 0.55
+    limit.limit[:] *= fraction
     control.add(limit)
     judge = RobotModel(ROBOT)
     random = np.random.default_rng(1)
@@ -162,14 +162,14 @@ def test_it_leaves_the_models_results_alone_and_needs_none() -> None:
     assert np.array_equal(fresh.matrix, rows.matrix)
 
 
-@pytest.mark.parametrize("share", [0.8, 0.15])
-def test_limits_follow_the_names_of_the_joints(share: float) -> None:
+@pytest.mark.parametrize("fraction", [0.8, 0.15])
+def test_limits_follow_the_names_of_the_joints(fraction: float) -> None:
     turn = np.random.default_rng(0).permutation(JOINTS)
     robot = replace(ROBOT, joints=tuple(ROBOT.joints[i] for i in turn))
     control, other = controller(), type(controller())(robot, SETTINGS)
     names = set()
     for c, r in ((control, ROBOT), (other, robot)):
-        c.add(TorqueLimit(r, fraction=share))
+        c.add(TorqueLimit(r, fraction=fraction))
         c.posture.target = r.upper
         c.posture.stiffness = 100.0
     for _ in range(60):
@@ -177,4 +177,4 @@ def test_limits_follow_the_names_of_the_joints(share: float) -> None:
         names |= set(control.status.active)
         assert set(control.status.active) == set(other.status.active)
         assert np.abs(reference.position[turn] - turned.position).max() < 1e-9
-    assert bool(names) == (share < 0.5)
+    assert bool(names) == (fraction < 0.5)

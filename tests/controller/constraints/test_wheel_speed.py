@@ -38,7 +38,7 @@ def wheel_speeds(twist: FloatArray) -> FloatArray:
 
 
 def driven(limited: bool) -> tuple[WholeBodyController, list[FloatArray]]:
-    """Base twists of a base thrown from one direction into another."""
+    """Base twists of a base that is reversed from one direction into another."""
     random = np.random.default_rng(4)
     control = controller()
     control.base_velocity.stiffness = 500.0
@@ -86,9 +86,9 @@ def test_rows_forbid_what_makes_a_wheel_too_fast_and_nothing_else() -> None:
         twist = BASE_VELOCITY * random.uniform(-1, 1, 3)
         twist *= LIMIT * random.choice([0.97, 0.99, 1.0]) / np.abs(wheel_speeds(twist)).max()
         rows = rows_at(twist)
-        for share in random.choice([-1, -0.5, 0, 0.5, 1], (20, 3)):
+        for fraction in random.choice([-1, -0.5, 0, 0.5, 1], (20, 3)):
             a = np.zeros(20)
-            a[:3] = share * BASE_ACCELERATION
+            a[:3] = fraction * BASE_ACCELERATION
             allowed = rows is None or bool((rows.matrix @ a <= rows.bound + 1e-7).all())
             fast = np.abs(wheel_speeds(twist + a[:3] * DT)).max()
             if abs(fast - LIMIT) < 1e-6:
@@ -129,11 +129,11 @@ def test_a_base_that_is_too_fast_is_braked_as_it_may_brake(turn: float) -> None:
     assert before > 1.05 * LIMIT
     control.step()
     control.override_state(control.position, start)
-    share = 0.9 * (BASE_ACCELERATION * DT / np.abs(start + 1e-12)).min()
+    fraction = 0.9 * (BASE_ACCELERATION * DT / np.abs(start + 1e-12)).min()
     for _ in range(150):
         twist = control.step().base_twist
         assert control.status.solver == "solved"
         speed = np.abs(wheel_speeds(twist)).max()
-        assert speed < max((1 - share) * before, LIMIT) + DIGITS
+        assert speed < max((1 - fraction) * before, LIMIT) + DIGITS
         before = speed
     assert before < LIMIT + DIGITS

@@ -152,5 +152,5 @@ def test_another_name_of_qpsolvers_works(monkeypatch: pytest.MonkeyPatch) -> Non
     monkeypatch.setattr(qpsolvers, "available_solvers", ["daqp", "osqp", "other"])
     solver = make_solver("other")
     assert isinstance(solver, QpsolversSolver)
-    # Not known to qpsolvers after all: told, not raised.
+    # Unknown to qpsolvers after all: reported, not raised.
     assert solver.solve(*good_problem(np.random.default_rng(0), 0)).status == "failed"

@@ -57,7 +57,7 @@ def five_tasks(solver: str = "daqp", scale: float = 1.0) -> WholeBodyController:
 
 
 def wander(control: WholeBodyController, ticks: int, *, reach: float = 0.4) -> list[Reference]:
-    """References on the way to poses of the wrists ``reach`` [rad] about the middle, and to random postures."""
+    """References on the path to poses of the wrists ``reach`` [rad] about the middle, and to random postures."""
     random = np.random.default_rng(12)
     wrists = [task for task in control.tasks if isinstance(task, FrameTask)]
     references = []
@@ -93,7 +93,7 @@ def test_daqp_solves_the_controllers_problems_exactly() -> None:
     assert bound > TEN_SECONDS / 2  # limits mattered
 
 
-def test_osqp_takes_the_same_way_with_five_tasks_for_thirty_seconds() -> None:
+def test_osqp_takes_the_same_path_with_five_tasks_for_thirty_seconds() -> None:
     exact, other = (wander(five_tasks(solver), THIRTY_SECONDS) for solver in ("daqp", "osqp"))
     assert largest_difference(exact, other) < 1e-6
     loads = [np.abs(a.load_torque - b.load_torque).max() for a, b in zip(exact, other, strict=True)]

@@ -1,4 +1,4 @@
-"""Solvers given problems without solution, numbers that are none, costs that are not convex: told, and forgotten."""
+"""Problems without solution, with NaN or infinity, with a cost that is not convex: reported, and forgotten."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def crossed_box(problem: Problem) -> None:
     "spoil", [contradictory, beyond_the_box, unreachable, minus_infinity, zero_row, crossed_box]
 )
 @pytest.mark.parametrize("first", [True, False])
-def test_a_problem_without_solution_is_told_and_forgotten(
+def test_a_problem_without_solution_is_reported_and_forgotten(
     name: str, spoil: Callable[[Problem], None], first: bool
 ) -> None:
     solver = SOLVERS[name]()

@@ -1,4 +1,4 @@
-"""Base pose and base velocity, and hands: rows, the short way round, limits, what is refused."""
+"""Base pose and base velocity, and hands: rows, the shorter turn, limits, what is refused."""
 
 from __future__ import annotations
 
@@ -83,7 +83,7 @@ def test_a_target_half_a_turn_away_is_turned_to_within_the_limits() -> None:
         assert task.reached(0.01)
 
 
-def test_a_motion_of_the_base_goes_the_short_way_and_ends_in_time() -> None:
+def test_a_motion_of_the_base_takes_the_shorter_turn_and_ends_in_time() -> None:
     control, task = driver()
     task.move_to([0.0, 0.0, 3.0], 12.0)
     for _ in range(1010):
@@ -183,7 +183,7 @@ def gains(control: WholeBodyController) -> list[float]:
 
 
 @pytest.mark.parametrize("make", BASES)
-def test_the_base_gives_way_while_a_task_may_move_it(make: Callable[[], Task]) -> None:
+def test_the_base_has_less_weight_while_a_task_may_move_it(make: Callable[[], Task]) -> None:
     control, one, other = controller(), make(), make()
     full, relaxed = [1000.0] * 3, [10.0] * 3
     assert gains(control) == full

@@ -18,7 +18,7 @@ INERTIA, DAMPING = 0.2, 4.0
 
 
 def compliant(**settings: Any) -> tuple[WholeBodyController, ComplianceTask]:
-    """A controller whose left elbow gives way; no posture holds it."""
+    """A controller with a compliant left elbow; no posture holds it."""
     control = controller()
     own = np.ones(17)
     own[INDEX] = 0.0

@@ -187,8 +187,8 @@ def test_only_selected_joints_move() -> None:
         control.step()
     moved = {
         name
-        for name, way in zip(ROBOT.joint_names, np.abs(control.position - MIDDLE), strict=True)
-        if way > 1e-6
+        for name, distance in zip(ROBOT.joint_names, np.abs(control.position - MIDDLE), strict=True)
+        if distance > 1e-6
     }
     assert moved == set(arm)
     assert np.abs(control.base_pose).max() < 1e-9
@@ -232,7 +232,7 @@ def test_an_axis_without_weight_is_free() -> None:
 
 
 def test_two_hands_keep_their_distance_while_one_moves() -> None:
-    """The right hand's pose seen from the left one stays, although only the left one is told to move."""
+    """The right hand's pose relative to the left one stays, although only the left one has a new target."""
     control = controller()
     control.posture.weight = 1.0
     together = FrameTask("r_wrist", root="l_wrist")

@@ -1,4 +1,4 @@
-"""Look-at: its rows against finite differences; where the robot looks in the end; awkward targets."""
+"""Look-at: its rows against finite differences; final line of sight; difficult targets."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def place(state: State, target_link: str | None) -> FloatArray:
     return position
 
 
-def way(state: State, target_link: str | None) -> FloatArray:
+def line_to_target(state: State, target_link: str | None) -> FloatArray:
     """(3,) from the eye to the target, in the axes of the head."""
     head = link_pose(state, "Head")
     there: FloatArray = head[:3, :3].T @ (place(state, target_link) - head[:3, 3]) - EYE
@@ -42,7 +42,7 @@ def way(state: State, target_link: str | None) -> FloatArray:
 
 
 def angle(state: State, target_link: str | None) -> float:
-    direction = way(state, target_link)
+    direction = line_to_target(state, target_link)
     sine = np.linalg.norm(np.cross(AXIS, direction))
     return float(np.arctan2(sine, AXIS @ direction))
 
@@ -57,7 +57,7 @@ def test_the_error_is_the_turn_that_is_left(target_link: str | None, seed: int) 
     # Turned by it, the axis points at the target.
     vector = error @ bench.task._axes[:2]  # type: ignore[attr-defined]
     pointed = Rotation.from_rotvec(vector).apply(AXIS / np.linalg.norm(AXIS))
-    direction = way(state, target_link)
+    direction = line_to_target(state, target_link)
     np.testing.assert_allclose(pointed, direction / np.linalg.norm(direction), atol=1e-9)
     # The angle that is left shrinks by the rows along the error.
     before, after = (angle(later(state, time), target_link) for time in (-STEP, STEP))
@@ -78,21 +78,21 @@ def test_both_rows_are_the_turn_relative_to_the_way(target_link: str | None, see
 
 
 def relative_turn(state: State, target_link: str | None) -> FloatArray:
-    """(3,) the head's turn minus the turn of the way to the target, by finite differences, in the axes of the eye."""
+    """(3,) the head's turn minus the turn of the line to the target, by finite differences, in the axes of the eye."""
     heads = [link_pose(later(state, time), "Head")[:3, :3] for time in (-STEP, 0.0, STEP)]
-    ways = [
-        head @ way(later(state, time), target_link)
+    lines = [
+        head @ line_to_target(later(state, time), target_link)
         for head, time in zip(heads, (-STEP, 0.0, STEP), strict=True)
     ]
-    ways = [w / np.linalg.norm(w) for w in ways]
+    lines = [w / np.linalg.norm(w) for w in lines]
     head = turn(heads[0], heads[2]) / (2 * STEP)
-    sight = np.cross(ways[1], (ways[2] - ways[0]) / (2 * STEP))
+    sight = np.cross(lines[1], (lines[2] - lines[0]) / (2 * STEP))
     axes = gaze(target_link)._axes
     turned: FloatArray = axes @ heads[1].T @ (head - sight)
     return turned
 
 
-def look(control: WholeBodyController) -> tuple[FloatArray, FloatArray]:
+def line_of_sight(control: WholeBodyController) -> tuple[FloatArray, FloatArray]:
     """Where the head is and its x axis in the world."""
     head = link_pose(State(control.model.q, control.model.v), "Head")
     return head[:3, 3], head[:3, 0]
@@ -107,7 +107,7 @@ def test_the_head_alone_looks_at_a_place_while_the_robot_drives() -> None:
     for tick in range(300):
         control.step()
         if tick > 200:
-            eye, axis = look(control)
+            eye, axis = line_of_sight(control)
             direction = (target - eye) / np.linalg.norm(target - eye)
             assert np.arccos(axis @ direction) < 0.01
     head = [ROBOT.joint_index(name) for name in ("HeadYaw", "HeadPitch")]
@@ -126,7 +126,7 @@ def test_the_head_follows_the_own_hand() -> None:
     yaw = control.position[3]
     for _ in range(200):
         control.step()
-        eye, axis = look(control)
+        eye, axis = line_of_sight(control)
         hand = link_pose(State(control.model.q, control.model.v), "l_wrist")[:3, 3]
         assert axis @ (hand - eye) / np.linalg.norm(hand - eye) > np.cos(0.1)
     assert abs(control.position[3] - yaw) > 0.1
@@ -139,7 +139,7 @@ def test_without_a_target_it_goes_on_looking_where_it_looks() -> None:
     control = controller()
     task = LookAtTask()
     assert np.isnan(task.target).all()
-    eye, axis = look(control)
+    eye, axis = line_of_sight(control)
     control.add(task)
     control.step()
     np.testing.assert_allclose(task.target, eye + axis, atol=1e-9)
@@ -162,18 +162,18 @@ def test_a_target_in_the_eye_holds_the_line_of_sight(distance: float) -> None:
     assert np.isfinite(bias).all()
 
 
-def test_a_target_behind_is_looked_at_the_way_round() -> None:
+def test_a_target_behind_is_looked_at_by_a_turn() -> None:
     control = controller()
     task = LookAtTask(joints=("HeadYaw", "HeadPitch"), base=True)
     control.add(task)
-    eye, axis = look(control)
+    eye, axis = line_of_sight(control)
     task.target = eye - axis
     control.step()
     assert np.linalg.norm(task.error) == pytest.approx(np.pi, abs=1e-6)
     for _ in range(2000):
         assert np.isfinite(control.step().position).all()
         assert control.status.solver == "solved"
-    eye, axis = look(control)
+    eye, axis = line_of_sight(control)
     assert axis @ (task.target - eye) > 0
 
 

@@ -88,8 +88,8 @@ def test_a_moving_reference_is_followed_without_lag() -> None:
                 )
             reference = control.step()
             if t > 5.0:
-                wanted = MIDDLE + amplitude * np.sin(rate * (t + DT))
-                lag = max(lag, float(np.abs(reference.position - wanted)[3:].max()))
+                expected = MIDDLE + amplitude * np.sin(rate * (t + DT))
+                lag = max(lag, float(np.abs(reference.position - expected)[3:].max()))
         lags[feed_forward] = lag
     assert lags[True] < 0.01
     assert lags[False] > 0.05

@@ -1,4 +1,4 @@
-"""What is set on tasks in use, from whatever thread: between two ticks, and a group of settings together."""
+"""Settings of tasks in use from any thread: between two ticks, and a group of settings together."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ def value(task: Task, name: str) -> Any:
 
 
 def grouped(control: WholeBodyController, task: Task, name: str, new: Any) -> None:
-    """A setting in a group is made at its end; not if the group fails; and it waits for a tick under way."""
+    """A setting in a group is made at its end; not if the group fails; and it waits for the present tick."""
     before = value(task, name)
     fails(control, lambda: setattr(task, name, new))
     assert value(task, name) == before
@@ -98,14 +98,14 @@ def fails(control: WholeBodyController, work: Callable[[], None]) -> None:
 
 
 def waits_for_the_tick(
-    control: WholeBodyController, work: Callable[[], None], look: Callable[[], Any], before: Any
+    control: WholeBodyController, work: Callable[[], None], read: Callable[[], Any], before: Any
 ) -> None:
     thread = threading.Thread(target=work, daemon=True)
     with control.changes.tick():
         thread.start()
         thread.join(0.02)
         assert thread.is_alive()
-        assert look() == before
+        assert read() == before
     thread.join(20.0)
     assert not thread.is_alive()
 
@@ -249,7 +249,7 @@ def test_tasks_come_and_go_together() -> None:
     assert control.tasks == (*own, other)
 
 
-def test_controllers_may_share_one_keeper_of_changes() -> None:
+def test_controllers_may_share_one_object_of_changes() -> None:
     changes = Changes()
     one, two = (WholeBodyController(ROBOT, changes=changes) for _ in range(2))
     task = PositionTask("l_wrist")
@@ -277,7 +277,7 @@ def test_nothing_steps_inside_a_group() -> None:
 
 
 class Probe(Task):
-    """Looks in every tick at what two others want; nothing may change while it does."""
+    """Task that compares the targets of two others in every tick; nothing may change meanwhile."""
 
     needs_kinematics = False
 

@@ -1,4 +1,4 @@
-"""Every task on its own: a reachable target is approached by the law of the critically damped spring."""
+"""Every task alone: a reachable target is approached by the critically damped law."""
 
 from __future__ import annotations
 

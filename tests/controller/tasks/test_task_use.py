@@ -82,7 +82,7 @@ def test_a_target_just_set_is_not_reached_by_the_error_of_the_one_before() -> No
 
 
 def test_passing_by_is_not_reaching() -> None:
-    """A slack spring swings through its target at full speed."""
+    """An underdamped task swings through its target at full speed."""
     control = controller()
     control.posture.damping = 0.2
     control.posture.target = MIDDLE + 0.2

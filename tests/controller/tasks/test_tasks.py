@@ -38,7 +38,7 @@ class WristTask(Task):
 
 
 class BrokenTask(Task):
-    """Wants what is not a number."""
+    """Task that requests NaN."""
 
     needs_kinematics = False
 
@@ -68,7 +68,7 @@ def critically_damped(time: FloatArray) -> FloatArray:
 
 
 @pytest.mark.parametrize(("dt", "error"), [(DT, 0.015), (DT / 8, 0.002)])
-def test_posture_moves_as_a_critically_damped_spring(dt: float, error: float) -> None:
+def test_posture_moves_by_a_critically_damped_law(dt: float, error: float) -> None:
     time, x = motion(dt)
     assert np.abs(x - critically_damped(time)).max() < error
 
@@ -302,7 +302,7 @@ def test_kinematics_are_computed_for_those_who_need_them(monkeypatch: pytest.Mon
     assert len(calls) == 2
 
 
-def test_a_task_that_wants_nonsense_brakes_the_robot() -> None:
+def test_a_task_with_nonsense_brakes_the_robot() -> None:
     control = controller()
     control.posture.target = ROBOT.upper
     control.base_velocity.target = np.array([0.3, 0.0, 0.5])

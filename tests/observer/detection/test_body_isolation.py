@@ -30,7 +30,7 @@ from pepper_driver.observer.interface import (
 from support.fusion import check_lives
 from support.observer import CYCLE, JOINTS, ROBOT, SETTINGS
 
-# Of each joint another, so that ratios and residuals are told apart.
+# Another value for each joint, so that ratios and residuals differ.
 THRESHOLDS = np.linspace(0.01, 0.04, JOINTS)
 PERIOD = round(SETTINGS.update_period / CYCLE)
 HELD = round(TRUNK_REPORT_DELAY / CYCLE)
@@ -168,19 +168,19 @@ def test_a_joint_that_goes_blind_loses_the_contact() -> None:
     assert (end.id, end.phase, end.torque) == (1, "end", None)
 
 
-def test_what_the_legs_feel_is_on_the_trunk() -> None:
+def test_what_the_legs_detect_is_on_the_trunk() -> None:
     events = Player().play(1 + HELD, HipRoll=2.0)
     told = [(e.limb, e.joint, e.link, e.direction) for e in events]
     assert told == [(TRUNK, None, TRUNK_LINK, -1)]
     assert events[0].torque is None
     hip = THRESHOLDS[ROBOT.joint_index("HipRoll")]
     assert events[0].intensity_deg == pytest.approx(math.degrees(2.0 * hip))
-    # With the wheels beside it, it is still the trunk.
+    # Together with the wheels it is still the trunk.
     [both] = Player().play(1 + HELD, base=1.5, HipPitch=3.0)
     assert (both.joint, both.link) == (None, TRUNK_LINK)
 
 
-def test_what_only_the_wheels_feel_is_on_the_base() -> None:
+def test_what_only_the_wheels_detect_is_on_the_base() -> None:
     player = Player()
     [begin] = player.play(1 + HELD, base=1.5)
     assert (begin.joint, begin.link, begin.phase) == (None, BASE_LINK, "begin")
@@ -193,7 +193,7 @@ def test_what_only_the_wheels_feel_is_on_the_base() -> None:
 
 @pytest.mark.parametrize("ticks", range(1, HELD + 1))
 @pytest.mark.parametrize("first", [{"base": 1.5}, {"HipRoll": 2.0}])
-def test_what_an_arm_feels_within_two_ticks_of_the_trunk_is_first_told_on_the_arm(
+def test_what_an_arm_detects_within_two_ticks_of_the_trunk_is_first_reported_on_the_arm(
     first: dict[str, float], ticks: int
 ) -> None:
     player = Player()
@@ -212,7 +212,7 @@ def test_what_an_arm_feels_within_two_ticks_of_the_trunk_is_first_told_on_the_ar
     assert {(event.id, event.limb) for event in rest} == {(1, "left_arm")}
 
 
-def test_a_contact_on_the_trunk_is_told_after_two_ticks_even_if_it_is_over_then() -> None:
+def test_a_contact_on_the_trunk_is_reported_after_two_ticks_even_if_it_is_over_then() -> None:
     player = Player()
     assert player.play(HELD, HipRoll=2.0) == []
     [begin] = player.play(1, HipRoll=2.0)
@@ -225,7 +225,7 @@ def test_a_contact_on_the_trunk_is_told_after_two_ticks_even_if_it_is_over_then(
 
 
 @pytest.mark.parametrize("value", [math.nan, -2.0])
-def test_no_contact_is_lost_that_ends_before_it_is_told(value: float) -> None:
+def test_no_contact_is_lost_that_ends_before_it_is_reported(value: float) -> None:
     """The joint goes blind, or swings back."""
     player = Player()
     assert player.play(1, HipRoll=2.0) == []
@@ -238,17 +238,17 @@ def test_no_contact_is_lost_that_ends_before_it_is_told(value: float) -> None:
     assert [event.kind for event in events[2:]] == ([] if math.isnan(value) else ["rebound"])
 
 
-def test_a_contact_on_a_limb_is_told_at_once() -> None:
+def test_a_contact_on_a_limb_is_reported_at_once() -> None:
     [begin] = Player().play(1, LElbowRoll=2.0)
     assert (begin.phase, begin.time) == ("begin", 0.0)
 
 
-def test_a_collision_of_the_trunk_is_told_as_one() -> None:
+def test_a_collision_of_the_trunk_is_reported_as_one() -> None:
     [begin] = Player().play(1 + HELD, HipRoll=1.5 * SETTINGS.collision_factor)
     assert (begin.phase, begin.kind) == ("begin", "collision")
 
 
-def test_an_arm_that_feels_a_push_later_than_the_trunk_takes_its_contact_over() -> None:
+def test_an_arm_that_detects_a_push_later_than_the_trunk_takes_its_contact_over() -> None:
     player = Player()
     [begin] = player.play(1 + HELD, HipRoll=2.0)
     assert begin.joint is None
@@ -273,11 +273,11 @@ def test_later_the_arm_has_a_contact_of_its_own() -> None:
     assert sorted(event.id for event in ends) == [1, 2]
 
 
-def test_what_the_trunk_feels_of_a_push_on_an_arm_is_no_second_contact() -> None:
+def test_what_the_trunk_detects_of_a_push_on_an_arm_is_no_second_contact() -> None:
     player = Player()
     events = player.play(5, LElbowRoll=3.0)
     events += player.play(30, LElbowRoll=3.0, HipRoll=2.0, HipPitch=-2.0, base=2.0)
-    # Neither does it become one when the arm is let go first.
+    # It does not become one either when the arm is released first.
     events += player.play(10, HipRoll=2.0) + player.play(QUIET)
     assert {event.id for event in events} == {1}
     assert {event.joint for event in events} == {"LElbowRoll"}
@@ -292,12 +292,12 @@ def test_two_limbs_at_once_have_two_contacts() -> None:
     assert begins.keys() == {"LElbowRoll", "RElbowRoll"}
     assert begins["LElbowRoll"].id != begins["RElbowRoll"].id
     assert (begins["LElbowRoll"].direction, begins["RElbowRoll"].direction) == (-1, 1)
-    # The one goes on when the other ends.
+    # The one continues when the other ends.
     ends = [e for e in player.play(QUIET, LElbowRoll=3.0) if e.phase == "end"]
     assert [event.joint for event in ends] == ["RElbowRoll"]
 
 
-def test_two_limbs_after_the_trunk_share_its_contact_with_nobody() -> None:
+def test_of_two_limbs_after_the_trunk_one_takes_its_contact() -> None:
     player = Player()
     player.play(1 + HELD, HipRoll=2.0)
     events = player.play(1, HipRoll=2.0, LElbowRoll=3.0, RElbowRoll=3.0)

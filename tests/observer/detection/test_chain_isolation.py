@@ -200,7 +200,7 @@ def test_a_residual_that_jumps_to_the_other_side_ends_and_begins_in_one_tick() -
 
 
 def test_a_rebound_that_stays_ends_and_a_contact_begins() -> None:
-    """Somebody holds the joint: whoever waits for the begin of a contact must hear of it."""
+    """A person holds the joint: a program that waits for the begin of a contact must receive it."""
     player = Player()
     player.play(5, LElbowRoll=5.0)
     player.play(3)

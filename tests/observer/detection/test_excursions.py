@@ -189,7 +189,7 @@ STUCK = math.ceil(STUCK_TIME / CYCLE)
 LONGEST = math.ceil(MAX_STUCK_TIME / CYCLE)
 
 
-def test_a_joint_that_friction_holds_off_its_place_is_let_go() -> None:
+def test_a_joint_that_friction_holds_away_from_its_target_is_released() -> None:
     player = Settler()
     player.play(4.0, 20)
     states = player.play(2.0, STUCK + 5)
@@ -213,7 +213,7 @@ def test_a_hand_that_still_pulls_is_no_friction() -> None:
     assert SETTLING not in player.play(2.0, LONGEST - 1)
 
 
-def test_one_that_never_fell_is_let_go_later() -> None:
+def test_one_that_never_fell_is_released_later() -> None:
     player = Settler()
     states = player.play(2.0, LONGEST + 3)
     assert states.index(SETTLING) == pytest.approx(LONGEST, abs=1)

@@ -1,4 +1,4 @@
-"""How far a joint strays, against the definition: sorted block maxima of all samples."""
+"""Residual envelope of a joint, against its definition: sorted block maxima of all samples."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ def of_run(residual: FloatArray, seen: BoolArray, moving: BoolArray) -> list[flo
 def defined(
     residual: FloatArray, seen: BoolArray, moving: BoolArray, touches: list[int]
 ) -> tuple[float, float]:
-    """Bound and share known of one joint, from all samples at once."""
+    """Bound and known fraction of one joint, from all samples at once."""
     maxima: list[float] = []
     for begin, end in zip([-1, *touches], [*touches, len(residual)], strict=True):
         run = slice(0 if begin < 0 else begin + 1 + POST_CONTACT_TICKS, end)
@@ -107,7 +107,7 @@ def test_forgets_what_was_longer_ago_than_it_remembers() -> None:
     assert target.bound[0] == pytest.approx(ENVELOPE_FACTOR * 0.1)
 
 
-def test_two_touches_that_were_not_felt_leave_no_trace() -> None:
+def test_two_touches_that_were_not_detected_have_no_effect() -> None:
     quiet = [0.1] * (BLOCKS_PER_RANK * ENVELOPE_RANK)
     target = strays()
     learn_blocks(target, [*quiet, 0.2, *quiet[:5], 0.3])
@@ -167,7 +167,7 @@ def test_rest_alone_proves_nothing_but_counts_with_motion() -> None:
 
 
 def test_the_beginning_of_a_touch_teaches_nothing() -> None:
-    """It grows for a while before it is felt, and here the robot was at rest before."""
+    """It grows for a while before it is detected, and here the robot was at rest before."""
     target = strays()
     learn_blocks(target, [0.1] * BLOCKS_PER_RANK)
     for _ in range(BLOCK_TICKS + BLOCK_TICKS // 2):
@@ -221,7 +221,7 @@ def test_reset_forgets() -> None:
     assert target.bound[0] == pytest.approx(ENVELOPE_FACTOR * 0.1)
 
 
-def test_long_after_a_touch_what_is_nearly_felt_counts_again() -> None:
+def test_long_after_a_touch_what_is_nearly_detected_counts_again() -> None:
     identified = 3.0 * ENVELOPE_FACTOR * QUIET
     target = strays(identified=identified)
     learn_blocks(target, [QUIET] * (BLOCKS_PER_RANK + 2))
@@ -238,10 +238,10 @@ def test_long_after_a_touch_what_is_nearly_felt_counts_again() -> None:
     ("share", "touched", "counts"),
     [(0.9, True, False), (0.7, True, False), (0.5, True, True), (0.9, False, True)],
 )
-def test_what_is_nearly_felt_among_touches_widens_nothing(
+def test_what_is_nearly_detected_among_touches_widens_nothing(
     share: float, touched: bool, counts: bool
 ) -> None:
-    """Once today's strays are known; of a robot that nobody touches, all of it is what it strays by."""
+    """Once the envelope is known; without touch, all residuals count for the envelope."""
     identified = 3.0 * ENVELOPE_FACTOR * QUIET
     target = strays(identified=identified)
     for _ in range((BLOCKS_PER_RANK + 2) * BLOCK_TICKS):

@@ -38,7 +38,7 @@ def test_fit_figure_by_hand() -> None:
     assert nrmse_fit(y, y + 10.0) == pytest.approx(100 * (1 - 20 / 5**0.5))
 
 
-def test_fit_figure_is_no_share_of_variance() -> None:
+def test_the_fit_is_no_fraction_of_variance() -> None:
     rng = np.random.default_rng(0)
     y = rng.standard_normal(100_000)
     assert nrmse_fit(y, y + 0.189 * rng.standard_normal(100_000)) == pytest.approx(81.1, abs=0.3)

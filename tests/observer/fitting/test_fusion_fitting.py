@@ -25,7 +25,7 @@ from pepper_driver.observer.residuals.fusion import FusionGenerator
 from support.fusion import (
     ELBOW,
     PER_AMPERE,
-    TWIN,
+    STICK_SLIP,
     drive,
     fusion_model,
     push_profile,
@@ -37,7 +37,7 @@ from support.observer import CYCLE, JOINTS, ROBOT, SETTINGS, models
 
 JOINT, OTHER = "LElbowRoll", "RElbowRoll"
 WINDOW = SETTINGS.fusion_window
-TRUE = replace(TWIN, friction=0.01, load_friction=0.0, lag=0.03, offset=0.002, breakaway=1.1)
+TRUE = replace(STICK_SLIP, friction=0.01, load_friction=0.0, lag=0.03, offset=0.002, breakaway=1.1)
 
 
 def runs(*, noise: float = 0.0, seed: int = 0) -> list[Recording]:
@@ -68,8 +68,8 @@ def test_a_clean_current_is_the_source_of_the_motors_torque(found: FusionModel) 
     assert momentum.offset == pytest.approx(TRUE.offset, abs=0.001)
 
 
-def test_a_current_that_tells_nothing_is_left_alone(found: FusionModel) -> None:
-    """And then nothing is known beside the twin: it does not lose by it."""
+def test_a_current_without_information_is_not_used(found: FusionModel) -> None:
+    """The stick-slip model is then used alone, and is not worse by it."""
     blind = fit_joint_fusion(JOINT, runs(noise=5.0), ROBOT)
     assert blind.momentum.source == "voltage"
     assert blind.spread[1] < 2.0 * found.spread[1]
@@ -93,8 +93,10 @@ def calibration() -> list[Recording]:
     made = []
     for seconds, size, rate in ((8.0, 0.5, 2.5), (30.0, 0.6, 1.5)):
         motion = swing(seconds, size, rate, rest=1.0)
-        # Rougher than the model knows, and than it can get used to: residuals of some size.
-        made.append(recording_of(motion, drive(motion, replace(TWIN, friction=0.03, lag=0.06))))
+        # More friction than in the model, and more than it can adapt to: residuals of some size.
+        made.append(
+            recording_of(motion, drive(motion, replace(STICK_SLIP, friction=0.03, lag=0.06)))
+        )
     return made
 
 
@@ -138,7 +140,7 @@ def test_a_quiet_joint_gets_the_least_threshold() -> None:
     assert set(model.bound.value) <= {0.0, MIN_BOUND}
 
 
-def test_all_of_it_together_feels_a_push_and_nothing_else() -> None:
+def test_all_of_it_together_detects_a_push_and_nothing_else() -> None:
     free = runs(seed=1)
     sweeps = {JOINT: runs(), OTHER: [run.mirrored(ROBOT) for run in runs()]}
     fitted, base = fit_fusion(
@@ -147,7 +149,7 @@ def test_all_of_it_together_feels_a_push_and_nothing_else() -> None:
     assert fitted.keys() == {JOINT, OTHER, "HeadYaw"}
     assert base is None
     assert fitted["HeadYaw"].twin == fitted[JOINT].twin
-    # The other elbow turns the other way, and so does its constant load.
+    # The other elbow turns in the other direction, and so does its constant load.
     assert ROBOT.mirror[ELBOW] == (ROBOT.joint_index(OTHER), -1.0)
     offset = fitted[JOINT].twin.offset
     assert offset == pytest.approx(TRUE.offset, abs=5e-4)

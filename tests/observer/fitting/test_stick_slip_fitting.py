@@ -1,4 +1,4 @@
-"""Identification of the twin finds the constants of a joint that another integrator simulates."""
+"""Identification of the stick-slip model finds the constants of a joint that another integrator simulates."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ import pytest
 from pepper_driver.observer.fitting.stick_slip import START_UP_TIME, fit_stick_slip
 from pepper_driver.observer.models.stick_slip import StickSlipParameters
 from pepper_driver.observer.recording import Recording
-from support.fusion import ELBOW, TORQUE_CONSTANT, TWIN, drive, recording_of, swing
+from support.fusion import ELBOW, STICK_SLIP, TORQUE_CONSTANT, drive, recording_of, swing
 from support.observer import CYCLE
 
 JOINT = "LElbowRoll"
 TRUE = replace(
-    TWIN,
+    STICK_SLIP,
     lag=0.035,
     friction=0.011,
     load_friction=0.0,
@@ -25,17 +25,17 @@ TRUE = replace(
 )
 
 
-def runs(twin: StickSlipParameters = TRUE, seconds: float = 6.0) -> list[Recording]:
+def runs(parameters: StickSlipParameters = TRUE, seconds: float = 6.0) -> list[Recording]:
     """Free motion of different speeds, with the encoder's steps."""
     made = []
     for size, rate, gravity, rest in ((0.5, 1.0, 3.0, 1.0), (0.4, 2.2, -3.0, 0.5)):
         motion = swing(seconds, size, rate, gravity=gravity, rest=rest)
-        made.append(recording_of(motion, drive(motion, twin)))
+        made.append(recording_of(motion, drive(motion, parameters)))
     return made
 
 
-def total_lag(twin: StickSlipParameters) -> float:
-    return twin.lag + twin.transport * CYCLE
+def total_lag(parameters: StickSlipParameters) -> float:
+    return parameters.lag + parameters.transport * CYCLE
 
 
 @pytest.fixture(scope="module")
@@ -44,7 +44,7 @@ def found() -> StickSlipParameters:
 
 
 def test_finds_the_constants_of_the_joint(found: StickSlipParameters) -> None:
-    # At these speeds a lag in time looks like one of the motor: only their sum is known well.
+    # At these speeds a lag in time looks like one of the motor: only their sum is determined well.
     assert total_lag(found) == pytest.approx(TRUE.lag, abs=0.0015)
     assert found.friction == pytest.approx(TRUE.friction, rel=0.12)
     assert found.load_gain == pytest.approx(TRUE.load_gain, rel=0.05)
@@ -73,8 +73,8 @@ def test_a_dead_band_and_an_integral_are_found_where_they_are() -> None:
     assert board.integral_rate == pytest.approx(0.8, abs=0.25)
 
 
-def test_the_current_tells_the_stiffness_of_a_joint_that_bears_no_load() -> None:
-    light = replace(TRUE, load_gain=TWIN.load_gain)
+def test_the_current_gives_the_stiffness_of_a_joint_without_load() -> None:
+    light = replace(TRUE, load_gain=STICK_SLIP.load_gain)
     made = []
     for size, rate in ((0.5, 1.0), (0.4, 2.2)):
         motion = replace(swing(6.0, size, rate, rest=1.0), load=np.zeros(round(7.0 / CYCLE)))
@@ -84,7 +84,7 @@ def test_the_current_tells_the_stiffness_of_a_joint_that_bears_no_load() -> None
 
 
 def test_samples_that_cannot_be_used_do_not_count() -> None:
-    """And neither does the start, nor the end of a shorter run."""
+    """The start and the end of a shorter run do not count either."""
     long, short = runs(seconds=3.0)
     short = replace(
         short, **{name: getattr(short, name)[:120] for name in vars(short) if name != "joint_names"}

@@ -1,4 +1,4 @@
-"""The stick-slip twin, against closed forms and against a joint integrated in small steps."""
+"""Stick-slip model, against closed forms and against a joint integrated in small steps."""
 
 from __future__ import annotations
 
@@ -18,26 +18,26 @@ from pepper_driver.observer.models.stick_slip import (
     StickSlipModel,
     StickSlipParameters,
 )
-from support.fusion import TWIN, Motion, drive, swing
+from support.fusion import STICK_SLIP, Motion, drive, swing
 from support.observer import CYCLE
 
-SMOOTH = replace(TWIN, friction=0.0, load_friction=0.0, breakaway=1.0)
+SMOOTH = replace(STICK_SLIP, friction=0.0, load_friction=0.0, breakaway=1.0)
 
 
 def play(
-    twin: StickSlipParameters,
+    parameters: StickSlipParameters,
     target: FloatArray,
     load: FloatArray | float = 0.0,
     *,
     start: float | None = None,
     cycle: float = CYCLE,
 ) -> FloatArray:
-    """(n,) positions of one twin [rad]."""
-    twins = StickSlipModel.from_parameters([twin], cycle)
-    twins.start(np.array([target[0] if start is None else start]), target[:1])
+    """(n,) positions of one model [rad]."""
+    model = StickSlipModel.from_parameters([parameters], cycle)
+    model.start(np.array([target[0] if start is None else start]), target[:1])
     loads = np.broadcast_to(load, len(target))
     rows = [
-        twins.step(np.array([x]), np.array([tau])) for x, tau in zip(target, loads, strict=True)
+        model.step(np.array([x]), np.array([tau])) for x, tau in zip(target, loads, strict=True)
     ]
     return np.concatenate(rows)
 
@@ -55,33 +55,35 @@ def ramp(velocity: float, seconds: float = 3.0) -> FloatArray:
 def test_at_constant_velocity_the_error_is_lag_friction_and_load(
     velocity: float, load: float, changes: dict[str, float]
 ) -> None:
-    twin = replace(TWIN, **changes)
+    parameters = replace(STICK_SLIP, **changes)
     target = ramp(velocity)
-    error = (target - play(twin, target, load))[-1]
-    borne = twin.load_gain * load + twin.offset
-    friction = twin.friction + twin.load_friction * abs(borne)
-    motor = twin.lag * velocity + np.sign(velocity) * friction + borne
-    expected = motor + np.sign(motor) * twin.dead_band + twin.transport * CYCLE * velocity
+    error = (target - play(parameters, target, load))[-1]
+    load_angle = parameters.load_gain * load + parameters.offset
+    friction = parameters.friction + parameters.load_friction * abs(load_angle)
+    motor = parameters.lag * velocity + np.sign(velocity) * friction + load_angle
+    expected = (
+        motor + np.sign(motor) * parameters.dead_band + parameters.transport * CYCLE * velocity
+    )
     assert error == pytest.approx(expected, rel=1e-9)
 
 
 def test_the_integral_removes_the_sag_under_a_load() -> None:
-    board = replace(TWIN, integral_rate=1.5)
+    board = replace(STICK_SLIP, integral_rate=1.5)
     still = np.full(round(12.0 / CYCLE), 0.3)
     at = play(board, still, 4.0)
     assert still[0] - at.min() > 0.02
     assert abs(still[0] - at[-1]) < 1e-4
     # Without it friction alone holds the rest of the load.
-    size = TWIN.friction + TWIN.load_friction * 0.04
-    sag = still[0] - play(TWIN, still, 4.0)[-1]
-    assert 0.04 - TWIN.breakaway * size <= sag <= 0.04 + size
+    size = STICK_SLIP.friction + STICK_SLIP.load_friction * 0.04
+    sag = still[0] - play(STICK_SLIP, still, 4.0)[-1]
+    assert 0.04 - STICK_SLIP.breakaway * size <= sag <= 0.04 + size
 
 
 def test_the_integral_removes_the_lag_of_a_constant_velocity() -> None:
     target = ramp(0.4, 10.0)
-    at = play(replace(TWIN, integral_rate=1.5), target, 4.0)
+    at = play(replace(STICK_SLIP, integral_rate=1.5), target, 4.0)
     assert abs(target[-1] - at[-1]) < 1e-4
-    assert abs((target - play(TWIN, target, 4.0))[-1]) > 0.05
+    assert abs((target - play(STICK_SLIP, target, 4.0))[-1]) > 0.05
 
 
 def analytic(time: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -126,14 +128,16 @@ def test_without_friction_it_converges_to_the_differential_equation(
     ],
 )
 def test_sticks_and_slips_as_a_joint_in_small_steps(changes: dict[str, float]) -> None:
-    twin = replace(TWIN, **changes)
+    parameters = replace(STICK_SLIP, **changes)
     motion = swing(6.0, gravity=3.0, rest=1.0)
-    truth = drive(motion, twin).position
-    at = play(twin, motion.position, motion.load)
+    truth = drive(motion, parameters).position
+    at = play(parameters, motion.position, motion.load)
     error = motion.position - truth
     assert np.sqrt(np.mean((at - truth) ** 2)) < 0.04 * error.std()
-    # Friction makes most of the error: without it the twin is far off.
-    smooth = play(replace(twin, friction=0.0, load_friction=0.0), motion.position, motion.load)
+    # Friction makes max_friction of the error: without it the model is far off.
+    smooth = play(
+        replace(parameters, friction=0.0, load_friction=0.0), motion.position, motion.load
+    )
     assert np.sqrt(np.mean((at - truth) ** 2)) < 0.3 * np.sqrt(np.mean((smooth - truth) ** 2))
 
 
@@ -150,7 +154,7 @@ def creep(size: float) -> Motion:
 
 def test_creeping_goals_leave_it_where_friction_holds_it() -> None:
     """The memory of friction: at one goal it rests on either side, as it came there."""
-    rough = replace(TWIN, breakaway=1.0)
+    rough = replace(STICK_SLIP, breakaway=1.0)
     motion = creep(0.02)
     at, truth = play(rough, motion.position), drive(motion, rough).position
     np.testing.assert_allclose(at, truth, atol=5e-4)
@@ -161,19 +165,21 @@ def test_creeping_goals_leave_it_where_friction_holds_it() -> None:
 
 
 @given(st.floats(-1.0, 1.0), st.floats(-6.0, 6.0), st.floats(0.0, 0.3))
-def test_sticks_exactly_up_to_breakaway(share: float, load: float, load_friction: float) -> None:
-    twin = replace(TWIN, load_friction=load_friction, offset=0.002)
-    borne = twin.load_gain * load + twin.offset
-    most = twin.breakaway * (twin.friction + load_friction * abs(borne))
+def test_sticks_exactly_up_to_breakaway(ratio: float, load: float, load_friction: float) -> None:
+    parameters = replace(STICK_SLIP, load_friction=load_friction, offset=0.002)
+    load_angle = parameters.load_gain * load + parameters.offset
+    max_friction = parameters.breakaway * (parameters.friction + load_friction * abs(load_angle))
     start = 0.7
-    target = np.full(50, start + borne + 0.999 * share * most)
-    at = play(twin, target, load, start=start)
+    target = np.full(50, start + load_angle + 0.999 * ratio * max_friction)
+    at = play(parameters, target, load, start=start)
     assert (at == start).all()
     # A little more, and it goes where it is pulled.
-    way = 1.0 if share >= 0 else -1.0
-    at = play(twin, np.full(50, start + borne + 1.001 * way * most), load, start=start)
-    assert way * (at[0] - start) > 0
-    assert (way * np.diff(at) >= 0).all()
+    sign = 1.0 if ratio >= 0 else -1.0
+    at = play(
+        parameters, np.full(50, start + load_angle + 1.001 * sign * max_friction), load, start=start
+    )
+    assert sign * (at[0] - start) > 0
+    assert (sign * np.diff(at) >= 0).all()
 
 
 @given(
@@ -181,39 +187,39 @@ def test_sticks_exactly_up_to_breakaway(share: float, load: float, load_friction
     st.floats(-6.0, 6.0),
     st.sampled_from([{}, {"dead_band": 0.004}, {"load_friction": 0.2, "offset": 0.002}]),
 )
-def test_what_friction_cannot_hold_is_what_would_move_a_twin(
+def test_what_friction_cannot_hold_is_what_would_move_a_model(
     error: float, load: float, changes: dict[str, float]
 ) -> None:
-    twin = replace(TWIN, **changes)
-    twins = StickSlipModel.from_parameters([twin], CYCLE)
-    borne = twin.load_gain * load + twin.offset
-    [beyond] = twins.beyond_friction(np.array([error]), np.array([borne]))
-    [at] = play(twin, np.array([error, error]), load, start=0.0)[-1:]
+    parameters = replace(STICK_SLIP, **changes)
+    model = StickSlipModel.from_parameters([parameters], CYCLE)
+    load_angle = parameters.load_gain * load + parameters.offset
+    [beyond] = model.beyond_friction(np.array([error]), np.array([load_angle]))
+    [at] = play(parameters, np.array([error, error]), load, start=0.0)[-1:]
     assert (beyond == 0.0) == (at == 0.0)
     assert beyond * at >= 0.0
-    if beyond and not twin.dead_band:  # less error by so much, and friction can just hold it
-        [left] = twins.beyond_friction(np.array([error - beyond]), np.array([borne]))
+    if beyond and not parameters.dead_band:  # less error by so much, and friction can just hold it
+        [left] = model.beyond_friction(np.array([error - beyond]), np.array([load_angle]))
         assert abs(left) < 1e-12
 
 
 def test_friction_is_what_holds_it_and_opposes_motion() -> None:
-    twins = StickSlipModel.from_parameters([TWIN], CYCLE)
-    twins.start(np.zeros(1), np.zeros(1))
-    twins.step(np.array([0.006]), np.array([0.2]))
-    assert twins.velocity[0] == 0.0
-    assert twins.friction[0] == pytest.approx(0.006 - 0.002)
-    twins.step(np.array([0.1]), np.array([0.0]))
-    assert twins.velocity[0] > 0
-    assert twins.friction[0] == pytest.approx(TWIN.friction)
-    twins.start(np.zeros(1), np.zeros(1))
-    twins.step(np.array([-0.1]), np.array([0.0]))
-    assert twins.velocity[0] < 0
-    assert twins.friction[0] == pytest.approx(-TWIN.friction)
+    model = StickSlipModel.from_parameters([STICK_SLIP], CYCLE)
+    model.start(np.zeros(1), np.zeros(1))
+    model.step(np.array([0.006]), np.array([0.2]))
+    assert model.velocity[0] == 0.0
+    assert model.friction[0] == pytest.approx(0.006 - 0.002)
+    model.step(np.array([0.1]), np.array([0.0]))
+    assert model.velocity[0] > 0
+    assert model.friction[0] == pytest.approx(STICK_SLIP.friction)
+    model.start(np.zeros(1), np.zeros(1))
+    model.step(np.array([-0.1]), np.array([0.0]))
+    assert model.velocity[0] < 0
+    assert model.friction[0] == pytest.approx(-STICK_SLIP.friction)
 
 
 PARAMETER_SETS = st.builds(
     replace,
-    st.just(TWIN),
+    st.just(STICK_SLIP),
     inertia=st.floats(0.0, 0.01),
     lag=st.floats(0.03, 0.3),
     friction=st.floats(1e-3, 0.1),
@@ -228,14 +234,16 @@ PARAMETER_SETS = st.builds(
 @settings(max_examples=25)
 @given(PARAMETER_SETS, st.floats(-1.0, 1.0), st.floats(-2.0, 2.0))
 def test_always_comes_to_rest_where_friction_can_hold_it(
-    twin: StickSlipParameters, goal: float, load: float
+    parameters: StickSlipParameters, goal: float, load: float
 ) -> None:
     n = round(6.0 / CYCLE)
-    at = play(twin, np.full(n, goal), load, start=0.0)
-    borne = twin.load_gain * load + twin.offset
-    size = twin.friction + twin.load_friction * abs(borne)
+    at = play(parameters, np.full(n, goal), load, start=0.0)
+    load_angle = parameters.load_gain * load + parameters.offset
+    size = parameters.friction + parameters.load_friction * abs(load_angle)
     assert abs(at[-1] - at[-2]) < 1e-4
-    assert abs(goal - at[-1] - borne) <= twin.breakaway * size + twin.dead_band + 2e-3
+    assert (
+        abs(goal - at[-1] - load_angle) <= parameters.breakaway * size + parameters.dead_band + 2e-3
+    )
 
 
 @pytest.mark.parametrize("transport", [0.0, 0.25, 1.0, 1.5, 2.0])
@@ -244,78 +252,83 @@ def test_transport_reads_commands_between_ticks(transport: float) -> None:
     target = np.cumsum(0.02 * rng.standard_normal(200))
     k = np.arange(200.0)
     older = np.interp(np.maximum(k - transport, 0.0), k, target)
-    late = play(replace(TWIN, transport=transport), target)
-    np.testing.assert_allclose(late, play(TWIN, older, start=target[0]), atol=1e-12)
+    late = play(replace(STICK_SLIP, transport=transport), target)
+    np.testing.assert_allclose(late, play(STICK_SLIP, older, start=target[0]), atol=1e-12)
 
 
 def test_negative_transport_looks_ahead_along_the_last_step() -> None:
     rng = np.random.default_rng(2)
     target = np.cumsum(0.02 * rng.standard_normal(200))
     ahead = target + 0.7 * np.diff(target, prepend=target[0])
-    early = play(replace(TWIN, transport=-0.7), target)
-    np.testing.assert_allclose(early, play(TWIN, ahead, start=target[0]), atol=1e-12)
+    early = play(replace(STICK_SLIP, transport=-0.7), target)
+    np.testing.assert_allclose(early, play(STICK_SLIP, ahead, start=target[0]), atol=1e-12)
 
 
 def test_put_moves_only_the_joints_named() -> None:
-    twins = StickSlipModel.from_parameters([TWIN, TWIN, TWIN], CYCLE)
-    twins.start(np.zeros(3), np.zeros(3))
+    model = StickSlipModel.from_parameters([STICK_SLIP, STICK_SLIP, STICK_SLIP], CYCLE)
+    model.start(np.zeros(3), np.zeros(3))
     goal, nothing = np.full(3, 0.1), np.zeros(3)
     for _ in range(5):
-        twins.step(goal, nothing)
-    before = twins.position.copy(), twins.velocity.copy()
+        model.step(goal, nothing)
+    before = model.position.copy(), model.velocity.copy()
     where = np.array([False, True, True])
-    # More than friction off its goal, but no more than breakaway: at rest the one stays, the other goes on.
-    twins.put(where, np.full(3, 0.091), np.array([9.0, 0.0, 0.3]), np.full(3, 0.0))
-    assert (twins.position[0], twins.velocity[0]) == (before[0][0], before[1][0])
-    assert twins.position[1] == twins.position[2] == 0.091
-    twins.step(goal, nothing)
-    assert twins.position[1] == 0.091
-    assert twins.position[2] > 0.091
+    # More than friction off its goal, but no more than breakaway: at rest the one stays, the other continues.
+    model.put(where, np.full(3, 0.091), np.array([9.0, 0.0, 0.3]), np.full(3, 0.0))
+    assert (model.position[0], model.velocity[0]) == (before[0][0], before[1][0])
+    assert model.position[1] == model.position[2] == 0.091
+    model.step(goal, nothing)
+    assert model.position[1] == 0.091
+    assert model.position[2] > 0.091
 
 
 def test_put_gives_the_board_its_integral() -> None:
-    board = replace(TWIN, integral_rate=0.5)
-    twins = StickSlipModel.from_parameters([board, board], CYCLE)
-    twins.start(np.zeros(2), np.zeros(2))
+    board = replace(STICK_SLIP, integral_rate=0.5)
+    model = StickSlipModel.from_parameters([board, board], CYCLE)
+    model.start(np.zeros(2), np.zeros(2))
     # Exactly what the load needs: there it stays, and without it it sinks.
-    twins.put(np.array([True, False]), np.zeros(2), np.zeros(2), np.full(2, 0.05))
+    model.put(np.array([True, False]), np.zeros(2), np.zeros(2), np.full(2, 0.05))
     for _ in range(20):
-        twins.step(np.zeros(2), np.full(2, 5.0))
-    assert twins.position[0] == 0.0
-    assert twins.position[1] < -0.02
+        model.step(np.zeros(2), np.full(2, 5.0))
+    assert model.position[0] == 0.0
+    assert model.position[1] < -0.02
 
 
-def test_twins_side_by_side_know_nothing_of_each_other() -> None:
+def test_models_of_several_joints_are_independent() -> None:
     motion = swing(2.0)
-    kinds = [TWIN, None, replace(TWIN, integral_rate=0.6), replace(TWIN, dead_band=0.004)]
-    twins = StickSlipModel.from_parameters(kinds, CYCLE)
+    kinds = [
+        STICK_SLIP,
+        None,
+        replace(STICK_SLIP, integral_rate=0.6),
+        replace(STICK_SLIP, dead_band=0.004),
+    ]
+    model = StickSlipModel.from_parameters(kinds, CYCLE)
     start = np.full(4, motion.position[0])
-    twins.start(start, start)
+    model.start(start, start)
     rows = [
-        twins.step(np.full(4, x), np.full(4, tau))
+        model.step(np.full(4, x), np.full(4, tau))
         for x, tau in zip(motion.position, motion.load, strict=True)
     ]
     together = np.array(rows)
-    for column, twin in enumerate(kinds):
-        if twin is not None:
-            alone = play(twin, motion.position, motion.load)
+    for column, parameters in enumerate(kinds):
+        if parameters is not None:
+            alone = play(parameters, motion.position, motion.load)
             np.testing.assert_allclose(together[:, column], alone, atol=1e-15)
 
 
 def test_positions_handed_out_are_not_written_to_later() -> None:
-    twins = StickSlipModel.from_parameters([TWIN], CYCLE)
-    twins.start(np.zeros(1), np.zeros(1))
-    first = twins.step(np.array([0.2]), np.zeros(1))
+    model = StickSlipModel.from_parameters([STICK_SLIP], CYCLE)
+    model.start(np.zeros(1), np.zeros(1))
+    first = model.step(np.array([0.2]), np.zeros(1))
     kept = first.copy()
-    twins.step(np.array([0.4]), np.zeros(1))
-    twins.put(np.array([True]), np.ones(1), np.ones(1), np.ones(1))
+    model.step(np.array([0.4]), np.zeros(1))
+    model.put(np.array([True]), np.ones(1), np.ones(1), np.ones(1))
     np.testing.assert_array_equal(first, kept)
 
 
 @pytest.mark.parametrize("name", PARAMETERS)
 def test_parameters_that_are_not_finite_are_refused(name: str) -> None:
     with pytest.raises(StickSlipError, match="not finite"):
-        replace(TWIN, **{name: float("nan")})
+        replace(STICK_SLIP, **{name: float("nan")})
 
 
 @pytest.mark.parametrize(
@@ -331,9 +344,9 @@ def test_parameters_that_are_not_finite_are_refused(name: str) -> None:
 )
 def test_parameters_that_make_no_joint_are_refused(changes: dict[str, float], message: str) -> None:
     with pytest.raises(StickSlipError, match=message):
-        replace(TWIN, **changes)
+        replace(STICK_SLIP, **changes)
     assert issubclass(StickSlipError, PepperError)
 
 
 def test_stiffness_is_the_torque_per_angle() -> None:
-    assert TWIN.stiffness == pytest.approx(100.0)
+    assert STICK_SLIP.stiffness == pytest.approx(100.0)

@@ -18,7 +18,7 @@ from pepper_driver.observer.residuals.adaptation import (
     WEAR_RATIO,
     Adaptation,
 )
-from support.fusion import TWIN
+from support.fusion import STICK_SLIP
 from support.observer import CYCLE
 
 SPREAD = 1e-3
@@ -26,7 +26,7 @@ STILL = np.zeros(4)
 
 
 def adapt(count: int = 2) -> Adaptation:
-    return Adaptation([TWIN] * count, np.full(count, SPREAD), CYCLE)
+    return Adaptation([STICK_SLIP] * count, np.full(count, SPREAD), CYCLE)
 
 
 def samples(n: int, seed: int, joints: int = 2) -> FloatArray:
@@ -47,9 +47,9 @@ def ridge(effects: FloatArray, residual: FloatArray, prior: FloatArray) -> Float
     return np.asarray(np.linalg.solve(precision, effects.T @ residual / noise), dtype=np.float64)
 
 
-def test_effects_are_those_of_the_terms_of_the_twin() -> None:
+def test_effects_are_those_of_the_terms_of_the_model() -> None:
     effects = adapt().effects(np.array([0.008, -0.008]), np.array([0.5, 0.0]), np.array([0.1, 0.2]))
-    expected = [[0.008, TWIN.lag * 0.5, 0.1, OFFSET_UNIT], [-0.008, 0.0, 0.2, OFFSET_UNIT]]
+    expected = [[0.008, STICK_SLIP.lag * 0.5, 0.1, OFFSET_UNIT], [-0.008, 0.0, 0.2, OFFSET_UNIT]]
     np.testing.assert_allclose(effects, expected)
 
 
@@ -61,7 +61,7 @@ def test_without_wandering_it_is_ridge_regression(monkeypatch: pytest.MonkeyPatc
     residual = np.einsum("nji,ji->nj", effects, true)
     residual += SPREAD * np.random.default_rng(1).standard_normal(residual.shape)
     for k in range(80):
-        # The twins follow: what is left is what they do not know yet.
+        # The models follow: the rest is what they do not contain yet.
         left = residual[k] - (effects[k] * target.deviation).sum(axis=1)
         target.update(left, effects[k], 0.0, np.ones(2, dtype=np.bool_))
         for joint in range(2):
@@ -120,7 +120,7 @@ def test_touched_joints_learn_nothing() -> None:
     assert np.abs(target.deviation[0]).max() > 0.1
     assert (target.deviation[1] == 0).all()
     asked = samples(1, 6)[0]
-    # Nor do they forget beyond what they knew at first.
+    # They do not become less certain than at the start either.
     assert target.variance(asked)[1] == pytest.approx(adapt().variance(asked)[1])
 
 
@@ -156,8 +156,8 @@ def test_follows_what_changes_slowly() -> None:
     effects = samples(3000, 9, joints=1)
     # Six minutes in which friction first stays, then grows by a tenth.
     friction = np.concatenate((np.zeros(1500), np.linspace(0.0, 0.1, 1500)))
-    for share, row in zip(friction, effects, strict=True):
-        target.update(share * row[:, 0] - row @ target.deviation[0], row, 0.0, np.array([True]))
+    for ratio, row in zip(friction, effects, strict=True):
+        target.update(ratio * row[:, 0] - row @ target.deviation[0], row, 0.0, np.array([True]))
     assert target.deviation[0, 0] == pytest.approx(0.1, abs=0.04)
 
 
@@ -176,7 +176,7 @@ def test_worn_is_surely_more_friction_or_lag_than_identified() -> None:
 
 
 def test_joints_without_a_model_disturb_no_other() -> None:
-    target = Adaptation([TWIN, None], np.array([SPREAD, np.nan]), CYCLE)
+    target = Adaptation([STICK_SLIP, None], np.array([SPREAD, np.nan]), CYCLE)
     alone = adapt(1)
     for row in samples(40, 10, joints=1):
         both = np.nan_to_num(np.vstack((row, np.full((1, 4), np.nan))))
@@ -196,6 +196,6 @@ def test_reset_forgets() -> None:
     np.testing.assert_array_equal(target.variance(asked), adapt().variance(asked))
 
 
-def test_a_stronger_lag_is_told_by_the_models_lag() -> None:
-    slow = Adaptation([replace(TWIN, lag=0.06)], np.array([SPREAD]), CYCLE)
+def test_a_stronger_lag_is_relative_to_the_models_lag() -> None:
+    slow = Adaptation([replace(STICK_SLIP, lag=0.06)], np.array([SPREAD]), CYCLE)
     assert slow.effects(np.zeros(1), np.ones(1), np.zeros(1))[0, 1] == pytest.approx(0.06)

@@ -36,16 +36,16 @@ from support.fusion import (
     BOUND,
     ELBOW,
     MODEL,
-    TWIN,
+    STICK_SLIP,
     Driven,
     Motion,
     check_lives,
     constant_tree,
     drive,
+    fusion_generator,
     fusion_model,
     fusion_observer,
     fusion_set,
-    fusion_signal,
     play,
     push_profile,
     standing,
@@ -55,7 +55,7 @@ from support.fusion import (
 from support.observer import CYCLE, JOINTS, ROBOT, SETTINGS, tick
 
 WINDOW = SETTINGS.fusion_window
-STIFFNESS = TWIN.stiffness
+STIFFNESS = STICK_SLIP.stiffness
 HEAD = ROBOT.joint_index("HeadYaw")
 QUIET = round(2.0 / CYCLE)
 
@@ -73,7 +73,7 @@ def of_elbow(observations: Sequence[Observation], name: str) -> FloatArray:
 
 
 @pytest.mark.parametrize(("size", "rate"), [(0.3, 2.0), (0.6, 3.0), (0.1, 0.7)])
-def test_nothing_is_felt_in_free_motion(size: float, rate: float) -> None:
+def test_nothing_is_detected_in_free_motion(size: float, rate: float) -> None:
     motion = swing(8.0, size, rate, rest=1.0)
     observations, events = run(fusion_observer(), ticks_of(motion, drive(motion)))
     assert events == []
@@ -93,7 +93,7 @@ def test_expected_error_is_that_of_the_joint() -> None:
 
 
 @pytest.mark.parametrize("weight", [(1.0, 1.0), (0.0, 0.0), (0.5, 0.2)])
-def test_both_channels_alone_and_together_feel_a_push(weight: tuple[float, float]) -> None:
+def test_both_channels_alone_and_together_detect_a_push(weight: tuple[float, float]) -> None:
     motion = swing(6.0)
     push = push_profile(len(motion), 2.0, 0.8, 4.5)
     made = ticks_of(motion, drive(motion, torque=push))
@@ -147,9 +147,9 @@ def test_without_a_push_there_is_little_torque() -> None:
 
 
 @pytest.mark.parametrize("torque", [4.0, -4.0])
-def test_a_joint_that_friction_holds_off_its_place_is_let_go(torque: float) -> None:
+def test_a_joint_that_friction_holds_away_from_its_target_is_released(torque: float) -> None:
     """A hand pushes it away and goes; it stays where friction holds it, further off than the threshold."""
-    rough = replace(TWIN, friction=0.025, breakaway=1.2)
+    rough = replace(STICK_SLIP, friction=0.025, breakaway=1.2)
     motion = standing(8.0)
     push = push_profile(len(motion), 1.0, 1.0, 2.0 * torque)
     driven = drive(motion, rough, torque=push)
@@ -163,7 +163,7 @@ def test_a_joint_that_friction_holds_off_its_place_is_let_go(torque: float) -> N
     after = round(4.0 / CYCLE)
     assert {int(one.state[ELBOW]) for one in observations[after:]} == {JointState.FREE}
     assert np.abs(of_elbow(observations, "residual")[after:]).max() < 0.3 * BOUND
-    # Another push is felt as well as the first.
+    # Another push is detected as well as the first.
     again = drive(motion, rough, torque=push, start=driven.position[-1])
     more = ticks_of(motion, again)
     shifted = [
@@ -178,7 +178,7 @@ def test_a_joint_that_friction_holds_off_its_place_is_let_go(torque: float) -> N
 
 @pytest.mark.parametrize("torque", [4.0, -4.0])
 def test_letting_go_is_no_contact_of_its_own(torque: float) -> None:
-    rough = replace(TWIN, friction=0.03, breakaway=1.2)
+    rough = replace(STICK_SLIP, friction=0.03, breakaway=1.2)
     motion = standing(8.0)
     driven = drive(motion, rough, torque=push_profile(len(motion), 1.0, 1.0, 2.5 * torque))
     model = fusion_model(rough, bound=constant_tree(0.01))
@@ -186,7 +186,7 @@ def test_letting_go_is_no_contact_of_its_own(torque: float) -> None:
     assert {event.id for event in events} == {1}
 
 
-def test_a_joint_let_go_in_motion_is_felt_again() -> None:
+def test_a_joint_released_in_motion_is_detected_again() -> None:
     motion = swing(12.0)
     push = sum(
         (
@@ -250,7 +250,7 @@ def test_a_bad_tick_makes_its_joint_blind_for_a_window(part: str, name: str, val
             assert np.isnan(values[ELBOW]) == blind
             assert np.isfinite(values[HEAD])
         assert one.state[HEAD] == JointState.FREE
-    # The twin goes on from where the joint is.
+    # The model continues from where the joint is.
     after = of_elbow(observations, "residual")[bad + WINDOW :]
     assert np.abs(after).max() < 0.6 * BOUND
 
@@ -277,12 +277,12 @@ def test_late_samples_are_compared_with_what_was_expected_for_their_time(late: i
     assert events == []
     assert all(one.state[ELBOW] == JointState.FREE for one in observations)
     difference = of_elbow(observations, "residual") - of_elbow(on_time, "residual")
-    # Compared with the wrong time, the way it goes meanwhile would be the difference.
+    # Compared with the wrong time, the distance that it moves in between would be the difference.
     assert np.abs(difference).max() < 0.25 * late * CYCLE * np.abs(motion.velocity).max()
 
 
 def test_a_frozen_link_is_no_contact() -> None:
-    """Samples grow older, then they are lost, then it goes on."""
+    """Samples become older, then they are lost, then they come again."""
     motion = swing(6.0, 0.5, 3.0)
     delays = [max(0, min(k - 200, 30)) if k < 230 else 0 for k in range(len(motion))]
     observations, events = run(fusion_observer(), ticks_of(motion, drive(motion), late=delays))
@@ -313,8 +313,8 @@ def test_a_soft_joint_is_blind_and_wakes_without_a_contact() -> None:
 
 
 def test_a_joint_that_was_soft_may_rest_elsewhere_when_it_wakes() -> None:
-    """Somebody has moved it meanwhile, and its friction holds it where it was left."""
-    rough = replace(TWIN, friction=0.03, breakaway=1.2)
+    """A person has moved it meanwhile, and its friction holds it where it was left."""
+    rough = replace(STICK_SLIP, friction=0.03, breakaway=1.2)
     motion = standing(5.0)
     k = np.arange(len(motion))
     soft = (k >= 100) & (k < 200)
@@ -410,13 +410,13 @@ def test_the_threshold_remembers_the_fastest_motion() -> None:
         np.testing.assert_array_equal(threshold, np.where(recently, 0.03, 0.01))
 
 
-def test_a_joint_that_strays_more_today_gets_a_wider_threshold() -> None:
-    """Three times as far as it strayed at most, when it has moved for long enough."""
+def test_a_joint_with_larger_residuals_today_gets_a_wider_threshold() -> None:
+    """Three times its largest residual, when it has moved for long enough."""
     motion = swing(40.0, rate=1.5)
-    rough = drive(motion, replace(TWIN, friction=0.016))
+    rough = drive(motion, replace(STICK_SLIP, friction=0.016))
     model = fusion_model(weight=(1.0, 1.0), spread=(0.02, 0.02), bound=constant_tree(0.004))
     free, nothing = np.ones(JOINTS, dtype=np.bool_), np.zeros(JOINTS, dtype=np.bool_)
-    signal = fusion_signal(model, adapt=True)
+    signal = fusion_generator(model, adapt=True)
     rows = []
     for one in ticks_of(motion, rough):
         seen = signal.step(one)
@@ -434,7 +434,7 @@ def test_a_joint_that_strays_more_today_gets_a_wider_threshold() -> None:
 
 def test_thresholds_begin_wide_and_come_down_in_free_motion() -> None:
     motion = swing(40.0)
-    signals = play(fusion_signal(adapt=True), ticks_of(motion, drive(motion)))
+    signals = play(fusion_generator(adapt=True), ticks_of(motion, drive(motion)))
     threshold = np.array([one.threshold[ELBOW] for one in signals])
     assert threshold[0] >= START_FACTOR * BOUND
     assert threshold[-50:].min() >= BOUND
@@ -442,9 +442,9 @@ def test_thresholds_begin_wide_and_come_down_in_free_motion() -> None:
 
 
 def test_thresholds_stay_wide_while_something_touches_the_robot() -> None:
-    """Even on joints that do not feel it."""
+    """Even on joints that do not detect it."""
     motion = swing(20.0)
-    signal = fusion_signal(adapt=True)
+    signal = fusion_generator(adapt=True)
     free, nothing = np.ones(JOINTS, dtype=np.bool_), np.zeros(JOINTS, dtype=np.bool_)
     free[HEAD] = False
     for one in ticks_of(motion, drive(motion)):
@@ -460,13 +460,13 @@ def test_thresholds_stay_wide_while_something_touches_the_robot() -> None:
     "changes",
     [{"friction": 0.0105}, {"lag": 0.026}, {"offset": 0.004}, {"load_gain": 0.0125}],
 )
-def test_twins_follow_a_joint_that_has_changed(changes: dict[str, float]) -> None:
+def test_models_follow_a_joint_that_has_changed(changes: dict[str, float]) -> None:
     motion = swing(40.0, 0.5, 1.7, gravity=2.5)
-    made = ticks_of(motion, drive(motion, replace(TWIN, **changes)))
+    made = ticks_of(motion, drive(motion, replace(STICK_SLIP, **changes)))
     model = fusion_model(weight=(1.0, 1.0))
 
     def sizes(adapt: bool) -> FloatArray:
-        signals = play(fusion_signal(model, adapt=adapt), made)
+        signals = play(fusion_generator(model, adapt=adapt), made)
         residual = np.array([one.residual[ELBOW] for one in signals])
         quarter = len(residual) // 4
         parts = (residual[:quarter], residual[-quarter:])
@@ -500,22 +500,22 @@ def test_a_push_is_not_learned() -> None:
     )
 
 
-def test_the_twin_of_a_joint_at_rest_moves_to_where_it_rests() -> None:
-    """Nothing in a goal tells on which side of it friction holds the joint."""
+def test_the_model_of_a_joint_at_rest_moves_to_where_it_rests() -> None:
+    """A target does not determine on which side of it friction holds the joint."""
     motion = standing(8.0)
     crept = np.where(np.arange(len(motion)) < 100, 0.0, 0.007)
     driven = Driven(position=crept, motor=np.zeros(len(motion)))
-    signals = play(fusion_signal(fusion_model(weight=(1.0, 1.0))), ticks_of(motion, driven))
+    signals = play(fusion_generator(fusion_model(weight=(1.0, 1.0))), ticks_of(motion, driven))
     residual = np.array([one.residual[ELBOW] for one in signals])
     assert np.abs(residual).max() > 0.006
     assert np.abs(residual[-1]) < 0.001
     # A joint that is touched is not one of them.
-    touched = fusion_signal(fusion_model(weight=(1.0, 1.0)))
-    nobody, nothing = np.ones(JOINTS, dtype=np.bool_), np.zeros(JOINTS, dtype=np.bool_)
-    nobody[ELBOW] = False
+    touched = fusion_generator(fusion_model(weight=(1.0, 1.0)))
+    free, nothing = np.ones(JOINTS, dtype=np.bool_), np.zeros(JOINTS, dtype=np.bool_)
+    free[ELBOW] = False
     for one in ticks_of(motion, driven):
         last = touched.step(one)
-        touched.learn(last, nobody, nothing, False)
+        touched.learn(last, free, nothing, False)
     assert abs(last.residual[ELBOW]) > 0.006
 
 
@@ -616,7 +616,7 @@ def test_events_make_sense_for_any_ticks(
     check_lives(events)
 
 
-def test_motion_is_told_by_its_own_reference() -> None:
+def test_motion_is_judged_by_its_own_reference() -> None:
     """Another joint's motion is nothing to the elbow."""
     motion = swing(3.0)
     driven = drive(motion)

@@ -14,11 +14,11 @@ from pepper_driver.observer.models.fusion_model import TAPS, BaseModel
 from support.fusion import (
     ELBOW,
     MODEL,
-    TWIN,
+    STICK_SLIP,
     drive,
+    fusion_generator,
     fusion_model,
     fusion_observer,
-    fusion_signal,
     standing,
     swing,
     ticks_of,
@@ -31,7 +31,7 @@ STILL_BASE = BaseModel(
 )
 
 
-def feel(observer: ContactObserver, made: list[Tick]) -> list[Contact]:
+def detect(observer: ContactObserver, made: list[Tick]) -> list[Contact]:
     return [contact for one in made for contact in observer.step(one).contacts]
 
 
@@ -69,10 +69,10 @@ def test_an_absurd_value_blinds_its_joint_for_a_moment_and_teaches_nothing(
 
 
 def test_a_board_keeps_what_it_has_summed_up_while_its_joint_cannot_be_judged() -> None:
-    model = fusion_model(replace(TWIN, integral_rate=2.0))
+    model = fusion_model(replace(STICK_SLIP, integral_rate=2.0))
     motion = standing(6.0, load=4.0)
     made = ticks_of(motion, drive(motion, model.twin, start=0.0))
-    signal = fusion_signal(model, adapt=True)
+    signal = fusion_generator(model, adapt=True)
     free, nothing = np.ones(JOINTS, dtype=np.bool_), np.zeros(JOINTS, dtype=np.bool_)
     after = []
     for k, one in enumerate(made):
@@ -86,11 +86,11 @@ def test_a_board_keeps_what_it_has_summed_up_while_its_joint_cannot_be_judged() 
 
 
 @pytest.mark.parametrize("integral_rate", [0.0, 2.0])
-def test_boards_that_sum_up_are_given_time_to_let_go(integral_rate: float) -> None:
-    """Of a touch they push against for a while after it has gone; their thresholds come down in two seconds."""
-    model = fusion_model(replace(TWIN, integral_rate=integral_rate))
+def test_boards_that_integrate_are_given_time_to_release(integral_rate: float) -> None:
+    """They push against a touch for a while after it has ended; their thresholds fall in two seconds."""
+    model = fusion_model(replace(STICK_SLIP, integral_rate=integral_rate))
     motion = standing(8.0)
-    signal = fusion_signal(model, adapt=True)
+    signal = fusion_generator(model, adapt=True)
     free, nothing = np.ones(JOINTS, dtype=np.bool_), np.zeros(JOINTS, dtype=np.bool_)
     thresholds = []
     for k, one in enumerate(ticks_of(motion, drive(motion, model.twin))):
@@ -114,19 +114,19 @@ def pushed_base(adapt: bool, bounds: float) -> tuple[list[Contact], ContactObser
         if 30.0 <= k * CYCLE < 40.0 or 45.0 <= k * CYCLE < 46.0:
             one.measurement.wheel_speed[:] = MATRIX @ np.array([bounds * 0.05, 0.0, 0.0])
     observer = fusion_observer(adapt=adapt, base=STILL_BASE)
-    return feel(observer, made), observer
+    return detect(observer, made), observer
 
 
 @pytest.mark.parametrize("adapt", [True, False])
 def test_a_long_push_on_the_base_does_not_make_it_deaf(adapt: bool) -> None:
     contacts, _ = pushed_base(adapt, 1.6)
-    told = [(c.phase, round(c.time)) for c in contacts if c.phase != "update"]
-    assert told == [("begin", 30), ("end", 40), ("begin", 45), ("end", 46)]
+    reported = [(c.phase, round(c.time)) for c in contacts if c.phase != "update"]
+    assert reported == [("begin", 30), ("end", 40), ("begin", 45), ("end", 46)]
     assert {c.link for c in contacts} == {"base_link"}
 
 
-def test_a_push_that_grows_for_long_is_felt_in_the_end() -> None:
-    """However slowly: strays raise no threshold beyond MAX_ENVELOPE_FACTOR."""
+def test_a_push_that_grows_for_long_is_detected_in_the_end() -> None:
+    """Even if it grows slowly: the envelope raises no threshold beyond MAX_ENVELOPE_FACTOR."""
     motion = swing(60.0, rate=1.5)
     growth = 1.2 ** (np.arange(len(motion)) * CYCLE)  # of torque, 20 % a second
     made = ticks_of(motion, drive(motion, steps=20))

@@ -24,7 +24,7 @@ from pepper_driver.observer.residuals.adaptation import (
 from pepper_driver.observer.residuals.fusion import FusionGenerator
 from support.fusion import (
     MODEL,
-    TWIN,
+    STICK_SLIP,
     Motion,
     drive,
     fusion_model,
@@ -41,7 +41,7 @@ OTHER_ARM = [ROBOT.joint_index(name) for name in ROBOT.chains["right_arm"]]
 MIDDLE = 0.5 * (
     np.array([j.lower for j in ROBOT.joints]) + np.array([j.upper for j in ROBOT.joints])
 )
-GAIN = TWIN.load_gain
+GAIN = STICK_SLIP.load_gain
 MASS, PLACE = 0.4, np.array([0.07, -0.01, -0.025])
 EVERYTHING = np.ones(JOINTS, dtype=np.bool_)
 NOISE_FACTOR = np.full(JOINTS, MIN_NOISE)
@@ -84,7 +84,7 @@ def added(
     velocity: FloatArray | None = None,
     acceleration: FloatArray | None = None,
 ) -> FloatArray:
-    """(17,) torque that the load adds; standing still by default."""
+    """(17,) torque that the load adds; at rest by default."""
     nothing = np.zeros(JOINTS)
     state = (
         position,
@@ -185,7 +185,7 @@ def follow(
     seconds: float,
     seed: int = 0,
 ) -> None:
-    """The residual is what the arm bears and the twins do not yet: they follow the estimate."""
+    """The residual is the load of the arm that the models do not have yet: they follow the estimate."""
     rng = np.random.default_rng(seed)
     for k, (q, v, a) in enumerate(zip(*arm_motion(seconds), strict=True)):
         known = target.step(q, v, a)
@@ -219,7 +219,7 @@ def test_finds_the_load_of_an_arm_that_moves(arm: str, joint: str) -> None:
     held = target.by_arm()
     assert held[arm].mass == pytest.approx(MASS, abs=0.03)
     np.testing.assert_allclose(held[arm].first_moment, MASS * PLACE, atol=0.004)
-    # It knows how well it knows, and better and better at first.
+    # Its standard deviation is right, and falls at first.
     assert abs(held[arm].mass - MASS) < 3.0 * held[arm].mass_std
     assert (np.diff(deviations[:30]) < 0.0).all()
     assert held[arm].mass_std < 0.2 * LOAD_PRIOR_STD[0]
@@ -235,17 +235,17 @@ def test_without_wandering_it_is_ridge_regression(monkeypatch: pytest.MonkeyPatc
     gains = np.linspace(0.005, 0.02, JOINTS)
     gains[3] = 0.0
     of_joint: list[FusionModel | None] = [
-        fusion_model(replace(TWIN, load_gain=float(gain))) if gain else None for gain in gains
+        fusion_model(replace(STICK_SLIP, load_gain=float(gain))) if gain else None for gain in gains
     ]
     target = HandLoads(ROBOT, of_joint)
-    floor = MIN_NOISE + (FRICTION_UNCERTAINTY * TWIN.friction) ** 2
+    floor = MIN_NOISE + (FRICTION_UNCERTAINTY * STICK_SLIP.friction) ** 2
     rng = np.random.default_rng(2)
     carriers = [PLAIN.joint_id(wrist) for wrist in WRISTS.values()]
     precision, pull = np.diag(np.tile(LOAD_PRIOR_STD, 2) ** -2.0), np.zeros(8)
     variance = np.zeros(JOINTS)
     for _ in range(40):
         q, v, a = rng.uniform(-1.0, 1.0, (3, JOINTS))
-        for _ in range(2):  # it looks every other tick
+        for _ in range(2):  # it computes every other tick
             known = target.step(q, v, a)
         use = rng.uniform(size=JOINTS) < 0.7
         use[3] = False
@@ -267,25 +267,29 @@ def test_without_wandering_it_is_ridge_regression(monkeypatch: pytest.MonkeyPatc
         assert held.mass_std == pytest.approx(np.sqrt(covariance[4 * k, 4 * k]), rel=1e-6)
 
 
-def test_it_knows_less_with_time_but_never_less_than_at_the_start(rng: np.random.Generator) -> None:
+def test_it_becomes_less_certain_with_time_but_never_less_than_at_the_start(
+    rng: np.random.Generator,
+) -> None:
     """By LOAD_PROCESS_NOISE in a minute, from which nothing has been learned."""
     target = hands()
-    nobody = np.zeros(JOINTS, dtype=np.bool_)
+    no_joint = np.zeros(JOINTS, dtype=np.bool_)
     target.step(MIDDLE, ZERO, ZERO)
-    target.update(rng.normal(size=JOINTS), NOISE_FACTOR, nobody)
+    target.update(rng.normal(size=JOINTS), NOISE_FACTOR, no_joint)
     assert target.by_arm()["left_arm"].mass_std == pytest.approx(LOAD_PRIOR_STD[0], rel=1e-9)
     for _ in range(100):
         target.update(np.zeros(JOINTS), NOISE_FACTOR, EVERYTHING)
     before = target.by_arm()["left_arm"].mass_std
     assert before < 0.9 * LOAD_PRIOR_STD[0]
     for _ in range(round(60.0 / CYCLE / LEARN_PERIOD)):
-        target.update(rng.normal(size=JOINTS), NOISE_FACTOR, nobody)
+        target.update(rng.normal(size=JOINTS), NOISE_FACTOR, no_joint)
     expected = np.hypot(before, adaptation.LOAD_PROCESS_NOISE[0])
     assert target.by_arm()["left_arm"].mass_std == pytest.approx(expected, rel=1e-2)
 
 
-def test_a_share_of_what_the_load_does_stays_doubtful(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Gears rub harder under load: however well a load is known, joints stray more that bear much of it."""
+def test_a_fraction_of_the_effect_of_a_load_stays_uncertain(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Gears have more friction under load: a large load causes larger residuals, even if it is known well."""
     target = hands()
     follow(target, loaded({"LWristYaw": point(MASS, PLACE)}), 10.0)
     torque = target.step(MIDDLE, ZERO, ZERO)
@@ -319,7 +323,7 @@ def test_joints_that_are_not_used_teach_nothing() -> None:
     assert (idle.step(q, v, a) == 0.0).all()
 
 
-def test_what_an_update_explains_is_what_the_twins_will_bear_more() -> None:
+def test_what_an_update_explains_is_added_to_the_load_of_the_models() -> None:
     target = hands()
     q, v, a = (rows[100] for rows in arm_motion(2.0))
     follow(target, loaded({"LWristYaw": point(MASS, PLACE)}), 1.0)
@@ -357,13 +361,13 @@ def test_what_is_not_finite_leaves_the_load_as_it_was(part: str, value: float) -
         seen = target.step(bad["position"], bad["velocity"], bad["acceleration"])
         np.testing.assert_array_equal(seen, before)
         assert np.isfinite(target.variance()).all()
-    # Then it goes on.
+    # Then it continues.
     for _ in range(2):
         after = target.step(0.5 * q, v, a)
     assert np.abs(after - before).max() > 0.1
 
 
-def test_before_anything_is_finite_the_hands_bear_nothing() -> None:
+def test_before_anything_is_finite_the_hands_have_no_load() -> None:
     target = hands()
     np.testing.assert_array_equal(target.step(np.full(JOINTS, np.nan), ZERO, ZERO), 0.0)
     np.testing.assert_array_equal(target.variance(), 0.0)
@@ -372,7 +376,9 @@ def test_before_anything_is_finite_the_hands_bear_nothing() -> None:
 # -- joints at rest -------------------------------------------------------------------------------------------------
 
 WRIST = ROBOT.joint_index("LWristYaw")
-WEAK = fusion_model(replace(TWIN, load_gain=1.6, friction=0.01, load_friction=0.0, breakaway=1.1))
+WEAK = fusion_model(
+    replace(STICK_SLIP, load_gain=1.6, friction=0.01, load_friction=0.0, breakaway=1.1)
+)
 HELD = 1.1 * 0.01  # [rad] by the friction of the weak wrist
 TAUGHT = loaded({"LWristYaw": point(0.2, np.array([0.02, 0.01, 0.03]))})
 
@@ -387,7 +393,7 @@ def weak_wrist() -> HandLoads:
     return target
 
 
-def borne(target: HandLoads) -> float:
+def droop(target: HandLoads) -> float:
     """By the wrist, as the hands are estimated [rad]."""
     for _ in range(2):
         torque = target.step(MIDDLE, ZERO, ZERO)
@@ -407,18 +413,18 @@ def at(joint: int) -> BoolArray:
 
 def test_a_wrist_at_rest_takes_back_what_its_friction_could_not_hold() -> None:
     target = weak_wrist()
-    before, others = borne(target), target.by_arm()
+    before, others = droop(target), target.by_arm()
     known = target.step(MIDDLE, ZERO, ZERO)
     assert abs(before) > 2.0 * HELD
     beyond = contradiction(before)
     explained = target.reconcile(beyond, at(WRIST))
     assert explained is not None
     np.testing.assert_allclose(explained, beyond, rtol=1e-9)
-    assert borne(target) == pytest.approx(np.copysign(HELD, before), rel=1e-6)
-    # Nobody knows more than before, and the other hand is as it was.
+    assert droop(target) == pytest.approx(np.copysign(HELD, before), rel=1e-6)
+    # Nothing is more certain than before, and the other hand is as it was.
     assert target.by_arm()["left_arm"].mass_std == others["left_arm"].mass_std
     assert target.by_arm()["right_arm"] == others["right_arm"]
-    # What the shoulder has been taught is still right for the shoulder, within what it knows.
+    # What the shoulder has learned is still right for the shoulder, within its uncertainty.
     shoulder = ARM[0]
     limited = (target.step(MIDDLE, ZERO, ZERO) - known)[shoulder]
     assert abs(GAIN * limited) < 0.2 * abs(beyond[WRIST])
@@ -426,12 +432,12 @@ def test_a_wrist_at_rest_takes_back_what_its_friction_could_not_hold() -> None:
 
 def test_what_says_nothing_against_the_load_changes_nothing() -> None:
     target = weak_wrist()
-    angle, before = borne(target), target.by_arm()
+    angle, before = droop(target), target.by_arm()
     beyond = contradiction(angle)
-    nobody = np.zeros(JOINTS, dtype=np.bool_)
-    assert target.reconcile(beyond, nobody) is None
+    no_joint = np.zeros(JOINTS, dtype=np.bool_)
+    assert target.reconcile(beyond, no_joint) is None
     assert target.reconcile(np.zeros(JOINTS), at(WRIST)) is None
-    # A wrist that gives way further than the load explains: at its stop, or touched.
+    # A wrist that is further from its target than the load explains: at its stop, or touched.
     assert target.reconcile(-beyond, at(WRIST)) is None
     # A joint whose friction hides more than the load leaves open: worn, perhaps.
     strong = np.zeros(JOINTS)
@@ -439,7 +445,10 @@ def test_what_says_nothing_against_the_load_changes_nothing() -> None:
         strong[joint] = -np.sign(target.step(MIDDLE, ZERO, ZERO)[joint]) * 0.05
     rough = HandLoads(
         ROBOT,
-        [fusion_model(replace(TWIN, friction=0.5)) if j != WRIST else WEAK for j in range(JOINTS)],
+        [
+            fusion_model(replace(STICK_SLIP, friction=0.5)) if j != WRIST else WEAK
+            for j in range(JOINTS)
+        ],
     )
     rough.step(MIDDLE, ZERO, ZERO)
     rough.update(np.full(JOINTS, 0.05), NOISE_FACTOR, np.isin(np.arange(JOINTS), ARM[:3]))
@@ -451,11 +460,11 @@ def test_what_says_nothing_against_the_load_changes_nothing() -> None:
 
 def test_no_more_is_taken_back_than_the_load_is_thought_to_do() -> None:
     target = weak_wrist()
-    angle = borne(target)
+    angle = droop(target)
     explained = target.reconcile(100.0 * contradiction(angle), at(WRIST))
     assert explained is not None
     assert explained[WRIST] == pytest.approx(-angle, rel=1e-9)
-    assert borne(target) == pytest.approx(0.0, abs=1e-9)
+    assert droop(target) == pytest.approx(0.0, abs=1e-9)
 
 
 def test_reset_empties_the_hands() -> None:
@@ -477,7 +486,7 @@ MOVED = [ROBOT.joint_index(name) for name in ("LShoulderPitch", "LShoulderRoll",
 
 
 def waved(mass: float, seconds: float = 32.0, size: float = 0.5) -> list[Tick]:
-    """Ticks of a robot whose left arm waves with a load in its hand that its reference does not know of."""
+    """Ticks of a robot whose left arm waves with a load in its hand that its reference does not contain."""
     motions = [swing(seconds, size, rate, gravity=0.0) for rate in (1.3, 1.7, 2.3)]
     n = len(motions[0])
     state = []
@@ -488,14 +497,14 @@ def waved(mass: float, seconds: float = 32.0, size: float = 0.5) -> list[Tick]:
     state[0] += np.where(np.isin(np.arange(JOINTS), MOVED), -0.2, 0.0)
     load = loaded({"LWristYaw": point(mass, PLACE)})
     own = np.array([torque_of(PLAIN, *row) for row in zip(*state, strict=True)])
-    borne = np.array([torque_of(load, *row) for row in zip(*state, strict=True)])
+    droop = np.array([torque_of(load, *row) for row in zip(*state, strict=True)])
     position = state[0].copy()
     for joint in MOVED:
         column = Motion(
             position=state[0][:, joint],
             velocity=state[1][:, joint],
             acceleration=state[2][:, joint],
-            load=borne[:, joint],
+            load=droop[:, joint],
         )
         position[:, joint] = quantised(drive(column, steps=30).position)
     made = []
@@ -529,7 +538,7 @@ def test_an_unknown_load_in_the_hand_leaves_the_residual_within_half_a_minute() 
     assert np.abs(followed).max() < 0.3 * bound
     assert np.sqrt((followed**2).mean()) < 0.4 * np.sqrt((without**2).mean())
     held = target.by_arm()["left_arm"]
-    # The shares of the joints' own models take the rest.
+    # The constants of the joints' own models take the rest.
     assert 0.5 * 0.6 < held.mass < 1.2 * 0.6
     assert held.mass > 5.0 * held.mass_std
     assert abs(target.by_arm()["right_arm"].mass) < 0.05
@@ -550,7 +559,7 @@ class Jolted(HandLoads):
         return np.zeros(JOINTS)
 
 
-def test_what_the_load_explains_is_gone_from_the_residual_at_once() -> None:
+def test_what_the_load_explains_is_removed_from_the_residual_at_once() -> None:
     """Stick-slip models need several ticks to where a new load takes them, in which it would be learned again."""
     made = waved(0.0, 5.0)
     of_joint = [fusion_model(weight=(1.0, 1.0)) if j in MOVED else None for j in range(JOINTS)]
@@ -566,7 +575,7 @@ def test_what_the_load_explains_is_gone_from_the_residual_at_once() -> None:
     assert len(used) > 0
     first = 9 * LEARN_PERIOD + LEARN_PERIOD // 2
     assert (np.nan_to_num(change[:first]) == 0.0).all()
-    # The spring of the twin pulls back within the tick.
+    # The PD law of the model pulls back within the tick.
     assert (change[first, used] < -0.6 * Jolted.explains).all()
     assert (change[first, used] > -1.0 * Jolted.explains).all()
 
@@ -574,7 +583,7 @@ def test_what_the_load_explains_is_gone_from_the_residual_at_once() -> None:
 def test_the_wrist_of_an_arm_that_swings_in_one_place_does_not_pay_for_the_shoulder(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """An error of the shoulder's model is a load in the hand as well as any; the wrist stands still and says no."""
+    """An error of the shoulder's model looks like a load in the hand; the wrist at rest contradicts it."""
     made = waved(0.0, 40.0, size=0.05)
     for one in made:
         one.measurement.position[MOVED[0]] -= 0.004
@@ -604,7 +613,7 @@ def test_an_empty_hand_is_found_empty() -> None:
     assert abs(target.by_arm()["left_arm"].mass) < 0.06
 
 
-def test_the_observer_tells_what_the_hands_hold() -> None:
+def test_the_observer_reports_the_loads_of_the_hands() -> None:
     made = waved(0.6, 20.0)
     observer = fusion_observer(fusion_model(weight=(1.0, 1.0)), adapt=True)
     empty = observer.hand_loads
@@ -619,7 +628,7 @@ def test_the_observer_tells_what_the_hands_hold() -> None:
 
 
 def test_what_touches_one_joint_of_an_arm_is_no_load_to_the_others() -> None:
-    """The elbow is held for long; the shoulder feels it below its thresholds, as residuals of a load would be."""
+    """The elbow is held for long; residuals of the shoulder stay below its thresholds, as those of a load would."""
     bound = MODEL.max_bound
     held = []
     for touched in (False, True):

@@ -1,4 +1,4 @@
-"""What the wheels should do: a known impulse response is found, and a push on the base is felt."""
+"""Expected motion of the wheels: a known impulse response is found, and a push on the base is detected."""
 
 from __future__ import annotations
 
@@ -23,8 +23,8 @@ from pepper_driver.observer.fitting.mobile_base import BASE_BOUND_FACTOR, fit_ba
 from pepper_driver.observer.models.fusion_model import TAPS, BaseModel, BaseModelError
 from pepper_driver.observer.recording import Recording, RecordingBuilder
 from pepper_driver.observer.residuals.mobile_base import (
+    BUFFER_ROWS,
     POST_DRIVE_TIME,
-    ROWS,
     STANDSTILL_SPEED,
     BaseGenerator,
 )
@@ -104,7 +104,7 @@ def residuals(signal: BaseGenerator, made: Sequence[Tick], late: Sequence[int] =
 
 
 def settled(model: BaseModel, made: Sequence[Tick]) -> BaseGenerator:
-    """After a first motion, driving and standing, in which nothing strayed; with the legs' load of ``made``."""
+    """After a first motion, driving and standing, without residuals; with the legs' load of ``made``."""
     signal, first = BaseGenerator(model, ROBOT, WINDOW, adapt=True), made[0]
     gain = np.array(model.coefficients).reshape(TAPS, -1, 3)[:, :3].sum(axis=0)
     for sent in (np.array([2.0 * STANDSTILL_SPEED, 0.0, 0.0]), np.zeros(3)):
@@ -126,9 +126,9 @@ def settled(model: BaseModel, made: Sequence[Tick]) -> BaseGenerator:
 def test_residual_is_that_of_the_impulse_response(axis: int) -> None:
     """Every tap, written out; for many times the memory of inputs."""
     rng = np.random.default_rng(axis)
-    n, legs = 4 * ROWS, len(LEGS)
+    n, legs = 4 * BUFFER_ROWS, len(LEGS)
     taps = rng.normal(size=(TAPS, 3 + legs, 3))
-    bound, far = 0.02, 1e12  # the other axes tell nothing
+    bound, far = 0.02, 1e12  # the other axes detect nothing
     bounds = tuple(bound if k == axis else far for k in range(3))
     made_of = BaseModel(
         coefficients=tuple((float(a), float(b), float(c)) for a, b, c in taps.reshape(-1, 3)),
@@ -145,9 +145,9 @@ def test_residual_is_that_of_the_impulse_response(axis: int) -> None:
             expected += sent[k - age] @ taps[age, :3, axis] + change @ taps[age, 3:, axis]
         error[k] = expected - twist[k, axis]
     judged = slice(TAPS + WINDOW, None)
-    share = error / (START_FACTOR * bound)
-    np.testing.assert_allclose(seen[judged, 0], share[judged], rtol=1e-9, atol=1e-6)
-    median = [np.median(share[k + 1 - WINDOW : k + 1]) for k in range(TAPS + WINDOW, n)]
+    ratio = error / (START_FACTOR * bound)
+    np.testing.assert_allclose(seen[judged, 0], ratio[judged], rtol=1e-9, atol=1e-6)
+    median = [np.median(ratio[k + 1 - WINDOW : k + 1]) for k in range(TAPS + WINDOW, n)]
     np.testing.assert_allclose(seen[judged, 1], median, rtol=1e-9, atol=1e-6)
 
 
@@ -169,8 +169,10 @@ def test_bounds_are_wide_until_the_first_motion_has_been_seen(model: BaseModel) 
 
 
 @pytest.mark.parametrize("moving", [False, True])
-def test_a_base_that_strays_more_today_gets_wider_bounds(model: BaseModel, moving: bool) -> None:
-    """It creeps to and fro by 1.5 times its bound; only motion proves that it does so untouched."""
+def test_a_base_with_larger_residuals_today_gets_wider_bounds(
+    model: BaseModel, moving: bool
+) -> None:
+    """It creeps to and fro by 1.5 times its bound; only motion shows that it does so without touch."""
     seconds = 20.0
     n = round(seconds / CYCLE)
     twist = np.zeros((n, 3))
@@ -193,7 +195,7 @@ def test_a_base_that_strays_more_today_gets_wider_bounds(model: BaseModel, movin
 
 
 def test_a_touch_widens_no_bound(model: BaseModel) -> None:
-    """Neither itself nor how it begins, when it is not felt yet."""
+    """Neither itself nor its beginning, before it is detected."""
     still, pushed = np.zeros((1, 3)), 3.0 * np.array([model.standing])
     [quiet], [push] = (ticks(still, still, twist) for twist in (still, pushed))
     signal = settled(model, [quiet])
@@ -221,7 +223,7 @@ def test_bounds_hold_on_motion_like_that_of_the_calibration(model: BaseModel) ->
 
 @pytest.mark.parametrize("axis", [0, 1, 2])
 @pytest.mark.parametrize("side", [-1.0, 1.0])
-def test_feels_a_push_on_a_base_that_stands(model: BaseModel, axis: int, side: float) -> None:
+def test_detects_a_push_on_a_base_that_stands(model: BaseModel, axis: int, side: float) -> None:
     n = 200
     twist = np.zeros((n, 3))
     pushed = range(100, 130)
@@ -288,7 +290,7 @@ def test_values_that_are_not_finite_do_no_lasting_harm(
     expected = residuals(settled(model, clean), clean)
     after = slice(100 + TAPS + round(POST_DRIVE_TIME / CYCLE), None)
     np.testing.assert_allclose(seen[after], expected[after])
-    # What is said meanwhile is no push.
+    # A residual in between is no push.
     assert np.nanmax(np.abs(seen[90:, 1])) < 1.0
 
 

@@ -13,7 +13,11 @@ from hypothesis import strategies as st
 from pepper_driver.config import PepperError
 from pepper_driver.config.arrays import FloatArray
 from pepper_driver.observer.models.fusion_model import MomentumError, MomentumParameters
-from pepper_driver.observer.residuals.momentum import SMOOTHING, ErrorDerivatives, MomentumChannel
+from pepper_driver.observer.residuals.momentum import (
+    SMOOTHING_TIME,
+    ErrorDerivatives,
+    MomentumChannel,
+)
 from support.observer import CYCLE
 
 CURRENT = MomentumParameters(
@@ -44,7 +48,7 @@ def test_residual_is_minus_the_external_torque_over_the_stiffness(
         velocity=velocity,
         acceleration=acceleration,
         resistance=resistance,
-        # A twin that errs by less than the motor's torque still tells its sign.
+        # A model with an error smaller than the motor torque still gives its sign.
         model_residual=-external + mistake * abs(motor),
     )
     assert found == pytest.approx(-external, abs=1e-12)
@@ -52,7 +56,7 @@ def test_residual_is_minus_the_external_torque_over_the_stiffness(
 
 
 @given(NUMBERS, NUMBERS, NUMBERS)
-def test_a_wrong_sign_errs_by_no_more_than_the_twin_did(
+def test_a_wrong_sign_errs_by_no_more_than_the_model_did(
     resistance: float, external: float, mistake: float
 ) -> None:
     p = CURRENT
@@ -135,8 +139,8 @@ def test_a_step_is_forgotten_with_the_time_of_the_filter() -> None:
     velocity, _ = derivatives(np.where(np.arange(60) < 5, 0.0, 0.01))
     after = velocity[5:]
     assert after[0] == velocity.max() > 0
-    k = round(3 * SMOOTHING / CYCLE)
-    assert after[k] / after[0] == pytest.approx(np.exp(-k * CYCLE / SMOOTHING), rel=0.01)
+    k = round(3 * SMOOTHING_TIME / CYCLE)
+    assert after[k] / after[0] == pytest.approx(np.exp(-k * CYCLE / SMOOTHING_TIME), rel=0.01)
 
 
 def test_reset_forgets() -> None:
@@ -161,18 +165,18 @@ def test_a_current_without_torque_is_refused() -> None:
 
 
 @pytest.mark.parametrize(
-    ("motor", "drive", "resistance", "twin"),
+    ("motor", "drive", "resistance", "model"),
     [
-        # What the board is thought to have summed up errs by a degree just as the joint sets off.
+        # The estimated integral has an error of a degree just as the joint starts.
         (0.023, -0.007, 0.023, 0.0),
-        # A push against the load: the board works against what motion alone would need.
+        # A push against the load: the board acts against what motion alone would require.
         (-0.030, -0.026, 0.023, -0.048),
-        # After a long touch the twin, which has felt none, is off by what the board has summed up.
+        # After a long touch the model, which does not contain it, is wrong by the integral of the board.
         (0.040, 0.038, 0.023, -0.035),
     ],
 )
-def test_boards_that_sum_up_are_asked_for_the_sign_beside_twin_and_load(
-    motor: float, drive: float, resistance: float, twin: float
+def test_boards_that_integrate_give_the_sign_together_with_model_and_load(
+    motor: float, drive: float, resistance: float, model: float
 ) -> None:
     p = replace(CURRENT, offset=0.0)
     found, given_motor = MomentumChannel([p], np.ones(1, dtype=bool)).residual(
@@ -181,7 +185,7 @@ def test_boards_that_sum_up_are_asked_for_the_sign_beside_twin_and_load(
         velocity=np.zeros(1),
         acceleration=np.zeros(1),
         resistance=np.array([resistance]),
-        model_residual=np.array([twin]),
+        model_residual=np.array([model]),
     )
     assert float(given_motor[0]) == pytest.approx(motor)
     assert float(found[0]) == pytest.approx(motor - resistance)

@@ -1,4 +1,4 @@
-"""A joint that has come to turn harder than when it was identified is told of, once."""
+"""A joint that turns harder than when it was identified is reported once."""
 
 from __future__ import annotations
 
@@ -8,18 +8,18 @@ from dataclasses import replace
 import pytest
 
 from pepper_driver.observer.contact_observer import WEAR_PERIOD
-from support.fusion import TWIN, drive, fusion_model, fusion_observer, swing, ticks_of
+from support.fusion import STICK_SLIP, drive, fusion_model, fusion_observer, swing, ticks_of
 
 
 @pytest.mark.parametrize(("factor", "worn"), [(1.0, ()), (2.0, ("LElbowRoll",))])
-def test_a_joint_that_turns_harder_is_told_of_once(
+def test_a_joint_that_turns_harder_is_reported_once(
     factor: float, worn: tuple[str, ...], caplog: pytest.LogCaptureFixture
 ) -> None:
-    rough = replace(TWIN, friction=factor * TWIN.friction)
+    rough = replace(STICK_SLIP, friction=factor * STICK_SLIP.friction)
     motion = swing(65.0, 0.5, 1.2)
     made = ticks_of(motion, drive(motion, rough))
     assert len(made) > 2 * WEAR_PERIOD
-    observer = fusion_observer(fusion_model(TWIN), adapt=True)
+    observer = fusion_observer(fusion_model(STICK_SLIP), adapt=True)
     with caplog.at_level(logging.WARNING):
         for tick in made:
             observer.step(tick)

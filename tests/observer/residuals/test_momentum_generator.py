@@ -6,12 +6,12 @@ import pytest
 from pepper_driver.observer.contact_observer import ContactObserver
 from pepper_driver.observer.models.model_file import ModelSet
 from pepper_driver.observer.residuals.momentum import MomentumGenerator
-from support.fusion import ELBOW, TWIN, drive, fusion_model, push_profile, swing, ticks_of
+from support.fusion import ELBOW, STICK_SLIP, drive, fusion_model, push_profile, swing, ticks_of
 from support.observer import CYCLE, JOINTS, ROBOT, SETTINGS
 
 
 def signal(threshold: float = 0.02) -> MomentumGenerator:
-    models = [fusion_model(TWIN) if joint == ELBOW else None for joint in range(JOINTS)]
+    models = [fusion_model(STICK_SLIP) if joint == ELBOW else None for joint in range(JOINTS)]
     return MomentumGenerator(models, CYCLE, np.full(JOINTS, threshold), 5)
 
 
@@ -26,8 +26,8 @@ def test_a_push_in_motion_shows_as_its_torque_over_the_stiffness() -> None:
     free = moving & (push == 0.0)
     free[: round(1.0 / CYCLE)] = False
     assert held.any()
-    assert np.median(residual[held]) == pytest.approx(-TWIN.load_gain * 4.0, rel=0.25)
-    assert np.abs(np.median(residual[free])) < 0.1 * TWIN.load_gain * 4.0
+    assert np.median(residual[held]) == pytest.approx(-STICK_SLIP.load_gain * 4.0, rel=0.25)
+    assert np.abs(np.median(residual[free])) < 0.1 * STICK_SLIP.load_gain * 4.0
 
 
 def test_it_is_blind_where_the_paper_is() -> None:
@@ -40,7 +40,7 @@ def test_it_is_blind_where_the_paper_is() -> None:
 
 
 def test_the_observer_momentum_uses_its_own_bound() -> None:
-    model = fusion_model(TWIN)
+    model = fusion_model(STICK_SLIP)
     models = ModelSet(
         robot=ROBOT.name,
         joint_names=ROBOT.joint_names,
