@@ -36,7 +36,7 @@ def test_shipped_models_are_of_the_shipped_plants(kind: ModelKind, plant: str) -
     now = plant_hash(load_plant(plant, ROBOT), ROBOT)
     assert models.identity == now, (
         f"the plant has changed since {path.name} was identified; identify it again: "
-        f"pepper identify --backend mujoco://?plant={plant} --kind {kind} --out observer/models/{path.name}"
+        f"pepper identify --backend mujoco://?plant={plant} --model-type {kind} --out observer/models/{path.name}"
     )
     assert models.kind == kind
     assert models.joint_names == ROBOT.joint_names
