@@ -170,8 +170,8 @@ def test_a_joint_that_goes_blind_loses_the_contact() -> None:
 
 def test_what_the_legs_detect_is_on_the_trunk() -> None:
     events = Player().play(1 + HELD, HipRoll=2.0)
-    told = [(e.limb, e.joint, e.link, e.direction) for e in events]
-    assert told == [(TRUNK, None, TRUNK_LINK, -1)]
+    reported = [(e.limb, e.joint, e.link, e.direction) for e in events]
+    assert reported == [(TRUNK, None, TRUNK_LINK, -1)]
     assert events[0].torque is None
     hip = THRESHOLDS[ROBOT.joint_index("HipRoll")]
     assert events[0].intensity_deg == pytest.approx(math.degrees(2.0 * hip))

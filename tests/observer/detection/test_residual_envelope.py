@@ -28,7 +28,7 @@ YES, NO = np.array([True]), np.array([False])
 QUIET = 1e-3
 
 
-def strays(width: int = 1, identified: float = np.inf) -> ResidualEnvelope:
+def envelope(width: int = 1, identified: float = np.inf) -> ResidualEnvelope:
     """With thresholds so high, if nothing else is said, that nothing is suspected to be a touch."""
     return ResidualEnvelope(np.full(width, identified), np.full(width, START_FACTOR))
 
@@ -87,7 +87,7 @@ def test_is_the_margin_over_a_high_rank_of_the_blocks(
     residual = rng.standard_normal((n, 3)) * np.exp(rng.standard_normal((n, 1)))
     seen, moving = rng.uniform(size=(n, 3)) < seen_share, rng.uniform(size=(n, 3)) < moving_share
     touches = sorted(k for k in touches if k < n)
-    target = strays(3)
+    target = envelope(3)
     for k, row in enumerate(zip(residual, seen, moving, strict=True)):
         if k in touches:
             target.touched()
@@ -100,7 +100,7 @@ def test_is_the_margin_over_a_high_rank_of_the_blocks(
 
 
 def test_forgets_what_was_longer_ago_than_it_remembers() -> None:
-    target = strays()
+    target = envelope()
     learn_blocks(target, [0.2] * ENVELOPE_RANK + [0.1] * (MAX_BLOCKS - ENVELOPE_RANK))
     assert target.bound[0] == pytest.approx(ENVELOPE_FACTOR * 0.2)
     learn_blocks(target, [0.1] * ENVELOPE_RANK)
@@ -109,7 +109,7 @@ def test_forgets_what_was_longer_ago_than_it_remembers() -> None:
 
 def test_two_touches_that_were_not_detected_have_no_effect() -> None:
     quiet = [0.1] * (BLOCKS_PER_RANK * ENVELOPE_RANK)
-    target = strays()
+    target = envelope()
     learn_blocks(target, [*quiet, 0.2, *quiet[:5], 0.3])
     assert target.bound[0] == pytest.approx(ENVELOPE_FACTOR * 0.1)
     learn_blocks(target, [0.2])
@@ -117,7 +117,7 @@ def test_two_touches_that_were_not_detected_have_no_effect() -> None:
 
 
 def test_touches_in_every_fourth_block_do_not_make_it_deaf() -> None:
-    target = strays()
+    target = envelope()
     learn_blocks(target, [9.0, 0.1, 0.1, 0.1] * 12)
     assert target.bound[0] == pytest.approx(MEDIAN_FACTOR * 0.1)
 
@@ -129,7 +129,7 @@ def test_of_the_first_blocks_the_largest_counts() -> None:
         (0.05, 2 * FEW_BLOCKS_FACTOR),
         (0.5, START_FACTOR),
     ):
-        target = strays(identified=identified)
+        target = envelope(identified=identified)
         learn_blocks(target, [0.9, *[0.1] * (BLOCKS_PER_RANK - 2)])
         assert target.bound[0] == pytest.approx(MEDIAN_FACTOR * 0.1)
         assert target.factor[0] == pytest.approx(few)
@@ -137,7 +137,7 @@ def test_of_the_first_blocks_the_largest_counts() -> None:
         assert target.factor[0] == pytest.approx(
             min(MEDIAN_FACTOR * 0.1 / identified, MAX_ENVELOPE_FACTOR)
         )
-    target = strays(identified=0.1)
+    target = envelope(identified=0.1)
     learn_blocks(target, [0.2, *[0.1] * (BLOCKS_PER_RANK - 1)])
     assert target.bound[0] == pytest.approx(ENVELOPE_FACTOR * 0.2)
     learn_blocks(target, [0.1] * BLOCKS_PER_RANK)
@@ -146,7 +146,7 @@ def test_of_the_first_blocks_the_largest_counts() -> None:
 
 
 def test_all_is_known_after_the_first_blocks_of_motion() -> None:
-    target = strays()
+    target = envelope()
     for k in range(BLOCKS_PER_RANK):
         assert target.known[0] == pytest.approx(k / BLOCKS_PER_RANK)
         target.touched()  # takes nothing of it away
@@ -158,7 +158,7 @@ def test_all_is_known_after_the_first_blocks_of_motion() -> None:
 
 
 def test_rest_alone_proves_nothing_but_counts_with_motion() -> None:
-    target = strays()
+    target = envelope()
     for _ in range(20 * BLOCK_TICKS):
         target.learn(np.array([0.2]), YES, NO)
     assert (target.bound[0], target.known[0]) == (0.0, 0.0)
@@ -168,7 +168,7 @@ def test_rest_alone_proves_nothing_but_counts_with_motion() -> None:
 
 def test_the_beginning_of_a_touch_teaches_nothing() -> None:
     """It grows for a while before it is detected, and here the robot was at rest before."""
-    target = strays()
+    target = envelope()
     learn_blocks(target, [0.1] * BLOCKS_PER_RANK)
     for _ in range(BLOCK_TICKS + BLOCK_TICKS // 2):
         target.learn(np.array([0.2]), YES, YES)
@@ -180,7 +180,7 @@ def test_the_beginning_of_a_touch_teaches_nothing() -> None:
 
 
 def test_after_a_touch_nothing_is_learned_for_a_while() -> None:
-    target = strays()
+    target = envelope()
     for touch in range(3):
         for _ in range(50):
             target.touched()
@@ -192,14 +192,14 @@ def test_after_a_touch_nothing_is_learned_for_a_while() -> None:
 
 
 def test_a_touch_takes_nothing_of_what_was_learned_before() -> None:
-    target = strays()
+    target = envelope()
     learn_blocks(target, [0.1] * BLOCKS_PER_RANK)
     target.touched()
     assert (target.bound[0], target.known[0]) == (pytest.approx(ENVELOPE_FACTOR * 0.1), 1.0)
 
 
 def test_joints_that_cannot_be_judged_disturb_no_other() -> None:
-    target = strays(2)
+    target = envelope(2)
     for _ in range((BLOCKS_PER_RANK + 1) * BLOCK_TICKS):
         target.learn(np.array([np.nan, 0.1]), np.array([False, True]), np.array([True, True]))
     np.testing.assert_allclose(target.bound, [0.0, ENVELOPE_FACTOR * 0.1])
@@ -210,7 +210,7 @@ def test_joints_that_cannot_be_judged_disturb_no_other() -> None:
 
 
 def test_reset_forgets() -> None:
-    target = strays()
+    target = envelope()
     learn_blocks(target, [9.0] * 30)
     for _ in range(BLOCK_TICKS // 2):  # of a block that is not full
         target.learn(np.array([9.0]), YES, YES)
@@ -223,7 +223,7 @@ def test_reset_forgets() -> None:
 
 def test_long_after_a_touch_what_is_nearly_detected_counts_again() -> None:
     identified = 3.0 * ENVELOPE_FACTOR * QUIET
-    target = strays(identified=identified)
+    target = envelope(identified=identified)
     learn_blocks(target, [QUIET] * (BLOCKS_PER_RANK + 2))
     target.touched()
     for _ in range(SUSPECT_TICKS + POST_CONTACT_TICKS):
@@ -243,7 +243,7 @@ def test_what_is_nearly_detected_among_touches_widens_nothing(
 ) -> None:
     """Once the envelope is known; without touch, all residuals count for the envelope."""
     identified = 3.0 * ENVELOPE_FACTOR * QUIET
-    target = strays(identified=identified)
+    target = envelope(identified=identified)
     for _ in range((BLOCKS_PER_RANK + 2) * BLOCK_TICKS):
         target.learn(np.array([QUIET]), YES, YES)
     before = float(target.bound[0])

@@ -71,10 +71,10 @@ def random_affine(rng: Random) -> AffineTree:
 def random_samples(rng: Random, n: int, joints: int) -> FloatArray:
     """(n, 3, joints): on thresholds, next to them, between and far beyond."""
     on = rng.choice(GRID, size=(n, FEATURES, joints))
-    beside = np.nextafter(on, rng.choice([-2.0, 2.0], size=on.shape))
+    near = np.nextafter(on, rng.choice([-2.0, 2.0], size=on.shape))
     anywhere = rng.choice([1.0, 100.0], size=on.shape) * rng.normal(size=on.shape)
     kind = rng.integers(3, size=on.shape)
-    chosen: FloatArray = np.choose(kind, [on, beside, anywhere])
+    chosen: FloatArray = np.choose(kind, [on, near, anywhere])
     return chosen
 
 

@@ -35,8 +35,8 @@ def test_shipped_models_are_of_the_shipped_plants(kind: ModelKind, plant: str) -
     models = ModelSet.load(path)
     now = plant_hash(load_plant(plant, ROBOT), ROBOT)
     assert models.identity == now, (
-        f"the plant has changed since {path.name} was identified; make it anew: "
-        f"pepper identify --backend mujoco://?plant={plant} --kind {kind} --out observer/models/{path.name}"
+        f"the plant has changed since {path.name} was identified; identify it again: "
+        f"pepper identify --backend mujoco://?plant={plant} --model-type {kind} --out observer/models/{path.name}"
     )
     assert models.kind == kind
     assert models.joint_names == ROBOT.joint_names
@@ -50,7 +50,7 @@ def test_shipped_models_are_of_the_shipped_plants(kind: ModelKind, plant: str) -
 @pytest.mark.parametrize("kind", KINDS)
 def test_another_robot_has_no_shipped_models(kind: ModelKind) -> None:
     with pytest.raises(ModelFileError, match="for 'mine', only for the plants integral, nominal"):
-        load_shipped(kind, [RobotIdentity(name="mine", identity="somebody else")])
+        load_shipped(kind, [RobotIdentity(name="mine", identity="another robot")])
 
 
 def test_the_affine_models_of_the_nominal_plant_fit_what_they_must() -> None:

@@ -497,14 +497,14 @@ def waved(mass: float, seconds: float = 32.0, size: float = 0.5) -> list[Tick]:
     state[0] += np.where(np.isin(np.arange(JOINTS), MOVED), -0.2, 0.0)
     load = loaded({"LWristYaw": point(mass, PLACE)})
     own = np.array([torque_of(PLAIN, *row) for row in zip(*state, strict=True)])
-    droop = np.array([torque_of(load, *row) for row in zip(*state, strict=True)])
+    load_torque = np.array([torque_of(load, *row) for row in zip(*state, strict=True)])
     position = state[0].copy()
     for joint in MOVED:
         column = Motion(
             position=state[0][:, joint],
             velocity=state[1][:, joint],
             acceleration=state[2][:, joint],
-            load=droop[:, joint],
+            load=load_torque[:, joint],
         )
         position[:, joint] = quantised(drive(column, steps=30).position)
     made = []
