@@ -248,7 +248,7 @@ def whole(
         "would_hold": gaps(recorder, safety.stale_hold),
         "would_stop": gaps(recorder, safety.stale_fault),
         "contacts": contacts,
-        "response_delay": answers(recorder),
+        "response_delay": response_delays(recorder),
         "dcm_off_by_rad": off_by,
         "reaction_cycles": reaction(recorder, commands, begin + delay, robot.cycle),
         "request_lead_ms": median_and_p99(leads),
@@ -261,9 +261,9 @@ def gaps(recorder: Recorder, age: float) -> int:
     return int(np.count_nonzero(old[1:] & ~old[:-1]) + old[0])
 
 
-def answers(recorder: Recorder) -> dict[str, int]:
+def response_delays(recorder: Recorder) -> dict[str, int]:
     """Count the ticks by the delay [ticks] of their command."""
-    ago = [tick.measurement.answers for tick in recorder.ticks]
+    ago = [tick.measurement.response_delay for tick in recorder.ticks]
     return {str(n): ago.count(n) for n in sorted({n for n in ago if n is not None})}
 
 

@@ -28,7 +28,7 @@ from support import ROOT
 
 ROBOT = load_robot()
 
-NOT_LOGGED = {"imu", "missing", "commanded_by_others", "contacts"}
+NOT_LOGGED = {"imu", "stale_reason", "commanded_by_others", "contacts"}
 
 
 @pytest.mark.parametrize(
@@ -85,7 +85,7 @@ from pathlib import Path
 folder, out = Path(find_spec("pepper_driver.backends").submodule_search_locations[0]), Path(sys.argv[1])
 text = (folder / "fields.py").read_text()
 for before, new in (
-    ("    missing: str = ", "    pressure: FloatArray | None = None\\n"),
+    ("    stale_reason: str = ", "    pressure: FloatArray | None = None\\n"),
     (
         "    _LIMITED,\\n    _F(_O, ",
         "    _F(_M, 'pressure', 'joints', '[Pa]', absent=nan, column='pressure', mirror='size'),\\n",

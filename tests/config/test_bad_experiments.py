@@ -225,7 +225,7 @@ BAD = [
     ("deciding: 0.2", "deciding: soon", 56, "steps.5.branch.deciding", f'{NUMBER}"soon"'),
     ("kind: collision}", "kind: rebound}", 58, "steps.5.branch.cases.0.on", "a rebound is no touch"),
     ("kind: collision}", "kind: hit}", 58, "steps.5.branch.cases.0.on.kind", "must be 'contact', 'collision'"),
-    ("limb: left_arm, kind: collision}", "}", 59, "steps.5.branch.cases.1", "can never be taken: 'cases.0'"),
+    ("limb: left_arm, kind: collision}", "}", 59, "steps.5.branch.cases.1", "can never be chosen: 'cases.0'"),
     ("{on: {limb: left_arm}, steps", "{steps", 59, "steps.5.branch.cases.1.on", "is missing"),
     ("[{play: stretch}]", "[{play: mine.yaml}]", 60, "steps.5.branch.otherwise.0.play", "in itself"),
     ("otherwise: [{play: stretch}]", "otherwise: {play: stretch}", 60, "steps.5.branch.otherwise", f"{LIST}a mapping"),

@@ -121,7 +121,7 @@ def test_every_case_of_a_branch_can_be_taken(
         load_data(tmp_path, data)
         return
     said = refusal(tmp_path, data)
-    assert f"key 'steps.0.branch.cases.{case}': can never be taken: {reason}" in said
+    assert f"key 'steps.0.branch.cases.{case}': can never be chosen: {reason}" in said
 
 
 @pytest.mark.parametrize(

@@ -153,7 +153,7 @@ def test_without_an_observer_nobody_feels_anything(tmp_path: Path) -> None:
         said = refusal(tmp_path, experiment(step, observer=None))
         assert f"key '{where}': no touch can be detected: the experiment has no observer" in said
     reaction = experiment(STAND, observer=None, reactions=[{"do": "hold"}])
-    assert "key 'reactions.0.on': nobody feels" in refusal(tmp_path, reaction)
+    assert "key 'reactions.0.on': no touch can be detected" in refusal(tmp_path, reaction)
     load_data(tmp_path, experiment(STAND, observer=None))
 
 

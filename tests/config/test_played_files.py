@@ -59,7 +59,7 @@ def test_a_played_file_is_felt_with_what_plays_it(tmp_path: Path) -> None:
     play = {"play": "listen.yaml"}
     assert load_data(tmp_path, experiment(play)).observer == ObserverChoice()
     said = refusal(tmp_path, experiment(STAND, play, observer=None))
-    assert said.startswith(" line 8: key 'steps.1.play.0.wait': nobody feels")
+    assert said.startswith(" line 8: key 'steps.1.play.0.wait': no touch can be detected")
 
 
 @pytest.mark.parametrize(

@@ -364,7 +364,7 @@ CASES: list[tuple[str, str, str]] = [
     (
         "safety",
         "following_eror: 0.6",
-        "mine.yaml line 25: unknown key 'following_eror' (did you mean following_error or following_error_time?",
+        "mine.yaml line 31: unknown key 'following_eror' (did you mean following_error or following_error_time?",
     ),
     (
         "observer",
@@ -398,22 +398,22 @@ CASES: list[tuple[str, str, str]] = [
     (
         "controller",
         "velocity: fast",
-        "mine.yaml line 22: key 'velocity': must be 'safe' or 'robot', got \"fast\"",
+        "mine.yaml line 26: key 'velocity': must be 'safe' or 'robot', got \"fast\"",
     ),
     (
         "controller",
         "velocity_limit: {HeadYaw: 1.0}",
-        "mine.yaml line 25: key 'velocity_limit': no entry for joint HeadPitch, HipPitch, HipRoll,",
+        "mine.yaml line 29: key 'velocity_limit': no entry for joint HeadPitch, HipPitch, HipRoll,",
     ),
     (
         "controller",
         "velocity_limit: 3",
-        "mine.yaml line 25: key 'velocity_limit': must be a mapping of keys to values, got 3",
+        "mine.yaml line 29: key 'velocity_limit': must be a mapping of keys to values, got 3",
     ),
     (
         "controller",
         "jerk_limit: {HeadYow: 1.0}",
-        "mine.yaml line 34: key 'jerk_limit': unknown joint 'HeadYow' (did you mean HeadYaw or RHand",
+        "mine.yaml line 38: key 'jerk_limit': unknown joint 'HeadYow' (did you mean HeadYaw or RHand",
     ),
     (
         "controller",
@@ -428,12 +428,12 @@ CASES: list[tuple[str, str, str]] = [
     (
         "controller",
         "position_margin: -0.1",
-        "mine.yaml line 36: key 'position_margin': must be 0 or more, got -0.1",
+        "mine.yaml line 40: key 'position_margin': must be 0 or more, got -0.1",
     ),
     (
         "controller",
         "constraints: []",
-        "mine.yaml line 37: key 'constraints': must be a mapping of keys to values",
+        "mine.yaml line 41: key 'constraints': must be a mapping of keys to values",
     ),
     (
         "doctor",

@@ -139,7 +139,7 @@ def flatten(tick: Tick, observation: Observation, step: int = 0) -> dict[str, ob
     values: dict[str, object] = {
         f.name: getattr(m, f.name)
         for f in fields(Measurement)
-        if f.name not in ("imu", "missing", "commanded_by_others")
+        if f.name not in ("imu", "stale_reason", "commanded_by_others")
     }
     values |= {f"imu_{f.name}": getattr(m.imu, f.name) for f in fields(Imu)}
     values |= {f"sent_{f.name}": getattr(tick.sent, f.name) for f in fields(Command)}

@@ -13,8 +13,8 @@ from pepper_driver.backends import BackendError
 from pepper_driver.backends.naoqi_server.network import NetworkProxy
 from pepper_driver.config import UnknownNameError
 
-STALLS = "name: stalls\ndelay: 0.0\njitter: 0.002\nstall_share: 0.2\nstall: 0.02\n"
-SLOW = "name: slow\ndelay: 0.1\njitter: 0.0\nstall_share: 0.0\nstall: 0.0\n"
+STALLS = "name: stalls\ndelay: 0.0\njitter: 0.002\nstall_probability: 0.2\nstall: 0.02\n"
+SLOW = "name: slow\ndelay: 0.1\njitter: 0.0\nstall_probability: 0.0\nstall: 0.0\n"
 Starter = Callable[..., NetworkProxy]
 
 

@@ -373,7 +373,7 @@ def test_a_fit_writes_a_plant_that_loads(
         (["--check", "--plant", "nominl"], "did you mean nominal"),
         (["--check", "--plant", "missing.yaml"], "missing.yaml"),
         (["--control-law", "pid"], "must be pd or integral, got 'pid'"),
-        (["--plant", "random"], "drawn anew"),
+        (["--plant", "random"], "drawn again"),
         (["--control-law", "integral", "--plant", "nominal"], "no board has an integral part"),
         (["--out", "/dev/null/x.yaml"], "/dev/null/x.yaml"),
         (["--out", "plant.txt"], ".yaml"),

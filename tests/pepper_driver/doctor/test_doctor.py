@@ -76,7 +76,7 @@ def test_a_robot_that_is_well_passes_and_was_never_moved(
         (heated("HeadYaw", SAFETY.temperature_fault), "temperatures", FAILED, "HeadYaw"),
         (heated("HeadYaw", SAFETY.temperature_warning), "temperatures", WARNING, "68"),
         (heated("HeadYaw", SAFETY.temperature_warning - 1), "temperatures", OK, "67"),
-        (heated("HeadYaw", np.nan), "temperatures", WARNING, "not told: HeadYaw"),
+        (heated("HeadYaw", np.nan), "temperatures", WARNING, "unknown: HeadYaw"),
         (field("temperature", np.full(17, np.nan)), "temperatures", UNKNOWN, "no motor"),
         (drained(SAFETY.battery_activate - 0.01), "battery", FAILED, "9%"),
         (drained(SAFETY.battery_warning - 0.01), "battery", WARNING, "19%"),

@@ -273,7 +273,10 @@ class Harmed(Jittery):
     ("change", "words"),
     [
         ({"stiffness": np.zeros(17)}, "the stiffness of all joints was lowered"),
-        ({"age": 0.2, "missing": "no answer from RElbowYaw"}, "200 ms old: no answer from RElbow"),
+        (
+            {"age": 0.2, "stale_reason": "no answer from RElbowYaw"},
+            "200 ms old: no answer from RElbow",
+        ),
     ],
 )
 def test_a_robot_that_was_not_well_stops_the_replay_as_well(
