@@ -12,7 +12,7 @@ HOUR = 3600.0
 
 
 @pytest.mark.parametrize(
-    ("late", "since", "silence", "watched", "age"),
+    ("late", "since", "unacknowledged_time", "watched", "age"),
     [
         (0, 0.019, 0.0, HOUR, 0.0),
         (2, 0.043, 0.0, HOUR, 0.024),
