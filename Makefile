@@ -1,4 +1,5 @@
-# make demo: the main job on the simulated Pepper. make test: lint, types, tests; make test-all: the slow ones too.
+# make demo: the main job on the simulated Pepper. make check: style and types. make test: check, then tests.
+# make test-all: also what takes minutes (plants for a minute, examples, docs, packages), and ten times the examples of property tests.
 # make naoqi: install what a robot over NAOqi needs, and its stand-in. make lint: style. make types: mypy.
 # make format: rewrite as make lint wants it. make build: sdist and wheel. make bench-controller: beside other controllers.
 # make clean: remove all that was made. All need Python 3.11 to 3.13 and nothing else.
@@ -7,7 +8,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 WORKERS ?= 3
 
-.PHONY: demo naoqi test test-all lint types format build bench-controller clean
+.PHONY: demo naoqi check test test-all lint types format build bench-controller clean
 
 # One stamp for each extra: installed again when pyproject.toml changes.
 $(VENV)/.extra-%: pyproject.toml
@@ -20,11 +21,13 @@ demo: $(VENV)/.extra-plot
 
 naoqi: $(VENV)/.extra-naoqi
 
-test: $(VENV)/.extra-dev lint types
+check: lint types
+
+test: check
 	$(BIN)/python -m pytest -n $(WORKERS) --dist worksteal
 
-test-all: $(VENV)/.extra-dev lint types
-	$(BIN)/python -m pytest -n $(WORKERS) --dist worksteal -m ""
+test-all: check
+	$(BIN)/python -m pytest -n $(WORKERS) --dist worksteal -m "" --hypothesis-profile nightly
 
 lint: $(VENV)/.extra-dev
 	$(BIN)/ruff check .

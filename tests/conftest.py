@@ -10,15 +10,17 @@ from hypothesis import HealthCheck, settings
 import pepper_driver.controller  # noqa: F401 before a test imports pinocchio
 from pepper_driver.backends.naoqi.qi_library import NoQiError, load_qi
 from pepper_driver.backends.naoqi_server.launch import StandIn
+from support.examples import CI_EXAMPLES
 
 # Started in the background of a shell, tests ignore Ctrl-C, and so do the commands that they start and interrupt.
 signal.signal(signal.SIGINT, signal.default_int_handler)
 
-# How long an example takes says something of the machine, and of what else it does.
-settings.register_profile(
-    "any machine", deadline=None, suppress_health_check=[HealthCheck.too_slow]
-)
-settings.load_profile("any machine")
+# How long an example takes depends on the machine and its load. ``ci`` draws the same examples each time, so that a
+# failure is of the change under test; ``nightly`` (make test-all) draws new and ten times as many ones.
+ANY_MACHINE = settings(deadline=None, suppress_health_check=[HealthCheck.too_slow])
+settings.register_profile("ci", ANY_MACHINE, derandomize=True)
+settings.register_profile("nightly", ANY_MACHINE, max_examples=10 * CI_EXAMPLES)
+settings.load_profile("ci")
 
 
 @pytest.fixture(scope="session")

@@ -48,6 +48,7 @@ def test_the_controller_alone_is_measured(tmp_path: Path) -> None:
     assert {"python", "numpy", "pin", "daqp"} <= set(document["versions"])
 
 
+@pytest.mark.whole
 @pytest.mark.skipif(not PEERS, reason="needs the peers extra")
 def test_the_peers_are_measured_beside_it(tmp_path: Path) -> None:
     figures = tmp_path / "figures.json"
@@ -105,6 +106,7 @@ def assert_refused(word: str, *arguments: str) -> None:
     assert word in result.stderr
 
 
+@pytest.mark.whole
 def test_the_stand_in_is_measured(qi: object, tmp_path: Path) -> None:
     figures = tmp_path / "figures.json"
     script = str(CONTROLLER.parent / "stand_in.py")
@@ -125,6 +127,7 @@ def test_the_stand_in_is_measured(qi: object, tmp_path: Path) -> None:
 NAOQI = ROOT / "benchmarks" / "naoqi.py"
 
 
+@pytest.mark.whole
 def test_the_way_over_naoqi_is_measured(
     qi: Any,
     tmp_path: Path,
@@ -355,6 +358,7 @@ def benchmark(path: Path, monkeypatch: pytest.MonkeyPatch) -> Any:
     return module
 
 
+@pytest.mark.whole
 @pytest.mark.usefixtures("checkout")
 def test_a_commit_has_the_same_ticks_as_itself(tmp_path: Path) -> None:
     pytest.importorskip("mcap_ros2")
@@ -634,6 +638,7 @@ def test_wrong_options_of_the_attentive_robot_are_one_line(
     assert word in err
 
 
+@pytest.mark.whole
 def test_pushes_on_the_moving_arm_are_measured(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

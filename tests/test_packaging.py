@@ -52,6 +52,7 @@ def built(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
     return next(dist.glob("*.whl")), next(dist.glob("*.tar.gz"))
 
 
+@pytest.mark.whole
 def test_the_wheel_holds_every_file_once(built: tuple[Path, Path]) -> None:
     names = zipfile.ZipFile(built[0]).namelist()
     assert len(names) == len(set(names))
@@ -68,6 +69,7 @@ def test_the_wheel_holds_every_file_once(built: tuple[Path, Path]) -> None:
     assert "pepper_driver/py.typed" in names
 
 
+@pytest.mark.whole
 def test_the_sdist_keeps_the_folders_of_the_house(built: tuple[Path, Path]) -> None:
     with tarfile.open(built[1]) as archive:
         names = [n.partition("/")[2] for n in archive.getnames()]
@@ -76,6 +78,7 @@ def test_the_sdist_keeps_the_folders_of_the_house(built: tuple[Path, Path]) -> N
         assert f"pepper_driver/{layer}/__init__.py" not in names
 
 
+@pytest.mark.whole
 def test_the_installed_wheel_works(built: tuple[Path, Path], tmp_path: Path) -> None:
     subprocess.run(
         [
@@ -125,6 +128,7 @@ def test_the_installed_wheel_works(built: tuple[Path, Path], tmp_path: Path) -> 
         assert copied.read_bytes() == (ROOT / name).read_bytes()
 
 
+@pytest.mark.whole
 def test_the_plug_in_packages_install_and_are_found(tmp_path: Path) -> None:
     source, target = tmp_path / "plugins", tmp_path / "site"
     shutil.copytree(ROOT / "examples" / "plugins", source)  # a build leaves files behind

@@ -43,6 +43,7 @@ def differences(*results: dict[str, Any]) -> list[str]:
 # -- the short form -------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.whole
 @pytest.mark.parametrize("name", SHORT)
 def test_in_real_time_it_is_the_same(name: str) -> None:
     result = played(PARITY["PROGRAMS"][name], "paced")
@@ -50,6 +51,7 @@ def test_in_real_time_it_is_the_same(name: str) -> None:
     assert [len(run["contacts"]) for run in result["runs"]] == [1]
 
 
+@pytest.mark.whole
 @pytest.mark.parametrize("name", SHORT)
 def test_over_naoqi_it_is_the_same(qi: object, name: str) -> None:
     with patient_driver():

@@ -82,12 +82,14 @@ def _touched() -> Callable[[Measurement], Sequence[Label]]:
     return label
 
 
+@pytest.mark.whole
 @pytest.mark.parametrize("name", PROGRAMS)
 def test_the_code_in_the_documentation_runs(name: str, desk: Path) -> None:
     """All blocks of a page, one after the other."""
     _run("\n".join(python_blocks(ROOT / "docs" / f"{name}.md")), desk)
 
 
+@pytest.mark.whole
 def test_the_code_for_the_stand_in_runs(desk: Path) -> None:
     with StandIn("mujoco") as stand_in:
         for name in ("stand_in", "stand_in_services"):
@@ -140,6 +142,7 @@ def test_the_suite_that_the_documentation_shows_is_one(tmp_path: Path) -> None:
     assert re.search(r"[2-9] passed", done.stdout)
 
 
+@pytest.mark.whole
 @pytest.mark.parametrize("path", EXAMPLES, ids=lambda path: path.name)
 def test_examples_run(path: Path, tmp_path: Path) -> None:
     done = subprocess.run(

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import HealthCheck, given
 from hypothesis import strategies as st
 
 from pepper_driver.config import (
@@ -16,6 +16,7 @@ from pepper_driver.config import (
 from pepper_driver.config.experiment import DAY, MAX_STEPS, check_experiment
 from pepper_driver.config.loading import parse
 from pepper_driver.config.steps import Holds, RandomStep
+from support.examples import examples
 from support.experiment_files import (
     BRANCH,
     HOLDS,
@@ -242,8 +243,8 @@ TREES = st.recursive(
     max_leaves=8,
 )
 BLOCKS = st.lists(TREES, min_size=1, max_size=4)
-FEW = settings(
-    max_examples=60,
+FEW = examples(
+    60,
     suppress_health_check=[HealthCheck.too_slow, HealthCheck.function_scoped_fixture],
 )
 
@@ -344,8 +345,8 @@ LANGUAGE = st.recursive(
 )
 
 
-@settings(
-    max_examples=150,
+@examples(
+    150,
     suppress_health_check=[HealthCheck.too_slow, HealthCheck.function_scoped_fixture],
 )
 @given(

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import HealthCheck, given
 from hypothesis import strategies as st
 
 from pepper_driver.config import (
@@ -23,6 +23,7 @@ from pepper_driver.config import (
 )
 from pepper_driver.config.loading import package_file, read_yaml
 from support import ROOT
+from support.examples import examples
 from support.yaml_values import ANYTHING, JARGON, damaged, damaged_text, dump
 
 ROBOT = load_robot()
@@ -63,8 +64,8 @@ LOADERS: dict[str, tuple[Path, Loader]] = {
     "branches": (BRANCHES, lambda p: load_experiment(p, ROBOT)),
 }
 WHOLE: dict[str, Any] = {name: read_yaml(path) for name, (path, _) in LOADERS.items()}
-FEW = settings(
-    max_examples=40,
+FEW = examples(
+    40,
     suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large],
 )
 

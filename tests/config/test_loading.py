@@ -4,11 +4,12 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from pepper_driver.config import ConfigError, PlantConfig
 from pepper_driver.config.loading import package_file, parse, read_yaml
+from support.examples import examples
 
 
 def nominal() -> dict[str, Any]:
@@ -44,7 +45,7 @@ def damaged(draw: st.DrawFn) -> dict[str, Any]:
     return data
 
 
-@settings(max_examples=150)
+@examples(150)
 @given(damaged())
 def test_a_damaged_plant_loads_or_says_one_line(data: dict[str, Any]) -> None:
     try:
@@ -67,7 +68,7 @@ def test_what_is_nested_too_deep_is_one_error(tmp_path: Path, opening: str, clos
             read_yaml(path)
 
 
-@settings(max_examples=150)
+@examples(150)
 @given(st.text())
 def test_any_text_is_yaml_or_one_error(tmp_path_factory: pytest.TempPathFactory, text: str) -> None:
     path = tmp_path_factory.mktemp("yaml") / "any.yaml"

@@ -5,11 +5,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from pepper_driver.backends.mujoco_.plant_model import build_model
 from pepper_driver.config import ConfigError, load_plant, plant_hash
+from support.examples import examples
 from support.plant_files import (
     ROBOT,
     Tree,
@@ -109,7 +110,7 @@ ANY = (
 BY_JOINT = st.dictionaries(st.sampled_from(ROBOT.joint_names), ANY, max_size=3)
 
 
-@settings(max_examples=100)
+@examples(100)
 @given(st.dictionaries(st.sampled_from(KEYS), ANY | BY_JOINT, max_size=3))
 def test_any_factor_gives_a_plant_or_one_line(
     tmp_path_factory: pytest.TempPathFactory, factors: Tree
@@ -133,7 +134,7 @@ PAIR = st.tuples(ANY, ANY).map(list) | st.tuples(st.floats(0, 1e300), st.floats(
 EVEN = st.sampled_from([[0.0, 0.0], [0.01, 0.1]])
 
 
-@settings(max_examples=150)
+@examples(150)
 @given(
     st.dictionaries(st.sampled_from(KEYS), PAIR, max_size=2),
     st.dictionaries(st.sampled_from(OTHERS), PAIR, max_size=2),

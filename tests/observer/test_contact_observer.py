@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from pepper_driver.config.arrays import FloatArray
@@ -19,6 +19,7 @@ from pepper_driver.observer.contact_observer import ContactObserver
 from pepper_driver.observer.fitting.tree import fit_joint
 from pepper_driver.observer.interface import Contact, JointState, Observation
 from pepper_driver.observer.models.model_file import ModelFileError
+from support.examples import examples
 from support.observer import (
     AFFINE,
     CYCLE,
@@ -267,7 +268,7 @@ def test_observations_are_not_written_to_later() -> None:
         np.testing.assert_array_equal(array, copy)
 
 
-@settings(max_examples=40)
+@examples(40)
 @given(
     st.lists(
         st.tuples(

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from pepper_driver import Hold, Pepper, PepperError
@@ -17,6 +17,7 @@ from pepper_driver.config import load_plant, load_robot, load_world
 from pepper_driver.controller import ComplianceTask, HandTask, PositionTask, PostureTask
 from pepper_driver.log import read_log
 from support.bad_input import check_line
+from support.examples import examples
 from support.yaml_values import ANYTHING
 
 ROBOT = load_robot()
@@ -95,7 +96,7 @@ def active() -> Iterator[Pepper]:
 
 
 @pytest.mark.parametrize("what", TAKES)
-@settings(max_examples=25, deadline=None)
+@examples(25, deadline=None)
 @given(junk=JUNK)
 def test_it_is_taken_or_refused_in_one_line(active: Pepper, what: str, junk: Any) -> None:
     if what == "play" and isinstance(junk, str) and junk in ("reach", "stretch", "wave"):

@@ -6,7 +6,7 @@ from typing import Any, Literal
 
 import numpy as np
 import pytest
-from hypothesis import example, given, settings
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from pepper_driver.backends import Truth
@@ -28,6 +28,7 @@ from pepper_driver.reflexes import Arbiter, Reflex, ReflexRequests, prepare_refl
 from pepper_driver.robot import Pepper
 from pepper_driver.safety import FaultError, FaultReason, RobotState, SafetyGate
 from pepper_driver.testing import aged, displaced
+from support.examples import examples
 from support.fakes import slowed
 
 ROBOT = load_robot()
@@ -84,7 +85,7 @@ def answering(ago: int) -> Fault:
     return lambda measurement: replace(measurement, response_delay=ago)
 
 
-@settings(max_examples=25)
+@examples(25)
 @given(
     st.lists(
         st.integers(0, 6) | st.integers(0, MAX_RESPONSE_DELAY + 30),

@@ -37,6 +37,7 @@ from support.naoqi_faults import (
     begin_to_move,
     drive,
     drive_through,
+    joints_rest,
     largest_step,
     move_arms,
     quick_settings,
@@ -310,6 +311,7 @@ def test_what_is_wrong_at_the_start_is_one_line_and_nothing_moves(
 ) -> None:
     monkeypatch.setattr(naoqi_backend, "load_naoqi_settings", load_naoqi_settings)
     robot.clear_faults()
+    assert wait_until(lambda: joints_rest(robot))
     robot.set_fault(fault)
     begun = time.monotonic()
     with pytest.raises(PepperError, match=word) as caught, Pepper(url(robot), observer=None):

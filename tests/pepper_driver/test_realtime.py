@@ -13,7 +13,7 @@ from itertools import pairwise
 from random import Random
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from pepper_driver import realtime as module
@@ -32,6 +32,7 @@ from pepper_driver.realtime import (
     realtime_process,
     realtime_thread,
 )
+from support.examples import examples
 
 ROBOT = load_robot()
 CYCLE = 12_000_000  # ns
@@ -140,7 +141,7 @@ def test_the_times_never_drift(durations: list[tuple[int, int]]) -> None:
             assert started(pacer) - CYCLE < before, "no more are missed than had to be"
 
 
-@settings(max_examples=10)
+@examples(10)
 @given(st.integers(0, 2**32))
 def test_ten_thousand_ticks_end_where_they_should(seed: int) -> None:
     clock, random = FakeClock(0), Random(seed)

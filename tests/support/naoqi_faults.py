@@ -157,6 +157,12 @@ def what_is_still(stand_in: StandIn) -> str:
     return f"its wheels do not turn, told {told} with stiffness {stiffness}"
 
 
+def joints_rest(stand_in: StandIn) -> bool:
+    """Return True if no joint has moved for 1.2 s: after a run ALMotion leads joints back by itself."""
+    box = stand_in.black_box(100)
+    return len(box.position) == 100 and float(np.ptp(box.position, axis=0).max()) < 0.002
+
+
 def assert_wheels_stop(box: BlackBox) -> None:
     """With nobody's help: 150 ms after the last order for wheels that was taken, all wheels of the plant stand."""
     # Cycles may have been left out since.

@@ -7,13 +7,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from pepper_driver.backends.naoqi.memory_keys import Alias, actuator_keys
 from pepper_driver.backends.naoqi.timing import CommandHistory, ScheduledCommand
 from pepper_driver.backends.naoqi_server.dcm import UpdateType
 from pepper_driver.config.arrays import FloatArray
+from support.examples import examples
 from support.virtual_robot import (
     CYCLE,
     ROBOT,
@@ -94,7 +95,7 @@ class Run:
 # -- no false alarms ----------------------------------------------------------------------------------------------
 
 
-@settings(max_examples=20)
+@examples(20)
 @given(
     network=st.sampled_from(["wire", "jitter", "wifi"]),
     seed=st.integers(0, 1000),
@@ -136,7 +137,7 @@ def test_our_own_commands_are_not_foreign(
     assert not any(run.found)
 
 
-@settings(max_examples=15)
+@examples(15)
 @given(
     seed=st.integers(0, 1000),
     lost=st.floats(0.0, 0.5),

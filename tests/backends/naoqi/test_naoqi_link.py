@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from pepper_driver.backends.fields import Measurement
@@ -19,6 +19,7 @@ from pepper_driver.backends.naoqi.memory_keys import SensorKeys
 from pepper_driver.backends.naoqi.timing import SlowLinkError
 from pepper_driver.config import load_safety_settings
 from pepper_driver.config.arrays import FloatArray
+from support.examples import examples
 from support.naoqi_fakes import address_of
 from support.virtual_robot import (
     CYCLE,
@@ -95,7 +96,7 @@ class Run:
 # -- dates and pairs ----------------------------------------------------------------------------------------------
 
 
-@settings(max_examples=25)
+@examples(25)
 @given(
     drift=st.floats(-100e-6, 100e-6),
     phase=st.floats(0.0, 12.0),

@@ -7,11 +7,12 @@ from dataclasses import dataclass
 
 import numpy as np
 import pytest
-from hypothesis import given, reject, settings
+from hypothesis import given, reject
 from hypothesis import strategies as st
 
 from pepper_driver.backends.naoqi.dcm_channel import MAX_REQUEST_LEAD, SAMPLE_PHASE, TICK_PHASE
 from pepper_driver.backends.naoqi.timing import SlowLinkError
+from support.examples import examples
 from support.virtual_robot import (
     CYCLE,
     ROBOT,
@@ -186,7 +187,7 @@ def test_ticks_begin_when_their_sample_has_come_and_it_is_never_requested_too_ea
     assert len(requested) <= 100, "one for each tick"
 
 
-@settings(max_examples=25)
+@examples(25)
 @given(
     delay=st.floats(0.1, 8.0),
     jitter=st.floats(0.0, 3.0),

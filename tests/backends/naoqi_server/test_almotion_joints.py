@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from pepper_driver.backends.naoqi_server.almotion.engine import AlmotionReflexes, MotionEngine
@@ -31,6 +31,7 @@ from pepper_driver.backends.naoqi_server.almotion.wheels import DriveLimits
 from pepper_driver.backends.naoqi_server.memory import Memory
 from pepper_driver.controller import RobotModel
 from support.almotion import CONFIG, SETTINGS, Stage, hardness_key, joint, wheel_key
+from support.examples import examples
 
 BODY = JointGroups(CONFIG, SETTINGS)
 KINEMATICS = Kinematics(CONFIG, SETTINGS)
@@ -94,7 +95,7 @@ def test_other_values_are_refused(call: Callable[[], object]) -> None:
         call()
 
 
-@settings(max_examples=25)
+@examples(25)
 @given(st.lists(st.floats(0.0, 1.0), min_size=17, max_size=17))
 def test_parts_are_where_the_controllers_model_has_them(shares: list[float]) -> None:
     """Against Pinocchio on the same URDF."""

@@ -4,12 +4,13 @@ from math import pi
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from pepper_driver.backends.naoqi_server.almotion.wheels import DriveLimits, Move, wrapped_angle
 from pepper_driver.config.arrays import FloatArray
 from support.almotion import CONFIG, SETTINGS, Stage, wheel_key
+from support.examples import examples
 
 LIMITS = DriveLimits.of(SETTINGS, {})
 
@@ -91,7 +92,7 @@ def test_a_stop_at_once_is_one(stage: Stage) -> None:
     assert twists(stage)[-1] == pytest.approx(np.zeros(3), abs=1e-9)
 
 
-@settings(max_examples=30)
+@examples(30)
 @given(*[st.floats(-5.0, 5.0)] * 3)
 def test_wheels_keep_their_limit_and_the_base_its_direction(
     x: float, y: float, turn: float

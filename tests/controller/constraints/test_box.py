@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from pepper_driver.config.arrays import FloatArray
@@ -23,6 +23,7 @@ from support.controller import (
     VELOCITY,
     controller,
 )
+from support.examples import examples
 
 MARGIN = SETTINGS.position_margin
 TINY = 1e-9
@@ -81,7 +82,7 @@ def test_the_velocity_never_reverses_before_a_limit(joint: int) -> None:
     mode=st.sampled_from(["edge", "switch", "both", "inside"]),
     dt=st.sampled_from([DT, DT / 8, 4 * DT]),
 )
-@settings(max_examples=40)
+@examples(40)
 def test_no_sequence_of_bounds_violates_a_limit(seed: int, mode: str, dt: float) -> None:
     """Whatever is chosen inside the box, the next box still holds all limits: none is ever relaxed."""
     random = np.random.default_rng(seed)

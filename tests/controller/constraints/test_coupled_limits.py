@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from pepper_driver.config import ConfigError, RobotConfig
@@ -17,6 +17,7 @@ from pepper_driver.controller.constraints import AccelerationBox, BrakingLimits,
 from pepper_driver.controller.solvers.daqp_ import DaqpSolver
 from support.controller import ACCELERATION, DT, JOINTS, MIDDLE, ROBOT, SETTINGS
 from support.coupled import DIGITS, MARGIN, PITCH, YAW, Velocity, coupled, room
+from support.examples import examples
 
 BRAKE = 0.9 * ACCELERATION
 TINY = 1e-9
@@ -197,7 +198,7 @@ def hills(draw: st.DrawFn) -> tuple[tuple[float, float, float], ...]:
 
 
 @given(table=hills(), seed=st.integers(0, 2**31), velocity=st.sampled_from(["safe", "robot"]))
-@settings(max_examples=40)
+@examples(40)
 def test_other_tables_are_kept_too(
     table: tuple[tuple[float, float, float], ...], seed: int, velocity: Velocity
 ) -> None:

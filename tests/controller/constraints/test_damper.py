@@ -7,7 +7,7 @@ from typing import Literal
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from pepper_driver.config import ControllerSettings
@@ -15,6 +15,7 @@ from pepper_driver.config.arrays import FloatArray
 from pepper_driver.controller import RobotModel
 from pepper_driver.controller.constraints import AccelerationBox
 from support.controller import DT, JOINTS, MIDDLE, ROBOT, SETTINGS, random_posture
+from support.examples import examples
 
 Law = Literal["damper", "braking"]
 
@@ -121,7 +122,7 @@ def test_at_the_velocities_of_the_urdf_it_overshoots_and_the_braking_distance_do
     fast=st.floats(0, 1000),
     acceleration=st.sampled_from([1.0, 20.0, 100.0, 1e6]),
 )
-@settings(max_examples=60)
+@examples(60)
 def test_its_box_is_never_empty_and_never_runs_away(
     seed: int, far: float, fast: float, acceleration: float
 ) -> None:

@@ -7,7 +7,7 @@ from typing import Literal
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from pepper_driver.controller import RobotModel, WholeBodyController
@@ -25,6 +25,7 @@ from support.controller import (
     VELOCITY,
     random_posture,
 )
+from support.examples import examples
 
 JERK = 12.0 * ACCELERATION
 WITH_JERK = replace(SETTINGS, jerk_limit=dict(zip(ROBOT.joint_names, JERK.tolist(), strict=True)))
@@ -40,7 +41,7 @@ TINY = 1e-9
     hard=st.floats(0, 1000),
     law=st.sampled_from(["braking", "damper"]),
 )
-@settings(max_examples=200)
+@examples(200)
 def test_the_box_is_never_empty(
     seed: int, far: float, fast: float, hard: float, law: Literal["braking", "damper"]
 ) -> None:

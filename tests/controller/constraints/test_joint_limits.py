@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from pepper_driver.config.arrays import FloatArray
@@ -25,6 +25,7 @@ from support.controller import (
     controller,
     random_posture,
 )
+from support.examples import examples
 
 TINY = 1e-9
 MARGIN = SETTINGS.position_margin
@@ -200,7 +201,7 @@ def box_at(position: FloatArray, velocity: FloatArray) -> AccelerationBox:
 
 
 @given(seed=st.integers(0, 2**31), far=st.floats(0, 100), fast=st.floats(0, 1000))
-@settings(max_examples=200)
+@examples(200)
 def test_the_box_is_never_empty(seed: int, far: float, fast: float) -> None:
     random = np.random.default_rng(seed)
     position = random_posture(random) + far * random.normal(size=JOINTS)
@@ -221,7 +222,7 @@ def test_at_rest_in_the_middle_the_box_is_the_acceleration_limit() -> None:
 
 
 @given(seed=st.integers(0, 2**31), push=st.sampled_from([-1.0, 1.0]))
-@settings(max_examples=50)
+@examples(50)
 def test_whatever_the_box_allows_can_be_stopped(seed: int, push: float) -> None:
     """One edge of the box for a while, then as much braking as the box allows: inside all the time."""
     random = np.random.default_rng(seed)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import qpsolvers
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.optimize import Bounds, LinearConstraint, minimize
 
@@ -13,6 +13,7 @@ from pepper_driver.config import UnknownNameError
 from pepper_driver.config.arrays import FloatArray
 from pepper_driver.controller.solvers import make_solver
 from pepper_driver.controller.solvers.qpsolvers_ import QpsolversSolver
+from support.examples import examples
 from support.solvers import ACCURACY, SOLVERS, Problem, good_problem, optimality_gap, random_problem
 
 
@@ -93,7 +94,7 @@ def test_the_other_solvers_agree_with_daqp(name: str, m: int) -> None:
 
 
 @given(power=st.integers(-6, 6), seed=st.integers(0, 1000))
-@settings(max_examples=40)
+@examples(40)
 @pytest.mark.parametrize("name", SOLVERS)
 def test_the_unit_of_the_cost_does_not_matter(name: str, power: int, seed: int) -> None:
     cost, gradient, *limits = good_problem(np.random.default_rng(seed), 2)

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from pepper_driver.config.robot import TRUNK
@@ -27,6 +27,7 @@ from pepper_driver.observer.interface import (
     JointState,
     Residuals,
 )
+from support.examples import examples
 from support.fusion import check_lives
 from support.observer import CYCLE, JOINTS, ROBOT, SETTINGS
 
@@ -396,7 +397,7 @@ PART = st.tuples(
 )
 
 
-@settings(max_examples=150)
+@examples(150)
 @given(st.lists(PART, max_size=20))
 def test_events_make_sense_for_any_residuals(
     parts: list[tuple[int, dict[str, float], float]],

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from pepper_driver.config.arrays import BoolArray, FloatArray
@@ -23,6 +23,7 @@ from pepper_driver.observer.detection.threshold import (
     SUSPECT_TICKS,
     ResidualEnvelope,
 )
+from support.examples import examples
 
 YES, NO = np.array([True]), np.array([False])
 QUIET = 1e-3
@@ -72,7 +73,7 @@ def defined(
     return min(ENVELOPE_FACTOR * largest, MEDIAN_FACTOR * kept[len(kept) // 2]), known
 
 
-@settings(max_examples=25)
+@examples(25)
 @given(
     st.integers(1, 5000),
     st.floats(0.3, 1.0),

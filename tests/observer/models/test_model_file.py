@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from hypothesis import HealthCheck, example, given, settings
+from hypothesis import HealthCheck, example, given
 from hypothesis import strategies as st
 
 from pepper_driver.config import PepperError
@@ -27,6 +27,7 @@ from pepper_driver.observer.models.model_file import (
     shipped,
 )
 from pepper_driver.observer.models.tree import TREE_TYPES, AffineTree
+from support.examples import examples
 from support.fusion import MODEL, fusion_set
 from support.observer import AFFINE, CYCLE, ROBOT, SILENT, free_run, models
 
@@ -252,8 +253,8 @@ def test_a_file_cut_short_is_refused_wherever_it_is_cut(file: Path) -> None:
             ModelSet.load(file)
 
 
-@settings(
-    max_examples=400,
+@examples(
+    400,
     suppress_health_check=[HealthCheck.too_slow, HealthCheck.function_scoped_fixture],
 )
 @given(st.randoms(use_true_random=False), st.integers(1, 4))
@@ -384,8 +385,8 @@ def test_what_is_wrong_with_a_fusion_file_is_said_in_one_line(
     assert len(text) < 600
 
 
-@settings(
-    max_examples=150,
+@examples(
+    150,
     suppress_health_check=[HealthCheck.too_slow, HealthCheck.function_scoped_fixture],
 )
 @given(st.randoms(use_true_random=False), st.integers(1, 3))

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
@@ -18,6 +18,7 @@ from pepper_driver.observer.models.stick_slip import (
     StickSlipModel,
     StickSlipParameters,
 )
+from support.examples import examples
 from support.fusion import STICK_SLIP, Motion, drive, swing
 from support.observer import CYCLE
 
@@ -231,7 +232,7 @@ PARAMETER_SETS = st.builds(
 )
 
 
-@settings(max_examples=25)
+@examples(25)
 @given(PARAMETER_SETS, st.floats(-1.0, 1.0), st.floats(-2.0, 2.0))
 def test_always_comes_to_rest_where_friction_can_hold_it(
     parameters: StickSlipParameters, goal: float, load: float

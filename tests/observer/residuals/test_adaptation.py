@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from pepper_driver.config.arrays import FloatArray
@@ -18,6 +18,7 @@ from pepper_driver.observer.residuals.adaptation import (
     WEAR_RATIO,
     Adaptation,
 )
+from support.examples import examples
 from support.fusion import STICK_SLIP
 from support.observer import CYCLE
 
@@ -137,7 +138,7 @@ def test_knowledge_of_a_touched_joint_grows_old() -> None:
     assert before < target.variance(asked)[0] < adapt(1).variance(asked)[0]
 
 
-@settings(max_examples=30)
+@examples(30)
 @given(st.integers(0, 1000), st.integers(1, 120), st.floats(0.0, 0.1))
 def test_variance_never_exceeds_the_prior(seed: int, n: int, size: float) -> None:
     rng = np.random.default_rng(seed)

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import Phase, given, settings
+from hypothesis import Phase, given
 from hypothesis import strategies as st
 
 from pepper_driver.config.arrays import FloatArray
@@ -32,6 +32,7 @@ from pepper_driver.observer.interface import (
 )
 from pepper_driver.observer.models.tree import CartTree
 from pepper_driver.observer.residuals.prediction import MAX_LATE_TICKS
+from support.examples import examples
 from support.fusion import (
     BOUND,
     ELBOW,
@@ -589,7 +590,7 @@ PART = st.tuples(
 )
 
 
-@settings(max_examples=25, phases=NO_SHRINKING)
+@examples(25, phases=NO_SHRINKING)
 @given(st.lists(PART, max_size=12), st.booleans())
 def test_events_make_sense_for_any_ticks(
     parts: list[tuple[int, float, float, tuple[int, ...], float, float, float]], adapt: bool

@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterator
 from typing import Any
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from pepper_driver.callbacks.dispatcher import QUEUE, Dispatcher, EventSink, Subscription
@@ -19,6 +19,7 @@ from pepper_driver.callbacks.events import EndEvent, FaultEvent, SensorEvent
 from pepper_driver.observer.interface import Contact
 from pepper_driver.safety import Fault, FaultReason
 from support.events import LONG, Blocker, contact
+from support.examples import examples
 
 STOP = Fault(reason=FaultReason.EMERGENCY_STOP, text="a test")
 
@@ -193,7 +194,7 @@ def at_least(rest: int) -> Callable[[Contact], bool]:
     return lambda event: event.id % 4 >= rest
 
 
-@settings(max_examples=60)
+@examples(60)
 @given(
     st.lists(
         st.tuples(

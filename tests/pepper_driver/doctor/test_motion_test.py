@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import assume, given, settings
+from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from pepper_driver.backends.mock import Fault
@@ -18,6 +18,7 @@ from pepper_driver.observer.models.model_file import shipped
 from pepper_driver.robot import Pepper
 from pepper_driver.testing import heated, pressed
 from support.doctor import ROBOT, Patient, held, only, use
+from support.examples import examples
 
 SETTINGS = load_doctor_settings()
 NOMINAL = ModelSet.load(shipped("fusion")["nominal"])
@@ -40,7 +41,7 @@ def tried(uri: str, models: ModelSet = NOMINAL) -> MotionTest:
 # -- what moves -------------------------------------------------------------------------------------------------------
 
 
-@settings(max_examples=30)
+@examples(30)
 @given(shares=st.lists(st.floats(0.0, 1.0), min_size=17, max_size=17))
 def test_goals_are_within_the_limits_from_any_posture_and_legs_stand(shares: list[float]) -> None:
     start = ROBOT.lower + np.array(shares) * (ROBOT.upper - ROBOT.lower)

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from pepper_driver import Pepper
@@ -27,6 +27,7 @@ from pepper_driver.controller import (
     whole_body,
 )
 from pepper_driver.safety import RobotState
+from support.examples import examples
 from support.sessions import ROBOT, backend_of, in_thread, virtual_time
 
 HALF = round(0.5 / ROBOT.cycle)
@@ -353,7 +354,7 @@ def test_the_robot_cannot_be_run_inside_a_group(real_time: bool) -> None:
         assert pepper.state is RobotState.ACTIVE
 
 
-@settings(max_examples=20)
+@examples(20)
 @given(st.lists(st.tuples(st.sampled_from("abcd"), st.booleans(), st.booleans()), max_size=20))
 def test_tasks_are_those_that_were_added_and_not_removed(
     story: list[tuple[str, bool, bool]],

@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import HealthCheck, given
 
 from pepper_driver.backends.mock import MockBackend
 from pepper_driver.config import ConfigError, PepperError
@@ -12,6 +12,7 @@ from pepper_driver.config.loading import read_yaml
 from pepper_driver.experiments.experiment import ExperimentRun
 from pepper_driver.experiments.feasibility import PostureCheck
 from pepper_driver.experiments.plan import plan_experiment
+from support.examples import examples
 from support.experiments import EXAMPLES, ROBOT, STAND, fake, make_experiment, with_played
 from support.yaml_values import damaged, dump
 
@@ -252,8 +253,8 @@ def test_a_damaged_experiment_begins_nothing(
     backend, _ = fake(monkeypatch)
     path = tmp_path_factory.mktemp("fuzz") / "mine.yaml"
 
-    @settings(
-        max_examples=40,
+    @examples(
+        40,
         suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large],
     )
     @given(damaged(read_yaml(example)))

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from pepper_driver.backends.mock import MockBackend
@@ -14,6 +14,7 @@ from pepper_driver.config.steps import BaseMotion, Holds, RandomStep, Setpoints,
 from pepper_driver.experiments.plan import plan_experiment
 from pepper_driver.experiments.segments import Segment, goal_posture
 from pepper_driver.identification import sweeps_of
+from support.examples import examples
 from support.experiments import CYCLE, ROBOT, make_experiment
 from support.pushes import PUSHED_ARMS
 
@@ -50,7 +51,7 @@ def test_it_begins_in_the_posture_with_the_stiffness() -> None:
     np.testing.assert_array_equal(first.posture, ROBOT.posture("StandZero"))
 
 
-@settings(max_examples=30)
+@examples(30)
 @given(seed=st.integers(0, 2**32), share=st.floats(0, 1), also=st.floats(0, 1), n=st.integers(1, 6))
 def test_setpoints_lie_in_their_share_of_the_range(
     seed: int, share: float, also: float, n: int

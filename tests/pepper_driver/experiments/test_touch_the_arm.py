@@ -123,6 +123,7 @@ def test_in_simulation(plant: str, direction: str) -> None:
     assert {c.limb for c in story.contacts if c.phase == "begin"} <= {"left_arm", "trunk"}
 
 
+@pytest.mark.whole
 @pytest.mark.parametrize("where", ["paced", "stand-in"])
 def test_unchanged_in_real_time(where: str, monkeypatch: pytest.MonkeyPatch) -> None:
     robot = f"mujoco://?plant=integral&seed={SEED}"

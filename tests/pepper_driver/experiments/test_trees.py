@@ -3,13 +3,14 @@
 from typing import Any
 
 import numpy as np
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from pepper_driver import Hold, Pepper
 from pepper_driver.config import load_controller_settings
 from pepper_driver.observer import Contact
 from support.events import contact
+from support.examples import examples
 from support.experiments import CYCLE, REACH, ROBOT, Played, make_experiment, with_played
 
 SETTINGS = load_controller_settings(ROBOT)
@@ -125,7 +126,7 @@ def script(felt: list[Any]) -> dict[int, tuple[Contact, ...]]:
     return events
 
 
-@settings(max_examples=50)
+@examples(50)
 @given(
     tree=trees,
     part=st.lists(leaves, min_size=1, max_size=2),

@@ -21,11 +21,12 @@ from pepper_driver.config import PepperError
 from pepper_driver.config.files import OutputError
 from pepper_driver.log import LogError, RunLog, read_log
 from pepper_driver.log.repair import repair_log
+from support.examples import examples
 from support.log_samples import Written, same_bits
 
 TICKS = 120
-ANYTHING = settings(
-    max_examples=25,
+ANYTHING = examples(
+    25,
     deadline=None,
     suppress_health_check=[HealthCheck.too_slow, HealthCheck.function_scoped_fixture],
 )

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import HealthCheck, given
 from hypothesis import strategies as st
 from mcap.writer import Writer
 
@@ -21,6 +21,7 @@ from pepper_driver.log import LogError, LogWriter, RunLog, read_log
 from pepper_driver.log.schema import layout_metadata
 from pepper_driver.loop import TickRecord
 from support import ROOT
+from support.examples import examples
 from support.log_samples import ROBOT, Samples, Written, flatten, same_bits
 
 
@@ -51,8 +52,8 @@ def test_same_bits_come_back(tmp_path: Path) -> None:
     written.check(read)
 
 
-@settings(
-    max_examples=10,
+@examples(
+    10,
     suppress_health_check=[HealthCheck.too_slow, HealthCheck.function_scoped_fixture],
 )
 @given(seed=st.integers(0, 2**32), count=st.integers(0, 60))

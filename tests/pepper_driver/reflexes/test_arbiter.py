@@ -8,7 +8,7 @@ from typing import Any, cast
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from pepper_driver.backends import Measurement
@@ -39,6 +39,7 @@ from pepper_driver.reflexes import (
     StopBase,
 )
 from pepper_driver.testing import standing_measurement
+from support.examples import examples
 from support.experiments import REACH, make_experiment
 from support.reflexes import ARM, ROBOT, ROLL, Stage, touch
 
@@ -408,7 +409,7 @@ ACTIONS = st.one_of(
 )
 
 
-@settings(max_examples=60)
+@examples(60)
 @given(st.lists(st.tuples(ACTIONS, st.integers(1, 4)), max_size=25))
 def test_the_controllers_tasks_are_the_users_the_steps_and_those_of_active_reflexes(
     story: list[tuple[tuple[str, Any], int]],
@@ -485,7 +486,7 @@ def test_reflexes_act_however_many_tasks_the_user_has() -> None:
     assert len(stage.controller.tasks) == whole_body.MAX_TASKS
 
 
-@settings(max_examples=40)
+@examples(40)
 @given(
     st.lists(
         st.tuples(

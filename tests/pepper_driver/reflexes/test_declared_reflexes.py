@@ -3,13 +3,14 @@
 from typing import Any
 
 import pytest
-from hypothesis import given, reject, settings
+from hypothesis import given, reject
 from hypothesis import strategies as st
 
 from pepper_driver.config import ConfigError, load_robot
 from pepper_driver.config.contact_selector import SELECTOR_FIELDS
 from pepper_driver.reflexes import Comply, FollowHand, ReflexError, Retract
 from pepper_driver.reflexes.declared import make_reflexes, overlap
+from support.examples import examples
 from support.reflexes import touch
 from support.yaml_values import ANYTHING
 
@@ -147,7 +148,7 @@ ON = st.fixed_dictionaries(
 )
 
 
-@settings(max_examples=200)
+@examples(200)
 @given(
     ON,
     ON,
@@ -177,7 +178,7 @@ def test_two_that_answer_one_contact_overlap(
     assert overlap(*reflexes, ROBOT) == overlap(reflexes[1], reflexes[0], ROBOT)
 
 
-@settings(max_examples=150)
+@examples(150)
 @given(
     st.sampled_from(["hold", "retract", "follow_hand", "assist", "x"]),
     st.dictionaries(

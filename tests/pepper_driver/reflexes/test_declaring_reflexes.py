@@ -8,7 +8,7 @@ from dataclasses import fields
 from typing import Any
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from pepper_driver.config import ConfigError, load_robot
@@ -26,6 +26,7 @@ from pepper_driver.reflexes import (
     prepare_reflexes,
 )
 from pepper_driver.reflexes.declared import declare, make_reflex
+from support.examples import examples
 
 ROBOT = load_robot()
 ALL: list[type[Reflex]] = [Assist, Comply, FollowHand, Hold, Ignore, Retract, Soften, StopBase]
@@ -37,7 +38,7 @@ def again(entry: dict[str, Any]) -> Reflex:
 
 
 @pytest.mark.parametrize("kind", ALL)
-@settings(max_examples=20)
+@examples(20)
 @given(
     on=st.sampled_from(
         [

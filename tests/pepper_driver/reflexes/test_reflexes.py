@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from pepper_driver import Pepper
@@ -28,6 +28,7 @@ from pepper_driver.reflexes import (
 )
 from pepper_driver.reflexes.reflex import kind_of
 from support import ROOT
+from support.examples import examples
 from support.reflexes import ARM, ROBOT, ROLL, STD, Stage, touch
 
 PUSH = {"LShoulderRoll": 2.0}
@@ -60,7 +61,7 @@ EXTREMES: dict[str, tuple[Any, ...]] = {
 """Of every argument of a reflex."""
 
 
-@settings(max_examples=120)
+@examples(120)
 @given(st.sampled_from(ALL), st.data())
 def test_whatever_arguments_are_taken_nothing_is_raised_inside_a_tick(
     kind: type[Reflex], data: st.DataObject
@@ -469,7 +470,7 @@ def test_unknown_names_are_refused_before_anything_moves() -> None:
         Pepper("mujoco", observer=None, reflexes=[Hold])  # type: ignore[list-item]
 
 
-@settings(max_examples=30)
+@examples(30)
 @given(
     st.lists(
         st.tuples(

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from pepper_driver.config import load_controller_settings, load_robot, load_safety_settings
@@ -13,6 +13,7 @@ from pepper_driver.config.arrays import FloatArray
 from pepper_driver.controller import WholeBodyController
 from pepper_driver.safety import RobotState, SafetyGate
 from pepper_driver.safety.limits import JointLimits
+from support.examples import examples
 from support.fakes import reference
 
 ROBOT = load_robot()
@@ -72,7 +73,7 @@ def test_the_way_to_rest() -> None:
     np.testing.assert_allclose(way_to_rest(-5.3 * ACCELERATION * CYCLE**2), np.sum(ways, axis=0))
 
 
-@settings(max_examples=150)
+@examples(150)
 @given(references(), st.floats(0, 1))
 def test_nothing_outside_the_limits_ever_leaves(
     ticks: list[tuple[Any, Any, Any, float]], share: float
@@ -168,7 +169,7 @@ def test_limits_are_kept_by_the_joint_concerned_alone() -> None:
     np.testing.assert_array_equal(limits.position[:2], [0.5, 0.5005])
 
 
-@settings(max_examples=25)
+@examples(25)
 @given(st.integers(0, 2**32 - 1), st.sampled_from(["safe", "robot"]))
 def test_what_the_controller_sends_flat_out_is_never_changed(seed: int, velocity: Any) -> None:
     """All joints to random goals, limits among them, at random gains; base too; it brakes as reflexes make it."""

@@ -5,7 +5,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, rule
 
@@ -22,6 +21,7 @@ from pepper_driver.safety import (
 )
 from pepper_driver.safety.states import StateMachine
 from pepper_driver.testing import aged, displaced, drained, heated, pressed, standing_measurement
+from support.examples import examples
 from support.fakes import reference
 
 ROBOT = load_robot()
@@ -165,5 +165,5 @@ class GateLife(RuleBasedStateMachine):
         assert fault is None or fault.reason is self.reason
 
 
-GateLife.TestCase.settings = settings(max_examples=60, stateful_step_count=25)
+GateLife.TestCase.settings = examples(60, stateful_step_count=25)
 TestGateLife = GateLife.TestCase
