@@ -1,4 +1,4 @@
-"""Pushes and grabs that a simulation is asked for: checked, and their strength in time."""
+"""Requests of pushes and grabs in a simulation: checks, and the force over time."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Reports of the controller on its last cycle."""
+"""Reports of the controller on its last cycle: active constraints, relaxed limits, errors of tasks."""
 
 from __future__ import annotations
 

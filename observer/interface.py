@@ -1,4 +1,4 @@
-"""Interfaces of the observer: contacts, observations and residuals."""
+"""Interfaces of the observer: contact events with their phases and kinds, observations, residuals."""
 
 from __future__ import annotations
 

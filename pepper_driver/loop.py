@@ -1,4 +1,4 @@
-"""One tick after the other: read, observe, arbitrate, control, gate, write, log, publish."""
+"""One tick after the other: read, pair sample and command, observe, arbitrate, control, gate, write, log, publish."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The robot as users meet it."""
+"""``Pepper``: the robot as users meet it, with its life, motion, contacts and services."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Speech, lights, tablet, postures and sleep of a robot, as its user asks for them."""
+"""Services of a robot for its user: speech, lights, tablet, postures, wake-up and rest."""
 
 from __future__ import annotations
 

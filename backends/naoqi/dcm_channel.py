@@ -1,4 +1,4 @@
-"""One tick over the DCM: samples in, commands out."""
+"""One tick over the DCM: samples in with their age, commands out, and the dead-man times of the wheels."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Times: clock and cycles of the DCM, lead time of commands, order of samples, commands by time.
+"""Times: clock and cycles of the DCM, lead time of commands, jitter buffer, pairing of samples and commands.
 
 The DCM counts milliseconds in 32 bits with a sign (NAOqi 2.5.10, page "DCM": "can roll-over"). Dates here are whole
 counts that do not roll over; only what is sent to the robot, and what it shows, does.

@@ -1,4 +1,4 @@
-"""Excursions of the residual of one joint beyond its threshold, and their onset."""
+"""Excursions of the residual of one joint beyond its threshold: begin, onset and end of a contact."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Thresholds from free motion."""
+"""Thresholds of all joints, fitted to recordings of free motion."""
 
 from __future__ import annotations
 

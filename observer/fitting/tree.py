@@ -1,4 +1,4 @@
-"""Fitting of regression trees to recordings."""
+"""Fitting of regression trees (CART, affine) on velocity, acceleration and load torque to recordings."""
 
 from __future__ import annotations
 

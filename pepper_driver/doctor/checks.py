@@ -1,4 +1,4 @@
-"""Checks of a robot before it moves."""
+"""Checks of ``pepper doctor`` before the robot moves: clock, samples, gravity, wheels, models, readiness."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Small motion by which the doctor tries a robot."""
+"""Motion test of ``pepper doctor``: small free motions, compared with the models."""
 
 from __future__ import annotations
 

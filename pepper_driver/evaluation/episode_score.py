@@ -119,6 +119,7 @@ def trace_of(mode: str, episode: Episode, watched: ObserverRun, joint: str) -> T
     index = recording.joint_names.index(joint)
     travel = np.ptp(recording.sent_position, axis=0)
     travel[index] = 0.0
+    # Stable: joints of equal travel keep their order, so that the page is the same each time.
     most = [i for i in np.argsort(-travel, kind="stable")[:3] if travel[i] > 0.0]
     return Trace(
         mode=mode,
@@ -312,6 +313,7 @@ def _direction(episode: Episode, detected: DetectedPush, robot: RobotConfig) -> 
         return None
     if contact.joint == push.joint:
         return contact.direction == push.direction
+    # The alarm names another joint of the limb: the true torque on that joint decides.
     index = robot.joint_index(contact.joint)
     torque = episode.contact_torque[_during(episode, push), index]
     strongest = torque[np.argmax(np.abs(torque))] if len(torque) else 0.0
@@ -365,6 +367,7 @@ def _swings_and_touches(
             continue
         if begin.detection_time <= near[-1].release:
             touches.append(alarm)
+        # A push that is detected after its release is no rebound.
         elif (begin.id, begin.detection_time) not in first:
             swings.append(alarm)
     return swings, touches

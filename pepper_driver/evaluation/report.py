@@ -1,4 +1,4 @@
-"""The page of results."""
+"""The page of results that ``pepper evaluate`` writes."""
 
 from __future__ import annotations
 

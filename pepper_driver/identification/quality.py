@@ -137,6 +137,7 @@ def _holes(name: str, run: Recording, joint: str | None) -> list[Finding]:
     found = []
     steps = np.diff(run.time)
     cycle = float(np.median(steps))
+    # Rounded: the robot's clock jitters by less than half a cycle.
     missing = float(np.maximum(np.round(steps / cycle) - 1, 0).sum()) / len(steps)
     longest = float(steps.max())
     if missing > MAX_ALTERED_FRACTION or longest > LONG_GAP:
@@ -202,6 +203,7 @@ def _bursts(
     for number, name in enumerate(names):
         others = np.delete(largest, number)
         usual = float(np.median(others))
+        # Logarithms, since residuals vary by factors; 1.4826 makes the median deviation a standard deviation.
         spread = 1.4826 * float(np.median(np.abs(np.log(others / usual))))
         score = float(np.log(largest[number] / usual)) / max(spread, LEAST_SPREAD)
         if score > BURST and largest[number] - usual > LEAST_BURST:

@@ -93,6 +93,7 @@ def _bound(
     topic: JsonTopic[Any] | None,
     table: Table,
 ) -> Write:
+    # A function of its own: a lambda in the comprehension would see the last table only.
     return lambda part: write(part, topic, table)
 
 

@@ -288,11 +288,13 @@ class LogWriter:
         if self._closing or (head - self._tail >= self._capacity and not self._wait_for_room()):
             self._dropped += 1
             return
+        # In this order: the writer thread reads up to the head.
         self._ring[head % self._capacity] = entry
         self._head = head + 1
 
     def _wait_for_room(self) -> bool:
         while self._lossless and not self._closing and self._thread.is_alive():
+            # Cleared before the check: room that is made in between wakes the wait below.
             self._room.clear()
             if self._head - self._tail < self._capacity:
                 return True
@@ -349,6 +351,7 @@ class LogWriter:
                 time.sleep(pause)
 
     def _write(self, slot: int) -> None:
+        # Not kept in the ring: the arrays of 4096 ticks would stay in memory.
         entry, self._ring[slot] = self._ring[slot], None
         if isinstance(entry, LogEvent):
             self._write_item(EVENTS, entry.time, entry)

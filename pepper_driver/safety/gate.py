@@ -1,4 +1,4 @@
-"""The gate that every command passes between controller and backend. It fails towards standing still."""
+"""The gate that every command passes: limits, stiffness ramp, faults. It fails towards standing still."""
 
 from __future__ import annotations
 
