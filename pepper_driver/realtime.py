@@ -7,9 +7,8 @@ import logging
 import os
 import sys
 import threading
-import time
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import asdict, dataclass
 from itertools import pairwise
@@ -19,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pepper_driver.backends import Backend
+from pepper_driver.config.clock import SYSTEM_CLOCK, Clock
 
 logger = logging.getLogger("pepper_driver")
 
@@ -58,12 +58,12 @@ class Pacer:
     """No pacing: a tick begins when the one before is over. For simulations.
 
     Attributes:
-        clock: Returns the time [ns]: monotonic.
+        clock: Time by which ticks are paced.
         due: Due time of the current tick [ns of the clock]; None where ticks do not wait.
         paced: True where ticks wait.
     """
 
-    clock: Callable[[], int] = staticmethod(time.perf_counter_ns)
+    clock: Clock = SYSTEM_CLOCK
     due: int | None = None
     paced = False
 
@@ -87,27 +87,19 @@ class RealTimePacer(Pacer):
     Args:
         cycle: Between two ticks [s].
         backend: Robot whose cycles are followed; see :meth:`Backend.phase_error` and :meth:`Backend.request`.
-        clock: Monotonic [ns].
-        sleep: Waits [s].
+        clock: Time by which ticks are paced.
     """
 
     paced = True
 
-    def __init__(
-        self,
-        cycle: float,
-        backend: Backend,
-        *,
-        clock: Callable[[], int] = time.perf_counter_ns,
-        sleep: Callable[[float], None] = time.sleep,
-    ) -> None:
+    def __init__(self, cycle: float, backend: Backend, *, clock: Clock = SYSTEM_CLOCK) -> None:
         self._cycle, self._backend = round(cycle * 1e9), backend
-        self.clock, self._sleep = clock, sleep
+        self.clock = clock
         self._next: int | None = None  # known from the first tick on
 
     def wait(self) -> int:
         """Return when the next tick is to begin, with the number of ticks missed before it."""
-        cycle, backend, now = self._cycle, self._backend, self.clock()
+        cycle, backend, now = self._cycle, self._backend, self.clock.now()
         if self._next is None:
             self._next = now + round(1e9 * backend.phase_error(now)) % cycle
         missed = max(0, -((self._next - now) // cycle))  # rounded up: begun is too late
@@ -118,7 +110,7 @@ class RealTimePacer(Pacer):
                 self._sleep_until(due - lead)
                 backend.request()
             self._sleep_until(due)
-            overslept = max(0, (self.clock() - due) // cycle)
+            overslept = max(0, (self.clock.now() - due) // cycle)
             missed += overslept
             due += overslept * cycle
         most = MAX_PHASE_SHIFT * cycle
@@ -127,9 +119,9 @@ class RealTimePacer(Pacer):
         return missed
 
     def _sleep_until(self, end: int) -> None:
-        left = end - self.clock()
+        left = end - self.clock.now()
         if left > 0:
-            self._sleep(left * 1e-9)
+            self.clock.sleep(left * 1e-9)
 
 
 # -- what keeps them punctual -------------------------------------------------------------------------------------

@@ -235,7 +235,7 @@ class Session:
                     raise BackendError("the robot was stopped while it started")
                 self.active = True
                 if self._pacer.paced:
-                    self._ticked = self._pacer.clock()
+                    self._ticked = self._pacer.clock.now()
                     self._rest.enter_context(realtime_process())
                     self._thread = threading.Thread(
                         target=self._tick_in_thread, name="loop", daemon=True
@@ -451,7 +451,7 @@ class Session:
                 self.loop.tick(self._pacer.due, missed)
             finally:
                 self._ticking = None
-                self._ticked = self._pacer.clock()
+                self._ticked = self._pacer.clock.now()
         self._ticks += 1
         if self._pacer.paced and self._ticks % COLLECTION_PERIOD == 0:
             gc.collect(1)  # what callers and callbacks leave behind
@@ -489,7 +489,7 @@ class Session:
     @property
     def _silence(self) -> float:
         """Time since the last tick [s]."""
-        return 1e-9 * (self._pacer.clock() - self._ticked)
+        return 1e-9 * (self._pacer.clock.now() - self._ticked)
 
     def _fail(self, error: BaseException) -> None:
         """Stop the robot after an exception in a tick; report it to callbacks and to callers that wait for ticks."""

@@ -9,7 +9,6 @@ control API" and "Stiffness control".
 from __future__ import annotations
 
 import logging
-import time
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -25,6 +24,7 @@ from pepper_driver.backends.naoqi.preflight import Preflight
 from pepper_driver.backends.naoqi.robot import NaoqiRobot
 from pepper_driver.config import NaoqiSettings, RobotConfig
 from pepper_driver.config.arrays import FloatArray
+from pepper_driver.config.clock import SYSTEM_CLOCK, Clock
 from pepper_driver.config.naoqi import AnglesSettings
 from pepper_driver.config.signals import check_signals
 
@@ -44,6 +44,7 @@ class AnglesChannel:
         robot: Its description.
         keys: Of all sensors, any of which may be missing.
         settings: How often, and how fast.
+        clock: Time by which samples age.
 
     Attributes:
         newest: What was measured last.
@@ -55,8 +56,15 @@ class AnglesChannel:
     """
 
     def __init__(
-        self, connection: Connection, robot: RobotConfig, keys: SensorKeys, settings: AnglesSettings
+        self,
+        connection: Connection,
+        robot: RobotConfig,
+        keys: SensorKeys,
+        settings: AnglesSettings,
+        *,
+        clock: Clock = SYSTEM_CLOCK,
     ) -> None:
+        self._clock = clock
         self._settings, self._cycle, self._keys = settings, robot.cycle, keys
         self._joints = list(robot.joint_names)
         self.soft = [name for name in self._joints if name not in robot.chains["legs"]]
@@ -76,7 +84,7 @@ class AnglesChannel:
             raise BackendError(f"'{uri}': the robot does not say where its joints are")
         self._position: FloatArray = position
         self._values: Values = values
-        self._opened = self._asked = self._sampled = time.monotonic()
+        self._opened = self._asked = self._sampled = self._clock.seconds()
         self._step = self._tick = self._dropped_commands = 0
         self._stiffness = np.zeros(len(self.soft))
         self.newest = self._measurement()
@@ -118,7 +126,7 @@ class AnglesChannel:
 
     def _count(self) -> None:
         """Ticks increase by one each, and stay in step with the time."""
-        passed = (time.monotonic() - self._opened) / self._cycle
+        passed = (self._clock.seconds() - self._opened) / self._cycle
         if self._tick < passed - 2:
             self._tick = int(passed)
         elif self._tick < passed:
@@ -137,7 +145,7 @@ class AnglesChannel:
 
     def _ask(self) -> None:
         if self._angles.begin(self._joints, True):
-            self._asked = time.monotonic()
+            self._asked = self._clock.seconds()
         if self._step % (SENSORS * self._settings.command_period) == 0:
             self._sensors.begin(self._keys.names)
             if self._stiffness_order.over and self._stiffnesses.begin(self.soft):
@@ -183,7 +191,7 @@ class AnglesChannel:
         return Measurement(
             time=self._tick * self._cycle,
             tick=self._tick,
-            age=max(0.0, time.monotonic() - self._sampled - usual),
+            age=max(0.0, self._clock.seconds() - self._sampled - usual),
             dropped_commands=self._dropped_commands,
             **values,
         )
@@ -243,7 +251,9 @@ class AnglesBackend(NaoqiRobot):
 
     def _begin(self, connection: Connection) -> Measurement:
         keys = SensorKeys(self._robot, complete=False)
-        self._link = AnglesChannel(connection, self._robot, keys, self._settings.angles)
+        self._link = AnglesChannel(
+            connection, self._robot, keys, self._settings.angles, clock=self._clock
+        )
         return self._link.newest
 
     def _ramp_up(self) -> tuple[FloatArray, Measurement]:
@@ -257,12 +267,14 @@ class AnglesBackend(NaoqiRobot):
         before = np.ones(len(self._robot.joint_names))
         before[link.places] = connection.call("ALMotion", "getStiffnesses", link.soft)
         cycle = self._robot.cycle
-        for _ in cycle_timer(cycle, FRESH):  # taking over may have lasted, and moved the robot
+        for _ in cycle_timer(
+            cycle, FRESH, clock=self._clock
+        ):  # taking over may have lasted, and moved the robot
             measurement = link.exchange(None, None)
         hold = np.clip(measurement.position, self._robot.lower, self._robot.upper)
         link.start(before)
         ticks = round(self._settings.timing.ramp_up / cycle)
-        for tick in cycle_timer(cycle, ticks):
+        for tick in cycle_timer(cycle, ticks, clock=self._clock):
             self._connected()
             check_signals()
             measurement = link.exchange(hold, np.maximum(before, (tick + 1) / ticks))
@@ -296,7 +308,7 @@ class AnglesBackend(NaoqiRobot):
             ones if stiffness_shown is None else np.fmin(stiffness_shown, ones)
         )  # 1 where it is unknown
         ticks = round(self._settings.timing.ramp_down / self._robot.cycle)
-        for tick in cycle_timer(self._robot.cycle, ticks + LAST):
+        for tick in cycle_timer(self._robot.cycle, ticks + LAST, clock=self._clock):
             measurement = link.exchange(None, stiffness_before * max(0.0, 1.0 - (tick + 1) / ticks))
             if self._lost or measurement.age > 2.0 * self._settings.end_silence:
                 return False

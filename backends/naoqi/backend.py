@@ -24,6 +24,7 @@ from pepper_driver.config import (
     suggestion,
 )
 from pepper_driver.config.arrays import FloatArray
+from pepper_driver.config.clock import SYSTEM_CLOCK, Clock
 
 MODES = ("dcm", "angles")
 SWITCHES = ("wake", "force")
@@ -42,6 +43,7 @@ class NaoqiBackend(NaoqiRobot):
         delay: Cycles from the date of a command to the sample that shows it; by default that of the settings.
         wake: Whether a robot at rest is woken up.
         force: Activate also a robot that another program of this package drives.
+        clock: Time of this computer.
     """
 
     NEED_DCM = True
@@ -55,8 +57,9 @@ class NaoqiBackend(NaoqiRobot):
         delay: int | None = None,
         wake: bool = False,
         force: bool = False,
+        clock: Clock = SYSTEM_CLOCK,
     ) -> None:
-        super().__init__(address, robot, settings, wake=wake, force=force)
+        super().__init__(address, robot, settings, wake=wake, force=force, clock=clock)
         self._delay = settings.timing.response_delay if delay is None else delay
         self._link: DcmChannel | None = None
 
@@ -72,7 +75,9 @@ class NaoqiBackend(NaoqiRobot):
         """Measure the connection to the robot for almost a second."""
         prefer_messages(True)
         with preferred():
-            self._link = DcmChannel(connection, self._robot, self._settings, self._delay)
+            self._link = DcmChannel(
+                connection, self._robot, self._settings, self._delay, clock=self._clock
+            )
         return self._link.newest
 
     def _ramp_up(self) -> tuple[FloatArray, Measurement]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import itertools
-import time
 from collections.abc import Callable
 
 import numpy as np
@@ -28,6 +27,7 @@ from pepper_driver.backends.naoqi.timing import (
 )
 from pepper_driver.config import NaoqiSettings, RobotConfig
 from pepper_driver.config.arrays import FloatArray
+from pepper_driver.config.clock import SYSTEM_CLOCK, Clock
 from pepper_driver.config.naoqi import WheelTimes
 
 MAX_TICK_GAP = 5.0
@@ -256,10 +256,11 @@ class DcmChannel:
         settings: NaoqiSettings,
         delay: int,
         *,
-        now: Callable[[], int] = time.perf_counter_ns,
+        clock: Clock = SYSTEM_CLOCK,
     ) -> None:
-        timing = settings.timing
-        self._connection, self._robot, self._settings, self._now = connection, robot, settings, now
+        timing, now = settings.timing, clock.now
+        self._connection, self._robot, self._settings = connection, robot, settings
+        self.clock, self._now = clock, now
         self._cycle, self._delay = robot.cycle, delay
         self._actuators = actuator_keys(robot)
         self._make_aliases()

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import logging
-import time
 from collections.abc import Callable, Iterator
 from itertools import count
 
@@ -16,6 +15,7 @@ from pepper_driver.backends.naoqi.dcm_channel import DcmChannel
 from pepper_driver.backends.naoqi.memory_keys import Alias
 from pepper_driver.config import NaoqiSettings, PepperError, RobotConfig, SafetySettings
 from pepper_driver.config.arrays import FloatArray
+from pepper_driver.config.clock import SYSTEM_CLOCK, Clock
 from pepper_driver.config.signals import check_signals
 
 logger = logging.getLogger("pepper_driver")
@@ -103,13 +103,15 @@ def release_robot(
         Whether the robot took part; False as soon as it does not answer.
     """
     legs = np.array([name in robot.chains["legs"] for name in robot.joint_names])
-    paced_ticks, begin = cycle_timer(robot.cycle, link=link), time.monotonic()
+    paced_ticks, begin = cycle_timer(robot.cycle, link=link), link.clock.seconds()
 
     def tick(position: FloatArray | None, stiffnesses: FloatArray) -> Measurement | None:
         """None where the robot does not answer."""
         next(paced_ticks)
         measurement = link.exchange(position, stiffnesses, WHEELS_AT_REST)
-        patient = min(link.unacknowledged_time, time.monotonic() - begin) <= settings.end_silence
+        patient = (
+            min(link.unacknowledged_time, link.clock.seconds() - begin) <= settings.end_silence
+        )
         return measurement if link.connected and patient else None
 
     for number in range(round(settings.wheel_stop_time / robot.cycle)):
@@ -205,26 +207,32 @@ def _return_legs(
 
 
 def cycle_timer(
-    cycle: float, ticks: int | None = None, *, link: DcmChannel | None = None
+    cycle: float,
+    ticks: int | None = None,
+    *,
+    link: DcmChannel | None = None,
+    clock: Clock = SYSTEM_CLOCK,
 ) -> Iterator[int]:
     """Yield the number of each tick when it begins, ``cycle`` [s] apart, the first at once; wait after the last too.
 
-    With a link they follow the robot's, each with its sample requested in time. What was missed is not made up for.
+    With a link they follow the robot's, by its clock, each with its sample requested in time. What was missed is not
+    made up for.
     """
-    due = time.perf_counter_ns()
+    clock = clock if link is None else link.clock
+    due = clock.now()
     for tick in count() if ticks is None else range(ticks):
         yield tick
         shift = 0.0 if link is None else np.clip(link.phase_error(due), -0.001, 0.001)
         due += round(1e9 * (cycle + shift))
         if link is not None and link.request_lead:
-            _sleep_until(due - round(1e9 * link.request_lead))
+            _sleep_until(clock, due - round(1e9 * link.request_lead))
             link.request()
-        due = max(due, time.perf_counter_ns())
-        _sleep_until(due)
+        due = max(due, clock.now())
+        _sleep_until(clock, due)
 
 
-def _sleep_until(moment: int) -> None:
-    """Wait until a time of ``perf_counter_ns``, which may be over."""
-    rest = moment - time.perf_counter_ns()
+def _sleep_until(clock: Clock, moment: int) -> None:
+    """Wait until a time of the clock [ns], which may be over."""
+    rest = moment - clock.now()
     if rest > 0:
-        time.sleep(rest * 1e-9)
+        clock.sleep(rest * 1e-9)

@@ -10,7 +10,6 @@ The DCM has no priorities and no lock, the last order wins (NAOqi 2.5 page "DCM"
 from __future__ import annotations
 
 import logging
-import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from types import TracebackType
@@ -30,6 +29,7 @@ from pepper_driver.backends.naoqi.qi_library import Answer
 from pepper_driver.backends.readiness import NotReadyError
 from pepper_driver.config import NaoqiSettings, PepperError, RobotConfig
 from pepper_driver.config.arrays import FloatArray
+from pepper_driver.config.clock import SYSTEM_CLOCK, Clock
 from pepper_driver.config.naoqi import TakeOverSettings
 
 CHAINS = ("Head", "LArm", "RArm", "Legs")
@@ -209,6 +209,7 @@ class TakeOver:
         settings: How long it may take.
         policy: What is switched off, by default as the settings say.
         wake: Whether to wake up a robot at rest; it is sent to rest again in the end.
+        clock: Time in which NAOqi must show a change.
 
     Attributes:
         posture: (17,) where ALMotion last sent the joints [rad], NaN without ALMotion. It does not see the commands to
@@ -226,7 +227,9 @@ class TakeOver:
         policy: TakeOverSettings | None = None,
         *,
         wake: bool = False,
+        clock: Clock = SYSTEM_CLOCK,
     ) -> None:
+        self._clock = clock
         self._connection = connection
         self._robot = robot
         self._settings = settings
@@ -386,9 +389,9 @@ class TakeOver:
             raise NotReadyError(f"'{self._connection.address.uri}': {otherwise}")
 
     def _reached(self, reached: Callable[[], bool], within: float) -> bool:
-        end = time.monotonic() + within
+        end = self._clock.seconds() + within
         while not reached():
-            if time.monotonic() > end:
+            if self._clock.seconds() > end:
                 return False
-            time.sleep(POLL_PERIOD)
+            self._clock.sleep(POLL_PERIOD)
         return True

@@ -7,12 +7,12 @@ from __future__ import annotations
 
 import logging
 import os
-import time
 from datetime import UTC, datetime
 
 from pepper_driver.backends.interface import BackendError
 from pepper_driver.backends.naoqi.connection import Connection
 from pepper_driver.config import PepperError
+from pepper_driver.config.clock import SYSTEM_CLOCK, Clock
 
 logger = logging.getLogger("pepper_driver")
 
@@ -50,10 +50,11 @@ class Presence:
     Args:
         connection: With the robot.
         force: Drive also where another one does.
+        clock: Time between two attempts.
     """
 
-    def __init__(self, connection: Connection, *, force: bool) -> None:
-        self._connection, self._force = connection, force
+    def __init__(self, connection: Connection, *, force: bool, clock: Clock = SYSTEM_CLOCK) -> None:
+        self._connection, self._force, self._clock = connection, force, clock
         self._number: int | None = None
 
     def begin(self) -> None:
@@ -74,7 +75,9 @@ class Presence:
             if other is not None:
                 self._replace(*other)
                 return
-            time.sleep(RETRY_PERIOD)  # NAOqi reserves a name some milliseconds before it lists it
+            self._clock.sleep(
+                RETRY_PERIOD
+            )  # NAOqi reserves a name some milliseconds before it lists it
         logger.warning(
             "a second driver would not be noticed, as the robot keeps no service of ours: %s",
             refusal,

@@ -35,6 +35,7 @@ from pepper_driver.config import (
     load_safety_settings,
 )
 from pepper_driver.config.arrays import FloatArray
+from pepper_driver.config.clock import SYSTEM_CLOCK, Clock
 from pepper_driver.config.naoqi import TakeOverSettings
 
 logger = logging.getLogger("pepper_driver")
@@ -53,6 +54,7 @@ class NaoqiRobot(Serial, RemotePushMixin):
         policy: Other sources of motion to switch off meanwhile, by default as the settings say.
         wake: Whether a robot at rest is woken up, and sent to rest again.
         force: Activate also a robot that another program of this package drives.
+        clock: Time of this computer.
     """
 
     NEED_DCM: ClassVar[bool]
@@ -67,8 +69,10 @@ class NaoqiRobot(Serial, RemotePushMixin):
         policy: TakeOverSettings | None = None,
         wake: bool = False,
         force: bool = False,
+        clock: Clock = SYSTEM_CLOCK,
     ) -> None:
         super().__init__()
+        self._clock = clock
         self._address, self._robot, self._settings, self._wake = address, robot, settings, wake
         self._safety = load_safety_settings()
         self._policy, self._force = policy or settings.take_over, force
@@ -162,12 +166,17 @@ class NaoqiRobot(Serial, RemotePushMixin):
         connection = self._connected()
         if self._state == "active":
             raise BackendError(f"'{self._address.uri}' is already active")
-        self._presence = Presence(connection, force=self._force)
+        self._presence = Presence(connection, force=self._force, clock=self._clock)
         self._presence.begin()
         try:
             check_robot(connection, self._robot, self._settings, self._safety, may_sleep=self._wake)
             self._take_over = TakeOver(
-                connection, self._robot, self._settings, self._policy, wake=self._wake
+                connection,
+                self._robot,
+                self._settings,
+                self._policy,
+                wake=self._wake,
+                clock=self._clock,
             )
             self._take_over.begin()
         except BaseException:

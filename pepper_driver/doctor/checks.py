@@ -1,4 +1,4 @@
-"""Checks of ``pepper doctor`` before the robot moves: clock, samples, gravity, wheels, models, readiness."""
+"""Checks of ``pepper doctor`` before the robot moves: joints, wheels, clock, samples, settings, models, sensors."""
 
 from __future__ import annotations
 

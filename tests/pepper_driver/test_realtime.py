@@ -19,6 +19,7 @@ from hypothesis import strategies as st
 from pepper_driver import realtime as module
 from pepper_driver.backends.mock import MockBackend
 from pepper_driver.config import load_robot
+from pepper_driver.config.clock import Clock
 from pepper_driver.realtime import (
     MAX_FROZEN_BY_PYTHON,
     STAGES,
@@ -60,7 +61,7 @@ class FakeClock:
 
 
 def make_pacer(clock: FakeClock) -> RealTimePacer:
-    return RealTimePacer(0.012, MockBackend(), clock=clock, sleep=clock.sleep)
+    return RealTimePacer(0.012, MockBackend(), clock=Clock(clock, clock.sleep))
 
 
 def started(pacer: Pacer) -> int:
@@ -173,7 +174,7 @@ def following(clock: FakeClock, beat: float, drift: float = 0.0) -> RealTimePace
             late = (beat * MS - due) % cycle
             return (late - cycle if late > cycle / 2 else late) * 1e-9
 
-    return RealTimePacer(0.012, Robot(), clock=clock, sleep=clock.sleep)
+    return RealTimePacer(0.012, Robot(), clock=Clock(clock, clock.sleep))
 
 
 @pytest.mark.parametrize("beat", [0.0, 1.0, 4.9, 5.1, 11.9])
@@ -208,7 +209,7 @@ def test_a_robot_whose_cycles_jump_is_followed_slowly() -> None:
         def phase_error(self, due: int) -> float:
             return ((beat[0] * MS - due + CYCLE / 2) % CYCLE - CYCLE / 2) * 1e-9
 
-    pacer = RealTimePacer(0.012, Robot(), clock=clock, sleep=clock.sleep)
+    pacer = RealTimePacer(0.012, Robot(), clock=Clock(clock, clock.sleep))
     pacer.wait()
     beat[0] = 8.0
     begins = [started(pacer)]
@@ -239,7 +240,7 @@ class Requested(MockBackend):
         super().__init__()
         self.clock, self.lead, self.takes = clock, lead_ms * 1e-3, round(takes_ms * MS)
         self.at: list[int] = []
-        self.pacer = RealTimePacer(0.012, self, clock=clock, sleep=clock.sleep)
+        self.pacer = RealTimePacer(0.012, self, clock=Clock(clock, clock.sleep))
 
     @property
     def request_lead(self) -> float:

@@ -16,6 +16,7 @@ from pepper_driver.backends import Backend
 from pepper_driver.backends.mock import MockBackend
 from pepper_driver.callbacks.dispatcher import Dispatcher
 from pepper_driver.config import load_controller_settings, load_robot, load_safety_settings
+from pepper_driver.config.clock import Clock
 from pepper_driver.controller import Tick
 from pepper_driver.controller.changes import Changes
 from pepper_driver.observer import Contact, Observation, Observer
@@ -91,7 +92,7 @@ class VirtualTime:
 
     def pacer(self, cycle: float, backend: Backend) -> RealTimePacer:
         """A pacer by this clock."""
-        return RealTimePacer(cycle, backend, clock=self.clock, sleep=self.sleep)
+        return RealTimePacer(cycle, backend, clock=Clock(self.clock, self.sleep))
 
     def _pass(self, end: int) -> None:
         while due := {at: thread for thread, at in self._sleepers.items() if at <= end}:

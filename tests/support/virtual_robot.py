@@ -22,6 +22,7 @@ from pepper_driver.backends.naoqi.timing import shown
 from pepper_driver.backends.naoqi_server.dcm import Dcm, UpdateType
 from pepper_driver.config import NaoqiSettings, load_naoqi_settings, load_robot
 from pepper_driver.config.arrays import FloatArray
+from pepper_driver.config.clock import Clock
 from pepper_driver.realtime import RealTimePacer
 
 ROBOT = load_robot()
@@ -151,6 +152,11 @@ class VirtualRobot:
     def now(self) -> int:
         """The computer's clock [ns]."""
         return round(self.time * 1e6)
+
+    @property
+    def clock(self) -> Clock:
+        """Clock of the computer, whose time passes when a program sleeps."""
+        return Clock(self.now, self.sleep)
 
     def dcm_time(self, here: float) -> float:
         return self._origin + (here - HERE) * self._rate
@@ -303,7 +309,7 @@ class VirtualRobot:
 
 def link_with(robot: VirtualRobot, settings: NaoqiSettings = SETTINGS) -> DcmChannel:
     """The client's end of it."""
-    return DcmChannel(cast(Connection, robot), ROBOT, settings, 3, now=robot.now)
+    return DcmChannel(cast(Connection, robot), ROBOT, settings, 3, clock=robot.clock)
 
 
 class VirtualLoop:
@@ -336,9 +342,7 @@ class VirtualLoop:
             request=link.request,
             request_lead=link.request_lead if request else 0.0,
         )
-        self.pacer = RealTimePacer(
-            ROBOT.cycle, cast("Any", self.followed), clock=robot.now, sleep=robot.sleep
-        )
+        self.pacer = RealTimePacer(ROBOT.cycle, cast("Any", self.followed), clock=robot.clock)
         self.began: list[float] = []
 
     def wait(self, late: float = 0.0) -> None:

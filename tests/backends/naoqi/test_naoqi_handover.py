@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -19,16 +18,9 @@ SAFETY = load_safety_settings()
 
 
 @pytest.fixture
-def robot(monkeypatch: pytest.MonkeyPatch) -> VirtualRobot:
-    """Soft; time passes when somebody sleeps."""
-    made = VirtualRobot()
-    clock = SimpleNamespace(
-        perf_counter_ns=made.now,
-        monotonic=lambda: 1e-3 * made.time,
-        sleep=made.sleep,
-    )
-    monkeypatch.setattr(handover, "time", clock)
-    return made
+def robot() -> VirtualRobot:
+    """Soft; time passes when a program sleeps."""
+    return VirtualRobot()
 
 
 @pytest.fixture
