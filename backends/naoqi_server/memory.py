@@ -122,6 +122,7 @@ class Memory:
         with self._lock:
             self._data[name] = _Entry(value, time.time(), kind)
             listeners = list(self._listeners.get(name, ()))
+        # Without the lock: a listener may use ALMemory, also from another thread.
         for listener in listeners:
             listener(value)
 

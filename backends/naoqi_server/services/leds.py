@@ -260,6 +260,7 @@ class LedsService:
         """Order intensities, each reached in ``seconds`` from now on."""
         when = wrapped(self._robot.time() + round(1000 * seconds))
         values = [[(min(max(level, 0.0), 1.0), when)] for level in levels.values()]
+        # ClearAll: a new colour takes the place of a fade that goes on.
         self._robot.order([self._prefix + actuator for actuator in levels], "ClearAll", values)
 
     def _actuators(self, name: object, where: str) -> list[str]:
