@@ -412,6 +412,7 @@ def finite_numbers(name: str, values: object, size: int) -> FloatArray:
     array = values if isinstance(values, np.ndarray) else real_array(values)
     if array is not None and array.shape == (size,) and array.dtype.kind in "fiu":
         array = array.astype(np.float64, copy=False)
+        # One sum is quicker than a test of each value: a single NaN or infinity makes it NaN or infinite.
         if np.isfinite(array.sum()):
             return array
     raise CommandError(f"{name}: expected {size} finite numbers, got {shown(values)}")

@@ -165,6 +165,7 @@ def check_temperatures(
     if not known.any():
         return unknown("temperatures", "no motor reports its temperature")
     warm = temperature >= safety.temperature_warning
+    # nanargmax raises a ValueError where all are NaN, hence the check above.
     worst = int(np.nanargmax(temperature))
     found = f"{robot.joint_names[worst]} is warmest with {temperature[worst]:.0f} deg C"
     remedies = []

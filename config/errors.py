@@ -125,6 +125,7 @@ def shown(value: object) -> str:
     if isinstance(value, FunctionType | BuiltinFunctionType | MethodType):
         return f"the function {value.__name__}"
     text = repr(value)
+    # A memory address differs from run to run, and helps no reader.
     if len(text) <= LONGEST_SHOWN and text.isprintable() and " at 0x" not in text:
         return text
     if isinstance(value, str):

@@ -58,6 +58,7 @@ class Memory:
         """
         if key in self._robot.keys:
             value = self._robot.value(key)
+            # The table has floats only; NAOqi gives the time as a whole number.
             return int(value) if key == self._time_key else value
         return self._entry(key).value
 

@@ -163,6 +163,7 @@ class Context:
 class MotionCalls:
     """Calls that use the writer of ALMotion. A motion that takes its time does not hold up the others."""
 
+    # By default qi serves one call at a time of a Python object.
     __qi_threading__ = "multi"
 
     def __init__(self, context: Context) -> None:

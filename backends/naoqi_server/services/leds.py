@@ -116,6 +116,7 @@ Colour = tuple[float, float, float]
 class LedsService:
     """Lights. Animations take their time; colours that fade too."""
 
+    # By default qi serves one call at a time of a Python object.
     __qi_threading__ = "multi"
 
     def __init__(self, context: Context) -> None:
@@ -180,6 +181,7 @@ class LedsService:
         actuators = self._actuators(name, where)
         self._record.add("ALLeds", "fade", name, level, seconds)
         self._light(dict.fromkeys(actuators, level), seconds)
+        # The DCM fades by itself: only the caller waits.
         time.sleep(seconds)
 
     @blocking
