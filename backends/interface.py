@@ -356,6 +356,7 @@ class Backend(ABC):
     @cached_property
     def services(self) -> RobotServices:
         """Speech, lights and the like. Where the robot has none of it they do nothing and say so."""
+        # Kept, because it warns only once of each service that the robot lacks.
         return RobotServices(self.uri)
 
     @property
@@ -385,6 +386,7 @@ class Backend(ABC):
         error: BaseException | None,
         traceback: TracebackType | None,
     ) -> None:
+        # Also after an error: an active robot must not be left without a program that supervises it.
         self.close()
 
 

@@ -222,6 +222,7 @@ def check_buttons(buttons: FloatArray, robot: RobotConfig, safety: SafetySetting
     return rated(
         "chest button",
         found,
+        # A button that cannot be read cannot stop the robot either.
         failure=not is_free and safety.chest_button,
         warning=not is_free,
         remedy="release it; one that stays pressed is jammed, and the robot must not move without it",

@@ -48,6 +48,7 @@ class PepperError(Exception):
         return printable(super().__str__())
 
     def __reduce__(self) -> tuple[Any, ...]:
+        # The __reduce__ of Exception calls the constructor with the message, which not all constructors here take.
         return _rebuilt, (type(self), self.args, self.__dict__)
 
 

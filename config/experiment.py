@@ -328,6 +328,7 @@ def _with_played(experiment: Experiment, robot: RobotConfig, outer: tuple[Path, 
         if part.reactions or part.contacts:
             problem = f"'{name}' has reactions or contacts; steps alone are played"
             raise experiment.error(key, problem)
+        # A file that is played in several places is read and checked once.
         known[name] = part.steps
         return part.steps
 

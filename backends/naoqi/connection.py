@@ -213,6 +213,7 @@ class Connection:
             NotConnectedError: The connection is lost.
         """
         if name not in self._services:
+            # Kept: looking a service up is one more round trip.
             self._services[name] = self._wait(
                 lambda: self._session.service(name, _async=True), name, timeout
             )
@@ -378,6 +379,7 @@ class Call:
 
     def begin(self, *arguments: object) -> bool:
         """Call it, unless a call is in flight; return True if it was called."""
+        # A result that was never read must not count as a call in flight.
         self.answer()
         if self._future is not None:
             return False

@@ -102,6 +102,7 @@ def _keys(connection: Connection, found: dict[str, _Finding]) -> bool:
     except (MissingServiceError, ServiceError):
         return False
     for name, value in zip(names, values, strict=False):
+        # Names of devices may hold slashes.
         _, kind, *device, _ = name.split("/")
         if isinstance(value, int | float) and value != 0:
             finding = found.setdefault("/".join(device), _Finding())

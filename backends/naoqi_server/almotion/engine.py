@@ -278,6 +278,7 @@ class MotionEngine:
         Raises:
             BackendError: The robot does not answer.
         """
+        # Near the last one, so that a roll-over of the robot's clock has no consequence.
         date = unwrapped(self._robot.time(), self._date)
         dt = min((date - self._date) / 1000, LONGEST_STEP)
         # Speeds are differences divided by this time.
