@@ -96,6 +96,7 @@ Column = NDArray[Any]
 
 Shape = Literal["scalar", "joints", "wheels", "touch", "bumpers", "buttons"]
 
+# A mirror reverses a velocity along its normal, but a rate of rotation, a pseudovector, in the other two directions.
 Mirror = Literal["", "angle", "size", "wheels", "vector", "axis", "twist"]
 """Change of a column in the plane of symmetry: that of joints by their signs, or without; of wheels; in base axes."""
 
@@ -262,6 +263,7 @@ def objects(
 def _values(field: TickField, column: Column) -> Iterable[Any]:
     if column.ndim == 1:
         return [None if value == field.absent else value for value in column.tolist()]
+    # A view: the caller's own array stays writable.
     column = column.view()
     column.flags.writeable = False
     return column

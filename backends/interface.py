@@ -356,6 +356,7 @@ class Backend(ABC):
     @cached_property
     def services(self) -> RobotServices:
         """Speech, lights and the like. Where the robot has none of it they do nothing and say so."""
+        # Kept, because it warns only once of each service that the robot lacks.
         return RobotServices(self.uri)
 
     @property
@@ -385,6 +386,7 @@ class Backend(ABC):
         error: BaseException | None,
         traceback: TracebackType | None,
     ) -> None:
+        # Also after an error: an active robot must not be left without a program that supervises it.
         self.close()
 
 
@@ -412,6 +414,7 @@ def finite_numbers(name: str, values: object, size: int) -> FloatArray:
     array = values if isinstance(values, np.ndarray) else real_array(values)
     if array is not None and array.shape == (size,) and array.dtype.kind in "fiu":
         array = array.astype(np.float64, copy=False)
+        # One sum is quicker than a test of each value: a single NaN or infinity makes it NaN or infinite.
         if np.isfinite(array.sum()):
             return array
     raise CommandError(f"{name}: expected {size} finite numbers, got {shown(values)}")

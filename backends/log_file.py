@@ -136,6 +136,7 @@ def row_type(fields: Iterable[Field]) -> np.dtype[Any]:
         [
             (
                 f.name,
+                # As CDR_HEADER says, on any computer.
                 np.dtype(f.type).newbyteorder("<"),
                 () if f.elements is None else (len(f.elements),),
             )
@@ -184,6 +185,7 @@ def decode_records(
         return _decode(path, records, usual_layout)
     except LogError as error:
         raise LogError(f"{path}: {error}") from error
+    # Damaged metadata can make json and NumPy raise errors of many kinds.
     except Exception as error:
         raise misfit(path, error) from error
 
@@ -239,6 +241,7 @@ def is_complete(records: Records) -> bool:
     after_last = (records.messages[-1].sequence + 1) % SEQUENCES if records.messages else 0
     if (end := records.metadata.get(END)) is not None:
         return records.finished and end["messages"] == str(after_last)
+    # Without the metadata of the end, only a damaged chunk after the last message shows that some are missing.
     return records.finished and len(records.messages) not in records.damaged
 
 
@@ -250,6 +253,7 @@ def _gaps(records: Records) -> tuple[Gap, ...]:
                 Gap(
                     start=start,
                     stop=1e-9 * message.time,
+                    # MCAP has 32 bits for the number of a message.
                     messages=(message.sequence - expected) % SEQUENCES,
                     chunks=max(1, records.damaged.count(number)),
                 )
@@ -295,6 +299,7 @@ def _table(
         if len(message) != head + kind.itemsize or message[:head] != CDR_HEADER:
             raise LogError(f"{topic} holds a message of {len(message)} bytes that is not a row")
     rows = np.frombuffer(b"".join(m[head:] for m in messages[topic]), dtype=kind)
+    # Copies: the fields of packed records are unaligned, read-only and always little-endian.
     return {field.name: rows[field.name].astype(field.type) for field in fields}
 
 

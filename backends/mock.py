@@ -135,6 +135,7 @@ class MockBackend(Serial, Backend):
         """Act in the cycle of the next ``read``."""
         self._check_open()
         position, stiffness, wheel_speed = checked_command(command, len(self.position))
+        # Copies, because the caller may change its arrays afterwards.
         self.commands.append(
             Command(
                 position=position.copy(),

@@ -165,6 +165,7 @@ def check_temperatures(
     if not known.any():
         return unknown("temperatures", "no motor reports its temperature")
     warm = temperature >= safety.temperature_warning
+    # nanargmax raises a ValueError where all are NaN, hence the check above.
     worst = int(np.nanargmax(temperature))
     found = f"{robot.joint_names[worst]} is warmest with {temperature[worst]:.0f} deg C"
     remedies = []
@@ -221,6 +222,7 @@ def check_buttons(buttons: FloatArray, robot: RobotConfig, safety: SafetySetting
     return rated(
         "chest button",
         found,
+        # A button that cannot be read cannot stop the robot either.
         failure=not is_free and safety.chest_button,
         warning=not is_free,
         remedy="release it; one that stays pressed is jammed, and the robot must not move without it",

@@ -68,6 +68,7 @@ class CommandDifferences:
         same = True
         for part, names in self._names.items():
             a, b = np.asarray(getattr(given, part)), getattr(recorded, part)
+            # Bit by bit: == takes 0.0 and -0.0 for equal, and NaN for different.
             if a.tobytes() == b.tobytes():
                 continue
             size = np.abs(a - b)
@@ -212,6 +213,7 @@ class ReplayBackend(Serial, Backend):
         )
         given: dict[int, tuple[float, Command]] = {}
         for step, time, command in rows:
+            # Several samples may answer one command: the first of them dates it.
             given.setdefault(step, (time, command))
         return given
 
@@ -269,6 +271,7 @@ def parents_in(path: Path, metadata: Mapping[str, str]) -> tuple[RobotIdentity, 
 
 def _match_command(table: dict[str, Column], delay: int) -> IntArray:
     """Return for each row the step whose command it answers; -1 before the first, or if it is too old to be known."""
+    # A log has -1 in place of None (fields.py).
     response_delay = np.where(table["response_delay"] < 0, delay, table["response_delay"])
     step = np.where(
         response_delay > max(MAX_RESPONSE_DELAY, delay), -1, table["step"] - response_delay

@@ -195,4 +195,5 @@ class Resumable:
     def restore(self, saved: dict[str, Any]) -> None:
         """Take on a state that :meth:`save` gave."""
         for name in self.STATE:
+            # A copy here too: one saved state may be restored several times.
             setattr(self, name, copy.deepcopy(saved[name]))

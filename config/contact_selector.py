@@ -138,6 +138,7 @@ class ContactSelector:
 
 def _explained(error: ValidationError) -> PepperError:
     """Return the first problem with an argument as an error of one line."""
+    # pydantic reports all problems; a call gets one line about the first.
     first = error.errors()[0]
     name, value = str(first["loc"][0]), first["input"]
     if first["type"] == "unexpected_keyword_argument":

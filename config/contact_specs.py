@@ -113,6 +113,7 @@ class GrabSpec(Touch):
     def largest(self) -> Vector3:
         """Largest force [N]: while the link stays in place."""
         way = math.hypot(*self.pull)
+        # A joint that yields shortens the distance from hand to point, and so reduces the force.
         force = min(self.stiffness * way, self.max_force)
         x, y, z = (force / way * part for part in self.pull)
         return x, y, z

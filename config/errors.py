@@ -48,6 +48,7 @@ class PepperError(Exception):
         return printable(super().__str__())
 
     def __reduce__(self) -> tuple[Any, ...]:
+        # The __reduce__ of Exception calls the constructor with the message, which not all constructors here take.
         return _rebuilt, (type(self), self.args, self.__dict__)
 
 
@@ -125,6 +126,7 @@ def shown(value: object) -> str:
     if isinstance(value, FunctionType | BuiltinFunctionType | MethodType):
         return f"the function {value.__name__}"
     text = repr(value)
+    # A memory address differs from run to run, and helps no reader.
     if len(text) <= LONGEST_SHOWN and text.isprintable() and " at 0x" not in text:
         return text
     if isinstance(value, str):

@@ -313,6 +313,7 @@ def _text(path: Path) -> str:
 def _unfrozen(path: Path) -> str:
     """Return the part of the file that its own hash covers."""
     text = _text(path)
+    # Without the hashes: a file cannot contain its own hash.
     return text.split("\nfrozen:")[0].rstrip("\n") + "\n"
 
 

@@ -108,6 +108,7 @@ class Reaction(Cues):
 
 def _reaction(value: object, _: object) -> object:
     """Pass keys other than ``do`` and those of a reaction to the reflex."""
+    # `replace` makes pydantic validate again what is a reaction already.
     if isinstance(value, Reaction):
         return value
     if not isinstance(value, dict):
@@ -240,6 +241,7 @@ class Experiment:
         for step in steps:
             inner = [self._measure(block) for _, block in step.blocks()] or [(0.0, 1)]
             times = step.repeat.times if isinstance(step, RepeatStep) else 1
+            # Of several blocks, the cases of a branch, one alone is played.
             time += times * max(seconds for seconds, _ in inner)
             count += times * max(number for _, number in inner)
             if isinstance(step, Step):
@@ -326,6 +328,7 @@ def _with_played(experiment: Experiment, robot: RobotConfig, outer: tuple[Path, 
         if part.reactions or part.contacts:
             problem = f"'{name}' has reactions or contacts; steps alone are played"
             raise experiment.error(key, problem)
+        # A file that is played in several places is read and checked once.
         known[name] = part.steps
         return part.steps
 

@@ -40,6 +40,7 @@ class WheelTimes:
 
     reach: Positive
     hold: Positive
+    # Hazard: the base drives on for about this time [s] after a connection is lost.
     stop: Positive
 
     def __post_init__(self) -> None:
@@ -58,6 +59,7 @@ class TimingSettings:
     lead_margin: NonNegative
     min_lead_time: Positive
     max_lead_time: Positive
+    # Commands that wait while a robot hangs are all applied at once: this bounds the jump [rad].
     max_step: Positive
     wheels: WheelTimes
     ramp_up: Positive
@@ -106,7 +108,9 @@ class NaoqiSettings:
     posture_time: Positive
     tablet_time: Positive
     temperature_status: Annotated[int, Field(ge=0, le=3)]
+    # A cable may be in the socket of an open flap.
     charging_flap: Literal["refuse", "stand"]
+    # Hazard: with a brake key in, or a brake that does not close, a robot without stiffness bends or falls.
     release_legs: bool
     take_over: TakeOverSettings
     timing: TimingSettings

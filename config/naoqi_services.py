@@ -67,15 +67,18 @@ class DriveDefaults:
 class NaoqiServices:
     """See ``naoqi_services.yaml`` for the meaning of each."""
 
+    # A text for clients: it does not change what the services do.
     version: str
     robot_name: str
     cycle: Positive
+    # ALMotion is a user of the DCM: its commands need an execution time ahead, like those of any other.
     lead_time: Positive
     chains: dict[str, tuple[str, ...]]
     torso: Vector3
     hand: Vector3
     rise: Positive
     posture_speed: Positive
+    # NAOqi describes its own posture of rest only in words.
     rest: str
     stiffness_ramp: Positive
     smart_stiffness: UnitInterval

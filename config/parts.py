@@ -30,6 +30,7 @@ class MotorType:
     torque_constant: Positive
     stall_torque: Positive
     nominal_torque: Positive
+    # Follows from values that NAOqi documents; rotor_inertia is assumed.
     resistance: Positive
     rotor_inertia: Positive
 
@@ -113,6 +114,7 @@ class CoupledLimit:
 
     driver: str
     driven: str
+    # Linear between rows: the NAOqi page "Joints" does not say.
     table: tuple[Vector3, ...]
 
 
@@ -194,6 +196,7 @@ class HandGeometry:
 
     joints: tuple[str, ...]
     finger_angle: Positive
+    # The public URDFs give the fingers 2 mg; pepper.yaml explains the value in its place.
     finger_inertia: Positive
 
 

@@ -191,6 +191,7 @@ def _check(plant: PlantConfig, robot: RobotConfig, source: str) -> None:
         )
     _check_actuators(plant, robot, source)
     steps = robot.cycle / plant.physics.timestep
+    # The quotient of two decimal fractions is rarely exact.
     if not isfinite(steps) or abs(steps - round(steps)) > 1e-6:
         raise ConfigError(
             f"{source}: key 'physics.timestep': {plant.physics.timestep} s does not divide the cycle "
@@ -228,6 +229,7 @@ def plant_hash(plant: PlantConfig, robot: RobotConfig) -> str:
     Comments, name, description, source and origins do not count.
     """
     parameters: dict[str, Any] = asdict(plant)
+    # A model must remain valid when only words of its plant change.
     for key in ("name", "description", "source"):
         del parameters[key]
     for actuator in parameters["actuators"]:

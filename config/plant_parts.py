@@ -42,6 +42,7 @@ class Board:
     derivative_time: Positive
     integral_limit: Positive
     integral_band: NonNegative
+    # In recordings no joint runs faster than 2 rad/s (plant `plateau`).
     speed_limit: Positive | None
     brakes: tuple[str, ...]
 
@@ -202,11 +203,15 @@ class Actuator:
     """
 
     joints: tuple[str, ...]
+    # Eq. 1 of the paper: u = Kp eps + Kd d(eps)/dt; the integral part is not in it.
     kp: Positive
     ki: NonNegative
     kd: NonNegative
+    # In recordings the wrist holds without current, which needs a dead band.
     dead_band: NonNegative
+    # The stiffness of a command scales it: at stiffness 0 the motor turns freely.
     current_limit: Positive
+    # Eq. 5 to 8: the teeth are a spring and damper outside this gap, and have no effect inside.
     half_gap: NonNegative
     gear_stiffness: Positive
     gear_damping: NonNegative

@@ -106,10 +106,12 @@ def randomise(
     data: Tree, drawing: Randomisation, robot: RobotConfig, draw: int, source: str
 ) -> None:
     """Change a complete mapping in place into the ``draw``-th robot."""
+    # The order of draws below must stay: another one makes other robots of the same number, with other hashes.
     rng = np.random.Generator(np.random.PCG64(np.random.SeedSequence([draw, 0x9E1])))
     data["actuators"] = _one_joint_each(data.get("actuators"), f"{source}: key 'actuators'")
     for key, bounds in drawing.factors.items():
         where = f"{source}: key 'randomise.factors.{key}'"
+        # Log-uniform: half and twice a value are then as likely.
         logs = np.log(_ordered(bounds, where))
         drawn = {name: float(np.exp(rng.uniform(*logs))) for name in robot.joint_names}
         _scale(data["actuators"], key, drawn, robot, where)
@@ -177,6 +179,7 @@ def _scale(actuators: list[Tree], key: str, factor: object, robot: RobotConfig, 
         holder, last = _place(_drive(actuators, joint, where), key, where)
         try:
             holder[last] = float(holder[last]) * float(number)
+        # Integers in YAML may be larger than any float.
         except OverflowError as error:
             raise ConfigError(f"{where}: the factor is beyond all measure") from error
 
@@ -199,6 +202,7 @@ def _child(holder: object, part: str) -> object:
         value = holder[int(part)]
     else:
         return None
+    # bool is an int in Python, and cannot be scaled.
     return None if isinstance(value, bool) else value
 
 

@@ -69,6 +69,7 @@ def make_part(kind: str, name: str, factory: Callable[..., object], *arguments: 
     Raises:
         PluginError: The factory of another package raises anything but a PepperError, which comes out as it is.
     """
+    # An error of the project's own part is a defect, and keeps its type and traceback.
     if getattr(factory, "__module__", "").partition(".")[0] == __name__.partition(".")[0]:
         return factory(*arguments)
     try:

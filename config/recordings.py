@@ -42,6 +42,7 @@ class TrackingTable:
     @property
     def error(self) -> FloatArray:
         """(torques, moving velocities) expected error [rad]."""
+        # At rest friction holds the joint where it stopped: its error depends on the motion before.
         columns = np.array(self.velocity) != 0.0
         return np.asarray(np.radians(np.array(self.expected_error_deg)[:, columns]))
 

@@ -60,6 +60,7 @@ class JointArray(np.ndarray[tuple[int], np.dtype[np.float64]]):
         robot: Names the joints.
     """
 
+    # NumPy makes views and results without __new__: they have no robot.
     _robot: RobotConfig | None = None
 
     def __new__(cls, values: FloatArray, robot: RobotConfig) -> Self:
@@ -76,6 +77,7 @@ class JointArray(np.ndarray[tuple[int], np.dtype[np.float64]]):
         """
         if isinstance(key, str) and self._robot is not None:
             return float(self.view(np.ndarray)[self._robot.joint_index(key)])
+        # A plain array: a part of the vector is no longer in the order of the joints.
         return self.view(np.ndarray)[key]
 
 
@@ -172,6 +174,7 @@ class RobotConfig:
         for joint in self.joints:
             index = self.joint_index(partner[joint.name])
             x, y, z = self.joints[index].axis
+            # An axis of rotation is a pseudovector: a mirror keeps its part normal to the plane, and reverses the rest.
             along = float(np.dot((-x, y, -z), joint.axis))
             aperture = joint.name in self.hands.joints
             table.append((index, 1.0 if aperture or along > 0 else -1.0))
@@ -238,6 +241,7 @@ class RobotConfig:
             UnknownNameError: No such posture.
         """
         check_name("posture", name, self.postures)
+        # load_robot is cached: a change of its own array would be one for all callers.
         return self.postures[name].copy()
 
 
@@ -253,6 +257,7 @@ def _read_urdf(path: Path) -> tuple[dict[str, Joint], tuple[str, ...]]:
             if limit is None or parent is None or child is None:
                 raise KeyError(f"joint {element.get('name')} lacks limit, parent or child")
             name = element.attrib["name"]
+            # URDF: the axis is x where none is given.
             axis = element.find("axis")
             x, y, z = map(float, (axis.attrib["xyz"] if axis is not None else "1 0 0").split())
             joints[name] = Joint(

@@ -65,6 +65,7 @@ def load_self_collision(
         _check_links(pair, settings.capsules, where, "no capsules for link")
         if pair[0] == pair[1]:
             raise ConfigError(f"{where}: '{pair[0]}' cannot be kept apart from itself")
+        # Pairs have no order.
         if frozenset(pair) in seen:
             raise ConfigError(f"{where}: '{pair[0]}' and '{pair[1]}' are given twice")
         seen.add(frozenset(pair))

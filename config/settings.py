@@ -23,6 +23,7 @@ UnitInterval = Annotated[float, Field(ge=0, le=1)]
 class TaskGains:
     """``stiffness`` [1/s2] of a task, with damping 2 sqrt(stiffness), and its ``weight`` in the cost."""
 
+    # 2 sqrt(stiffness) is critical damping: a task arrives without overshoot.
     stiffness: NonNegative
     weight: NonNegative
 
@@ -144,6 +145,7 @@ class SafetySettings:
     acceleration_margin: Annotated[float, Field(ge=1)]
     following_error: Positive
     following_error_time: Positive
+    # 2 switches the check off, for a robot that never shows the stiffness of its command.
     stiffness_loss: Positive
     stiffness_time: NonNegative
     frozen_distance: Positive
@@ -159,6 +161,7 @@ class SafetySettings:
     limit_warning: Positive
     limit_activate: Positive
     bumper_release: NonNegative
+    # Hazard: false takes away one of the ways to stop the robot.
     chest_button: bool
     check_period: Annotated[float, Field(ge=0.1, le=5.0)]
     confirmations: Annotated[int, Field(ge=1, le=20)]

@@ -41,6 +41,7 @@ UnitInterval = Annotated[float, Field(ge=0, le=1)]
 PartOfRange = Annotated[float, Field(gt=0, le=1)]
 Count = Annotated[int, Field(ge=1, le=10_000)]
 Joints = Annotated[tuple[str, ...], Field(min_length=1)]
+# \P{Cc}, no control character, is known to the regular expressions of pydantic, but not to Python's `re`.
 Speech = Annotated[str, Field(min_length=1, max_length=500, pattern=r"^\P{Cc}+$")]
 
 
@@ -81,6 +82,7 @@ def changed_steps(
 
 def _by_key(value: object, _: object) -> object:
     """Convert a mapping to the kind of step that one of its keys names, or else to a step of motion."""
+    # `replace` makes pydantic validate again what is a step already.
     if isinstance(value, AnyStep):
         return value
     if not isinstance(value, dict):
@@ -325,6 +327,7 @@ class Sweeps(RandomGoals):
     @property
     def number(self) -> int:
         """Number of goals."""
+        # Twice, because each joint plays its sequence again after its neighbours have moved (Sec. IV of the paper).
         return 2 * len(self.joints) * (2 * self.sweeps + self.setpoints)
 
     @property

@@ -26,6 +26,7 @@ LOOKING_LINK = "Head"
 
 Metres = Annotated[float, Field(ge=-MAX_DISTANCE, le=MAX_DISTANCE)]
 Heading = Annotated[float, Field(ge=-math.tau, le=math.tau)]
+# \P{Cc}, no control character, is known to the regular expressions of pydantic, but not to Python's `re`.
 Label = Annotated[str, Field(min_length=1, max_length=80, pattern=r"^\P{Cc}+$")]
 Place = tuple[Metres, Metres, Metres]
 Quaternion = tuple[float, float, float, float]

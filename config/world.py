@@ -42,6 +42,7 @@ class WorldObject:
     velocity: Vector3 = (0.0, 0.0, 0.0)
     start: NonNegative = 0.0
     friction: NonNegative = 0.6
+    # MuJoCo: the time constant of solref must be at least two steps, of 2 ms each on the shipped plants.
     softness: Annotated[float, Field(ge=0.004)] = 0.02
 
     @model_validator(mode="after")

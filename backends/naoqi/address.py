@@ -107,6 +107,7 @@ class Address:
     @property
     def url(self) -> str:
         """As ``qi`` expects it, such as ``tcp://pepper.local:9559``."""
+        # An IPv6 address without brackets would look like host and port.
         host = f"[{self.host}]" if ":" in self.host else self.host
         return f"{'tcps' if self.secure else 'tcp'}://{host}:{self.port}"
 
@@ -131,6 +132,7 @@ def naoqi_address(uri: BackendUri, options: set[str]) -> Address:
     uri.check_keys(options, host=True)
     try:
         parts = urlsplit(f"//{place}")
+        # .port raises ValueError for letters and beyond 65535.
         host, port = parts.hostname, parts.port
     except ValueError as error:
         port_text = place.rpartition(":")[2]

@@ -135,11 +135,13 @@ class AnglesChannel:
     def _take(self) -> None:
         position = self._position_of(self._angles.answer())
         if position is not None:
+            # The time of the request: the angles may be as old as that.
             self._position, self._sampled = position, self._asked
         answer = self._sensors.answer()
         if answer is not None and not isinstance(values := self._keys.values(answer), str):
             self._values = values
         stiffnesses = self._stiffnesses.answer()
+        # A reply from before our own command would look like stiffness that another program lowered.
         if stiffnesses is not None and not self._sent_meanwhile:
             self._found = self._stiffness_of(stiffnesses)
 
@@ -231,6 +233,7 @@ class AnglesBackend(NaoqiRobot):
     ) -> None:
         policy = replace(
             settings.take_over,
+            # ALMotion commands the joints in this mode, so its own protections work.
             diagnosis_effect="keep",
             self_collision="keep",
             arm_obstacles="keep",
@@ -265,6 +268,7 @@ class AnglesBackend(NaoqiRobot):
             self._address.uri,
         )
         before = np.ones(len(self._robot.joint_names))
+        # 1 for the legs, whose stiffness ALMotion does not change.
         before[link.places] = connection.call("ALMotion", "getStiffnesses", link.soft)
         cycle = self._robot.cycle
         for _ in cycle_timer(
@@ -292,6 +296,7 @@ class AnglesBackend(NaoqiRobot):
     def _write(self, position: FloatArray, stiffness: FloatArray, wheel_speed: FloatArray) -> None:
         if not self._moving:
             return
+        # ALMotion drives on when a command to stop is lost: a hazard for people nearby.
         if wheel_speed.any() and not self._warned:
             self._warned = True
             logger.warning("'%s' keeps its base still in this mode", self._address.uri)

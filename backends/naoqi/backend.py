@@ -66,6 +66,7 @@ class NaoqiBackend(NaoqiRobot):
     @property
     def _needed(self) -> Sequence[str]:
         commanded = [key for keys in actuator_keys(self._robot).values() for key in keys]
+        # The stiffness commands are in both lists.
         return list(dict.fromkeys([*SensorKeys(self._robot).needed, *commanded]))
 
     def _described(self, found: Preflight) -> tuple[int, str]:
@@ -73,6 +74,7 @@ class NaoqiBackend(NaoqiRobot):
 
     def _begin(self, connection: Connection) -> Measurement:
         """Measure the connection to the robot for almost a second."""
+        # Before the measurement, which must be of the round trips that ticks will have.
         prefer_messages(True)
         with preferred():
             self._link = DcmChannel(

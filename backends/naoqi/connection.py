@@ -45,6 +45,7 @@ def check_listening(address: Address, timeout: float) -> None:
             f"'{address.uri}': {address.host} is there, but no server listens at port {address.port}; NAOqi 2.5 "
             f"listens at {PORTS['naoqi']} (naoqi://), 2.9 at {PORTS['naoqis']} (naoqis://), minutes after its start"
         ) from error
+    # UnicodeError: Python cannot encode a host name whose labels are empty or too long.
     except (OSError, UnicodeError) as error:
         raise NotConnectedError(
             f"'{address.uri}': {address.host} does not answer; is the robot on, and in the same network? Its chest "
@@ -89,6 +90,7 @@ def _peer(address: Address, probe_time: float) -> Literal["tls", "plain", "silen
     """Return the peer's answer to the begin of TLS. Nothing is sent in it, and no certificate is trusted."""
     context = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
     context.check_hostname = False
+    # A robot's certificate is self-signed.
     context.verify_mode = ssl.CERT_NONE
     try:
         with (
@@ -211,6 +213,7 @@ class Connection:
             NotConnectedError: The connection is lost.
         """
         if name not in self._services:
+            # Kept: looking a service up is one more round trip.
             self._services[name] = self._wait(
                 lambda: self._session.service(name, _async=True), name, timeout
             )
@@ -256,6 +259,7 @@ class Connection:
             raise MissingServiceError(f"{what}: this robot has none") from error
 
         def ended(future: Future) -> None:
+            # close() makes calls in flight fail, which needs no warning.
             if future.hasError() and not self._closed:
                 logger.warning("%s failed: %s", what, one_line(future.error()))
 
@@ -264,6 +268,7 @@ class Connection:
     def close(self) -> None:
         """Disconnect. ``on_lost`` is not called."""
         if not self._closed:
+            # First: libqi calls `_lost` on a thread of its own while the session closes.
             self._closed = True
             self._session.close()
 
@@ -280,6 +285,7 @@ class Connection:
         try:
             future = start()
             in_time = finished(future, limit)
+            # value() of a call that still runs would wait without limit.
             value = future.value() if in_time else None
         except AttributeError as error:
             raise MissingServiceError(f"'{uri}': this robot has no {what}") from error
@@ -287,6 +293,7 @@ class Connection:
             reason = one_line(str(error))
             if not self.connected:
                 raise NotConnectedError(f"'{uri}': the connection was lost at {what}") from error
+            # libqi raises RuntimeError for every failure: only the text shows that the service does not exist.
             if "Cannot find service" in reason:
                 raise MissingServiceError(f"'{uri}': this robot has no service {what}") from error
             raise ServiceError(f"'{uri}': {what} refused: {reason}", reason) from error
@@ -301,6 +308,7 @@ def finished(future: Future, timeout: float) -> bool:
     end = time.monotonic() + timeout
     while (left := end - time.monotonic()) > 0:
         check_signals()
+        # At least 1 ms: with 0 the loop would spin.
         if future.wait(max(1, round(min(left, POLL_PERIOD) * 1000))) != running:
             return True
     return bool(future.wait(0) != running)
@@ -371,6 +379,7 @@ class Call:
 
     def begin(self, *arguments: object) -> bool:
         """Call it, unless a call is in flight; return True if it was called."""
+        # A result that was never read must not count as a call in flight.
         self.answer()
         if self._future is not None:
             return False

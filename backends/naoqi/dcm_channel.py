@@ -132,6 +132,7 @@ class Orders:
             due[Alias.POSITION] = lambda: self._send_position(step, number, now, position)
         speeds = wheel_speed.tolist()
         turning = any(speeds)
+        # Wheels that turn need a command again and again: each command ends in standing still.
         if turning or speeds != self._wheel_speed:
             due[Alias.WHEEL_SPEED] = lambda: self._send_wheels(now, speeds)
         values = stiffness.tolist()
@@ -139,6 +140,7 @@ class Orders:
             due[Alias.STIFFNESS] = lambda: self._send_stiffness(now, values)
 
         def urgency(alias: Alias) -> float:
+            # The stop of the base must not wait for a place among the commands in flight.
             if alias is Alias.WHEEL_SPEED and not turning:
                 return np.inf
             return self._waiting.get(alias, 0) + PRECEDENCE.get(alias, 0.0)
@@ -166,6 +168,7 @@ class Orders:
 
         sent = self._writer.position(position, date, done)
         if sent:
+            # Before its acknowledgement: the DCM may follow it already.
             self.positions.add(command)
         self._scheduler.note_command(step, number, sent=sent)
         return sent
@@ -174,6 +177,7 @@ class Orders:
         begin = self._last_cycle(now)
         if any(speeds):
             dates = [begin + after for after in self._wheel_times]
+            # The zero is the dead-man's stop: the DCM executes it by itself when no further command comes.
             values = [[speed, speed, 0.0] for speed in speeds]
         else:
             dates, values = [self._last_cycle(now + self._cycles.length)], [[0.0]] * 3
@@ -183,6 +187,7 @@ class Orders:
             if acknowledged:
                 command.acknowledged = self._clock()
             else:
+                # The wheels' state is unknown now: the next tick sends again, also a command to stand.
                 self._wheel_speed = None
 
         if not self._writer.send(Alias.WHEEL_SPEED, "ClearAll", dates, values, done):
@@ -271,6 +276,7 @@ class DcmChannel:
             clock=now,
         )
         self.lead = self.trips.lead(timing)
+        # The shorter the round trip, the less doubt when the robot read its clock.
         self._clock = DcmClockEstimate(min(replies, key=lambda reply: reply.round_trip))
         dcm, memory = connection.service("DCM"), connection.service("ALMemory")
         keys = SensorKeys(robot)
@@ -278,6 +284,7 @@ class DcmChannel:
         earliest, longest = SAMPLE_PHASE * robot.cycle, MAX_REQUEST_LEAD * robot.cycle
         if sample_trips.p95 + REQUEST_MARGIN <= longest:
             self.request_lead = min(sample_trips.p99 + REQUEST_MARGIN, longest)
+            # Later where samples take longer: before `earliest` the robot still has the values of the cycle before.
             self._tick_phase = max(TICK_PHASE * robot.cycle, earliest + self.request_lead)
         else:
             self.request_lead, self._tick_phase = 0.0, earliest
@@ -299,6 +306,7 @@ class DcmChannel:
         self._until_read_back = next(self._gaps)
         self._requested = False
         self.newest = self._measurement(0.0)
+        # Programs with a loop of their own never call request(): their first read() takes this sample.
         self._reader.ask()
 
     def start(self) -> FloatArray:
@@ -338,6 +346,7 @@ class DcmChannel:
         if not self._requested:  # then it is the next tick that takes the sample
             self._ask()
         self._requested = False
+        # Before the age is computed, which grows with the time without acknowledgement.
         self._writer.collect()
         since = self._clock.now(now) - self._reader.date
         self._buffer.step(elapsed, since)
@@ -359,6 +368,7 @@ class DcmChannel:
     ) -> None:
         """Send a command, after ``start`` and before ``end``; see :meth:`Orders.give`. Never waits."""
         if self._orders is not None:
+            # Frees places: a command is dropped while MAX_OUTSTANDING are in flight.
             self._writer.collect()
             self._written += 1
             self._orders.give(self._written, self._date(), position, stiffness, wheel_speed)
@@ -434,6 +444,7 @@ class DcmChannel:
         self._until_read_back -= 1
         read_back = self._until_read_back <= 0
         if read_back:
+            # Only some samples: the 20 further keys make a request a fifth longer.
             self._until_read_back = next(self._gaps)
         self._reader.ask(commands=read_back and self._foreign is not None)
 
@@ -465,6 +476,7 @@ class DcmChannel:
                 known = list(answer[1])
             except (TypeError, IndexError):
                 known = []
+            # strict=False: a reply of another length is refused below, with the robot's address.
             missing = [key for key, name in zip(keys, known, strict=False) if not name]
             if len(known) != len(keys) or missing:
                 what = missing[0] if missing else str(alias)

@@ -84,6 +84,7 @@ class Reader:
             return False
         self.missing = ""
         date = self._clock.date(values.shown, self._now())
+        # The same date again: the DCM has made no cycle since, or a busy robot published no sample.
         if date <= self.date:
             return False
         self.newest, self.date = values, date
@@ -141,12 +142,14 @@ class _TimeQuestion:
         asked = self._now()
 
         def answered(future: Future) -> None:
+            # First, because time spent here would count as round trip.
             received = self._now()
             try:
                 shown = int(future.value())
                 self.reply = TimeReply(asked=asked, received=received, shown=shown)
             except (RuntimeError, TypeError, ValueError):
                 pass  # the next one is asked in a second
+            # After `reply`, which the tick on another thread takes once this is true.
             self.over = True
 
         try:
@@ -218,6 +221,7 @@ class Writer:
                 continue
             accepted = not sent.future.hasError()
             if accepted:
+                # Commands of this kind that still wait are entered again below, with their own times.
                 self._unacknowledged.pop(sent.alias, None)
             else:
                 self._refused(sent)
@@ -244,6 +248,7 @@ class Writer:
             done(accepted)
 
         values = [[value] for value in target.tolist()]
+        # ClearAfter keeps the command before, which the DCM still has to reach at its own cycle.
         return self.send(Alias.POSITION, "ClearAfter", [date], values, acknowledged)
 
     def _near(self, target: FloatArray) -> bool:
@@ -284,6 +289,7 @@ class Writer:
     def _refused(self, sent: _CommandInFlight) -> None:
         if sent.alias in self._refused_before:
             return
+        # One warning for each kind: the same refusal may come in every tick.
         self._refused_before.add(sent.alias)
         try:
             sent.future.value()

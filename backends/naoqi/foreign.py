@@ -63,6 +63,7 @@ class ForeignCommands:
         self._drives: Call | None = None
         try:
             motion = connection.service("ALMotion")
+        # Only the read-back of the DCM is then left.
         except MissingServiceError:
             return
         self._angles = Call(motion, "getAngles", connection.address.uri)
@@ -97,6 +98,7 @@ class ForeignCommands:
         self._ask_almotion()
         self._ticks += 1
         if self._ticks >= self._check_ticks:
+            # Two checks in a row: a single odd value must not stop the robot.
             both = self._seen & self._seen_before
             self.found = tuple(self._names[place] for place in np.flatnonzero(both).tolist())
             self._seen_before, self._seen = self._seen, np.zeros_like(self._seen)
@@ -129,6 +131,7 @@ class ForeignCommands:
         tolerance = self._settings.joint_tolerance
         measured = np.array(self._measured)
         lies = _outside(targets, measured.min(axis=0), measured.max(axis=0)) <= tolerance
+        # ALMotion's targets of joints without stiffness follow the measurement, also when a person moves them.
         self._targets = np.where(lies, targets, self._targets)
         self._seen[: self._joints] |= np.abs(targets - self._targets) > tolerance
 

@@ -65,6 +65,7 @@ def ramp_up(
             # Before the tick's own commands, which use up the limit of commands in flight.
             wheels_on = link.switch_wheels([((ticks - tick) * cycle, 1.0)])
         measurement = link.exchange(hold, np.maximum(before, tick / ticks), WHEELS_AT_REST)
+        # Without samples the loop cannot see where the joints are: more stiffness would be a hazard.
         if not measurement.age <= safety.stale_fault:
             raise BackendError(
                 f"the robot stopped answering while its stiffness was raised: the newest sample is "
@@ -119,6 +120,7 @@ def release_robot(
         if measurement is None:
             return False
         at_rest = bool((np.abs(measurement.wheel_speed) < settings.wheel_stop_speed).all())
+        # The first samples may be of cycles before the command to stand.
         if number >= 2 and at_rest and link.idle:
             break
     off = [(2 * robot.cycle, 0.0)]
@@ -142,6 +144,7 @@ def release_robot(
     for number in range(1, ticks + 1):
         wheels_off = wheels_off or link.switch_wheels(off)
         # The program that lowers the stiffness may still be running.
+        # fmin ignores NaN, a stiffness that is unknown.
         soft = np.where(lowered, np.fmin(soft, _shown(link, soft)), soft)
         stiffnesses = stiffness + (soft - stiffness) * number / ticks
         if tick(None, np.where(lowered, soft, stiffnesses)) is None:
@@ -191,6 +194,7 @@ def _return_legs(
     if farthest <= settings.leg_tolerance:
         return True
     speed = settings.timing.leg_return_speed
+    # leg_return_speed limits the peak of the minimum-jerk motion, not its mean.
     ticks = round(PEAK_SPEED_RATIO * farthest / speed / robot.cycle)
     for number in range(1, ticks + 1):
         measurement = tick(start + distance * minimum_jerk(number / ticks), stiffness)

@@ -105,6 +105,7 @@ class SensorKeys:
         try:
             # A missing value is None, which becomes NaN.
             values = np.array(answer, dtype=np.float64)
+        # One text among the values must not cost the others: they are converted one by one, which is slower.
         except (TypeError, ValueError):
             values = np.array([_number(value) for value in _listed(answer)])
         commanded = None
@@ -118,6 +119,7 @@ class SensorKeys:
         values.setflags(write=False)  # part of measurements, which are immutable
         part = {group: values[place] for group, place in self._places.items()}
         return Values(
+            # NaN only of a robot that may lack any key (`complete=False`).
             shown=int(np.nan_to_num(values[self._time])),
             position=part["position"],
             current=part["current"],

@@ -167,6 +167,7 @@ class Restoration:
             except PepperError as error:
                 left.append(change.text)
                 logger.warning("not given back: %s (%s)", change.text, error)
+                # One short call after a time-out: else each change would wait its full time for a robot that hangs.
                 answers = not isinstance(error, CallTimeoutError | NotConnectedError) or _alive(
                     connection, self._alive_time
                 )
@@ -183,6 +184,7 @@ class Restoration:
 def _alive(connection: Connection, timeout: float) -> bool:
     try:
         connection.call("ALMotion", "robotIsWakeUp", timeout=timeout)
+    # An error is a reply too: the robot is alive.
     except (MissingServiceError, ServiceError):
         return True
     except PepperError:
@@ -262,6 +264,7 @@ class TakeOver:
         """
         try:
             self._disable_others()
+        # Also on Ctrl-C: half of the robot's protections would stay off.
         except BaseException:
             self.restore()
             raise
@@ -290,12 +293,15 @@ class TakeOver:
             self._end_life()
         if policy.touch == "off":
             self._stop_touch()
+        # Tasks in progress would go on commanding the joints.
         self._call_if_there("ALMotion", "killAll")
+        # Asked again: some robots lie down when autonomous life ends.
         if not awake(self._connection):
             self._wake_up(rest_in_the_end=not woken)
         for switch, must in chosen(policy):  # after waking up, which switches most of them on
             if self._is_on(switch):
                 self._switch_off(switch, must=must)
+        # False: where ALMotion sent the joints, not where they are measured.
         posture = self._call_if_there("ALMotion", "getAngles", list(self._robot.joint_names), False)
         if posture is not None:
             self.posture = np.array(posture, dtype=float)
@@ -316,6 +322,7 @@ class TakeOver:
 
     def _stop_touch(self) -> None:
         if "ALTouch" in self._connection.service_names:
+            # It is uncertain whether a real robot can start it again.
             self._undo_by("ALTouch", "ALLauncher", "launchLocal", "altouch")
             self._connection.call("ALTouch", "exit")
 
@@ -339,12 +346,14 @@ class TakeOver:
 
     def _switch_off(self, switch: Switch, *, must: bool) -> None:
         setter = f"set{switch.name}Enabled"
+        # Noted first: a call that times out may take effect all the same.
         self._undo_by(switch.text, "ALMotion", setter, *switch.arguments, True)
         reason = ""
         try:
             self._connection.call("ALMotion", setter, *switch.arguments, False)
         except ServiceError as error:
             reason = f" ({error.reason})"
+        # A refusal is final; only an accepted call may take effect a moment later.
         if self._reached(
             lambda: not self._is_on(switch), 0.0 if reason else self._settings.switch_time
         ):

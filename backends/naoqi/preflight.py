@@ -68,6 +68,7 @@ def diagnosis(connection: Connection, robot: RobotConfig) -> tuple[DeviceError, 
         DeviceError(
             device=device,
             text="; ".join(_TEXTS.get(kind, kind) for kind in finding.kinds),
+            # Level None: only its key reports the device, because a summary names those of the gravest level alone.
             serious=finding.level == CRITICAL
             or (finding.level != 0 and any(name in device for name in moving)),
         )
@@ -101,6 +102,7 @@ def _keys(connection: Connection, found: dict[str, _Finding]) -> bool:
     except (MissingServiceError, ServiceError):
         return False
     for name, value in zip(names, values, strict=False):
+        # Names of devices may hold slashes.
         _, kind, *device, _ = name.split("/")
         if isinstance(value, int | float) and value != 0:
             finding = found.setdefault("/".join(device), _Finding())
@@ -155,6 +157,7 @@ def _checks(
     yield check_limits(position, robot, safety)
     keys = [names.temperature_status.format(joint=joint) for joint in robot.joint_names]
     status = np.array(_numbers(connection, robot, keys))
+    # NaN is not above: a robot without this key is not refused for it.
     hot = status > settings.temperature_status
     yield rated(
         "motors",
@@ -164,6 +167,7 @@ def _checks(
         failure=bool(hot.any()),
         remedy="let the robot rest and cool down",
     )
+    # With ?wake=1 it is woken up after these checks.
     asleep = not (may_sleep or awake(connection))
     yield rated(
         "motors",
@@ -236,6 +240,7 @@ def preflight(
             f"{robot.cycle * 1000:g} ms; with ?mode=angles it moves through ALMotion, slower, and touch is not detected"
         )
     values = connection.call("ALMemory", "getListData", list(keys))
+    # ALMemory replies None for a key that does not exist (NAOqi 2.5.10, ALMemory).
     missing = [key for key, value in zip(keys, values, strict=True) if not is_number(value)]
     if missing:
         more = f" and {len(missing) - 3} more" if len(missing) > 3 else ""

@@ -167,6 +167,7 @@ class NaoqiRobot(Serial, RemotePushMixin):
         if self._state == "active":
             raise BackendError(f"'{self._address.uri}' is already active")
         self._presence = Presence(connection, force=self._force, clock=self._clock)
+        # Before anything is switched off: a second driver must not change what the first relies on.
         self._presence.begin()
         try:
             check_robot(connection, self._robot, self._settings, self._safety, may_sleep=self._wake)
@@ -178,10 +179,12 @@ class NaoqiRobot(Serial, RemotePushMixin):
                 wake=self._wake,
                 clock=self._clock,
             )
+            # After the checks: a robot that is refused is left as it was.
             self._take_over.begin()
         except BaseException:
             self._presence.end()
             raise
+        # Before the ramp: deactivate() lowers the stiffness again in this state only.
         self._state = "active"
         try:
             self._held, measurement = self._ramp_up()
@@ -215,6 +218,7 @@ class NaoqiRobot(Serial, RemotePushMixin):
         self._check_connection()
         position, stiffness, wheel_speed = checked_command(command, len(self._robot.joint_names))
         stiffness = np.minimum(np.maximum(stiffness, 0.0), 1.0)
+        # A copy: the caller may change its array, and the history of commands keeps this one.
         self._write(position.copy(), stiffness, wheel_speed)
 
     @serial
@@ -236,7 +240,9 @@ class NaoqiRobot(Serial, RemotePushMixin):
                 connection.close()
                 self._lost = True
         finally:
+            # Also after an error: without this the robot's own protections would stay off.
             take_over.restore()
+            # Last: no other driver may begin before everything is restored.
             presence.end()
 
     @serial
@@ -267,8 +273,10 @@ class NaoqiRobot(Serial, RemotePushMixin):
         """Connect, and see who that is."""
         self._disconnect()
         if self._secret is None:
+            # Kept: a connection that is opened again must not ask in the terminal again.
             self._secret = find_secret(self._address)
         self._lost = False
+        # `_lost` is cleared before: from here on a thread of the library may set it.
         self._connection = connect(self._address, self._secret, self._on_lost, self._settings)
         try:
             found = preflight(self._connection, self._robot, self._needed, need_dcm=self.NEED_DCM)
@@ -282,6 +290,7 @@ class NaoqiRobot(Serial, RemotePushMixin):
         if simulated:
             capabilities |= {"push", "grab"}
         delay, identity = self._described(found)
+        # Models of one mode do not fit another, so parents get the suffix too.
         mode = identity.removeprefix(found.body_id)
         self._info = BackendInfo(
             joint_names=self._robot.joint_names,

@@ -106,6 +106,7 @@ class NaoqiRobotServices(RobotServices):
     def _by_itself(self, method: str, what: str, *, awake: bool) -> None:
         self._check_inactive(what)
         self._call("wake", method, timeout=self._settings.posture_time)
+        # wakeUp and rest do not report whether the robot did it.
         if bool(self._call("wake", "robotIsWakeUp")) is not awake:
             raise BackendError(
                 f"'{self._uri}' does not {what}; press the chest button once, its notifications say why"
@@ -120,6 +121,7 @@ class NaoqiRobotServices(RobotServices):
         return self._connection().call(SERVICES[ability], method, *arguments, timeout=timeout)
 
     def _check_inactive(self, what: str) -> None:
+        # The last command to a joint wins: two programs that command it make it shake.
         if self._is_active():
             raise BackendError(
                 f"'{self._uri}' cannot {what} by its own program while it is moved from here: deactivate it first"

@@ -63,6 +63,7 @@ class RemotePushMixin(Backend):
         connection = self._connected()
         if method not in self.info.capabilities:
             raise CapabilityError(f"'{self.uri}' cannot {method} itself: only simulated robots can")
+        # Checked on this side too: over qi every error becomes a RuntimeError without its type.
         if isinstance(request, Push):
             check_push(request, self._robot.links)
         else:
@@ -83,6 +84,7 @@ def simulated_plant(connection: Connection, robot: RobotConfig) -> SimulatedPlan
     info = connection.call(SERVICE, "info")
     try:
         backend = make_backend(str(info["uri"]), robot)
+        # A plant given by a file may differ between the two computers.
         same = backend.info.identity == info["identity"]
         problem = "" if same else "here it is another one"
     except PepperError as error:

@@ -38,6 +38,7 @@ def shown(date: int) -> int:
 def dated(shown_: int, near: float) -> int:
     """Return the date nearest to ``near`` that the robot's clock shows as ``shown_``."""
     base = round(near)
+    # The difference wraps at 2^32 ms, so a roll-over between the two has no consequence.
     return base + shown(shown_ - base)
 
 
@@ -79,6 +80,7 @@ class DcmClockEstimate:
         now = reply.received * 1e-6
 
         def doubt(known: tuple[TimeReply, float]) -> float:
+            # The robot may have read its clock at either end of the round trip.
             return known[0].round_trip / 2 + DRIFT * (now - known[0].received * 1e-6)
 
         self._offset = min(self._replies, key=doubt)[1]
@@ -93,6 +95,7 @@ class DcmClockEstimate:
 
 
 def _middle(reply: TimeReply) -> float:
+    # [ms]; half of the round trip is assumed for each direction.
     return (reply.asked + reply.received) * 0.5e-6
 
 
@@ -184,6 +187,7 @@ class CommandScheduler:
     def note_command(self, step: int, number: int, *, sent: bool) -> None:
         """Record that the command of a step was for this cycle, and was sent, or dropped."""
         self._commands_by_cycle[number] = (step, sent)
+        # Cycles ascend in the order of insertion, so the first young one ends the search.
         for old in list(self._commands_by_cycle):
             if old > number - KEPT_CYCLES:
                 break
@@ -203,6 +207,7 @@ class CommandScheduler:
         reached = sample - self._delay
         between = self._was_sent(reached - 1) and self._was_sent(reached + 1)
         if reached in self._commands_by_cycle and (self._was_sent(reached) or between):
+            # The number of commands, not of cycles: one may have been left out between the two.
             return step - self._commands_by_cycle[reached][0]
         for number in reversed(self._commands_by_cycle):
             if number <= reached and self._was_sent(number):
@@ -368,6 +373,7 @@ class JitterBuffer:
         self._late_ticks, self._least_late = _lasting(late, self._late_ticks, self._least_late)
         self._early_ticks, self._least_early = _lasting(-late, self._early_ticks, self._least_early)
         if self._late_ticks == LATER:
+            # By the least: the quickest samples of that time are then those of their ticks.
             self.cycle -= self._least_late
             self._late_ticks = 0
         elif self._early_ticks == SOONER:
@@ -424,6 +430,7 @@ class CommandHistory:
 
         None where it may still follow earlier commands of others. Dates must not decrease.
         """
+        # It is uncertain by one cycle in which of them the DCM shows a command.
         sure = date - self._cycle
         reached = None
         for place, command in enumerate(self._commands):
@@ -432,6 +439,7 @@ class CommandHistory:
         if reached is None:
             return None
         for _ in range(reached):
+            # Dates do not decrease, so no later call needs it.
             self._commands.popleft()
         in_flight = np.array([c.values for c in self._commands if c.sent <= date + self._cycle])
         return in_flight.min(axis=0), in_flight.max(axis=0)

@@ -128,6 +128,7 @@ class DcmActuator:
             start = self._cycle
             if used:
                 self.sent = self._values[used - 1]
+                # Of several commands whose date came since the last cycle, the line begins at the last one.
                 start = max(start, self._dates[used - 1])
                 del self._dates[:used], self._values[:used]
             if self._dates and self._interpolates and start < date:
@@ -179,6 +180,7 @@ class Dcm:
                 raise BackendError(f"no actuator '{key}'")
             if not all(isfinite(value) for value, _ in its):
                 raise BackendError(f"a value for {key} is not finite")
+            # An alias may hold an actuator twice.
             waiting = after[key] if key in after else self.actuators[key].waiting
             dated = [(value, unwrapped(date, now)) for value, date in its]
             after[key] = after_order(waiting, update, dated)
@@ -187,6 +189,7 @@ class Dcm:
                     f"{len(after[key])} commands would wait for {key}, and its buffer holds {BUFFER}; "
                     "nothing of this request was accepted: send fewer, or clear those that wait"
                 )
+        # Only after all checks: a request is accepted as a whole or not at all.
         for key, waiting in after.items():
             self.actuators[key].take(waiting)
 
@@ -282,6 +285,7 @@ def _update(value: object) -> UpdateType:
 
 
 def _value(value: object) -> float:
+    # bool is an int in Python, but no number in a request.
     if not isinstance(value, int | float) or isinstance(value, bool) or not math.isfinite(value):
         raise RequestError(f"a value must be a finite number, got {value!r}")
     return float(value)

@@ -302,6 +302,7 @@ class Schedule:
 
     def _begin(self, entry: _Entry, begin: Callable[[], None]) -> None:
         begin()
+        # Only after success: what did not begin must not be ended.
         entry.begun = True
 
     def _finish(self, identity: tuple[str, ...]) -> None:
@@ -318,10 +319,12 @@ class Schedule:
                     return  # cancelled while it waited for the lock
                 try:
                     action()
+                # On the timer's thread no caller could catch it.
                 except PepperError as error:
                     logger.error("%s", error)
 
         timer = Timer(seconds, act)
+        # A fault that is still to come must not keep the process alive.
         timer.daemon = True
         entry.timers.append(timer)
         timer.start()
@@ -329,5 +332,6 @@ class Schedule:
 
 def _cancel(entry: _Entry) -> None:
     for timer in entry.timers:
+        # A timer that already waits for the lock is not stopped by this: it finds the list empty.
         timer.cancel()
     entry.timers.clear()

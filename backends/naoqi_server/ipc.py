@@ -26,6 +26,7 @@ def make_pair() -> tuple[socket.socket, socket.socket]:
     """Two ends of a connection that keeps packets whole, even if a sender is killed."""
     pair = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
     for end in pair:
+        # Linux refuses a packet that does not fit into the send buffer (EMSGSIZE).
         end.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, 2 * MAX_PACKET_SIZE)
     return pair
 
@@ -112,6 +113,7 @@ class Line:
                     self._handle_request(message["ask"], **message["arguments"])
                 except PepperError as error:
                     answer["error"] = str(error)
+                # Two ends that both wait until the other one reads would hang.
                 send(self._end, answer, wait=False)
         except OSError:
             pass  # closed in the middle of it
@@ -138,6 +140,7 @@ def spawn(
     """
     mine, its = make_pair()
     if first is not None:
+        # Not on the command line: it may hold the token of a login.
         send(mine, dict(first))
     descriptors = {**descriptors, "owner": its.fileno()}
     words = [f"--{name}={value}" for name, value in {**arguments, **descriptors}.items()]

@@ -235,6 +235,7 @@ class StandIn:
         clock = wrapped(int(1000 * time.time()) if self._clock is None else self._clock)
         for fault in self._faults:
             if fault.name == "rollover":
+                # 2^31 ms is the first count that the clock shows as negative.
                 clock = wrapped(SPAN // 2 - round(1000 * float(fault.arguments["in"])))
         config = load_robot()
         devices = load_naoqi_devices(config)
@@ -271,6 +272,7 @@ class StandIn:
             for fault in self._faults:
                 if fault.kind.place not in ("start", "services"):
                     self._control.set(fault)
+        # Also on Ctrl-C: processes that have started must end.
         except BaseException:
             self.stop()
             raise
@@ -311,6 +313,7 @@ class StandIn:
         """Wait until NAOqi is there."""
         ready = wait_until_ready(self.naoqi_process, end)
         self._naoqis_line = Line(end, "NAOqi process", self._control.handle_request)
+        # Kept, so that a NAOqi that is started again has the same port.
         self._naoqi_at = (self._naoqi_at[0], int(ready["port"]))
         self._naoqi_killed = False
 
@@ -338,11 +341,13 @@ class StandIn:
     def signal_naoqi(self, number: int) -> None:
         """Send the NAOqi process a signal; when this returns it has ended after SIGKILL, and stands after SIGSTOP."""
         process = self.naoqi_process
+        # Before the signal: wait(), on another thread, must not report this end.
         self._naoqi_killed = number == signal.SIGKILL
         process.send_signal(number)
         if number == signal.SIGKILL:
             process.wait()
         elif number == signal.SIGSTOP:  # some of its threads may be in the middle of an answer
+            # WNOWAIT: Popen.wait() must still be able to collect the process.
             os.waitid(os.P_PID, process.pid, os.WSTOPPED | os.WEXITED | os.WNOWAIT)
 
     def inject_into_naoqi(self, fault: InjectedFault | None) -> None:
@@ -404,6 +409,7 @@ class StandIn:
     @deferred_signals()
     def stop(self) -> None:
         """End both processes. Does nothing when they have ended."""
+        # First: the end of a fault would start NAOqi again.
         self._control.close()
         if self.proxy is not None:
             self.proxy.close()

@@ -58,6 +58,7 @@ class Memory:
         """
         if key in self._robot.keys:
             value = self._robot.value(key)
+            # The table has floats only; NAOqi gives the time as a whole number.
             return int(value) if key == self._time_key else value
         return self._entry(key).value
 
@@ -84,6 +85,7 @@ class Memory:
         """
         if key not in self._robot.keys:
             return self._entry(key).stamp
+        # Both have 32 bits: the difference wraps, so that a roll-over has no consequence.
         age = wrapped(self._robot.time() - int(self._robot.value(self._time_key)))
         return time.time() - 0.001 * age
 
@@ -105,6 +107,7 @@ class Memory:
     def insert(self, key: str, value: Value) -> None:
         """Insert a value; subscribers of an event of this name are not notified."""
         with self._lock:
+            # The robot overwrites its own keys in each cycle.
             if key in self._robot.keys:
                 return
             entry = self._data.get(key)
@@ -122,6 +125,7 @@ class Memory:
         with self._lock:
             self._data[name] = _Entry(value, time.time(), kind)
             listeners = list(self._listeners.get(name, ()))
+        # Without the lock: a listener may use ALMemory, also from another thread.
         for listener in listeners:
             listener(value)
 

@@ -69,6 +69,7 @@ class Relay:
             self._passing.set()
         if state == "cut":
             for writer in self._writers:
+                # Not close(), which would still send what waits.
                 writer.transport.abort()
 
     async def close(self) -> None:
@@ -114,6 +115,7 @@ class Relay:
         try:
             while True:
                 data = await reader.read(READ_SIZE)
+                # TCP keeps the order: a packet with a short delay waits for the one before it.
                 due = max(due, asyncio.get_running_loop().time() + self._delay())
                 in_flight.put_nowait((due, data))
                 if not data:
@@ -215,6 +217,7 @@ class NetworkProxy:
             ConfigError: The network's file is wrong.
             BackendError: The proxy is closed.
         """
+        # Checked here, where an error reaches the caller.
         load_network(name)
         self._send_change({"network": name})
 

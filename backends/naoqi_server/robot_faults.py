@@ -66,9 +66,11 @@ class Disconnected(RobotFault):
 
     def sensors(self, values: FloatArray) -> None:
         """As they were."""
+        # ALMemory shows the command as if the motor had got it.
         if self._ordered is not None:
             values[self._motor] = self._ordered
         if self._stands is None:
+            # NumPy copies where an array of places selects.
             self._stands = values[self._sensors]
         values[self._sensors] = self._stands
 
@@ -80,6 +82,7 @@ class Dropped(RobotFault):
         self, robot: RobotConfig, keys: Mapping[str, int], arguments: Mapping[str, Value]
     ) -> None:
         self._fraction = float(arguments["fraction"])
+        # The same cycles in each run, so that a test can be repeated.
         self._random = random.Random(0)
         self._shown: FloatArray | None = None
 
@@ -136,6 +139,7 @@ def press(
         **{name: names.bumper.format(bumper=name) for name in sensors.bumpers},
         **{name: names.button.format(button=name) for name in sensors.buttons},
     }
+    # Not commas, which separate the arguments of a fault on the command line.
     names_pressed = str(arguments["sensors"]).split("+")
     for name in names_pressed:
         if name not in known:

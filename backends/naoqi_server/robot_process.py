@@ -314,6 +314,7 @@ def main(arguments: list[str]) -> int:
     except PepperError as error:
         send(owner, {"error": str(error)})
         return 1
+    # A full collection takes longer than a cycle may.
     gc.collect()
     gc.freeze()
     gc.disable()

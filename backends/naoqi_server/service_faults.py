@@ -74,14 +74,17 @@ class ServiceFaults:
 
     def _hold_up(self, service: str, method: str) -> None:
         for slow in self._active("slow", service, method):
+            # Without the lock: calls of other methods must not wait for this one.
             time.sleep(float(slow.fault.arguments["delay"]))
         with self._changed:
             while stalls := self._active("stall", service, method):
+                # A stall may last for ever, and wait() raises OverflowError for infinity.
                 self._changed.wait(min(stalls[0].end - self._clock(), threading.TIMEOUT_MAX))
 
     def _answer(
         self, service: str, method: str, arguments: Sequence[Value], proceed: Callable[[], Value]
     ) -> Value:
+        # Before the call: a refused command must not reach the robot.
         for error in self._active("error", service, method):
             raise BackendError(str(error.fault.arguments["text"]))
         answer = proceed()
@@ -104,6 +107,7 @@ class ServiceFaults:
         now = self._clock()
         return [
             switch
+            # A copy, because other threads set faults meanwhile.
             for switch in list(self._switches.values())
             if switch.fault.name == name
             and switch.begin <= now < switch.end

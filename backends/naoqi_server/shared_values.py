@@ -125,6 +125,7 @@ class Table:
     def __init__(self, file: int, keys: int, robot: RobotConfig) -> None:
         rows = row_type(robot)
         sizes = [8 * _HEADER, _INFO, 2 * 8 * keys, KEPT_CYCLES * rows.itemsize]
+        # Whichever process maps the file first makes it large enough.
         if os.fstat(file).st_size < sum(sizes):
             os.ftruncate(file, sum(sizes))
         memory = mmap.mmap(file, sum(sizes))
@@ -139,6 +140,7 @@ class Table:
         """Descriptor of a new file in memory, removed with the last process that has it."""
         folder = "/dev/shm" if os.path.isdir("/dev/shm") else None
         with tempfile.TemporaryFile(dir=folder) as file:
+            # The file has no name: the duplicate keeps it after the block.
             return os.dup(file.fileno())
 
     def start(self, clock: DcmClock, info: Mapping[str, Any]) -> None:
@@ -151,6 +153,7 @@ class Table:
         """Show the values of a cycle to the readers."""
         count = int(self._header[_COUNT]) + 1
         self._values[count & 1] = values
+        # Last: from now on readers take this half.
         self._header[_COUNT] = count
 
     def record(self, row: tuple[Any, ...]) -> None:
@@ -169,6 +172,7 @@ class Table:
         for _ in range(100):
             count = int(self._header[_COUNT])
             values: FloatArray = self._values[count & 1].copy()
+            # Else the writer may already fill this half again.
             if int(self._header[_COUNT]) == count:
                 return values
         raise BackendError("the stand-in's table cannot be read: this process is far too slow")

@@ -247,6 +247,7 @@ class MotionEngine:
         stiffness = self._actuators.stiffness()  # of a robot that stayed awake while NAOqi was down
         sensed, _ = self._actuators.read()
         self.joints = Joints(self.body, self.idle, settings, sensed, list(stiffness))
+        # In ALMotion only waking up and resting change the stiffness of the legs.
         self.awake = self.body.legs <= self.joints.stiff
         self.wheel_stiffness = float(self.awake)
         self.on_cycle: list[Callable[[], None]] = []
@@ -277,14 +278,17 @@ class MotionEngine:
         Raises:
             BackendError: The robot does not answer.
         """
+        # Near the last one, so that a roll-over of the robot's clock has no consequence.
         date = unwrapped(self._robot.time(), self._date)
         dt = min((date - self._date) / 1000, LONGEST_STEP)
+        # Speeds are differences divided by this time.
         if dt <= 0:
             return
         self._date = date
         sensed, wheel_speeds = self._actuators.read()
         with self.lock:
             orders = self._step(sensed, wheel_speeds, dt)
+        # ClearAll: a joint that gets stiffness must not follow commands that wait from before.
         self._actuators.order_angles(date, orders.fresh, "ClearAll")
         self._actuators.order_angles(date, orders.angles)
         self._actuators.order_stiffnesses(date, orders.stiffnesses)
@@ -292,6 +296,7 @@ class MotionEngine:
             self._actuators.order_wheel_stiffness(date, orders.wheel_stiffness)
         if orders.wheels is not None:
             self._actuators.order_wheels(date, orders.wheels)
+        # Without the lock: callbacks raise events, and listeners may call ALMotion.
         for callback in self.on_cycle:
             callback()
 
@@ -344,5 +349,6 @@ class MotionEngine:
             ) as error:  # the robot has ended or was stopped: nothing is left to move
                 logger.warning("ALMotion: %s", error)
                 self.closed.wait(1.0)
+            # Missed cycles are not made up for: a process that was stopped continues where it was.
             due = max(due + self._settings.cycle, time.monotonic())
             self.closed.wait(due - time.monotonic())

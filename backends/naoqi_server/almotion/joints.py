@@ -269,6 +269,7 @@ class Joints:
             for joint in task.joints if task.running and task.what == "angle" else ():
                 speed = abs(self.velocity[joint])
                 if speed > MIN_MOVING_SPEED:
+                    # Of an even deceleration to rest within `rise`.
                     distance = self.velocity[joint] * self._settings.rise / 2
                     fraction = speed / self._body.speed[joint]
                     self.set_target(joint, self.command[joint] + distance, fraction)
@@ -281,6 +282,7 @@ class Joints:
         ]
         self.sensed = sensed
         before = list(self.command)
+        # The order is that of priority: a joint that was used already is left alone by what follows.
         self.used = self._follow_tasks(dt)
         self._follow_targets(dt)
         self._idle_on(dt)
@@ -289,6 +291,7 @@ class Joints:
         self._limp = set(range(len(sensed))) - stiff
         for joint, last in enumerate(before):
             if joint in self._limp:
+                # ALMotion takes a joint without stiffness to be where it is measured.
                 self.command[joint] = self._anchors[joint] = sensed[joint]
                 self._targets.pop(joint, None)
             else:
@@ -328,6 +331,7 @@ class Joints:
                     self.tasks.end(task, completed=True)
 
     def _follow_targets(self, dt: float) -> None:
+        # A copy, because targets that are reached are removed.
         for joint, (angle, speed) in list(self._targets.items()):
             if joint not in self.used:
                 self._approach(joint, angle, speed, dt)
@@ -350,6 +354,7 @@ class Joints:
             self.velocity[joint],
             angle,
             speed=speed,
+            # Enough to stop the present speed, which may be higher than the one asked for now.
             acceleration=max(speed, abs(self.velocity[joint])) / self._settings.rise,
             dt=dt,
         )

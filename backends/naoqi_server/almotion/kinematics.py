@@ -113,6 +113,7 @@ def number(value: object, where: str, what: str) -> float:
     Raises:
         CallError: It is of another type.
     """
+    # `not <` refuses NaN too.
     if isinstance(value, bool) or not isinstance(value, Real) or not abs(float(value)) < 1e9:
         raise CallError(where, f"{what} must be a number, got {value!r}")
     return float(value)
@@ -221,6 +222,7 @@ class Kinematics:
         while link in self._links:
             step = self._links[link]
             if step.joint is not None:
+                # In a URDF the joint turns in the child's frame, behind the fixed origin.
                 pose = _turned(step.axis, angles[step.joint]) @ pose
             pose = step.origin @ pose
             link = step.parent
@@ -230,6 +232,7 @@ class Kinematics:
 def position6(pose: FloatArray) -> list[float]:
     """x, y, z [m], wx, wy, wz [rad] of a (4, 4) transform; it turns by Rz(wz) Ry(wy) Rx(wx)."""
     turn = pose[:3, :3]
+    # asin would lose digits near 90 deg, and fail where rounding takes its argument beyond 1.
     wy = atan2(-turn[2, 0], hypot(turn[0, 0], turn[1, 0]))
     wx = atan2(turn[2, 1], turn[2, 2])
     wz = atan2(turn[1, 0], turn[0, 0])

@@ -130,6 +130,7 @@ class Waking:
         """
         self._memory.raise_event(PREFIX + "wakeUpStarted", True)
         with self._motion.lock:
+            # As drivers found on robots: what a client had switched off is on again afterwards.
             self._motion.reflexes.wake_up()
             awake = self._motion.awake
             if not awake:

@@ -48,6 +48,7 @@ class DriveLimits:
 
     def duration(self, length: float, angle: float) -> float:
         """[s] of a minimum-jerk motion over a length [m] and an angle [rad] that keeps all limits."""
+        # Minimum jerk: largest acceleration 10 / sqrt(3) = 5.774 d / T^2, largest jerk 60 d / T^3 (motion_profile.py).
         longest: float = max(
             PEAK_SPEED_RATIO * length / self.speed,
             (5.774 * length / self.acceleration) ** 0.5,
@@ -134,6 +135,7 @@ class AlmotionBase:
         self._interrupt()
         speed = hypot(twist[0], twist[1])
         if speed > limits.speed:
+            # One factor for x and y, so that the direction stays.
             twist = twist * [limits.speed / speed, limits.speed / speed, 1.0]
         self._target = np.array([twist[0], twist[1], np.clip(twist[2], -limits.turn, limits.turn)])
         self._limits = limits
@@ -191,6 +193,7 @@ class AlmotionBase:
         close, straight = self._settings.move_tolerance
         late = move.elapsed - move.duration
         there = late >= 0 and hypot(error[0], error[1]) < close and abs(error[2]) < straight
+        # A base that cannot get there must not hold up its caller for ever.
         if there or late > self._settings.move_patience:
             self._move = None
             move.end(succeeded=True)

@@ -114,6 +114,7 @@ def _guarded(service: str, method: Callable[..., Any], faults: ServiceFaults) ->
         except Exception as error:
             if not isinstance(error, PepperError | ValueError | LookupError):
                 _log.warning("%s.%s failed", service, name, exc_info=True)
+            # An exception out of a bound method would reach the client with its traceback.
             failed = qi.Promise()
             text = str(error)
             failed.setError(

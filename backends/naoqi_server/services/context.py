@@ -59,6 +59,7 @@ class Voice:
         with self._changed:
             number = self._last = self._last + 1
         self._notify("Status", [number, "enqueued"])
+        # A robot has one voice: texts of all services wait for each other.
         with self._turn:
             self._record.add(service, "say", text, language)
             plain = spoken(text)
@@ -69,6 +70,7 @@ class Voice:
             rate = self._settings.characters * self.parameters["speed"] / 100
             seconds = self._settings.start + len(plain) / rate
             with self._changed:
+                # By number, because stop() also ends texts that have not begun.
                 stopped = self._changed.wait_for(lambda: number <= self._stopped, seconds)
             self._notify("TextInterrupted" if stopped else "TextDone", 1)
             self._notify("TextStarted", 0)
@@ -161,6 +163,7 @@ class Context:
 class MotionCalls:
     """Calls that use the writer of ALMotion. A motion that takes its time does not hold up the others."""
 
+    # By default qi serves one call at a time of a Python object.
     __qi_threading__ = "multi"
 
     def __init__(self, context: Context) -> None:

@@ -67,6 +67,7 @@ class DcmService:
     def _order(
         self, keys: list[str], update: UpdateType, commands: list[list[TimedCommand]]
     ) -> None:
+        # Actuators that do not exist keep their places in an alias, and commands for them do nothing.
         known = [place for place, key in enumerate(keys) if key]
         self._robot.order(
             [keys[place] for place in known], update, [commands[place] for place in known]
@@ -214,6 +215,7 @@ class MemoryService:
             self._memory.listen(name, lambda value: self._notify(name, value))
 
     def _notify(self, name: str, value: Value) -> None:
+        # A copy, because clients subscribe and unsubscribe meanwhile.
         for (event, module), (method, message) in list(self._modules.items()):
             if event == name:
                 self._call(module, method, name, value, message)

@@ -116,6 +116,7 @@ Colour = tuple[float, float, float]
 class LedsService:
     """Lights. Animations take their time; colours that fade too."""
 
+    # By default qi serves one call at a time of a Python object.
     __qi_threading__ = "multi"
 
     def __init__(self, context: Context) -> None:
@@ -180,6 +181,7 @@ class LedsService:
         actuators = self._actuators(name, where)
         self._record.add("ALLeds", "fade", name, level, seconds)
         self._light(dict.fromkeys(actuators, level), seconds)
+        # The DCM fades by itself: only the caller waits.
         time.sleep(seconds)
 
     @blocking
@@ -260,6 +262,7 @@ class LedsService:
         """Order intensities, each reached in ``seconds`` from now on."""
         when = wrapped(self._robot.time() + round(1000 * seconds))
         values = [[(min(max(level, 0.0), 1.0), when)] for level in levels.values()]
+        # ClearAll: a new colour takes the place of a fade that goes on.
         self._robot.order([self._prefix + actuator for actuator in levels], "ClearAll", values)
 
     def _actuators(self, name: object, where: str) -> list[str]:

@@ -87,6 +87,7 @@ class PostureService:
             raise CallError(where, f"the speed must be above 0, at most 1: {fraction}")
         with self._lock:
             task = self._task = self._postures.go(str(name), fraction)
+        # Without the lock, so that stopMove() can end it.
         return task.wait() and self._postures.reached(str(name))
 
     def _notify(self) -> None:

@@ -45,6 +45,7 @@ CAMERAS = {0: "CameraTop", 1: "CameraBottom", 2: "CameraDepth", 3: "CameraStereo
 FIELD = (radians(56.3), radians(43.7))
 """[rad] Width and height of what is seen. NAOqi 2.8 page "2D Cameras"."""
 
+# A signature of libqi: i is a 32-bit integer, f a float, r raw bytes.
 IMAGE = "(iiiiiiriffff)"
 """Width, height, layers, colour space, seconds, microseconds, bytes, camera, then left, top, right, bottom [rad]."""
 

@@ -136,6 +136,7 @@ class JointCalls(MotionCalls):
         task = AlmotionTask(name=name, what="angle", joints=frozenset(joints), make=make)
         with self._motion.lock:
             self._motion.joints.tasks.add(task)
+        # Without the lock, which the writer needs to move the joints.
         task.wait()
 
 
@@ -163,6 +164,7 @@ def _points(row: object, times: Sequence[float], where: str) -> list[Point]:
                 raise CallError(where, "a handle is [interpolation type, time, angle]")
             _, *offset = (number(part, where, "a part of a handle") for part in handle)
             offsets.append((offset[0], offset[1]))
+        # A handle that is not given has no length: without both, the segment is straight.
         before, after = (*offsets, (0.0, 0.0), (0.0, 0.0))[:2]
         angle = number(angle, where, "an angle")
         points.append(Point(time=time, value=angle, before=before, after=after))
@@ -234,6 +236,7 @@ class StiffnessCalls(MotionCalls):
         )
         with self._motion.lock:
             self._motion.joints.tasks.add(task)
+        # Without the lock, which the writer needs to change the stiffness.
         task.wait()
 
     def _allowed(self, joints: Sequence[int], where: str) -> frozenset[int]:
@@ -392,6 +395,7 @@ class ToolCalls(MotionCalls):
         for joint in body.groups["Joints"]:
             name = body.name(joint)
             velocity = self._motion.joints.sensed_velocity[joint]
+            # The measured current is absolute, so this torque has no sign.
             torque = values[self._currents[joint]] * self._torque_per_ampere[joint]
             self._memory.insert(f"Motion/Velocity/Sensor/{name}", velocity)
             self._memory.insert(f"Motion/Torque/Sensor/{name}", torque)

@@ -26,6 +26,7 @@ class BaseCalls(MotionCalls):
     def __init__(self, context: Context) -> None:
         super().__init__(context)
         names = context.config.naoqi
+        # The flap over the charging socket: while it is open a cable may be in it.
         self._hatch = names.prefix + "Platform/ILS/Sensor/Value"
         self._bumpers = [
             names.prefix + names.bumper.format(bumper=bumper)
@@ -68,6 +69,7 @@ class BaseCalls(MotionCalls):
             return False
         with self._motion.lock:
             move = self._motion.base.move(way, limits, least)
+        # Without the lock, which the writer needs to drive.
         return move.wait()
 
     @blocking

@@ -44,6 +44,7 @@ SPEEDS = (50.0, 400.0)
 class SpeechService:
     """``ALTextToSpeech``."""
 
+    # By default qi serves one call at a time of a Python object.
     __qi_threading__ = "multi"
 
     def __init__(self, context: Context) -> None:

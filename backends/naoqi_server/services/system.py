@@ -250,6 +250,7 @@ class DiagnosisService:
             if self._memory.get(_key(kind, device))
         }
         worst = max(broken.values(), default=0)
+        # Only the gravest level, as on the page "ALDiagnosis API".
         return [worst, [device for device in broken if broken[device] == worst]] if broken else []
 
 
