@@ -37,7 +37,7 @@ class CheckStatus(Enum):
     OK = "ok"
     WARNING = "warning"
     FAILED = "FAILED"
-    UNKNOWN = "not known here"
+    UNKNOWN = "unknown"
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

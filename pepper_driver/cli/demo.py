@@ -150,7 +150,7 @@ def _table(result: DemoResult, console: Console) -> None:
         title=f"{result.simulated_seconds:.1f} s in simulation, {result.uri}", title_justify="left"
     )
     counts = ("pushes", "detected", "missed", "false", "rebounds", "saturated")
-    for name in (*counts, "direction right", "median delay"):
+    for name in (*counts, "right sign", "median delay"):
         table.add_column(name, justify="right")
     median = summary["delay_ms"]["median"]
     table.add_row(

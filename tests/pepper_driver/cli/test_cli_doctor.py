@@ -27,7 +27,7 @@ def table(text: str) -> dict[str, str]:
     rows = {}
     for line in text.splitlines():
         outcome, name = line[:15].strip(), line[16:32].strip()
-        if outcome in ("ok", "warning", "FAILED", "not known here") and name:
+        if outcome in ("ok", "warning", "FAILED", "unknown") and name:
             rows[name] = outcome
     return rows
 
@@ -49,7 +49,7 @@ def test_a_robot_without_models_is_not_moved(capsys: pytest.CaptureFixture[str])
     captured = capsys.readouterr()
     rows = table(captured.out)
     assert rows["models"] == "FAILED"
-    assert rows["motion"] == "not known here"
+    assert rows["motion"] == "unknown"
     assert "not moved: a check failed" in captured.out
     assert "pepper identify" in " ".join(captured.out.split()).replace("'pepper", "pepper")
 
