@@ -150,8 +150,10 @@ def _table(result: DemoResult, console: Console) -> None:
         title=f"{result.simulated_seconds:.1f} s in simulation, {result.uri}", title_justify="left"
     )
     counts = ("pushes", "detected", "missed", "false", "rebounds", "saturated")
-    for name in (*counts, "right sign", "median delay"):
-        table.add_column(name, justify="right")
+    for name in counts:
+        table.add_column(name, justify="right", no_wrap=True)
+    for name, width in (("right sign", 7), ("median delay", 6)):  # in all 80 columns
+        table.add_column(name, justify="right", width=width)
     median = summary["delay_ms"]["median"]
     table.add_row(
         *(str(summary[name]) for name in counts),
