@@ -1,14 +1,11 @@
 """Taking a robot over from NAOqi, and giving it back whatever happened meanwhile."""
 
 import logging
-import os
-import signal
 import subprocess
 import sys
 import time
 from collections.abc import Iterator
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -20,6 +17,7 @@ from pepper_driver.config import NaoqiSettings, load_naoqi_settings
 from pepper_driver.config.naoqi import TakeOverSettings
 from support import ROOT as CHECKOUT
 from support.naoqi_fakes import ROBOT, FakeRobot, address_of
+from support.processes import suspend
 from support.stand_ins import patient_driver
 
 pytestmark = pytest.mark.usefixtures("qi")
@@ -269,9 +267,7 @@ def test_a_robot_that_hangs_is_not_waited_for() -> None:
             connection = connect(address_of(process.stdout.readline().strip()))
             taken = take_over(connection)
             taken.begin()
-            os.kill(process.pid, signal.SIGSTOP)
-            while Path(f"/proc/{process.pid}/stat").read_text().split()[2] != "T":
-                time.sleep(0.01)
+            suspend(process.pid)
             started = time.monotonic()
             taken.restore()
             connection.close()

@@ -26,6 +26,7 @@ from pepper_driver.backends.naoqi.connection import (
 )
 from pepper_driver.config import NaoqiSettings, PepperError, load_naoqi_settings
 from support.naoqi_fakes import FakeRobot, address_of
+from support.processes import suspend
 from support.waiting import PATIENCE
 
 pytestmark = pytest.mark.usefixtures("qi")
@@ -217,7 +218,7 @@ def test_somebody_listens_and_says_nothing(scheme: str) -> None:
 
 def test_a_robot_that_hangs_while_one_connects() -> None:
     with other_process() as (process, uri):
-        os.kill(process.pid, signal.SIGSTOP)
+        suspend(process.pid)
         error = failure(uri, settings=QUICK_PROBE)
     assert "takes connections and says nothing" in str(error)
 
@@ -328,7 +329,7 @@ def test_a_robot_that_hangs_holds_nobody_up() -> None:
     with other_process() as (process, uri):
         connection = connect(address_of(uri), settings=QUICK_CALL)
         connection.service("Slow", PATIENCE)
-        os.kill(process.pid, signal.SIGSTOP)
+        suspend(process.pid)
         started = time.monotonic()
         with pytest.raises(CallTimeoutError):
             connection.call("Slow", "wait", 0.0)

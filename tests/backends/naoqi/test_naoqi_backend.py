@@ -40,6 +40,7 @@ from pepper_driver.realtime import (
     realtime_process,
     realtime_thread,
 )
+from support.processes import suspend
 from support.stand_ins import PATIENT, SILENCE, patient_driver, since
 from support.waiting import wait_until
 
@@ -354,8 +355,7 @@ def test_a_robot_that_hangs_is_left_as_it_is(
     backend.open()
     start = held(backend.activate())
     run(backend, 30, lambda _: start, wheels=np.array([1.0, -1.0, 0.0]))
-    os.kill(robot.naoqi_process.pid, signal.SIGSTOP)
-    os.waitid(os.P_PID, robot.naoqi_process.pid, os.WSTOPPED | os.WNOWAIT)
+    suspend(robot.naoqi_process.pid)
     hung = time.monotonic()
     turn = np.array([1.0, -1.0, 0.0])
     last = run(backend, 500, lambda _: start, turn, until=lambda m: m.age > 0.3)[-1]

@@ -22,6 +22,7 @@ from pepper_driver.config import PepperError, load_naoqi_settings, load_robot
 from pepper_driver.config.arrays import FloatArray
 from pepper_driver.config.loading import package_file
 from support.naoqi_fakes import address_of
+from support.processes import suspend
 from support.stand_ins import SILENCE, patient_driver, since
 from support.waiting import wait_until
 
@@ -309,7 +310,7 @@ def test_a_robot_that_hangs_in_angles_mode(robot: StandIn, angles: AnglesBackend
     angles.open()
     hold = angles.activate()
     sway(angles, hold.position, 60)
-    os.kill(robot.naoqi_process.pid, signal.SIGSTOP)
+    suspend(robot.naoqi_process.pid)
     try:
         ages = sway(angles, hold.position, 40)
         assert ages[-1] > 0.3
