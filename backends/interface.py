@@ -20,6 +20,7 @@ from pepper_driver.backends.simulated import Grab, Push, SimulatedPlant, Truth
 from pepper_driver.config import PepperError, RobotIdentity
 from pepper_driver.config.arguments import real_array
 from pepper_driver.config.arrays import FloatArray
+from pepper_driver.config.clock import SYSTEM_CLOCK, Clock
 from pepper_driver.config.contact_specs import Axes
 from pepper_driver.config.errors import shown
 
@@ -140,9 +141,11 @@ class Backend(ABC):
     Attributes:
         real_time: True where time passes by itself: ``read`` does not wait, its caller does, once a cycle. False where
             each ``read`` simulates one cycle.
+        clock: Time by which its caller waits, where time passes by itself.
     """
 
     real_time: bool = False
+    clock: Clock = SYSTEM_CLOCK
 
     @property
     @abstractmethod

@@ -6,7 +6,6 @@ from collections import deque
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
-from time import perf_counter_ns
 
 import numpy as np
 
@@ -150,21 +149,21 @@ class Loop:
         the cycle is logged all the same.
 
         Args:
-            due: When it was to begin, by ``perf_counter_ns``; None where ticks do not wait.
+            due: When it was to begin, by the clock of the backend [ns]; None where ticks do not wait.
             missed: Ticks before it that never began.
 
         Raises:
             FaultError: The safety gate stopped the robot, in this cycle or before.
         """
-        gate, cause = self._gate, None
+        gate, cause, now = self._gate, None, self._backend.clock.now
         if gate.fault is not None:
             self.halt()
             raise FaultError(gate.fault)
         self._missed += missed
-        marks = [perf_counter_ns()]
+        marks = [now()]
         measurement = self._backend.read()
         truth = self._backend.truth.sample() if self._log is not None and self._logs_truth else None
-        marks.append(perf_counter_ns())
+        marks.append(now())
         answered, unmatched = self._match_command(measurement)
         tick = _tick(measurement, answered)
         observation: Observation | None = None
@@ -175,13 +174,13 @@ class Loop:
             events += self._sensors.step(measurement)
             if self.observer is not None:
                 observation = self.observer.step(tick)
-            marks.append(perf_counter_ns())
+            marks.append(now())
             events += self.arbiter.step(observation, measurement)
-            marks.append(perf_counter_ns())
+            marks.append(now())
             reference = self._controller.step(measurement, tick.sent.position)
-            marks.append(perf_counter_ns())
+            marks.append(now())
             sent = self._pass_gate(reference, measurement, tick)
-            marks.append(perf_counter_ns())
+            marks.append(now())
         except Exception as error:
             # An observer's or a reflex's mistake must not leave the robot moving.
             gate.stop(FaultReason.EXCEPTION, describe_failure(error))
@@ -190,7 +189,7 @@ class Loop:
             self._backend.write(sent.sent)
             self._in_flight.append(sent)
             self._written += 1
-            marks.append(perf_counter_ns())
+            marks.append(now())
         try:
             record = TickRecord(
                 tick=tick,
@@ -199,12 +198,12 @@ class Loop:
                 unmatched=unmatched,
                 truth=truth,
                 labels=labels,
-                tick_end=np.nan if due is None else (perf_counter_ns() - due) * 1e-9,
+                tick_end=np.nan if due is None else (now() - due) * 1e-9,
                 missed=self._missed,
             )
             if self._log is not None:
                 self._log.append(record)
-            marks.append(perf_counter_ns())
+            marks.append(now())
             self.latest = record
             self._publish(record)
         finally:  # also if a listener raises: a fault must reach the robot
@@ -212,7 +211,7 @@ class Loop:
                 self.halt()
         if gate.fault is not None:
             raise FaultError(gate.fault) from cause
-        marks.append(perf_counter_ns())
+        marks.append(now())
         self.times.add(marks, age=measurement.age, due=due, missed=missed)
         return record
 

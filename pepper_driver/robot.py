@@ -225,7 +225,9 @@ class Pepper(CallbackRegistry):
             self._controller_settings,
             self._safety_settings,
             dispatcher=self._make_dispatcher(),
-            pacer=RealTimePacer(self.config.cycle, self.backend) if self.paced else Pacer(),
+            pacer=RealTimePacer(self.config.cycle, self.backend, clock=self.backend.clock)
+            if self.paced
+            else Pacer(),
             changes=self._changes,
             metadata=self.run_metadata,
             loop_thread=self._loop_thread,

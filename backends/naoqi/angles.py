@@ -17,7 +17,7 @@ import numpy as np
 from pepper_driver.backends.fields import Measurement
 from pepper_driver.backends.interface import BackendError
 from pepper_driver.backends.naoqi.address import Address
-from pepper_driver.backends.naoqi.connection import Call, Connection
+from pepper_driver.backends.naoqi.connection import Call, Connect, Connection, connect
 from pepper_driver.backends.naoqi.handover import cycle_timer
 from pepper_driver.backends.naoqi.memory_keys import VALUES, SensorKeys, Values
 from pepper_driver.backends.naoqi.preflight import Preflight
@@ -71,11 +71,11 @@ class AnglesChannel:
         self.places = [robot.joint_index(name) for name in self.soft]
         motion, memory = connection.service("ALMotion"), connection.service("ALMemory")
         uri = connection.address.uri
-        self._angles = Call(motion, "getAngles", uri)
-        self._sensors = Call(memory, "getListData", uri)
-        self._order = Call(motion, "setAngles", uri)
-        self._stiffness_order = Call(motion, "setStiffnesses", uri)
-        self._stiffnesses = Call(motion, "getStiffnesses", uri)
+        self._angles = Call(motion, "getAngles", uri, clock=clock)
+        self._sensors = Call(memory, "getListData", uri, clock=clock)
+        self._order = Call(motion, "setAngles", uri, clock=clock)
+        self._stiffness_order = Call(motion, "setStiffnesses", uri, clock=clock)
+        self._stiffnesses = Call(motion, "getStiffnesses", uri, clock=clock)
         self._unknown = self._found = np.full(len(self._joints), np.nan)
         self._sent_meanwhile = False
         position = self._position_of(connection.call("ALMotion", "getAngles", self._joints, True))
@@ -230,6 +230,8 @@ class AnglesBackend(NaoqiRobot):
         *,
         wake: bool = False,
         force: bool = False,
+        clock: Clock = SYSTEM_CLOCK,
+        connect: Connect = connect,
     ) -> None:
         policy = replace(
             settings.take_over,
@@ -241,7 +243,16 @@ class AnglesBackend(NaoqiRobot):
             fall_manager="keep",
             push_recovery="keep",
         )
-        super().__init__(address, robot, settings, policy=policy, wake=wake, force=force)
+        super().__init__(
+            address,
+            robot,
+            settings,
+            policy=policy,
+            wake=wake,
+            force=force,
+            clock=clock,
+            connect=connect,
+        )
         self._link: AnglesChannel | None = None
         self._moving = self._warned = False
 
@@ -255,7 +266,7 @@ class AnglesBackend(NaoqiRobot):
     def _begin(self, connection: Connection) -> Measurement:
         keys = SensorKeys(self._robot, complete=False)
         self._link = AnglesChannel(
-            connection, self._robot, keys, self._settings.angles, clock=self._clock
+            connection, self._robot, keys, self._settings.angles, clock=self.clock
         )
         return self._link.newest
 
@@ -272,13 +283,13 @@ class AnglesBackend(NaoqiRobot):
         before[link.places] = connection.call("ALMotion", "getStiffnesses", link.soft)
         cycle = self._robot.cycle
         for _ in cycle_timer(
-            cycle, FRESH, clock=self._clock
+            cycle, FRESH, clock=self.clock
         ):  # taking over may have lasted, and moved the robot
             measurement = link.exchange(None, None)
         hold = np.clip(measurement.position, self._robot.lower, self._robot.upper)
         link.start(before)
         ticks = round(self._settings.timing.ramp_up / cycle)
-        for tick in cycle_timer(cycle, ticks, clock=self._clock):
+        for tick in cycle_timer(cycle, ticks, clock=self.clock):
             self._connected()
             check_signals()
             measurement = link.exchange(hold, np.maximum(before, (tick + 1) / ticks))
@@ -313,7 +324,7 @@ class AnglesBackend(NaoqiRobot):
             ones if stiffness_shown is None else np.fmin(stiffness_shown, ones)
         )  # 1 where it is unknown
         ticks = round(self._settings.timing.ramp_down / self._robot.cycle)
-        for tick in cycle_timer(self._robot.cycle, ticks + LAST, clock=self._clock):
+        for tick in cycle_timer(self._robot.cycle, ticks + LAST, clock=self.clock):
             measurement = link.exchange(None, stiffness_before * max(0.0, 1.0 - (tick + 1) / ticks))
             if self._lost or measurement.age > 2.0 * self._settings.end_silence:
                 return False

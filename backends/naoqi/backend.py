@@ -8,7 +8,7 @@ from pathlib import Path
 from pepper_driver.backends.fields import Measurement
 from pepper_driver.backends.naoqi.address import Address, naoqi_address
 from pepper_driver.backends.naoqi.angles import AnglesBackend
-from pepper_driver.backends.naoqi.connection import Connection
+from pepper_driver.backends.naoqi.connection import Connect, Connection, connect
 from pepper_driver.backends.naoqi.dcm_channel import DcmChannel
 from pepper_driver.backends.naoqi.handover import ramp_up, release_robot
 from pepper_driver.backends.naoqi.memory_keys import SensorKeys, actuator_keys
@@ -44,6 +44,7 @@ class NaoqiBackend(NaoqiRobot):
         wake: Whether a robot at rest is woken up.
         force: Activate also a robot that another program of this package drives.
         clock: Time of this computer.
+        connect: Connects with the robot.
     """
 
     NEED_DCM = True
@@ -58,8 +59,11 @@ class NaoqiBackend(NaoqiRobot):
         wake: bool = False,
         force: bool = False,
         clock: Clock = SYSTEM_CLOCK,
+        connect: Connect = connect,
     ) -> None:
-        super().__init__(address, robot, settings, wake=wake, force=force, clock=clock)
+        super().__init__(
+            address, robot, settings, wake=wake, force=force, clock=clock, connect=connect
+        )
         self._delay = settings.timing.response_delay if delay is None else delay
         self._link: DcmChannel | None = None
 
@@ -78,7 +82,7 @@ class NaoqiBackend(NaoqiRobot):
         prefer_messages(True)
         with preferred():
             self._link = DcmChannel(
-                connection, self._robot, self._settings, self._delay, clock=self._clock
+                connection, self._robot, self._settings, self._delay, clock=self.clock
             )
         return self._link.newest
 

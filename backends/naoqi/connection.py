@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import logging
+import math
 import socket
 import ssl
-import time
 from collections.abc import Callable, Mapping
-from typing import Any, Literal
+from typing import Any, Literal, TypeAlias
 
 from pepper_driver.backends.interface import BackendError, NotConnectedError
 from pepper_driver.backends.naoqi.address import PORTS, USER, Address, Secret
@@ -20,6 +20,7 @@ from pepper_driver.backends.naoqi.qi_library import (
     one_line,
 )
 from pepper_driver.config import NaoqiSettings, load_naoqi_settings
+from pepper_driver.config.clock import SYSTEM_CLOCK, Clock
 from pepper_driver.config.signals import check_signals
 
 
@@ -139,6 +140,8 @@ class Connection:
     Attributes:
         address: Where the robot is.
         call_time: Default timeout of a call [s].
+
+    Timeouts are counted on ``clock``, by which the futures of the session must wait.
     """
 
     def __init__(
@@ -147,10 +150,10 @@ class Connection:
         session: QiSession,
         on_lost: Callable[[], None] | None,
         call_time: float,
+        clock: Clock = SYSTEM_CLOCK,
     ) -> None:
         self.address = address
-        self.call_time = call_time
-        self._qi = load_qi()
+        self.call_time, self._clock = call_time, clock
         self._session = session  # services do not keep it alive
         self._on_lost = on_lost
         self._closed = False
@@ -284,7 +287,7 @@ class Connection:
             raise NotConnectedError(f"'{uri}': not connected any more, so no {what}")
         try:
             future = start()
-            in_time = finished(future, limit)
+            in_time = finished(future, limit, self._clock)
             # value() of a call that still runs would wait without limit.
             value = future.value() if in_time else None
         except AttributeError as error:
@@ -302,16 +305,14 @@ class Connection:
         return value
 
 
-def finished(future: Future, timeout: float) -> bool:
+def finished(future: Future, timeout: float, clock: Clock = SYSTEM_CLOCK) -> bool:
     """Wait until a future of ``qi`` has finished, with or without success, at most ``timeout`` [s]; handles Ctrl-C."""
-    running = load_qi().FutureState.Running
-    end = time.monotonic() + timeout
-    while (left := end - time.monotonic()) > 0:
+    end = clock.seconds() + timeout
+    while (left := end - clock.seconds()) > 0 and future.isRunning():
         check_signals()
         # At least 1 ms: with 0 the loop would spin.
-        if future.wait(max(1, round(min(left, POLL_PERIOD) * 1000))) != running:
-            return True
-    return bool(future.wait(0) != running)
+        future.wait(max(1, round(min(left, POLL_PERIOD) * 1000)))
+    return not future.isRunning()
 
 
 def connect(
@@ -346,6 +347,12 @@ def connect(
     return Connection(address, session, on_lost, settings.call_time)
 
 
+Connect: TypeAlias = Callable[
+    [Address, Secret | None, Callable[[], None] | None, NaoqiSettings | None], Connection
+]
+"""Makes a connection, as :func:`connect` does."""
+
+
 class _Login:
     """Factory and authenticator in one, as ``qi`` asks for them."""
 
@@ -370,12 +377,13 @@ class Call:
         proxy: Of the service.
         method: Its name.
         uri: Of the robot, for messages.
+        clock: Time between warnings.
     """
 
-    def __init__(self, proxy: Proxy, method: str, uri: str) -> None:
+    def __init__(self, proxy: Proxy, method: str, uri: str, *, clock: Clock = SYSTEM_CLOCK) -> None:
         self._proxy, self._method, self._what = proxy, method, f"'{uri}': {method}"
         self._future: Future | None = None
-        self._warned = -WARNING_PERIOD
+        self._clock, self._warned = clock, -math.inf
 
     def begin(self, *arguments: object) -> bool:
         """Call it, unless a call is in flight; return True if it was called."""
@@ -408,6 +416,7 @@ class Call:
             return None
 
     def _warn(self, error: Exception) -> None:
-        if time.monotonic() - self._warned >= WARNING_PERIOD:
-            self._warned = time.monotonic()
+        now = self._clock.seconds()
+        if now - self._warned >= WARNING_PERIOD:
+            self._warned = now
             logger.warning("%s failed: %s", self._what, one_line(str(error)))

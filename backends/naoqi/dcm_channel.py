@@ -318,7 +318,7 @@ class DcmChannel:
         self._orders = orders
         if foreign.action == "stop":
             self._foreign = ForeignCommands(
-                self._robot, foreign, orders.positions, orders.speeds, self._connection
+                self._robot, foreign, orders.positions, orders.speeds, self._connection, self.clock
             )
         return stiffness
 

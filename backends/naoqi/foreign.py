@@ -16,6 +16,7 @@ from pepper_driver.backends.naoqi.connection import Call, Connection, MissingSer
 from pepper_driver.backends.naoqi.timing import CommandHistory
 from pepper_driver.config import RobotConfig
 from pepper_driver.config.arrays import FloatArray
+from pepper_driver.config.clock import SYSTEM_CLOCK, Clock
 from pepper_driver.config.naoqi import ForeignCommandSettings
 
 MEASURED_TICKS = 6
@@ -34,6 +35,7 @@ class ForeignCommands:
         positions: Ours, of joints.
         speeds: Ours, of wheels.
         connection: With the robot.
+        clock: Time between warnings.
 
     Attributes:
         found: Joints and wheels that others commanded in the last two checks, by name.
@@ -46,6 +48,7 @@ class ForeignCommands:
         positions: CommandHistory,
         speeds: CommandHistory,
         connection: Connection,
+        clock: Clock = SYSTEM_CLOCK,
     ) -> None:
         self.found: tuple[str, ...] = ()
         self._names = (*robot.joint_names, *robot.wheels.names)
@@ -66,8 +69,8 @@ class ForeignCommands:
         # Only the read-back of the DCM is then left.
         except MissingServiceError:
             return
-        self._angles = Call(motion, "getAngles", connection.address.uri)
-        self._drives = Call(motion, "moveIsActive", connection.address.uri)
+        self._angles = Call(motion, "getAngles", connection.address.uri, clock=clock)
+        self._drives = Call(motion, "moveIsActive", connection.address.uri, clock=clock)
 
     def read_back(self, commanded: FloatArray, date: int) -> None:
         """Compare the DCM's commands to joints and wheels with those sent to it.

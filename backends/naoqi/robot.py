@@ -23,7 +23,7 @@ from pepper_driver.backends.interface import (
     serial,
 )
 from pepper_driver.backends.naoqi.address import Address, Secret, find_secret
-from pepper_driver.backends.naoqi.connection import Connection, connect
+from pepper_driver.backends.naoqi.connection import Connect, Connection, connect
 from pepper_driver.backends.naoqi.ownership import TakeOver
 from pepper_driver.backends.naoqi.preflight import Preflight, check_robot, diagnosis, preflight
 from pepper_driver.backends.naoqi.presence import Presence
@@ -55,6 +55,7 @@ class NaoqiRobot(Serial, RemotePushMixin):
         wake: Whether a robot at rest is woken up, and sent to rest again.
         force: Activate also a robot that another program of this package drives.
         clock: Time of this computer.
+        connect: Connects with the robot.
     """
 
     NEED_DCM: ClassVar[bool]
@@ -70,9 +71,10 @@ class NaoqiRobot(Serial, RemotePushMixin):
         wake: bool = False,
         force: bool = False,
         clock: Clock = SYSTEM_CLOCK,
+        connect: Connect = connect,
     ) -> None:
         super().__init__()
-        self._clock = clock
+        self.clock, self._connect = clock, connect
         self._address, self._robot, self._settings, self._wake = address, robot, settings, wake
         self._safety = load_safety_settings()
         self._policy, self._force = policy or settings.take_over, force
@@ -166,7 +168,7 @@ class NaoqiRobot(Serial, RemotePushMixin):
         connection = self._connected()
         if self._state == "active":
             raise BackendError(f"'{self._address.uri}' is already active")
-        self._presence = Presence(connection, force=self._force, clock=self._clock)
+        self._presence = Presence(connection, force=self._force, clock=self.clock)
         # Before anything is switched off: a second driver must not change what the first relies on.
         self._presence.begin()
         try:
@@ -177,7 +179,7 @@ class NaoqiRobot(Serial, RemotePushMixin):
                 self._settings,
                 self._policy,
                 wake=self._wake,
-                clock=self._clock,
+                clock=self.clock,
             )
             # After the checks: a robot that is refused is left as it was.
             self._take_over.begin()
@@ -277,7 +279,7 @@ class NaoqiRobot(Serial, RemotePushMixin):
             self._secret = find_secret(self._address)
         self._lost = False
         # `_lost` is cleared before: from here on a thread of the library may set it.
-        self._connection = connect(self._address, self._secret, self._on_lost, self._settings)
+        self._connection = self._connect(self._address, self._secret, self._on_lost, self._settings)
         try:
             found = preflight(self._connection, self._robot, self._needed, need_dcm=self.NEED_DCM)
             services = self._connection.service_names

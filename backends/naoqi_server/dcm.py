@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 import time
 from bisect import bisect_right
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from math import isfinite
 from typing import Literal, get_args
@@ -44,11 +44,12 @@ class DcmClock:
 
     begin: int
     origin: int
+    now: Callable[[], int] = time.monotonic_ns
 
     @property
     def count(self) -> int:
         """Milliseconds now."""
-        return self.origin + (time.monotonic_ns() - self.begin) // 1_000_000
+        return self.origin + (self.now() - self.begin) // 1_000_000
 
     @property
     def shown(self) -> int:

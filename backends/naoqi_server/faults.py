@@ -7,7 +7,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from threading import RLock, Timer
-from typing import Literal
+from typing import Literal, Protocol
 
 from pepper_driver.config import ConfigError, PepperError, UnknownNameError, suggestion
 from pepper_driver.config.errors import shown
@@ -256,18 +256,38 @@ logger = logging.getLogger("pepper_driver")
 @dataclass(eq=False)
 class _Entry:
     end: Callable[[], None]
-    timers: list[Timer] = field(default_factory=list)
+    timers: list[Delayed] = field(default_factory=list)
     begun: bool = False
+
+
+class Delayed(Protocol):
+    """An action to come."""
+
+    def cancel(self) -> None:
+        """Keep it from beginning."""
+
+
+def start_timer(seconds: float, action: Callable[[], None]) -> Delayed:
+    """Begin an action after some time, on a thread of its own, which does not keep the process alive."""
+    timer = Timer(seconds, action)
+    timer.daemon = True
+    timer.start()
+    return timer
 
 
 class Schedule:
     """Begins each fault ``after`` some time, at once where that is 0, and ends it after its ``seconds``.
 
     One takes the place of another of the same name and the same texts, which ends. Safe to use from several threads.
+
+    Args:
+        delayed: ``delayed(seconds, action)`` begins an action later.
     """
 
-    def __init__(self) -> None:
-        self._lock = RLock()
+    def __init__(
+        self, delayed: Callable[[float, Callable[[], None]], Delayed] = start_timer
+    ) -> None:
+        self._lock, self._delayed = RLock(), delayed
         self._entries: dict[tuple[str, ...], _Entry] = {}
 
     def set(self, fault: InjectedFault, begin: Callable[[], None], end: Callable[[], None]) -> None:
@@ -323,11 +343,9 @@ class Schedule:
                 except PepperError as error:
                     logger.error("%s", error)
 
-        timer = Timer(seconds, act)
-        # A fault that is still to come must not keep the process alive.
-        timer.daemon = True
+        # Within the lock: `act` must find it.
+        timer = self._delayed(seconds, act)
         entry.timers.append(timer)
-        timer.start()
 
 
 def _cancel(entry: _Entry) -> None:

@@ -6,13 +6,14 @@ import time
 from collections import defaultdict
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from threading import RLock, Thread
+from threading import RLock
 from typing import Any, Literal, TypeAlias
 
 import numpy as np
 
 from pepper_driver.backends.naoqi_server.dcm import wrapped
 from pepper_driver.backends.naoqi_server.ipc import Robot
+from pepper_driver.config.clock import MONOTONIC_CLOCK, Clock
 from pepper_driver.config.naoqi_devices import NaoqiDevices
 
 Kind = Literal["Data", "Event", "MicroEvent"]
@@ -173,7 +174,14 @@ class SensorEvents:
         on: Whether events are raised. On a robot the module ALTouch raises them, and can be ended.
     """
 
-    def __init__(self, robot: Robot, memory: Memory, devices: NaoqiDevices) -> None:
+    def __init__(
+        self,
+        robot: Robot,
+        memory: Memory,
+        devices: NaoqiDevices,
+        clock: Clock = MONOTONIC_CLOCK,
+    ) -> None:
+        self._clock = clock
         self._robot, self._memory = robot, memory
         self._events = devices.events
         self._places = np.array([robot.keys[key] for key, _ in devices.events.values()])
@@ -193,13 +201,13 @@ class SensorEvents:
 
     def start(self) -> None:
         """Begin to read, until the process ends."""
-        Thread(target=self._run, name="sensor events", daemon=True).start()
+        self._clock.start(self._run, "sensor events")
 
     def _run(self) -> None:
         while True:
-            time.sleep(SENSOR_PERIOD)
+            self._clock.sleep(SENSOR_PERIOD)
             if self.on:
-                self.read_sensors(time.monotonic())
+                self.read_sensors(self._clock.seconds())
 
     def read_sensors(self, now: float) -> None:
         """Raise events of changes since the last reading; ``now`` [s] dates the clicks."""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import random
-import time
 from collections.abc import Callable, Iterable, Mapping
 
 import numpy as np
@@ -11,6 +10,7 @@ import numpy as np
 from pepper_driver.backends.naoqi_server.faults import Value, make_fault
 from pepper_driver.config import RobotConfig, UnknownNameError
 from pepper_driver.config.arrays import FloatArray
+from pepper_driver.config.clock import MONOTONIC_CLOCK, Clock
 
 
 class RobotFault:
@@ -166,14 +166,14 @@ class RobotFaults:
     Args:
         robot: Description of the robot.
         keys: Places of the table's values.
-        clock: Monotonic [s].
+        clock: By which they begin and end.
     """
 
     def __init__(
         self,
         robot: RobotConfig,
         keys: Mapping[str, int],
-        clock: Callable[[], float] = time.monotonic,
+        clock: Clock = MONOTONIC_CLOCK,
     ) -> None:
         self._robot, self._keys, self._clock = robot, keys, clock
         self._set: dict[tuple[str, ...], tuple[float, float, RobotFault]] = {}
@@ -189,7 +189,7 @@ class RobotFaults:
             raise UnknownNameError("fault of the robot", name, KINDS)
         fault = make_fault(name, arguments)
         made = KINDS[name](self._robot, self._keys, fault.arguments)
-        begin = self._clock() + fault.after
+        begin = self._clock.seconds() + fault.after
         self._set[fault.identity] = (begin, begin + fault.seconds, made)
 
     def clear(self) -> None:
@@ -207,7 +207,7 @@ class RobotFaults:
             fault.sensors(values)
 
     def _on(self) -> list[RobotFault]:
-        now = self._clock()
+        now = self._clock.seconds()
         return [fault for begin, end, fault in self._set.values() if begin <= now < end]
 
 

@@ -12,7 +12,6 @@ import select
 import signal
 import socket
 import sys
-import time
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from typing import Any
@@ -28,6 +27,7 @@ from pepper_driver.backends.naoqi_server.shared_values import Table, table_keys
 from pepper_driver.backends.selection import make_backend
 from pepper_driver.config import PepperError, RobotConfig, load_robot
 from pepper_driver.config.arrays import FloatArray, IndexArray
+from pepper_driver.config.clock import MONOTONIC_CLOCK, Clock
 from pepper_driver.config.naoqi_devices import NaoqiDevices, load_naoqi_devices
 
 HOT, VERY_HOT = 68.0, 74.0
@@ -177,19 +177,21 @@ class RobotProcess:
     Args:
         uri: Of the MuJoCo backend.
         file: Descriptor of the table's file.
-        clock: DCM time at the start [ms].
+        date: DCM time at the start [ms].
+        clock: Time of its cycles.
     """
 
-    def __init__(self, uri: str, file: int, clock: int) -> None:
+    def __init__(self, uri: str, file: int, date: int, clock: Clock = MONOTONIC_CLOCK) -> None:
         robot = load_robot()
         devices = load_naoqi_devices(robot)
         backend = make_backend(uri, robot)
         assert isinstance(backend, MujocoBackend)  # StandIn refuses others
-        self._body = DcmHardware(robot, devices, backend, clock)
+        self._now = clock.now
+        self._body = DcmHardware(robot, devices, backend, date)
         self._cycle_ms = round(1000 * robot.cycle)
-        self._clock = DcmClock(begin=time.monotonic_ns(), origin=clock)
-        self._dcm = Dcm(self._body.actuator_values, clock, steps=devices.steps)
-        self._faults = RobotFaults(robot, self._body.keys)
+        self._clock = DcmClock(begin=clock.now(), origin=date, now=clock.now)
+        self._dcm = Dcm(self._body.actuator_values, date, steps=devices.steps)
+        self._faults = RobotFaults(robot, self._body.keys, clock)
         self._table = Table(file, len(self._body.keys), robot)
         self._table.start(self._clock, {**self._body.info, "pid": os.getpid()})
         self._cycle = self._orders = self._wheel_order = 0
@@ -206,30 +208,31 @@ class RobotProcess:
             "set_fault": lambda name, arguments: self._faults.set(name, arguments),
             "clear_faults": self._faults.clear,
         }
-        self._publish(time.monotonic_ns())
+        self._publish(clock.now())
 
     def run(self, ends: list[socket.socket], outlive: float) -> None:
         """Make cycles until the first of ``ends``, that of the parent process, is closed for ``outlive`` [s]."""
         owner, last = ends[0], None
         period = self._cycle_ms * 1_000_000
-        while last is None or time.monotonic_ns() < last:
+        while last is None or self._now() < last:
             due = self._clock.begin + (self._cycle + 1) * period
             waiting = True
             while waiting:  # requests are read at least once in every cycle
-                wait = max(0, due - time.monotonic_ns())
+                wait = max(0, due - self._now())
                 for end in select.select(ends, [], [], wait * 1e-9)[0]:
                     if not self._answer(end):
                         ends.remove(end)
                         if end is owner:
-                            last = time.monotonic_ns() + round(1e9 * outlive)
-                waiting = time.monotonic_ns() < due
-            self._cycle += 1
-            late = (time.monotonic_ns() - due) // period
+                            last = self._now() + round(1e9 * outlive)
+                waiting = self._now() < due
+            late = (self._now() - due) // period
             if late > MAX_LAG:
                 self._cycle, due = self._cycle + late, due + late * period
-            self._step(due)
+            self.step(due)
 
-    def _step(self, due: int) -> None:
+    def step(self, due: int) -> None:
+        """Make the cycle that was due at a time of the clock [ns]."""
+        self._cycle += 1
         count = self._clock.origin + self._cycle * self._cycle_ms
         actuators = self._dcm.advance(count)
         self._faults.actuators(actuators)
@@ -242,7 +245,7 @@ class RobotProcess:
         self._faults.sensors(values)
         self._table.publish(values)
         date = wrapped(self._clock.origin + self._cycle * self._cycle_ms)
-        end = time.monotonic_ns()
+        end = self._now()
         state = (*body.true_state(), *body.commanded())
         orders = self._orders, self._wheel_order
         self._table.record((self._cycle, date, due, end, *orders, *state))
@@ -257,7 +260,7 @@ class RobotProcess:
             return False
         answer: dict[str, Any] = {"number": message["number"]}
         try:
-            self._handlers[message["ask"]](**message["arguments"])
+            self.handle(message["ask"], **message["arguments"])
         except PepperError as error:
             answer["error"] = str(error)
         except Exception as error:  # a failed request must not stop the robot
@@ -265,6 +268,14 @@ class RobotProcess:
         with suppress(OSError):  # the client has ended, or does not read
             send(end, answer, wait=False)
         return True
+
+    def handle(self, request: str, **arguments: object) -> None:
+        """Execute a request.
+
+        Raises:
+            PepperError: It is refused, for the reason given.
+        """
+        self._handlers[request](**arguments)
 
     def _know_naoqi(self, pid: int) -> None:
         """Remember the NAOqi process, which ends with this one: a stopped one does not see that its owner has ended."""
@@ -283,7 +294,7 @@ class RobotProcess:
         self._dcm.order(actuators, kind, commands, self._clock.count)
         self._orders += 1
         if not self._wheels.isdisjoint(actuators):
-            self._wheel_order = time.monotonic_ns()
+            self._wheel_order = self._now()
 
 
 def _arrays(arguments: dict[str, Any], *names: str) -> dict[str, Any]:

@@ -12,7 +12,7 @@ import select
 import signal
 import socket
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from contextlib import suppress
 from typing import Any
 
@@ -20,7 +20,7 @@ import qi
 
 from pepper_driver.backends.interface import BackendError
 from pepper_driver.backends.naoqi_server.faults import make_fault
-from pepper_driver.backends.naoqi_server.ipc import RobotClient, send
+from pepper_driver.backends.naoqi_server.ipc import Robot, RobotClient, send
 from pepper_driver.backends.naoqi_server.memory import Memory, SensorEvents
 from pepper_driver.backends.naoqi_server.service_faults import FaultRouter
 from pepper_driver.backends.naoqi_server.services.calls import make_front
@@ -57,6 +57,7 @@ from pepper_driver.backends.naoqi_server.services.system import (
 )
 from pepper_driver.backends.naoqi_server.shared_values import Table, table_keys
 from pepper_driver.config import PepperError, UnknownNameError, load_robot
+from pepper_driver.config.clock import MONOTONIC_CLOCK, Clock
 from pepper_driver.config.naoqi_devices import load_naoqi_devices
 
 SERVICES: dict[str, Callable[[Context], Any]] = {
@@ -93,6 +94,52 @@ SERVICES: dict[str, Callable[[Context], Any]] = {
 os.environ.setdefault("QI_LOG_LEVEL", "0")  # libqi logs to stdout
 
 
+def make_context(
+    robot: Robot,
+    faults: FaultRouter,
+    *,
+    consent: bool,
+    version: str,
+    services: Callable[[], Collection[str]],
+    call: Callable[..., Any],
+    clock: Clock = MONOTONIC_CLOCK,
+) -> Context:
+    """Return the common objects of the services of a NAOqi.
+
+    Args:
+        robot: Its robot.
+        faults: Receives the injected faults.
+        consent: True if the owner of the robot allows safety reflexes to be switched off.
+        version: Of NAOqi; "" for that of ``naoqi_services.yaml``.
+        services: Names of the services that clients see.
+        call: ``call(service, method, *arguments)`` calls a service without waiting for it.
+        clock: Time of all that takes time.
+    """
+    config = load_robot()
+    devices = load_naoqi_devices(config)
+    data = {**devices.texts, devices.body_id: robot.info["identity"]}
+    memory = Memory(robot, config.naoqi.time, data)
+    return Context(
+        robot=robot,
+        memory=memory,
+        config=config,
+        events=SensorEvents(robot, memory, devices, clock),
+        faults=faults,
+        shared=Shared(robot, memory, config, consent=consent, version=version, clock=clock),
+        services=services,
+        call=call,
+        clock=clock,
+    )
+
+
+def make_services(context: Context) -> dict[str, object]:
+    """Return the services, as clients see them, by name."""
+    return {
+        name: make_front(name, service(context), context.faults.services)
+        for name, service in SERVICES.items()
+    }
+
+
 class NaoqiServer:
     """The session and its services.
 
@@ -118,33 +165,23 @@ class NaoqiServer:
         consent: bool,
         version: str,
     ) -> None:
-        config = load_robot()
-        devices = load_naoqi_devices(config)
-        data = {**devices.texts, devices.body_id: robot.info["identity"]}
         self._session = qi.Session()
-        memory = Memory(robot, config.naoqi.time, data)
-        context = Context(
-            robot=robot,
-            memory=memory,
-            config=config,
-            events=SensorEvents(robot, memory, devices),
-            faults=FaultRouter(robot, owner, self._offer, _end),
-            shared=Shared(robot, memory, config, consent=consent, version=version),
+        context = make_context(
+            robot,
+            FaultRouter(robot, owner, self._offer, _end),
+            consent=consent,
+            version=version,
             services=lambda: self._offered,
             call=self._call,
         )
         # Clients are admitted once everything is registered; a session that does not listen has no services.
         self._session.listenStandalone("tcp://127.0.0.1:0")
         self.faults = context.faults
-        self._services = {
-            name: make_front(name, service(context), context.faults.services)
-            for name, service in SERVICES.items()
-        }
+        self._services = make_services(context)
         self._offered: dict[str, int] = {}  # number by name
         for name in self._services:
             self._offer(name, True)
-        context.events.start()
-        context.shared.start()
+        context.start()
         try:
             self._session.listen(f"tcp://{host}:{port}")
         except RuntimeError as error:

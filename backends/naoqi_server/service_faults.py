@@ -5,7 +5,6 @@ from __future__ import annotations
 import functools
 import socket
 import threading
-import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -14,6 +13,7 @@ from pepper_driver.backends.interface import BackendError
 from pepper_driver.backends.naoqi_server.faults import InjectedFault, Schedule, make_fault
 from pepper_driver.backends.naoqi_server.ipc import Line, Robot
 from pepper_driver.backends.naoqi_server.memory import Value
+from pepper_driver.config.clock import MONOTONIC_CLOCK, Clock
 
 BODY_TYPE = "RobotConfig/Body/Type"
 """Key of ALMemory that says which robot it is."""
@@ -36,26 +36,24 @@ class ServiceFaults:
     One takes the place of another of the same name and the same texts.
 
     Args:
-        clock: Monotonic [s].
+        clock: By which they begin and end.
     """
 
-    def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
+    def __init__(self, clock: Clock = MONOTONIC_CLOCK) -> None:
         self._clock = clock
         self._switches: dict[tuple[str, ...], _Switch] = {}
-        self._changed = threading.Condition()
+        self._lock = threading.Lock()
 
     def set(self, fault: InjectedFault) -> None:
         """Set a fault."""
-        begin = self._clock() + fault.after
-        with self._changed:
+        begin = self._clock.seconds() + fault.after
+        with self._lock:
             self._switches[fault.identity] = _Switch(fault, begin, begin + fault.seconds)
-            self._changed.notify_all()
 
     def clear(self) -> None:
         """End them all: delayed calls continue."""
-        with self._changed:
+        with self._lock:
             self._switches.clear()
-            self._changed.notify_all()
 
     def call(
         self, service: str, method: str, arguments: Sequence[Value], proceed: Callable[[], Value]
@@ -74,12 +72,9 @@ class ServiceFaults:
 
     def _hold_up(self, service: str, method: str) -> None:
         for slow in self._active("slow", service, method):
-            # Without the lock: calls of other methods must not wait for this one.
-            time.sleep(float(slow.fault.arguments["delay"]))
-        with self._changed:
-            while stalls := self._active("stall", service, method):
-                # A stall may last for ever, and wait() raises OverflowError for infinity.
-                self._changed.wait(min(stalls[0].end - self._clock(), threading.TIMEOUT_MAX))
+            self._clock.sleep(float(slow.fault.arguments["delay"]))
+        # A stall may be cleared at any time.
+        self._clock.wait_for(lambda: not self._active("stall", service, method))
 
     def _answer(
         self, service: str, method: str, arguments: Sequence[Value], proceed: Callable[[], Value]
@@ -104,7 +99,7 @@ class ServiceFaults:
 
     def _active(self, name: str, service: str, method: str) -> list[_Switch]:
         """Return the faults of this name that are on now and concern this call."""
-        now = self._clock()
+        now = self._clock.seconds()
         return [
             switch
             # A copy, because other threads set faults meanwhile.

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -67,7 +66,7 @@ def inspect_robot(
     """
     pacer = Pacer()
     if backend.real_time:
-        pacer = RealTimePacer(robot.cycle, backend)
+        pacer = RealTimePacer(robot.cycle, backend, clock=backend.clock)
     report_progress = on_progress or (lambda fraction: None)
     ticks = round(seconds / robot.cycle)
     missed = 0
@@ -76,12 +75,12 @@ def inspect_robot(
         diagnosis = backend.diagnosis()  # before the clock runs: it may take long
         with realtime_process(), realtime_thread():
             samples.append(backend.read())
-            began = time.perf_counter()
+            began = backend.clock.seconds()
             for tick in range(ticks):
                 missed += pacer.wait()
                 samples.append(backend.read())
                 report_progress((tick + 1) / ticks)
-            wall = time.perf_counter() - began
+            wall = backend.clock.seconds() - began
     finally:
         backend.close()
     return Inspection(

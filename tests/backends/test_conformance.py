@@ -2,18 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from pepper_driver import Pepper
 from pepper_driver.backends import Backend, make_backend
-from pepper_driver.backends.naoqi.qi_library import NoQiError, load_qi
 from pepper_driver.backends.naoqi_server.launch import StandIn
 from pepper_driver.config import load_robot
 from pepper_driver.testing.conformance import BackendConformance
+from pepper_driver.testing.conformance.abilities import AbilityTests
+from pepper_driver.testing.conformance.commands import CommandTests
+from pepper_driver.testing.conformance.cycles import CycleTests
+from pepper_driver.testing.conformance.measurements import MeasurementTests
+from pepper_driver.testing.conformance.sequences import SequenceTests
+from pepper_driver.testing.conformance.states import StateTests
+from pepper_driver.testing.conformance.threads import ThreadTests
 from support.stand_ins import patient_driver
+from support.virtual_naoqi import VirtualNaoqi
 
 
 class TestMock(BackendConformance):
@@ -53,25 +61,32 @@ class TestReplay(BackendConformance):
         return make_backend(self.uri)
 
 
+class TestNaoqi(
+    StateTests, CycleTests, CommandTests, MeasurementTests, AbilityTests, SequenceTests
+):
+    """A robot over NAOqi, in virtual time: at the driver's own bounds."""
+
+    @pytest.fixture(autouse=True)
+    def _awake(self) -> Iterator[None]:
+        with VirtualNaoqi("mujoco://?seed=7") as self.robot:
+            self.robot.wake_up()
+            yield
+
+    def make_backend(self) -> Backend:
+        return self.robot.backend()
+
+
 @pytest.fixture(scope="module")
-def awake() -> Iterator[StandIn]:
+def awake(qi: Any, wake_up: Callable[[StandIn], None]) -> Iterator[StandIn]:
     """A stand-in robot that was woken up."""
-    try:
-        qi = load_qi()
-    except NoQiError as error:
-        pytest.skip(str(error))
     with StandIn("mujoco://?seed=7", consent=True) as stand_in, patient_driver():
-        session = qi.Session()
-        session.connect(stand_in.url, _async=True).value(10_000)
-        session.service("ALMotion").wakeUp(_async=True).value(20_000)
-        session.close()
+        wake_up(stand_in)
         yield stand_in
 
 
-class TestNaoqi(BackendConformance):
-    """A robot over the real protocol."""
-
-    sequences = 2
+@pytest.mark.realtime
+class TestNaoqiThreads(ThreadTests):
+    """A robot over the real protocol, whose library has threads of its own."""
 
     @pytest.fixture(autouse=True)
     def _connect(self, awake: StandIn) -> None:

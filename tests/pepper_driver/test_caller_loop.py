@@ -23,7 +23,7 @@ from pepper_driver.log import read_log
 from pepper_driver.safety import RobotState
 from pepper_driver.session import Session
 from pepper_driver.testing import aged
-from support.sessions import ROBOT, VirtualTime, active, backend_of, in_thread, virtual_time
+from support.sessions import ROBOT, SteppedTime, active, backend_of, in_thread, stepped_time
 from support.waiting import wait_until
 
 SETTINGS = load_controller_settings(ROBOT)
@@ -45,7 +45,7 @@ def base_speed(commands: list[Command]) -> FloatArray:
     return np.array([(ROBOT.wheels.inverse @ command.wheel_speed)[0] for command in commands])
 
 
-def fall_silent(session: Session, time: VirtualTime) -> None:
+def fall_silent(session: Session, time: SteppedTime) -> None:
     """Let so much time pass without a tick that the session's thread ticks."""
     assert not time.sleeping, "it is the caller that ticks"
     time.now += round(1.02e9 * MAX_SILENCE)
@@ -67,7 +67,7 @@ def set_out(session: Session) -> None:
 def test_while_the_caller_is_silent_the_robot_comes_to_rest_and_then_goes_on(
     tmp_path: Path,
 ) -> None:
-    path, robot, time = tmp_path / "run.mcap", MockBackend(), VirtualTime()
+    path, robot, time = tmp_path / "run.mcap", MockBackend(), SteppedTime()
     with active(robot, time=time, log=path) as session:
         set_out(session)
         moving = len(robot.commands)
@@ -103,7 +103,7 @@ def test_while_the_caller_is_silent_the_robot_comes_to_rest_and_then_goes_on(
 @pytest.mark.parametrize("silence", [0.0, 0.011, 0.03, 0.059])
 def test_who_calls_step_now_and_then_is_not_silent(silence: float) -> None:
     """By the robot's clock; on this one the session's thread gets time to be wrong."""
-    robot, time = MockBackend(), VirtualTime()
+    robot, time = MockBackend(), SteppedTime()
     with active(robot, time=time) as session:
         set_out(session)
         for _ in range(5):
@@ -116,7 +116,7 @@ def test_who_calls_step_now_and_then_is_not_silent(silence: float) -> None:
 
 
 def test_a_tick_that_takes_long_is_not_silence() -> None:
-    robot, time = MockBackend(), VirtualTime()
+    robot, time = MockBackend(), SteppedTime()
 
     def think(*_: object) -> None:
         time.now += 200_000_000
@@ -132,7 +132,7 @@ def test_a_tick_that_takes_long_is_not_silence() -> None:
 
 
 def test_tasks_stand_still_meanwhile_and_go_on() -> None:
-    time = VirtualTime()
+    time = SteppedTime()
     with active(time=time) as session:
         controller = session.loop.arbiter.controller
         task = PositionTask("l_wrist", root="base_link")
@@ -153,7 +153,7 @@ def test_tasks_stand_still_meanwhile_and_go_on() -> None:
 
 def test_reflexes_and_faults_are_watched_on_and_told() -> None:
     faults: list[FaultEvent] = []
-    with virtual_time() as time:
+    with stepped_time() as time:
         pepper = Pepper("mock", observer=None, real_time=True, loop="caller")
         pepper.on_fault()(faults.append)
         with pepper:
@@ -170,7 +170,7 @@ def test_reflexes_and_faults_are_watched_on_and_told() -> None:
 
 
 def test_a_fault_that_the_caller_has_seen_is_not_raised_again_in_the_end() -> None:
-    with virtual_time() as time:
+    with stepped_time() as time:
         pepper = Pepper("mock", observer=None, real_time=True, loop="caller")
         backend_of(pepper).faults[5] = aged(0.2)
         with pepper:
@@ -181,7 +181,7 @@ def test_a_fault_that_the_caller_has_seen_is_not_raised_again_in_the_end() -> No
 
 
 def test_a_thread_that_waits_for_the_turn_gets_it_from_the_resting_robot() -> None:
-    time = VirtualTime()
+    time = SteppedTime()
     with active(time=time) as session:
         session.run(1)
         fall_silent(session, time)
@@ -192,7 +192,7 @@ def test_a_thread_that_waits_for_the_turn_gets_it_from_the_resting_robot() -> No
 
 
 def test_a_robot_that_rests_can_be_closed_at_any_time() -> None:
-    time = VirtualTime()
+    time = SteppedTime()
     threads = set(threading.enumerate())
     robot = MockBackend()
     with active(robot, time=time) as session:
@@ -226,7 +226,7 @@ def test_a_handler_of_a_signal_can_stop_the_robot_that_its_thread_runs(
 
 def test_it_does_not_rest_before_its_time() -> None:
     """A start takes long; the silence begins with its end."""
-    time = VirtualTime()
+    time = SteppedTime()
 
     class Slow(MockBackend):
         def activate(self) -> object:  # type: ignore[override]
@@ -297,7 +297,7 @@ def test_paced_or_not_a_simulation_does_the_same() -> None:
     """By a clock that costs no time, where the caller ticks."""
 
     def commands(*, paced: bool) -> list[bytes]:
-        with virtual_time():
+        with stepped_time():
             with Pepper("mock", observer=None, real_time=paced, loop="caller") as pepper:
                 pepper.set_posture({"LShoulderRoll": 0.9})
                 pepper.drive(0.2, 0.0, 0.1)
@@ -310,7 +310,7 @@ def test_paced_or_not_a_simulation_does_the_same() -> None:
 
 
 def test_steps_are_whole_cycles_of_the_clock() -> None:
-    with virtual_time() as time:
+    with stepped_time() as time:
         with Pepper("mock", observer=None, real_time=True, loop="caller") as pepper:
             times = []
             for _ in range(10):

@@ -23,11 +23,11 @@ from pepper_driver.testing import aged
 from support.sessions import (
     ROBOT,
     Scripted,
-    VirtualTime,
+    SteppedTime,
     backend_of,
     begun,
     in_thread,
-    virtual_time,
+    stepped_time,
 )
 from support.waiting import PATIENCE, wait_until
 
@@ -35,8 +35,8 @@ HEAD = ROBOT.joint_index("HeadYaw")
 
 
 @pytest.fixture
-def time() -> Iterator[VirtualTime]:
-    with virtual_time() as time:
+def time() -> Iterator[SteppedTime]:
+    with stepped_time() as time:
         yield time
 
 
@@ -55,7 +55,7 @@ def running(pepper: Pepper, call: Callable[[], object]) -> Any:
 
 
 def test_it_ticks_before_between_during_and_after_what_the_program_does(
-    time: VirtualTime, tmp_path: Path
+    time: SteppedTime, tmp_path: Path
 ) -> None:
     path = tmp_path / "run.mcap"
     pepper = make_pepper(log=path)
@@ -81,7 +81,7 @@ def test_it_ticks_before_between_during_and_after_what_the_program_does(
     assert backend_of(pepper).calls == ["open", "activate", "close"]
 
 
-def test_a_run_waits_that_long_and_until_ends_it_early(time: VirtualTime) -> None:
+def test_a_run_waits_that_long_and_until_ends_it_early(time: SteppedTime) -> None:
     with make_pepper() as pepper:
         time.wait_for_sleeper()
         run = running(pepper, lambda: pepper.run(0.6))
@@ -98,7 +98,7 @@ def test_a_run_waits_that_long_and_until_ends_it_early(time: VirtualTime) -> Non
         assert pepper.run(0.0) is False, "it waits for nothing"
 
 
-def test_a_step_waits_for_the_next_tick(time: VirtualTime) -> None:
+def test_a_step_waits_for_the_next_tick(time: SteppedTime) -> None:
     with make_pepper(observer=Scripted()) as pepper:
         time.wait_for_sleeper()
         for _ in range(3):
@@ -126,7 +126,7 @@ class Slow(Scripted):
         return super().step(tick)
 
 
-def test_a_step_that_begins_inside_a_tick_waits_for_the_one_after_it(time: VirtualTime) -> None:
+def test_a_step_that_begins_inside_a_tick_waits_for_the_one_after_it(time: SteppedTime) -> None:
     """That one was read before; a motion would miss its first tick, or be asked before it has begun."""
     observer = Slow()
     pepper = make_pepper(observer=observer)  # which tries it
@@ -144,7 +144,7 @@ def test_a_step_that_begins_inside_a_tick_waits_for_the_one_after_it(time: Virtu
         assert measurement.tick == 6
 
 
-def test_what_is_changed_before_a_step_is_in_its_command(time: VirtualTime) -> None:
+def test_what_is_changed_before_a_step_is_in_its_command(time: SteppedTime) -> None:
     with make_pepper() as pepper:
         time.wait_for_sleeper()
         commands = backend_of(pepper).commands
@@ -157,7 +157,7 @@ def test_what_is_changed_before_a_step_is_in_its_command(time: VirtualTime) -> N
         assert commands[-1].position[HEAD] > commands[-2].position[HEAD]
 
 
-def test_functions_of_a_run_are_called_inside_its_ticks(time: VirtualTime) -> None:
+def test_functions_of_a_run_are_called_inside_its_ticks(time: SteppedTime) -> None:
     threads: set[str] = set()
     seen: list[tuple[int, int]] = []
 
@@ -183,7 +183,7 @@ def test_functions_of_a_run_are_called_inside_its_ticks(time: VirtualTime) -> No
 @pytest.mark.parametrize("error", [KeyError, KeyboardInterrupt, SystemExit])
 @pytest.mark.parametrize("where", ["on_tick", "until"])
 def test_what_they_raise_is_raised_in_the_run_and_the_robot_ticks_on(
-    where: str, error: type[BaseException], time: VirtualTime
+    where: str, error: type[BaseException], time: SteppedTime
 ) -> None:
     def fail(*_: object) -> bool:
         raise error("a user's mistake")
@@ -203,7 +203,7 @@ def test_what_they_raise_is_raised_in_the_run_and_the_robot_ticks_on(
         run.result()
 
 
-def test_an_interrupted_wait_leaves_the_robot_ticking(time: VirtualTime) -> None:
+def test_an_interrupted_wait_leaves_the_robot_ticking(time: SteppedTime) -> None:
     """As Ctrl-C in a notebook."""
     with make_pepper() as pepper:
         time.wait_for_sleeper()
@@ -243,7 +243,7 @@ class Quitting(Reflex):
 
 
 def faulty(
-    kind: str, time: VirtualTime, faults: list[FaultEvent] | None = None
+    kind: str, time: SteppedTime, faults: list[FaultEvent] | None = None
 ) -> tuple[Pepper, type[BaseException]]:
     """A robot that has a fault in its eleventh tick, and what that raises."""
     pepper = make_pepper(observer=Scripted(), reflexes=[Quitting()] if kind == "reflex" else [])
@@ -268,7 +268,7 @@ KINDS = ["gate", "backend", "reflex"]
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_fault_reaches_callbacks_at_once_and_the_robot_stands(
-    kind: str, time: VirtualTime
+    kind: str, time: SteppedTime
 ) -> None:
     faults: list[FaultEvent] = []
     pepper, error = faulty(kind, time, faults)
@@ -309,7 +309,7 @@ CALLS: list[Callable[[Pepper], object]] = [
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_fault_is_raised_by_the_next_call_and_then_not_in_the_end(
-    kind: str, time: VirtualTime
+    kind: str, time: SteppedTime
 ) -> None:
     pepper, error = faulty(kind, time)
     with pepper:
@@ -322,7 +322,7 @@ def test_a_fault_is_raised_by_the_next_call_and_then_not_in_the_end(
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_a_fault_ends_a_run_under_way(kind: str, time: VirtualTime) -> None:
+def test_a_fault_ends_a_run_under_way(kind: str, time: SteppedTime) -> None:
     pepper, error = faulty(kind, time)
     with pepper:
         time.wait_for_sleeper()
@@ -332,7 +332,7 @@ def test_a_fault_ends_a_run_under_way(kind: str, time: VirtualTime) -> None:
             run.result()
 
 
-def test_a_fault_in_the_last_tick_of_a_run_is_raised_by_it(time: VirtualTime) -> None:
+def test_a_fault_in_the_last_tick_of_a_run_is_raised_by_it(time: SteppedTime) -> None:
     pepper, error = faulty("gate", time)
     with pepper:
         time.wait_for_sleeper()
@@ -343,7 +343,7 @@ def test_a_fault_in_the_last_tick_of_a_run_is_raised_by_it(time: VirtualTime) ->
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_a_fault_that_nobody_saw_is_raised_in_the_end(kind: str, time: VirtualTime) -> None:
+def test_a_fault_that_nobody_saw_is_raised_in_the_end(kind: str, time: SteppedTime) -> None:
     pepper, error = faulty(kind, time)
     with pytest.raises(error):
         inside(pepper, time.wait_for_sleeper, lambda: time.advance(0.24))
@@ -352,7 +352,7 @@ def test_a_fault_that_nobody_saw_is_raised_in_the_end(kind: str, time: VirtualTi
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_without_a_block_the_end_raises_it(kind: str, time: VirtualTime) -> None:
+def test_without_a_block_the_end_raises_it(kind: str, time: SteppedTime) -> None:
     pepper, error = faulty(kind, time)
     pepper.start()
     time.wait_for_sleeper()
@@ -364,7 +364,7 @@ def test_without_a_block_the_end_raises_it(kind: str, time: VirtualTime) -> None
 
 
 def test_without_a_block_too_it_never_comes_in_place_of_an_error_under_way(
-    time: VirtualTime,
+    time: SteppedTime,
 ) -> None:
     def work() -> None:
         pepper.start()
@@ -381,7 +381,7 @@ def test_without_a_block_too_it_never_comes_in_place_of_an_error_under_way(
 
 
 def test_a_callback_may_stop_a_robot_that_has_a_fault(
-    time: VirtualTime, caplog: pytest.LogCaptureFixture
+    time: SteppedTime, caplog: pytest.LogCaptureFixture
 ) -> None:
     pepper, error = faulty("gate", time)
     pepper.on_fault()(lambda _: pepper.stop())
@@ -394,7 +394,7 @@ def test_a_callback_may_stop_a_robot_that_has_a_fault(
     assert "failed" not in caplog.text
 
 
-def test_a_fault_that_only_a_callback_saw_is_raised_in_the_end(time: VirtualTime) -> None:
+def test_a_fault_that_only_a_callback_saw_is_raised_in_the_end(time: SteppedTime) -> None:
     pepper, error = faulty("gate", time)
     seen: list[BaseException] = []
 
@@ -416,7 +416,7 @@ def test_a_fault_that_only_a_callback_saw_is_raised_in_the_end(time: VirtualTime
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_a_fault_never_comes_in_place_of_an_error_under_way(kind: str, time: VirtualTime) -> None:
+def test_a_fault_never_comes_in_place_of_an_error_under_way(kind: str, time: SteppedTime) -> None:
     pepper, _ = faulty(kind, time)
 
     def fail() -> None:
@@ -428,7 +428,7 @@ def test_a_fault_never_comes_in_place_of_an_error_under_way(kind: str, time: Vir
     assert backend_of(pepper).calls[-1] == "close"
 
 
-def test_an_emergency_stop_from_the_program_is_raised_too(time: VirtualTime) -> None:
+def test_an_emergency_stop_from_the_program_is_raised_too(time: SteppedTime) -> None:
     faults: list[FaultEvent] = []
     pepper = make_pepper()
     pepper.on_fault()(faults.append)
@@ -445,7 +445,7 @@ def test_an_emergency_stop_from_the_program_is_raised_too(time: VirtualTime) -> 
 
 @pytest.mark.parametrize("real_time", [False, True])
 def test_an_emergency_stop_just_before_the_end_is_raised_and_logged(
-    real_time: bool, time: VirtualTime, tmp_path: Path
+    real_time: bool, time: SteppedTime, tmp_path: Path
 ) -> None:
     path = tmp_path / "run.mcap"
     pepper = Pepper("mock", observer=None, real_time=real_time, log=path)
@@ -468,7 +468,7 @@ def test_a_fault_that_a_wait_has_raised_is_not_raised_in_the_end() -> None:
             pepper.wait_for_contact(timeout=1.0)
 
 
-def test_a_robot_can_be_started_again_after_a_fault(time: VirtualTime) -> None:
+def test_a_robot_can_be_started_again_after_a_fault(time: SteppedTime) -> None:
     pepper, error = faulty("gate", time)
     with pytest.raises(error):
         inside(pepper, time.wait_for_sleeper, lambda: time.advance(0.24))

@@ -18,9 +18,11 @@ from pepper_driver.backends.naoqi_server.launch import StandIn
 from pepper_driver.backends.naoqi_server.shared_values import BlackBox
 from pepper_driver.log import read_log
 from support import ROOT
-from support.naoqi_faults import ROBOT, STANDS, url
-from support.stand_ins import since
+from support.naoqi_faults import ROBOT, STANDS
+from support.stand_ins import since, url
 from support.waiting import PATIENCE, wait_until
+
+pytestmark = pytest.mark.realtime
 
 ARMS = [
     ROBOT.joint_index(name) for chain in ("left_arm", "right_arm") for name in ROBOT.chains[chain]

@@ -238,7 +238,7 @@ class Requested(MockBackend):
 
     def __init__(self, clock: FakeClock, lead_ms: float, takes_ms: float = 0.0) -> None:
         super().__init__()
-        self.clock, self.lead, self.takes = clock, lead_ms * 1e-3, round(takes_ms * MS)
+        self.time, self.lead, self.takes = clock, lead_ms * 1e-3, round(takes_ms * MS)
         self.at: list[int] = []
         self.pacer = RealTimePacer(0.012, self, clock=Clock(clock, clock.sleep))
 
@@ -247,14 +247,14 @@ class Requested(MockBackend):
         return self.lead
 
     def request(self) -> None:
-        self.at.append(self.clock.now)
-        self.clock.work(self.takes)
+        self.at.append(self.time.now)
+        self.time.work(self.takes)
 
     def tick(self, work_ms: float = 1.0) -> tuple[int, int]:
         """A tick that works so long; returns when it was due, and the ticks missed before it."""
         missed = self.pacer.wait()
         due = started(self.pacer)
-        self.clock.work(round(work_ms * MS))
+        self.time.work(round(work_ms * MS))
         return due, missed
 
 
@@ -285,7 +285,7 @@ def test_a_request_that_takes_its_time_shifts_no_tick() -> None:
     for _ in range(5):
         _, missed = robot.tick()
         assert missed == 0
-        assert robot.clock.now - started(robot.pacer) == 2 * MS, "a little late, and not shifted"
+        assert robot.time.now - started(robot.pacer) == 2 * MS, "a little late, and not shifted"
 
 
 def test_a_tick_that_ends_within_the_lead_requests_at_once() -> None:

@@ -22,7 +22,7 @@ from pepper_driver.realtime import COLLECTION_PERIOD
 from pepper_driver.reflexes import Reflex, ReflexRequests
 from pepper_driver.robot import Pepper
 from pepper_driver.safety import FaultError, FaultReason, RobotState
-from support.sessions import ROBOT, Scripted, VirtualTime, active, make_session, start
+from support.sessions import ROBOT, Scripted, SteppedTime, active, make_session, start
 
 CYCLE = 12_000_000  # ns
 
@@ -211,7 +211,7 @@ class Reacting(Reflex):
 def calls_of_a_run(monkeypatch: pytest.MonkeyPatch, *, real: bool, paced: bool) -> list[str]:
     """All that is called in a run of a backend whose caller ticks, by a clock that stands still but for sleeping."""
     calls: list[str] = []
-    time = VirtualTime()
+    time = SteppedTime()
     monkeypatch.setattr("pepper_driver.robot.RealTimePacer", time.pacer)
     monkeypatch.setattr("pepper_driver.robot.make_backend", lambda *_: Recorder(real, calls))
     reflex = Reacting(calls)
@@ -254,7 +254,7 @@ def test_a_run_in_real_time_leaves_the_process_as_it_was(loop_thread: bool) -> N
     seen: list[bool] = []
     interval, threads = sys.getswitchinterval(), set(threading.enumerate())
     backend = MockBackend(faults={5: broken})
-    time = VirtualTime()
+    time = SteppedTime()
     with (
         time.flowing(),
         active(backend, time=time, loop_thread=loop_thread) as session,
@@ -281,7 +281,7 @@ def test_garbage_of_a_run_in_real_time_is_collected_meanwhile(loop_thread: bool)
         def __del__(self) -> None:
             gone.append(self.number)
 
-    time = VirtualTime()
+    time = SteppedTime()
     with time.flowing(), active(time=time, loop_thread=loop_thread) as session:
         for number in range(3):
             Circle(number)
@@ -291,7 +291,7 @@ def test_garbage_of_a_run_in_real_time_is_collected_meanwhile(loop_thread: bool)
 
 def test_a_slow_tick_is_missed_counted_and_told() -> None:
     """One tick of 100 ms costs eight."""
-    time = VirtualTime()
+    time = SteppedTime()
 
     def think(tick: Tick, _: object) -> None:
         time.now += 100_000_000 * (tick.measurement.tick == 4)

@@ -22,7 +22,7 @@ from pepper_driver.controller import TargetError
 from pepper_driver.observer import Contact
 from pepper_driver.safety import RobotState
 from support.reflexes import touch
-from support.sessions import ROBOT, Scripted, backend_of, in_thread, virtual_time
+from support.sessions import ROBOT, Scripted, backend_of, in_thread, stepped_time
 
 
 def make_pepper(**arguments: Any) -> Pepper:
@@ -70,7 +70,7 @@ def test_several_threads_read_what_belongs_together_and_never_go_back() -> None:
             newest = number
             reads[reader] += 1
 
-    with virtual_time() as time, pytest.MonkeyPatch.context() as patch:
+    with stepped_time() as time, pytest.MonkeyPatch.context() as patch:
         patch.setattr("pepper_driver.robot.make_backend", lambda *_: Telling())
         pepper = Pepper("any", observer=Counting(), real_time=True)
         with pepper, time.flowing():
@@ -235,7 +235,7 @@ def test_before_the_first_tick_the_robot_is_where_it_was_found() -> None:
 
 @pytest.mark.parametrize("real_time", [False, True])
 def test_after_the_end_it_is_where_it_was_seen_last(real_time: bool) -> None:
-    with virtual_time() as time, time.flowing():
+    with stepped_time() as time, time.flowing():
         with make_pepper(observer=Scripted({3: (touch(),)}), real_time=real_time) as pepper:
             pepper.set_posture({"HeadYaw": 0.4})
             pepper.run(0.6)

@@ -28,11 +28,11 @@ from pepper_driver.observer import ModelFileError
 from pepper_driver.safety import RobotState
 from support import ROOT
 from support.sessions import (
-    VirtualTime,
+    SteppedTime,
     backend_of,
     begun,
     in_thread,
-    virtual_time,
+    stepped_time,
 )
 from support.waiting import PATIENCE, wait_until
 
@@ -49,10 +49,10 @@ def make_pepper(**arguments: Any) -> Pepper:
 
 
 @pytest.fixture(autouse=True)
-def time() -> Iterator[VirtualTime]:
+def time() -> Iterator[SteppedTime]:
     """By a clock that costs no time; and nothing is left behind."""
     threads, interval = set(threading.enumerate()), sys.getswitchinterval()
-    with virtual_time() as time, time.flowing():
+    with stepped_time() as time, time.flowing():
         yield time
     assert wait_until(lambda: set(threading.enumerate()) <= threads), threading.enumerate()
     assert sys.getswitchinterval() == interval

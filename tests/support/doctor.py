@@ -12,10 +12,10 @@ from pepper_driver.backends import Backend, DeviceError, Measurement
 from pepper_driver.backends.mock import Fault, MockBackend
 from pepper_driver.config import RobotConfig, load_robot
 from pepper_driver.config.arrays import FloatArray
+from pepper_driver.config.clock import SYSTEM_CLOCK, Clock
 from pepper_driver.doctor import CheckResult, Examination, examine
 from pepper_driver.observer import ModelSet
 from pepper_driver.observer.models.model_file import shipped
-from pepper_driver.realtime import Pacer
 
 ROBOT = load_robot()
 TICKS = 3000
@@ -62,8 +62,18 @@ def use(monkeypatch: pytest.MonkeyPatch, backend: Backend) -> None:
 
     monkeypatch.setattr("pepper_driver.doctor.examination.make_backend", make)
     monkeypatch.setattr("pepper_driver.robot.make_backend", make)
-    monkeypatch.setattr("pepper_driver.doctor.examination.RealTimePacer", lambda *_: Pacer())
-    monkeypatch.setattr("pepper_driver.robot.RealTimePacer", lambda *_: Pacer())
+    if backend.clock is SYSTEM_CLOCK:
+        backend.clock = passing_clock()
+
+
+def passing_clock(oversleep: float = 0.0) -> Clock:
+    """Return a clock by which no one waits: time passes when somebody sleeps, and some more [s]."""
+    passed = [0.0]
+
+    def sleep(seconds: float) -> None:
+        passed[0] += seconds + oversleep
+
+    return Clock(now=lambda: round(1e9 * passed[0]), sleep=sleep)
 
 
 def models_for(identity: str, folder: Path) -> Path:

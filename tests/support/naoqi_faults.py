@@ -1,17 +1,14 @@
-"""A robot that moves arms and wheels over real qi when something goes wrong, and what it really did then."""
+"""A robot that moves arms and wheels over NAOqi when something goes wrong, and what it really did then."""
 
 from __future__ import annotations
 
 import math
-import time
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from pepper_driver import Pepper
-from pepper_driver.backends.naoqi_server.launch import StandIn
 from pepper_driver.backends.naoqi_server.shared_values import BlackBox, row_type
 from pepper_driver.config import (
     PepperError,
@@ -19,12 +16,10 @@ from pepper_driver.config import (
     load_robot,
 )
 from pepper_driver.controller import Tick
-from support.stand_ins import PATIENT, patient_driver, since
-from support.waiting import PATIENCE, wait_until
+from support.virtual_naoqi import VirtualNaoqi
 
 ROBOT = load_robot()
 FORWARD = 0.15  # [m/s]
-TRIES = 6  # on a machine so busy that the robot is stopped before anything is wrong
 DEAD_MAN = 0.15  # [s]
 STANDS = load_doctor_settings().wheel_rest  # [rad/s]
 
@@ -33,97 +28,62 @@ EMPTY = BlackBox.of(np.zeros(0, row_type(ROBOT)))
 
 
 @dataclass
-class QpStatus:
-    """What came of it. Times are of ``time.monotonic()``.
+class Outcome:
+    """Result of a run with a fault. Times are of virtual time [s].
 
     Attributes:
-        begun: When the fault was about to be set.
-        wrong: When it was set.
+        begun: When the fault was set.
         ended: When the client's run ended.
-        closed: When it had left the robot.
+        closed: How long it took to leave the robot [s].
         error: With which its run ended; None where it did not.
         ages: (time, age of the sample [s]) of its ticks after the fault.
-        box: What the robot did, from half a second before the fault to half a second after the client's run.
-        dropped_commands: Commands that were not sent.
+        box: What the robot did, from half a second before the fault on.
     """
 
     begun: float
-    wrong: float = 0.0
     ended: float = 0.0
     closed: float = 0.0
     error: PepperError | None = None
     ages: list[tuple[float, float]] = field(default_factory=list)
     box: BlackBox = field(default_factory=lambda: EMPTY)
-    dropped_commands: int = 0
 
 
-def url(stand_in: StandIn) -> str:
-    return f"naoqi://127.0.0.1:{stand_in.port}"
-
-
-@contextmanager
-def quick_settings() -> Iterator[None]:
-    """Ramps and measurements at the start that take no longer than tests need."""
-    with patient_driver(burst=0.2, ramp_up=0.5, ramp_down=0.1):
-        yield
-
-
-def drive(stand_in: StandIn, fault: str, seconds: float, *, watch: float = 0.3) -> QpStatus:
+def drive(robot: VirtualNaoqi, fault: str, seconds: float, *, watch: float = 0.3) -> Outcome:
     """Move arms and wheels, set a fault, run on for some time or until the run ends; watch the robot, then leave it."""
-    return drive_through(stand_in, [fault], seconds, watch=watch)[0]
+    return drive_through(robot, [fault], seconds, watch=watch)[0]
 
 
 def drive_through(
-    stand_in: StandIn, faults: Sequence[str], seconds: float, *, watch: float = 0.0
-) -> list[QpStatus]:
+    robot: VirtualNaoqi, faults: Sequence[str], seconds: float, *, watch: float = 0.0
+) -> list[Outcome]:
     """The same with one fault after the other, each cleared before the next, in one run of the robot."""
-    why: list[str] = []
-    for _ in range(TRIES):
-        stand_in.clear_faults()
-        outcomes: list[QpStatus] = []
-        try:
-            with Pepper(url(stand_in), observer=None, safety=PATIENT) as pepper:
-                begin_to_move(pepper)
-                end = time.monotonic() + PATIENCE
-                while what_is_still(stand_in) and time.monotonic() < end:
-                    pepper.run(0.1)
-                if problem := what_is_still(stand_in):
-                    why.append(problem)
-                    continue
-                for fault in faults:
-                    move_arms(pepper)
-                    outcome = QpStatus(begun=time.monotonic())
-                    stand_in.set_fault(fault)
-                    outcome.wrong = time.monotonic()
-                    outcome.error = run(pepper, seconds, outcome)
-                    outcome.ended = time.monotonic()
-                    wait_for_cycles(stand_in, round(watch / ROBOT.cycle))
-                    outcome.box = since(stand_in, outcome.begun - 0.5)
-                    outcomes.append(outcome)
-                    if fault != faults[-1]:
-                        stand_in.clear_faults()
-                left = time.monotonic()
-        except PepperError as error:
-            if len(outcomes) < len(faults):  # stopped before all was wrong that is to be
-                why.append(str(error))
-                continue
-        outcome.closed = time.monotonic() - left
-        return outcomes
-    raise AssertionError(f"no robot that moves, perhaps because this machine is too busy: {why}")
+    outcomes: list[Outcome] = []
+    with robot.pepper() as pepper:
+        begin_to_move(pepper)
+        assert_drives(robot.black_box(3))
+        for fault in faults:
+            move_arms(pepper)
+            outcome = Outcome(begun=robot.time.seconds())
+            robot.set_fault(fault)
+            outcome.error = run(robot, pepper, seconds, outcome)
+            outcome.ended = robot.time.seconds()
+            robot.time.sleep(watch)
+            outcome.box = robot.since(outcome.begun - 0.5)
+            outcomes.append(outcome)
+            if fault != faults[-1]:
+                robot.clear_faults()
+        left = robot.time.seconds()
+    outcome.closed = robot.time.seconds() - left
+    return outcomes
 
 
-def wait_for_cycles(stand_in: StandIn, number: int) -> None:
-    """Until the robot has made so many more."""
-    now = time.monotonic()
-    assert wait_until(lambda: len(since(stand_in, now)) >= number)
-
-
-def run(pepper: Pepper, seconds: float, outcome: QpStatus) -> PepperError | None:
-    """What ended the run, if anything did."""
+def run(
+    robot: VirtualNaoqi, pepper: Pepper, seconds: float, outcome: Outcome
+) -> PepperError | None:
+    """Return the error that ended the run, if any did."""
 
     def on_tick(tick: Tick, _: object) -> None:
-        outcome.ages.append((time.monotonic(), tick.measurement.age))
-        outcome.dropped_commands = tick.measurement.dropped_commands
+        outcome.ages.append((robot.time.seconds(), tick.measurement.age))
 
     try:
         pepper.run(seconds, on_tick=on_tick)
@@ -148,19 +108,14 @@ def move_arms(pepper: Pepper) -> None:
     pepper.set_posture(goal, duration=4.0)
 
 
-def what_is_still(stand_in: StandIn) -> str:
-    """Says why the wheels do not turn; nothing where they do."""
-    box = stand_in.black_box(3)
-    if (np.abs(box.wheel_speed).max(axis=1) > 1.0).all():
-        return ""
-    told, stiffness = box.wheel_command[-1].round(2), box.wheel_stiffness[-1]
-    return f"its wheels do not turn, told {told} with stiffness {stiffness}"
+def drives(box: BlackBox) -> bool:
+    """Return True if the wheels turn in all cycles."""
+    return bool((np.abs(box.wheel_speed).max(axis=1) > 1.0).all())
 
 
-def joints_rest(stand_in: StandIn) -> bool:
-    """Return True if no joint has moved for 1.2 s: after a run ALMotion leads joints back by itself."""
-    box = stand_in.black_box(100)
-    return len(box.position) == 100 and float(np.ptp(box.position, axis=0).max()) < 0.002
+def assert_drives(box: BlackBox) -> None:
+    """The wheels turn."""
+    assert drives(box), f"commanded {box.wheel_command[-1]}, stiffness {box.wheel_stiffness[-1]}"
 
 
 def assert_wheels_stop(box: BlackBox) -> None:

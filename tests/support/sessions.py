@@ -16,7 +16,7 @@ from pepper_driver.backends import Backend
 from pepper_driver.backends.mock import MockBackend
 from pepper_driver.callbacks.dispatcher import Dispatcher
 from pepper_driver.config import load_controller_settings, load_robot, load_safety_settings
-from pepper_driver.config.clock import Clock
+from pepper_driver.config.clock import SYSTEM_CLOCK, Clock
 from pepper_driver.controller import Tick
 from pepper_driver.controller.changes import Changes
 from pepper_driver.observer import Contact, Observation, Observer
@@ -31,7 +31,7 @@ CYCLE = 12_000_000
 """[ns]"""
 
 
-class VirtualTime:
+class SteppedTime:
     """A clock that moves only when the test says so: threads that sleep by it are woken one by one, in order.
 
     Attributes:
@@ -90,9 +90,12 @@ class VirtualTime:
             with self._changed:
                 self._flowing -= 1
 
-    def pacer(self, cycle: float, backend: Backend) -> RealTimePacer:
-        """A pacer by this clock."""
-        return RealTimePacer(cycle, backend, clock=Clock(self.clock, self.sleep))
+    def pacer(
+        self, cycle: float, backend: Backend, *, clock: Clock = SYSTEM_CLOCK
+    ) -> RealTimePacer:
+        """A pacer by this clock, which becomes that of the backend."""
+        backend.clock = Clock(self.clock, self.sleep)
+        return RealTimePacer(cycle, backend, clock=backend.clock)
 
     def _pass(self, end: int) -> None:
         while due := {at: thread for thread, at in self._sleepers.items() if at <= end}:
@@ -174,7 +177,7 @@ def start(
 def active(
     backend: Backend | None = None,
     *,
-    time: VirtualTime | None = None,
+    time: SteppedTime | None = None,
     loop_thread: bool = False,
     **parts: Any,
 ) -> Iterator[Session]:
@@ -224,9 +227,9 @@ class Background(threading.Thread):
 
 
 @contextmanager
-def virtual_time() -> Iterator[VirtualTime]:
+def stepped_time() -> Iterator[SteppedTime]:
     """Robots that are made inside this block tick by a clock that the test turns; to end, they wait for none."""
-    time, close = VirtualTime(), Session.close
+    time, close = SteppedTime(), Session.close
 
     def close_at_once(session: Session) -> None:
         with time.flowing():

@@ -54,3 +54,8 @@ def since(stand_in: StandIn, moment: float) -> BlackBox:
     """The cycles that were due after a moment of the monotonic clock."""
     box = stand_in.black_box()
     return BlackBox(**{name: rows[box.begin > moment] for name, rows in vars(box).items()})
+
+
+def url(stand_in: StandIn) -> str:
+    """Return the address of a stand-in for clients."""
+    return f"naoqi://127.0.0.1:{stand_in.port}"

@@ -24,10 +24,9 @@ without a request: ``reflexes.py``.
 from __future__ import annotations
 
 import logging
-import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from threading import Event, RLock, Thread
+from threading import Event, RLock
 
 import numpy as np
 
@@ -38,6 +37,10 @@ from pepper_driver.backends.naoqi_server.almotion.wheels import AlmotionBase
 from pepper_driver.backends.naoqi_server.dcm import UpdateType, unwrapped, wrapped
 from pepper_driver.backends.naoqi_server.ipc import Robot
 from pepper_driver.config import NaoqiServices, RobotConfig
+from pepper_driver.config.clock import MONOTONIC_CLOCK, Clock
+
+RETRY_PERIOD = 1.0
+"""[s] from an error of the robot to the next cycle."""
 
 
 class Actuators:
@@ -230,12 +233,20 @@ class MotionEngine:
         awake: Whether the motors are on since the last ``wakeUp``.
         wheel_stiffness: Of all wheels, 0..1.
         on_cycle: Called after each cycle, without the lock.
+        clock: Time of its cycles.
         closed: Set once it is over.
     """
 
     def __init__(
-        self, robot: Robot, config: RobotConfig, settings: NaoqiServices, *, consent: bool = False
+        self,
+        robot: Robot,
+        config: RobotConfig,
+        settings: NaoqiServices,
+        *,
+        consent: bool = False,
+        clock: Clock = MONOTONIC_CLOCK,
     ) -> None:
+        self.clock = clock
         self._robot = robot
         self._settings = settings
         self._actuators = Actuators(robot, config, round(settings.lead_time * 1000))
@@ -257,17 +268,18 @@ class MotionEngine:
         self._rest_time = 0.0
         self._date = robot.time()
         self.closed = Event()
-        self._thread = Thread(target=self._run, name="ALMotion", daemon=True)
+        self._ended = Event()
+        self._ended.set()
 
     def start(self) -> None:
         """Begin to write."""
-        self._thread.start()
+        self._ended.clear()
+        self.clock.start(self._run, "ALMotion")
 
     def close(self) -> None:
         """End the writer, and release callers that wait for a motion."""
         self.closed.set()
-        if self._thread.is_alive():
-            self._thread.join()
+        self.clock.wait_for(self._ended.is_set)
         with self.lock:
             self.joints.kill(self.joints.tasks)
             self.base.stop(at_once=True)
@@ -340,7 +352,7 @@ class MotionEngine:
         }
 
     def _run(self) -> None:
-        due = time.monotonic()
+        due = self.clock.seconds()
         while not self.closed.is_set():
             try:
                 self.cycle()
@@ -348,7 +360,8 @@ class MotionEngine:
                 BackendError
             ) as error:  # the robot has ended or was stopped: nothing is left to move
                 logger.warning("ALMotion: %s", error)
-                self.closed.wait(1.0)
+                self.clock.wait_for(self.closed.is_set, RETRY_PERIOD)
             # Missed cycles are not made up for: a process that was stopped continues where it was.
-            due = max(due + self._settings.cycle, time.monotonic())
-            self.closed.wait(due - time.monotonic())
+            due = max(due + self._settings.cycle, self.clock.seconds())
+            self.clock.sleep(max(0.0, due - self.clock.seconds()))
+        self._ended.set()

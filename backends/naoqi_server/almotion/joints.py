@@ -18,6 +18,7 @@ from typing import Literal, Protocol
 from pepper_driver.backends.naoqi_server.almotion.curves import approach
 from pepper_driver.backends.naoqi_server.almotion.kinematics import CallError, JointGroups
 from pepper_driver.config import NaoqiServices, RobotConfig
+from pepper_driver.config.clock import Clock
 
 _NUMBERS = count(1)
 
@@ -88,9 +89,9 @@ class AlmotionTask:
         self.completed = completed
         self._over.set()
 
-    def wait(self) -> bool:
+    def wait(self, clock: Clock) -> bool:
         """Until it is over; whether it came to its end."""
-        self._over.wait()
+        clock.wait_for(self._over.is_set)
         return self.completed
 
 

@@ -138,11 +138,11 @@ class Waking:
                 self._motion.wheel_stiffness = 1.0
                 ramp = self._ramp(1.0)
         if not awake:
-            if not ramp.wait():
+            if not ramp.wait(self._motion.clock):
                 return False
             self._set_awake(True)
             if not self._postures.reached("Stand"):
-                self._postures.go("Stand", SPEED).wait()
+                self._postures.go("Stand", SPEED).wait(self._motion.clock)
         self._memory.raise_event(PREFIX + "wakeUpFinished", True)
         return True
 
@@ -152,12 +152,12 @@ class Waking:
             self._motion.joints.kill(self._motion.joints.tasks)
             self._motion.base.stop()
             awake = self._motion.awake
-        if awake and not self._postures.go(self._settings.rest, SPEED).wait():
+        if awake and not self._postures.go(self._settings.rest, SPEED).wait(self._motion.clock):
             return
         with self._motion.lock:
             self._motion.awake = False  # reflexes end before the stiffness
             ramp = self._ramp(0.0)
-        if ramp.wait():
+        if ramp.wait(self._motion.clock):
             with self._motion.lock:
                 self._motion.wheel_stiffness = 0.0
             self._set_awake(False)

@@ -15,6 +15,7 @@ import numpy as np
 from pepper_driver.backends.motion_profile import PEAK_SPEED_RATIO, minimum_jerk, minimum_jerk_slope
 from pepper_driver.config import NaoqiServices, RobotConfig
 from pepper_driver.config.arrays import FloatArray
+from pepper_driver.config.clock import Clock
 
 TWIST_EPSILON = 1e-6
 """[m/s], [rad/s] A twist below this counts as zero."""
@@ -82,9 +83,9 @@ class Move:
         self.succeeded = succeeded
         self._over.set()
 
-    def wait(self) -> bool:
+    def wait(self, clock: Clock) -> bool:
         """Until it is over; whether it came to its end."""
-        self._over.wait()
+        clock.wait_for(self._over.is_set)
         return self.succeeded
 
     def reference(self) -> tuple[FloatArray, FloatArray]:

@@ -4,17 +4,17 @@ from __future__ import annotations
 
 import functools
 import logging
-import time
 from collections import deque
 from collections.abc import Callable
 from functools import partial, wraps
-from threading import Lock, Thread
-from typing import Any, TypeVar
+from threading import Lock
+from typing import Any, Protocol, TypeVar
 
 import qi
 
 from pepper_driver.backends.naoqi_server.service_faults import ServiceFaults
 from pepper_driver.config import PepperError
+from pepper_driver.config.clock import MONOTONIC_CLOCK, Clock
 
 KEPT = 1000
 """Entries of the record."""
@@ -25,15 +25,15 @@ Method = TypeVar("Method", bound=Callable[..., Any])
 class Record:
     """Record of calls without a visible effect: speech, lights, the tablet. The oldest entries are forgotten."""
 
-    def __init__(self) -> None:
+    def __init__(self, clock: Clock = MONOTONIC_CLOCK) -> None:
         self._lock = Lock()
-        self._begin = time.monotonic()
+        self._clock, self._begin = clock, clock.seconds()
         self._entries: deque[tuple[float, str, str, list[object]]] = deque(maxlen=KEPT)
 
     def add(self, service: str, method: str, *arguments: object) -> None:
         """Keep a call."""
         with self._lock:
-            now = time.monotonic() - self._begin
+            now = self._clock.seconds() - self._begin
             self._entries.append((now, service, method, list(arguments)))
 
     @property
@@ -43,26 +43,32 @@ class Record:
             return [list(entry) for entry in self._entries]
 
 
+class Timed(Protocol):
+    """A service whose methods take time."""
+
+    _clock: Clock
+
+
 def blocking(method: Method) -> Method:
     """Run a slow method of a service outside the threads of qi.
 
     The caller waits for its end, but no thread of qi does: qi has four, and four calls that block would block all
-    others. The method runs on a thread of its own and qi is handed a future.
+    others. The method runs on a thread of the service's ``_clock`` and qi is handed a future.
     """
 
     @functools.wraps(method)
-    def begin(*arguments: object) -> object:
+    def begin(service: Timed, *arguments: object) -> object:
         promise = qi.Promise()
 
         def run() -> None:
             try:
-                value = method(*arguments)
+                value = method(service, *arguments)
             except Exception as error:  # any error is passed to the caller
                 promise.setError(str(error))
             else:
                 promise.setValue(value)
 
-        Thread(target=run, name=method.__name__, daemon=True).start()
+        service._clock.start(run, method.__name__)
         return promise.future()
 
     return begin  # type: ignore[return-value]  # callers over qi see no difference

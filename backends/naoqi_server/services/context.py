@@ -6,7 +6,7 @@ import re
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from threading import Condition, Lock
+from threading import Lock
 from typing import Any
 
 from pepper_driver.backends.naoqi_server.almotion.engine import MotionEngine
@@ -17,6 +17,7 @@ from pepper_driver.backends.naoqi_server.memory import Memory, SensorEvents
 from pepper_driver.backends.naoqi_server.service_faults import FaultRouter
 from pepper_driver.backends.naoqi_server.services.calls import Record
 from pepper_driver.config import RobotConfig, load_naoqi_services
+from pepper_driver.config.clock import MONOTONIC_CLOCK, Clock
 from pepper_driver.config.naoqi_services import Speech
 
 PARAMETERS = {
@@ -44,23 +45,24 @@ class Voice:
         parameters: Of the voice, by NAOqi's names; ``speed`` 100 is as usual.
     """
 
-    def __init__(self, memory: Memory, record: Record, settings: Speech) -> None:
+    def __init__(self, memory: Memory, record: Record, settings: Speech, clock: Clock) -> None:
         self._memory, self._record, self._settings = memory, record, settings
+        self._clock = clock
         self.language = "English"
         self.parameters = dict(PARAMETERS)
-        self._turn = Lock()
-        self._changed = Condition()
-        self._last = self._stopped = 0
+        self._lock = Lock()
+        self._last = self._stopped = self._said = 0
         for event in ("TextStarted", "TextDone", "TextInterrupted"):
             memory.raise_event(PREFIX + event, 0)
 
     def speak(self, text: str, language: str, service: str) -> None:
         """Say a text for a service; waits until it is said, or stopped."""
-        with self._changed:
+        with self._lock:
             number = self._last = self._last + 1
         self._notify("Status", [number, "enqueued"])
         # A robot has one voice: texts of all services wait for each other.
-        with self._turn:
+        self._clock.wait_for(lambda: self._said == number - 1)
+        try:
             self._record.add(service, "say", text, language)
             plain = spoken(text)
             self._notify("CurrentSentence", plain)
@@ -69,18 +71,18 @@ class Voice:
             self._notify("TextStarted", 1)
             rate = self._settings.characters * self.parameters["speed"] / 100
             seconds = self._settings.start + len(plain) / rate
-            with self._changed:
-                # By number, because stop() also ends texts that have not begun.
-                stopped = self._changed.wait_for(lambda: number <= self._stopped, seconds)
+            # By number, because stop() also ends texts that have not begun.
+            stopped = self._clock.wait_for(lambda: number <= self._stopped, seconds)
             self._notify("TextInterrupted" if stopped else "TextDone", 1)
             self._notify("TextStarted", 0)
             self._notify("Status", [number, "stopped" if stopped else "done"])
+        finally:
+            self._said = number
 
     def stop(self) -> None:
         """End what is being said, and what waits to be."""
-        with self._changed:
+        with self._lock:
             self._stopped = self._last
-            self._changed.notify_all()
 
     def _notify(self, event: str, value: object) -> None:
         self._memory.raise_event(PREFIX + event, value)
@@ -100,6 +102,7 @@ class Shared:
         config: What the robot is.
         consent: True if its owner allows safety reflexes to be switched off.
         version: Of NAOqi, as ``ALSystem.systemVersion`` returns it; "" for that of the settings.
+        clock: Time of its motions and of what it says.
 
     Attributes:
         settings: Of the services.
@@ -120,14 +123,15 @@ class Shared:
         *,
         consent: bool = False,
         version: str = "",
+        clock: Clock = MONOTONIC_CLOCK,
     ) -> None:
         self.settings = load_naoqi_services(config)
-        self.motion = MotionEngine(robot, config, self.settings, consent=consent)
+        self.motion = MotionEngine(robot, config, self.settings, consent=consent, clock=clock)
         self.postures = Postures(self.motion, config, self.settings)
         self.waking = Waking(self.motion, self.postures, memory, self.settings)
         self.life = Life(self.motion)
-        self.record = Record()
-        self.voice = Voice(memory, self.record, self.settings.speech)
+        self.record = Record(clock)
+        self.voice = Voice(memory, self.record, self.settings.speech, clock)
         self.version = version or self.settings.version
 
     def start(self) -> None:
@@ -148,6 +152,7 @@ class Context:
         shared: Common objects of the services of the package ``modules``.
         services: Names of the services that this session offers.
         call: ``call(service, method, *arguments)`` calls a service of this session without waiting for it.
+        clock: Time of all that takes time.
     """
 
     robot: Robot
@@ -158,6 +163,12 @@ class Context:
     shared: Shared
     services: Callable[[], Collection[str]]
     call: Callable[..., Any]
+    clock: Clock = MONOTONIC_CLOCK
+
+    def start(self) -> None:
+        """Begin to move the robot and to raise events of its sensors."""
+        self.events.start()
+        self.shared.start()
 
 
 class MotionCalls:
@@ -170,7 +181,7 @@ class MotionCalls:
         self._context = context
         self._shared = context.shared
         self._motion = context.shared.motion
-        self._memory = context.memory
+        self._memory, self._clock = context.memory, context.clock
 
 
 def rising(times: Sequence[float], where: str) -> list[float]:

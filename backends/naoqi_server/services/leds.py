@@ -7,7 +7,6 @@ The service ``ALLeds``; NAOqi 2.8 page "ALLeds API". A user of the DCM: fading i
 
 from __future__ import annotations
 
-import time
 from collections.abc import Iterable, Mapping, Sequence
 from random import Random
 
@@ -121,6 +120,7 @@ class LedsService:
 
     def __init__(self, context: Context) -> None:
         self._robot, self._record = context.robot, context.shared.record
+        self._clock = context.clock
         self._prefix = context.config.naoqi.prefix
         self._shorts, self._groups = short_names(), groups()
 
@@ -182,7 +182,7 @@ class LedsService:
         self._record.add("ALLeds", "fade", name, level, seconds)
         self._light(dict.fromkeys(actuators, level), seconds)
         # The DCM fades by itself: only the caller waits.
-        time.sleep(seconds)
+        self._clock.sleep(seconds)
 
     @blocking
     def fadeRGB(self, name: object, *colour_and_duration: object) -> None:
@@ -193,7 +193,7 @@ class LedsService:
         actuators = self._actuators(name, where)
         self._record.add("ALLeds", "fadeRGB", name, list(colour), seconds)
         self._paint(actuators, colour, seconds)
-        time.sleep(seconds)
+        self._clock.sleep(seconds)
 
     @blocking
     def fadeListRGB(self, name: object, colours: object, times: object) -> None:
@@ -209,7 +209,7 @@ class LedsService:
         for colour, when in zip(colours, times, strict=True):
             seconds = _seconds(when, where) - before
             self._paint(actuators, _colour((colour,), where), max(seconds, 0.0))
-            time.sleep(max(seconds, 0.0))
+            self._clock.sleep(max(seconds, 0.0))
             before += seconds
 
     @blocking
@@ -223,7 +223,7 @@ class LedsService:
             self._paint(self._groups["FaceLeds"], (0.0, 0.0, 0.0), 0.0)
             for side in ("Left", "Right"):
                 self._paint(eye(side, step % len(EYE)), light, 0.0)
-            time.sleep(turn / len(EYE))
+            self._clock.sleep(turn / len(EYE))
 
     @blocking
     def randomEyes(self, duration: object) -> None:
@@ -237,7 +237,7 @@ class LedsService:
                     self._paint(
                         eye(side, place), (random.random(), random.random(), random.random()), STEP
                     )
-            time.sleep(STEP)
+            self._clock.sleep(STEP)
 
     @blocking
     def rasta(self, duration: object) -> None:
@@ -247,7 +247,7 @@ class LedsService:
         for step in range(round(seconds / STEP)):
             colour = _colour((RASTA[step % len(RASTA)],), "ALLeds::rasta")
             self._paint(self._groups["AllLeds"], colour, STEP)
-            time.sleep(STEP)
+            self._clock.sleep(STEP)
 
     def _all(self, method: str, name: object, level: float) -> None:
         actuators = self._actuators(name, f"ALLeds::{method}")

@@ -34,7 +34,7 @@ class PostureService:
 
     def __init__(self, context: Context) -> None:
         self._memory, self._postures = context.memory, context.shared.postures
-        self._motion = context.shared.motion
+        self._motion, self._clock = context.shared.motion, context.clock
         self._lock = Lock()
         self._task: AlmotionTask | None = None
         self._cycles = 0
@@ -88,7 +88,7 @@ class PostureService:
         with self._lock:
             task = self._task = self._postures.go(str(name), fraction)
         # Without the lock, so that stopMove() can end it.
-        return task.wait() and self._postures.reached(str(name))
+        return task.wait(self._clock) and self._postures.reached(str(name))
 
     def _notify(self) -> None:
         self._cycles += 1
@@ -116,7 +116,7 @@ class LifeService:
 
     def __init__(self, context: Context) -> None:
         self._memory, self._life = context.memory, context.shared.life
-        self._waking = context.shared.waking
+        self._waking, self._clock = context.shared.waking, context.clock
         context.memory.insert("AutonomousLife/State", self._life.state)
 
     def getState(self) -> str:

@@ -137,7 +137,7 @@ class JointCalls(MotionCalls):
         with self._motion.lock:
             self._motion.joints.tasks.add(task)
         # Without the lock, which the writer needs to move the joints.
-        task.wait()
+        task.wait(self._clock)
 
 
 def _fraction(value: object, where: str) -> float:
@@ -237,7 +237,7 @@ class StiffnessCalls(MotionCalls):
         with self._motion.lock:
             self._motion.joints.tasks.add(task)
         # Without the lock, which the writer needs to change the stiffness.
-        task.wait()
+        task.wait(self._clock)
 
     def _allowed(self, joints: Sequence[int], where: str) -> frozenset[int]:
         """Return the joints whose stiffness can be set: not the leg's. "Body" then stands for the others."""

@@ -70,7 +70,7 @@ class BaseCalls(MotionCalls):
         with self._motion.lock:
             move = self._motion.base.move(way, limits, least)
         # Without the lock, which the writer needs to drive.
-        return move.wait()
+        return move.wait(self._clock)
 
     @blocking
     def stopMove(self) -> bool:
@@ -171,10 +171,9 @@ class BaseCalls(MotionCalls):
 
     def _stand(self) -> bool:
         """Wait until the base stands; whether nothing made it drive again."""
-        while self.moveIsActive():
-            if self._motion.closed.wait(POLL_PERIOD):
-                return False
-        return True
+        closed = self._motion.closed.is_set
+        self._clock.wait_for(lambda: closed() or not self.moveIsActive())
+        return not self.moveIsActive()
 
 
 def _three(x: object, y: object, theta: object, where: str) -> FloatArray:

@@ -48,7 +48,7 @@ class SpeechService:
     __qi_threading__ = "multi"
 
     def __init__(self, context: Context) -> None:
-        self._voice = context.shared.voice
+        self._voice, self._clock = context.shared.voice, context.clock
         self._volume, self._name = 1.0, "naoenu"
 
     @blocking
@@ -138,7 +138,7 @@ class AnimatedSpeechService:
     __qi_threading__ = "multi"
 
     def __init__(self, context: Context) -> None:
-        self._context = context
+        self._context, self._clock = context, context.clock
         self._mode = "contextual"
         self._numbers = count(1)
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Iterator
 from dataclasses import fields
 
@@ -79,15 +78,15 @@ def cycles(backend: Backend, held: Command | None, count: int) -> Iterator[Measu
         held: Command of each of them; None for no write at all.
         count: Of the cycles.
     """
-    cycle, paced = backend.info.cycle, backend.real_time
-    due = time.monotonic()
+    cycle, paced, clock = backend.info.cycle, backend.real_time, backend.clock
+    due = clock.seconds()
     for _ in range(count):
         if held is not None:
             backend.write(held)
         yield backend.read()
-        due = max(due + cycle, time.monotonic())
+        due = max(due + cycle, clock.seconds())
         if paced:
-            time.sleep(max(0.0, due - time.monotonic()))
+            clock.sleep(max(0.0, due - clock.seconds()))
 
 
 def until(backend: Backend, held: Command, reached: Callable[[Measurement], object]) -> Measurement:

@@ -11,6 +11,7 @@ from pepper_driver.backends.naoqi_server.almotion.curves import Spline
 from pepper_driver.backends.naoqi_server.almotion.joints import AlmotionTask
 from pepper_driver.backends.naoqi_server.dcm import SPAN
 from pepper_driver.config import ConfigError, load_naoqi_services
+from pepper_driver.config.clock import MONOTONIC_CLOCK
 from pepper_driver.config.loading import package_file
 from support.almotion import CONFIG, SETTINGS, Stage, angle_key, hardness_key, joint, wheel_key
 
@@ -295,7 +296,7 @@ def test_the_living_head_looks_around_and_no_farther_than_said(stage: Stage) -> 
 def test_closing_lets_go_whoever_waits(stage: Stage) -> None:
     task = stage.add(interpolation("HeadYaw", (100.0, 1.0)))
     results: list[bool] = []
-    waiting = Thread(target=lambda: results.append(task.wait()))
+    waiting = Thread(target=lambda: results.append(task.wait(MONOTONIC_CLOCK)))
     waiting.start()
     stage.run(0.2)
     sleep(0.05)

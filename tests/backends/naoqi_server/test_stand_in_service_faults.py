@@ -11,6 +11,7 @@ import pytest
 from pepper_driver.backends import BackendError
 from pepper_driver.backends.naoqi_server.faults import parse_fault
 from pepper_driver.backends.naoqi_server.service_faults import BODY_TYPE, ServiceFaults
+from pepper_driver.config.clock import MONOTONIC_CLOCK, Clock
 
 VALUES = {"a/Value": 1.0, "b/Value": 2.0, BODY_TYPE: "Juliette"}
 
@@ -28,11 +29,18 @@ class Memory:
         return [VALUES[key] for key in keys]
 
 
-class Clock:
+class Time:
+    """A clock that stands until a test lets time pass.
+
+    Attributes:
+        now: [s].
+    """
+
     now = 100.0
 
-    def __call__(self) -> float:
-        return self.now
+    @property
+    def clock(self) -> Clock:
+        return Clock(now=lambda: round(1e9 * self.now))
 
 
 class Client:
@@ -49,7 +57,7 @@ class Client:
         return call
 
 
-def make(*texts: str, clock: Callable[[], float] = time.monotonic) -> tuple[ServiceFaults, Client]:
+def make(*texts: str, clock: Clock = MONOTONIC_CLOCK) -> tuple[ServiceFaults, Client]:
     faults = ServiceFaults(clock)
     memory = Client("ALMemory", Memory(), faults)
     for text in texts:
@@ -119,12 +127,12 @@ def test_errors_are_for_the_calls_that_are_meant(calls: str, refused: bool) -> N
 
 
 def test_a_fault_begins_and_ends_at_its_times() -> None:
-    clock = Clock()
-    _, memory = make("none:seconds=2,after=1", clock=clock)
+    passing = Time()
+    _, memory = make("none:seconds=2,after=1", clock=passing.clock)
     seen = []
     for _ in range(5):
         seen.append(memory.getData("a/Value"))
-        clock.now += 0.75
+        passing.now += 0.75
     assert seen == [1.0, 1.0, None, None, 1.0]  # at 0, 0.75, 1.5, 2.25, 3
 
 

@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 
 from pepper_driver.backends.naoqi_server.almotion.wheels import DriveLimits, Move, wrapped_angle
 from pepper_driver.config.arrays import FloatArray
+from pepper_driver.config.clock import MONOTONIC_CLOCK
 from support.almotion import CONFIG, SETTINGS, Stage, wheel_key
 from support.examples import examples
 
@@ -67,9 +68,9 @@ def test_a_newer_order_ends_a_move(stage: Stage) -> None:
     first = stage.motion.base.move(np.array([1.0, 0.0, 0.0]), LIMITS)
     stage.run(1.0)
     second = stage.motion.base.move(np.array([0.1, 0.0, 0.0]), LIMITS)
-    assert (first.wait(), second.succeeded) == (False, False)
+    assert (first.wait(MONOTONIC_CLOCK), second.succeeded) == (False, False)
     stage.motion.base.drive(np.zeros(3), LIMITS)
-    assert second.wait() is False
+    assert second.wait(MONOTONIC_CLOCK) is False
 
 
 def test_a_velocity_is_taken_with_its_acceleration_and_kept(stage: Stage) -> None:

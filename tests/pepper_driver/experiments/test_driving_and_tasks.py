@@ -28,7 +28,7 @@ from pepper_driver.controller import (
 )
 from pepper_driver.safety import RobotState
 from support.examples import examples
-from support.sessions import ROBOT, backend_of, in_thread, virtual_time
+from support.sessions import ROBOT, backend_of, in_thread, stepped_time
 
 HALF = round(0.5 / ROBOT.cycle)
 """[ticks] for which the base follows one ``drive``."""
@@ -113,7 +113,7 @@ def test_half_a_second_is_the_robots_whatever_ticks_are_missed() -> None:
 
 
 def test_the_base_of_a_program_that_hangs_stops() -> None:
-    with virtual_time() as time, make_pepper(real_time=True) as pepper:
+    with stepped_time() as time, make_pepper(real_time=True) as pepper:
         time.wait_for_sleeper()
         pepper.drive(*TWIST)
         time.advance(0.4)
@@ -285,7 +285,7 @@ def test_a_group_takes_effect_between_the_same_two_ticks() -> None:
                 pepper.set_posture({"HeadPitch": value})
                 second.target = [value, -0.25, 0.9]
 
-    with virtual_time() as time, make_pepper(real_time=True) as pepper, time.flowing():
+    with stepped_time() as time, make_pepper(real_time=True) as pepper, time.flowing():
         pepper.add(first)
         pepper.add(second)
         with pepper.changes():
@@ -346,7 +346,7 @@ def test_of_a_group_that_fails_nothing_is_made() -> None:
 
 @pytest.mark.parametrize("real_time", [False, True])
 def test_the_robot_cannot_be_run_inside_a_group(real_time: bool) -> None:
-    with virtual_time() as time, make_pepper(real_time=real_time) as pepper, time.flowing():
+    with stepped_time() as time, make_pepper(real_time=real_time) as pepper, time.flowing():
         for wait in (lambda: pepper.run(0.1), pepper.step, lambda: pepper.play("wave")):
             with pytest.raises(ChangesError, match="end the block first"), pepper.changes():
                 wait()
