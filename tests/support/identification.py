@@ -11,6 +11,8 @@ from pepper_driver.backends import Backend, BackendInfo, Measurement
 from pepper_driver.backends.mock import MockBackend
 from pepper_driver.config import Experiment, RobotConfig, load_experiment, load_robot
 from pepper_driver.config.loading import package_file, read_yaml
+from pepper_driver.identification import IdentificationDataset, record_joints
+from support.once import made_once
 
 ROBOT = load_robot()
 FULL = load_experiment("identify", ROBOT)
@@ -41,6 +43,19 @@ def short_files(folder: Path) -> list[str]:
         path.write_text(yaml.safe_dump(data))
         options += [f"--{option}", str(path)]
     return options
+
+
+def record_elbows(folder: Path, workers: int) -> IdentificationDataset:
+    """Record both elbow rolls, and a test run of a head joint with a motor of the same type."""
+    # Half a run is enough to fit a model to.
+    longer = SHORT.with_goals(dwell=(1.5, 2.0))
+    joints = ["LElbowRoll", "RElbowRoll"]
+    return record_joints("mujoco", joints, longer, folder, tested=["HeadPitch"], workers=workers)
+
+
+def recorded_elbows(request: pytest.FixtureRequest) -> Path:
+    """Their recordings, made by two processes."""
+    return made_once(request, "elbows", lambda folder: record_elbows(folder, workers=2))
 
 
 class SlowRobot(MockBackend):

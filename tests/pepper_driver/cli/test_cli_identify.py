@@ -13,36 +13,47 @@ import pytest
 from pepper_driver.backends.mock import MockBackend
 from pepper_driver.cli.app import run
 from pepper_driver.config import load_controller_settings
+from pepper_driver.config.signals import raised_signals
 from pepper_driver.controller import WholeBodyController
 from pepper_driver.controller.report import ControllerStatus
 from pepper_driver.identification import MANIFEST, DryRunError, load_recordings, plan_runs
 from pepper_driver.identification import identify as identify_module
-from pepper_driver.identification.runs import check_dry_run
-from pepper_driver.observer import ModelSet
+from pepper_driver.identification.runs import IdentificationRun, check_dry_run, perform
+from pepper_driver.observer import ModelSet, Recording
 from support.identification import (
     ROBOT,
     SHORT,
     InterruptedRobot,
     SlowRobot,
+    recorded_elbows,
     short_files,
     use_backends,
 )
 from support.waiting import PATIENCE, wait_until
 
+AFFINE = ["--model-type", "affine", "--calibration", "none"]
+"""Where the models are not the subject: they are fitted at once, to runs of single joints."""
+
+
+@pytest.fixture
+def elbows(request: pytest.FixtureRequest) -> Path:
+    return recorded_elbows(request)
+
 
 def test_models_of_both_sides_are_written_and_recordings_kept(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    monkeypatch.setattr("pepper_driver.cli.console.LINE_INTERVAL", 0.001)
     out, figures = tmp_path / "models.json", tmp_path / "fit.json"
-    options = ["--joints", "LElbowRoll,HeadPitch", "--workers", "1", *short_files(tmp_path)]
+    options = ["--joints", "LElbowRoll", "--workers", "1", *short_files(tmp_path)]
     assert run(["identify", "--out", str(out), "--json", str(figures), *options]) == 0
     models = ModelSet.load(out)
-    assert set(models.models) == {"LElbowRoll", "RElbowRoll", "HeadPitch"}
-    assert "--joints LElbowRoll,HeadPitch --model-type fusion --seed 0" in models.created_by
+    assert set(models.models) == {"LElbowRoll", "RElbowRoll"}
+    assert "--joints LElbowRoll --model-type fusion --seed 0" in models.created_by
     content = json.loads(figures.read_text())
     assert set(content["fit"]) == {"fusion", "affine", "cart", "closed form"}
     assert set(content["fit"]["affine"]) == set(models.models)
-    assert content["recorded"] == ["LElbowRoll", "HeadPitch"]
+    assert content["recorded"] == ["LElbowRoll"]
     assert {"kind": "excitation", "joint": "LElbowRoll"}.items() <= content["warnings"][0].items()
     shown = capsys.readouterr().out
     assert "NRMSE" in shown
@@ -50,39 +61,32 @@ def test_models_of_both_sides_are_written_and_recordings_kept(
     assert "warning: LElbowRoll: too little excitation" in shown
     assert len(load_recordings(tmp_path / "models-recordings", ROBOT).calibration) == 4
 
-    # Other models from the same recordings; nothing is driven.
-    again = [
-        "--fit-only",
-        "--recordings",
-        str(tmp_path / "models-recordings"),
-        "--model-type",
-        "cart",
-    ]
-    again += ["--share-types", "--no-mirror"]
-    assert run(["identify", "--out", str(tmp_path / "cart.json"), *again]) == 0
-    other = ModelSet.load(tmp_path / "cart.json")
-    assert other.kind == "cart"
-    assert other.models["HeadPitch"] == other.models["LElbowRoll"]
-    assert other.created_by.endswith("--no-mirror --share-types")
-    assert "what shared models cost" in capsys.readouterr().out
-
-
-def test_identify_says_beforehand_how_long_it_takes(
-    tmp_path: Path,
-    capsys: pytest.CaptureFixture[str],
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    monkeypatch.setattr("pepper_driver.cli.console.LINE_INTERVAL", 0.001)
-    options = ["--joints", "HeadPitch", "--workers", "1", *short_files(tmp_path)]
-    assert run(["identify", "--out", str(tmp_path / "models.json"), *options]) == 0
-    lines = capsys.readouterr().out.splitlines()
+    # It says beforehand how long it takes.
+    lines = shown.splitlines()
     assert lines[0].startswith("runs of ")
     assert lines[0].endswith(" in robot time to record")
-    runs = [line for line in lines if line.startswith("recording in simulation: HeadPitch-")]
+    runs = [line for line in lines if line.startswith("recording in simulation: LElbowRoll-")]
     assert runs
     assert all(" left" in line for line in runs)
     assert lines.count("fitting models") == 1
     assert max(map(lines.index, runs)) < lines.index("fitting models")
+
+
+def test_other_models_are_fitted_to_the_same_recordings(
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+    elbows: Path,
+) -> None:
+    monkeypatch.setattr(identify_module, "perform", None)  # nothing is driven
+    options = ["--fit-only", "--recordings", str(elbows), "--model-type", "cart"]
+    options += ["--share-types", "--no-mirror"]
+    assert run(["identify", "--out", str(tmp_path / "cart.json"), *options]) == 0
+    models = ModelSet.load(tmp_path / "cart.json")
+    assert models.kind == "cart"
+    assert models.models["HeadPitch"] == models.models["LElbowRoll"]
+    assert models.created_by.endswith("--no-mirror --share-types")
+    assert "what shared models cost" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(
@@ -112,13 +116,7 @@ def test_a_wrong_option_is_one_line_and_code_2(
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.parametrize(
-    ("number", "code", "word"),
-    [(signal.SIGINT, 130, "interrupted"), (signal.SIGTERM, 143, "terminated")],
-)
-def test_ctrl_c_and_signals_keep_finished_runs_and_say_how_to_go_on(
-    tmp_path: Path, number: int, code: int, word: str
-) -> None:
+def test_ctrl_c_keeps_finished_runs_and_says_how_to_go_on(tmp_path: Path) -> None:
     out, folder = tmp_path / "models.json", tmp_path / "kept"
     command = [
         sys.executable,
@@ -141,17 +139,39 @@ def test_ctrl_c_and_signals_keep_finished_runs_and_say_how_to_go_on(
     try:
         # A busy machine takes long for the first run; a signal before it would keep none.
         assert wait_until(lambda: list(folder.glob("*.npz")), 20 * PATIENCE)
-        process.send_signal(number)
+        process.send_signal(signal.SIGINT)
         shown, errors = process.communicate(timeout=60)  # which waits for the workers too
     finally:
         process.kill()
         process.wait()
-    assert process.returncode == code
-    assert errors == f"pepper: {word}\n"
+    assert process.returncode == 130
+    assert errors == "pepper: interrupted\n"
     assert f"of 13 runs are kept in {folder}; the same command continues from there" in shown
     assert not out.exists()
     kept = [path.name for path in folder.iterdir() if not path.name.startswith(".")]
     assert 1 < len(kept) < 14
+
+
+def test_other_signals_keep_finished_runs_too(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def terminated_in_the_second(uri: str, run: IdentificationRun) -> Recording:
+        if run.name != "HeadPitch-1":
+            signal.raise_signal(signal.SIGTERM)
+        return perform(uri, run)
+
+    monkeypatch.setattr(identify_module, "perform", terminated_in_the_second)
+    options = ["--joints", "HeadPitch", "--workers", "1", *AFFINE, *short_files(tmp_path)[:2]]
+    with raised_signals():
+        assert run(["identify", "--out", str(tmp_path / "m.json"), *options]) == 143
+    captured = capsys.readouterr()
+    assert captured.err == "pepper: terminated\n"
+    folder = tmp_path / "m-recordings"
+    assert (
+        f"1 of 3 runs are kept in {folder}; the same command continues from there" in captured.out
+    )
+    assert not (tmp_path / "m.json").exists()
+    assert {path.name for path in folder.iterdir()} == {MANIFEST, "HeadPitch-1.npz"}
 
 
 REAL = ["--backend", "fake://robot", "--workers", "1"]
@@ -163,7 +183,7 @@ def test_the_operator_is_asked_before_legs_and_base_move(
     made = use_backends(monkeypatch, SlowRobot)
     monkeypatch.setattr(sys, "stdin", io.StringIO("y\nn\n"))
     options = ["--out", str(tmp_path / "m.json"), "--joints", "HeadPitch,KneePitch", *REAL]
-    options += short_files(tmp_path)
+    options += [*AFFINE[:2], *short_files(tmp_path)]
     assert run(["identify", *options]) == 130
     captured = capsys.readouterr()
     # The head without a word, one run of the knee; the second was refused.
@@ -182,9 +202,9 @@ def test_a_real_robot_is_closed_when_a_run_is_interrupted(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     made = use_backends(monkeypatch, SlowRobot, SlowRobot, InterruptedRobot)
-    options = ["--out", str(tmp_path / "m.json"), "--joints", "HeadPitch", *REAL]
-    assert run(["identify", *options, *short_files(tmp_path), "--yes"]) == 130
-    assert "1 of 7 runs are kept" in capsys.readouterr().out
+    options = ["--out", str(tmp_path / "m.json"), "--joints", "HeadPitch", *REAL, *AFFINE]
+    assert run(["identify", *options, *short_files(tmp_path)[:2], "--yes"]) == 130
+    assert "1 of 3 runs are kept" in capsys.readouterr().out
     assert made[-1].calls == ["open", "activate", "close"]
     assert {path.name for path in (tmp_path / "m-recordings").iterdir()} == {
         MANIFEST,

@@ -3,6 +3,7 @@
 import re
 from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,11 +13,13 @@ from pepper_driver.identification import (
     IdentificationDataset,
     fit_models,
     inspect_recordings,
+    load_recordings,
     record_joints,
 )
 from pepper_driver.identification.fit import part
 from pepper_driver.observer import Recording
 from support.identification import ROBOT, SHORT, short_body
+from support.once import made_once
 
 JOINT = "LShoulderRoll"
 INDEX = ROBOT.joint_index(JOINT)
@@ -27,9 +30,11 @@ Change = Callable[[Recording], Recording]
 
 
 @pytest.fixture(scope="module")
-def good(tmp_path_factory: pytest.TempPathFactory) -> IdentificationDataset:
-    folder = tmp_path_factory.mktemp("good") / "recordings"
-    return record_joints("mujoco", [JOINT], EXPERIMENT, folder, calibration=short_body(), workers=1)
+def good(request: pytest.FixtureRequest) -> IdentificationDataset:
+    def make(folder: Path) -> None:
+        record_joints("mujoco", [JOINT], EXPERIMENT, folder, calibration=short_body(), workers=1)
+
+    return load_recordings(made_once(request, "good", make), ROBOT)
 
 
 def findings(recordings: IdentificationDataset) -> tuple[Finding, ...]:
