@@ -543,12 +543,17 @@ class VirtualNaoqi:
         )
 
     def pepper(
-        self, mode: str = "dcm", settings: NaoqiSettings | None = None, **arguments: Any
+        self,
+        mode: str = "dcm",
+        settings: NaoqiSettings | None = None,
+        *,
+        wake: bool = False,
+        **arguments: Any,
     ) -> Pepper:
         """Return a Pepper that drives this robot and ticks in the thread of the test."""
         with pytest.MonkeyPatch.context() as patch:
             patch.setattr(
-                pepper_robot, "make_backend", lambda *_: self.backend(mode, settings=settings)
+                pepper_robot, "make_backend", lambda *_: self.backend(mode, settings, wake=wake)
             )
             return Pepper(URI, **{"observer": None, "loop": "caller", **arguments})
 

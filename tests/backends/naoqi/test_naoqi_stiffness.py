@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Iterator
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pytest
 
-from pepper_driver.backends import Backend, Command, Measurement, make_backend
+from pepper_driver.backends import Backend, Command, Measurement
 from pepper_driver.backends.naoqi.memory_keys import Alias, actuator_keys
-from pepper_driver.backends.naoqi_server.launch import StandIn
 from pepper_driver.backends.naoqi_server.shared_values import BlackBox
 from pepper_driver.config import (
     load_controller_settings,
@@ -20,9 +17,9 @@ from pepper_driver.config import (
 )
 from pepper_driver.config.arrays import FloatArray
 from pepper_driver.controller import Reference
-from pepper_driver.realtime import RealTimePacer, realtime_process, realtime_thread
+from pepper_driver.realtime import RealTimePacer
 from pepper_driver.safety import FaultReason, RobotState, SafetyGate
-from support.stand_ins import patient_driver, since
+from support.virtual_naoqi import VirtualNaoqi
 from support.virtual_robot import ROBOT, Network, VirtualLoop, VirtualRobot, wifi
 
 SAFETY = replace(load_safety_settings(), battery_fault=0.0)
@@ -138,92 +135,70 @@ def test_what_somebody_else_orders_is_seen_in_a_tenth_of_a_second() -> None:
     assert (len(run.measured) - begin) * ROBOT.cycle <= SAFETY.stiffness_time + 0.05
 
 
-# -- over real qi -------------------------------------------------------------------------------------------------
-
-
-@pytest.fixture(scope="module")
-def robot(wake_up: Callable[[StandIn], None]) -> Iterator[StandIn]:
-    """Awake."""
-    with (
-        StandIn("mujoco://?seed=3", consent=True, network="clear") as running,
-        patient_driver(),
-    ):
-        wake_up(running)
-        yield running
+# -- with all of NAOqi ---------------------------------------------------------------------------------------------
 
 
 @pytest.fixture
-def motion(qi: Any, robot: StandIn) -> Iterator[Any]:
-    """ALMotion of another program; in the end the robot is awake and stiff."""
-    session = qi.Session()
-    session.connect(robot.url)
-    motion = session.service("ALMotion")
-    yield motion
-    motion.wakeUp()
-    motion.setStiffnesses("Body", 1.0)
-    session.close()
+def robot(qi: object) -> Iterator[VirtualNaoqi]:
+    """Awake, and its owner allows all."""
+    with VirtualNaoqi() as robot:
+        robot.wake_up()
+        yield robot
 
 
 def hold(
     backend: Backend, posture: FloatArray, until: Callable[[FloatArray], bool], seconds: float
 ) -> FloatArray:
-    """(17,) stiffness shown by the last of ticks in real time, in all of which full stiffness is ordered."""
-    pacer, end = RealTimePacer(ROBOT.cycle, backend), time.monotonic() + seconds
+    """(17,) stiffness shown by the last of ticks, in all of which full stiffness is ordered."""
+    clock = backend.clock
+    pacer, end = RealTimePacer(ROBOT.cycle, backend, clock=clock), clock.seconds() + seconds
     command = Command(position=posture, stiffness=ONES, wheel_speed=STILL)
-    with realtime_process(), realtime_thread():
-        while True:
-            pacer.wait()
-            shown = _stiffness(backend.read())
-            backend.write(command)
-            if until(shown) or time.monotonic() > end:
-                return shown
+    while True:
+        pacer.wait()
+        shown = _stiffness(backend.read())
+        backend.write(command)
+        if until(shown) or clock.seconds() > end:
+            return shown
 
 
-@pytest.mark.parametrize("fault", ["network:wifi", "dropped:0.3", "slow:0.01", "hang:0.2"])
-def test_our_own_ramps_are_no_theft_over_qi_either(robot: StandIn, fault: str) -> None:
+@pytest.mark.parametrize("fault", ["network:wifi", "dropped:0.3", "slow:0.01", "hang:0.08"])
+def test_our_own_ramps_are_no_theft_over_the_whole_driver(robot: VirtualNaoqi, fault: str) -> None:
     """Half a second up and down again, on ways that are late, lose samples or stall."""
-    patient = replace(SAFETY, stale_hold=5.0, stale_fault=10.0, stiffness_ramp=0.5)
-    gate = SafetyGate(ROBOT, patient, load_controller_settings(ROBOT))
-    with make_backend(f"naoqi://127.0.0.1:{robot.port}") as backend:
+    gate = SafetyGate(ROBOT, replace(SAFETY, stiffness_ramp=0.5), load_controller_settings(ROBOT))
+    with robot.backend() as backend:
         backend.open()
         posture = np.clip(backend.activate().position, ROBOT.lower, ROBOT.upper)
         gate.activate(posture)
         sent, lowest = [gate.sent] * 60, 1.0
-        pacer = RealTimePacer(ROBOT.cycle, backend)
+        pacer = RealTimePacer(ROBOT.cycle, backend, clock=backend.clock)
         backend.write(gate.sent)
-        with realtime_process(), realtime_thread():
-            for tick in range(300):
-                if tick == 10:
-                    robot.set_fault(fault)
-                pacer.wait()
-                measurement = backend.read()
-                lowest = min(lowest, _stiffness(measurement).min())
-                ago = (
-                    3 if measurement.response_delay is None else min(measurement.response_delay, 59)
-                )
-                gate.watch(measurement, sent[-1 - ago])
-                assert gate.fault is None
-                stiffness = np.where(LEGS, 1.0, float((tick // 50) % 2))
-                gate.gate(replace(_reference(), position=posture), stiffness, STILL, 0.0)
-                backend.write(gate.sent)
-                sent.append(gate.sent)
-        robot.clear_faults()
+        for tick in range(300):
+            if tick == 10:
+                robot.set_fault(fault)
+            pacer.wait()
+            measurement = backend.read()
+            lowest = min(lowest, _stiffness(measurement).min())
+            ago = 3 if measurement.response_delay is None else min(measurement.response_delay, 59)
+            gate.watch(measurement, sent[-1 - ago])
+            assert gate.fault is None
+            stiffness = np.where(LEGS, 1.0, float((tick // 50) % 2))
+            gate.gate(replace(_reference(), position=posture), stiffness, STILL, 0.0)
+            backend.write(gate.sent)
+            sent.append(gate.sent)
     assert lowest < 0.4
 
 
-def recent(robot: StandIn, begun: float) -> BlackBox:
-    time.sleep(0.1)  # what was said last is done
-    return since(robot, begun)
+def recent(robot: VirtualNaoqi, begun: float) -> BlackBox:
+    robot.time.sleep(0.1)  # what was said last is done
+    return robot.since(begun)
 
 
 @pytest.mark.parametrize("mode", ["dcm", "angles"])
-def test_who_makes_an_arm_soft_is_seen_and_it_stays_soft(
-    robot: StandIn, motion: Any, mode: str
-) -> None:
+def test_who_makes_an_arm_soft_is_seen_and_it_stays_soft(robot: VirtualNaoqi, mode: str) -> None:
     arm = np.zeros(17, dtype=np.bool_)
     arm[[ROBOT.joint_index(name) for name in ROBOT.chains["right_arm"]]] = True
     others = ~LEGS & ~arm
-    with make_backend(f"naoqi://127.0.0.1:{robot.port}?mode={mode}") as backend:
+    with robot.backend(mode) as backend:
         backend.open()
         posture = np.clip(backend.activate().position, ROBOT.lower, ROBOT.upper)
         shown = hold(backend, posture, lambda shown: bool((shown[~LEGS] == 1.0).all()), 10.0)
@@ -232,11 +207,11 @@ def test_who_makes_an_arm_soft_is_seen_and_it_stays_soft(
             assert (shown[LEGS] == 1.0).all()
         else:
             assert np.isnan(shown[LEGS]).all(), "nobody can change it"
-        motion.setStiffnesses("RArm", 0.0)
+        robot.call("ALMotion", "setStiffnesses", "RArm", 0.0)
         shown = hold(backend, posture, lambda shown: not shown[arm].any(), 10.0)
         assert not shown[arm].any()
         assert (shown[others] == 1.0).all()
-        begun = time.monotonic()
+        begun = robot.time.seconds()
         backend.deactivate()
         box = recent(robot, begun)
     stiffest = box.stiffness[:, others].max(axis=1)
@@ -247,16 +222,16 @@ def test_who_makes_an_arm_soft_is_seen_and_it_stays_soft(
     assert gained <= 0.0, "nobody gives back what somebody took"
 
 
-def test_a_robot_that_went_to_rest_is_left_at_rest(robot: StandIn, motion: Any) -> None:
+def test_a_robot_that_went_to_rest_is_left_at_rest(robot: VirtualNaoqi) -> None:
     """Its legs are not led back, nor does any joint get stiffness, when the program then ends."""
-    with make_backend(f"naoqi://127.0.0.1:{robot.port}") as backend:
+    with robot.backend() as backend:
         backend.open()
         posture = np.clip(backend.activate().position, ROBOT.lower, ROBOT.upper)
-        resting = motion.rest(_async=True)
+        robot.time.start(lambda: robot.call("ALMotion", "rest"), "client")
         shown = hold(backend, posture, lambda shown: not shown.any(), 20.0)
         assert not shown.any()
-        resting.wait(10_000)
-        begun = time.monotonic()
+        robot.time.sleep(1.0)
+        begun = robot.time.seconds()
         backend.deactivate()
         box = recent(robot, begun)
     assert not box.stiffness.any()
