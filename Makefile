@@ -1,5 +1,6 @@
 # make demo: the main job on the simulated Pepper. make check: style and types. make test: check, then tests.
 # make test-all: also what takes minutes (plants for a minute, examples, docs, packages), and ten times the examples of property tests.
+# make flakes: the tests again and again, alone and next to busy processes; interrupted, it continues where it was.
 # make naoqi: install what a robot over NAOqi needs, and its stand-in. make lint: style. make types: mypy.
 # make format: rewrite as make lint wants it. make build: sdist and wheel. make bench-controller: beside other controllers.
 # make clean: remove all that was made. All need Python 3.11 to 3.13 and nothing else.
@@ -8,7 +9,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 WORKERS ?= 3
 
-.PHONY: demo naoqi check test test-all lint types format build bench-controller clean
+.PHONY: demo naoqi check test test-all flakes lint types format build bench-controller clean
 
 # One stamp for each extra: installed again when pyproject.toml changes.
 $(VENV)/.extra-%: pyproject.toml
@@ -23,11 +24,18 @@ naoqi: $(VENV)/.extra-naoqi
 
 check: lint types
 
+# Tests in real time run alone: others would keep the processors busy.
 test: check
-	$(BIN)/python -m pytest -n $(WORKERS) --dist worksteal
+	$(BIN)/python -m pytest -n $(WORKERS) --dist worksteal -m "not whole and not realtime"
+	$(BIN)/python -m pytest -m "realtime and not whole"
 
 test-all: check
-	$(BIN)/python -m pytest -n $(WORKERS) --dist worksteal -m "" --hypothesis-profile nightly
+	$(BIN)/python -m pytest -n $(WORKERS) --dist worksteal -m "not realtime" --hypothesis-profile nightly
+	$(BIN)/python -m pytest -m realtime
+	$(BIN)/pepper bench --soak 300
+
+flakes: $(VENV)/.extra-dev
+	$(BIN)/python benchmarks/flakes.py --workers $(WORKERS)
 
 lint: $(VENV)/.extra-dev
 	$(BIN)/ruff check .

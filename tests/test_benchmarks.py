@@ -716,3 +716,31 @@ def test_wrong_options_of_the_touched_arm_are_one_line(
     status, out, err = scripted(TOUCH, monkeypatch, capsys, *arguments)
     assert (status, out, err.count("\n")) == (2, "", 1)
     assert word in err
+
+
+def test_a_hunt_finds_what_fails_now_and_then_and_continues_where_it_was(tmp_path: Path) -> None:
+    count = tmp_path / "count"
+    (tmp_path / "test_planted.py").write_text(
+        "from pathlib import Path\n"
+        f"COUNT = Path({str(count)!r})\n"
+        "def test_every_third():\n"
+        "    runs = int(COUNT.read_text()) if COUNT.exists() else 0\n"
+        "    COUNT.write_text(str(runs + 1))\n"
+        "    assert runs % 3 != 1\n"
+    )
+    out = tmp_path / "flakes.json"
+    command = [
+        sys.executable,
+        str(ROOT / "benchmarks" / "flakes.py"),
+        str(tmp_path / "test_planted.py"),
+        f"--out={out}",
+        "--workers=1",
+        "--scale=0.3",
+        "--rounds=suite alone",
+    ]
+    found = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert found.returncode == 1, found.stderr
+    assert "test_every_third" in found.stdout
+    assert [len(run["failures"]) for run in json.loads(out.read_text())] == [0, 1, 0]
+    assert subprocess.run(command, capture_output=True, check=False).returncode == 1
+    assert count.read_text() == "3", "the runs are kept"

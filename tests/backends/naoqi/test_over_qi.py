@@ -11,7 +11,7 @@ import pytest
 
 from pepper_driver import Pepper
 from pepper_driver.backends import Backend, Command, NotConnectedError, make_backend
-from pepper_driver.backends.naoqi.connection import LoginError
+from pepper_driver.backends.naoqi.connection import LoginError, connect
 from pepper_driver.backends.naoqi.qi_library import QI_PRIORITY, THREADS, preferred
 from pepper_driver.backends.naoqi_server.launch import StandIn
 from pepper_driver.backends.naoqi_server.tls import Login
@@ -19,6 +19,7 @@ from pepper_driver.cli.app import run
 from pepper_driver.config import load_robot
 from pepper_driver.observer import Contact
 from pepper_driver.realtime import RealTimePacer, priority_obstacle
+from support.naoqi_fakes import address_of
 from support.stand_ins import PATIENT, patient_driver, since, url
 from support.waiting import wait_until
 
