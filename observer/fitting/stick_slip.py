@@ -160,15 +160,24 @@ class _Fit:
             begin["load_gain"] = self._load_gain
         begin |= {name: value for name, value in start.items() if name in begin}
 
-        def residual(point: FloatArray) -> FloatArray:
-            errors: FloatArray = self._residual(names, point[None] * scale)[0]
-            return errors
+        linear: dict[bytes, tuple[FloatArray, FloatArray]] = {}
+
+        def linearised(point: FloatArray) -> tuple[FloatArray, FloatArray]:
+            # The slopes are asked for, if at all, after the errors at the same point.
+            key = point.tobytes()
+            if key not in linear:
+                linear.clear()
+                linear[key] = self._linearised(names, point, scale)
+            return linear[key]
+
+        def errors(point: FloatArray) -> FloatArray:
+            return linearised(point)[0]
 
         def slopes(point: FloatArray) -> FloatArray:
-            return self._slopes(names, point, scale)
+            return linearised(point)[1]
 
         solution = least_squares(
-            residual,
+            errors,
             [
                 float(np.clip(begin[name], r.lower, r.upper)) / r.scale
                 for name, r in zip(names, ranges, strict=True)
@@ -197,9 +206,11 @@ class _Fit:
             prior[:, 0] = self._prior_weight * np.log(gain / self._load_gain)
         return np.concatenate((scaled, prior), axis=1)
 
-    def _slopes(self, names: tuple[str, ...], point: FloatArray, scale: FloatArray) -> FloatArray:
+    def _linearised(
+        self, names: tuple[str, ...], point: FloatArray, scale: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """Return the errors (m,) at a point, and their slopes (m, n)."""
         # All differences in one simulation: its cost is that of the loop over ticks, not of the sets.
         points = np.concatenate((point[None], point + _STEP * np.eye(len(point))))
         residuals = self._residual(names, points * scale)
-        slopes: FloatArray = (residuals[1:] - residuals[0]).T / _STEP
-        return slopes
+        return residuals[0], (residuals[1:] - residuals[0]).T / _STEP

@@ -8,8 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from pepper_driver.config import load_robot
+from pepper_driver.config import Experiment, load_robot
 from pepper_driver.config.arrays import FloatArray
+from pepper_driver.config.contact_specs import RandomPushes
 from pepper_driver.controller import Tick
 from pepper_driver.evaluation.episodes import Episode
 from pepper_driver.observer import Contact, JointState, KnownPush, Observation, Observer, Recording
@@ -48,6 +49,12 @@ CONTACT = Contact(
     detection_time=2.1,
     time=2.1,
 )
+
+
+def at_once(experiment: Experiment) -> Experiment:
+    """The experiment with random pushes from the first goal on."""
+    contacts = (replace(c, after=0.0) for c in experiment.contacts if isinstance(c, RandomPushes))
+    return replace(experiment, contacts=tuple(contacts))
 
 
 def push(onset: float, degrees: float = 4.0, **changes: Any) -> KnownPush:

@@ -18,7 +18,7 @@ ROBOT = load_robot()
 FULL = load_experiment("identify", ROBOT)
 BODY = load_experiment("calibration_motion", ROBOT)
 
-_SHORT = {"estimation_stiffness": [2.0, 4.0], "sweeps": 1, "setpoints": 2, "dwell": [0.6, 1.2]}
+_SHORT = {"estimation_stiffness": [2.0, 4.0], "sweeps": 1, "setpoints": 2, "dwell": [0.35, 0.7]}
 
 SHORT = FULL.with_goals(
     settle=0.6, estimation_stiffness=(2.0, 4.0), sweeps=1, setpoints=2, dwell=(0.6, 1.2)

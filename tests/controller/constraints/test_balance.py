@@ -56,13 +56,12 @@ FREE = FreeRobot()
 LINES = {"FL-WheelB": 2, "B-WheelFR": 1, "FR-WheelFL": 0}
 
 
-def random_state(random: np.random.Generator) -> RobotModel:
-    model = RobotModel(ROBOT)
+def random_state(random: np.random.Generator, model: RobotModel) -> None:
+    """Put the model, which takes longer to make than to use, into a random state."""
     q = model.with_base_pose(model.configuration(random_posture(random)), random.uniform(-3, 3, 3))
     v = random.normal(size=model.nv) * np.r_[0.2, 0.2, 0.5, np.full(17, 0.6)]
     model.set_state(q, v)
     model.update_kinematics()
-    return model
 
 
 def braking_limits_of(model: RobotModel) -> BrakingLimits:
@@ -96,9 +95,9 @@ def test_corners_are_below_the_wheels() -> None:
 
 def test_rows_of_the_motion_are_exact() -> None:
     """On a row the zero moment point is at its margin, by an inverse dynamics without momentum."""
-    random, seen = np.random.default_rng(0), 0
+    random, model, seen = np.random.default_rng(0), RobotModel(ROBOT), 0
     for _ in range(60):
-        model = random_state(random)
+        random_state(random, model)
         rows = Balance(ROBOT).compute_inequality(model, braking_limits_of(model))
         for row, bound, name in (
             zip(rows.matrix, rows.bound, rows.names, strict=True) if rows else ()
@@ -167,9 +166,9 @@ def test_in_a_turn_the_zero_moment_point_counts_at_rest_too() -> None:
 
 def test_rest_and_motion_never_exclude_each_other() -> None:
     """Of each line, with what the base can do; joints may be as quick as they like."""
-    random, seen = np.random.default_rng(8), 0
+    random, model, seen = np.random.default_rng(8), RobotModel(ROBOT), 0
     for _ in range(200):
-        model = random_state(random)
+        random_state(random, model)
         braking_limits = braking_limits_of(model)
         rows = Balance(ROBOT).compute_inequality(model, braking_limits)
         if rows is None:
@@ -226,9 +225,10 @@ def test_a_centre_of_mass_outside_is_not_kept_by_standing_still() -> None:
 
 def test_what_is_kept_with_the_centre_of_mass_outside_breaks_no_row() -> None:
     """It moves inwards fast enough, and a turn holds the zero moment point inside meanwhile."""
-    random, balance, seen = np.random.default_rng(3), Balance(ROBOT), 0
+    random, model, seen = np.random.default_rng(3), RobotModel(ROBOT), 0
+    balance = Balance(ROBOT)
     for _ in range(4000):
-        model = random_state(random)
+        random_state(random, model)
         if inside(FREE.centre_of_mass(model.q)).min() > 0.5 * MOVING:
             continue
         v = model.v * 3
@@ -331,13 +331,13 @@ def test_a_robot_that_starts_beyond_its_wheels_comes_back() -> None:
 
 
 def test_what_is_said_to_be_kept_breaks_no_row_and_keeps_the_zero_moment_point_inside() -> None:
-    random = np.random.default_rng(11)
+    random, model = np.random.default_rng(11), RobotModel(ROBOT)
     balance = Balance(ROBOT, MARGIN, MOVING)
     limit = np.concatenate([np.array([0.3, 0.3, 0.75]), ACCELERATION])
     braking_limits = BrakingLimits(limit, DT)
     answers = []
     for _ in range(400):
-        model = random_state(random)
+        random_state(random, model)
         a = random.uniform(-1, 1, 20) * limit * random.choice([0.05, 0.3, 1.0])
         rows = balance.compute_inequality(model, braking_limits)
         broken = rows is not None and bool((rows.matrix @ a > rows.bound + 1e-9).any())

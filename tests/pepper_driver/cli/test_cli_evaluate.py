@@ -16,6 +16,7 @@ from pepper_driver.log import Label, LogWriter
 from pepper_driver.loop import TickRecord
 from pepper_driver.observer import Observation
 from pepper_driver.robot import Pepper
+from support.evaluation import at_once
 
 ROBOT = load_robot()
 
@@ -38,12 +39,17 @@ KEYS = {
 
 @pytest.fixture
 def short(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The first experiment of Table I with one set-point that is pushed at, after five that are free."""
+    """The first experiment of Table I with one set-point that is pushed at, and no free motion before it."""
     whole = load_evaluation(ROBOT)
-    first = replace(whole.suites["paper"][0], plants=("swaying",), goals=6)
+    first = replace(whole.suites["paper"][0], plants=("swaying",), goals=1)
+    experiments = {
+        **whole.experiments,
+        first.experiment: at_once(whole.experiments[first.experiment]),
+    }
 
     def load(_: object) -> EvaluationSuites:
-        return replace(whole, suites={"paper": (first,), "free": whole.suites["free"]})
+        suites = {"paper": (first,), "free": whole.suites["free"]}
+        return replace(whole, suites=suites, experiments=experiments)
 
     monkeypatch.setattr(command, "load_evaluation", load)
 

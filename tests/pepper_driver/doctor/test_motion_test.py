@@ -1,5 +1,6 @@
 """The doctor's small motion: what it asks of the joints, and what it says of their models."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +13,7 @@ from pepper_driver.config import load_doctor_settings, load_self_collision
 from pepper_driver.controller import RobotModel
 from pepper_driver.controller.collision import CapsuleDistances
 from pepper_driver.doctor import CheckStatus, MotionTest, Verdict, try_motion
+from pepper_driver.doctor import motion_test as motion_test_module
 from pepper_driver.doctor.motion_test import NoRoomError, make_pepper, moving_joints, plan_goals
 from pepper_driver.observer import ModelSet
 from pepper_driver.observer.models.model_file import shipped
@@ -36,6 +38,13 @@ def found(motion_test: MotionTest, name: str) -> str:
 
 def tried(uri: str, models: ModelSet = NOMINAL) -> MotionTest:
     return try_motion(make_pepper(uri, models, ROBOT), models)
+
+
+@pytest.fixture
+def brief(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Eight goals instead of sixteen."""
+    settings = replace(SETTINGS, motion=SETTINGS.motion / 2)
+    monkeypatch.setattr(motion_test_module, "load_doctor_settings", lambda: settings)
 
 
 # -- what moves -------------------------------------------------------------------------------------------------------
@@ -109,6 +118,7 @@ def test_the_simulated_robot_fits_its_models() -> None:
     assert motion_test.fits[0].as_json()["verdict"] == "fits"
 
 
+@pytest.mark.usefixtures("brief")
 def test_a_worn_robot_is_told_so_by_the_models_of_its_youth() -> None:
     motion_test = tried("mujoco://?plant=worn")
     assert statuses(motion_test)["models fit"] is CheckStatus.WARNING
@@ -118,6 +128,7 @@ def test_a_worn_robot_is_told_so_by_the_models_of_its_youth() -> None:
     assert statuses(motion_test)["untouched"] is CheckStatus.OK
 
 
+@pytest.mark.usefixtures("brief")
 def test_a_load_in_a_hand_does_not_condemn_the_models() -> None:
     motion_test = tried("mujoco://?plant=payload")
     assert motion_test.passed
@@ -126,6 +137,7 @@ def test_a_load_in_a_hand_does_not_condemn_the_models() -> None:
     assert not any(joint.startswith(("R", "Head")) for joint in worn)
 
 
+@pytest.mark.usefixtures("brief")
 def test_models_of_another_robot_do_not_fit(tmp_path: Path) -> None:
     plant = tmp_path / "rough.yaml"
     parts = (
@@ -142,13 +154,14 @@ def test_models_of_another_robot_do_not_fit(tmp_path: Path) -> None:
     assert not motion_test.passed
 
 
+@pytest.mark.usefixtures("brief")
 def test_a_touch_meanwhile_is_told() -> None:
     pepper = make_pepper("mujoco", NOMINAL, ROBOT)
     shares = []
 
     def push(share: float) -> None:
         shares.append(share)
-        if len(shares) == 9:
+        if len(shares) == 5:
             pepper.push("LForeArm", [0.0, 25.0, 0.0], duration=0.6)
 
     motion_test = try_motion(pepper, NOMINAL, on_progress=push)
@@ -157,6 +170,7 @@ def test_a_touch_meanwhile_is_told() -> None:
     assert shares[-1] == 1.0
 
 
+@pytest.mark.usefixtures("brief")
 def test_a_joint_that_stands_still_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
     head = ROBOT.joint_index("HeadYaw")
     patient = Patient(held(head, float(ROBOT.posture("Stand")[head])))
@@ -168,6 +182,7 @@ def test_a_joint_that_stands_still_is_found(monkeypatch: pytest.MonkeyPatch) -> 
     assert stuck == ["HeadYaw"]
 
 
+@pytest.mark.usefixtures("brief")
 def test_only_joints_of_arms_and_head_are_told_to_move(monkeypatch: pytest.MonkeyPatch) -> None:
     patient = Patient()
     use(monkeypatch, patient)
@@ -196,6 +211,7 @@ def test_a_robot_that_is_stopped_meanwhile_is_a_result(
     assert patient.calls[-1] == "close"
 
 
+@pytest.mark.usefixtures("brief")
 def test_a_joint_without_a_model_follows_and_is_not_judged(monkeypatch: pytest.MonkeyPatch) -> None:
     use(monkeypatch, Patient())
     motion_test = tried("mock", only(NOMINAL, {"LHand"}))
@@ -205,6 +221,7 @@ def test_a_joint_without_a_model_follows_and_is_not_judged(monkeypatch: pytest.M
     assert statuses(motion_test)["joints follow"] is CheckStatus.OK
 
 
+@pytest.mark.usefixtures("brief")
 def test_pepper_is_closed_after_an_interrupt(monkeypatch: pytest.MonkeyPatch) -> None:
     patient = Patient()
     use(monkeypatch, patient)

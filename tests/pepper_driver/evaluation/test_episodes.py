@@ -20,19 +20,25 @@ from pepper_driver.evaluation.episodes import (
     episodes,
     perform,
 )
+from support.evaluation import at_once
+from support.once import made_once
 
 ROBOT = load_robot()
 EVALUATION = load_evaluation(ROBOT)
 LSROLL = EVALUATION.runs("paper")[1]
-# Pushed from the first goal on, for the tests' sake.
-AT_ONCE = tuple(replace(c, after=0.0) for c in LSROLL.experiment.contacts)  # type: ignore[arg-type]
-RUN = replace(LSROLL, goals=1, experiment=replace(LSROLL.experiment, contacts=AT_ONCE))
+RUN = replace(LSROLL, goals=1, experiment=at_once(LSROLL.experiment))
 FREE = replace(EVALUATION.runs("free")[3], goals=1)
 
 
 @pytest.fixture(scope="module")
 def episode() -> Episode:
     return perform(RUN)
+
+
+@pytest.fixture
+def cache(request: pytest.FixtureRequest) -> Path:
+    """With the episode of RUN."""
+    return made_once(request, "episodes", lambda folder: perform(RUN, folder))
 
 
 def pushed_over() -> SuiteRun:
@@ -43,12 +49,18 @@ def pushed_over() -> SuiteRun:
         link="torso",
         xyz=(0.0, 0.0, 0.2),
         force=(28.0, 0.0, 0.0),
-        start=2.5,
+        start=0.5,
         duration=2.4,
     )
-    steps = (Step(posture="Stand", hold=5.0),)
+    steps = (Step(posture="Stand", hold=3.0),)
     experiment = replace(RUN.experiment, steps=steps, contacts=(push,), max_tipping=1.0)
     return replace(RUN, experiment=experiment, goals=None, plant="nominal")
+
+
+def pushed_too_hard() -> SuiteRun:
+    """The same push, of which it is known beforehand."""
+    run = pushed_over()
+    return replace(run, experiment=replace(run.experiment, max_tipping=0.5))
 
 
 def same(one: Episode, other: Episode) -> bool:
@@ -97,13 +109,14 @@ def test_one_run_one_episode(episode: Episode) -> None:
     assert not same(episode, other)
 
 
-def test_a_episode_comes_back_from_the_cache(episode: Episode, tmp_path: Path) -> None:
-    first = perform(RUN, tmp_path)
-    (folder,) = tmp_path.iterdir()
+def test_a_episode_comes_back_from_the_cache(
+    episode: Episode, cache: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("pepper_driver.evaluation.episodes._performed", None)
+    (folder,) = cache.iterdir()
     written = (folder / "recording.npz").stat().st_mtime_ns
-    again = perform(RUN, tmp_path)
+    again = perform(RUN, cache)
     assert (folder / "recording.npz").stat().st_mtime_ns == written
-    assert same(first, again)
     assert same(episode, again)
     assert (again.identity, again.plant, again.task_stiffness) == (
         episode.identity,
@@ -113,17 +126,19 @@ def test_a_episode_comes_back_from_the_cache(episode: Episode, tmp_path: Path) -
 
 
 @pytest.mark.parametrize("name", ["recording.npz", "truth.npz", "episode.json"])
-def test_a_damaged_episode_is_performed_again(episode: Episode, tmp_path: Path, name: str) -> None:
-    perform(RUN, tmp_path)
-    (folder,) = tmp_path.iterdir()
+def test_a_damaged_episode_is_performed_again(episode: Episode, cache: Path, name: str) -> None:
+    (folder,) = cache.iterdir()
     (folder / name).write_bytes(b"{}")
     with pytest.raises(EpisodeError, match=r"no episode \(.+; delete the folder"):
         Episode.load(folder, ROBOT)
-    assert same(episode, perform(RUN, tmp_path))
+    assert same(episode, perform(RUN, cache))
     assert same(episode, Episode.load(folder, ROBOT))
 
 
-def test_what_makes_a_episode_different_has_a_place_of_its_own(tmp_path: Path) -> None:
+def test_what_makes_a_episode_different_has_a_place_of_its_own(
+    episode: Episode, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("pepper_driver.evaluation.episodes._performed", lambda *_: episode)
     runs = [
         FREE,
         replace(FREE, draw=5),
@@ -172,10 +187,8 @@ def test_a_run_in_which_the_robot_fell_is_drawn_anew(
 
 
 def test_a_push_that_does_not_fit_gives_no_episode() -> None:
-    run = pushed_over()
-    run = replace(run, experiment=replace(run.experiment, max_tipping=0.5))
     with pytest.raises(EpisodeError, match="of what tips the robot over; at most 50%"):
-        perform(run)
+        perform(pushed_too_hard())
 
 
 @pytest.mark.parametrize("workers", [1, 2])
@@ -183,14 +196,14 @@ def test_episodes_come_in_their_order_whoever_performs_them(
     episode: Episode, tmp_path: Path, workers: int
 ) -> None:
     told: list[tuple[int, int]] = []
-    runs = [pushed_over(), RUN, FREE]
+    runs = [pushed_too_hard(), RUN, FREE]
     failed, pushed, free = episodes(
         runs, workers=workers, cache=tmp_path, progress=lambda *done: told.append(done)
     )
     assert told == [(1, 3), (2, 3), (3, 3)]
     assert isinstance(failed, FailedEpisode)
     assert failed.run == runs[0]
-    assert "tipped" in failed.reason
+    assert "tips the robot over" in failed.reason
     assert isinstance(pushed, Episode)
     assert same(pushed, episode)
     assert isinstance(free, Episode)

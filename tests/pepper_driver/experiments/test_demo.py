@@ -30,12 +30,12 @@ PUSHES = cast(RandomPushes, DEMO.contacts[0])
 
 
 class Numb(Pepper):
-    """A Pepper that detects nothing by itself: its motion and its pushes are those of the demonstration."""
+    """A Pepper that detects nothing by itself, and holds nothing: it moves and is pushed as in the demonstration."""
 
     def __init__(
         self, uri: str, *, models: object, detects: Observer | None = None, **options: Any
     ) -> None:
-        super().__init__(uri, observer=detects, **options)
+        super().__init__(uri, observer=detects, **options | {"reflexes": ()})
 
 
 @pytest.fixture
@@ -108,6 +108,19 @@ def event(number: int, phase: Phase, time: float, joint: str | None, link: str) 
     return replace(made, time=number + time, detection_time=float(number))
 
 
+STANDS = {"name": "stand", "posture": "Stand", "hold": 2.0}
+LIGHT = {
+    "kind": "push",
+    "joint": "LShoulderRoll",
+    "link": "LBicep",
+    "xyz": [0.16, 0.015, 0.0],
+    "force": [0.0, 5.0, 0.0],
+    "frame": "link",
+    "start": 1.0,
+    "duration": 0.5,
+}
+
+
 def test_a_contact_is_told_once_where_it_ends_up(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -129,7 +142,11 @@ def test_a_contact_is_told_once_where_it_ends_up(
     observer.at = {100 + number: (event,) for number, event in enumerate(events)}
     monkeypatch.setattr(demo, "Pepper", partial(Numb, detects=observer))
     told: list[tuple[int, str | None, float]] = []
-    run_demo(tmp_path, seconds=8.0, on_contact=lambda c, _: told.append((c.id, c.joint, c.time)))
+    run_demo(
+        tmp_path,
+        experiment=own_script(tmp_path, steps=[STANDS], contacts=[LIGHT]),
+        on_contact=lambda c, _: told.append((c.id, c.joint, c.time)),
+    )
     assert told == [(1, "LElbowRoll", 1.152), (2, "LShoulderRoll", 2.1), (3, "HeadYaw", 3.05)]
 
 
@@ -155,16 +172,28 @@ def test_a_line_names_the_place_and_the_delay() -> None:
     assert "onset" not in line
 
 
-def test_the_same_seed_gives_the_same_contacts(tmp_path: Path) -> None:
+PERIOD = 3.0  # [s]
+
+
+def quick_goals(folder: Path) -> Path:
+    """A file: the random goals of the demonstration and their pushes, in quick succession."""
     data = read_yaml(package_file("experiments", "demo.yaml"))
     data["steps"], data["contacts"] = data["steps"][:1], data["contacts"][:1]
-    (tmp_path / "mine.yaml").write_text(yaml.safe_dump(data))
-    mine: dict[str, Any] = {"experiment": tmp_path / "mine.yaml", "seconds": 8.0}
-    first = run_demo(tmp_path / "a", seed=4, **mine)
-    second = run_demo(tmp_path / "b", seed=4, **mine)
+    data["steps"][0]["setpoints"] |= {"period": PERIOD, "settle": 0.6}
+    data["contacts"][0] |= {"times": [0.25, 1.6], "duration": [0.5, 0.8]}
+    path = folder / "quick.yaml"
+    path.write_text(yaml.safe_dump(data))
+    return path
+
+
+def test_the_same_seed_gives_the_same_contacts(tmp_path: Path) -> None:
+    mine = quick_goals(tmp_path)
+    first = run_demo(tmp_path / "a", experiment=mine, seconds=PERIOD, seed=4)
+    second = run_demo(tmp_path / "b", experiment=mine, seconds=PERIOD, seed=4)
+    assert first.contacts
     assert first.contacts == second.contacts
     assert first.pushes == second.pushes
-    other = run_demo(tmp_path / "c", seed=5, **mine)
+    other = run_demo(tmp_path / "c", experiment=mine, seconds=PERIOD, seed=5)
     assert other.pushes != first.pushes
 
 
@@ -174,7 +203,7 @@ def test_without_pushes_nothing_is_felt() -> None:
     with Pepper("mujoco?seed=9") as pepper:
         middle, half = (ROBOT.lower + ROBOT.upper) / 2, (ROBOT.upper - ROBOT.lower) / 2
         pepper.set_posture("Stand", stiffness=DEMO.stiffness)
-        for _ in range(8):
+        for _ in range(4):
             pepper.set_posture(
                 {
                     name: middle[i] + GOALS.range * half[i] * rng.uniform(-1, 1)
@@ -243,10 +272,12 @@ def test_a_script_of_ones_own_is_shown(tmp_path: Path) -> None:
 @pytest.mark.usefixtures("numb")
 def test_the_length_is_the_experiments_or_whole_periods_of_the_time_given(tmp_path: Path) -> None:
     shares: list[float] = []
-    result = run_demo(tmp_path, seconds=16.0, on_progress=shares.append)
-    assert result.simulated_seconds == pytest.approx(DEMO.with_goals(count=2).max_length, abs=0.02)
-    assert len(result.pushes) == 4 + 3
-    assert 33 <= len(shares) <= 35
+    mine = quick_goals(tmp_path)
+    result = run_demo(tmp_path, experiment=mine, seconds=2.2 * PERIOD, on_progress=shares.append)
+    length = load_experiment(mine, ROBOT).with_goals(count=2).max_length
+    assert result.simulated_seconds == pytest.approx(length, abs=0.02)
+    assert len(result.pushes) == 4
+    assert len(shares) == pytest.approx(length, abs=1)
     assert shares[-1] == 1.0
 
 

@@ -126,7 +126,7 @@ def script(felt: list[Any]) -> dict[int, tuple[Contact, ...]]:
     return events
 
 
-@examples(50)
+@examples(20)
 @given(
     tree=trees,
     part=st.lists(leaves, min_size=1, max_size=2),

@@ -17,13 +17,13 @@ POINT = np.array([0.14, 0.0, 0.0])
 def ready(pepper: Pepper) -> None:
     """In POSTURE, after some seconds of motion from which the observer knows the arm."""
     home = {**POSTURE, "RShoulderRoll": -0.3}
-    pepper.set_posture(home, duration=2.0)
-    pepper.run(2.5)
-    for swing in (0.15, -0.2, 0.1, -0.15, 0.0):
-        pepper.set_posture({name: angle + swing for name, angle in POSTURE.items()}, duration=1.5)
-        pepper.run(2.0)
     pepper.set_posture(home, duration=1.5)
-    pepper.run(2.5)
+    pepper.run(1.8)
+    for swing in (0.15, -0.2, 0.0):
+        pepper.set_posture({name: angle + swing for name, angle in POSTURE.items()}, duration=1.0)
+        pepper.run(1.3)
+    pepper.set_posture(home, duration=1.0)
+    pepper.run(2.0)
 
 
 def reactions(pepper: Pepper, events: list[ReflexEvent]) -> list[tuple[str, str]]:
@@ -49,7 +49,7 @@ def test_an_arm_gives_way_and_what_it_does_then_is_no_contact(then: Any) -> None
         pepper.run(1.0)
         told = len(pepper.contact_history)
         led = place()
-        pepper.run(6.0)
+        pepper.run(4.0)
         away = np.linalg.norm(place() - start)
         assert away > 0.05 if then == "stay" else away < 0.03
         if then == "stay":
@@ -81,7 +81,7 @@ def test_the_base_rolls_where_its_hand_is_pulled_to_and_stops_when_let_go() -> N
         pepper.run(3.0)
         way = np.array(pepper.backend.truth.base)
         assert way[1] > 0.05
-        pepper.run(3.0)
+        pepper.run(2.0)
         before = np.array(pepper.backend.truth.base)
         pepper.run(2.0)
         assert np.linalg.norm(np.array(pepper.backend.truth.base) - before) < 0.005

@@ -73,7 +73,7 @@ def test_the_way_to_rest() -> None:
     np.testing.assert_allclose(way_to_rest(-5.3 * ACCELERATION * CYCLE**2), np.sum(ways, axis=0))
 
 
-@examples(150)
+@examples(60)
 @given(references(), st.floats(0, 1))
 def test_nothing_outside_the_limits_ever_leaves(
     ticks: list[tuple[Any, Any, Any, float]], share: float
@@ -169,7 +169,7 @@ def test_limits_are_kept_by_the_joint_concerned_alone() -> None:
     np.testing.assert_array_equal(limits.position[:2], [0.5, 0.5005])
 
 
-@examples(25)
+@examples(20)
 @given(st.integers(0, 2**32 - 1), st.sampled_from(["safe", "robot"]))
 def test_what_the_controller_sends_flat_out_is_never_changed(seed: int, velocity: Any) -> None:
     """All joints to random goals, limits among them, at random gains; base too; it brakes as reflexes make it."""
