@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pepper_driver.backends import BackendError, Command
+from pepper_driver.backends import Command
 from pepper_driver.backends.interface import DEAD_MAN_CYCLES
 from pepper_driver.backends.naoqi_server.shared_values import BlackBox
 from pepper_driver.config import PepperError
@@ -61,7 +61,8 @@ def excess(box: BlackBox, chosen: BoolArray) -> FloatArray:
     taken = np.flatnonzero(np.diff(box.orders[chosen], prepend=box.orders[chosen][:1] - 1))
     cycles = np.arange(1, len(steps) + 1)
     before = taken[np.maximum(np.searchsorted(taken, cycles) - 2, 0)]
-    allowed: FloatArray = np.maximum(LARGEST_STEP, SPEED * (cycles - before + LEAD) * ROBOT.cycle)
+    allowed = np.maximum(LARGEST_STEP, SPEED * (cycles - before + LEAD) * ROBOT.cycle)
+    return np.asarray(steps - allowed, dtype=np.float64)
 
 
 def wheels_after(box: BlackBox, now: float) -> float:
@@ -146,9 +147,3 @@ def test_wheels_stop_by_themselves_when_no_command_comes(
         silent = box.begin - last
         assert not turning[silent > DEAD_MAN].any()
         assert turning[silent < DEAD_MAN_CYCLES * ROBOT.cycle].all()
-    return steps - allowed
-
-
-def test_a_fault_of_the_start_cannot_be_set_later() -> None:
-    with VirtualNaoqi() as robot, pytest.raises((BackendError, KeyError)):
-        robot.set_fault("rollover:5")
