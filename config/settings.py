@@ -169,6 +169,8 @@ class SafetySettings:
     drive_time: Annotated[float, Field(ge=0.1, le=5.0)]
     caller_silence: Annotated[float, Field(ge=0.03, le=0.5)]
     callback_time: Annotated[float, Field(ge=0.1, le=60.0)]
+    tick_time: Annotated[float, Field(gt=0.0, le=60.0)]
+    close_time: Annotated[float, Field(gt=0.0, le=60.0)]
 
     def __post_init__(self) -> None:
         """Check what spans fields: warnings come before faults."""

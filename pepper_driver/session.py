@@ -38,12 +38,6 @@ from pepper_driver.safety.plugins import describe_failure
 
 logger = logging.getLogger("pepper_driver")
 
-MAX_TICK_TIME = 1.0
-"""[s] that a caller waits for the current tick of another thread."""
-
-MAX_CLOSE_TIME = 10.0
-"""[s] that the end of a run waits for a robot to be closed in the middle of a tick."""
-
 OnTick = Callable[[Tick, Observation | None], object]
 
 
@@ -294,11 +288,11 @@ class Session:
         current, thread = threading.current_thread(), self._thread
         if current is self._ticking:
             return True
-        ended = self._turn.acquire(timeout=MAX_TICK_TIME)
+        ended = self._turn.acquire(timeout=self._safety.tick_time)
         if ended:
             self._turn.release()
         if thread is not None and thread is not current:
-            thread.join(MAX_TICK_TIME)
+            thread.join(self._safety.tick_time)
             ended &= not thread.is_alive()
         return ended
 
@@ -315,7 +309,7 @@ class Session:
 
         thread = threading.Thread(target=close, name="closing", daemon=True)
         thread.start()
-        thread.join(MAX_CLOSE_TIME)
+        thread.join(self._safety.close_time)
         if thread.is_alive():
             raise BackendError(
                 f"'{self._backend.uri}' answers neither in a tick nor when it is closed: it may still be stiff"
@@ -415,7 +409,7 @@ class Session:
         try:
             # The session's thread gives the turn back after its tick.
             self._callers.add(current)
-            if not self._turn.acquire(timeout=MAX_TICK_TIME):
+            if not self._turn.acquire(timeout=self._safety.tick_time):
                 self.check_free()
                 raise BackendError("the robot's loop does not answer")
             self._runner = current

@@ -247,13 +247,19 @@ class RobotClient:
     """A :class:`~.robot.Robot` over a table and a socket."""
 
     def __init__(
-        self, table: Table, end: socket.socket, keys: Mapping[str, int], actuators: frozenset[str]
+        self,
+        table: Table,
+        end: socket.socket,
+        keys: Mapping[str, int],
+        actuators: frozenset[str],
+        *,
+        reply_time: float = REPLY_TIMEOUT,
     ) -> None:
         self._table, self._end = table, end
         self._keys, self._actuators = keys, actuators
         self._lock = Lock()
         self._numbers = count(time.monotonic_ns())  # no other process had them
-        end.settimeout(REPLY_TIMEOUT)
+        end.settimeout(reply_time)
 
     @property
     def keys(self) -> Mapping[str, int]:

@@ -120,11 +120,14 @@ class Table:
         file: Descriptor of the file; see :meth:`make_file`.
         keys: Number of values.
         robot: Whose joints the black box shows.
+        kept: Cycles that the black box keeps.
     """
 
-    def __init__(self, file: int, keys: int, robot: RobotConfig) -> None:
-        rows = row_type(robot)
-        sizes = [8 * _HEADER, _INFO, 2 * 8 * keys, KEPT_CYCLES * rows.itemsize]
+    def __init__(
+        self, file: int, keys: int, robot: RobotConfig, *, kept: int = KEPT_CYCLES
+    ) -> None:
+        rows, self._kept = row_type(robot), kept
+        sizes = [8 * _HEADER, _INFO, 2 * 8 * keys, kept * rows.itemsize]
         # Whichever process maps the file first makes it large enough.
         if os.fstat(file).st_size < sum(sizes):
             os.ftruncate(file, sum(sizes))
@@ -133,7 +136,7 @@ class Table:
         self._header = np.ndarray(_HEADER, np.int64, memory, begins[0])
         self._info = np.ndarray(_INFO, np.uint8, memory, begins[1])
         self._values = np.ndarray((2, keys), np.float64, memory, begins[2])
-        self._rows = np.ndarray(KEPT_CYCLES, rows, memory, begins[3])
+        self._rows = np.ndarray(kept, rows, memory, begins[3])
 
     @staticmethod
     def make_file() -> int:
@@ -159,7 +162,7 @@ class Table:
     def record(self, row: tuple[Any, ...]) -> None:
         """Put a cycle into the black box."""
         count = int(self._header[_ROWS])
-        self._rows[count % KEPT_CYCLES] = row
+        self._rows[count % self._kept] = row
         self._header[_ROWS] = count + 1
 
     @property
@@ -191,8 +194,8 @@ class Table:
     def black_box(self, last: int | None = None) -> BlackBox:
         """Return the last cycles in the black box; all that is kept, or that many."""
         count = int(self._header[_ROWS])
-        first = max(0, count - KEPT_CYCLES, count - last if last is not None else 0)
-        rows: NDArray[np.void] = self._rows[np.arange(first, count) % KEPT_CYCLES]
+        first = max(0, count - self._kept, count - last if last is not None else 0)
+        rows: NDArray[np.void] = self._rows[np.arange(first, count) % self._kept]
         # What the robot wrote over meanwhile, and the row it may be at now.
-        lost = max(0, int(self._header[_ROWS]) + 1 - KEPT_CYCLES - first)
+        lost = max(0, int(self._header[_ROWS]) + 1 - self._kept - first)
         return BlackBox.of(rows[lost:])

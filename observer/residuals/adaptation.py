@@ -43,6 +43,7 @@ class Adaptation:
         models: By joint, None for those without.
         spread: (n,) standard deviation of the residual in free motion [rad].
         cycle: Period of the ticks [s].
+        process_noise: (4,) standard deviation of the random walk within a minute, in the units of PRIOR_STD.
 
     Attributes:
         deviation: (n, 4) deviation of friction, lag, load and offset from their identified values, in the units of
@@ -54,11 +55,13 @@ class Adaptation:
         models: list[StickSlipParameters | None],
         spread: FloatArray,
         cycle: float,
+        *,
+        process_noise: FloatArray = PROCESS_NOISE,
     ) -> None:
         self._prior = np.tile(PRIOR_STD, (len(models), 1))
         self._lag = np.array([np.nan if m is None else m.lag for m in models])
         self._noise = (NOISE_FACTOR * spread) ** 2
-        self._process_noise = np.diag(PROCESS_NOISE**2 * LEARN_PERIOD * cycle / 60.0)
+        self._process_noise = np.diag(process_noise**2 * LEARN_PERIOD * cycle / 60.0)
         self._count = len(models)
         self.reset()
 
@@ -154,9 +157,19 @@ class HandLoads:
     Args:
         robot: Its description; every chain that ends in a hand is an arm.
         models: By joint, None for those without. Joints whose motor boards integrate errors do not show loads.
+        process_noise: (4,) standard deviation of the random walk of a load within a minute [kg, kg m, kg m, kg m].
+        uncertainty: Standard deviation of a load's torque that no estimate explains, as a fraction of it.
     """
 
-    def __init__(self, robot: RobotConfig, models: Sequence[FusionModel | None]) -> None:
+    def __init__(
+        self,
+        robot: RobotConfig,
+        models: Sequence[FusionModel | None],
+        *,
+        process_noise: FloatArray = LOAD_PROCESS_NOISE,
+        uncertainty: float = LOAD_UNCERTAINTY,
+    ) -> None:
+        self._uncertainty = uncertainty
         self._model = RobotModel(robot)
         self._arms, self._wrists = [], []
         for chain, joints in robot.chains.items():
@@ -174,9 +187,7 @@ class HandLoads:
         self._friction_variance = (breakaway * friction) ** 2
         arms = len(self._wrists)
         self._prior = np.tile(LOAD_PRIOR_STD, arms) ** 2
-        self._process_noise = (
-            np.tile(LOAD_PROCESS_NOISE, arms) ** 2 * LEARN_PERIOD * robot.cycle / 60.0
-        )
+        self._process_noise = np.tile(process_noise, arms) ** 2 * LEARN_PERIOD * robot.cycle / 60.0
         self.reset()
 
     def reset(self) -> None:
@@ -218,7 +229,7 @@ class HandLoads:
 
     def _unpredicted(self) -> FloatArray:
         """Return the (n,) variance of the load torque that no estimate of the loads explains [(N m)2]."""
-        torque: FloatArray = LOAD_UNCERTAINTY * (self._regressor @ self._load)
+        torque: FloatArray = self._uncertainty * (self._regressor @ self._load)
         return torque**2
 
     def update(self, residual: FloatArray, noise: FloatArray, use: BoolArray) -> FloatArray:

@@ -23,7 +23,7 @@ from pepper_driver import session as session_module
 from pepper_driver.backends import BackendError, Measurement, NotConnectedError
 from pepper_driver.backends.mock import MockBackend
 from pepper_driver.callbacks.events import TickEvent
-from pepper_driver.config import load_controller_settings, load_robot
+from pepper_driver.config import load_controller_settings, load_robot, load_safety_settings
 from pepper_driver.controller import PositionTask
 from pepper_driver.log import LogError, LogWriter, read_log
 from pepper_driver.observer import ModelFileError
@@ -44,6 +44,8 @@ MODES: list[dict[str, Any]] = [
     {"real_time": True},
     {"real_time": True, "loop": "caller"},
 ]
+
+SAFETY = load_safety_settings()
 
 
 def make_pepper(**arguments: Any) -> Pepper:
@@ -356,14 +358,13 @@ def test_a_stop_inside_a_tick_ends_a_run(where: str, mode: dict[str, Any], tmp_p
 
 @pytest.mark.parametrize("mode", MODES)
 def test_a_stop_at_any_moment_of_a_run_leaves_nobody_waiting(
-    mode: dict[str, Any], monkeypatch: pytest.MonkeyPatch
+    mode: dict[str, Any],
 ) -> None:
     """Between two lines of what a run does, another thread stops the robot, from the beginning to the end."""
-    monkeypatch.setattr(session_module, "MAX_TICK_TIME", 0.02)
     settings = load_controller_settings(load_robot())
     # The capsules of its links take longer to make than all else of a start.
     bare = replace(settings, constraints=replace(settings.constraints, self_collision=False))
-    pepper = make_pepper(controller=bare, **mode)
+    pepper = make_pepper(controller=bare, safety=replace(SAFETY, tick_time=0.02), **mode)
     for line in count():
         pepper.start()
         places: set[int] = set()
@@ -416,18 +417,16 @@ def test_leaving_a_robot_that_hangs_ends_all_else(
     mode: dict[str, Any],
     deaf: bool,
     tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
     caplog: pytest.LogCaptureFixture,
 ) -> None:
-    monkeypatch.setattr(session_module, "MAX_TICK_TIME", 0.1)
-    monkeypatch.setattr(session_module, "MAX_CLOSE_TIME", 0.1 if deaf else PATIENCE)
+    safety = replace(SAFETY, tick_time=0.1, close_time=0.1 if deaf else PATIENCE)
 
     class Deaf(Hanging):
         def close(self) -> None:
             self.go.wait(PATIENCE)
             super().close()
 
-    pepper = make_pepper(log=tmp_path / "run.mcap", **mode)
+    pepper = make_pepper(log=tmp_path / "run.mcap", safety=safety, **mode)
     robot = pepper.backend = Deaf() if deaf else Hanging()
     pepper.start()
     run = in_thread(lambda: pepper.run(1.0))

@@ -9,7 +9,6 @@ from typing import Any
 import pytest
 
 from pepper_driver.backends import BackendError
-from pepper_driver.backends.naoqi_server import ipc
 from pepper_driver.backends.naoqi_server.ipc import (
     MAX_PACKET_SIZE,
     RobotClient,
@@ -70,10 +69,9 @@ def test_the_answer_to_somebody_who_died_is_not_taken_for_ours(
 
 
 def test_a_robot_that_does_not_answer(
-    table: Table, ends: tuple[socket.socket, socket.socket], monkeypatch: pytest.MonkeyPatch
+    table: Table, ends: tuple[socket.socket, socket.socket]
 ) -> None:
-    monkeypatch.setattr(ipc, "REPLY_TIMEOUT", 0.05)
-    link = RobotClient(table, ends[0], {}, frozenset())
+    link = RobotClient(table, ends[0], {}, frozenset(), reply_time=0.05)
     with pytest.raises(BackendError, match="does not answer"):
         link.clear_faults()
     ends[1].close()

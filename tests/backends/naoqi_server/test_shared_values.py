@@ -10,7 +10,6 @@ from itertools import count
 import numpy as np
 import pytest
 
-from pepper_driver.backends.naoqi_server import shared_values
 from pepper_driver.backends.naoqi_server.dcm import DcmClock
 from pepper_driver.backends.naoqi_server.shared_values import KEPT_CYCLES, Table
 from pepper_driver.config import load_robot
@@ -96,9 +95,8 @@ def test_a_writer_that_stopped_in_the_middle_holds_nobody_up(file: int) -> None:
     np.testing.assert_array_equal(Table(file, 2, ROBOT).read(), [1.0, 1.0])
 
 
-def test_the_black_box_keeps_the_last_cycles(file: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(shared_values, "KEPT_CYCLES", 10)
-    writer, reader = Table(file, KEYS, ROBOT), Table(file, KEYS, ROBOT)
+def test_the_black_box_keeps_the_last_cycles(file: int) -> None:
+    writer, reader = (Table(file, KEYS, ROBOT, kept=10) for _ in range(2))
     assert len(reader.black_box()) == 0
     for number in range(7):
         writer.record(row(number))

@@ -10,11 +10,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pepper_driver.config.arrays import FloatArray
-from pepper_driver.observer.residuals import adaptation
 from pepper_driver.observer.residuals.adaptation import (
     NOISE_FACTOR,
     OFFSET_UNIT,
     PRIOR_STD,
+    PROCESS_NOISE,
     WEAR_RATIO,
     Adaptation,
 )
@@ -26,8 +26,9 @@ SPREAD = 1e-3
 STILL = np.zeros(4)
 
 
-def adapt(count: int = 2) -> Adaptation:
-    return Adaptation([STICK_SLIP] * count, np.full(count, SPREAD), CYCLE)
+def adapt(count: int = 2, process_noise: FloatArray = PROCESS_NOISE) -> Adaptation:
+    spread = np.full(count, SPREAD)
+    return Adaptation([STICK_SLIP] * count, spread, CYCLE, process_noise=process_noise)
 
 
 def samples(n: int, seed: int, joints: int = 2) -> FloatArray:
@@ -54,9 +55,8 @@ def test_effects_are_those_of_the_terms_of_the_model() -> None:
     np.testing.assert_allclose(effects, expected)
 
 
-def test_without_wandering_it_is_ridge_regression(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(adaptation, "PROCESS_NOISE", STILL)
-    target = adapt()
+def test_without_wandering_it_is_ridge_regression() -> None:
+    target = adapt(process_noise=STILL)
     effects = samples(80, 0)
     true = np.array([[0.2, -0.1, 0.3, 0.5], [-0.15, 0.2, -0.2, -0.4]])
     residual = np.einsum("nji,ji->nj", effects, true)
@@ -72,9 +72,8 @@ def test_without_wandering_it_is_ridge_regression(monkeypatch: pytest.MonkeyPatc
     np.testing.assert_allclose(target.deviation, true, atol=0.15)
 
 
-def test_variance_is_that_of_ridge_regression(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(adaptation, "PROCESS_NOISE", STILL)
-    target = adapt()
+def test_variance_is_that_of_ridge_regression() -> None:
+    target = adapt(process_noise=STILL)
     effects = samples(30, 2)
     for row in effects:
         target.update(np.zeros(2), row, 0.0, np.ones(2, dtype=np.bool_))
@@ -86,10 +85,9 @@ def test_variance_is_that_of_ridge_regression(monkeypatch: pytest.MonkeyPatch) -
         assert target.variance(asked)[joint] == pytest.approx(expected, rel=1e-6)
 
 
-def test_what_else_is_not_known_counts_as_noise(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_else_is_not_known_counts_as_noise() -> None:
     """Samples that differ in noise, against least squares with their weights."""
-    monkeypatch.setattr(adaptation, "PROCESS_NOISE", STILL)
-    target = adapt()
+    target = adapt(process_noise=STILL)
     effects = samples(60, 13)
     rng = np.random.default_rng(14)
     other = rng.uniform(0.0, 4e-5, size=(60, 2))

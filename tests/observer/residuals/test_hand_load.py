@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from copy import copy
 from dataclasses import replace
 from typing import Any
 
@@ -13,11 +14,11 @@ from pepper_driver.config.arrays import BoolArray, FloatArray
 from pepper_driver.controller.model import RobotModel
 from pepper_driver.controller.tick import Reference, Tick
 from pepper_driver.observer.models.fusion_model import FusionModel
-from pepper_driver.observer.residuals import adaptation
 from pepper_driver.observer.residuals.adaptation import (
     FRICTION_UNCERTAINTY,
     LEARN_PERIOD,
     LOAD_PRIOR_STD,
+    LOAD_PROCESS_NOISE,
     MIN_NOISE,
     HandLoads,
 )
@@ -228,16 +229,14 @@ def test_finds_the_load_of_an_arm_that_moves(arm: str, joint: str) -> None:
     assert abs(held[other].mass) < 0.05
 
 
-def test_without_wandering_it_is_ridge_regression(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_wandering_it_is_ridge_regression() -> None:
     """All samples at once, each with its noise, and the prior as penalty."""
-    monkeypatch.setattr(adaptation, "LOAD_PROCESS_NOISE", np.zeros(4))
-    monkeypatch.setattr(adaptation, "LOAD_UNCERTAINTY", 0.0)
     gains = np.linspace(0.005, 0.02, JOINTS)
     gains[3] = 0.0
     of_joint: list[FusionModel | None] = [
         fusion_model(replace(STICK_SLIP, load_gain=float(gain))) if gain else None for gain in gains
     ]
-    target = HandLoads(ROBOT, of_joint)
+    target = HandLoads(ROBOT, of_joint, process_noise=np.zeros(4), uncertainty=0.0)
     floor = MIN_NOISE + (FRICTION_UNCERTAINTY * STICK_SLIP.friction) ** 2
     rng = np.random.default_rng(2)
     carriers = [PLAIN.joint_id(wrist) for wrist in WRISTS.values()]
@@ -282,20 +281,18 @@ def test_it_becomes_less_certain_with_time_but_never_less_than_at_the_start(
     assert before < 0.9 * LOAD_PRIOR_STD[0]
     for _ in range(round(60.0 / CYCLE / LEARN_PERIOD)):
         target.update(rng.normal(size=JOINTS), NOISE_FACTOR, no_joint)
-    expected = np.hypot(before, adaptation.LOAD_PROCESS_NOISE[0])
+    expected = np.hypot(before, LOAD_PROCESS_NOISE[0])
     assert target.by_arm()["left_arm"].mass_std == pytest.approx(expected, rel=1e-2)
 
 
-def test_a_fraction_of_the_effect_of_a_load_stays_uncertain(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_a_fraction_of_the_effect_of_a_load_stays_uncertain() -> None:
     """Gears have more friction under load: a large load causes larger residuals, even if it is known well."""
     target = hands()
     follow(target, loaded({"LWristYaw": point(MASS, PLACE)}), 10.0)
     torque = target.step(MIDDLE, ZERO, ZERO)
-    variance = target.variance()
-    monkeypatch.setattr(adaptation, "LOAD_UNCERTAINTY", 0.0)
-    unforeseen = variance - target.variance()
+    certain = copy(target)
+    certain._uncertainty = 0.0
+    unforeseen = target.variance() - certain.variance()
     np.testing.assert_allclose(unforeseen, (0.15 * GAIN * torque) ** 2, rtol=1e-6, atol=1e-15)
     assert unforeseen.max() > 1e-7
 
@@ -531,7 +528,7 @@ def last_residuals(made: list[Tick], target: HandLoads | None) -> FloatArray:
 def test_an_unknown_load_in_the_hand_leaves_the_residual_within_half_a_minute() -> None:
     made = waved(0.6)
     of_joint = [MODEL if j in MOVED else None for j in range(JOINTS)]
-    target = HandLoads(ROBOT, of_joint)
+    target = HandLoads(ROBOT, of_joint, process_noise=np.zeros(4), uncertainty=0.0)
     without, followed = last_residuals(made, None), last_residuals(made, target)
     bound = MODEL.max_bound
     assert np.abs(without).max() > 0.5 * bound
@@ -597,7 +594,7 @@ def test_the_wrist_of_an_arm_that_swings_in_one_place_does_not_pay_for_the_shoul
         with monkeypatch.context() as patch:
             if not asked:
                 patch.setattr(HandLoads, "reconcile", lambda *_: None)
-            target = HandLoads(ROBOT, of_joint)
+            target = HandLoads(ROBOT, of_joint, process_noise=np.zeros(4), uncertainty=0.0)
             signal = FusionGenerator(of_joint, CYCLE, window=1, adapt=True, hands=target)
             rows = np.array([one.residual[WRIST] for one in play(signal, made)])
         largest.append(float(np.abs(rows[len(rows) // 2 :]).max()))
@@ -607,7 +604,7 @@ def test_the_wrist_of_an_arm_that_swings_in_one_place_does_not_pay_for_the_shoul
 
 def test_an_empty_hand_is_found_empty() -> None:
     of_joint = [MODEL if j in MOVED else None for j in range(JOINTS)]
-    target = HandLoads(ROBOT, of_joint)
+    target = HandLoads(ROBOT, of_joint, process_noise=np.zeros(4), uncertainty=0.0)
     followed = last_residuals(waved(0.0, 24.0), target)
     assert np.abs(followed).max() < 0.3 * MODEL.max_bound
     assert abs(target.by_arm()["left_arm"].mass) < 0.06
