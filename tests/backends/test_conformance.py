@@ -66,6 +66,8 @@ class TestNaoqi(
 ):
     """A robot over NAOqi, in virtual time: at the driver's own bounds."""
 
+    sequences = 8
+
     @pytest.fixture(autouse=True)
     def _awake(self) -> Iterator[None]:
         with VirtualNaoqi("mujoco://?seed=7") as self.robot:

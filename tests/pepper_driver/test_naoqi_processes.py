@@ -95,7 +95,10 @@ def test_a_program_that_stands_leaves_a_robot_that_stands(
         pepper.run(0.1)
 
 
-@pytest.mark.parametrize("fault", ["", "hang", "kill", "blocked"])
+@pytest.mark.parametrize(
+    "fault",
+    ["", "hang", *(pytest.param(fault, marks=pytest.mark.whole) for fault in ("kill", "blocked"))],
+)
 def test_ctrl_c_ends_the_program(robot: StandIn, fault: str) -> None:
     """Within a second on a machine that has nothing else to do; here others may have it."""
     with program(robot) as process:
