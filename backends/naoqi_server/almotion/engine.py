@@ -352,16 +352,20 @@ class MotionEngine:
         }
 
     def _run(self) -> None:
+        try:
+            self._write()
+        finally:
+            self._ended.set()
+
+    def _write(self) -> None:
         due = self.clock.seconds()
         while not self.closed.is_set():
             try:
                 self.cycle()
-            except (
-                BackendError
-            ) as error:  # the robot has ended or was stopped: nothing is left to move
+            # The robot has ended or was stopped: nothing is left to move.
+            except BackendError as error:
                 logger.warning("ALMotion: %s", error)
                 self.clock.wait_for(self.closed.is_set, RETRY_PERIOD)
             # Missed cycles are not made up for: a process that was stopped continues where it was.
             due = max(due + self._settings.cycle, self.clock.seconds())
             self.clock.sleep(max(0.0, due - self.clock.seconds()))
-        self._ended.set()
