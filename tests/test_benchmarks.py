@@ -718,6 +718,7 @@ def test_wrong_options_of_the_touched_arm_are_one_line(
     assert word in err
 
 
+@pytest.mark.whole
 def test_a_hunt_finds_what_fails_now_and_then_and_continues_where_it_was(tmp_path: Path) -> None:
     count = tmp_path / "count"
     (tmp_path / "test_planted.py").write_text(

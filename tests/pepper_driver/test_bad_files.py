@@ -364,7 +364,7 @@ CASES: list[tuple[str, str, str]] = [
     (
         "safety",
         "following_eror: 0.6",
-        "mine.yaml line 31: unknown key 'following_eror' (did you mean following_error or following_error_time?",
+        "mine.yaml line 33: unknown key 'following_eror' (did you mean following_error or following_error_time?",
     ),
     (
         "observer",

@@ -112,7 +112,7 @@ def check(story: Story, robot: str, begin: float, way: FloatArray, *, strong: bo
     assert moved(story, robot, begin, way) > MOVED
 
 
-@pytest.mark.parametrize("plant", ["nominal", "integral"])
+@pytest.mark.parametrize("plant", ["nominal", pytest.param("integral", marks=pytest.mark.whole)])
 @pytest.mark.parametrize("direction", SIDEWAYS)
 def test_in_simulation(plant: str, direction: str) -> None:
     """In the middle of a step each; the observer of ``nominal`` misses pushes in the first seconds of motion."""
