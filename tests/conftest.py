@@ -1,8 +1,14 @@
 """What holds for all tests, and the stand-in robot that many of them share."""
 
+import gc
+import os
 import signal
 from collections.abc import Callable, Iterator
 from typing import Any
+
+# Before NumPy is imported: a worker of pytest-xdist has no second processor, and threads of its algebra wait for one.
+for library in ("OPENBLAS", "OMP"):
+    os.environ.setdefault(f"{library}_NUM_THREADS", "1")
 
 import pytest
 from hypothesis import HealthCheck, settings
@@ -21,6 +27,12 @@ ANY_MACHINE = settings(deadline=None, suppress_health_check=[HealthCheck.too_slo
 settings.register_profile("ci", ANY_MACHINE, derandomize=True)
 settings.register_profile("nightly", ANY_MACHINE, max_examples=10 * CI_EXAMPLES)
 settings.load_profile("ci")
+
+
+def pytest_collection_finish() -> None:
+    """Keep what is loaded now, and stays, from being looked through again and again for what can go."""
+    gc.collect()
+    gc.freeze()
 
 
 @pytest.fixture(scope="session")
