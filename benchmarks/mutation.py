@@ -2,7 +2,7 @@
 
 Each mutant is one change of the source: another comparison, a number one larger, a statement left out. The subject's
 tests run against it, and at least one of them must fail. Results are kept, mutant by mutant: an interrupted run
-continues where it was, as long as neither the source nor the tests of a subject change.
+continues where it was. Where a file changes its mutants are judged again; where tests change those that survived are.
 Run: python benchmarks/mutation.py, with the extra 'mutation'
 """
 
@@ -183,7 +183,7 @@ class Mutant:
 
 
 def _counted_lines(source: str, names: tuple[str, ...]) -> set[int]:
-    """Lines of the named classes and functions (all if there are none), without annotations and docstrings."""
+    """Lines of the named classes and functions, all if there are none."""
     tree = ast.parse(source)
     found = {}
 
@@ -204,15 +204,15 @@ def _counted_lines(source: str, names: tuple[str, ...]) -> set[int]:
     return lines
 
 
-def _annotations(source: str) -> list[tuple[tuple[int, int], tuple[int, int]]]:
-    """Begin and end of all type annotations: to change one changes nothing that runs."""
+def _declarations(source: str) -> list[tuple[tuple[int, int], tuple[int, int]]]:
+    """Begin and end of all type annotations and decorators: a change of one changes nothing that a robot does."""
     spans = []
     for node in ast.walk(ast.parse(source)):
-        for name in ("annotation", "returns"):
-            hint = getattr(node, name, None)
-            if isinstance(hint, ast.expr):
-                end = (hint.end_lineno or 0, hint.end_col_offset or 0)
-                spans.append(((hint.lineno, hint.col_offset), end))
+        hints = [getattr(node, name, None) for name in ("annotation", "returns")]
+        for part in (*hints, *getattr(node, "decorator_list", ())):
+            if isinstance(part, ast.expr):
+                end = (part.end_lineno or 0, part.end_col_offset or 0)
+                spans.append(((part.lineno, part.col_offset), end))
     return spans
 
 
@@ -221,7 +221,7 @@ def mutants(subject: Subject) -> list[Mutant]:
     made = []
     for file, names in subject.code:
         source = (ROOT / file).read_text()
-        lines, hints = _counted_lines(source, names), _annotations(source)
+        lines, declared = _counted_lines(source, names), _declarations(source)
         for name, operator in operators().items():
             places = [
                 place
@@ -229,20 +229,17 @@ def mutants(subject: Subject) -> list[Mutant]:
                 for place in operator.mutation_positions(node)
             ]
             for occurrence, (begin, _) in enumerate(places):
-                hinted = any(first <= begin < last for first, last in hints)
-                if begin[0] in lines and not hinted:
+                if begin[0] in lines and not any(a <= begin < b for a, b in declared):
                     made.append(Mutant(file, name, occurrence, begin[0]))
     return sorted(made, key=lambda mutant: (mutant.file, mutant.line))
 
 
-def digest(subject: Subject) -> str:
-    """Return what the results of a subject depend on: its source and its tests."""
+def digest(*names: str) -> str:
+    """Return a hash of files, and of those in folders."""
     kept = hashlib.sha256()
-    files = {ROOT / file for file, _ in subject.code}
-    for test in (ROOT / name for name in subject.tests):
-        files |= set(test.rglob("*.py")) if test.is_dir() else {test}
-    for file in sorted(files):
-        kept.update(file.read_bytes())
+    for path in (ROOT / name for name in names):
+        for file in sorted(path.rglob("*.py")) if path.is_dir() else [path]:
+            kept.update(file.read_bytes())
     return kept.hexdigest()[:16]
 
 
@@ -298,14 +295,16 @@ class Verdict:
     """Outcome of one mutant.
 
     Attributes:
-        digest: Of source and tests.
+        source: Hash of the file that it is in.
+        tests: Hash of the tests.
         mutant: Its key.
         line: Where it is.
         outcome: ``passed``: it survived; ``failed`` or ``too long``: the tests noticed it.
         change: Its diff.
     """
 
-    digest: str
+    source: str
+    tests: str
     mutant: str
     line: int
     outcome: str
@@ -353,13 +352,17 @@ def _judge_all(
     console: Console,
 ) -> list[Verdict]:
     """Verdicts of all mutants of a subject; new ones are added to ``verdicts`` and kept."""
-    now = digest(subject)
     wanted = mutants(subject)
-    done = {each.mutant: each for each in verdicts if each.digest == now}
+    sources, tests = {file: digest(file) for file, _ in subject.code}, digest(*subject.tests)
+    done = {
+        each.mutant: each
+        for each in verdicts
+        if each.source in sources.values() and (each.outcome != "passed" or each.tests == tests)
+    }
     missing = [mutant for mutant in wanted if mutant.key not in done]
     if missing:
         begin = time.monotonic()
-        if run_tests(make_copy(copies / f"before-{now}"), subject, 1800.0) != "passed":
+        if run_tests(make_copy(copies / f"before-{tests}"), subject, 1800.0) != "passed":
             raise SystemExit(f"{subject.name}: the tests fail without any mutant")
         timeout = 10.0 + 4.0 * (time.monotonic() - begin)
         console.print(f"{subject.name}: {len(missing)} mutants, at most {timeout:.0f} s each")
@@ -367,7 +370,7 @@ def _judge_all(
             delayed(judge)(copies, subject, mutant, timeout) for mutant in missing
         )
         for mutant, (outcome, change) in zip(missing, outcomes, strict=True):
-            verdict = Verdict(now, mutant.key, mutant.line, outcome, change)
+            verdict = Verdict(sources[mutant.file], tests, mutant.key, mutant.line, outcome, change)
             done[mutant.key] = verdict
             verdicts.append(verdict)
             write_text(given.out, json.dumps([asdict(each) for each in verdicts], indent=1))

@@ -188,7 +188,8 @@ def parse(
         raise ConfigError(f"{source}: {problem}") from error
     try:
         refuse_hidden(cls, data)
-        return TypeAdapter(cls).validate_json(text, strict=True)
+        made: T = _adapter(cls).validate_json(text, strict=True)
+        return made
     except ValidationError as error:
         raise ConfigError(f"{source}: {explain(error, cls)}") from error
     except RecursionError as error:
@@ -226,7 +227,7 @@ def parse_part(
     if hidden and isinstance(value, dict):
         value = {**value, **hidden}
     try:
-        return TypeAdapter(cls).validate_json(json.dumps(value), strict=True)
+        return _adapter(cls).validate_json(json.dumps(value), strict=True)
     except ValidationError as error:
         raise with_known_keys(error, cls) from error
 
@@ -249,6 +250,16 @@ def one_or_more(cls: Any) -> WrapValidator:  # noqa: ANN401 a class, of which my
 def load(cls: type[T], path: Path) -> T:
     """Read a YAML file into the configuration dataclass ``cls``; see :func:`parse` and :func:`read_yaml`."""
     return parse(cls, read_yaml(path), str(path))
+
+
+def _adapter(cls: Any) -> TypeAdapter[Any]:  # noqa: ANN401 any type of pydantic
+    """Return the validator of a type; to make one takes longer than to use it."""
+    if cls not in _adapters:
+        _adapters[cls] = TypeAdapter(cls)
+    return _adapters[cls]
+
+
+_adapters: dict[object, TypeAdapter[Any]] = {}
 
 
 def _refuse(value: object) -> None:

@@ -35,11 +35,11 @@ def load_plugin(
         PluginError: The package that registered it fails to import, or it cannot be called.
         MissingExtraError: The part needs an extra that is not installed.
     """
-    registered = {point.name: point for point in entry_points(group=group)}
     if name in builtin:
         module, _, attribute = builtin[name].partition(":")
         own: Callable[..., object] = getattr(import_module(module), attribute)
         return own
+    registered = {point.name: point for point in entry_points(group=group)}
     if name not in registered:
         raise UnknownNameError(kind, name, [*builtin, *registered])
     point = registered[name]

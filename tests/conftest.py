@@ -18,6 +18,9 @@ from pepper_driver.backends.naoqi.qi_library import NoQiError, load_qi
 from pepper_driver.backends.naoqi_server.launch import StandIn
 from support.examples import CI_EXAMPLES
 
+# What thousands of tests keep is not to be searched for garbage every few of them.
+gc.set_threshold(5_000, 10, 20)
+
 # Started in the background of a shell, tests ignore Ctrl-C, and so do the commands that they start and interrupt.
 signal.signal(signal.SIGINT, signal.default_int_handler)
 
@@ -27,12 +30,6 @@ ANY_MACHINE = settings(deadline=None, suppress_health_check=[HealthCheck.too_slo
 settings.register_profile("ci", ANY_MACHINE, derandomize=True)
 settings.register_profile("nightly", ANY_MACHINE, max_examples=10 * CI_EXAMPLES)
 settings.load_profile("ci")
-
-
-def pytest_collection_finish() -> None:
-    """Keep what is loaded now, and stays, from being looked through again and again for what can go."""
-    gc.collect()
-    gc.freeze()
 
 
 @pytest.fixture(scope="session")

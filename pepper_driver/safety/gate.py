@@ -123,7 +123,6 @@ class SafetyGate:
 
     def hold(self) -> Command:
         """Return the command that holds the joints where they were last sent and stops the wheels."""
-        self._joints.freeze()
         self._sent = Command(
             position=self._sent.position,
             stiffness=self._sent.stiffness,

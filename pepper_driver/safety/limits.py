@@ -109,19 +109,12 @@ class JointLimits:
         changed: BoolArray = (requested_step > high + ANGLE_ROUNDING) | (
             requested_step < low - ANGLE_ROUNDING
         )
-        changed |= (requested < self._lower - ANGLE_ROUNDING) | (
-            requested > self._upper + ANGLE_ROUNDING
-        )
         sent = np.where(
             changed, before + np.minimum(np.maximum(requested_step, low), high), requested
         )
         self.position = np.clip(sent, self._lower, self._upper)
         self._last_step = self.position - before
         return changed
-
-    def freeze(self) -> None:
-        """Forget the speeds: the last command stands from now on."""
-        self._last_step = np.zeros(self._n)
 
 
 def _reach(room: FloatArray, change: FloatArray) -> FloatArray:

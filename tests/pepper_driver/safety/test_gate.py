@@ -1,5 +1,6 @@
 """The gate: nothing outside the limits leaves it, whatever comes in, and every fault ends in standing still."""
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -8,7 +9,7 @@ import pytest
 from pepper_driver.backends import Command
 from pepper_driver.config import load_controller_settings, load_robot, load_safety_settings
 from pepper_driver.safety import FaultError, FaultReason, RobotState, SafetyGate, StateError
-from pepper_driver.testing import aged, displaced, standing_measurement
+from pepper_driver.testing import aged, displaced, pressed, standing_measurement
 from support.fakes import reference
 
 ROBOT = load_robot()
@@ -36,8 +37,29 @@ def test_a_reference_within_the_limits_passes_unchanged() -> None:
     assert not gated.limited.any()
     assert not gated.joints_limited
     assert not gated.wheels_limited
+    assert not gated.limited.flags.writeable, "it is shared by all such commands"
     wanted[3] += 1.0
     assert g.sent.position[3] != wanted[3], "whoever made it may write to it"
+
+
+def test_a_request_that_is_not_near_enough_to_be_kept_may_still_pass_unchanged() -> None:
+    """Close to a limit the quick check says no to what the exact one allows."""
+    g = SafetyGate(ROBOT, SAFETY, CONTROLLER)
+    position = ROBOT.upper - 1.5 * SMALL
+    g.activate(position)
+    position = position + SMALL
+    gated = g.gate(reference(position), ONES, STILL, 0.0)
+    np.testing.assert_array_equal(gated.command.position, position)
+    assert not gated.limited.any()
+    assert not gated.joints_limited
+
+
+def test_the_stiffness_of_a_caller_is_copied() -> None:
+    g = gate()
+    stiffness = ONES.copy()
+    sent = g.gate(reference(STAND), stiffness, STILL, 0.0).command.stiffness
+    stiffness[3] = 0.0
+    assert sent[3] == 1.0
 
 
 def test_a_small_step_over_a_position_limit_is_clamped() -> None:
@@ -80,6 +102,9 @@ def test_old_data_brake_the_robot_and_new_data_let_it_go_on() -> None:
     assert (np.diff(steps) <= 1e-12).all()
     assert steps[-1] == 0.0
     assert g.state is RobotState.ACTIVE
+    moved = STAND + SMALL
+    exactly = gate().gate(reference(moved), ONES, STILL, SAFETY.stale_hold)
+    np.testing.assert_array_equal(exactly.command.position, moved)
     assert not g.gate(reference(g.sent.position), ONES, STILL, 0.0).limited.any()
 
 
@@ -91,6 +116,8 @@ def faulted(g: SafetyGate) -> bool:
     for _ in range(3):
         gated = g.gate(reference(STAND + 0.01), ONES, np.ones(3), 0.0)
         assert gated.limited.any()
+        assert gated.joints_limited
+        assert gated.wheels_limited
         np.testing.assert_array_equal(gated.command.position, before)
         np.testing.assert_array_equal(gated.command.wheel_speed, 0.0)
     g.deactivate()
@@ -150,11 +177,20 @@ def test_a_stiffness_that_is_no_array_is_a_fault(stiffness: Any) -> None:
     assert_fault(g, FaultReason.COMMAND, "stiffness")
 
 
-def test_whole_numbers_are_numbers() -> None:
+def test_whole_numbers_and_lists_are_numbers() -> None:
     g = gate()
-    gated = g.gate(reference(STAND), np.ones(17, dtype=np.int64), STILL, 0.0)
+    wanted, speeds = (STAND + SMALL).tolist(), [0.03, 0.02, 0.01]
+    gated = g.gate(reference(wanted), np.ones(17, dtype=np.int64), speeds, 0.0)  # type: ignore[arg-type]
     assert g.state is RobotState.ACTIVE
-    assert gated.command.stiffness.dtype == np.float64
+    assert not gated.limited.any()
+    sent = gated.command
+    for values, given in (
+        (sent.position, wanted),
+        (sent.stiffness, ONES),
+        (sent.wheel_speed, speeds),
+    ):
+        assert values.dtype == np.float64
+        np.testing.assert_array_equal(values, given)
 
 
 def test_a_sensor_that_is_no_number_is_a_fault() -> None:
@@ -187,13 +223,18 @@ def test_a_joint_without_stiffness_may_be_moved_by_hand() -> None:
     assert g.state is RobotState.ACTIVE
 
 
-def test_stiffness_changes_by_a_ramp() -> None:
-    g = gate()
-    steps = [
-        g.gate(reference(STAND), np.zeros(17), STILL, 0.0).command.stiffness[0] for _ in range(100)
-    ]
-    assert steps[0] == pytest.approx(1.0 - ROBOT.cycle / SAFETY.stiffness_ramp)
-    assert steps[-1] == 0.0
+@pytest.mark.parametrize("ramp", [SAFETY.stiffness_ramp, 0.5])
+def test_stiffness_changes_by_a_ramp_between_nothing_and_all(ramp: float) -> None:
+    g = SafetyGate(ROBOT, replace(SAFETY, stiffness_ramp=ramp), CONTROLLER)
+    g.activate(STAND)
+    for requested, expected in ((-3.0, 0.0), (3.0, 1.0)):
+        before = g.sent.stiffness[0]
+        steps = [
+            g.gate(reference(STAND), np.full(17, requested), STILL, 0.0).command.stiffness[0]
+            for _ in range(100)
+        ]
+        assert abs(steps[0] - before) == pytest.approx(ROBOT.cycle / ramp)
+        assert steps[-1] == expected
 
 
 def test_an_inactive_gate_lets_nothing_through() -> None:
@@ -202,6 +243,25 @@ def test_an_inactive_gate_lets_nothing_through() -> None:
     gated = g.gate(reference(STAND + 0.01), ONES, np.ones(3), 0.0)
     np.testing.assert_array_equal(gated.command.stiffness, 0.0)
     np.testing.assert_array_equal(gated.command.wheel_speed, 0.0)
+
+
+def test_a_gate_that_is_activated_again_remembers_nothing_of_the_run_before() -> None:
+    g = gate()
+    speeds, pressed_bumper = np.full(3, 0.03), pressed("bumpers")(standing_measurement())
+    far = displaced("LShoulderRoll", SAFETY.following_error + 0.1)(standing_measurement())
+    assert not g.gate(reference(STAND), ONES, speeds, 0.0).wheels_limited
+    for _ in range(round(SAFETY.following_error_time / ROBOT.cycle)):
+        g.watch(far, g.sent)
+    g.watch(pressed_bumper, g.sent)
+    assert g.base_stopped
+    g.deactivate()
+    g.activate(STAND)
+    assert g.base_stopped == ""
+    # From rest the base takes its time, and the joint that was far counts from the start.
+    begun = [h.gate(reference(STAND), ONES, np.full(3, 9.0), 0.0).command for h in (g, gate())]
+    np.testing.assert_array_equal(begun[0].wheel_speed, begun[1].wheel_speed)
+    g.watch(far, g.sent)
+    assert g.state is RobotState.ACTIVE
 
 
 def test_a_gate_is_activated_once() -> None:

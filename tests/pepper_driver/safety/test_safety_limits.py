@@ -114,6 +114,46 @@ def test_nothing_outside_the_limits_ever_leaves(
         before = sent
 
 
+@examples(60)
+@given(
+    st.lists(st.floats(-1.2, 1.2), min_size=1, max_size=60),
+    st.lists(st.integers(1, 8), min_size=60, max_size=60),
+    st.floats(0, 1),
+)
+def test_small_steps_stay_within_the_limits_of_speed_and_acceleration(
+    speeds: list[float], times: list[int], share: float
+) -> None:
+    """Steps that no limit of speed forbids, in fractions of the largest; also so that the quick check has to decide."""
+    n = 4
+    lower, upper = np.zeros(n), np.array([0.05, 0.2, 0.5, 1.0])
+    speed, acceleration = np.array([0.5, 1.0, 2.0, 4.0]), np.array([40.0, 10.0, 20.0, 10.0])
+    checked, exact = (JointLimits(lower, upper, speed, acceleration, 0.01) for _ in range(2))
+    for limits in (checked, exact):
+        limits.start(share * upper)
+    step = np.zeros(n)
+    for fraction, repeated in zip(speeds, times, strict=False):
+        for _ in range(repeated):
+            before = checked.position
+            requested = before + fraction * speed * 0.01
+            limited = np.zeros(n, dtype=np.bool_)
+            if checked.keep(requested):
+                np.testing.assert_array_equal(checked.position, requested)
+            else:
+                limited = checked.clamp(requested)
+            np.testing.assert_array_equal(exact.clamp(requested), limited)
+            np.testing.assert_allclose(checked.position, exact.position, rtol=0, atol=1e-8)
+            now = checked.position - before
+            change = acceleration * 0.01**2
+            assert (np.abs(now) <= speed * 0.01 + CLOSE).all()
+            assert (np.abs(now - step) <= change + CLOSE).all()
+            room = np.where(now > 0, upper - checked.position, checked.position)
+            assert (room >= 0.0).all()
+            size = np.abs(now)
+            ticks = np.floor(size / change)
+            assert (ticks * size - change * ticks * (ticks + 1) / 2 <= room + CLOSE).all()
+            step = now
+
+
 def a_joint(room: float = 1.0) -> JointLimits:
     return JointLimits(np.zeros(1), np.full(1, room), np.full(1, 2.0), np.full(1, 10.0), 0.01)
 
@@ -158,6 +198,40 @@ def test_a_joint_that_runs_into_its_limit_at_a_lawful_speed_is_braked_in_time() 
     assert limits.position[0] == pytest.approx(0.95, abs=0.015)
     assert limited.count(True) == 1
     assert run_into(limits, 50.0, 200)[-1] == pytest.approx(1.0, abs=1e-12)
+
+
+def at_speed(ticks: int) -> tuple[JointLimits, float]:
+    """A joint that has speeded up as fast as it may, kept in each tick, and its last step [rad]."""
+    limits, step = a_joint(), 0.0
+    for _ in range(ticks):
+        step += 10.0 * 0.01**2
+        assert limits.keep(limits.position + step)
+    return limits, step
+
+
+@pytest.mark.parametrize("ticks", [1, 7, 20])
+def test_the_quick_check_lets_pass_what_is_exactly_at_the_limits(ticks: int) -> None:
+    limits, step = at_speed(ticks)
+    assert limits.keep(limits.position + min(step, 0.02))
+    assert not limits.keep(limits.position + min(step, 0.02) + 2.0 * 10.0 * 0.01**2)
+
+
+def test_the_quick_check_looks_ahead_no_further_than_braking_takes() -> None:
+    """From 1 rad/s at 10 rad/s2: 0.05 m."""
+    limits, step = at_speed(10)
+    while limits.keep(limits.position + step):
+        pass
+    assert 1.0 - limits.position[0] - step == pytest.approx(0.05, abs=1.01 * step)
+    assert 1.0 - limits.position[0] - step < 0.05 + 1e-9
+
+
+def test_what_is_exactly_at_the_limits_is_not_marked_as_limited() -> None:
+    for sign in (1.0, -1.0):
+        limits = a_joint()
+        limits.start(np.full(1, 0.5))
+        for _ in range(3):
+            before = limits.position
+            assert not limits.clamp(before + sign * 10.0 * 0.01**2 + limits._last_step).any()
 
 
 def test_limits_are_kept_by_the_joint_concerned_alone() -> None:
