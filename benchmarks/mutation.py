@@ -70,14 +70,22 @@ SUBJECTS = (
                 "test_safety_states.py",
                 "test_safety_motors.py",
                 "test_safety_faults.py",
-                "test_safety_runs.py",
             )
         ),
     ),
     Subject(
         "arbiter",
         (("pepper_driver/reflexes/arbiter.py", ()),),
-        ("tests/pepper_driver/reflexes",),
+        tuple(
+            f"tests/pepper_driver/reflexes/{name}.py"
+            for name in (
+                "test_arbiter",
+                "test_holding",
+                "test_hold",
+                "test_returning",
+                "test_reflexes",
+            )
+        ),
     ),
     Subject(
         "watchdogs",
@@ -89,7 +97,6 @@ SUBJECTS = (
             "tests/backends/naoqi/test_naoqi_watchdog.py",
             "tests/backends/naoqi/test_naoqi_link.py",
             "tests/backends/naoqi/test_naoqi_backend.py",
-            "tests/pepper_driver/test_naoqi_faults.py",
         ),
     ),
     Subject(
@@ -101,7 +108,8 @@ SUBJECTS = (
         (
             "tests/backends/test_mock.py",
             "tests/backends/mujoco_/test_mujoco_backend.py",
-            "tests/backends/test_conformance.py",
+            "tests/backends/test_conformance.py::TestMock",
+            "tests/backends/test_conformance.py::TestMujoco",
         ),
     ),
     Subject(
@@ -235,11 +243,10 @@ def mutants(subject: Subject) -> list[Mutant]:
 
 
 def digest(*names: str) -> str:
-    """Return a hash of files, and of those in folders."""
+    """Return a hash of files; of tests in one, of all of it."""
     kept = hashlib.sha256()
-    for path in (ROOT / name for name in names):
-        for file in sorted(path.rglob("*.py")) if path.is_dir() else [path]:
-            kept.update(file.read_bytes())
+    for name in names:
+        kept.update((ROOT / name.partition("::")[0]).read_bytes())
     return kept.hexdigest()[:16]
 
 
