@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import argparse
 import ast
+import compileall
 import difflib
 import hashlib
 import json
@@ -22,6 +23,7 @@ import time
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from py_compile import PycInvalidationMode
 
 import parso
 from cosmic_ray.ast import ast_nodes, get_ast
@@ -252,7 +254,7 @@ def digest(*names: str) -> str:
 
 def run_tests(copy: Path, subject: Subject, timeout: float) -> str:
     """Run a subject's tests in a copy; return ``passed``, ``failed`` or ``too long``."""
-    # Without kept byte code: a mutant is often as long as the source, and of the same second.
+    # The mutant's own byte code is not kept.
     environment = {**os.environ, "PYTHONDONTWRITEBYTECODE": "1", "OPENBLAS_NUM_THREADS": "1"}
     command = [sys.executable, "-m", "pytest", "-x", "-q", "-p", "no:cacheprovider"]
     command += ["-m", "not whole and not realtime", *subject.tests]
@@ -275,9 +277,12 @@ def run_tests(copy: Path, subject: Subject, timeout: float) -> str:
 
 
 def make_copy(folder: Path) -> Path:
-    """Copy what tests need."""
+    """Copy what tests need, and compile it."""
     skip = shutil.ignore_patterns(".*", "runs", "*.egg-info", "__pycache__", "build", "dist")
-    return Path(shutil.copytree(ROOT, folder, symlinks=True, ignore=skip))
+    copy = Path(shutil.copytree(ROOT, folder, symlinks=True, ignore=skip))
+    # By time and length a mutant often looks like its source; by its hash it does not.
+    compileall.compile_dir(copy, quiet=2, invalidation_mode=PycInvalidationMode.CHECKED_HASH)
+    return copy
 
 
 def judge(copies: Path, subject: Subject, mutant: Mutant, timeout: float) -> tuple[str, str]:
