@@ -257,7 +257,8 @@ def run_tests(copy: Path, subject: Subject, timeout: float) -> str:
     # The mutant's own byte code is not kept.
     environment = {**os.environ, "PYTHONDONTWRITEBYTECODE": "1", "OPENBLAS_NUM_THREADS": "1"}
     command = [sys.executable, "-m", "pytest", "-x", "-q", "-p", "no:cacheprovider"]
-    command += ["-m", "not whole and not realtime", *subject.tests]
+    command += ["--hypothesis-profile", "mutation", "-m", "not whole and not realtime"]
+    command += subject.tests
     process = subprocess.Popen(
         command,
         cwd=copy,

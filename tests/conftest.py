@@ -11,7 +11,7 @@ for library in ("OPENBLAS", "OMP"):
     os.environ.setdefault(f"{library}_NUM_THREADS", "1")
 
 import pytest
-from hypothesis import HealthCheck, settings
+from hypothesis import HealthCheck, Phase, settings
 
 import pepper_driver.controller  # noqa: F401 before a test imports pinocchio
 from pepper_driver.backends.naoqi.qi_library import NoQiError, load_qi
@@ -25,10 +25,14 @@ gc.set_threshold(5_000, 10, 20)
 signal.signal(signal.SIGINT, signal.default_int_handler)
 
 # How long an example takes depends on the machine and its load. ``ci`` draws the same examples each time, so that a
-# failure is of the change under test; ``nightly`` (make test-all) draws new and ten times as many ones.
+# failure is of the change under test; ``nightly`` (make test-all) draws new and ten times as many ones; ``mutation`` is
+# as ``ci``, and looks for no smaller example of a failure.
 ANY_MACHINE = settings(deadline=None, suppress_health_check=[HealthCheck.too_slow])
 settings.register_profile("ci", ANY_MACHINE, derandomize=True)
 settings.register_profile("nightly", ANY_MACHINE, max_examples=10 * CI_EXAMPLES)
+settings.register_profile(
+    "mutation", ANY_MACHINE, derandomize=True, phases=[Phase.explicit, Phase.generate]
+)
 settings.load_profile("ci")
 
 

@@ -119,7 +119,6 @@ class JointLimits:
 
 def _reach(room: FloatArray, change: FloatArray) -> FloatArray:
     """(n,) largest steps towards limits that are ``room`` away, from which joints can still stop: s(D)."""
-    room = np.maximum(room, 0.0)
     n = np.maximum(np.ceil((np.sqrt(1.0 + 8.0 * room / change) - 1.0) / 2.0), 1.0)
     reach: FloatArray = room / n + change * (n - 1.0) / 2.0
     return reach
