@@ -9,7 +9,15 @@ import pytest
 from pepper_driver.backends import Command
 from pepper_driver.config import load_controller_settings, load_robot, load_safety_settings
 from pepper_driver.safety import FaultError, FaultReason, RobotState, SafetyGate, StateError
-from pepper_driver.testing import aged, displaced, pressed, standing_measurement
+from pepper_driver.testing import (
+    Fault,
+    aged,
+    displaced,
+    drained,
+    heated,
+    pressed,
+    standing_measurement,
+)
 from support.fakes import reference
 
 ROBOT = load_robot()
@@ -153,6 +161,45 @@ def test_a_silent_robot_is_a_fault(age: float) -> None:
     assert_fault(g, FaultReason.STALE_SAMPLE, "old")
 
 
+def test_how_old_the_newest_sample_is_stands_in_the_fault() -> None:
+    g = gate()
+    g.watch(aged(SAFETY.stale_fault)(standing_measurement()), g.sent)
+    assert g.state is RobotState.ACTIVE, "exactly as old as it may be"
+    g.watch(aged(1.0)(standing_measurement()), g.sent)
+    assert_fault(g, FaultReason.STALE_SAMPLE, "the newest sample is 1000 ms old")
+
+
+@pytest.mark.parametrize(
+    ("harm", "reason"),
+    [
+        (heated("HeadYaw", SAFETY.temperature_fault), FaultReason.TEMPERATURE),
+        (drained(SAFETY.battery_fault - 0.001), FaultReason.BATTERY),
+    ],
+)
+@pytest.mark.parametrize("before", [0, 1, 40])
+def test_heat_and_charge_are_looked_at_each_period_from_the_first_tick_on(
+    harm: Fault, reason: FaultReason, before: int
+) -> None:
+    """And a fault when they are beyond the limit so many times in a row."""
+    g, period = gate(), round(SAFETY.check_period / ROBOT.cycle)
+    for _ in range(before * period):
+        g.watch(standing_measurement(), g.sent)
+    for _ in range(1 + (SAFETY.confirmations - 1) * period):
+        assert g.state is RobotState.ACTIVE
+        g.watch(harm(standing_measurement()), g.sent)
+    assert_fault(g, reason, "")
+
+
+@pytest.mark.parametrize("harm", [heated("HeadYaw", 99.0), drained(0.001)])
+def test_heat_and_charge_that_were_well_once_are_counted_anew(harm: Fault) -> None:
+    g, period = gate(), round(SAFETY.check_period / ROBOT.cycle)
+    for number in range(5 * SAFETY.confirmations):
+        bad = number % SAFETY.confirmations != 0
+        for _ in range(period):
+            g.watch(harm(standing_measurement()) if bad else standing_measurement(), g.sent)
+    assert g.state is RobotState.ACTIVE
+
+
 def test_a_sample_whose_age_is_no_number_is_old() -> None:
     g = gate()
     held = g.gate(reference(STAND + 0.005), ONES, STILL, np.nan)
@@ -257,6 +304,9 @@ def test_a_gate_that_is_activated_again_remembers_nothing_of_the_run_before() ->
     assert g.base_stopped
     for _ in range(round(SAFETY.following_error_time / ROBOT.cycle)):
         g.watch(far, g.sent)
+    soft = replace(standing_measurement(), stiffness=np.zeros(17))
+    for _ in range(round(SAFETY.stiffness_time / ROBOT.cycle)):
+        g.watch(soft, g.sent)
     g.deactivate()
     g.activate(STAND)
     assert g.base_stopped == ""
@@ -264,6 +314,7 @@ def test_a_gate_that_is_activated_again_remembers_nothing_of_the_run_before() ->
     begun = [h.gate(reference(STAND), ONES, np.full(3, 9.0), 0.0).command for h in (g, gate())]
     np.testing.assert_array_equal(begun[0].wheel_speed, begun[1].wheel_speed)
     g.watch(far, g.sent)
+    g.watch(soft, g.sent)
     assert g.state is RobotState.ACTIVE
 
 
@@ -296,3 +347,52 @@ def test_wheels_start_and_turn_round_no_faster_than_the_base_may_and_keep_the_di
             if np.array_equal(sent, sign * wanted):
                 break
         assert 10 < count < 199
+
+
+@pytest.mark.parametrize("wheel", [0, 1, 2])
+@pytest.mark.parametrize("excess", [0.01, 0.5, 30.0])
+def test_wheels_turn_no_faster_than_they_may(wheel: int, excess: float) -> None:
+    g = gate()
+    wanted = np.roll([1.0, -0.5, 0.25], wheel) * (ROBOT.wheels.speed_limit + excess)
+    for _ in range(600):
+        sent = g.gate(reference(STAND), ONES, wanted, 0.0).command.wheel_speed
+    np.testing.assert_allclose(sent, wanted * ROBOT.wheels.speed_limit / wanted[wheel], rtol=1e-6)
+
+
+@pytest.mark.parametrize(
+    "wheels", [(1, 1, 1), (5, 5, 5), (5, 5, 0), (0, 5, 5), (5, 0, 0), (0, 0, 5)]
+)
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_no_wheel_starts_at_once(wheels: tuple[int, ...], sign: float) -> None:
+    base = ROBOT.limits.base
+    linear, angular = base.linear_acceleration, base.angular_acceleration
+    most = np.abs(ROBOT.wheels.matrix) @ np.array([linear, linear, angular]) * ROBOT.cycle
+    wanted = sign * np.array(wheels, dtype=np.float64)
+    sent = gate().gate(reference(STAND), ONES, wanted, 0.0).command.wheel_speed
+    assert (np.abs(sent) <= SAFETY.acceleration_margin * most + 1e-12).all()
+    assert (sent * wanted >= 0.0).all()
+    assert sent.any()
+
+
+@pytest.mark.parametrize("wheels", [(1, 1, 1), (-1, -1, -1), (1, 1, 0), (0, 1, 1), (0.01, 0, 0)])
+def test_while_a_bumper_is_pressed_wheels_stand_and_then_start_anew(
+    wheels: tuple[float, ...],
+) -> None:
+    g, wanted = gate(), np.array(wheels, dtype=np.float64)
+    for _ in range(20):
+        g.gate(reference(STAND), ONES, np.array([0.4, -0.3, 0.5]), 0.0)
+    g.watch(pressed("bumpers")(standing_measurement()), g.sent)
+    gated = g.gate(reference(STAND), ONES, wanted, 0.0)
+    np.testing.assert_array_equal(gated.command.wheel_speed, 0.0)
+    assert gated.wheels_limited
+    assert not g.gate(reference(STAND), ONES, STILL, 0.0).wheels_limited
+    for _ in range(round(SAFETY.bumper_release / ROBOT.cycle) + 1):
+        assert g.base_stopped
+        g.watch(standing_measurement(), g.sent)
+    assert g.base_stopped == ""
+    begun = [h.gate(reference(STAND), ONES, 9.0 * wanted, 0.0).command for h in (g, gate())]
+    np.testing.assert_array_equal(begun[0].wheel_speed, begun[1].wheel_speed)
+
+
+def test_wheels_that_stand_share_a_command_that_nobody_writes_to() -> None:
+    assert not gate().hold().wheel_speed.flags.writeable

@@ -209,6 +209,31 @@ def test_the_chest_button_can_be_switched_off_and_must_be_read_otherwise() -> No
     assert gate.fault.reason is FaultReason.SENSOR
 
 
+def test_what_cannot_be_read_is_said_once_and_stops_nothing(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    gate = SafetyGate(ROBOT, SAFETY, CONTROLLER)
+    measurement = heated("HipRoll", np.nan)(drained(np.nan)(standing_measurement()))
+    gate.activate(measurement.position)
+    with caplog.at_level(logging.WARNING):
+        for _ in range(400):
+            gate.watch(measurement, gate.sent)
+    assert gate.fault is None
+    charge, temperature = (record.getMessage() for record in caplog.records)
+    assert charge == "the charge of the battery cannot be read: nothing watches it"
+    assert temperature == "the temperature of HipRoll is unknown and not monitored"
+
+
+def test_the_motor_that_is_too_hot_is_named_not_one_that_is_warm() -> None:
+    gate = SafetyGate(ROBOT, SAFETY, CONTROLLER)
+    measurement = heated("RHand", 70.0)(heated("HeadYaw", 80.0)(standing_measurement()))
+    gate.activate(measurement.position)
+    for _ in range(400):
+        gate.watch(measurement, gate.sent)
+    assert gate.fault is not None
+    assert gate.fault.text == "the motor of HeadYaw has 80 deg C"
+
+
 def test_a_warning_comes_once_for_each_motor(caplog: pytest.LogCaptureFixture) -> None:
     def harm(measurement: Measurement) -> Measurement:
         return drained(0.15)(heated("HipRoll", 70.0)(heated("LWristYaw", 70.0)(measurement)))

@@ -178,6 +178,20 @@ def test_a_joint_sent_beyond_its_limit_arrives_there_at_rest(room: float) -> Non
     assert back[-1] == pytest.approx(0.0, abs=1e-12)
 
 
+def test_whatever_the_room_no_joint_brakes_harder_than_it_may() -> None:
+    n = 1000
+    upper = np.linspace(1e-4, 0.3, n)
+    limits = JointLimits(np.zeros(n), upper, np.full(n, 2.0), np.full(n, 10.0), 0.01)
+    way = [np.zeros(n)]
+    for _ in range(200):
+        if not limits.keep(upper + 1.0):
+            limits.clamp(upper + 1.0)
+        way.append(limits.position)
+    np.testing.assert_allclose(way[-1], upper, rtol=0, atol=1e-12)
+    steps = np.diff(way, axis=0, prepend=[way[0]])
+    assert np.abs(np.diff(steps, axis=0)).max() <= 10.0 * 0.01**2 + 1e-9
+
+
 def test_it_brakes_as_late_as_it_can() -> None:
     """From rest over a meter at 2 rad/s and 10 rad/s2: 0.2 s each to get there and to stop, 0.3 s between."""
     way = run_into(a_joint(), 50.0, 400)

@@ -60,9 +60,17 @@ def test_a_transition_that_is_not_in_the_table_changes_nothing(
         machine._go(after)
         assert machine.state is after
     else:
-        with pytest.raises(StateError, match=f"from {before.value} to {after.value}"):
+        with pytest.raises(StateError, match=f"from {before.value} to {after.value}") as caught:
             machine._go(after)
         assert machine.state is before
+        assert (caught.value.before, caught.value.after) == (before, after)
+        possible = [state.value for state in TRANSITIONS[before]] or ["none"]
+        assert str(caught.value).endswith(f"(possible: {', '.join(sorted(possible))})")
+
+
+def test_the_error_of_a_fault_says_why() -> None:
+    error = FaultError(Fault(reason=FaultReason.BATTERY, text="the battery is at 3%"))
+    assert str(error) == "the robot was stopped: the battery is at 3%"
 
 
 def test_whoever_sees_a_fault_finds_its_reason() -> None:
