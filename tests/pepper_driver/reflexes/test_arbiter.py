@@ -27,6 +27,7 @@ from pepper_driver.experiments.player import Player
 from pepper_driver.loop import Loop
 from pepper_driver.observer import Contact, Observation
 from pepper_driver.reflexes import (
+    Arbiter,
     Assist,
     Comply,
     FollowHand,
@@ -158,6 +159,96 @@ def test_nobody_holds_without_a_contact_and_observations_are_not_needed_without_
     assert (stage.arbiter.stiffness == 1.0).all()
 
 
+def test_without_an_observation_reflexes_are_not_asked() -> None:
+    stage = Stage(Hold())
+    stage.step(touch())
+    assert stage.arbiter.step(None, standing_measurement()) == []
+    assert stage.reflexes[0].active
+
+
+def test_reflexes_of_a_run_before_begin_anew() -> None:
+    stage = Stage(Hold())
+    stage.step(touch())
+    assert stage.reflexes[0].active
+    Arbiter(stage.controller, ROBOT, stage.reflexes)
+    assert not stage.reflexes[0].active
+
+
+def test_a_reflex_that_was_one_of_two_has_its_name_for_itself_again() -> None:
+    first, second = Hold(), Hold()
+    Stage(first, second)
+    assert (second.full_name, second.number) == ("hold 2", 2)
+    Stage(second)
+    assert (second.full_name, second.number) == ("hold", 1)
+
+
+class Taking(Reflex):
+    """Has the joints that it is told to, as many of them as it gets."""
+
+    def __init__(self, joints: list[str], **arguments: Any) -> None:
+        super().__init__(release_delay=0.0, **arguments)
+        self.wanted = joints
+
+    def begin(self, contact: Contact, requests: ReflexRequests) -> None:
+        pass
+
+    def act(
+        self, observation: Observation, measurement: Measurement, requests: ReflexRequests
+    ) -> None:
+        for joint in self.wanted:
+            requests.claim([joint])
+
+
+def test_an_event_says_that_a_reflex_has_lost_one_joint() -> None:
+    low = Taking(["HeadYaw", "HeadPitch"], name="low", priority=1)
+    high = Taking(["HeadYaw"], name="high", priority=2, link="Head")
+    stage = Stage(low, high)
+    stage.step(touch(1))
+    stage.step(touch(2, link="Head", joint="HeadYaw"))
+    told = [(event.reflex, event.phase, event.held_joints) for event in stage.events]
+    assert told == [
+        ("low", "begin", ("HeadYaw", "HeadPitch")),
+        ("high", "begin", ("HeadYaw",)),
+        ("low", "update", ("HeadPitch",)),
+    ]
+
+
+# -- oscillation ----------------------------------------------------------------------------------------------------
+
+
+def oscillating(*reflexes: Reflex) -> Stage:
+    stage = Stage(*reflexes)
+    stage.arbiter.attentive = True
+    stage.run(4.0)
+    assert stage.arbiter.attentive
+    assert turns(stage.run(2.0), ROLL) > 1
+    return stage
+
+
+def turns(positions: FloatArray, joint: int) -> int:
+    """How often a joint changes its direction."""
+    return int(np.count_nonzero(np.diff(np.sign(np.diff(positions[::5, joint])))))
+
+
+def test_joints_that_a_reflex_has_do_not_oscillate() -> None:
+    stage = oscillating(Taking(list(ROBOT.chains["left_arm"])))
+    stage.step(touch())
+    stage.run(0.5)
+    positions = stage.run(2.0)
+    assert turns(positions, ROLL) == 0
+    assert turns(positions, RIGHT[1]) > 1
+    stage.step(touch(phase="end"))
+    stage.run(4.0)
+    assert turns(stage.run(2.0), ROLL) > 1
+
+
+def test_nothing_oscillates_while_the_whole_robot_is_held() -> None:
+    stage = oscillating(Hold())
+    stage.step(touch())
+    stage.run(1.0)
+    assert np.ptp(stage.run(1.0), axis=0).max() < 1e-3
+
+
 # -- base -----------------------------------------------------------------------------------------------------------
 
 
@@ -172,6 +263,20 @@ def test_the_base_is_the_users_until_a_reflex_stops_it() -> None:
     stage.step(touch(phase="end"))
     stage.run(3.0)
     assert base_speed(stage) == pytest.approx(0.2, abs=0.01)
+
+
+@pytest.mark.parametrize("ticks", [1, 2, 50])
+@pytest.mark.parametrize("before", [0, 7])
+def test_a_drive_lasts_as_many_ticks_as_its_time_has(ticks: int, before: int) -> None:
+    stage = Stage()
+    for _ in range(before):
+        stage.step()
+    stage.arbiter.drive(np.array([0.2, 0.0, 0.0]), ticks * ROBOT.cycle)
+    driven = []
+    for _ in range(ticks + 20):
+        stage.step()
+        driven.append(bool(stage.controller.base_velocity.target.any()))
+    assert driven == [True] * ticks + [False] * 20
 
 
 @pytest.mark.parametrize("reflex", [Hold, StopBase])
