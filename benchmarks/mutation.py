@@ -96,6 +96,7 @@ SUBJECTS = (
             ("backends/naoqi/dcm_io.py", ("Writer",)),
         ),
         (
+            "tests/backends/naoqi/test_naoqi_orders.py",
             "tests/backends/naoqi/test_naoqi_watchdog.py",
             "tests/backends/naoqi/test_naoqi_link.py",
             "tests/backends/naoqi/test_naoqi_backend.py",

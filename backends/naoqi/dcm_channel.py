@@ -63,9 +63,11 @@ def sample_age(
     return min(age, watched + cycle)
 
 
-PRECEDENCE = {Alias.POSITION: 1.5}
-"""[ticks] by which some commands go before others that have waited longer. So wheels come every third tick at the
-latest, before their last command is over."""
+PRECEDENCE = {Alias.POSITION: 1.5, Alias.STIFFNESS: -1.5}
+"""[ticks] by which some commands go before others that have waited longer, or after others that have not."""
+
+MAX_WHEEL_WAIT = 2
+"""[ticks] that a command for turning wheels waits at most: after the third tick the last one is over."""
 
 
 class Orders:
@@ -140,10 +142,11 @@ class Orders:
             due[Alias.STIFFNESS] = lambda: self._send_stiffness(now, values)
 
         def urgency(alias: Alias) -> float:
+            waited = self._waiting.get(alias, 0)
             # The stop of the base must not wait for a place among the commands in flight.
-            if alias is Alias.WHEEL_SPEED and not turning:
+            if alias is Alias.WHEEL_SPEED and (not turning or waited >= MAX_WHEEL_WAIT):
                 return np.inf
-            return self._waiting.get(alias, 0) + PRECEDENCE.get(alias, 0.0)
+            return waited + PRECEDENCE.get(alias, 0.0)
 
         waiting = {}
         for alias in sorted(due, key=urgency, reverse=True):
