@@ -333,3 +333,14 @@ def test_what_was_written_before_it_was_switched_on_moves_nothing() -> None:
         measurement = backend.read()
     np.testing.assert_allclose(measurement.wheel_speed, 0.0, atol=0.05)
     np.testing.assert_allclose(measurement.position[legs], start[legs], atol=0.02)
+
+
+def test_a_stiffness_beyond_its_range_is_the_nearest_within() -> None:
+    shown = []
+    for stiffness in (np.tile([1.0, 0.0], 9)[:17], np.tile([2.0, -1.0], 9)[:17]):
+        with make_backend("mujoco://?seed=1") as backend:
+            backend.open()
+            position = backend.activate().position + 0.1
+            command = Command(position=position, stiffness=stiffness, wheel_speed=np.zeros(3))
+            shown.append([backend.exchange(command).position for _ in range(30)])
+    np.testing.assert_array_equal(shown[0], shown[1])

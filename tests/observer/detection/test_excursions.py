@@ -213,6 +213,49 @@ def test_a_hand_that_still_pulls_is_no_friction() -> None:
     assert SETTLING not in player.play(2.0, LONGEST - 1)
 
 
+def test_times_and_fractions_of_settling() -> None:
+    """0.25 s below 0.85 of the peak, or 1 s; then 0.3 s in which 1.5 times the threshold is needed."""
+    for value, wait in ((3.3, 0.25), (3.5, 1.0)):
+        player = Settler()
+        player.play(4.0, 20, 5.0 * THRESHOLD)
+        states = player.play(value, 90, 5.0 * THRESHOLD)
+        assert states.index(SETTLING) * CYCLE == pytest.approx(wait, abs=2.1 * CYCLE)
+    for value, felt in ((1.45, False), (1.55, True)):
+        for after, settles in ((0.28, True), (0.32, False)):
+            player = Settler()
+            player.play(4.0, 20)
+            player.play(0.2, GAP + 2)
+            player.play(0.2, round(after / CYCLE) - 1)
+            (state,) = player.play(value, 1)
+            assert (state is CONTACT) == (felt or not settles), (value, after)
+
+
+@pytest.mark.parametrize(("wait", "kind"), [(0.05, REBOUND), (0.13, CONTACT)])
+def test_a_hand_that_friction_outlasted_left_when_the_residual_became_constant(
+    wait: float, kind: JointState
+) -> None:
+    """So the other side is its rebound for as long as if it had left then: 0.35 s."""
+    player = Settler()
+    player.play(4.0, 20)
+    states = player.play(1.3, STUCK + 1)
+    assert SETTLING in states
+    assert player.joint.excursion is None
+    player.play(0.0, round(wait / CYCLE))
+    assert player.play(-4.0, 1) == [kind]
+
+
+def test_a_moment_in_which_a_hand_must_be_there_begins_the_wait_anew() -> None:
+    player = Settler()
+    player.play(4.0, 20)
+    assert SETTLING not in player.play(2.0, STUCK - 2)
+    player.play(2.0, 1, band=1.9 * THRESHOLD)
+    assert player.play(2.0, STUCK + 2).index(SETTLING) == pytest.approx(STUCK, abs=1)
+
+
+def test_nothing_has_settled_at_first() -> None:
+    assert not monitor().settled
+
+
 def test_one_that_never_fell_is_released_later() -> None:
     player = Settler()
     states = player.play(2.0, LONGEST + 3)
