@@ -227,3 +227,36 @@ def test_without_positions_the_others_are_sent() -> None:
     bench = Bench()
     assert bench.tick(None, stiffness=0.5 * ONES, wheels=TURNING) == [SPEED, STIFFNESS]
     assert bench.orders.dropped_commands == 0
+
+
+def test_time_without_acknowledgement_is_that_of_the_oldest_command_that_waits() -> None:
+    now = [0]
+    dcm = Dcm()
+    writer = Writer(dcm, max_step=1.0, now=lambda: now[0])
+    assert writer.idle is True
+    assert writer.unacknowledged_time == 0.0
+    for _ in range(MAX_OUTSTANDING):
+        assert writer.send(Alias.WHEEL_SPEED, "ClearAll", [0], [[0.0]])
+        now[0] += 10_000_000
+    now[0] = 50_000_000
+    assert writer.idle is False
+    assert writer.unacknowledged_time == pytest.approx(0.050)
+    dcm.calls[0][1].running = False
+    writer.collect()
+    assert writer.unacknowledged_time == pytest.approx(0.040)
+    dcm.answer()
+    writer.collect()
+    assert writer.unacknowledged_time == 0.0
+    assert writer.idle is True
+
+
+def test_before_the_first_acknowledgement_there_is_one_position_in_flight() -> None:
+    """Two that come late together might move a joint too far from where the robot is."""
+    bench = Bench()
+    assert POSITION in bench.tick()
+    assert bench.tick() == []
+    bench.dcm.answer()
+    assert bench.tick() == [POSITION]
+    assert bench.tick(STAND + 0.5) == [POSITION], "near the last one that the robot took"
+    bench.dcm.calls[-2][1].running = False
+    assert bench.tick(STAND + 1.5) == [], "and this is not"
