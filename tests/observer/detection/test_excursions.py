@@ -252,6 +252,28 @@ def test_a_moment_in_which_a_hand_must_be_there_begins_the_wait_anew() -> None:
     assert player.play(2.0, STUCK + 2).index(SETTLING) == pytest.approx(STUCK, abs=1)
 
 
+def test_a_residual_that_has_moved_is_constant_from_then_on() -> None:
+    player = Settler()
+    player.play(4.0, 20)
+    assert SETTLING not in player.play(2.4, STUCK - 2)
+    assert player.play(2.0, STUCK + 2).index(SETTLING) == pytest.approx(STUCK, abs=1)
+
+
+def test_a_blind_tick_ends_settling_too() -> None:
+    player = Settler()
+    assert player.play(0.2, 1) == [FREE]
+    player.play(4.0, 20)
+    assert player.play(0.2, GAP + 3)[-1] is SETTLING
+    player.play(math.nan, 1)
+    assert player.play(0.2, 1) == [FREE]
+    assert player.play(1.2, 1) == [CONTACT]
+    # And what was constant before it counts no more.
+    player.play(4.0, 3)
+    assert SETTLING not in player.play(2.0, STUCK - 2)
+    player.play(math.nan, 1)
+    assert SETTLING not in player.play(2.0, STUCK - 2)
+
+
 def test_nothing_has_settled_at_first() -> None:
     assert not monitor().settled
 
